@@ -1,0 +1,1 @@
+"""The human body model: markers and wrenches in, coordinates and pelvis residuals out."""

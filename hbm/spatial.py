@@ -1,0 +1,137 @@
+"""Frames and wrenches: rotate, shift, sum.
+
+A wrench is ``[fx fy fz mx my mz]``. Unless a suffix says otherwise it is expressed in lab axes
+(X forward, Y left, Z up) about the lab origin. Every function works on any number of leading
+dimensions and broadcasts them.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def shift_wrench(wrench: ArrayLike, to: ArrayLike) -> Array:
+    """Express wrenches about another point.
+
+    Parameters
+    ----------
+    wrench
+        Wrenches about the origin of the frame they are expressed in, (..., 6) [N, N·m].
+    to
+        The new reference point in the same frame, (..., 3) [m].
+
+    Returns
+    -------
+    Array
+        The same wrenches about ``to``, (..., 6). Shifting back is shifting by ``-to``.
+    """
+    wrench = np.asarray(wrench, float)
+    force, moment = wrench[..., :3], wrench[..., 3:]
+    shifted = moment - np.cross(np.asarray(to, float), force)
+    return np.concatenate([np.broadcast_to(force, shifted.shape), shifted], axis=-1)
+
+
+def rotate_wrench(wrench: ArrayLike, rotation: ArrayLike) -> Array:
+    """Express wrenches in other axes about the same point.
+
+    Parameters
+    ----------
+    wrench
+        Wrenches, (..., 6) [N, N·m].
+    rotation
+        Rotations that take coordinates in the wrenches' axes to the new axes, (..., 3, 3).
+
+    Returns
+    -------
+    Array
+        Wrenches in the new axes, (..., 6).
+    """
+    wrench, rotation = np.asarray(wrench, float), np.asarray(rotation, float)
+    parts = [(rotation @ wrench[..., k : k + 3, None])[..., 0] for k in (0, 3)]
+    return np.concatenate(parts, axis=-1)
+
+
+def transform_wrench(wrench: ArrayLike, rotation: ArrayLike, position: ArrayLike) -> Array:
+    """Express wrenches given in a moving frame, about its origin, in the lab about the lab origin.
+
+    Parameters
+    ----------
+    wrench
+        Wrenches in the moving frame about its origin, (..., 6) [N, N·m].
+    rotation
+        Orientation of the moving frame in the lab (columns are its axes), (..., 3, 3).
+    position
+        Origin of the moving frame in the lab, (..., 3) [m].
+
+    Returns
+    -------
+    Array
+        Wrenches in lab axes about the lab origin, (..., 6):
+        ``F = R f`` and ``M = R m + p × F``.
+    """
+    return shift_wrench(rotate_wrench(wrench, rotation), -np.asarray(position, float))
+
+
+def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
+    """Give the rotation about a unit axis by Rodrigues' formula.
+
+    Parameters
+    ----------
+    axis
+        Unit vectors, (..., 3).
+    angle
+        Angles, (...) [rad], positive by the right-hand rule.
+
+    Returns
+    -------
+    Array
+        Rotation matrices, (..., 3, 3).
+    """
+    axis, angle = np.asarray(axis, float), np.asarray(angle, float)[..., None, None]
+    cross = skew(axis)
+    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+
+
+def skew(vector: ArrayLike) -> Array:
+    """Give the matrix of the cross product, ``skew(a) @ b == np.cross(a, b)``.
+
+    Parameters
+    ----------
+    vector
+        Vectors, (..., 3).
+
+    Returns
+    -------
+    Array
+        Skew-symmetric matrices, (..., 3, 3).
+    """
+    x, y, z = np.moveaxis(np.asarray(vector, float), -1, 0)
+    zero = np.zeros_like(x)
+    rows = [np.stack(r, -1) for r in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    return np.stack(rows, -2)
+
+
+def fit_rotation(covariance: ArrayLike) -> Array:
+    """Give the proper rotation nearest to cross-covariances, maximising ``trace(Rᵀ B)``.
+
+    Parameters
+    ----------
+    covariance
+        ``B = Σ w (measured) (model)ᵀ``, (..., 3, 3).
+
+    Returns
+    -------
+    Array
+        Rotations that take the model's vectors to the measured ones, (..., 3, 3); never a
+        reflection.
+
+    Notes
+    -----
+    Orthogonal Procrustes by singular value decomposition (Söderkvist and Wedin 1993,
+    J Biomech 26:1473).
+    """
+    u, _, vt = np.linalg.svd(np.asarray(covariance, float))
+    sign = np.ones((*u.shape[:-2], 3))
+    sign[..., 2] = np.sign(np.linalg.det(u @ vt))
+    return (u * sign[..., None, :]) @ vt

@@ -1,0 +1,1 @@
+"""One study: files, recordings, results, tables, statistics, pictures."""
