@@ -1,0 +1,157 @@
+"""What a file holds once it has been read: types only, no reading."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from hbm.markers import Markers
+from hbm.spatial import Array, transform_wrench
+
+
+def frozen(value: Array) -> Array:
+    """Give a read-only float64 copy of an array."""
+    copy = np.array(value, float)
+    copy.setflags(write=False)
+    return copy
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """One force plate with the wrench that acted on the subject.
+
+    Attributes
+    ----------
+    number
+        The plate's number in its file, from 1.
+    time
+        Sample times, (N,) [s], on the recording's clock.
+    wrench_in_plate
+        Action on the subject in the plate's own axes about the centre of its surface,
+        (N, 6) [N, N·m].
+    rotation
+        Orientation of the plate in the lab with the platform in neutral (columns: the plate's
+        axes), (3, 3).
+    center
+        Centre of the plate's surface with the platform in neutral, (3,) [m].
+    corners
+        Corners of the surface with the platform in neutral, (4, 3) [m].
+    """
+
+    number: int
+    time: Array
+    wrench_in_plate: Array
+    rotation: Array
+    center: Array
+    corners: Array
+
+    def __post_init__(self) -> None:
+        expected = {
+            "wrench_in_plate": (len(self.time), 6),
+            "rotation": (3, 3),
+            "center": (3,),
+            "corners": (4, 3),
+        }
+        for name in ("time", *expected):
+            value = frozen(getattr(self, name))
+            if name in expected and value.shape != expected[name]:
+                raise ValueError(
+                    f"plate {self.number}: {name} must have shape {expected[name]}, "
+                    f"got {value.shape}"
+                )
+            object.__setattr__(self, name, value)
+
+    @property
+    def wrench(self) -> Array:
+        """Action on the subject in lab axes about the lab origin, platform in neutral, (N, 6)."""
+        return transform_wrench(self.wrench_in_plate, self.rotation, self.center)
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A gait event: ``label`` as "foot_strike" or "foot_off", ``side`` "left" or "right"."""
+
+    time: float
+    label: str
+    side: str
+
+
+@dataclass(frozen=True, slots=True)
+class Analog:
+    """Analog channels other than the plates' (accelerometers, belt speeds, pulses).
+
+    Attributes
+    ----------
+    time
+        Sample times, (N,) [s].
+    names, units
+        One per channel; units as the file writes them.
+    values
+        Samples, (N, K).
+    """
+
+    time: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", frozen(self.time))
+        object.__setattr__(self, "values", frozen(self.values))
+        if self.values.shape != (len(self.time), len(self.names)):
+            raise ValueError(
+                f"analog values must have shape ({len(self.time)}, {len(self.names)}), "
+                f"got {self.values.shape}"
+            )
+
+    def channel(self, name: str) -> Array:
+        """Give one channel by name, (N,); a KeyError lists the channels that exist."""
+        if name not in self.names:
+            raise KeyError(f"no analog channel {name!r}; present: {', '.join(self.names)}")
+        return self.values[:, self.names.index(name)]
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One trial as recorded, in SI units and lab axes (X forward, Y left, Z up).
+
+    Attributes
+    ----------
+    source
+        The file it came from.
+    markers
+        Marker trajectories; gaps are NaN. Subject prefixes are removed from the labels.
+    plates
+        Force plates in the file's order; empty where the file has none.
+    analog
+        All other analog channels.
+    events
+        Gait events in order of time; empty where the file has none.
+    first_frame
+        Number of the first frame in the file's own counting; times start at 0 there.
+    metadata
+        What else the file says: subject, mass_kg, height_m, marker_set, manufacturer, …
+    model_outputs
+        Angles, moments and powers that another program stored in the file: name -> (T, 3) in the
+        file's own units.
+    notes
+        What was inferred or changed on reading, as sentences for a person: axes, units, names.
+    """
+
+    source: Path
+    markers: Markers
+    plates: tuple[Plate, ...] = ()
+    analog: Analog | None = None
+    events: tuple[Event, ...] = ()
+    first_frame: int = 1
+    metadata: Mapping[str, object] = field(default_factory=dict)
+    model_outputs: Mapping[str, Array] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "source", Path(self.source))
+        for name in ("metadata", "model_outputs"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        object.__setattr__(self, "events", tuple(sorted(self.events, key=lambda e: e.time)))
