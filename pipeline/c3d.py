@@ -1,0 +1,235 @@
+"""C3D files -> Recording: units, axes, labels and plates are settled here, once.
+
+The file is parsed by this package itself (`c3d_header`, `c3d_data`), with every count and offset
+checked against the file's size before it is used. A native library could not be guarded by a
+pre-check of less than that, and an isolated process would cost start-up time and a copy of every
+trial.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from hbm.markers import Markers
+from hbm.spatial import Array
+from pipeline.axes import infer_axes, parse_axes
+from pipeline.c3d_data import Samples, read_samples
+from pipeline.c3d_header import Header, Parameters, read_header
+from pipeline.force_plates import MeasuredPlate, measured_plates
+from pipeline.labels import PointLabels, sort_labels
+from pipeline.recording import Analog, Event, Plate, Recording
+from pipeline.units import length_in_m
+
+LOADED_N = 50.0
+EVENT_LABELS = {
+    "foot strike": "foot_strike",
+    "heel strike": "foot_strike",
+    "initial contact": "foot_strike",
+    "foot off": "foot_off",
+    "toe off": "foot_off",
+}
+OLD_EVENT_LABELS = {
+    "RHS": ("foot_strike", "right"),
+    "LHS": ("foot_strike", "left"),
+    "RTO": ("foot_off", "right"),
+    "LTO": ("foot_off", "left"),
+}
+
+
+def read_c3d(
+    path: str | Path,
+    axes: str | None = None,
+    *,
+    rename: Mapping[str, str] | None = None,
+    subject: str | None = None,
+) -> Recording:
+    """Read a C3D file.
+
+    Parameters
+    ----------
+    path
+        The file, of any maker and byte order.
+    axes
+        Lab directions of the file's x, y and z axis, such as ``"left,back,up"``. Where absent they
+        are inferred from markers and plates, checked, and stated in the recording's notes.
+    rename
+        Label in the file (without subject prefix) -> label wanted.
+    subject
+        Label prefix of the subject wanted, needed only where two subjects carry the same labels.
+
+    Returns
+    -------
+    Recording
+        SI units, lab axes (X forward, Y left, Z up), the file's own origin. Times start at 0 at
+        the first frame. Plate wrenches are the action on the subject, about the centre of the
+        plate's surface in the plate's axes.
+
+    Raises
+    ------
+    ValueError
+        The file is not C3D, damaged, truncated, or says something that this reader will not guess:
+        unknown units, plate types, contradictory axes, ambiguous subjects. One line.
+    OSError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    try:
+        return _read(path, axes, rename, subject)
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+
+
+def _read(
+    path: Path, axes: str | None, rename: Mapping[str, str] | None, subject: str | None
+) -> Recording:
+    header, parameters = read_header(path)
+    labels = sort_labels(parameters, header.n_points, subject=subject, rename=rename)
+    metre = length_in_m(parameters.text("POINT", "UNITS"))
+    samples = read_samples(path, header, parameters)
+    names, units = _channels(parameters, samples.analog.shape[1])
+    measured = measured_plates(parameters, samples.analog, units)
+
+    position = samples.points[:, list(labels.markers.values())] * metre
+    axes, why = _axes(axes, position, labels, measured, parameters)
+    to_lab = parse_axes(axes)
+    time = np.arange(len(position)) / samples.rate_hz
+    analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
+    events, event_notes = _events(header, parameters, samples.rate_hz)
+    return Recording(
+        source=path,
+        markers=Markers(time, tuple(labels.markers), position @ to_lab.T),
+        plates=tuple(_plate(k + 1, plate, analog_time, to_lab) for k, plate in enumerate(measured)),
+        analog=_other_channels(samples, names, units, measured, analog_time),
+        events=events,
+        first_frame=_first_frame(header, parameters),
+        metadata=_metadata(parameters, labels),
+        model_outputs={name: samples.points[:, k] for name, k in labels.outputs.items()},
+        notes=(
+            f"The file's x, y, z axes point {axes.replace(',', ', ')}: {why}.",
+            *labels.notes,
+            *event_notes,
+            *_plate_notes(parameters, measured),
+        ),
+    )
+
+
+def _axes(
+    axes: str | None,
+    position: Array,
+    labels: PointLabels,
+    plates: list[MeasuredPlate],
+    parameters: Parameters,
+) -> tuple[str, str]:
+    if axes is not None:
+        return axes, "as stated by the caller"
+    forces = [plate.mean_force for plate in plates]
+    return infer_axes(
+        position,
+        tuple(labels.markers),
+        plate_normals=[plate.rotation[:, 2] for plate in plates],
+        loads=[force for force in forces if np.linalg.norm(force) > LOADED_N],
+        screen_up=parameters.text("POINT", "Y_SCREEN"),
+    )
+
+
+def _plate(number: int, plate: MeasuredPlate, time: Array, to_lab: Array) -> Plate:
+    corners = plate.corners @ to_lab.T
+    return Plate(
+        number=number,
+        time=time,
+        wrench_in_plate=plate.wrench_in_plate,
+        rotation=to_lab @ plate.rotation,
+        center=corners.mean(axis=0),
+        corners=corners,
+    )
+
+
+def _channels(parameters: Parameters, count: int) -> tuple[list[str], list[str]]:
+    names = parameters.texts("ANALOG", "LABELS")[:count]
+    units = parameters.texts("ANALOG", "UNITS")[:count]
+    names += [f"channel_{k + 1}" for k in range(len(names), count)]
+    return names, units + [""] * (count - len(units))
+
+
+def _other_channels(
+    samples: Samples, names: list[str], units: list[str], plates: list[MeasuredPlate], time: Array
+) -> Analog | None:
+    taken = {channel for plate in plates for channel in plate.channels}
+    rest = [k for k in range(len(names)) if k not in taken]
+    if not rest:
+        return None
+    return Analog(
+        time,
+        tuple(names[k] for k in rest),
+        tuple(units[k] for k in rest),
+        samples.analog[:, rest],
+    )
+
+
+def _first_frame(header: Header, parameters: Parameters) -> int:
+    start = parameters.integers("TRIAL", "ACTUAL_START_FIELD")
+    return int(start[0] + 65536 * start[1]) if start.size == 2 else header.first_frame
+
+
+def _events(
+    header: Header, parameters: Parameters, rate_hz: float
+) -> tuple[list[Event], list[str]]:
+    start = (_first_frame(header, parameters) - 1) / rate_hz
+    times = parameters.numbers("EVENT", "TIMES")
+    if times.size:
+        if times.shape[0] != 2:
+            raise ValueError("EVENT:TIMES does not hold minutes and seconds")
+        seconds = 60 * times[0] + times[1]
+        kinds = [EVENT_LABELS.get(label.lower()) for label in parameters.texts("EVENT", "LABELS")]
+        sides = [side.lower() for side in parameters.texts("EVENT", "CONTEXTS")]
+        found = list(zip(seconds, kinds, sides, strict=False))
+        total = seconds.size
+    else:
+        found = [(time, *OLD_EVENT_LABELS.get(label, (None, ""))) for label, time in header.events]
+        total = len(found)
+    events = [
+        Event(float(time - start), kind, side)
+        for time, kind, side in found
+        if kind and side in ("left", "right")
+    ]
+    other = total - len(events)
+    return events, [f"{other} events that are no foot strike or foot off were left out."] * (
+        other > 0
+    )
+
+
+def _metadata(parameters: Parameters, labels: PointLabels) -> dict[str, object]:
+    processing = parameters.groups.get("PROCESSING", {})
+    found: dict[str, object] = {
+        "subject": parameters.text("SUBJECTS", "NAMES") or labels.subject,
+        "marker_set": parameters.text("SUBJECTS", "MARKER_SETS"),
+        "manufacturer": parameters.text("MANUFACTURER", "COMPANY"),
+        "software": " ".join(
+            parameters.texts("MANUFACTURER", "SOFTWARE")
+            + parameters.texts("MANUFACTURER", "VERSION_LABEL")
+        ),
+    }
+    for name in processing:
+        values = parameters.numbers("PROCESSING", name)
+        if values.size != 1:
+            continue
+        value = float(values.flat[0])
+        if name == "BODYMASS":
+            found["mass_kg"] = value
+        elif name == "HEIGHT":
+            found["height_m"] = value / 1000
+        elif name.endswith(("LENGTH", "WIDTH", "DISTANCE")):
+            found[f"{name.lower()}_m"] = value / 1000
+    return {name: value for name, value in found.items() if value}
+
+
+def _plate_notes(parameters: Parameters, plates: list[MeasuredPlate]) -> list[str]:
+    notes = []
+    zero = parameters.integers("FORCE_PLATFORM", "ZERO").ravel()
+    if plates and zero.size == 2 and 0 < zero[0] < zero[1]:
+        notes.append(
+            f"FORCE_PLATFORM:ZERO names frames {zero[0]} to {zero[1]} as the plates' baseline; "
+            "it was not subtracted."
+        )
+    return notes

@@ -1,0 +1,210 @@
+"""The data section of a C3D file: how many frames it really holds, and their samples.
+
+Samples are decoded in slices straight from the file, so that the memory needed is that of the
+result: a 12-minute trial never exists in any other form than the arrays that are returned.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.c3d_header import BLOCK, Header, Parameters, floats, integer_type
+
+FRAMES_PER_SLICE = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Raw samples in the file's own units and axes.
+
+    Attributes
+    ----------
+    points
+        Coordinates of the wanted points, (T, P, 3); missing samples are NaN.
+    analog
+        Scaled analog samples, (T · samples per frame, channels).
+    rate_hz, analog_rate_hz
+        Sampling rates [Hz].
+    """
+
+    points: NDArray[np.float64]
+    analog: NDArray[np.float64]
+    rate_hz: float
+    analog_rate_hz: float
+
+
+def read_samples(path: Path, header: Header, parameters: Parameters) -> Samples:
+    """Read all points and analog channels.
+
+    Parameters
+    ----------
+    path
+        The C3D file.
+    header, parameters
+        What `read_header` gave for it.
+
+    Returns
+    -------
+    Samples
+        Points with gaps as NaN, and scaled analog samples.
+
+    Raises
+    ------
+    ValueError
+        Rates, counts or sizes contradict each other, or the file is truncated.
+
+    Notes
+    -----
+    A point is missing where its residual is negative or all three coordinates are exactly zero.
+    Analog value = (sample − OFFSET) · SCALE · GEN_SCALE, for integer and real files alike.
+    """
+    n_points, per_frame = header.n_points, header.analog_per_frame
+    channels = header.n_analog // per_frame if per_frame else 0
+    if channels * per_frame != header.n_analog:
+        raise ValueError(
+            f"{header.n_analog} analog samples per frame are not a multiple of "
+            f"{per_frame} samples per channel"
+        )
+    if n_points == 0 and channels == 0:
+        raise ValueError("the file holds neither points nor analog channels")
+    rate = float(next(iter(parameters.numbers("POINT", "RATE").flat), header.rate_hz))
+    if not rate > 0:
+        raise ValueError(f"the frame rate is {rate:g} Hz, expected a positive number")
+    frames = count_frames(path, header, parameters)
+    offset, scale = _analog_scaling(parameters, channels)
+    points = np.empty((frames, n_points, 3))
+    analog = np.empty((frames, per_frame, channels))
+    with path.open("rb") as file:
+        file.seek((header.data_block - 1) * BLOCK)
+        for start in range(0, frames, FRAMES_PER_SLICE):
+            stop = min(start + FRAMES_PER_SLICE, frames)
+            data = file.read((stop - start) * bytes_per_frame(header))
+            raw, raw_analog = _decode(data, header, parameters, stop - start)
+            points[start:stop] = raw[..., :3]
+            points[start:stop][_is_missing(raw)] = np.nan
+            analog[start:stop] = (raw_analog - offset) * scale
+    return Samples(points, analog.reshape(frames * per_frame, channels), rate, rate * per_frame)
+
+
+def bytes_per_frame(header: Header) -> int:
+    """Give the size of one frame in the data section."""
+    return (4 * header.n_points + header.n_analog) * (4 if header.scale < 0 else 2)
+
+
+def count_frames(path: Path, header: Header, parameters: Parameters) -> int:
+    """Give the number of frames that the file really holds.
+
+    Parameters
+    ----------
+    path
+        The C3D file.
+    header, parameters
+        What `read_header` gave for it.
+
+    Returns
+    -------
+    int
+        Number of frames.
+
+    Raises
+    ------
+    ValueError
+        The file is shorter than it says, or nothing it says fits its size.
+
+    Notes
+    -----
+    Header and POINT:FRAMES have 16 bits: they stop at 65535 or start over. TRIAL:ACTUAL_*_FIELD
+    and POINT:LONG_FRAMES know the truth where a program wrote them; otherwise the size of the data
+    section decides between the numbers that 16 bits may stand for.
+    """
+    size, data_start = path.stat().st_size, (header.data_block - 1) * BLOCK
+    per_frame = bytes_per_frame(header)
+    held = (size - data_start) // per_frame
+    if header.data_block <= header.parameter_block or held <= 0:
+        raise ValueError("the file holds no data section: it is truncated or damaged")
+    long_counts = []
+    if parameters.has("POINT", "LONG_FRAMES"):
+        long_counts.append(int(parameters.numbers("POINT", "LONG_FRAMES").flat[0]))
+    start, end = (
+        parameters.integers("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END")
+    )
+    if start.size == 2 and end.size == 2:
+        long_counts.append(int((end[0] - start[0]) + 65536 * (end[1] - start[1]) + 1))
+    short_counts = [header.last_frame - header.first_frame + 1]
+    short_counts.append(parameters.integer("POINT", "FRAMES", short_counts[0]))
+
+    slack = BLOCK // per_frame + 1
+    for count in long_counts + short_counts:
+        if 0 < count <= held <= count + slack:
+            return count
+    if held > 65535 and any(_may_stand_for(count, held, slack) for count in short_counts):
+        return held - _padding_frames(path, header, held, slack)
+    declared = set(long_counts or short_counts)
+    if len(declared) == 1 and 0 < (count := declared.pop()) <= held:
+        return count
+    raise ValueError(
+        f"the file says it has {_listed(long_counts + short_counts)} frames, but its size holds "
+        f"{held}: it is truncated or damaged"
+    )
+
+
+def _may_stand_for(count: int, held: int, slack: int) -> bool:
+    saturated = count >= 65535 - 1
+    wrapped = (held - count) % 65536 <= slack
+    return saturated or wrapped
+
+
+def _padding_frames(path: Path, header: Header, held: int, slack: int) -> int:
+    per_frame, checked = bytes_per_frame(header), min(slack, held)
+    with path.open("rb") as file:
+        file.seek((header.data_block - 1) * BLOCK + (held - checked) * per_frame)
+        tail = np.frombuffer(file.read(checked * per_frame), np.uint8).reshape(checked, per_frame)
+    empty = ~tail.any(axis=1)
+    return int(np.argmin(empty[::-1])) if not empty.all() else checked
+
+
+def _listed(counts: list[int]) -> str:
+    return " or ".join(str(count) for count in sorted(set(counts)))
+
+
+def _decode(
+    data: bytes, header: Header, parameters: Parameters, frames: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    if header.scale < 0:
+        block = floats(data, header.byte_order).reshape(frames, -1)
+        points = block[:, : 4 * header.n_points].reshape(frames, header.n_points, 4)
+        analog = block[:, 4 * header.n_points :]
+    else:
+        unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
+        words = np.frombuffer(data, integer_type(header.byte_order)).reshape(frames, -1)
+        points = words[:, : 4 * header.n_points].reshape(frames, header.n_points, 4)
+        points = points * np.array([*[_point_scale(header, parameters)] * 3, 1.0])
+        analog = words[:, 4 * header.n_points :]
+        if unsigned:
+            analog = analog.view(integer_type(header.byte_order, signed=False))
+    return points, analog.reshape(frames, header.analog_per_frame, -1)
+
+
+def _point_scale(header: Header, parameters: Parameters) -> float:
+    return float(next(iter(parameters.numbers("POINT", "SCALE").flat), header.scale))
+
+
+def _is_missing(points: NDArray) -> NDArray[np.bool_]:
+    return (points[..., 3] < 0) | (points[..., :3] == 0).all(axis=-1)
+
+
+def _analog_scaling(
+    parameters: Parameters, channels: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    general = float(next(iter(parameters.numbers("ANALOG", "GEN_SCALE").flat), 1.0))
+    unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
+    offset = (parameters.integers if unsigned else parameters.numbers)("ANALOG", "OFFSET")
+    scale = parameters.numbers("ANALOG", "SCALE")
+    for name, values in (("OFFSET", offset), ("SCALE", scale)):
+        if channels and values.size < channels:
+            raise ValueError(
+                f"ANALOG:{name} has {values.size} values for {channels} analog channels"
+            )
+    return offset.ravel()[:channels].astype(float), scale.ravel()[:channels] * general
