@@ -127,7 +127,7 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
         _require_equal_steps(time)
     else:
         raise ValueError(f'filter method must be "realtime" or "zero_phase", got {method!r}')
-    _require_length(time, needed, rate_hz)
+    _require_length(time, needed)
 
     columns = signal.reshape(len(time), -1)
     results = np.full((3, *columns.shape), np.nan)
@@ -162,7 +162,7 @@ def low_pass(signal: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
 
 
 def resample(
-    time: ArrayLike, values: ArrayLike, new_time: ArrayLike, delay_s: float = 0.0
+    time: ArrayLike, values: ArrayLike, new_time: ArrayLike, *, delay_s: float = 0.0
 ) -> Array:
     """Bring a signal to other sample times without shifting it and without aliasing.
 
@@ -193,31 +193,50 @@ def resample(
     Where ``new_time`` is coarser, a symmetric Kaiser-windowed FIR filter runs first: flat up to 0.4
     of the new rate, ``STOPBAND_DB`` down from 0.6 of it, so that nothing folds back below 0.4 of
     the new rate (40 Hz at 100 Hz). Being symmetric it delays nothing once its centre is taken as
-    its time. Cubic spline interpolation follows.
+    its time. :func:`interpolate` follows.
     """
     values, new_time = np.asarray(values, float), np.asarray(new_time, float)
     time = _sample_times(time, values)
-    _sample_times(new_time, new_time)
-    rate_hz, new_rate_hz = _rate_hz(time), _rate_hz(new_time)
-    coarser = new_rate_hz < 0.99 * rate_hz
-    taps = np.ones(1)
-    if coarser:
-        _require_equal_steps(time)
-        length, beta = kaiserord(STOPBAND_DB, 0.2 * new_rate_hz / (rate_hz / 2))
-        taps = firwin(length | 1, new_rate_hz / 2, window=("kaiser", beta), fs=rate_hz)
-    reach = len(taps) // 2
-    needed = max(4, reach + 1)
-    _require_length(time, needed, rate_hz)
+    new_rate_hz = _rate_hz(_sample_times(new_time, new_time))
+    if new_rate_hz < 0.99 * _rate_hz(time):
+        values = _without_aliases(values, time, new_rate_hz)
+    return interpolate(time, values, new_time + delay_s)
 
+
+def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
+    """Evaluate the cubic spline through samples, never across a gap and never beyond the ends.
+
+    Parameters
+    ----------
+    time
+        Sample times, (N,) [s], increasing.
+    values
+        Samples, (N, ...). Stretches of fewer than 4 samples between gaps (NaN) become gaps.
+    at
+        Wanted times in any order, any shape (S) [s].
+
+    Returns
+    -------
+    Array
+        Values there, (S, ...); NaN outside the recorded time and inside gaps.
+
+    Raises
+    ------
+    ValueError
+        If times do not increase or do not fit the values, or if there are fewer than 4 samples.
+    """
+    values, at = np.asarray(values, float), np.asarray(at, float)
+    time = _sample_times(time, values)
+    _require_length(time, 4)
+    wanted, rounding = at.ravel(), 1e-6 / _rate_hz(time)
     columns = values.reshape(len(time), -1)
-    resampled = np.full((len(new_time), columns.shape[1]), np.nan)
-    wanted, rounding = new_time + delay_s, 1e-6 / rate_hz
-    for rows, alike in _stretches(columns, needed):
-        smooth = oaconvolve(_extended(columns[rows, alike], reach), taps[:, None], "valid", axes=0)
+    result = np.full((len(wanted), columns.shape[1]), np.nan)
+    for rows, alike in _stretches(columns, 4):
         first, last = time[rows][[0, -1]]
         inside = (wanted >= first - rounding) & (wanted <= last + rounding)
-        resampled[np.ix_(inside, alike)] = make_interp_spline(time[rows], smooth)(wanted[inside])
-    return np.reshape(resampled, (len(new_time), *values.shape[1:]))
+        spline = make_interp_spline(time[rows], columns[rows, alike])
+        result[np.ix_(inside, alike)] = spline(wanted[inside])
+    return result.reshape(*at.shape, *values.shape[1:])
 
 
 def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
@@ -264,6 +283,22 @@ def _zero_phase(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Ar
     kept = slice(padding, padding + len(time))
     at = sample[kept] * step
     return filtered[kept], spline(at, 1), spline(at, 2)
+
+
+def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
+    """Take from (N, ...) samples what a lower sampling rate cannot show."""
+    _require_equal_steps(time)
+    rate_hz = _rate_hz(time)
+    length, beta = kaiserord(STOPBAND_DB, 0.2 * new_rate_hz / (rate_hz / 2))
+    reach = length // 2
+    _require_length(time, reach + 1)
+    taps = firwin(2 * reach + 1, new_rate_hz / 2, window=("kaiser", beta), fs=rate_hz)[:, None]
+    columns = signal.reshape(len(time), -1)
+    result = np.full(columns.shape, np.nan)
+    for rows, alike in _stretches(columns, reach + 1):
+        extended = _extended(columns[rows, alike], reach)
+        result[rows, alike] = oaconvolve(extended, taps, "valid", axes=0)
+    return np.reshape(result, signal.shape)
 
 
 def _section(omega: float, step: float) -> tuple[Array, Array, Array]:
@@ -318,8 +353,8 @@ def _require_equal_steps(time: Array) -> None:
         )
 
 
-def _require_length(time: Array, needed: int, rate_hz: float) -> None:
+def _require_length(time: Array, needed: int) -> None:
     if len(time) < needed:
         raise ValueError(
-            f"the filter needs at least {needed} samples at {rate_hz:g} Hz, got {len(time)}"
+            f"this needs at least {needed} samples at {_rate_hz(time):g} Hz, got {len(time)}"
         )

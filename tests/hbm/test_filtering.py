@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import bilinear, freqz, lfilter, lfilter_zi
 
-from hbm.filtering import Filtered, butterworth, low_pass, resample
+from hbm.filtering import Filtered, butterworth, interpolate, low_pass, resample
 
 METHODS = ("realtime", "zero_phase")
 time = np.arange(1000) / 100
@@ -259,5 +259,21 @@ def test_uneven_samples_can_be_made_even_and_then_filtered():
 
 
 def test_too_short_a_recording_cannot_be_resampled():
-    with pytest.raises(ValueError, match=r"the filter needs at least \d+ samples at 1000 Hz"):
+    with pytest.raises(ValueError, match=r"needs at least \d+ samples at 1000 Hz"):
         resample(plate_time[:50], np.zeros(50), time[:5])
+
+
+def test_interpolation_passes_cubics_in_any_order_and_shape_of_times():
+    cubic = lambda t: 1 + t - t**2 + 0.1 * t**3  # noqa: E731
+    at = np.array([[3.14159, 0.5], [9.99, 7.7], [2.5, 2.5]])
+    values = np.stack([cubic(time), -cubic(time)], axis=-1)
+    interpolated = interpolate(time, values, at)
+    assert interpolated.shape == (3, 2, 2)
+    np.testing.assert_allclose(interpolated[..., 1], -cubic(at), atol=1e-10)
+
+
+def test_interpolation_does_not_bridge_gaps():
+    values = np.ones(1000)
+    values[[500, 503]] = np.nan  # between them two samples: too few for a cubic
+    interpolated = interpolate(time, values, [4.99, 4.995, 5.0, 5.015, 5.035, 5.04])
+    np.testing.assert_array_equal(np.isnan(interpolated), [0, 1, 1, 1, 1, 0])
