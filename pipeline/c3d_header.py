@@ -72,12 +72,11 @@ class Parameters:
         return self.groups.get(group, {}).get(name, np.empty(0)).size > 0
 
     def numbers(self, group: str, name: str) -> NDArray[np.float64]:
-        """Give a numeric parameter with its dimensions, joined with NAME2, NAME3, … if 1-D."""
+        """Give a numeric parameter with its dimensions, joined with NAME2, … along the last."""
         parts = [part for part in self._parts(group, name) if part.dtype.kind in "if"]
         if not parts:
             return np.empty(0)
-        joined = np.concatenate(parts) if len(parts) > 1 else parts[0]
-        return joined.astype(float)
+        return np.concatenate(parts, axis=-1).astype(float)
 
     def integers(self, group: str, name: str) -> NDArray[np.int64]:
         """Give a parameter of counts or indices: 16 bits without sign, whole numbers."""
@@ -92,7 +91,7 @@ class Parameters:
         return int(values.flat[0]) if values.size else default
 
     def texts(self, group: str, name: str) -> list[str]:
-        """Give a text parameter, joined with NAME2, NAME3, … (more than 255 entries)."""
+        """Give a text parameter, joined with NAME2, … (more than 255 entries)."""
         parts = [part for part in self._parts(group, name) if part.dtype.kind == "U"]
         return [str(text) for part in parts for text in part.ravel(order="F")]
 
@@ -105,7 +104,7 @@ class Parameters:
         parts = [found[name]] if name in found else []
         while parts and f"{name}{len(parts) + 1}" in found:
             parts.append(found[f"{name}{len(parts) + 1}"])
-        if len({part.shape[1:] for part in parts if part.dtype.kind != "U"}) > 1:
+        if len({part.shape[:-1] for part in parts if part.dtype.kind != "U"}) > 1:
             raise ValueError(f"{group}:{name} and its continuations differ in shape")
         return parts
 
@@ -240,9 +239,12 @@ def _parse_values(section: bytes, position: int, byte_order: str) -> Values:
     if len(shape) < n_dimensions or len(data) < count * abs(kind):
         raise ValueError("a parameter reaches beyond the end of the section")
     if kind == -1:
-        width, rows = (shape[0], shape[1:]) if shape else (1, [])
-        texts = [_text(data[k : k + width]) for k in range(0, len(data), max(width, 1))]
-        return np.array(texts, dtype=str).reshape(rows or (-1,), order="F")
+        width, *rows = shape or [1]
+        n_texts = int(np.prod(rows, dtype=object))
+        if n_texts > len(section):
+            raise ValueError(f"a parameter of {n_texts} texts")
+        texts = [_text(data[k * width : (k + 1) * width]) for k in range(n_texts)]
+        return np.array(texts, dtype=str).reshape(rows or 1, order="F")
     if kind == 4:
         values: NDArray = floats(data, byte_order).astype(float)
     else:

@@ -120,7 +120,7 @@ def _measured_plate(
             raw = raw @ _of_plate(parameters, "CAL_MATRIX", k, (6, 6)).T
         wrench = raw * _wrench_scale(raw_units, parameters, kind)
         wrench[:, 3:] += np.cross(wrench[:, :3], _origin(parameters, k) * metre)
-    return MeasuredPlate(channels, wrench, _plate_axes(corners), corners)
+    return MeasuredPlate(channels, wrench, plate_axes(corners), corners)
 
 
 def _of_plate(parameters: Parameters, name: str, k: int, shape: tuple[int, ...]) -> Array:
@@ -140,7 +140,24 @@ def _origin(parameters: Parameters, k: int) -> Array:
     return -origin if origin[2] > 0 else origin
 
 
-def _plate_axes(corners: Array) -> Array:
+def plate_axes(corners: Array) -> Array:
+    """Give the axes of a plate from the corners of its surface.
+
+    Parameters
+    ----------
+    corners
+        Corners in the order of the C3D format, (4, 3) [m].
+
+    Returns
+    -------
+    Array
+        Orientation of the plate in the corners' axes (columns: the plate's axes), (3, 3).
+
+    Raises
+    ------
+    ValueError
+        The corners do not span a surface.
+    """
     x = corners[0] - corners[1]
     z = np.cross(x, corners[0] - corners[3])
     if not np.linalg.norm(z) > 0:
