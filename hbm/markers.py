@@ -1,10 +1,26 @@
-"""Named marker trajectories: what the body model is fed."""
+"""Marker trajectories and marker sets: what the body model is fed, and what rides on what."""
 
+import tomllib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+from typing import Any, Final
 
 import numpy as np
 
+from hbm.coordinates import SEGMENTS
 from hbm.spatial import Array
+
+LANDMARKS: Final = (
+    *("LASIS", "RASIS", "LPSIS", "RPSIS", "SACR", "C7", "T10", "JN", "XIPH"),
+    *("LHEAD", "RHEAD", "THEAD"),
+    *(f"{side}{name}" for side in "LR" for name in ("GTRO", "LEK", "MEK", "LM", "MM")),
+    *(f"{side}{name}" for side in "LR" for name in ("HEE", "MT2", "MT5", "TOE")),
+    *(f"{side}{name}" for side in "LR" for name in ("SHO", "LEE", "MEE", "LW", "MW", "FIN")),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,3 +65,123 @@ class Markers:
     def rate_hz(self) -> float:
         """Sampling rate [Hz]: the median of the time steps."""
         return float(1 / np.median(np.diff(self.time)))
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerSet:
+    """Which marker rides on which segment, and which anatomical landmark it marks.
+
+    Attributes
+    ----------
+    name, title
+        Short name and description.
+    segment
+        Marker -> segment.
+    landmark
+        Landmark -> marker; markers that mark none only track.
+    """
+
+    name: str
+    title: str
+    segment: Mapping[str, str]
+    landmark: Mapping[str, str]
+
+
+def read_marker_set(text: str, name: str = "own") -> MarkerSet:
+    """Read a marker set from TOML.
+
+    Parameters
+    ----------
+    text
+        TOML with a table ``[markers]``: ``LABEL = ["segment"]`` for a tracking marker,
+        ``LABEL = ["segment", "LANDMARK"]`` for a landmark. An optional ``title``.
+    name
+        What to call it.
+
+    Returns
+    -------
+    MarkerSet
+        The set, checked.
+
+    Raises
+    ------
+    ValueError
+        If the text is not TOML or has no ``[markers]``, or a segment or landmark is unknown or
+        marked twice; the message lists all such faults.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"marker set {name!r} is not valid TOML: {error}") from error
+    if not isinstance(table.get("markers"), dict) or not table["markers"]:
+        raise ValueError(f"marker set {name!r} needs a [markers] table with at least one marker")
+    return _marker_set(name, table)
+
+
+def _marker_set(name: str, table: dict[str, Any]) -> MarkerSet:
+    segment: dict[str, str] = {}
+    landmark: dict[str, str] = {}
+    faults = []
+    for marker, entry in table["markers"].items():
+        if not (isinstance(entry, list) and len(entry) in (1, 2)):
+            faults.append(f"{marker} must be [segment] or [segment, landmark], got {entry!r}")
+            continue
+        segment[marker] = entry[0]
+        if entry[0] not in SEGMENTS:
+            faults.append(f"{marker}: no segment {entry[0]!r}{did_you_mean(entry[0], SEGMENTS)}")
+        if len(entry) == 2:
+            if entry[1] not in LANDMARKS:
+                hint = did_you_mean(entry[1], LANDMARKS)
+                faults.append(f"{marker}: no landmark {entry[1]!r}{hint}")
+            elif entry[1] in landmark:
+                faults.append(f"{marker} and {landmark[entry[1]]} both mark {entry[1]}")
+            landmark[entry[1]] = marker
+    if faults:
+        raise ValueError(f"marker set {name!r}: " + "; ".join(faults))
+    title = str(table.get("title", name))
+    return MarkerSet(name, title, MappingProxyType(segment), MappingProxyType(landmark))
+
+
+def did_you_mean(word: object, known: Iterable[str]) -> str:
+    """Give ``", did you mean 'x'?"`` for the nearest known word, or nothing."""
+    close = get_close_matches(str(word), list(known), n=1)
+    return f", did you mean {close[0]!r}?" if close else ""
+
+
+@cache
+def marker_sets() -> Mapping[str, MarkerSet]:
+    """Give the marker sets that ship with the package, by name."""
+    text = files("hbm").joinpath("marker_sets.toml").read_text(encoding="utf-8")
+    return {name: _marker_set(name, table) for name, table in tomllib.loads(text).items()}
+
+
+def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
+    """Find the shipped marker set that a trial's labels belong to.
+
+    Parameters
+    ----------
+    names
+        Marker labels of the trial.
+
+    Returns
+    -------
+    MarkerSet
+        The set with the most labels present, relative to the larger of set and match; at least
+        two thirds of a set have to be there.
+
+    Raises
+    ------
+    ValueError
+        If the labels match no set; the message says what is nearest.
+    """
+    present = set(names)
+    found = {s.name: len(present & set(s.segment)) for s in marker_sets().values()}
+    best = max(marker_sets().values(), key=lambda s: (found[s.name], -len(s.segment)))
+    if found[best.name] < 2 / 3 * len(best.segment):
+        missing = sorted(set(best.segment) - present)
+        raise ValueError(
+            f"the markers match no known set; nearest is {best.name!r} with {found[best.name]} of "
+            f"{len(best.segment)} present (missing {', '.join(missing[:8])}"
+            f"{', …' if len(missing) > 8 else ''}); rename them or give a marker set of your own"
+        )
+    return best

@@ -1,0 +1,150 @@
+"""The 46 coordinates and the segments of the Human Body Model, as one tree.
+
+Every coordinate is a joint with a single axis, so positions and velocities have the same size.
+Names are those of the Human Body Model (van den Bogert et al. 2013, Med Biol Eng Comput 51:1069).
+In the neutral pose (all coordinates zero) the person stands upright with the arms hanging, palms
+forward, and the frames of all segments are parallel to the lab: x forward, y left, z up.
+Of the original's 18 segments the mid trunk is welded to the thorax (no coordinate moves it), so
+17 move; the two shoulder points are massless frames that only carry the acromion markers.
+
+Deviations from the original
+----------------------------
+* Coordinates are numbered depth first (a limb from trunk to tip, right before left), because
+  Pinocchio's composite-rigid-body algorithm needs contiguous subtrees; `HBM_ORDER` is the order of
+  the original's export, which alternates right and left.
+* The shoulder turns by abduction, flexion, internal rotation, in this order. The original's order,
+  flexion first, is singular at 90° of abduction, that is in the T-pose.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+Vector = tuple[float, float, float]
+FORWARD: Final[Vector] = (1.0, 0.0, 0.0)
+BACK: Final[Vector] = (-1.0, 0.0, 0.0)
+LEFT: Final[Vector] = (0.0, 1.0, 0.0)
+RIGHT: Final[Vector] = (0.0, -1.0, 0.0)
+UP: Final[Vector] = (0.0, 0.0, 1.0)
+DOWN: Final[Vector] = (0.0, 0.0, -1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Coordinate:
+    """One single-axis joint.
+
+    Attributes
+    ----------
+    name
+        The Human Body Model's name.
+    segment
+        The segment that this coordinate, after the earlier ones of the same joint, moves.
+    parent
+        Number of the coordinate before it in the chain, -1 at the ground.
+    translates
+        Whether it slides along its axis [m] instead of turning about it [rad].
+    axis
+        Axis in the neutral pose; None where the subject's own landmarks define it.
+    """
+
+    name: str
+    segment: str
+    parent: int
+    translates: bool
+    axis: Vector | None
+
+
+def _side(side: str) -> list[tuple[str, str, str, str, Vector | None]]:
+    """Give the joints of one side: parent segment, segment, coordinate, kind, axis."""
+    medial, outward, inward = (LEFT, BACK, UP) if side == "R" else (RIGHT, FORWARD, DOWN)
+    name = {"R": "right_", "L": "left_"}[side]
+    shoulder, arm, forearm, hand = (
+        f"{name}{s}" for s in ("shoulder", "upper_arm", "forearm", "hand")
+    )
+    thigh, shank, foot, toes = (f"{name}{s}" for s in ("thigh", "shank", "foot", "toes"))
+    return [
+        ("trunk", shoulder, f"{side}ShoulderUp", "slide", UP),
+        ("trunk", shoulder, f"{side}ShoulderForward", "slide", FORWARD),
+        ("trunk", shoulder, f"{side}ShoulderInward", "slide", medial),
+        (shoulder, arm, f"{side}ShoulderAbduction", "turn", outward),
+        (shoulder, arm, f"{side}ShoulderFlexion", "turn", RIGHT),
+        (shoulder, arm, f"{side}ShoulderInternalRotation", "turn", inward),
+        (arm, forearm, f"{side}ElbowFlexion", "turn", None),
+        (arm, forearm, f"{side}ForeArmPronation", "turn", None),
+        (forearm, hand, f"{side}WristFlexion", "turn", None),
+        (forearm, hand, f"{side}HandAbduction", "turn", None),
+        ("pelvis", thigh, f"{side}HipFlexion", "turn", RIGHT),
+        ("pelvis", thigh, f"{side}HipAbduction", "turn", outward),
+        ("pelvis", thigh, f"{side}HipInternalRotation", "turn", inward),
+        (thigh, shank, f"{side}KneeFlexion", "turn", None),
+        (shank, foot, f"{side}AnklePlantarFlexion", "turn", None),
+        (shank, foot, f"{side}FootPronation", "turn", None),
+        (foot, toes, f"{side}ToeFlexion", "turn", None),
+    ]
+
+
+def _tree() -> tuple[Coordinate, ...]:
+    right, left = _side("R"), _side("L")
+    rows = [
+        ("ground", "pelvis", "PelvisX", "slide", FORWARD),
+        ("ground", "pelvis", "PelvisY", "slide", LEFT),
+        ("ground", "pelvis", "PelvisZ", "slide", UP),
+        ("ground", "pelvis", "PelvisYaw", "turn", UP),
+        ("ground", "pelvis", "PelvisForwardPitch", "turn", LEFT),
+        ("ground", "pelvis", "PelvisRightRoll", "turn", FORWARD),
+        ("pelvis", "trunk", "TrunkFlexion", "turn", LEFT),
+        ("pelvis", "trunk", "TrunkRightBend", "turn", FORWARD),
+        ("pelvis", "trunk", "TrunkLeftTwist", "turn", UP),
+        ("trunk", "head", "HeadFlexion", "turn", LEFT),
+        ("trunk", "head", "HeadRightBend", "turn", FORWARD),
+        ("trunk", "head", "HeadLeftTwist", "turn", UP),
+        *right[:10],
+        *left[:10],
+        *right[10:],
+        *left[10:],
+    ]
+    tree: list[Coordinate] = []
+    last = {"ground": -1}
+    for parent, segment, name, kind, axis in rows:
+        before = last.get(segment, last[parent])
+        tree.append(Coordinate(name, segment, before, kind == "slide", axis))
+        last[segment] = len(tree) - 1
+    return tuple(tree)
+
+
+TREE: Final = _tree()
+COORDINATES: Final = tuple(c.name for c in TREE)
+N: Final = len(TREE)
+INDEX: Final = {name: i for i, name in enumerate(COORDINATES)}
+SEGMENTS: Final = tuple(dict.fromkeys(c.segment for c in TREE))
+MASSLESS: Final = ("right_shoulder", "left_shoulder")
+MOVING: Final = tuple(s for s in SEGMENTS if s not in MASSLESS)
+LAST: Final = {c.segment: i for i, c in enumerate(TREE)}
+FIRST: Final = {s: next(i for i, c in enumerate(TREE) if c.segment == s) for s in SEGMENTS}
+PARENT: Final = {s: TREE[TREE[FIRST[s]].parent].segment for s in SEGMENTS if s != "pelvis"}
+
+
+def support(i: int) -> tuple[int, ...]:
+    """Give the coordinates that carry coordinate ``i``: itself and its ancestors, tip to root."""
+    chain = []
+    while i >= 0:
+        chain.append(i)
+        i = TREE[i].parent
+    return tuple(chain)
+
+
+def _hbm_order() -> tuple[str, ...]:
+    """Give the names in the order of the original's export: pairs alternate, right first."""
+    middle = COORDINATES[:12]
+    arm = (
+        *("ShoulderUp", "ShoulderForward", "ShoulderInward"),
+        *("ShoulderFlexion", "ShoulderAbduction", "ShoulderInternalRotation"),
+        *("ElbowFlexion", "ForeArmPronation", "WristFlexion", "HandAbduction"),
+    )
+    leg = (
+        *("HipFlexion", "HipAbduction", "HipInternalRotation", "KneeFlexion"),
+        *("AnklePlantarFlexion", "FootPronation", "ToeFlexion"),
+    )
+    return middle + tuple(side + name for name in arm + leg for side in "RL")
+
+
+HBM_ORDER: Final = _hbm_order()

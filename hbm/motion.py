@@ -1,0 +1,70 @@
+"""Motion: the coordinates of a trial over time, and how well they explain the markers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.coordinates import COORDINATES, INDEX, N
+from hbm.spatial import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Coordinates over time.
+
+    Attributes
+    ----------
+    time
+        (T,) [s].
+    q, v, a
+        Coordinates and their derivatives in the order of `hbm.coordinates.COORDINATES`, (T, 46)
+        [m and rad, per s, per s²]. ``v`` and ``a`` are NaN until the motion has been filtered. A
+        frame that could not be solved is NaN.
+    markers
+        Names of the markers it was solved from, (K,).
+    marker_error
+        Distance of each marker from the model, (T, K) [m]; NaN where the marker was missing.
+    converged
+        Whether the inverse kinematics converged, (T,).
+    observed
+        Which coordinates the visible markers determined, (T, 46); the others were locked at
+        neutral or bridged in time.
+    """
+
+    time: Array
+    q: Array
+    v: Array
+    a: Array
+    markers: tuple[str, ...]
+    marker_error: Array
+    converged: np.ndarray
+    observed: np.ndarray
+
+    def __post_init__(self) -> None:
+        frames = len(self.time)
+        shapes = {
+            "time": (frames,),
+            "q": (frames, N),
+            "v": (frames, N),
+            "a": (frames, N),
+            "marker_error": (frames, len(self.markers)),
+            "converged": (frames,),
+            "observed": (frames, N),
+        }
+        for name, shape in shapes.items():
+            value = np.array(getattr(self, name))
+            if value.shape != shape:
+                raise ValueError(f"motion: {name} must have shape {shape}, got {value.shape}")
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns of ``q``, ``v`` and ``a``."""
+        return COORDINATES
+
+    def coordinate(self, name: str) -> Array:
+        """Give one coordinate over time by its name, (T,) [m or rad]."""
+        if name not in INDEX:
+            raise KeyError(f"no coordinate {name!r}; there are: {', '.join(COORDINATES)}")
+        return np.asarray(self.q[:, INDEX[name]])

@@ -1,0 +1,193 @@
+"""Segment inertias by de Leva (1996), scaled to a person.
+
+The table, `de_leva_1996.csv`, ships with the package and names its source. The female column sums
+to 99.99 % and is renormalised; an unspecified sex takes the mean of both columns.
+"""
+
+import csv
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Final, Literal
+
+import numpy as np
+
+from hbm.spatial import Array, skew
+
+Sex = Literal["male", "female", "unspecified"]
+SEXES: Final[tuple[Sex, ...]] = ("male", "female", "unspecified")
+STATURE_M: Final = {"male": 1.741, "female": 1.735}
+PAIRED: Final = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
+
+
+@dataclass(frozen=True, slots=True)
+class Proportions:
+    """What the table says of one segment.
+
+    Attributes
+    ----------
+    mass
+        Fraction of body mass.
+    center
+        Centre of mass from the proximal end, as a fraction of the segment's length.
+    gyration
+        Radii of gyration about the antero-posterior, medio-lateral and longitudinal axis through
+        the centre of mass, as fractions of length.
+    length
+        Mean length of the reference sample as a fraction of stature.
+    """
+
+    mass: float
+    center: float
+    gyration: tuple[float, float, float]
+    length: float
+
+
+@cache
+def _table(sex: Literal["male", "female"]) -> dict[str, Proportions]:
+    text = files("hbm").joinpath("de_leva_1996.csv").read_text(encoding="utf-8")
+    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+    raw = {row["segment"]: row for row in rows if row["sex"] == sex}
+    total = sum(float(row["mass_pct"]) * (2 if s in PAIRED else 1) for s, row in raw.items())
+    return {
+        s: Proportions(
+            mass=float(row["mass_pct"]) / total,
+            center=float(row["cm_pct"]) / 100,
+            gyration=(
+                float(row["k_sagittal_pct"]) / 100,
+                float(row["k_transverse_pct"]) / 100,
+                float(row["k_longitudinal_pct"]) / 100,
+            ),
+            length=float(row["length_mm"]) / 1000 / STATURE_M[sex],
+        )
+        for s, row in raw.items()
+    }
+
+
+def proportions(sex: Sex) -> dict[str, Proportions]:
+    """Give the table's column for a sex.
+
+    Parameters
+    ----------
+    sex
+        "male", "female", or "unspecified" for the mean of both.
+
+    Returns
+    -------
+    dict[str, Proportions]
+        By segment: head, upper_trunk, mid_trunk, lower_trunk, upper_arm, forearm, hand, thigh,
+        shank, foot. Masses of the whole body (six of them twice) sum to one.
+
+    Raises
+    ------
+    ValueError
+        If the sex is none of the three.
+
+    Notes
+    -----
+    de Leva P (1996) J Biomech 29:1223-1230, Table 4, with the endpoints head VERT-CERV, upper
+    trunk CERV-XYPH, mid trunk XYPH-OMPH, lower trunk OMPH-MIDH, hand WJC-MET3, shank KJC-AJC.
+    """
+    if sex == "unspecified":
+        men, women = _table("male"), _table("female")
+        return {s: _mean(men[s], women[s]) for s in men}
+    if sex not in SEXES:
+        raise ValueError(f"sex must be one of {', '.join(SEXES)}, got {sex!r}")
+    return _table(sex)
+
+
+def _mean(a: Proportions, b: Proportions) -> Proportions:
+    x, y = a.gyration, b.gyration
+    return Proportions(
+        mass=(a.mass + b.mass) / 2,
+        center=(a.center + b.center) / 2,
+        gyration=((x[0] + y[0]) / 2, (x[1] + y[1]) / 2, (x[2] + y[2]) / 2),
+        length=(a.length + b.length) / 2,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Inertia:
+    """Inertia of a rigid part in some frame.
+
+    Attributes
+    ----------
+    mass
+        Mass [kg].
+    center
+        Centre of mass, (3,) [m].
+    tensor
+        Moment of inertia about the centre of mass, (3, 3) [kg·m²].
+    """
+
+    mass: float
+    center: Array
+    tensor: Array
+
+    def __post_init__(self) -> None:
+        center, tensor = np.array(self.center, float), np.array(self.tensor, float)
+        if not self.mass >= 0:
+            raise ValueError(f"a mass cannot be negative, got {self.mass:g} kg")
+        if center.shape != (3,) or tensor.shape != (3, 3):
+            raise ValueError(
+                f"centre and inertia must have shapes (3,) and (3, 3), "
+                f"got {center.shape} and {tensor.shape}"
+            )
+        for name, value in (("center", center), ("tensor", tensor)):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def __add__(self, other: "Inertia") -> "Inertia":
+        """Weld two parts given in the same frame (parallel-axis theorem)."""
+        mass = self.mass + other.mass
+        if mass == 0:
+            return self
+        center = (self.mass * self.center + other.mass * other.center) / mass
+        tensor = np.zeros((3, 3))
+        for part in (self, other):
+            away = skew(part.center - center)
+            tensor += part.tensor - part.mass * away @ away
+        return Inertia(mass, center, tensor)
+
+    def seen_from(self, rotation: Array, origin: Array) -> "Inertia":
+        """Give the same part in a frame with this orientation and origin (columns: its axes)."""
+        back = rotation.T
+        return Inertia(self.mass, back @ (self.center - origin), back @ self.tensor @ rotation)
+
+
+NOTHING: Final = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+
+
+def segment_inertia(
+    part: Proportions, mass: float, proximal: Array, distal: Array, lateral: Array
+) -> Inertia:
+    """Place a segment's inertia between its ends.
+
+    Parameters
+    ----------
+    part
+        The segment's proportions.
+    mass
+        Body mass [kg].
+    proximal, distal
+        The segment's ends, (3,) [m]; the centre of mass lies between them.
+    lateral
+        A direction near the medio-lateral axis, (3,).
+
+    Returns
+    -------
+    Inertia
+        In the frame of the given points. Principal moments are ``m (k L)²``.
+    """
+    along = distal - proximal
+    length = float(np.linalg.norm(along))
+    if length == 0:
+        raise ValueError("a segment's two ends coincide; check its landmarks")
+    z = along / length
+    x = np.cross(lateral, z)
+    x /= np.linalg.norm(x)
+    axes = np.column_stack([x, np.cross(z, x), z])
+    moments = part.mass * mass * (np.array(part.gyration) * length) ** 2
+    return Inertia(
+        part.mass * mass, proximal + part.center * along, axes @ np.diag(moments) @ axes.T
+    )
