@@ -19,6 +19,7 @@ DIRECTIONS = {
     "up": (0, 0, 1),
     "down": (0, 0, -1),
 }
+LOADED_N = 50.0
 PELVIS_AND_SHOULDERS = ("ASI", "ASIS", "PSI", "PSIS", "SHO", "ACR", "ACROMIUM", "ACROMION")
 HEELS = ("HEE", "HEEL", "CAL")
 TOES = ("TOE", "MT2", "MT5", "TOETIP", "MT1")
@@ -94,6 +95,8 @@ def infer_axes(
     to toe.
     """
     position = np.asarray(position, float)
+    if not np.isfinite(position).any():
+        raise ValueError(f"axes cannot be inferred: no marker is ever visible; {ASK}")
     places = {name: k for k, name in enumerate(names)}
     up, why_up = _infer_up(position, places, plate_normals, loads, screen_up)
     left, why_left = _infer_left(position, places, up)
@@ -218,7 +221,7 @@ def _nearest_axis(vector: Array, why: str) -> Array:
             f"axes cannot be inferred: the direction from {why} is more than 30° away from "
             f"every axis of the file; {ASK}"
         )
-    return np.sign(unit[k]) * np.eye(3)[k]
+    return np.asarray(np.sign(unit[k]) * np.eye(3)[k])
 
 
 def _axis_name(axis: Array) -> str:

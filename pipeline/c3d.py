@@ -13,15 +13,14 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.spatial import Array
-from pipeline.axes import infer_axes, parse_axes
+from pipeline.axes import LOADED_N, infer_axes, parse_axes
 from pipeline.c3d_data import Samples, read_samples
 from pipeline.c3d_header import Header, Parameters, read_header
 from pipeline.force_plates import MeasuredPlate, measured_plates
 from pipeline.labels import PointLabels, sort_labels
 from pipeline.recording import Analog, Event, Plate, Recording
-from pipeline.units import length_in_m
+from pipeline.units import check_span, length_in_m
 
-LOADED_N = 50.0
 EVENT_LABELS = {
     "foot strike": "foot_strike",
     "heel strike": "foot_strike",
@@ -85,12 +84,14 @@ def _read(
 ) -> Recording:
     header, parameters = read_header(path)
     labels = sort_labels(parameters, header.n_points, subject=subject, rename=rename)
-    metre = length_in_m(parameters.text("POINT", "UNITS"))
+    unit = parameters.text("POINT", "UNITS")
+    metre = length_in_m(unit)
     samples = read_samples(path, header, parameters)
     names, units = _channels(parameters, samples.analog.shape[1])
     measured = measured_plates(parameters, samples.analog, units)
 
     position = samples.points[:, list(labels.markers.values())] * metre
+    check_span(position, unit)
     axes, why = _axes(axes, position, labels, measured, parameters)
     to_lab = parse_axes(axes)
     time = np.arange(len(position)) / samples.rate_hz
@@ -174,7 +175,7 @@ def _first_frame(header: Header, parameters: Parameters) -> int:
 
 def _events(
     header: Header, parameters: Parameters, rate_hz: float
-) -> tuple[list[Event], list[str]]:
+) -> tuple[tuple[Event, ...], list[str]]:
     start = (_first_frame(header, parameters) - 1) / rate_hz
     times = parameters.numbers("EVENT", "TIMES")
     if times.size:
@@ -188,11 +189,11 @@ def _events(
     else:
         found = [(time, *OLD_EVENT_LABELS.get(label, (None, ""))) for label, time in header.events]
         total = len(found)
-    events = [
+    events = tuple(
         Event(float(time - start), kind, side)
         for time, kind, side in found
         if kind and side in ("left", "right")
-    ]
+    )
     other = total - len(events)
     return events, [f"{other} events that are no foot strike or foot off were left out."] * (
         other > 0

@@ -72,8 +72,10 @@ def read_samples(path: Path, header: Header, parameters: Parameters) -> Samples:
     rate = float(next(iter(parameters.numbers("POINT", "RATE").flat), header.rate_hz))
     if not rate > 0:
         raise ValueError(f"the frame rate is {rate:g} Hz, expected a positive number")
+    _check_scale(header, parameters)
+    unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
     frames = count_frames(path, header, parameters)
-    offset, scale = _analog_scaling(parameters, channels)
+    offset, scale = _analog_scaling(parameters, channels, unsigned)
     points = np.empty((frames, n_points, 3))
     analog = np.empty((frames, per_frame, channels))
     with path.open("rb") as file:
@@ -81,7 +83,7 @@ def read_samples(path: Path, header: Header, parameters: Parameters) -> Samples:
         for start in range(0, frames, FRAMES_PER_SLICE):
             stop = min(start + FRAMES_PER_SLICE, frames)
             data = file.read((stop - start) * bytes_per_frame(header))
-            raw, raw_analog = _decode(data, header, parameters, stop - start)
+            raw, raw_analog = _decode(data, header, unsigned, stop - start)
             points[start:stop] = raw[..., :3]
             points[start:stop][_is_missing(raw)] = np.nan
             analog[start:stop] = (raw_analog - offset) * scale
@@ -161,8 +163,8 @@ def _padding_frames(path: Path, header: Header, held: int, slack: int) -> int:
     with path.open("rb") as file:
         file.seek((header.data_block - 1) * BLOCK + (held - checked) * per_frame)
         tail = np.frombuffer(file.read(checked * per_frame), np.uint8).reshape(checked, per_frame)
-    empty = ~tail.any(axis=1)
-    return int(np.argmin(empty[::-1])) if not empty.all() else checked
+    written = np.flatnonzero(tail.any(axis=1))
+    return checked - 1 - int(written[-1]) if len(written) else checked
 
 
 def _listed(counts: list[int]) -> str:
@@ -170,36 +172,39 @@ def _listed(counts: list[int]) -> str:
 
 
 def _decode(
-    data: bytes, header: Header, parameters: Parameters, frames: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    data: bytes, header: Header, unsigned: bool, frames: int
+) -> tuple[NDArray[np.number], NDArray[np.number]]:
+    points: NDArray[np.number]
     if header.scale < 0:
         block = floats(data, header.byte_order).reshape(frames, -1)
         points = block[:, : 4 * header.n_points].reshape(frames, header.n_points, 4)
         analog = block[:, 4 * header.n_points :]
     else:
-        unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
         words = np.frombuffer(data, integer_type(header.byte_order)).reshape(frames, -1)
         points = words[:, : 4 * header.n_points].reshape(frames, header.n_points, 4)
-        points = points * np.array([*[_point_scale(header, parameters)] * 3, 1.0])
+        points = points * np.array([header.scale, header.scale, header.scale, 1])
         analog = words[:, 4 * header.n_points :]
         if unsigned:
             analog = analog.view(integer_type(header.byte_order, signed=False))
     return points, analog.reshape(frames, header.analog_per_frame, -1)
 
 
-def _point_scale(header: Header, parameters: Parameters) -> float:
-    return float(next(iter(parameters.numbers("POINT", "SCALE").flat), header.scale))
+def _check_scale(header: Header, parameters: Parameters) -> None:
+    scale = float(next(iter(parameters.numbers("POINT", "SCALE").flat), header.scale))
+    if scale * header.scale <= 0 or (header.scale > 0 and abs(scale / header.scale - 1) > 1e-3):
+        raise ValueError(
+            f"the header scales points by {header.scale:.5g}, but POINT:SCALE says {scale:.5g}"
+        )
 
 
-def _is_missing(points: NDArray) -> NDArray[np.bool_]:
-    return (points[..., 3] < 0) | (points[..., :3] == 0).all(axis=-1)
+def _is_missing(points: NDArray[np.number]) -> NDArray[np.bool_]:
+    return np.logical_or(points[..., 3] < 0, ~points[..., :3].any(axis=-1))
 
 
 def _analog_scaling(
-    parameters: Parameters, channels: int
+    parameters: Parameters, channels: int, unsigned: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     general = float(next(iter(parameters.numbers("ANALOG", "GEN_SCALE").flat), 1.0))
-    unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
     offset = (parameters.integers if unsigned else parameters.numbers)("ANALOG", "OFFSET")
     scale = parameters.numbers("ANALOG", "SCALE")
     for name, values in (("OFFSET", offset), ("SCALE", scale)):

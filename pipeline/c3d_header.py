@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 BLOCK = 512
 BYTE_ORDERS = {84: "intel", 85: "dec", 86: "sgi"}
 
-Values = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
+Values = NDArray[np.floating] | NDArray[np.integer] | NDArray[np.str_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +148,7 @@ def read_header(path: Path) -> tuple[Header, Parameters]:
     return header, Parameters(_parse_parameters(section, byte_order))
 
 
-def floats(data: bytes, byte_order: str) -> NDArray[np.float32]:
+def floats(data: bytes, byte_order: str) -> NDArray[np.floating]:
     """Decode 4-byte floating point numbers of any of the three byte orders.
 
     Notes
@@ -246,7 +246,7 @@ def _parse_values(section: bytes, position: int, byte_order: str) -> Values:
         texts = [_text(data[k * width : (k + 1) * width]) for k in range(n_texts)]
         return np.array(texts, dtype=str).reshape(rows or 1, order="F")
     if kind == 4:
-        values: NDArray = floats(data, byte_order).astype(float)
+        values: Values = floats(data, byte_order).astype(float)
     else:
         values = np.frombuffer(data, np.int8 if kind == 1 else integer_type(byte_order))
     return values.reshape(shape, order="F") if shape else values

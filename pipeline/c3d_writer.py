@@ -11,19 +11,16 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hbm.markers import Markers
 from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.axes import parse_axes
+from pipeline.c3d_encoding import MAX_ENTRIES, Groups, Value, parameter_section
 from pipeline.c3d_header import BLOCK
 from pipeline.force_plates import plate_axes
 from pipeline.recording import Analog, Event, Plate
 
-Value = str | Sequence[str] | NDArray[np.int64] | NDArray[np.float64]
-
 FRAMES_PER_SLICE = 4096
-MAX_ENTRIES = 255
 MM = 1000.0
 
 
@@ -74,7 +71,7 @@ def write_c3d(
     path, metadata = Path(path), dict(metadata or {})
     to_file = parse_axes(axes).T
     channels = _channels(markers, plates, analog, to_file)
-    groups = {
+    groups: Groups = {
         "TRIAL": _trial(markers, first_frame),
         "SUBJECTS": _subjects(metadata),
         "POINT": _point(markers, to_file),
@@ -87,8 +84,8 @@ def write_c3d(
         },
         "PROCESSING": _processing(metadata),
     }
-    data_block = 2 + -(-len(_parameter_section(groups, 0)) // BLOCK)
-    section = _parameter_section(groups, data_block)
+    data_block = 2 + -(-len(parameter_section(groups, 0)) // BLOCK)
+    section = parameter_section(groups, data_block)
     with path.open("wb") as file:
         file.write(_header(markers, channels, first_frame, data_block))
         file.write(section.ljust((data_block - 2) * BLOCK, b"\0"))
@@ -216,7 +213,7 @@ def _processing(metadata: Mapping[str, object]) -> dict[str, Value]:
 
 def _paged(name: str, values: Sequence[str] | Array) -> dict[str, Value]:
     count = values.shape[-1] if isinstance(values, np.ndarray) else len(values)
-    pages = {}
+    pages: dict[str, Value] = {}
     for page, start in enumerate(range(0, max(count, 1), MAX_ENTRIES), start=1):
         part = slice(start, start + MAX_ENTRIES)
         pages[f"{name}{page if page > 1 else ''}"] = (
@@ -245,60 +242,6 @@ def _header(markers: Markers, channels: Analog, first_frame: int, data_block: in
     return block.ljust(BLOCK, b"\0")
 
 
-def _parameter_section(groups: Mapping[str, Mapping[str, Value]], data_block: int) -> bytes:
-    records: list[tuple[int, str, bytes]] = []
-    for identity, (group, members) in enumerate(groups.items(), start=1):
-        records.append((-identity, group, b"\0"))
-        records += [
-            (identity, name, _encoded(f"{group}:{name}", value) + b"\0")
-            for name, value in members.items()
-        ]
-        if group == "POINT":
-            start = _encoded("POINT:DATA_START", np.array([data_block]))
-            records.append((identity, "DATA_START", start + b"\0"))
-    body = b"".join(_record(*record) for record in records)
-    blocks = -(-(len(body) + 6) // BLOCK)
-    if blocks > 255:
-        raise ValueError(
-            f"labels, units and events need {blocks} blocks, but the parameter section of a C3D "
-            "file has room for 255: write fewer events or split the trial"
-        )
-    return struct.pack("<4B", 1, 0x50, blocks, 84) + body + bytes(2)
-
-
-def _record(identity: int, name: str, content: bytes) -> bytes:
-    if len(content) + 2 > 32767:
-        raise ValueError(f"parameter {name} has {len(content)} bytes, more than a C3D file allows")
-    label = name.encode("ascii")
-    return (
-        struct.pack("<bb", len(label), identity)
-        + label
-        + struct.pack("<h", len(content) + 2)
-        + content
-    )
-
-
-def _encoded(name: str, value: Value) -> bytes:
-    if isinstance(value, str):
-        text = value.encode()
-        return struct.pack("<bBB", -1, 1, _dimension(name, len(text))) + text
-    if isinstance(value, np.ndarray):
-        kind, numbers = (4, "<f4") if value.dtype.kind == "f" else (2, "<u2")
-        shape = [_dimension(name, n) for n in value.shape]
-        head = struct.pack(f"<bB{len(shape)}B", kind, len(shape), *shape)
-        return head + value.astype(numbers).tobytes(order="F")
-    texts = [text.encode() for text in value]
-    width = max((len(text) for text in texts), default=1) or 1
-    head = struct.pack("<bBBB", -1, 2, _dimension(name, width), _dimension(name, len(texts)))
-    return head + b"".join(text.ljust(width) for text in texts)
-
-
-def _dimension(name: str, size: int) -> int:
-    if size > MAX_ENTRIES:
-        raise ValueError(f"{name} has a dimension of {size}, more than the {MAX_ENTRIES} of C3D")
-    return size
-
-
 def _write_samples(file: BinaryIO, position: Array, analog: Array) -> None:
     n_frames, n_points = position.shape[:2]
     per_frame = analog.size // n_frames
@@ -306,10 +249,10 @@ def _write_samples(file: BinaryIO, position: Array, analog: Array) -> None:
     for start in range(0, n_frames, FRAMES_PER_SLICE):
         part = slice(start, start + FRAMES_PER_SLICE)
         points = position[part]
-        gap = np.isnan(points).any(axis=-1)
+        gap = np.isnan(points.sum(axis=-1))
         block = np.empty((len(points), 4 * n_points + per_frame), "<f4")
         words = block[:, : 4 * n_points].reshape(len(points), n_points, 4)
-        words[..., :3] = np.where(gap[..., None], 0, points)
+        words[..., :3] = np.where(gap[:, :, np.newaxis], 0, points)
         words[..., 3] = np.where(gap, -1, 0)
         block[:, : 4 * n_points] = words.reshape(len(points), -1)
         block[:, 4 * n_points :] = analog[part]

@@ -41,7 +41,8 @@ class MeasuredPlate:
     @property
     def mean_force(self) -> Array:
         """Mean force on the subject in the file's axes, (3,) [N]."""
-        return self.rotation @ np.nan_to_num(self.wrench_in_plate[:, :3]).mean(axis=0)
+        force: Array = np.nan_to_num(self.wrench_in_plate[:, :3]).mean(axis=0)
+        return np.asarray(self.rotation @ force)
 
 
 def measured_plates(parameters: Parameters, analog: Array, units: list[str]) -> list[MeasuredPlate]:
@@ -129,7 +130,7 @@ def _of_plate(parameters: Parameters, name: str, k: int, shape: tuple[int, ...])
     fits = values.ndim == len(shape) + 1 and values.shape[-1] > k
     if not fits or any(has < needs for has, needs in zip(values.shape, shape, strict=False)):
         raise ValueError(f"FORCE_PLATFORM:{name} does not describe it")
-    part = values[(*(slice(n) for n in shape), k)]
+    part: Array = values[(..., k)][tuple(slice(n) for n in shape)]
     if not np.isfinite(part).all():
         raise ValueError(f"FORCE_PLATFORM:{name} holds something that is not a number")
     return part
@@ -163,7 +164,7 @@ def plate_axes(corners: Array) -> Array:
     if not np.linalg.norm(z) > 0:
         raise ValueError("its corners do not span a surface")
     axes = np.array([x, np.cross(z, x), z])
-    return (axes / np.linalg.norm(axes, axis=1, keepdims=True)).T
+    return np.asarray((axes / np.linalg.norm(axes, axis=1, keepdims=True)).T)
 
 
 def _wrench_scale(units: list[str], parameters: Parameters, kind: int) -> Array:

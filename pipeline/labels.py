@@ -106,7 +106,7 @@ def sort_labels(
     computed = _outputs(parameters, labels, bare)
     outputs = _unique({k: bare[k] for k in wanted if k in computed}, notes)
     markers = _unique({k: bare[k] for k in wanted if k not in computed}, notes)
-    markers = _renamed(markers, rename or {})
+    markers = renamed(markers, rename or {})
     if outputs:
         notes.append(f"{len(outputs)} points are outputs of another program, not markers.")
     return PointLabels(markers, outputs, subject or next(iter(subjects), ""), tuple(notes))
@@ -152,7 +152,26 @@ def _unique(names: Mapping[int, str], notes: list[str]) -> dict[str, int]:
     return unique
 
 
-def _renamed(markers: dict[str, int], rename: Mapping[str, str]) -> dict[str, int]:
+def renamed(markers: Mapping[str, int], rename: Mapping[str, str]) -> dict[str, int]:
+    """Give markers new labels.
+
+    Parameters
+    ----------
+    markers
+        Label -> index of the point.
+    rename
+        Old label -> new label; labels that it does not name stay.
+
+    Returns
+    -------
+    dict[str, int]
+        New label -> index, in the same order.
+
+    Raises
+    ------
+    ValueError
+        A label to rename is not there, or two labels become the same.
+    """
     if absent := sorted(set(rename) - set(markers)):
         raise ValueError(
             f"no marker {', '.join(absent)} to rename; present: {', '.join(sorted(markers))}"

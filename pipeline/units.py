@@ -2,15 +2,20 @@
 
 import re
 
+import numpy as np
+
+from hbm.spatial import Array
+
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 FORCES = {"n": 1.0, "kn": 1e3}
 SPELLINGS = {
     r"newtons?": "n",
     r"^nt": "n",
-    r"(milli|centi|)met(?:er|re)s?": lambda found: {"milli": "mm", "centi": "cm"}.get(
-        found[1], "m"
-    ),
+    r"millimet(er|re)s?": "mm",
+    r"centimet(er|re)s?": "cm",
+    r"met(er|re)s?": "m",
 }
+PLAUSIBLE_SPAN_M = (0.05, 20.0)
 
 
 def length_in_m(unit: str) -> float:
@@ -27,6 +32,34 @@ def moment_in_nm(unit: str) -> float:
     """Give one moment unit in newton metres; raises ValueError where it is unknown."""
     moments = {f + m: FORCES[f] * LENGTHS[m] for f in FORCES for m in LENGTHS}
     return _lookup(unit, moments, "moment", "Nmm or Nm")
+
+
+def check_span(position: Array, unit: str) -> None:
+    """Refuse marker positions whose extent contradicts the unit that the file states.
+
+    Parameters
+    ----------
+    position
+        Marker positions, (T, M, 3) [m].
+    unit
+        The unit that the file states, for the message.
+
+    Raises
+    ------
+    ValueError
+        In the median frame the markers lie within 5 cm of each other, or spread over 20 m.
+    """
+    visible = position[np.isfinite(position).all(axis=-1).sum(axis=1) > 1]
+    if not len(visible):
+        return
+    extent = np.nanmax(visible, axis=1) - np.nanmin(visible, axis=1)
+    span = float(np.median(np.linalg.norm(extent, axis=1)))
+    shortest, longest = PLAUSIBLE_SPAN_M
+    if not shortest < span < longest:
+        raise ValueError(
+            f"the markers spread over {span:.3g} m if the file's unit {unit!r} is true; "
+            f"expected {shortest} to {longest:g} m: correct the unit in the file"
+        )
 
 
 def _lookup(unit: str, known: dict[str, float], quantity: str, examples: str) -> float:

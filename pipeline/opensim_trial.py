@@ -1,0 +1,111 @@
+"""OpenSim-format trials (TRC markers with ground reaction forces in a MOT file) -> Recording."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hbm.spatial import Array, rotate_wrench
+from pipeline.axes import LOADED_N, infer_axes, parse_axes
+from pipeline.recording import Plate, Recording
+from pipeline.sto import Table, read_mot
+from pipeline.trc import read_trajectories, read_trc
+
+FORCE_COLUMN = re.compile(r"(?P<stem>.*force.*)_v(?P<axis>[xyz])")
+
+
+def read_opensim_trial(
+    trc: str | Path,
+    grf_mot: str | Path,
+    axes: str | None = None,
+    *,
+    rename: Mapping[str, str] | None = None,
+) -> Recording:
+    """Read markers from a TRC file and ground reaction forces from a MOT file.
+
+    Parameters
+    ----------
+    trc
+        Marker trajectories.
+    grf_mot
+        Forces, points of application and torques in OpenSim's naming, N, m and N·m, on the same
+        clock and in the same axes as the markers.
+    axes
+        Lab directions of the files' x, y and z axis, such as ``"forward,up,right"``. Where absent
+        they are inferred from markers and forces, checked, and stated in the notes.
+    rename
+        Label in the TRC file -> label wanted.
+
+    Returns
+    -------
+    Recording
+        Times start at 0 at the first frame of the TRC file. Each force is a plate with identity
+        rotation and centre at the lab origin, so that its wrench in the plate is the wrench about
+        the lab origin; its corners are unknown (NaN).
+
+    Raises
+    ------
+    ValueError
+        As `read_trc` and `read_mot`, or the table names no forces. One line.
+    OSError
+        A file cannot be opened.
+
+    Notes
+    -----
+    Moment about the origin of force f at point p with torque t: p × f + t. Where a force is exactly
+    zero its point has no meaning and is not used.
+    """
+    found, table = read_trajectories(Path(trc)), read_mot(grf_mot)
+    wrenches = _wrenches(table, Path(grf_mot).name)
+    why = "as stated by the caller"
+    if axes is None:
+        loads = [np.nan_to_num(wrench[:, :3]).mean(axis=0) for wrench in wrenches.values()]
+        loads = [load for load in loads if np.linalg.norm(load) > LOADED_N]
+        try:
+            axes, why = infer_axes(found.position, found.names, loads=loads)
+        except ValueError as error:
+            raise ValueError(f"{Path(trc).name}: {error}") from error
+    recording = read_trc(trc, axes, rename=rename)
+    to_lab = parse_axes(axes)
+    plates = tuple(
+        Plate(
+            number=k,
+            time=table.time - found.time[0],
+            wrench_in_plate=rotate_wrench(wrench, to_lab),
+            rotation=np.eye(3),
+            center=np.zeros(3),
+            corners=np.full((4, 3), np.nan),
+        )
+        for k, wrench in enumerate(wrenches.values(), start=1)
+    )
+    notes = (
+        f"The files' x, y, z axes point {axes.replace(',', ', ')}: {why}.",
+        f"Time 0 is {found.time[0]:g} s of {Path(trc).name}.",
+        f"Plates are the forces named {', '.join(wrenches)} in {Path(grf_mot).name}.",
+    )
+    return replace(recording, plates=plates, notes=notes)
+
+
+def _wrenches(table: Table, source: str) -> dict[str, Array]:
+    stems = dict.fromkeys(
+        found["stem"] for name in table.names if (found := FORCE_COLUMN.fullmatch(name))
+    )
+    if not stems:
+        raise ValueError(
+            f"{source}: no forces such as ground_force_vx; columns: {', '.join(table.names)}"
+        )
+    return {stem: _wrench(table, stem, source) for stem in stems}
+
+
+def _wrench(table: Table, stem: str, source: str) -> Array:
+    try:
+        force, point, torque = (
+            np.column_stack([table.column(f"{prefix}{axis}") for axis in "xyz"])
+            for prefix in (f"{stem}_v", f"{stem}_p", f"{stem.replace('force', 'torque')}_")
+        )
+    except KeyError as error:
+        raise ValueError(f"{source}: {error.args[0]}") from error
+    point = np.where(force.any(axis=1, keepdims=True), point, 0)
+    return np.hstack([force, np.cross(point, force) + torque])
