@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from hbm.body import Body
-from hbm.coordinates import COORDINATES, INDEX, N, SEGMENTS, TREE
+from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.native import Kernels, kernels
@@ -136,18 +136,17 @@ class _Trial:
             products = np.einsum("tki,ka->tai", weighted, crossed[own])
             out[:, s, 10:22] = products.reshape(len(position), 12)
             out[:, s, 22] = np.einsum("tki,tki->t", weighted, m)
-        return out.reshape(len(position), -1)
+        return out.reshape(len(position), 23 * len(SEGMENTS))
 
     def solve(self) -> Motion:
         frames = len(self.time)
         start = self.coarse()
         q, error = np.full((frames, N), np.nan), np.full((frames, len(self.names)), np.nan)
         converged, observed = np.zeros(frames, bool), np.zeros((frames, N), bool)
-        for chunk in _chunks(frames):
-            at = np.flatnonzero(~np.isnan(start[chunk, 0])) + chunk.start
+        for at in _pieces(np.flatnonzero(~np.isnan(start[:, 0]))):
             q[at], converged[at], observed[at] = self.newton(at, start[at])
         retry = np.flatnonzero(~converged)
-        for some in np.array_split(retry, len(retry) // CHUNK + 1):
+        for some in _pieces(retry):
             fresh = self.rigid(some)
             good = ~np.isnan(fresh[:, 0])
             at = some[good]
@@ -155,18 +154,17 @@ class _Trial:
         q[~converged] = np.nan
         q = _unwrapped(q)
         self.bridge(q, converged, observed)
-        for chunk in _chunks(frames):
-            at = np.arange(chunk.start, chunk.stop)
+        for at in _pieces(np.arange(frames)):
             error[at] = self.errors(at, q[at])
         nothing = np.full((frames, N), np.nan)
         return Motion(self.time, q, nothing, nothing, self.names, error, converged, observed)
 
     def coarse(self) -> Array:
-        """Starting point of every frame: every tenth solved from scratch, splines between."""
+        """Give every frame a starting point: every tenth solved from scratch, splines between."""
         frames = len(self.time)
         keys = np.unique(np.append(np.arange(0, frames, KEY_EVERY), frames - 1))
         q = np.full((len(keys), N), np.nan)
-        for some in np.array_split(np.arange(len(keys)), len(keys) // CHUNK + 1):
+        for some in _pieces(np.arange(len(keys))):
             guess = self.rigid(keys[some])
             good = ~np.isnan(guess[:, 0])
             solved, converged, _ = self.newton(keys[some][good], guess[good])
@@ -244,7 +242,7 @@ class _Trial:
             q[back] = best[back] + step[back]
             curvature[active[bent]] = 0
             good = active[fine]
-            size = np.abs(new[fine]).max(axis=1)
+            size = np.abs(new[fine]).max(axis=1, initial=0)
             step[good] = new[fine] * np.minimum(1, MAX_STEP / np.maximum(size, 1e-300))[:, None]
             best[good], cost_best[good] = q[good], cost[fine]
             pivots[good] = pivot[fine]
@@ -286,14 +284,12 @@ class _Trial:
         """Give coordinates that lost their markers the values between their neighbours in time."""
         lost = ~observed & ~self.locked & converged[:, None]
         rows = np.flatnonzero(lost.any(axis=1))
-        if not len(rows):
-            return
         value = np.zeros_like(q)
         for i in np.flatnonzero(lost.any(axis=0)):
             known = np.flatnonzero(observed[:, i] & converged)
             if len(known):
                 value[:, i] = np.interp(np.arange(len(q)), known, q[known, i])
-        for some in np.array_split(rows, len(rows) // CHUNK + 1):
+        for some in _pieces(rows):
             begin = np.where(lost[some], value[some], q[some])
             q[some], converged[some], _ = self.newton(some, begin, (lost[some], value[some]))
 
@@ -319,8 +315,9 @@ def _shown(segments: set[str]) -> Array:
     return shown
 
 
-def _chunks(frames: int) -> Iterator[slice]:
-    return (slice(start, min(start + CHUNK, frames)) for start in range(0, frames, CHUNK))
+def _pieces(frames: Array) -> Iterator[Array]:
+    """Cut frame numbers into pieces of bounded memory."""
+    return (frames[start : start + CHUNK] for start in range(0, len(frames), CHUNK))
 
 
 def _unwrapped(q: Array) -> Array:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import FIRST, LAST, N, PARENT, SEGMENTS, TREE
+from hbm.coordinates import FIRST, LAST, PARENT, SEGMENTS, TREE, N
 from hbm.spatial import Array, fit_rotation, rotation_about
 
 SWEEPS: Final = 6
