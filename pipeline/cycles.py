@@ -101,7 +101,7 @@ def zeni_events(markers: Markers) -> tuple[Event, ...]:
             choices = [(name.format(letter),) for name in names]
             foot = _first_present(markers, choices, f"{side} {'heel' if sign > 0 else 'toe'}")
             times = _turning_points(markers.time, sign * (foot - sacrum))
-            events += [Event(time, label, side) for time in times]
+            events += [Event(float(t), label, side) for t in times]
     return _in_order(events)
 
 
@@ -140,8 +140,8 @@ def force_events(
                 f"got {wrench.shape} for {side!r}"
             )
         starts, stops = _contacts(time, wrench[:, 2] - threshold_n)
-        events += [Event(t, "foot_strike", side) for t in starts]
-        events += [Event(t, "foot_off", side) for t in stops]
+        events += [Event(float(t), "foot_strike", side) for t in starts]
+        events += [Event(float(t), "foot_off", side) for t in stops]
     return _in_order(events)
 
 

@@ -289,3 +289,26 @@ def test_cycles_of_a_real_treadmill_are_the_same_by_file_and_by_markers(treadmil
         assert len(by_zeni) == 9  # one strike lies too close to an end of the recording
         assert np.diff(by_zeni).mean() == pytest.approx(np.diff(by_file).mean(), abs=0.005)
         assert np.isfinite(normalise(treadmill.markers.time, np.ones(1206), by_file)).all()
+
+
+def test_contacts_of_a_real_treadmill_are_those_its_authors_published(shared_data):
+    folder = shared_data / "treadmill_forces"
+    read = lambda name: np.genfromtxt(folder / name, delimiter=",", names=True)  # noqa: E731
+    record, published = read("UnpertPre_data.csv"), read("UnpertPre__event.csv")
+    wrenches = {side: np.zeros((len(record), 6)) for side in SIDES}
+    for side in SIDES:
+        wrenches[side][:, 2] = record[f"{side.capitalize()}GRF_y"]
+    expected = [
+        Event(instant, label, side)
+        for label, suffix in (("foot_strike", "hs"), ("foot_off", "to"))
+        for side in SIDES
+        for instant in published[side[0] + suffix]
+        if np.isfinite(instant)
+    ]
+    found = force_events(wrenches, record["time"], threshold_n=20)
+    for agreement in compare_events(found, expected):
+        assert agreement.matched >= 43
+        assert (agreement.only_in_first, agreement.only_in_second) == (0, 0)
+        assert abs(agreement.mean_ms) < 5  # half a sample
+        assert agreement.sd_ms < 10
+    assert [len(gait_cycles(found, side)[0]) for side in SIDES] == [43, 42]
