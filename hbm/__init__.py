@@ -1,1 +1,53 @@
 """The human body model: markers and wrenches in, coordinates and pelvis residuals out."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hbm.body import Body, build_body
+    from hbm.coordinates import COORDINATES, HBM_ORDER
+    from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
+    from hbm.kinematics import solve_ik
+    from hbm.markers import Markers, MarkerSet, marker_sets, read_marker_set
+    from hbm.motion import Motion
+
+_HOME = {
+    "Body": "body",
+    "build_body": "body",
+    "COORDINATES": "coordinates",
+    "HBM_ORDER": "coordinates",
+    "Dynamics": "dynamics",
+    "filter_motion": "dynamics",
+    "inverse_dynamics": "dynamics",
+    "inverse_dynamics_variants": "dynamics",
+    "solve_ik": "kinematics",
+    "Markers": "markers",
+    "MarkerSet": "markers",
+    "marker_sets": "markers",
+    "read_marker_set": "markers",
+    "Motion": "motion",
+}
+
+__all__ = [
+    "COORDINATES",
+    "HBM_ORDER",
+    "Body",
+    "Dynamics",
+    "MarkerSet",
+    "Markers",
+    "Motion",
+    "build_body",
+    "filter_motion",
+    "inverse_dynamics",
+    "inverse_dynamics_variants",
+    "marker_sets",
+    "read_marker_set",
+    "solve_ik",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used, so that importing the package costs nothing."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'hbm' has no attribute {name!r}")
+    return getattr(import_module(f"hbm.{_HOME[name]}"), name)

@@ -207,7 +207,7 @@ def _stature(points: Mapping[str, Array], table: Mapping[str, Any]) -> float:
         for side in ("right", "left")
         for a, b in (("hip", "knee"), ("knee", "ankle"))
     ]
-    return float(np.sum(legs)) / (2 * (table["thigh"].length + table["shank"].length))
+    return float(np.sum(legs) / (2 * (table["thigh"].length + table["shank"].length)))
 
 
 def _unseen(seen: set[str]) -> tuple[str, ...]:

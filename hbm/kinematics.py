@@ -17,7 +17,7 @@ from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.native import Kernels, kernels
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices, Mask
 from hbm.start import starting_pose
 
 KEY_EVERY: Final = 10
@@ -112,7 +112,7 @@ class _Trial:
         self.locked |= ~_shown(shown)
         self.kernels: Kernels = kernels()
 
-    def measured(self, frames: Array) -> tuple[Array, Array]:
+    def measured(self, frames: Indices) -> tuple[Array, Array]:
         """Positions (gaps as zeros) and weights of some frames."""
         position = self.position[frames][:, self.columns]
         seen = ~np.isnan(position[..., 0])
@@ -175,7 +175,7 @@ class _Trial:
         spline = make_interp_spline(keys[solved], _unwrapped(q)[solved], k=3)
         return np.asarray(spline(np.clip(np.arange(frames), keys[solved][0], keys[solved][-1])))
 
-    def rigid(self, frames: Array) -> Array:
+    def rigid(self, frames: Indices) -> Array:
         position, weight = self.measured(frames)
         body = self.body
         pose = starting_pose(
@@ -184,8 +184,8 @@ class _Trial:
         return np.where(np.isnan(pose), np.nan, np.clip(pose, self.lower, self.upper))
 
     def newton(
-        self, frames: Array, start: Array, held: tuple[Array, Array] | None = None
-    ) -> tuple[Array, Array, Array]:
+        self, frames: Indices, start: Array, held: tuple[Mask, Array] | None = None
+    ) -> tuple[Array, Mask, Mask]:
         """Solve some frames.
 
         Parameters
@@ -216,7 +216,7 @@ class _Trial:
 
     def descend(
         self, start: Array, sums: Array, prior: Array, reference: Array
-    ) -> tuple[Array, Array, Array]:
+    ) -> tuple[Array, Mask, Array]:
         """Newton's method with halving steps; Gauss–Newton where the Hessian is not positive."""
         total = len(start)
         q, best = start.copy(), start.copy()
@@ -258,8 +258,8 @@ class _Trial:
         return q, done, pivots
 
     def bounded(
-        self, q: Array, done: Array, sums: Array, prior: Array, reference: Array
-    ) -> tuple[Array, Array]:
+        self, q: Array, done: Mask, sums: Array, prior: Array, reference: Array
+    ) -> tuple[Array, Mask]:
         """Hold coordinates at the limits they would pass; release those that pull back inside."""
         held = np.zeros(q.shape, bool)
         free = prior == 0
@@ -280,7 +280,7 @@ class _Trial:
             )
         return q, done
 
-    def bridge(self, q: Array, converged: Array, observed: Array) -> None:
+    def bridge(self, q: Array, converged: Mask, observed: Mask) -> None:
         """Give coordinates that lost their markers the values between their neighbours in time."""
         lost = ~observed & ~self.locked & converged[:, None]
         rows = np.flatnonzero(lost.any(axis=1))
@@ -293,17 +293,18 @@ class _Trial:
             begin = np.where(lost[some], value[some], q[some])
             q[some], converged[some], _ = self.newton(some, begin, (lost[some], value[some]))
 
-    def errors(self, frames: Array, q: Array) -> Array:
+    def errors(self, frames: Indices, q: Array) -> Array:
         """Distance of every marker from the model, (F, K) [m]."""
         poses = self.kernels.segment_poses(q, self.geometry, jobs=self.jobs)[0]
         poses = poses.reshape(len(q), len(SEGMENTS), 4, 3)
         own = [SEGMENTS.index(s) for s in self.segment]
         local = np.column_stack([self.local, np.ones(len(own))])
         model = np.einsum("tkai,ka->tki", poses[:, own], local)
-        return np.linalg.norm(model - self.position[frames][:, self.columns], axis=-1)
+        away = model - self.position[frames][:, self.columns]
+        return np.asarray(np.linalg.norm(away, axis=-1))
 
 
-def _shown(segments: set[str]) -> Array:
+def _shown(segments: set[str]) -> Mask:
     """Which coordinates have a marker somewhere beyond them."""
     shown = np.zeros(N, bool)
     for i in reversed(range(N)):
@@ -315,7 +316,7 @@ def _shown(segments: set[str]) -> Array:
     return shown
 
 
-def _pieces(frames: Array) -> Iterator[Array]:
+def _pieces(frames: Indices) -> Iterator[Indices]:
     """Cut frame numbers into pieces of bounded memory."""
     return (frames[start : start + CHUNK] for start in range(0, len(frames), CHUNK))
 
@@ -325,5 +326,7 @@ def _unwrapped(q: Array) -> Array:
     out = q.copy()
     solved = ~np.isnan(q[:, 0])
     turning = [i for i, c in enumerate(TREE) if not c.translates]
-    out[np.ix_(solved, turning)] = np.unwrap(q[np.ix_(solved, turning)], axis=0)
+    continuous = np.unwrap(q[solved], axis=0)
+    for i in turning:
+        out[solved, i] = continuous[:, i]
     return out

@@ -11,6 +11,7 @@ The environment variable ``HBM_KERNELS`` set to ``virtual-machine`` skips compil
 
 import ctypes
 import hashlib
+import inspect
 import os
 import platform
 import shutil
@@ -189,8 +190,8 @@ def _key(command: list[str]) -> str:
     version = subprocess.run(
         [*command, "--version"], capture_output=True, text=True, check=True, timeout=60
     ).stdout
-    sources = [Path(m.__file__).read_text("utf-8") for m in (coordinates, skeleton)]
-    facts = [*sources, ca.__version__, version, _processor(), str(BLOCK), *FLAGS, *command]
+    sources = [inspect.getsource(module) for module in (coordinates, skeleton)]
+    facts = [*sources, ca.CasadiMeta.version(), version, _processor(), str(BLOCK), *FLAGS, *command]
     return hashlib.sha256("\0".join(facts).encode()).hexdigest()[:24]
 
 
@@ -310,5 +311,5 @@ def _virtual_machine(backend: str) -> Kernels:
     return Kernels(**ready, backend=backend)
 
 
-def _view(pointer: int, count: int) -> memoryview:
+def _view(pointer: int, count: int) -> Any:
     return memoryview((ctypes.c_double * count).from_address(pointer)).cast("B").cast("d")

@@ -230,10 +230,10 @@ def newton_euler() -> SX:
     inertia = ca.SX.sym("inertia", N_INERTIA * len(MOVING))
     pose = Pose(q, geometry)
 
-    still = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1), ca.sparsify(ca.SX([0, 0, GRAVITY]))
-    motion = {-1: still}
-    for i, c in enumerate(TREE):
-        w, v, alpha, a = motion[c.parent]
+    rest = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1), ca.sparsify(ca.SX([0, 0, GRAVITY]))
+    motion: dict[int, tuple[SX, SX, SX, SX]] = {-1: rest}
+    for i, joint in enumerate(TREE):
+        w, v, alpha, a = motion[joint.parent]
         dw, dv = pose.w[i] * qd[i], pose.v[i] * qd[i]
         alpha = alpha + pose.w[i] * qdd[i] + ca.cross(w, dw)
         a = a + pose.v[i] * qdd[i] + ca.cross(w, dv) + ca.cross(v, dw)

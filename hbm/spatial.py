@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
 
 def shift_wrench(wrench: ArrayLike, to: ArrayLike) -> Array:
@@ -90,7 +92,8 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     """
     axis, angle = np.asarray(axis, float), np.asarray(angle, float)[..., None, None]
     cross = skew(axis)
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    turn: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    return turn
 
 
 def skew(vector: ArrayLike) -> Array:
@@ -134,4 +137,5 @@ def fit_rotation(covariance: ArrayLike) -> Array:
     u, _, vt = np.linalg.svd(np.asarray(covariance, float))
     sign = np.ones((*u.shape[:-2], 3))
     sign[..., 2] = np.sign(np.linalg.det(u @ vt))
-    return (u * sign[..., None, :]) @ vt
+    rotation: Array = (u * sign[..., None, :]) @ vt
+    return rotation

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import FIRST, LAST, PARENT, SEGMENTS, TREE, N
-from hbm.spatial import Array, fit_rotation, rotation_about
+from hbm.spatial import Array, Indices, Mask, fit_rotation, rotation_about
 
 SWEEPS: Final = 6
 NEUTRAL_PULL: Final = 1e-6
@@ -93,9 +93,9 @@ def _fit_root(
     position: Array,
     weight: Array,
     local: Array,
-    columns: dict[str, Array],
+    columns: dict[str, Indices],
     placed: dict[str, Array],
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Mask]:
     """Fit the pelvis to its own markers, or with its neighbours held neutral if they are few."""
     frames = len(position)
     R, o = np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3))

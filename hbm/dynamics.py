@@ -1,0 +1,170 @@
+"""Inverse dynamics of a filtered motion, and the pelvis residual."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hbm.body import Body
+from hbm.coordinates import COORDINATES, INDEX, LAST, SEGMENTS, N, support
+from hbm.filtering import Method, butterworth
+from hbm.motion import Motion
+from hbm.native import kernels
+from hbm.spatial import Array, shift_wrench
+
+
+@dataclass(frozen=True, slots=True)
+class Dynamics:
+    """Forces that a motion needs.
+
+    Attributes
+    ----------
+    time
+        (T,) [s].
+    tau
+        Generalized forces of the 46 coordinates in the order of `hbm.coordinates.COORDINATES`,
+        (T, 46) [N and N·m]; the first six are the residual on the pelvis coordinates' own axes.
+    residual
+        Wrench that would have to act on the pelvis to close the equations of motion, (T, 6) [N,
+        N·m]: lab axes (X forward, Y left, Z up), about the pelvis origin (mid-hip).
+    power
+        Power of each coordinate's generalized force, (T, 46) [W].
+    """
+
+    time: Array
+    tau: Array
+    residual: Array
+    power: Array
+
+    def __post_init__(self) -> None:
+        frames = len(self.time)
+        shapes = {"time": (frames,), "tau": (frames, N), "residual": (frames, 6)}
+        for name, shape in (shapes | {"power": (frames, N)}).items():
+            value = np.array(getattr(self, name), float)
+            if value.shape != shape:
+                raise ValueError(f"dynamics: {name} must have shape {shape}, got {value.shape}")
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def force(self, coordinate: str) -> Array:
+        """Give one coordinate's generalized force by name, (T,) [N or N·m]."""
+        if coordinate not in INDEX:
+            raise KeyError(f"no coordinate {coordinate!r}; there are: {', '.join(COORDINATES)}")
+        return np.asarray(self.tau[:, INDEX[coordinate]])
+
+
+def filter_motion(motion: Motion, *, cutoff: float = 6.0, method: Method = "zero_phase") -> Motion:
+    """Low-pass the coordinates and differentiate them.
+
+    Parameters
+    ----------
+    motion
+        As `solve_ik` gave it.
+    cutoff
+        Cut-off frequency [Hz].
+    method
+        "realtime" or "zero_phase" (see `hbm.filtering.butterworth`); use the same for the forces.
+
+    Returns
+    -------
+    Motion
+        With filtered ``q`` and its derivatives ``v`` and ``a``; the rest as it was.
+
+    Raises
+    ------
+    ValueError
+        If the motion is shorter than the filter needs.
+    """
+    smooth = butterworth(motion.q, motion.time, cutoff, method)
+    return replace(motion, q=smooth.value, v=smooth.velocity, a=smooth.acceleration)
+
+
+def inverse_dynamics(
+    body: Body, motion: Motion, wrenches: Mapping[str, Array], *, jobs: int = 1
+) -> Dynamics:
+    """Find the generalized forces that a motion needs, given what acts on it from outside.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    motion
+        Filtered motion, with ``v`` and ``a``.
+    wrenches
+        Segment -> wrench acting on it, (T, 6) [N, N·m], lab axes about the lab origin; low-passed
+        with the same filter as the motion. The residual does not depend on which segment a wrench
+        is given to; the joints' forces do.
+    jobs
+        Threads.
+
+    Returns
+    -------
+    Dynamics
+        Frames that the motion or a wrench leaves undefined are NaN.
+
+    Raises
+    ------
+    ValueError
+        If a segment is unknown, a wrench's shape is wrong, or the motion has not been filtered.
+
+    Notes
+    -----
+    Newton–Euler: ``tau = M(q) a + c(q, v) − Jᵀ w`` (van den Bogert et al. 2013, Med Biol Eng
+    Comput 51:1069). The force residual is ``Σ m(a − g) − Σ F`` and the moment residual the same
+    balance of moments about the pelvis origin.
+
+    Deviations from the original
+    ----------------------------
+    The residual moment is given in lab axes, not as generalized forces of the pelvis' Euler
+    angles; ``tau[:, 3:6]`` holds the latter.
+    """
+    return inverse_dynamics_variants(body, motion, [wrenches], jobs=jobs)[0]
+
+
+def inverse_dynamics_variants(
+    body: Body, motion: Motion, variants: list[Mapping[str, Array]], *, jobs: int = 1
+) -> list[Dynamics]:
+    """Do `inverse_dynamics` for several sets of wrenches in one pass over the kinematics.
+
+    Parameters
+    ----------
+    body, motion, jobs
+        As for `inverse_dynamics`.
+    variants
+        Sets of wrenches, such as plates as measured and compensated.
+
+    Returns
+    -------
+    list[Dynamics]
+        One per variant.
+    """
+    frames = len(motion.time)
+    for wrenches in variants:
+        for segment, wrench in wrenches.items():
+            if segment not in SEGMENTS:
+                raise ValueError(f"no segment {segment!r}; there are: {', '.join(SEGMENTS)}")
+            if np.shape(wrench) != (frames, 6):
+                raise ValueError(
+                    f"wrench on {segment} must have shape ({frames}, 6), got {np.shape(wrench)}"
+                )
+    if frames and np.isnan(motion.v).all() and not np.isnan(motion.q).all():
+        raise ValueError("the motion has no velocities; filter it first with filter_motion")
+
+    tau, needed, subspace = kernels().newton_euler(
+        motion.q, motion.v, motion.a, body.geometry, body.inertia_vector, jobs=jobs
+    )
+    subspace = subspace.reshape(frames, N, 6)
+    pelvis = motion.q[:, :3]
+    results = []
+    for wrenches in variants:
+        outside = np.zeros((frames, 6))
+        force = tau.copy()
+        for segment, wrench in wrenches.items():
+            wrench = np.asarray(wrench, float)
+            outside += wrench
+            chain = np.array(support(LAST[segment]))
+            moment_first = np.concatenate([wrench[:, 3:], wrench[:, :3]], axis=1)
+            force[:, chain] -= np.einsum("tci,ti->tc", subspace[:, chain], moment_first)
+        residual = shift_wrench(needed - outside, pelvis)
+        results.append(Dynamics(motion.time, force, residual, force * motion.v))
+    return results
