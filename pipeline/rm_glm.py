@@ -10,6 +10,8 @@ from scipy import stats
 
 from hbm.spatial import Array
 
+ROUNDING = 1e-12  # error spreads below this part of the values are rounding, not data
+
 
 @dataclass(frozen=True, slots=True)
 class GlmTerm:
@@ -122,29 +124,36 @@ def repeated_measures_glm(
     blocks = _design(n, between or {}, centre)
     design = np.hstack(list(blocks.values()))
     df_error = n - design.shape[1]
-    if np.linalg.matrix_rank(design) < design.shape[1]:
-        raise ValueError(f"{', '.join(blocks) or 'the model'}: constant or follow from each other")
     if df_error < 1:
-        raise ValueError(f"{n} subjects are too few for {design.shape[1]} coefficients")
+        raise ValueError(
+            f"{n} subjects are too few: {design.shape[1]} coefficients need at least "
+            f"{design.shape[1] + 1}"
+        )
+    if np.linalg.matrix_rank(design) < design.shape[1]:
+        raise ValueError(f"{', '.join(between or {})}: one follows from the others")
 
     inverse = np.linalg.inv(design.T @ design)
+    stops = np.cumsum([block.shape[1] for block in blocks.values()])
+    columns = {
+        name: slice(stop - block.shape[1], stop)
+        for stop, (name, block) in zip(stops, blocks.items(), strict=True)
+    }
     cells = values.reshape(n, -1)
+    rounding = np.sum(cells**2) * ROUNDING**2
     terms = []
     for size in range(len(factors) + 1):
         for within in combinations(factors, size):
-            contrasts = cells @ _contrasts(levels, [name in within for name in factors])
+            contrasts = cells @ orthonormal_contrasts(levels, [name in within for name in factors])
             coefficients = inverse @ design.T @ contrasts
             residuals = contrasts - design @ coefficients
             error = residuals.T @ residuals
-            column = 0
-            for name, block in blocks.items():
-                own = slice(column, column + block.shape[1])
-                column = own.stop
+            if np.trace(error) < rounding:
+                error[:] = 0
+            for name, own in columns.items():
                 if within or name:
                     beta = coefficients[own]
-                    effect = np.trace(beta.T @ np.linalg.solve(inverse[own, own], beta))
-                    df = (block.shape[1], df_error)
-                    terms.append(_term(within, name, effect, error, df, alpha))
+                    ss = np.trace(beta.T @ np.linalg.solve(inverse[own, own], beta))
+                    terms.append(_term(within, name, ss, error, len(beta), df_error, alpha))
     return tuple(terms)
 
 
@@ -167,8 +176,16 @@ def _design(n: int, between: Mapping[str, Array], centre: bool) -> dict[str, Arr
     return blocks
 
 
-def _contrasts(levels: Sequence[int], tested: Sequence[bool]) -> Array:
-    """Give orthonormal contrasts of one within effect, (cells, contrasts)."""
+def orthonormal_contrasts(levels: Sequence[int], tested: Sequence[bool]) -> Array:
+    """Give orthonormal contrasts of one within effect, (cells, contrasts).
+
+    Parameters
+    ----------
+    levels
+        Levels of each within factor; the last factor runs fastest over the cells.
+    tested
+        For each factor, whether it takes part in the effect; the others are averaged over.
+    """
     matrix = np.ones((1, 1))
     for level, is_tested in zip(levels, tested, strict=True):
         basis, _ = np.linalg.qr(np.hstack([np.ones((level, 1)), np.eye(level)[:, 1:]]))
@@ -181,12 +198,13 @@ def _term(
     name: str,
     ss: float,
     error: Array,
-    df: tuple[int, int],
+    rank: int,
+    df_error: int,
     alpha: float,
 ) -> GlmTerm:
-    d, (groups, df_error) = len(error), df
+    d = len(error)
     ss_error = np.trace(error)
-    df1, df2 = groups * d, df_error * d
+    df1, df2 = rank * d, df_error * d
     f = (ss / df1) / (ss_error / df2) if ss_error > 0 else nan
     epsilon = ss_error**2 / (d * np.sum(error**2)) if ss_error > 0 else nan
     w, p_sphericity = _mauchly(error, df_error)
@@ -217,8 +235,13 @@ def _mauchly(error: Array, df: int) -> tuple[float, float]:
     rho = 1 - (2 * d**2 + d + 2) / (6 * d * df)
     if w <= 0 or rho <= 0:
         return nan, nan
-    second = (d + 2) * (d - 1) * (d - 2) * (2 * d**3 + 6 * d**2 + 3 * d + 2)
-    second /= 288 * (d * df * rho) ** 2
+    second = (
+        (d + 2)
+        * (d - 1)
+        * (d - 2)
+        * (2 * d**3 + 6 * d**2 + 3 * d + 2)
+        / (288 * (d * df * rho) ** 2)
+    )
     chi2, df_chi2 = -df * rho * np.log(w), d * (d + 1) / 2 - 1
-    p, p_next = stats.chi2.sf(chi2, [df_chi2, df_chi2 + 4])
-    return w, float(p + second * (p_next - p))
+    first, next_term = stats.chi2.sf(chi2, df_chi2), stats.chi2.sf(chi2, df_chi2 + 4)
+    return w, float(first + second * (next_term - first))
