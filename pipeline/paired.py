@@ -1,0 +1,157 @@
+"""What nine paired differences can tell: tests, effect sizes, confidence intervals."""
+
+from dataclasses import dataclass
+from math import ceil, exp, lgamma, log10, nan, sqrt
+
+import numpy as np
+from scipy import optimize, stats
+
+from hbm.spatial import Array
+
+TIE_DIGITS = 12  # differences that agree in so many digits of the largest are ties
+LARGEST_T = 1e4  # beyond it SciPy's noncentral t distribution is not a number
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A value with its 95 % confidence interval; NaN where the sample cannot give it."""
+
+    value: float = nan
+    low: float = nan
+    high: float = nan
+
+
+@dataclass(frozen=True, slots=True)
+class PairedComparison:
+    """Paired t-test, Wilcoxon signed-rank test, and how large the difference is.
+
+    Attributes
+    ----------
+    n
+        Subjects.
+    mean
+        Mean difference, in the unit of the values; interval by Student's t.
+    t, p_t
+        Paired t statistic and its two-sided p-value with n − 1 degrees of freedom.
+    dz
+        Cohen's dz, mean / SD of the differences; interval from the noncentral t distribution.
+    g
+        Hedges' g, dz without its small-sample bias.
+    w
+        Smaller of the two sums of signed ranks.
+    p_exact, p_asymptotic
+        Two-sided Wilcoxon p-values: from all sign patterns of the ranks (ties included), and
+        from the normal distribution with tie but without continuity correction, as SPSS.
+    rank_biserial
+        Matched-pairs rank-biserial correlation, −1 to 1.
+    shift
+        Hodges–Lehmann shift: median of the Walsh averages; interval from the exact distribution.
+    """
+
+    n: int
+    mean: Estimate
+    t: float
+    p_t: float
+    dz: Estimate
+    g: Estimate
+    w: float
+    p_exact: float
+    p_asymptotic: float
+    rank_biserial: float
+    shift: Estimate
+
+
+def compare_paired(differences: Array) -> PairedComparison:
+    """Compare paired values through their differences.
+
+    Parameters
+    ----------
+    differences
+        One per subject, (n,).
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two, or one is missing.
+
+    Notes
+    -----
+    Interval of dz: Cumming & Finch (2001). Bias of dz: Hedges (1981). Rank-biserial: Kerby
+    (2014). Zeros are dropped before ranking, as Wilcoxon (1945) did, and kept for the shift
+    (Hodges & Lehmann 1963). A t-test of differences that are all the same does not exist: NaN.
+    """
+    differences = np.asarray(differences, float)
+    if len(differences) < 2 or not np.isfinite(differences).all():
+        raise ValueError(f"expected at least 2 differences and none missing, got {differences}")
+    size = np.abs(differences).max() or 1.0
+    rounded = np.round(differences, TIE_DIGITS - ceil(log10(size)))
+    n, mean, sd = len(differences), float(differences.mean()), float(differences.std(ddof=1))
+    t = p_t = nan
+    if np.ptp(rounded) > 0:
+        t = mean / sd * sqrt(n)
+        p_t = float(2 * stats.t.sf(abs(t), n - 1))
+    half = float(stats.t.isf(0.025, n - 1)) * sd / sqrt(n)
+    dz = _standardised(t, n)
+    bias = exp(lgamma((n - 1) / 2) - lgamma((n - 2) / 2)) / sqrt((n - 1) / 2) if n > 2 else nan
+    return PairedComparison(
+        n=n,
+        mean=Estimate(mean, mean - half, mean + half),
+        t=t,
+        p_t=p_t,
+        dz=dz,
+        g=Estimate(bias * dz.value, bias * dz.low, bias * dz.high),
+        shift=_shift(differences),
+        **_signed_ranks(rounded[rounded != 0]),
+    )
+
+
+def _standardised(t: float, n: int) -> Estimate:
+    dz = t / sqrt(n)
+    if not abs(t) < LARGEST_T:
+        return Estimate(dz)
+
+    def bound(level: float) -> float:
+        reach = 10 + 5 * abs(t)
+        delta = optimize.brentq(
+            lambda delta: stats.nct.cdf(abs(t), n - 1, delta) - level, -5.0, reach
+        )
+        return float(np.copysign(1, t) * delta / sqrt(n))
+
+    return Estimate(dz, *sorted((bound(0.025), bound(0.975))))
+
+
+def _signed_ranks(differences: Array) -> dict[str, float]:
+    if len(differences) == 0:
+        return dict.fromkeys(("w", "p_exact", "p_asymptotic", "rank_biserial"), nan)
+    ranks = stats.rankdata(np.abs(differences))
+    positive = ranks[differences > 0].sum()
+    w = min(positive, ranks.sum() - positive)
+    cumulative = np.cumsum(_rank_sums(ranks))
+    z = (w - ranks.sum() / 2) / sqrt(np.sum(ranks**2) / 4)
+    return {
+        "w": float(w),
+        "p_exact": min(1.0, float(2 * cumulative[round(2 * w)])),
+        "p_asymptotic": float(2 * stats.norm.sf(abs(z))),
+        "rank_biserial": float(2 * positive / ranks.sum() - 1),
+    }
+
+
+def _rank_sums(ranks: Array) -> Array:
+    """Give the probability of each sum of positive ranks, in steps of a half from zero."""
+    probability = np.ones(1)
+    for doubled in np.round(2 * ranks).astype(int):
+        longer = np.append(probability, np.zeros(doubled))
+        longer[doubled:] += probability
+        probability = longer / 2
+    return probability
+
+
+def _shift(differences: Array) -> Estimate:
+    n = len(differences)
+    first, second = np.triu_indices(n)
+    walsh = np.sort((differences[first] + differences[second]) / 2)
+    cumulative = np.cumsum(_rank_sums(np.arange(1.0, n + 1)))[::2]
+    outside = int(np.searchsorted(cumulative, 0.025, side="right"))  # on either side
+    if outside == 0:
+        return Estimate(float(np.median(walsh)))
+    return Estimate(float(np.median(walsh)), float(walsh[outside - 1]), float(walsh[-outside]))
