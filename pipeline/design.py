@@ -1,0 +1,89 @@
+"""The 2 x 3 design of experiment 3, and one line of its table of statistics."""
+
+from dataclasses import dataclass
+from math import nan
+
+import pandas as pd
+
+CONDITIONS = ("baseline", "sway", "pitch")
+CELLS = tuple(f"{condition} {ic}" for ic in ("no IC", "IC") for condition in CONDITIONS)
+FACTORS = ("IC", "condition")
+PAIRS = (
+    ("baseline IC", "baseline no IC"),
+    ("sway IC", "sway no IC"),
+    ("pitch IC", "pitch no IC"),
+    ("sway IC", "baseline no IC"),
+    ("pitch IC", "baseline no IC"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table: a test, or an estimate, of one effect on one residual.
+
+    Attributes
+    ----------
+    test, effect
+        Which test, and of what: factors joined by colons, comparisons as "first - second".
+    statistic_name, statistic, df1, df2
+        The test statistic and its degrees of freedom, with sphericity assumed.
+    p_uncorrected, p_corrected, correction
+        The p-value of the test alone, and the one to read with what was done to it: "none",
+        "Greenhouse-Geisser" where sphericity is rejected or cannot be tested, "Bonferroni x5",
+        "Holm x5".
+    epsilon
+        Greenhouse–Geisser epsilon, whether used or not.
+    effect_size_name, effect_size, ci_low, ci_high
+        Effect size, and its 95 % confidence interval where it has one.
+    power
+        Observed power, corrected as `p_corrected` is.
+    n
+        Subjects in this test.
+    note
+        Who is missing, what could not be computed, what the test cannot tell.
+    """
+
+    test: str
+    effect: str
+    statistic_name: str = ""
+    statistic: float = nan
+    df1: float = nan
+    df2: float = nan
+    p_uncorrected: float = nan
+    p_corrected: float = nan
+    correction: str = ""
+    epsilon: float = nan
+    effect_size_name: str = ""
+    effect_size: float = nan
+    ci_low: float = nan
+    ci_high: float = nan
+    power: float = nan
+    n: int = 0
+    note: str = ""
+
+
+def complete_subjects(cells: pd.DataFrame) -> tuple[pd.DataFrame, str]:
+    """Give the subjects (rows) who have all cells, and a sentence that names the others."""
+    gaps = [
+        f"{subject} (no {', '.join(cells.columns[gap])})"
+        for subject, gap in zip(cells.index, cells.isna().to_numpy(), strict=True)
+        if gap.any()
+    ]
+    return cells.dropna(), f"without {', '.join(gaps)}" if gaps else ""
+
+
+def as_note(*sentences: str) -> str:
+    """Join what there is to say into one note."""
+    return "; ".join(sentence for sentence in sentences if sentence)
+
+
+def not_computed(test: str, effect: str, n: int, needed: int, missing: str) -> Row:
+    """Give the row of a test that has too few complete subjects."""
+    reason = f"not computed: needs at least {needed} complete subjects, got {n}"
+    return Row(test, effect, n=n, note=as_note(reason, missing))
+
+
+def smallest_p(n: int, comparisons: int, alpha: float) -> str:
+    """Say so where an exact test of n subjects cannot become significant."""
+    smallest = min(1.0, comparisons * 2.0 ** (1 - n))
+    return f"with {n} subjects never below {smallest:.3g}" if smallest > alpha else ""
