@@ -1,10 +1,10 @@
-"""Axes of a recording's own lab: stated by a person, or inferred from the recording and checked.
+"""Axes of a recording's own lab: stated by a person, or inferred from the recording; checked.
 
 A direction string such as ``"left,back,up"`` names the lab direction of the file's x, y and z
 axis, in that order.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,9 +20,11 @@ DIRECTIONS = {
     "down": (0, 0, -1),
 }
 LOADED_N = 50.0
+FACING_ONE_WAY = 0.9
 PELVIS_AND_SHOULDERS = ("ASI", "ASIS", "PSI", "PSIS", "SHO", "ACR", "ACROMIUM", "ACROMION")
 HEELS = ("HEE", "HEEL", "CAL")
 TOES = ("TOE", "MT2", "MT5", "TOETIP", "MT1")
+ANKLES = ("ANK", "LM", "MM")
 ASK = 'state the axes, for example axes="forward,left,up"'
 
 
@@ -56,112 +58,150 @@ def parse_axes(axes: str) -> Array:
     return rotation
 
 
-def infer_axes(
+def settle_axes(
+    axes: str | None,
     position: ArrayLike,
     names: Sequence[str],
+    *,
     plate_normals: ArrayLike = (),
-    loads: ArrayLike = (),
+    plate_forces: ArrayLike = (),
     screen_up: str = "",
 ) -> tuple[str, str]:
-    """Infer the axes of a recording from what was recorded.
+    """Infer the axes of a recording, or check those that a person states.
 
     Parameters
     ----------
+    axes
+        Stated directions as `parse_axes` takes them, or None to infer them.
     position
         Marker positions in the file's axes, (T, M, 3); gaps are NaN; any unit.
     names
         Marker labels.
     plate_normals
         Normals of the plates' surfaces in the file's axes, up or down, (P, 3).
-    loads
-        Mean force of each loaded plate on the subject in the file's axes, (L, 3).
+    plate_forces
+        Mean force of each plate on the subject in the file's axes, (P, 3) [N].
     screen_up
         The file's own Y_SCREEN hint, such as "+Z"; empty where it gives none.
 
     Returns
     -------
     str, str
-        Directions as `parse_axes` takes them, and the evidence as a sentence for a person.
+        The directions, and a sentence for a person that states them with the evidence.
 
     Raises
     ------
     ValueError
-        Evidence is missing or contradicts itself; the message asks for the axes.
+        Evidence is missing or contradicts itself (the message asks for the axes), or gravity
+        contradicts the stated axes.
 
     Notes
     -----
     Up is where loaded plates push the subject and where the pelvis and shoulders lie from the
     feet; left is from right-side to left-side markers; forward is left × up, checked against heel
-    to toe.
+    to toe. Stated axes are checked against up only: a subject may face either way in a lab.
     """
     position = np.asarray(position, float)
+    places = {name: k for k, name in enumerate(names)}
+    rise = _rise(position, places)
+    loads = _loads(plate_forces)
+    if axes is not None:
+        if rise is not None:
+            _check_up(parse_axes(axes)[2], {"pelvis or shoulders above feet": rise, **loads})
+        return axes, _sentence(axes, "as stated")
     if not np.isfinite(position).any():
         raise ValueError(f"axes cannot be inferred: no marker is ever visible; {ASK}")
-    places = {name: k for k, name in enumerate(names)}
-    up, why_up = _infer_up(position, places, plate_normals, loads, screen_up)
+    up, why_up = _infer_up(rise, loads, plate_normals, screen_up)
     left, why_left = _infer_left(position, places, up)
     forward = np.cross(left, up)
-    toes = _direction(position, _heel_toe_pairs(places))
+    toes = _mean(_differences(position, _heel_toe_pairs(places)))
     why_forward = ""
-    if toes is not None:
+    if np.isfinite(toes).all():
         if toes @ forward < 0:
             raise ValueError(
-                f"axes cannot be inferred: forward is {_axis_name(forward)} from {why_left}, "
+                f"axes cannot be inferred: forward is {_axis_name(forward)} by {why_left}, "
                 f"but the toes point the other way; {ASK}"
             )
         why_forward = ", and the toes point forward"
     rotation = np.array([forward, left, up])
     axes = ",".join(_direction_name(column) for column in rotation.T)
-    return axes, f"up from {why_up}; left from {why_left}{why_forward}"
+    return axes, _sentence(axes, f"up by {why_up}; left by {why_left}{why_forward}")
+
+
+def _sentence(axes: str, why: str) -> str:
+    return f"The file's x, y, z axes point {axes.replace(',', ', ')}: {why}."
+
+
+def _rise(position: Array, places: dict[str, int]) -> Array | None:
+    high = _sites(places, PELVIS_AND_SHOULDERS)
+    low = _sites(places, HEELS + TOES + ANKLES)
+    rise = _mean(position[:, high]) - _mean(position[:, low])
+    return rise if np.isfinite(rise).all() else None
+
+
+def _loads(plate_forces: ArrayLike) -> dict[str, Array]:
+    forces = np.reshape(np.asarray(plate_forces, float), (-1, 3))
+    return {
+        f"the load on plate {k}": force
+        for k, force in enumerate(forces, start=1)
+        if np.linalg.norm(force) > LOADED_N
+    }
+
+
+def _check_up(up: Array, evidence: dict[str, Array]) -> None:
+    for why, vector in evidence.items():
+        if vector @ up < 0:
+            raise ValueError(
+                f"{_axis_name(up)} is up by the stated axes, but {why} says the opposite: "
+                "the axes are wrong, or the plate stores the force that acts on itself"
+            )
 
 
 def _infer_up(
-    position: Array,
-    places: dict[str, int],
-    plate_normals: ArrayLike,
-    loads: ArrayLike,
-    screen_up: str,
+    rise: Array | None, loads: dict[str, Array], plate_normals: ArrayLike, screen_up: str
 ) -> tuple[Array, str]:
-    evidence: dict[str, Array] = {}
-    for load in np.reshape(np.asarray(loads, float), (-1, 3)):
-        evidence["loaded plates"] = evidence.get("loaded plates", 0) + _unit(load)
-    high, low = _upper_markers(places), _lower_markers(places)
-    if high and low:
-        with np.errstate(invalid="ignore"):
-            rise = _mean(position[:, high]) - _mean(position[:, low])
-        if np.isfinite(rise).all():
-            evidence["pelvis or shoulders above feet"] = _unit(rise)
+    evidence = dict(loads)
+    if rise is not None:
+        evidence["pelvis or shoulders above feet"] = rise
     if not evidence:
         raise ValueError(f"axes cannot be inferred: no loaded plate, no known markers; {ASK}")
     signed = {why: _nearest_axis(vector, why) for why, vector in evidence.items()}
-    lines = [
-        (f"the surface of plate {k + 1}", _nearest_axis(normal, f"the surface of plate {k + 1}"))
-        for k, normal in enumerate(np.reshape(np.asarray(plate_normals, float), (-1, 3)))
-    ]
+    normals = np.reshape(np.asarray(plate_normals, float), (-1, 3))
+    surfaces = {f"the surface of plate {k}": normal for k, normal in enumerate(normals, start=1)}
+    lines = {why: _nearest_axis(normal, why) for why, normal in surfaces.items()}
     if screen_up[-1:].upper() in {"X", "Y", "Z"}:
-        lines.append(("Y_SCREEN", np.eye(3)["XYZ".index(screen_up[-1].upper())]))
-    up = next(iter(signed.values()))
+        lines["Y_SCREEN"] = np.eye(3)["XYZ".index(screen_up[-1].upper())]
+    first, up = next(iter(signed.items()))
     against = [why for why, axis in signed.items() if axis @ up < 0.5]
-    against += [why for why, axis in lines if abs(axis @ up) < 0.5]
+    against += [why for why, axis in lines.items() if abs(axis @ up) < 0.5]
     if against:
         raise ValueError(
-            f"axes cannot be inferred: {next(iter(signed))} says that {_axis_name(up)} is up, "
+            f"axes cannot be inferred: {first} says that {_axis_name(up)} is up, "
             f"but {' and '.join(against)} says otherwise; {ASK}"
         )
-    return up, " and ".join([*signed, *(why for why, _ in lines)])
+    return up, ", ".join([*signed, *lines])
 
 
 def _infer_left(position: Array, places: dict[str, int], up: Array) -> tuple[Array, str]:
     pairs = _side_pairs(places)
     trunk = [pair for pair in pairs if _bare(pair[0])[1:] in PELVIS_AND_SHOULDERS]
     used = trunk or pairs
-    left = _direction(position, [(places[right], places[left]) for left, right in used])
-    if left is None:
+    across = _differences(position, [(places[right], places[left]) for left, right in used])
+    mean = _mean(across)
+    if not np.isfinite(mean).all():
         raise ValueError(
             f"axes cannot be inferred: no marker pair such as LASIS and RASIS tells left; {ASK}"
         )
-    names = ", ".join(f"{left}/{right}" for left, right in used[:3])
-    return _nearest_axis(left - (left @ up) * up, f"the pairs {names}"), f"the pairs {names}"
+    why = "the pairs " + ", ".join("/".join(pair) for pair in used[:3])
+    left = _nearest_axis(mean - (mean @ up) * up, why)
+    seen = across[np.isfinite(across).all(axis=-1)]
+    if trunk and np.mean(seen @ left > 0) < FACING_ONE_WAY:
+        raise ValueError(f"axes cannot be inferred: the subject turns around; {ASK}")
+    return left, why
+
+
+def _sites(places: dict[str, int], sites: Iterable[str]) -> list[int]:
+    return [k for name, k in places.items() if _bare(name)[1:] in sites]
 
 
 def _side_pairs(places: dict[str, int]) -> list[tuple[str, str]]:
@@ -174,7 +214,7 @@ def _side_pairs(places: dict[str, int]) -> list[tuple[str, str]]:
 
 
 def _heel_toe_pairs(places: dict[str, int]) -> list[tuple[int, int]]:
-    found: dict[str, int] = {_bare(name): k for name, k in places.items()}
+    found = {_bare(name): k for name, k in places.items()}
     return [
         (found[side + heel], found[side + toe])
         for side in "LR"
@@ -184,24 +224,13 @@ def _heel_toe_pairs(places: dict[str, int]) -> list[tuple[int, int]]:
     ]
 
 
-def _upper_markers(places: dict[str, int]) -> list[int]:
-    return [k for name, k in places.items() if _bare(name)[1:] in PELVIS_AND_SHOULDERS]
-
-
-def _lower_markers(places: dict[str, int]) -> list[int]:
-    return [k for name, k in places.items() if _bare(name)[1:] in HEELS + TOES + ("ANK", "LM")]
-
-
 def _bare(name: str) -> str:
     return name.replace(".", "").replace("_", "").upper()
 
 
-def _direction(position: Array, pairs: Sequence[tuple[int, int]]) -> Array | None:
-    if not pairs:
-        return None
-    start, end = np.array(pairs).T
-    vector = _mean(position[:, end] - position[:, start])
-    return _unit(vector) if np.isfinite(vector).all() and vector.any() else None
+def _differences(position: Array, pairs: Sequence[tuple[int, int]]) -> Array:
+    start, end = np.reshape(np.array(pairs, int), (-1, 2)).T
+    return position[:, end] - position[:, start]
 
 
 def _mean(vectors: Array) -> Array:
@@ -209,19 +238,14 @@ def _mean(vectors: Array) -> Array:
     return known.mean(axis=0) if len(known) else np.full(3, np.nan)
 
 
-def _unit(vector: Array) -> Array:
-    return vector / np.linalg.norm(vector)
-
-
 def _nearest_axis(vector: Array, why: str) -> Array:
-    unit = _unit(vector)
-    k = int(np.argmax(np.abs(unit)))
-    if not abs(unit[k]) > np.cos(np.deg2rad(30)):
+    k = int(np.argmax(np.abs(vector)))
+    if not abs(vector[k]) > np.cos(np.deg2rad(30)) * np.linalg.norm(vector):
         raise ValueError(
             f"axes cannot be inferred: the direction from {why} is more than 30° away from "
             f"every axis of the file; {ASK}"
         )
-    return np.asarray(np.sign(unit[k]) * np.eye(3)[k])
+    return np.asarray(np.sign(vector[k]) * np.eye(3)[k])
 
 
 def _axis_name(axis: Array) -> str:

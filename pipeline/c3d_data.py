@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pipeline.c3d_header import BLOCK, Header, Parameters, floats, integer_type
 
 FRAMES_PER_SLICE = 4096
+MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 100_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,15 +71,17 @@ def read_samples(path: Path, header: Header, parameters: Parameters) -> Samples:
     if n_points == 0 and channels == 0:
         raise ValueError("the file holds neither points nor analog channels")
     rate = float(next(iter(parameters.numbers("POINT", "RATE").flat), header.rate_hz))
-    if not rate > 0:
-        raise ValueError(f"the frame rate is {rate:g} Hz, expected a positive number")
+    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+        raise ValueError(
+            f"the frame rate is {rate:g} Hz, expected {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
+        )
     _check_scale(header, parameters)
     unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
     frames = count_frames(path, header, parameters)
     offset, scale = _analog_scaling(parameters, channels, unsigned)
     points = np.empty((frames, n_points, 3))
     analog = np.empty((frames, per_frame, channels))
-    with path.open("rb") as file:
+    with path.open("rb") as file, np.errstate(invalid="ignore", over="ignore"):
         file.seek((header.data_block - 1) * BLOCK)
         for start in range(0, frames, FRAMES_PER_SLICE):
             stop = min(start + FRAMES_PER_SLICE, frames)
@@ -87,6 +90,7 @@ def read_samples(path: Path, header: Header, parameters: Parameters) -> Samples:
             points[start:stop] = raw[..., :3]
             points[start:stop][_is_missing(raw)] = np.nan
             analog[start:stop] = (raw_analog - offset) * scale
+            analog[start:stop][~np.isfinite(analog[start:stop])] = np.nan
     return Samples(points, analog.reshape(frames * per_frame, channels), rate, rate * per_frame)
 
 
@@ -128,9 +132,9 @@ def count_frames(path: Path, header: Header, parameters: Parameters) -> int:
         raise ValueError("the file holds no data section: it is truncated or damaged")
     long_counts = []
     if parameters.has("POINT", "LONG_FRAMES"):
-        long_counts.append(int(parameters.numbers("POINT", "LONG_FRAMES").flat[0]))
+        long_counts.append(parameters.integer("POINT", "LONG_FRAMES", 0))
     start, end = (
-        parameters.integers("TRIAL", f"ACTUAL_{which}_FIELD") for which in ("START", "END")
+        parameters.integers("TRIAL", f"ACTUAL_{which}_FIELD").ravel() for which in ("START", "END")
     )
     if start.size == 2 and end.size == 2:
         long_counts.append(int((end[0] - start[0]) + 65536 * (end[1] - start[1]) + 1))
@@ -175,6 +179,7 @@ def _decode(
     data: bytes, header: Header, unsigned: bool, frames: int
 ) -> tuple[NDArray[np.number], NDArray[np.number]]:
     points: NDArray[np.number]
+    per_frame = header.analog_per_frame
     if header.scale < 0:
         block = floats(data, header.byte_order).reshape(frames, -1)
         points = block[:, : 4 * header.n_points].reshape(frames, header.n_points, 4)
@@ -186,7 +191,7 @@ def _decode(
         analog = words[:, 4 * header.n_points :]
         if unsigned:
             analog = analog.view(integer_type(header.byte_order, signed=False))
-    return points, analog.reshape(frames, header.analog_per_frame, -1)
+    return points, analog.reshape(frames, per_frame, header.n_analog // max(per_frame, 1))
 
 
 def _check_scale(header: Header, parameters: Parameters) -> None:
@@ -198,7 +203,11 @@ def _check_scale(header: Header, parameters: Parameters) -> None:
 
 
 def _is_missing(points: NDArray[np.number]) -> NDArray[np.bool_]:
-    return np.logical_or(points[..., 3] < 0, ~points[..., :3].any(axis=-1))
+    position, residual = points[..., :3], points[..., 3]
+    invalid: NDArray[np.bool_] = ~np.isfinite(position).all(axis=-1)
+    invalid |= ~position.any(axis=-1)
+    invalid |= ~np.greater_equal(residual, 0)
+    return invalid
 
 
 def _analog_scaling(
@@ -208,7 +217,7 @@ def _analog_scaling(
     offset = (parameters.integers if unsigned else parameters.numbers)("ANALOG", "OFFSET")
     scale = parameters.numbers("ANALOG", "SCALE")
     for name, values in (("OFFSET", offset), ("SCALE", scale)):
-        if channels and values.size < channels:
+        if values.size < channels:
             raise ValueError(
                 f"ANALOG:{name} has {values.size} values for {channels} analog channels"
             )

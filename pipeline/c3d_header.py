@@ -76,12 +76,13 @@ class Parameters:
         parts = [part for part in self._parts(group, name) if part.dtype.kind in "if"]
         if not parts:
             return np.empty(0)
-        return np.concatenate(parts, axis=-1).astype(float)
+        with np.errstate(invalid="ignore"):
+            return np.concatenate(parts, axis=-1).astype(float)
 
     def integers(self, group: str, name: str) -> NDArray[np.int64]:
         """Give a parameter of counts or indices: 16 bits without sign, whole numbers."""
         values = self.numbers(group, name)
-        if not np.isfinite(values).all():
+        if not (np.abs(values) < 2**31).all():
             raise ValueError(f"{group}:{name} is not a whole number")
         return np.where(values < 0, values + 65536, values).astype(int)
 
@@ -155,10 +156,11 @@ def floats(data: bytes, byte_order: str) -> NDArray[np.floating]:
     -----
     A DEC (VAX F) number is an IEEE number with its two 16-bit halves exchanged, times four.
     """
-    if byte_order != "dec":
-        return np.frombuffer(data, ">f4" if byte_order == "sgi" else "<f4").astype(np.float32)
-    swapped = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1].copy()
-    return swapped.view("<f4")[:, 0] / np.float32(4)
+    with np.errstate(invalid="ignore"):
+        if byte_order != "dec":
+            return np.frombuffer(data, ">f4" if byte_order == "sgi" else "<f4").astype(np.float32)
+        swapped = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1].copy()
+        return swapped.view("<f4")[:, 0] / np.float32(4)
 
 
 def integer_type(byte_order: str, *, signed: bool = True) -> np.dtype:
@@ -246,7 +248,7 @@ def _parse_values(section: bytes, position: int, byte_order: str) -> Values:
         texts = [_text(data[k * width : (k + 1) * width]) for k in range(n_texts)]
         return np.array(texts, dtype=str).reshape(rows or 1, order="F")
     if kind == 4:
-        values: Values = floats(data, byte_order).astype(float)
+        values: Values = floats(data, byte_order)
     else:
         values = np.frombuffer(data, np.int8 if kind == 1 else integer_type(byte_order))
     return values.reshape(shape, order="F") if shape else values

@@ -4,7 +4,7 @@ The centre of pressure is never formed: a wrench about a fixed point needs none 
 while a plate is empty.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,10 @@ from hbm.spatial import Array
 from pipeline.c3d_header import Parameters
 from pipeline.units import force_in_n, length_in_m, moment_in_nm
 
+Channel = tuple[str, str]
+
 N_CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
+VOLTS = {"v", "mv", "uv", "volt", "volts", ""}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +48,9 @@ class MeasuredPlate:
         return np.asarray(self.rotation @ force)
 
 
-def measured_plates(parameters: Parameters, analog: Array, units: list[str]) -> list[MeasuredPlate]:
+def measured_plates(
+    parameters: Parameters, analog: Array, names: Sequence[str], units: Sequence[str]
+) -> list[MeasuredPlate]:
     """Turn the analog channels of all force plates of a file into wrenches.
 
     Parameters
@@ -54,8 +59,8 @@ def measured_plates(parameters: Parameters, analog: Array, units: list[str]) -> 
         Parameters of the file.
     analog
         Scaled analog samples, (N, channels), in the file's units.
-    units
-        Unit of each analog channel as the file writes it.
+    names, units
+        Label and unit of each analog channel as the file writes them.
 
     Returns
     -------
@@ -73,10 +78,10 @@ def measured_plates(parameters: Parameters, analog: Array, units: list[str]) -> 
     Plate axes: x from corner 2 to 1, y in the surface towards corner 1 from 4, z = x × y (down for
     the usual order). With the channels' force f and moment m about the transducer and ORIGIN o,
     the centre of the surface seen from the transducer, the moment about that centre is m + f × o
-    (C3D user guide; TYPE 2, and TYPE 4 after its 6 × 6 calibration matrix). Programs write o with
-    either sign; transducers lie below the surface, so o is negated where its z is positive. TYPE 1
-    stores centre of pressure p and free moment t: m = p × f + t. TYPE 3 stores eight sensor forces
-    at ORIGIN's distances.
+    (C3D user guide; TYPE 2, and TYPE 4 after its 6 × 6 calibration matrix, which turns volts into
+    N and N times the file's length unit). Programs write o with either sign; transducers lie below
+    the surface, so o is negated where its z is positive. TYPE 1 stores the centre of pressure p and
+    the free moment t: m = p × f + t. TYPE 3 stores eight sensor forces at ORIGIN's distances.
 
     Deviations from the original
     ----------------------------
@@ -87,17 +92,18 @@ def measured_plates(parameters: Parameters, analog: Array, units: list[str]) -> 
     types = parameters.integers("FORCE_PLATFORM", "TYPE").ravel()
     if used and len(types) < used:
         raise ValueError(f"FORCE_PLATFORM:TYPE names {len(types)} of {used} plates")
+    labelled = list(zip(names, units, strict=True))
     plates = []
     for k in range(used):
         try:
-            plates.append(_measured_plate(k, int(types[k]), parameters, analog, units))
+            plates.append(_measured_plate(k, int(types[k]), parameters, analog, labelled))
         except ValueError as error:
             raise ValueError(f"force plate {k + 1}: {error}") from error
     return plates
 
 
 def _measured_plate(
-    k: int, kind: int, parameters: Parameters, analog: Array, units: list[str]
+    k: int, kind: int, parameters: Parameters, analog: Array, labelled: list[Channel]
 ) -> MeasuredPlate:
     if kind not in N_CHANNELS:
         raise ValueError(
@@ -111,15 +117,15 @@ def _measured_plate(
         raise ValueError(
             f"it uses analog channels that the file's {analog.shape[1]} do not include"
         )
-    raw, raw_units = analog[:, channels], [units[channel] for channel in channels]
+    raw, sources = analog[:, channels], [labelled[channel] for channel in channels]
     if kind == 1:
-        wrench = _from_centre_of_pressure(raw, raw_units)
+        wrench = _from_centre_of_pressure(raw, sources)
     elif kind == 3:
-        wrench = _from_eight_sensors(raw, raw_units, _origin(parameters, k) * metre)
+        wrench = _from_eight_sensors(raw, sources, _origin(parameters, k) * metre)
     else:
         if kind == 4:
             raw = raw @ _of_plate(parameters, "CAL_MATRIX", k, (6, 6)).T
-        wrench = raw * _wrench_scale(raw_units, parameters, kind)
+        wrench = raw * _wrench_scale(sources, parameters, kind)
         wrench[:, 3:] += np.cross(wrench[:, :3], _origin(parameters, k) * metre)
     return MeasuredPlate(channels, wrench, plate_axes(corners), corners)
 
@@ -167,28 +173,34 @@ def plate_axes(corners: Array) -> Array:
     return np.asarray((axes / np.linalg.norm(axes, axis=1, keepdims=True)).T)
 
 
-def _wrench_scale(units: list[str], parameters: Parameters, kind: int) -> Array:
-    if kind == 4 and {unit.strip().lower() for unit in units} <= {"v", "mv", "uv", "volts", ""}:
+def _wrench_scale(sources: list[Channel], parameters: Parameters, kind: int) -> Array:
+    if kind == 4 and {unit.strip().lower() for _, unit in sources} <= VOLTS:
         force = force_in_n(parameters.text("FORCE_PLATFORM", "UNITS") or "N")
         moment = force * length_in_m(parameters.text("POINT", "UNITS"))
         return np.repeat([force, moment], 3)
-    return np.array(_each(force_in_n, units[:3]) + _each(moment_in_nm, units[3:]))
+    return np.hstack([_scales(force_in_n, sources[:3]), _scales(moment_in_nm, sources[3:])])
 
 
-def _each(convert: Callable[[str], float], units: list[str]) -> list[float]:
-    return [convert(unit) for unit in units]
+def _scales(convert: Callable[[str], float], sources: list[Channel]) -> Array:
+    scales = []
+    for name, unit in sources:
+        try:
+            scales.append(convert(unit))
+        except ValueError as error:
+            raise ValueError(f"channel {name}: {error}") from error
+    return np.array(scales)
 
 
-def _from_centre_of_pressure(raw: Array, units: list[str]) -> Array:
-    scale = _each(force_in_n, units[:3]) + _each(length_in_m, units[3:5])
-    raw = raw * np.array([*scale, moment_in_nm(units[5])])
+def _from_centre_of_pressure(raw: Array, sources: list[Channel]) -> Array:
+    parts = ((force_in_n, slice(3)), (length_in_m, slice(3, 5)), (moment_in_nm, slice(5, 6)))
+    raw = raw * np.hstack([_scales(convert, sources[part]) for convert, part in parts])
     moment = np.cross(np.pad(raw[:, 3:5], ((0, 0), (0, 1))), raw[:, :3])
     moment[:, 2] += raw[:, 5]
     return np.hstack([raw[:, :3], moment])
 
 
-def _from_eight_sensors(raw: Array, units: list[str], origin: Array) -> Array:
-    x12, x34, y14, y23, z1, z2, z3, z4 = (raw * np.array(_each(force_in_n, units))).T
+def _from_eight_sensors(raw: Array, sources: list[Channel], origin: Array) -> Array:
+    x12, x34, y14, y23, z1, z2, z3, z4 = (raw * _scales(force_in_n, sources)).T
     a, b, height = origin
     force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
     moment = np.column_stack(

@@ -1,6 +1,7 @@
 """Labels of a C3D file's points: which are markers, which another program computed, whose."""
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -90,12 +91,11 @@ def sort_labels(
     else:
         wanted = list(owners)
     bare = {k: labels[k].rpartition(":")[2] for k in wanted}
-    shared = {
-        owners[k]
-        for k in wanted
-        if any(bare[k] == bare[j] and owners[k] != owners[j] for j in wanted)
-    }
-    if len(shared) > 1:
+    owners_of: dict[str, set[str]] = {}
+    for k, name in bare.items():
+        owners_of.setdefault(name, set()).add(owners[k])
+    shared = {owner for several in owners_of.values() if len(several) > 1 for owner in several}
+    if shared:
         raise ValueError(
             f"several subjects carry the same labels: {', '.join(sorted(shared))}; "
             f'choose one, for example subject="{min(filter(None, shared))}"'
@@ -141,12 +141,14 @@ def _outputs(parameters: Parameters, labels: Sequence[str], bare: Mapping[int, s
 
 def _unique(names: Mapping[int, str], notes: list[str]) -> dict[str, int]:
     unique: dict[str, int] = {}
+    occurrences: Counter[str] = Counter()
     for k, name in names.items():
-        number, free = 1, name
+        occurrences[name] += 1
+        free = name
         while free in unique:
-            number += 1
-            free = f"{name}_{number}"
-        if number > 1:
+            occurrences[name] += free != name
+            free = f"{name}_{occurrences[name]}"
+        if free != name:
             notes.append(f"Label {name} occurs again; that point is called {free}.")
         unique[free] = k
     return unique
@@ -177,6 +179,6 @@ def renamed(markers: Mapping[str, int], rename: Mapping[str, str]) -> dict[str, 
             f"no marker {', '.join(absent)} to rename; present: {', '.join(sorted(markers))}"
         )
     names = [rename.get(name, name) for name in markers]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
+    if twice := sorted(name for name, count in Counter(names).items() if count > 1):
         raise ValueError(f"renaming gives several markers the same label: {', '.join(twice)}")
     return dict(zip(names, markers.values(), strict=True))

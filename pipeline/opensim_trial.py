@@ -2,16 +2,17 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from hbm.markers import Markers
 from hbm.spatial import Array, rotate_wrench
-from pipeline.axes import LOADED_N, infer_axes, parse_axes
+from pipeline.axes import parse_axes, settle_axes
+from pipeline.labels import renamed
 from pipeline.recording import Plate, Recording
 from pipeline.sto import Table, read_mot
-from pipeline.trc import read_trajectories, read_trc
+from pipeline.trc import read_trajectories
 
 FORCE_COLUMN = re.compile(r"(?P<stem>.*force.*)_v(?P<axis>[xyz])")
 
@@ -33,8 +34,8 @@ def read_opensim_trial(
         Forces, points of application and torques in OpenSim's naming, N, m and N·m, on the same
         clock and in the same axes as the markers.
     axes
-        Lab directions of the files' x, y and z axis, such as ``"forward,up,right"``. Where absent
-        they are inferred from markers and forces, checked, and stated in the notes.
+        Lab directions of the files' x, y and z axis, such as ``"forward,up,right"``; up is checked
+        against markers and forces. Where absent they are inferred, and the notes state them.
     rename
         Label in the TRC file -> label wanted.
 
@@ -57,18 +58,21 @@ def read_opensim_trial(
     Moment about the origin of force f at point p with torque t: p × f + t. Where a force is exactly
     zero its point has no meaning and is not used.
     """
-    found, table = read_trajectories(Path(trc)), read_mot(grf_mot)
-    wrenches = _wrenches(table, Path(grf_mot).name)
-    why = "as stated by the caller"
-    if axes is None:
-        loads = [np.nan_to_num(wrench[:, :3]).mean(axis=0) for wrench in wrenches.values()]
-        loads = [load for load in loads if np.linalg.norm(load) > LOADED_N]
-        try:
-            axes, why = infer_axes(found.position, found.names, loads=loads)
-        except ValueError as error:
-            raise ValueError(f"{Path(trc).name}: {error}") from error
-    recording = read_trc(trc, axes, rename=rename)
-    to_lab = parse_axes(axes)
+    trc, grf_mot = Path(trc), Path(grf_mot)
+    found, table = read_trajectories(trc), read_mot(grf_mot)
+    wrenches = _wrenches(table, grf_mot.name)
+    try:
+        names = tuple(renamed(dict.fromkeys(found.names, 0), rename or {}))
+        axes, note = settle_axes(
+            axes,
+            found.position,
+            names,
+            plate_forces=[np.nan_to_num(w[:, :3]).mean(axis=0) for w in wrenches.values()],
+        )
+        to_lab = parse_axes(axes)
+        markers = Markers(found.time - found.time[0], names, found.position @ to_lab.T)
+    except ValueError as error:
+        raise ValueError(f"{trc.name}: {error}") from error
     plates = tuple(
         Plate(
             number=k,
@@ -80,12 +84,17 @@ def read_opensim_trial(
         )
         for k, wrench in enumerate(wrenches.values(), start=1)
     )
-    notes = (
-        f"The files' x, y, z axes point {axes.replace(',', ', ')}: {why}.",
-        f"Time 0 is {found.time[0]:g} s of {Path(trc).name}.",
-        f"Plates are the forces named {', '.join(wrenches)} in {Path(grf_mot).name}.",
+    return Recording(
+        source=trc,
+        markers=markers,
+        plates=plates,
+        first_frame=found.first_frame,
+        notes=(
+            note,
+            f"Time 0 is {found.time[0]:g} s of {trc.name}.",
+            f"Plates are the forces named {', '.join(wrenches)} in {grf_mot.name}.",
+        ),
     )
-    return replace(recording, plates=plates, notes=notes)
 
 
 def _wrenches(table: Table, source: str) -> dict[str, Array]:

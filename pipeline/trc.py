@@ -8,7 +8,7 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.spatial import Array
-from pipeline.axes import infer_axes, parse_axes
+from pipeline.axes import parse_axes, settle_axes
 from pipeline.labels import renamed
 from pipeline.recording import Recording
 from pipeline.units import check_span, length_in_m
@@ -46,8 +46,8 @@ def read_trc(
     path
         The file.
     axes
-        Lab directions of the file's x, y and z axis, such as ``"forward,up,right"``. Where absent
-        they are inferred from the markers, checked, and stated in the recording's notes.
+        Lab directions of the file's x, y and z axis, such as ``"forward,up,right"``; up is checked
+        against the markers. Where absent they are inferred, and the notes state them.
     rename
         Label in the file -> label wanted.
 
@@ -68,18 +68,11 @@ def read_trc(
     found = read_trajectories(path)
     try:
         names = tuple(renamed(dict.fromkeys(found.names, 0), rename or {}))
-        why = "as stated by the caller"
-        if axes is None:
-            axes, why = infer_axes(found.position, found.names)
+        axes, note = settle_axes(axes, found.position, names)
         markers = Markers(found.time - found.time[0], names, found.position @ parse_axes(axes).T)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
-    return Recording(
-        source=path,
-        markers=markers,
-        first_frame=found.first_frame,
-        notes=(f"The file's x, y, z axes point {axes.replace(',', ', ')}: {why}.",),
-    )
+    return Recording(source=path, markers=markers, first_frame=found.first_frame, notes=(note,))
 
 
 def read_trajectories(path: Path) -> Trajectories:
@@ -136,7 +129,7 @@ def _parse(lines: list[str]) -> Trajectories:
 
 
 def _regular(stated: Array, rate_hz: float) -> Array:
-    time = stated[0] + np.arange(len(stated)) / rate_hz
+    time: Array = stated[0] + np.arange(len(stated)) / rate_hz
     if not np.abs(stated - time).max() < 0.1 / rate_hz:
         raise ValueError(f"its times are not the regular times of its rate of {rate_hz:g} Hz")
     return time

@@ -66,6 +66,8 @@ def _lookup(unit: str, known: dict[str, float], quantity: str, examples: str) ->
     plain = re.sub(r"[\s.*·_-]", "", unit).lower()
     for spelling, symbol in SPELLINGS.items():
         plain = re.sub(spelling, symbol, plain)
+    if not plain:
+        raise ValueError(f"no {quantity} unit is stated, expected {examples}")
     if plain not in known:
         raise ValueError(f"unknown {quantity} unit {unit!r}, expected {examples}")
     return known[plain]
