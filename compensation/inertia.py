@@ -1,0 +1,349 @@
+"""Pitch and sway: the wrench of an empty plate as a linear function of accelerometers.
+
+The load cells of a plate carry the belt assembly above them. When the platform moves they measure
+its weight and inertia too. Both are linear in what accelerometers on the platform read, so one
+recording of the empty, moving treadmill is enough to learn them.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compensation.inputs import (
+    COMPONENTS,
+    frozen,
+    read_rate,
+    read_table,
+    refuse_constant,
+    refuse_gaps,
+    refuse_unequal,
+)
+from compensation.plausibility import (
+    refuse_other_units,
+    refuse_other_wrench_units,
+    refuse_still_platform,
+    signs_of_a_person,
+)
+from hbm.spatial import Array
+
+_SAMPLES_PER_UNKNOWN = 10
+_BLOCKS = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """How the signals of a fit were recorded and treated; a model holds for no other.
+
+    Attributes
+    ----------
+    sensors
+        Accelerometer names in the order of their columns.
+    rate_hz
+        Sampling rate of accelerations and wrench [Hz].
+    cutoff_hz
+        Low-pass cut-off that was applied to both [Hz]; None where they are unfiltered.
+    acceleration_unit, wrench_unit
+        Units of the numbers that went into the fit.
+    """
+
+    sensors: tuple[str, ...]
+    rate_hz: float
+    cutoff_hz: float | None
+    acceleration_unit: str = "m/s²"
+    wrench_unit: str = "N, N·m"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        read_rate(self.rate_hz)
+        if len(set(self.sensors)) != len(self.sensors):
+            raise ValueError(f"accelerometer names must be unique, got {self.sensors}")
+
+
+@dataclass(frozen=True, slots=True)
+class InertiaModel:
+    """The wrench that a plate measures because its own belt assembly is moved and tilted.
+
+    Accelerations are specific force (acceleration minus gravity, what an accelerometer reads) in
+    m/s², three columns per sensor, each sensor in its own fixed axes. Wrenches are in the moving
+    plate's frame, about its origin, before any rotation.
+
+    Attributes
+    ----------
+    gain
+        (k + 1, 6) [N or N·m per m/s²]; the last row is the offset [N, N·m]. k = 3 × sensors.
+    covariance
+        Covariance of the gain's columns, (6, k + 1, k + 1).
+    sigma
+        Standard deviation of the calibration's residual, (6,) [N, N·m].
+    rank, condition
+        Rank and condition number of the design matrix with columns scaled to equal length.
+    r_squared, rms_measured, rms_compensated
+        Of the calibration, per component, (6,).
+    acceleration_mean, acceleration_covariance
+        Of the calibration, (k,) [m/s²] and (k, k) [m²/s⁴].
+    acceleration_low, acceleration_high
+        Range of the calibration, (k,) [m/s²].
+    samples
+        Number of samples fitted.
+    warnings
+        What is suspicious about the calibration, as sentences.
+    setup
+        How the signals were recorded; None where the caller did not say.
+    """
+
+    gain: Array
+    covariance: Array
+    sigma: Array
+    rank: int
+    condition: float
+    r_squared: Array
+    rms_measured: Array
+    rms_compensated: Array
+    acceleration_mean: Array
+    acceleration_covariance: Array
+    acceleration_low: Array
+    acceleration_high: Array
+    samples: int
+    warnings: tuple[str, ...] = ()
+    setup: Setup | None = None
+
+    def __post_init__(self) -> None:
+        k = len(np.atleast_1d(self.gain)) - 1
+        shapes = {
+            "gain": (k + 1, 6),
+            "covariance": (6, k + 1, k + 1),
+            **dict.fromkeys(("sigma", "r_squared", "rms_measured", "rms_compensated"), (6,)),
+            **dict.fromkeys(("acceleration_mean", "acceleration_low", "acceleration_high"), (k,)),
+            "acceleration_covariance": (k, k),
+        }
+        for name, shape in shapes.items():
+            value = frozen(getattr(self, name))
+            if value.shape != shape:
+                raise ValueError(
+                    f"inertia model: {name} must have shape {shape}, got {value.shape}"
+                )
+            refuse_gaps(np.atleast_1d(value), f"inertia model: {name}")
+            object.__setattr__(self, name, value)
+        _sensor_names(self.setup, k)
+        object.__setattr__(self, "warnings", tuple(self.warnings))
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Names of the accelerometers: the setup's, or numbers from 1."""
+        return _sensor_names(self.setup, len(self.acceleration_mean))
+
+    @property
+    def rms_reduction(self) -> Array:
+        """Reduction of the calibration's RMS per component, (6,) [%]."""
+        return 100 * (1 - self.rms_compensated / self.rms_measured)
+
+    def predict(self, accelerations: ArrayLike) -> Array:
+        """Predict the wrench of the empty plate.
+
+        Parameters
+        ----------
+        accelerations
+            What the accelerometers read, (N, k) [m/s²].
+
+        Returns
+        -------
+        Array
+            Wrenches in the moving plate frame about its origin, (N, 6) [N, N·m].
+
+        Raises
+        ------
+        ValueError
+            Wrong shape, no samples, gaps, or accelerations in another unit.
+        """
+        predicted: Array = self._design(accelerations) @ self.gain
+        return predicted
+
+    def compensate(self, accelerations: ArrayLike, wrench: ArrayLike) -> Array:
+        """Subtract the predicted wrench from a measured one.
+
+        Parameters
+        ----------
+        accelerations
+            What the accelerometers read, (N, k) [m/s²].
+        wrench
+            What the plate measured at the same instants, equally filtered, in the moving plate
+            frame about its origin, (N, 6) [N, N·m].
+
+        Returns
+        -------
+        Array
+            What remains: the action on the subject and noise, (N, 6) [N, N·m].
+
+        Raises
+        ------
+        ValueError
+            As `predict`; also where the wrench has gaps or another number of samples.
+        """
+        predicted = self.predict(accelerations)
+        wrench = read_table(wrench, "wrench", 6)
+        refuse_unequal(accelerations=predicted, wrench=wrench)
+        return wrench - predicted
+
+    def uncertainty(self, accelerations: ArrayLike) -> Array:
+        """Give the standard deviation of a compensated wrench, sample by sample.
+
+        Parameters
+        ----------
+        accelerations
+            What the accelerometers read, (N, k) [m/s²].
+
+        Returns
+        -------
+        Array
+            One standard deviation, (N, 6) [N, N·m]: noise of plate and accelerometers as left
+            over in the calibration, and the uncertainty of the gain at these accelerations. A
+            95 % interval is ± 1.96 of it.
+        """
+        x = self._design(accelerations)
+        of_gain = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], axis=1)
+        sigma: Array = np.sqrt(self.sigma**2 + of_gain)
+        return sigma
+
+    def require(self, setup: Setup) -> None:
+        """Refuse signals that were not recorded as the calibration was.
+
+        Raises
+        ------
+        ValueError
+            Sensors, rate, cut-off or units differ, or the model does not say what they were.
+        """
+        if self.setup is None:
+            raise ValueError("the model does not say how it was recorded; fit it with a setup")
+        fields = ("sensors", "rate_hz", "cutoff_hz", "acceleration_unit", "wrench_unit")
+        differ = [
+            f"{name} {getattr(self.setup, name)!r}, but the trial has {getattr(setup, name)!r}"
+            for name in fields
+            if getattr(self.setup, name) != getattr(setup, name)
+        ]
+        if differ:
+            raise ValueError(f"calibration does not match: it has {'; '.join(differ)}")
+
+    def _design(self, accelerations: ArrayLike) -> Array:
+        a = read_table(accelerations, "accelerations", len(self.acceleration_mean))
+        refuse_other_units(a, self.sensors)
+        return np.column_stack([a, np.ones(len(a))])
+
+
+def fit_inertia(
+    accelerations: ArrayLike, wrench: ArrayLike, setup: Setup | None = None
+) -> InertiaModel:
+    """Learn what a moving, empty plate measures from the accelerations of the platform.
+
+    Parameters
+    ----------
+    accelerations
+        What the accelerometers on the platform read, (N, k) [m/s²], three columns per sensor.
+        Gravity must be in it: neither tared nor high-passed.
+    wrench
+        What the empty plate measured at the same instants, equally filtered, in the moving plate
+        frame about its origin, (N, 6) [N, N·m].
+    setup
+        How both were recorded; needed to save the model.
+
+    Returns
+    -------
+    InertiaModel
+        Gains and an account of how well they are known.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, no or too few samples, gaps, different numbers of samples, constant
+        channels, units that cannot be (g, mm/s², kN, N·mm), or a platform that did not move.
+
+    Notes
+    -----
+    A point ``r`` of a rigid platform has the specific force ``f(r) = f₀ + W r`` in platform axes,
+    with ``W = [α]× + [ω]×[ω]×``: affine in ``r``. The cells carry ``F = Σ mᵢ f(rᵢ)`` and
+    ``M = Σ mᵢ rᵢ × f(rᵢ)``, both linear in ``(f₀, W)`` whatever the mass distribution. Cells
+    and sensors with fixed gain, axes and offset keep it so; the offset column takes the offsets
+    and the tare. The fit is exact, apart from noise, where the channels determine ``(f₀, W)``:
+
+    - Sway and pitch about a fixed axis have 3 + 2 unknowns (``f₀``, the angular acceleration and
+      the angular velocity squared). Two sensors whose baseline is not parallel to the pitch axis
+      determine them: exact. One sensor, or a baseline parallel to the axis, has three channels
+      for five unknowns: an approximation, good only where rotation is slow or of one frequency.
+    - Any motion in space has 12 unknowns: exact with four sensors that are not in one plane.
+      With fewer, or four in one plane, the centripetal products ``ωᵢωⱼ`` are approximated.
+
+    Not linear, hence not removed: saturation, bending of the platform, unequal filters or delays,
+    drift, and moving parts (belt acceleration: see `compensation.belt`). Noise of the
+    accelerometers biases the gains of directions that the calibration hardly excites towards
+    zero; low-pass both signals first and excite widely.
+
+    The covariance is the sandwich estimate over 60 blocks of the trial, which allows for
+    residuals that are correlated in time, as filtered signals are (Liang and Zeger 1986).
+
+    Source: Hnat et al. (2018); van de Loosdrecht (2018), eq. 2.
+
+    Deviations from the original: rank decided on scaled columns and the minimum-norm solution
+    where the rank is short; uncertainty and checks are added.
+    """
+    a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench", 6)
+    n, k = a.shape
+    sensors = _sensor_names(setup, k)
+    refuse_unequal(accelerations=a, wrench=w)
+    if n < _SAMPLES_PER_UNKNOWN * (k + 1):
+        raise ValueError(
+            f"{n} samples are too few to fit {k + 1} gains per component; "
+            f"give at least {_SAMPLES_PER_UNKNOWN * (k + 1)}, better a minute of motion"
+        )
+    refuse_constant(
+        a, "accelerations", tuple(f"sensor {s} {axis}" for s in sensors for axis in "xyz")
+    )
+    refuse_constant(w, "wrench", COMPONENTS)
+    refuse_other_units(a, sensors)
+    refuse_still_platform(a)
+    refuse_other_wrench_units(a, w)
+
+    x = np.column_stack([a, np.ones(n)])
+    scale = np.sqrt(np.mean(x**2, axis=0))
+    u, s, vt = np.linalg.svd(x / scale, full_matrices=False)
+    rank = int(np.sum(s > s[0] * n * np.finfo(float).eps))
+    u, inverse = u[:, :rank], vt[:rank].T / s[:rank] / scale[:, None]
+    gain = inverse @ (u.T @ w)
+    residual = w - x @ gain
+
+    edges = np.linspace(0, n, min(_BLOCKS, n) + 1).astype(int)
+    scores = np.stack([u[i:j].T @ residual[i:j] for i, j in pairwise(edges)])
+    meat = np.einsum("brc,bsc->crs", scores, scores) * len(scores) / (len(scores) - 1)
+    sigma = np.sqrt(np.sum(residual**2, axis=0) / (n - rank))
+    return InertiaModel(
+        gain=gain,
+        covariance=inverse @ meat @ inverse.T,
+        sigma=sigma,
+        rank=rank,
+        condition=float(s[0] / s[rank - 1]),
+        r_squared=1 - np.var(residual, axis=0) / np.var(w, axis=0),
+        rms_measured=np.sqrt(np.mean(w**2, axis=0)),
+        rms_compensated=np.sqrt(np.mean(residual**2, axis=0)),
+        acceleration_mean=a.mean(axis=0),
+        acceleration_covariance=np.cov(a, rowvar=False),
+        acceleration_low=a.min(axis=0),
+        acceleration_high=a.max(axis=0),
+        samples=n,
+        warnings=signs_of_a_person(w, sigma),
+        setup=setup,
+    )
+
+
+def _sensor_names(setup: Setup | None, channels: int) -> tuple[str, ...]:
+    if channels == 0 or channels % 3:
+        raise ValueError(
+            f"accelerations have {channels} channels, expected 3 for every accelerometer"
+        )
+    if setup is None:
+        return tuple(str(n + 1) for n in range(channels // 3))
+    if len(setup.sensors) != channels // 3:
+        raise ValueError(
+            f"{len(setup.sensors)} accelerometer names {setup.sensors} for {channels} channels, "
+            "expected 3 channels for each"
+        )
+    return setup.sensors

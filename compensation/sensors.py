@@ -1,0 +1,154 @@
+"""Accelerometers of a trial against those of the calibration: dead, turned, swapped, clipped."""
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compensation.inertia import InertiaModel
+from compensation.inputs import read_table
+from compensation.plausibility import GRAVITY
+from hbm.spatial import Array
+
+_NEAR_LIMIT = 0.98  # share of the sensor's range that counts as clipped
+_MARGIN = 0.05  # share of the calibration's range that a trial may exceed it by
+_TURNED_DEG = 45.0
+_QUIET = 0.05  # m/s²: combinations of channels quieter than this in the calibration are constraints
+_DRIFT = 0.03  # m/s²: what constraints may change by between calibration and trial
+_BROKEN = 9.0  # mean square of the constraints, in those units, that needs an explanation
+
+
+def check_trial(
+    model: InertiaModel, accelerations: ArrayLike, range_g: float = 2.0
+) -> tuple[str, ...]:
+    """Say what in a trial's accelerations makes its compensation doubtful.
+
+    Parameters
+    ----------
+    model
+        The fitted calibration.
+    accelerations
+        The trial's, in the calibration's order and unit, (N, k) [m/s²]. Clipping shows best before
+        any filter.
+    range_g
+        Range of the accelerometers [g].
+
+    Returns
+    -------
+    tuple[str, ...]
+        One sentence for every finding, empty where there is none: a channel that is dead or
+        clipped, a sensor that is turned or upside down, two that are swapped, motion beyond that
+        of the calibration.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, no samples or gaps.
+
+    Notes
+    -----
+    Swapped sensors show in the combinations of channels that hardly changed in the calibration,
+    such as the difference of two sensors along the sway: they stay as they were unless a sensor
+    was moved. Two sensors whose offsets and axes agree to within 0.03 m/s² cannot be told apart.
+    """
+    a = read_table(accelerations, "accelerations", len(model.acceleration_mean))
+    dead = _dead(model, a)
+    if dead:
+        return dead
+    return (
+        *_clipped(model, a, range_g * GRAVITY),
+        *(_turned(model, a) or _swapped(model, a)),
+        *_beyond(model, a),
+    )
+
+
+def _channels(model: InertiaModel) -> list[str]:
+    return [f"accelerometer {sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
+
+
+def _by_sensor(values: Array) -> Array:
+    return values.reshape(*values.shape[:-1], -1, 3)
+
+
+def _dead(model: InertiaModel, a: Array) -> tuple[str, ...]:
+    size = np.median(np.linalg.norm(_by_sensor(a), axis=2), axis=0)
+    still = np.ptp(a, axis=0) == 0
+    silent = [
+        f"accelerometer {sensor} reads {size:.2g} m/s² in the median, gravity is {GRAVITY}: "
+        "it is dead or in another unit"
+        for sensor, size in zip(model.sensors, size, strict=True)
+        if not GRAVITY / 2 < size < 2 * GRAVITY
+    ]
+    stuck = [
+        f"{channel} is constant at {value:.3g} m/s² while others move: it is dead"
+        for channel, value, dead in zip(_channels(model), a[0], still, strict=True)
+        if dead and not still.all()
+    ]
+    return (*silent, *stuck)
+
+
+def _clipped(model: InertiaModel, a: Array, limit: float) -> tuple[str, ...]:
+    share = np.mean(np.abs(a) >= _NEAR_LIMIT * limit, axis=0)
+    return tuple(
+        f"{channel} is at its limit of {limit:.1f} m/s² in {share:.2%} of the samples: "
+        "the compensation is wrong there"
+        for channel, share in zip(_channels(model), share, strict=True)
+        if share > 0
+    )
+
+
+def _turned(model: InertiaModel, a: Array) -> tuple[str, ...]:
+    now, then = _by_sensor(a.mean(axis=0)), _by_sensor(model.acceleration_mean)
+    cosine = np.sum(now * then, axis=1) / np.linalg.norm(now, axis=1) / np.linalg.norm(then, axis=1)
+    angles = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    return tuple(
+        f"accelerometer {sensor} is turned by {angle:.0f}° since the calibration"
+        + (": it is upside down or its sign is inverted" if angle > 180 - _TURNED_DEG else "")
+        for sensor, angle in zip(model.sensors, angles, strict=True)
+        if angle > _TURNED_DEG
+    )
+
+
+def _swapped(model: InertiaModel, a: Array) -> tuple[str, ...]:
+    variance, directions = np.linalg.eigh(model.acceleration_covariance)
+    quiet = variance < _QUIET**2
+    if not quiet.any():
+        return ()
+    weights = directions[:, quiet] / np.sqrt(np.maximum(variance[quiet], 0) + _DRIFT**2)
+
+    def violation(order: list[int]) -> float:
+        reordered = _by_sensor(a)[:, order].reshape(a.shape)
+        return float(np.mean(((reordered - model.acceleration_mean) @ weights) ** 2))
+
+    order = list(range(len(model.sensors)))
+    as_is = violation(order)
+    if as_is < _BROKEN:
+        return ()
+    exchanged = {}
+    for i, j in combinations(order, 2):
+        other = order.copy()
+        other[i], other[j] = j, i
+        exchanged[i, j] = violation(other)
+    best = min(exchanged, key=lambda pair: exchanged[pair], default=None)
+    if best is None or exchanged[best] > as_is / 4:
+        return ()
+    i, j = best
+    return (
+        f"accelerometers {model.sensors[i]} and {model.sensors[j]} look swapped: exchanged they "
+        "move as in the calibration",
+    )
+
+
+def _beyond(model: InertiaModel, a: Array) -> tuple[str, ...]:
+    low, high = model.acceleration_low, model.acceleration_high
+    margin = _MARGIN * (high - low)
+    outside = (a < low - margin) | (a > high + margin)
+    share = float(np.mean(outside.any(axis=1)))
+    if share == 0:
+        return ()
+    worst = int(np.argmax(outside.mean(axis=0)))
+    return (
+        f"{share:.1%} of the samples leave the range of the calibration, most in "
+        f"{_channels(model)[worst]} ({a[:, worst].min():.2f} to {a[:, worst].max():.2f} m/s², "
+        f"calibrated {low[worst]:.2f} to {high[worst]:.2f}): the prediction extrapolates there",
+    )

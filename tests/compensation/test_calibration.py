@@ -1,0 +1,92 @@
+"""A calibration survives its file and refuses trials that it was not made for."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compensation.calibration import Calibration, from_json, to_json
+from compensation.inertia import Setup, fit_inertia
+
+SETUP = Setup(sensors=("rear left", "front right"), rate_hz=100.0, cutoff_hz=20.0)
+
+
+@pytest.fixture(scope="module")
+def calibration(laboratory, assemblies):
+    plates = {}
+    for side, assembly in assemblies.items():
+        trial = laboratory(assembly=assembly).random_trial(
+            1, noise=11, cutoff_hz=20, duration=20, person=np.array([0, 0, 200.0, 0, 0, 0])
+        )
+        plates[side] = fit_inertia(trial.accelerations, trial.wrench, SETUP)
+    return Calibration(plates, {"recording": "empty.c3d", "date": "2024-05-01"})
+
+
+def test_every_number_survives_the_round_trip(calibration):
+    read = from_json(to_json(calibration), SETUP)
+    assert list(read.plates) == ["left", "right"]
+    assert dict(read.provenance) == dict(calibration.provenance)
+    for side, model in calibration.plates.items():
+        for name in model.__dataclass_fields__:
+            np.testing.assert_array_equal(getattr(read.plates[side], name), getattr(model, name))
+    assert "someone" in read.plates["left"].warnings[0]
+
+
+def test_reading_for_itself_needs_no_setup(calibration):
+    assert from_json(to_json(calibration)).plates["left"].setup == SETUP
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sensors": ("front right", "rear left")}, "sensors .* but the trial has"),
+        ({"rate_hz": 1000.0}, "rate_hz 100.0, but the trial has 1000.0"),
+        ({"cutoff_hz": None}, "cutoff_hz 20.0, but the trial has None"),
+        ({"acceleration_unit": "g"}, "acceleration_unit 'm/s²', but the trial has 'g'"),
+        ({"wrench_unit": "N, N·mm"}, "wrench_unit"),
+    ],
+)
+def test_a_trial_recorded_otherwise_is_refused_with_the_reason(calibration, change, message):
+    with pytest.raises(ValueError, match=message):
+        from_json(to_json(calibration), replace(SETUP, **change))
+
+
+def damaged(text, **changes):
+    document = json.loads(text)
+    document["plates"]["left"] |= changes
+    return json.dumps(document)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda text: text[:100], "not JSON"),
+        (lambda text: "[1, 2]", "not a calibration"),
+        (lambda text: "{}", "not a calibration"),
+        (lambda text: text.replace('"version": 1', '"version": 9'), "version 9"),
+        (lambda text: text.replace('"provenance"', '"origin"'), "damaged: 'provenance'"),
+        (lambda text: text.replace('"sigma"', '"sugma"'), "damaged"),
+        (lambda text: damaged(text, gain=[[1.0] * 6]), "inertia model"),
+        (lambda text: damaged(text, sigma=[float("nan")] * 6), "not numbers"),
+        (lambda text: damaged(text, setup=None), "damaged"),
+    ],
+)
+def test_a_damaged_calibration_gets_one_clear_error(calibration, spoil, message):
+    with pytest.raises(ValueError, match=message):
+        from_json(spoil(to_json(calibration)))
+
+
+def test_a_model_that_does_not_say_how_it_was_recorded_is_not_saved(laboratory):
+    trial = laboratory().random_trial(1, rate_hz=100, duration=20)
+    model = fit_inertia(trial.accelerations, trial.wrench)
+    with pytest.raises(ValueError, match=r"plate left: .* give fit_inertia a setup"):
+        Calibration({"left": model})
+
+
+def test_names_must_be_as_many_as_sensors_and_unique(laboratory):
+    trial = laboratory().random_trial(1, rate_hz=100, duration=20)
+    with pytest.raises(ValueError, match="expected 3 channels for each"):
+        fit_inertia(trial.accelerations, trial.wrench, replace(SETUP, sensors=("only one",)))
+    with pytest.raises(ValueError, match="unique"):
+        replace(SETUP, sensors=("a", "a"))

@@ -1,0 +1,285 @@
+"""Compensation of pitch and sway against rigid-body mechanics (conftest derives them)."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from compensation.inertia import fit_inertia
+
+
+def rms(values):
+    return np.sqrt(np.mean(values**2, axis=0))
+
+
+def left_over(model, trial):
+    """RMS after compensation relative to the RMS before, per component."""
+    return rms(model.compensate(trial.accelerations, trial.wrench)) / rms(trial.wrench)
+
+
+@pytest.fixture(scope="module")
+def noisy(laboratory):
+    """Two sensors, realistic noise, 20 Hz: model, its trial, and a trial it was not fitted on."""
+    lab = laboratory()
+    trial = lab.random_trial(1, noise=11, cutoff_hz=20)
+    held_out = lab.random_trial(2, noise=12, cutoff_hz=20)
+    return fit_inertia(trial.accelerations, trial.wrench), trial, held_out
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_two_sensors_take_pitch_and_sway_away_exactly(laboratory, assemblies, side):
+    lab = laboratory(assembly=assemblies[side])
+    trial, other = (lab.random_trial(seed, rate_hz=100) for seed in (1, 2))
+    model = fit_inertia(trial.accelerations, trial.wrench)
+    assert left_over(model, other).max() < 1e-9
+
+
+def test_sway_and_pitch_span_five_directions_and_the_offset(laboratory):
+    trial = laboratory().random_trial(1, rate_hz=100)
+    assert fit_inertia(trial.accelerations, trial.wrench).rank == 6
+
+
+@settings(deadline=None, max_examples=10)
+@given(seed=st.integers(0, 10_000))
+def test_two_sensors_anywhere_off_a_common_pitch_axis_suffice(laboratory, seed):
+    positions = np.random.default_rng(seed).uniform(-1, 1, (2, 3))
+    lab = laboratory(tuple(map(tuple, positions)))
+    trial, other = (lab.random_trial(seed, rate_hz=100, duration=20) for seed in (1, 2))
+    model = fit_inertia(trial.accelerations, trial.wrench)
+    assert left_over(model, other).max() < 1e-6
+
+
+@pytest.mark.parametrize("places", ["one", "parallel"])
+def test_one_sensor_or_a_baseline_along_the_pitch_axis_only_approximates(
+    laboratory, sensor_places, places
+):
+    lab = laboratory(sensor_places[places])
+    trial, other = (lab.random_trial(seed, rate_hz=100) for seed in (1, 2))
+    model = fit_inertia(trial.accelerations, trial.wrench)
+    worst = left_over(model, other).max()
+    assert 1e-3 < worst < 0.2  # not exact, still more than 80 % less
+    assert model.rank == 4
+
+
+def test_any_motion_in_space_is_exact_with_four_sensors_off_one_plane(laboratory, sensor_places):
+    relative = {}
+    for places in ("two", "four", "four in a plane"):
+        lab = laboratory(sensor_places[places])
+        trial, other = (lab.spatial_trial(seed) for seed in (3, 4))
+        model = fit_inertia(trial.accelerations, trial.wrench)
+        relative[places] = left_over(model, other).max()
+    assert relative["four"] < 1e-8
+    assert 1e-4 < relative["four in a plane"] < 0.02  # centripetal products are approximated
+    assert relative["two"] > 0.1
+
+
+def test_gravity_alone_gives_the_mass_of_the_belt_assembly(laboratory, assemblies):
+    lab = laboratory(crooked=False)
+    trial = lab.random_trial(1, rate_hz=100)
+    model = fit_inertia(trial.accelerations, trial.wrench)
+    mass = model.gain[:-1, :3].reshape(-1, 3, 3).sum(axis=0)
+    np.testing.assert_allclose(mass, assemblies["left"].mass * np.eye(3), atol=1e-4)
+
+
+def test_held_out_trial_is_compensated_to_the_predicted_noise_floor(noisy):
+    model, _, held_out = noisy
+    compensated = model.compensate(held_out.accelerations, held_out.wrench)
+    predicted = rms(model.uncertainty(held_out.accelerations))
+    np.testing.assert_allclose(rms(compensated), predicted, rtol=0.1)
+
+
+def test_predicted_noise_floor_is_that_of_the_instruments(noisy):
+    model, _, held_out = noisy
+    plate = held_out.wrench - held_out.wrench_clean
+    sensors = held_out.accelerations - held_out.accelerations_clean
+    floor = rms(plate - sensors @ model.gain[:-1])
+    np.testing.assert_allclose(rms(model.uncertainty(held_out.accelerations)), floor, rtol=0.1)
+
+
+def test_95_percent_intervals_cover_95_percent(noisy):
+    model, _, held_out = noisy
+    compensated = model.compensate(held_out.accelerations, held_out.wrench)
+    inside = np.abs(compensated) < 1.96 * model.uncertainty(held_out.accelerations)
+    np.testing.assert_allclose(inside.mean(axis=0), 0.95, atol=0.02)  # 60 s: about ± 0.01 by chance
+    assert inside.mean() == pytest.approx(0.95, abs=0.01)
+
+
+def test_slow_pitch_is_compensated_by_a_calibration_with_fast_motion(noisy, laboratory):
+    model, *_ = noisy
+    trial = laboratory().slow_pitch_trial(noise=13, cutoff_hz=20)
+    compensated = model.compensate(trial.accelerations, trial.wrench)
+    predicted = rms(model.uncertainty(trial.accelerations))
+    np.testing.assert_allclose(rms(compensated), predicted, rtol=0.1)
+
+
+def test_a_persons_wrench_survives(noisy, laboratory):
+    model, *_ = noisy
+    time = np.arange(60_000) / 1000
+    step = np.maximum(np.sin(2 * np.pi * time), 0)[:, None]
+    person = step * np.array([90, 30, 820, 150, -260, 12.0])
+    loaded = laboratory().random_trial(2, noise=12, cutoff_hz=20, person=person)
+    empty = laboratory().random_trial(2, cutoff_hz=20)
+    alone = loaded.wrench_clean - empty.wrench_clean
+    error = model.compensate(loaded.accelerations, loaded.wrench) - alone
+    np.testing.assert_allclose(rms(error), rms(model.uncertainty(loaded.accelerations)), rtol=0.1)
+
+
+def test_more_sensors_lower_the_noise_floor(laboratory, sensor_places):
+    floor = {}
+    for places in ("one", "two", "four"):
+        lab = laboratory(sensor_places[places])
+        trial, other = (
+            lab.random_trial(seed, noise=10 + seed, cutoff_hz=20, duration=30) for seed in (1, 2)
+        )
+        model = fit_inertia(trial.accelerations, trial.wrench)
+        floor[places] = rms(model.compensate(other.accelerations, other.wrench))
+    assert np.all(floor["four"] < floor["two"])
+    assert np.all(floor["two"] < floor["one"])
+
+
+def test_standard_error_of_the_gain_is_the_spread_over_repeated_calibrations(laboratory):
+    models = []
+    for noise in range(12):
+        trial = laboratory().random_trial(1, noise=noise, cutoff_hz=20, duration=30)
+        models.append(fit_inertia(trial.accelerations, trial.wrench))
+    still = laboratory().random_trial(5, cutoff_hz=20, duration=2).accelerations_clean
+    x = np.column_stack([still, np.ones(len(still))])
+    spread = np.std([m.predict(still) for m in models], axis=0, ddof=1)
+    stated = np.mean([[np.sum((x @ c) * x, axis=1) for c in m.covariance] for m in models], axis=0)
+    ratio = rms(spread) / np.sqrt(stated.mean(axis=1))
+    assert np.all((ratio > 0.6) & (ratio < 1.6))  # 12 repetitions: ± 20 %; 6 components
+
+
+def test_account_of_the_calibration_is_that_of_its_own_residual(noisy):
+    model, trial, _ = noisy
+    residual = model.compensate(trial.accelerations, trial.wrench)
+    np.testing.assert_allclose(model.rms_compensated, rms(residual), rtol=1e-12)
+    np.testing.assert_allclose(
+        model.r_squared,
+        [np.corrcoef(w, w - e)[0, 1] ** 2 for w, e in zip(trial.wrench.T, residual.T, strict=True)],
+        atol=1e-6,
+    )
+    np.testing.assert_allclose(
+        model.rms_reduction, 100 - 100 * rms(residual) / rms(trial.wrench), rtol=1e-12
+    )
+    assert model.rank == 7
+
+
+def test_gain_is_the_least_squares_solution(noisy):
+    model, trial, _ = noisy
+    x = np.column_stack([trial.accelerations, np.ones(len(trial.wrench))])
+    expected = np.linalg.solve(x.T @ x, x.T @ trial.wrench)
+    np.testing.assert_allclose(model.gain, expected, rtol=1e-6, atol=1e-6)
+
+
+def test_offset_of_sensors_and_tare_of_plates_do_not_matter(noisy):
+    model, trial, held_out = noisy
+    offset = np.linspace(-0.3, 0.3, 6)
+    other = fit_inertia(trial.accelerations + offset, trial.wrench + 40)
+    np.testing.assert_allclose(
+        other.compensate(held_out.accelerations + offset, held_out.wrench + 40),
+        model.compensate(held_out.accelerations, held_out.wrench),
+        atol=1e-7,
+    )
+
+
+def test_an_empty_plate_gives_no_warning(noisy):
+    assert noisy[0].warnings == ()
+
+
+def test_a_walker_in_the_calibration_trial_is_noticed(laboratory):
+    time = np.arange(60_000) / 1000
+    step = np.maximum(np.sin(2 * np.pi * time), 0)[:, None]
+    trial = laboratory().random_trial(
+        1, noise=11, cutoff_hz=20, person=step * np.array([90, 30, 820, 150, -260, 12.0])
+    )
+    warnings = fit_inertia(trial.accelerations, trial.wrench).warnings
+    assert len(warnings) == 2
+    assert "someone" in warnings[0]
+
+
+def test_someone_standing_still_in_the_calibration_trial_is_noticed(laboratory):
+    trial = laboratory().random_trial(
+        1, noise=11, cutoff_hz=20, person=np.array([0, 0, 700.0, 190, 0, 0])
+    )
+    (warning,) = fit_inertia(trial.accelerations, trial.wrench).warnings
+    assert "someone stood on the treadmill" in warning
+
+
+def test_model_is_read_only(noisy):
+    with pytest.raises(ValueError, match="read-only"):
+        noisy[0].gain[0, 0] = 1
+
+
+@pytest.fixture(scope="module")
+def good(laboratory):
+    trial = laboratory().random_trial(1, rate_hz=100, duration=20)
+    return trial.accelerations, trial.wrench
+
+
+def with_gap(table):
+    table = table.copy()
+    table[300:420, 2] = np.nan
+    return table
+
+
+def with_dead_channel(table, column):
+    table = table.copy()
+    table[:, column] = 4.2
+    return table
+
+
+WRONG = {
+    "one axis missing": (lambda a, w: (a[:, :5], w), "5 channels, expected 3 for every acceler"),
+    "wrench transposed": (lambda a, w: (a, w.T), r"wrench must have shape \(samples, 6\)"),
+    "no samples": (lambda a, w: (a[:0], w[:0]), "accelerations has no samples"),
+    "few samples": (lambda a, w: (a[:50], w[:50]), "50 samples are too few to fit 7 gains"),
+    "gap in accelerations": (
+        lambda a, w: (with_gap(a), w),
+        "accelerations: 120 of 2000 samples are not numbers, the first at sample 300",
+    ),
+    "gap in wrench": (lambda a, w: (a, with_gap(w)), "wrench: 120 of 2000 samples are not num"),
+    "different rates": (lambda a, w: (a, w[::10]), "accelerations 2000, wrench 200; were they rec"),
+    "dead channel": (lambda a, w: (with_dead_channel(a, 4), w), "constant in sensor 2 y"),
+    "dead plate": (lambda a, w: (a, with_dead_channel(w, 1)), "wrench: constant in Fy"),
+    "accelerations in g": (lambda a, w: (a / 9.81, w), "accelerometer 1 reads 1 m/s²"),
+    "accelerations in mm/s²": (lambda a, w: (a * 1000, w), "in another unit"),
+    "accelerations in km/s²": (lambda a, w: (a / 1000, w), "in another unit"),
+    "tared accelerations": (lambda a, w: (a - a.mean(axis=0), w), "is it dead, tared"),
+    "forces in kN": (lambda a, w: (a, w / 1000), "moving mass of 0.1"),
+    "forces in mN": (lambda a, w: (a, w * 1000), "forces must be in N"),
+    "moments in N·mm": (lambda a, w: (a, w * [1, 1, 1, 1e3, 1e3, 1e3]), "must be in N·m"),
+    "moments in kN·m": (lambda a, w: (a, w / [1, 1, 1, 1e3, 1e3, 1e3]), "must be in N·m"),
+}
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_wrong_calibration_input_gets_one_clear_error(good, fault):
+    spoil, message = WRONG[fault]
+    with pytest.raises(ValueError, match=message) as caught:
+        fit_inertia(*spoil(*good))
+    assert "\n" not in str(caught.value)
+
+
+def test_platform_at_rest_is_no_calibration(laboratory):
+    trial = laboratory().slow_pitch_trial(duration=2, noise=1)
+    still = trial.accelerations - trial.accelerations_clean + trial.accelerations_clean[0]
+    with pytest.raises(ValueError, match="hardly moved"):
+        fit_inertia(0.3 * still + 0.7 * still.mean(axis=0), trial.wrench)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda a, w: (a[:, :3], w), r"accelerations must have shape \(samples, 6\)"),
+        (lambda a, w: (a[:0], w[:0]), "no samples"),
+        (lambda a, w: (with_gap(a), w), "accelerations: 120 of 2000"),
+        (lambda a, w: (a, with_gap(w)), "wrench: 120 of 2000"),
+        (lambda a, w: (a[::10], w), "different rates"),
+        (lambda a, w: (a / 1000, w), "another unit"),
+        (lambda a, w: (a / 9.81, w), "another unit"),
+    ],
+)
+def test_wrong_trial_gets_one_clear_error(good, spoil, message):
+    with pytest.raises(ValueError, match=message):
+        fit_inertia(*good).compensate(*spoil(*good))

@@ -1,0 +1,95 @@
+"""Faults of accelerometers between calibration and trial are found, and only faults."""
+
+import numpy as np
+import pytest
+
+from compensation.inertia import fit_inertia
+from compensation.sensors import check_trial
+
+places = pytest.mark.parametrize("places", ["two", "four"])
+
+
+@pytest.fixture(scope="module")
+def laboratories(laboratory, sensor_places):
+    """Laboratory, its model, and a brisk trial: places -> (laboratory, model, accelerations)."""
+    ready = {}
+    for name in ("one", "two", "four"):
+        lab = laboratory(sensor_places[name])
+        trial = lab.random_trial(1, noise=11, cutoff_hz=20)
+        brisk = lab.random_trial(1, noise=12, cutoff_hz=20, duration=20)
+        model = fit_inertia(trial.accelerations, trial.wrench)
+        ready[name] = lab, model, brisk.accelerations
+    return ready
+
+
+@pytest.mark.parametrize("places", ["one", "two", "four"])
+def test_sensors_in_order_give_no_sentence(laboratories, places):
+    lab, model, brisk = laboratories[places]
+    slow = lab.slow_pitch_trial(noise=13, cutoff_hz=20, duration=20).accelerations
+    assert check_trial(model, brisk) == ()
+    assert check_trial(model, slow) == ()
+    assert check_trial(model, np.tile(brisk[0], (100, 1))) == ()  # a platform at rest
+
+
+@places
+def test_swapped_sensors_are_named(laboratories, places):
+    _, model, brisk = laboratories[places]
+    swapped = brisk.copy()
+    swapped[:, :3], swapped[:, 3:6] = brisk[:, 3:6], brisk[:, :3]
+    findings = check_trial(model, swapped)
+    assert "accelerometers 1 and 2 look swapped" in findings[0]
+
+
+@pytest.mark.parametrize("places", ["one", "two", "four"])
+def test_a_sensor_upside_down_is_named(laboratories, places):
+    _, model, brisk = laboratories[places]
+    turned = brisk.copy()
+    turned[:, :3] *= [1, -1, -1]
+    (finding,) = (f for f in check_trial(model, turned) if "turned" in f)
+    assert finding.startswith("accelerometer 1 is turned by 1")
+    assert "upside down" in finding
+
+
+def test_a_sensor_on_its_side_is_named(laboratories):
+    _, model, brisk = laboratories["two"]
+    turned = brisk.copy()
+    turned[:, 3:] = turned[:, [4, 5, 3]]
+    assert check_trial(model, turned)[0].startswith("accelerometer 2 is turned by")
+
+
+@places
+def test_a_dead_sensor_and_a_dead_channel_are_named(laboratories, places):
+    _, model, brisk = laboratories[places]
+    dead, stuck = brisk.copy(), brisk.copy()
+    dead[:, 3:6] = 0.02
+    stuck[:, 4] = 0.1
+    assert "accelerometer 2 reads 0.035 m/s² in the median" in check_trial(model, dead)[0]
+    assert check_trial(model, stuck) == (
+        "accelerometer 2 y is constant at 0.1 m/s² while others move: it is dead",
+    )
+
+
+def test_clipping_at_two_g_is_named_with_its_share(laboratories):
+    _, model, brisk = laboratories["two"]
+    shaken = brisk.copy()
+    shaken[:20, 2] += 15
+    clipped = np.clip(shaken, -19.62, 19.62)
+    finding = check_trial(model, clipped)[0]
+    assert finding.startswith("accelerometer 1 z is at its limit of 19.6 m/s² in 1.05%")
+    assert not any("limit" in f for f in check_trial(model, clipped, range_g=6))
+
+
+def test_motion_beyond_the_calibration_is_named(laboratories):
+    lab, _, brisk = laboratories["two"]
+    gentle = lab.slow_pitch_trial(noise=14, cutoff_hz=20)
+    narrow = fit_inertia(gentle.accelerations, gentle.wrench)
+    (finding,) = (f for f in check_trial(narrow, brisk) if "range of the calibration" in f)
+    assert "extrapolates" in finding
+
+
+def test_wrong_input_gets_one_clear_error(laboratories):
+    _, model, brisk = laboratories["two"]
+    with pytest.raises(ValueError, match=r"accelerations must have shape \(samples, 6\)"):
+        check_trial(model, brisk[:, :3])
+    with pytest.raises(ValueError, match="not numbers"):
+        check_trial(model, np.where(brisk == brisk[7], np.nan, brisk))
