@@ -114,9 +114,7 @@ def _measured_plate(
     corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T * metre
     channels = tuple(_of_plate(parameters, "CHANNEL", k, (N_CHANNELS[kind],)).astype(int) - 1)
     if not all(0 <= channel < analog.shape[1] for channel in channels):
-        raise ValueError(
-            f"it uses analog channels that the file's {analog.shape[1]} do not include"
-        )
+        raise ValueError(f"it uses channels outside the file's {analog.shape[1]} analog channels")
     raw, sources = analog[:, channels], [labelled[channel] for channel in channels]
     if kind == 1:
         wrench = _from_centre_of_pressure(raw, sources)

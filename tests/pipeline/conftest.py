@@ -1,0 +1,106 @@
+"""What tests of readers share: C3D files made to order, and a standing subject."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from hbm.markers import Markers
+from pipeline.c3d_encoding import parameter_section
+from pipeline.recording import Plate
+
+BLOCK = 512
+SURFACE = ((0.85, -0.25), (-0.85, -0.25), (-0.85, 0.25), (0.85, 0.25))
+
+
+@pytest.fixture
+def raw_c3d(tmp_path):
+    """Write any parameters and samples as an Intel C3D file, right or wrong."""
+
+    def write(points, analog=None, *, scale=-1.0, rate=100.0, first_frame=1, **groups):
+        n_frames, n_points, _ = points.shape
+        analog = np.zeros((n_frames, 1, 0)) if analog is None else analog
+        per_frame, channels = analog.shape[1:]
+        members = {
+            "POINT": {
+                "USED": np.array([n_points]),
+                "FRAMES": np.array([n_frames % 65536]),
+                "SCALE": np.array([float(scale)]),
+                "RATE": np.array([rate]),
+                "UNITS": "mm",
+            },
+            "ANALOG": {
+                "USED": np.array([channels]),
+                "RATE": np.array([rate * per_frame]),
+                "GEN_SCALE": np.array([1.0]),
+                "SCALE": np.ones(channels),
+                "OFFSET": np.zeros(channels, int),
+                "UNITS": ["V"] * channels,
+                "LABELS": [f"A{k}" for k in range(channels)],
+            },
+        }
+        for name, content in groups.items():
+            members[name] = members.get(name, {}) | content
+        data_block = 2 + -(-len(parameter_section(members, 0)) // BLOCK)
+        header = struct.pack(
+            "<BBHHHHHfHHf",
+            2,
+            0x50,
+            n_points,
+            channels * per_frame,
+            first_frame,
+            (first_frame + n_frames - 1) % 65536,
+            0,
+            scale,
+            data_block,
+            per_frame,
+            rate,
+        )
+        section = parameter_section(members, data_block)
+        words = np.hstack([points.reshape(n_frames, -1), analog.reshape(n_frames, -1)])
+        path = tmp_path / "made_to_order.c3d"
+        path.write_bytes(
+            header.ljust(BLOCK, b"\0")
+            + section.ljust((data_block - 2) * BLOCK, b"\0")
+            + words.astype("<f4" if scale < 0 else "<i2").tobytes()
+        )
+        return path
+
+    return write
+
+
+@pytest.fixture
+def subject():
+    """Markers of a subject who stands 0.1 m left of the origin, faces forward, and breathes."""
+    places = {
+        "LASIS": (0.1, 0.2, 1.0),
+        "RASIS": (0.1, 0.0, 1.0),
+        "LHEE": (-0.1, 0.2, 0.05),
+        "RHEE": (-0.1, 0.0, 0.05),
+        "LMT2": (0.1, 0.2, 0.05),
+        "RMT2": (0.1, 0.0, 0.05),
+    }
+    time = np.arange(50) / 100
+    position = np.tile(np.array(list(places.values())), (len(time), 1, 1))
+    position[..., 2] += 0.005 * np.sin(2 * np.pi * time)[:, None]
+    return Markers(time, tuple(places), position)
+
+
+@pytest.fixture
+def plates():
+    """Two force plates side by side, z down like most, ten samples per frame, 350 N each."""
+    rng = np.random.default_rng(0)
+    time = np.arange(500) / 1000
+    rotation = np.diag([1.0, -1.0, -1.0])
+    wrench = np.array([0, 0, -350, 0, 0, 0]) + rng.normal(size=(2, 500, 6))
+    return tuple(
+        Plate(
+            number=k + 1,
+            time=time,
+            wrench_in_plate=wrench[k],
+            rotation=rotation,
+            center=(0, y, 0),
+            corners=[(x, y + dy, 0) for x, dy in SURFACE],
+        )
+        for k, y in enumerate((0.25, -0.25))
+    )
