@@ -1,0 +1,126 @@
+"""The command line, ``hbm``: arguments in, sentences out, no science.
+
+Whatever is heavy is imported inside the command that needs it, so that ``--help`` answers at once.
+"""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+USAGE = 2
+"""Exit code for wrong usage or input."""
+
+app = typer.Typer(
+    help="Pelvis residuals of a full-body gait model on instrumented treadmills that move.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+Out = Annotated[Path, typer.Option("--out", help="Folder for what it writes.")]
+
+
+def main() -> None:
+    """Run the command line; an error is one line, or a traceback with ``--debug``."""
+    debug = "--debug" in sys.argv
+    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    try:
+        app(args=arguments, prog_name="hbm")
+    except (ValueError, OSError, KeyError) as error:
+        if debug:
+            raise
+        typer.echo(f"hbm: error: {one_line(error)}", err=True)
+        sys.exit(USAGE)
+    except KeyboardInterrupt:
+        typer.echo("hbm: stopped", err=True)
+        sys.exit(130)
+
+
+def one_line(error: BaseException) -> str:
+    """Say an error in one line, with the notes that were added on its way up."""
+    if isinstance(error, OSError) and error.strerror and error.filename:
+        text = f"{error.filename}: {error.strerror.lower()}"
+    elif isinstance(error, KeyError):
+        text = str(error.args[0])
+    else:
+        text = str(error)
+    parts = [text, *getattr(error, "__notes__", [])]
+    return "; ".join(" ".join(part.split()) for part in parts)
+
+
+@app.callback()
+def common(
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+) -> None:
+    """Take the options that every command has."""
+    del debug  # taken from the arguments by main
+
+
+@app.command()
+def residuals(
+    trial: Annotated[Path, typer.Argument(help="The trial: .c3d, or .trc with --forces.")],
+    static: Annotated[
+        Path | None, typer.Option(help="Calibration pose; default: the trial itself.")
+    ] = None,
+    forces: Annotated[
+        Path | None, typer.Option(help="Ground reaction forces (.mot) of a .trc trial.")
+    ] = None,
+    mass_kg: Annotated[
+        float | None, typer.Option(help="Body mass; default: weighed by the plates.")
+    ] = None,
+    sex: Annotated[str, typer.Option(help="male, female or unspecified.")] = "unspecified",
+    height_m: Annotated[
+        float | None, typer.Option(help="Stature; default: the file's, or from the legs.")
+    ] = None,
+    axes: Annotated[
+        str | None,
+        typer.Option(
+            help="Lab directions of the file's axes, e.g. left,back,up; default: inferred."
+        ),
+    ] = None,
+    marker_set: Annotated[
+        str | None, typer.Option(help="Name of a marker set, or a TOML file with one's own.")
+    ] = None,
+    filter_method: Annotated[
+        str, typer.Option("--filter", help="zero_phase, or realtime as in the lab.")
+    ] = "zero_phase",
+    cutoff_hz: Annotated[float, typer.Option(help="Cut-off of the filter.")] = 6.0,
+    plate_delay_ms: Annotated[
+        float, typer.Option(help="How much later the plates are than the markers.")
+    ] = 0.0,
+    out: Out = Path("results"),
+) -> None:
+    """Process one trial: print its pelvis residuals, write table, frames and figure."""
+    from pipeline import one_trial
+
+    one_trial.run(
+        one_trial.Request(
+            trial=trial,
+            static=static,
+            forces=forces,
+            mass_kg=mass_kg,
+            sex=sex,
+            height_m=height_m,
+            axes=axes,
+            marker_set=marker_set,
+            filter=filter_method,
+            cutoff_hz=cutoff_hz,
+            plate_delay_s=plate_delay_ms / 1000,
+            out=out,
+        )
+    )
+
+
+@app.command()
+def doctor() -> None:
+    """Print versions, how the kernels run here, and how fast."""
+    from pipeline import doctor as check
+
+    check.run()
+
+
+if __name__ == "__main__":
+    main()

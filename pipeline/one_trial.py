@@ -1,0 +1,185 @@
+"""One trial on the command line: read, process, print, write."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+from rich.console import Console
+from rich.table import Table
+
+from hbm.markers import MarkerSet, read_marker_set
+from hbm.native import kernels
+from pipeline.c3d import read_c3d
+from pipeline.figures import residual_figure, save_figure
+from pipeline.opensim_trial import read_opensim_trial
+from pipeline.process import TrialResult, process_recording
+from pipeline.recording import Recording
+from pipeline.residuals import hicks_table, marker_table, residual_table
+from pipeline.study import Settings, Subject
+from pipeline.trc import read_trc
+from pipeline.trial_files import write_csv, write_frames
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What a person asked for, as typed."""
+
+    trial: Path
+    static: Path | None
+    forces: Path | None
+    mass_kg: float | None
+    sex: str
+    height_m: float | None
+    axes: str | None
+    marker_set: str | None
+    filter: str
+    cutoff_hz: float
+    plate_delay_s: float
+    out: Path
+
+
+def run(request: Request) -> TrialResult:
+    """Process one trial, print what came out, write table, frames and figure.
+
+    Parameters
+    ----------
+    request
+        What to do.
+
+    Returns
+    -------
+    TrialResult
+        The processed trial.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the input cannot be used; one line that says why and what next.
+    """
+    console = Console(highlight=False)
+    settings, subject, own_set = _stated(request)
+    recording = read_trial(request.trial, request.forces, request.axes)
+    static = read_trial(request.static, None, request.axes) if request.static else None
+    known = recording.metadata.get("height_m")
+    if subject.height_m is None and isinstance(known, float) and 0.5 <= known <= 2.6:
+        subject = subject.model_copy(update={"height_m": known})
+    kernels(lambda sentence: console.print(sentence, style="dim"))
+    result = process_recording(recording, subject, settings, static=static, marker_set=own_set)
+    print_result(result, console.print)
+    stem = request.out / request.trial.stem
+    write_frames(result, stem.with_suffix(".parquet"))
+    write_csv(residual_table(result, request.trial.stem), Path(f"{stem}_residuals.csv"))
+    save_figure(residual_figure(result), Path(f"{stem}_residuals"))
+    console.print(
+        f"written to {request.out}: {stem.name}.parquet (frames), {stem.name}_residuals.csv, "
+        f".png and .svg",
+        soft_wrap=True,
+    )
+    return result
+
+
+def read_trial(path: Path, forces: Path | None, axes: str | None) -> Recording:
+    """Read a trial of any known format.
+
+    Parameters
+    ----------
+    path
+        .c3d or .trc file.
+    forces
+        .mot file with the ground reaction of a .trc trial.
+    axes
+        Lab directions of the file's axes; inferred if None.
+
+    Returns
+    -------
+    Recording
+        In SI units and lab axes.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is not known or the file cannot be read.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".c3d":
+        return read_c3d(path, axes)
+    if suffix == ".trc":
+        return read_opensim_trial(path, forces, axes) if forces else read_trc(path, axes)
+    raise ValueError(f"{path.name}: expected a .c3d or .trc file, got {suffix or 'no suffix'!r}")
+
+
+def _stated(request: Request) -> tuple[Settings, Subject, MarkerSet | None]:
+    """Check what was typed, all faults at once."""
+    own_set, name = None, request.marker_set
+    if name is not None and (name.endswith(".toml") or Path(name).is_file()):
+        own_set = read_marker_set(Path(name).read_text(encoding="utf-8"), Path(name).stem)
+        name = None
+    try:
+        settings = Settings.model_validate(
+            {
+                "marker_set": name,
+                "filter": request.filter,
+                "cutoff_hz": request.cutoff_hz,
+                "plate_delay_s": request.plate_delay_s,
+            }
+        )
+        subject = Subject.model_validate(
+            {"sex": request.sex, "mass_kg": request.mass_kg, "height_m": request.height_m}
+        )
+    except ValidationError as error:
+        raise ValueError(_faults(error)) from error
+    return settings, subject, own_set
+
+
+def _faults(error: ValidationError) -> str:
+    """Say pydantic's findings in one line."""
+    said = []
+    for fault in error.errors():
+        option = "--" + "-".join(str(part) for part in fault["loc"]).replace("_", "-")
+        hint = ""
+        if option == "--mass-kg" and isinstance(fault["input"], float) and fault["input"] > 1000:
+            hint = " (that looks like grams; give kilograms)"
+        said.append(f"{option} {fault['input']}: {fault['msg'].lower()}{hint}")
+    return "; ".join(said)
+
+
+def print_result(result: TrialResult, show: Callable[..., None]) -> None:
+    """Print a trial's residuals, thresholds, marker errors and notes.
+
+    Parameters
+    ----------
+    result
+        The trial.
+    show
+        A rich console's ``print``.
+    """
+    table = residual_table(result, result.source.stem)
+    count = table["n_cycles"].iloc[0]
+    view = Table(
+        title=f"Pelvis residuals, {result.source.name}, {count} gait cycles "
+        f"({result.settings.filter} {result.settings.cutoff_hz:g} Hz)",
+        caption="x forward, y right, z up; moments about mid-hip; % of body weight, or of body "
+        "weight × stature",
+    )
+    for name in ("plates", "axis", "RMS", "mean", "SD", "peak", "", "RMS %"):
+        view.add_column(name, justify="left" if name in ("plates", "axis", "") else "right")
+    for row in table.itertuples():
+        plates = "compensated" if row.compensated else "measured"
+        numbers = [f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)]
+        view.add_row(plates, row.axis, *numbers, row.unit, f"{row.rms_percent:.2f}")
+    show(view)
+    for row in hicks_table(result).itertuples():
+        verdict = "passes" if row.passed else "FAILS"
+        plates = "compensated" if row.compensated else "measured"
+        show(
+            f"{verdict} Hicks (2015): peak residual {row.quantity} {row.peak:.1f} {row.unit}, "
+            f"limit {row.limit:.1f} {row.unit} ({plates})"
+        )
+    markers = marker_table(result)
+    every = markers.iloc[-1]
+    ordered = markers.iloc[:-1].sort_values("rms_mm", ascending=False)
+    listed = ", ".join(f"{row.marker} {row.rms_mm:.1f}" for row in ordered.itertuples())
+    show(f"marker error {every.rms_mm:.1f} mm RMS over {len(ordered)} markers: {listed}")
+    for note in result.notes:
+        show(f"- {note}", soft_wrap=True)
