@@ -22,7 +22,7 @@ STYLE: Final[Any] = {
 
 
 def residual_figure(result: TrialResult) -> Figure:
-    """Draw a trial's six residuals over the gait cycle, mean ± SD over its cycles.
+    """Draw a trial's six residuals over the gait cycle, mean ± SD over the right foot's cycles.
 
     Parameters
     ----------
@@ -32,14 +32,15 @@ def residual_figure(result: TrialResult) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Six panels; forces above, moments below.
+        Six panels; forces above, moments below. Left cycles stand in where there are no right ones.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 5), layout="constrained")
         panels = figure.subplots(2, 3, sharex=True).ravel()
         percent = np.arange(101)
+        side = "right" if len(result.cycles["right"]) else "left"
         for variant in variants(result):
-            curves = np.concatenate(list(cycle_residuals(result, variant).values()))
+            curves = cycle_residuals(result, variant)[side]
             mean, sd = np.nanmean(curves, axis=0), np.nanstd(curves, axis=0)
             for k, panel in enumerate(panels):
                 colour = COLOURS[variant]
@@ -62,9 +63,10 @@ def residual_figure(result: TrialResult) -> Figure:
             panel.set_xlabel("gait cycle (%)")
         if len(variants(result)) > 1:
             panels[0].legend(frameon=False)
-        count = sum(len(spans) for spans in result.cycles.values())
+        count = len(result.cycles[side])
         figure.suptitle(
-            f"{result.source.name}: pelvis residuals, mean ± SD of {count} gait cycles", fontsize=10
+            f"{result.source.name}: pelvis residuals, mean ± SD of {count} {side} gait cycles",
+            fontsize=10,
         )
     return figure
 

@@ -164,22 +164,25 @@ def print_result(result: TrialResult, show: Callable[..., None]) -> None:
     )
     for name in ("plates", "axis", "RMS", "mean", "SD", "peak", "", "RMS %"):
         view.add_column(name, justify="left" if name in ("plates", "axis", "") else "right")
-    for row in table.itertuples():
-        plates = "compensated" if row.compensated else "measured"
-        numbers = [f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)]
-        view.add_row(plates, row.axis, *numbers, row.unit, f"{row.rms_percent:.2f}")
+    for row in table.to_dict("records"):
+        numbers = [f"{row[name]:.1f}" for name in ("rms", "mean", "sd", "peak")]
+        percent = f"{row['rms_percent']:.2f}"
+        view.add_row(_plates(row["compensated"]), row["axis"], *numbers, row["unit"], percent)
     show(view)
-    for row in hicks_table(result).itertuples():
-        verdict = "passes" if row.passed else "FAILS"
-        plates = "compensated" if row.compensated else "measured"
+    for row in hicks_table(result).to_dict("records"):
+        verdict = "passes" if row["passed"] else "FAILS"
         show(
-            f"{verdict} Hicks (2015): peak residual {row.quantity} {row.peak:.1f} {row.unit}, "
-            f"limit {row.limit:.1f} {row.unit} ({plates})"
+            f"{verdict} Hicks (2015): peak residual {row['quantity']} {row['peak']:.1f} "
+            f"{row['unit']}, limit {row['limit']:.1f} {row['unit']} ({_plates(row['compensated'])})"
         )
     markers = marker_table(result)
-    every = markers.iloc[-1]
-    ordered = markers.iloc[:-1].sort_values("rms_mm", ascending=False)
-    listed = ", ".join(f"{row.marker} {row.rms_mm:.1f}" for row in ordered.itertuples())
-    show(f"marker error {every.rms_mm:.1f} mm RMS over {len(ordered)} markers: {listed}")
+    every, single = markers["rms_mm"].iloc[-1], markers.iloc[:-1]
+    ordered = single.sort_values("rms_mm", ascending=False).to_dict("records")
+    listed = ", ".join(f"{row['marker']} {row['rms_mm']:.1f}" for row in ordered)
+    show(f"marker error {every:.1f} mm RMS over {len(ordered)} markers: {listed}")
     for note in result.notes:
         show(f"- {note}", soft_wrap=True)
+
+
+def _plates(compensated: bool) -> str:
+    return "compensated" if compensated else "measured"
