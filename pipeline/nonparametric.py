@@ -7,6 +7,7 @@ import numpy as np
 from scipy import stats
 
 from hbm.spatial import Array
+from pipeline.rm_glm import ROUNDING, orthonormal_contrasts
 
 MOST_SUBJECTS_ENUMERATED = 18
 RANDOM_PATTERNS = 99_999
@@ -31,13 +32,15 @@ class SignFlip:
     exact: bool
 
 
-def sign_flip(contrasts: Array, *, seed: int = 0) -> SignFlip:
+def sign_flip(values: Array, tested: Sequence[bool], *, seed: int = 0) -> SignFlip:
     """Test a within effect by flipping the signs of the subjects' contrast vectors.
 
     Parameters
     ----------
-    contrasts
-        Contrasts of the effect for each subject, (n, d), orthonormal over the cells.
+    values
+        One value per subject and cell, (n, levels of factor 1, levels of factor 2, …).
+    tested
+        For each factor, whether it takes part in the effect.
     seed
         Of the random patterns that replace the full list beyond 18 subjects.
 
@@ -53,10 +56,12 @@ def sign_flip(contrasts: Array, *, seed: int = 0) -> SignFlip:
     effect orders the patterns as F does, because flips leave the total unchanged. Sphericity is
     not assumed. The smallest p possible is 2 / 2ⁿ.
     """
-    contrasts = np.asarray(contrasts, float)
-    n = len(contrasts)
+    values = np.asarray(values, float)
+    n, *levels = values.shape
     if n < 2:
         raise ValueError(f"a sign-flip test needs at least 2 subjects, got {n}")
+    contrasts = values.reshape(n, -1) @ orthonormal_contrasts(levels, tested)
+    contrasts[np.abs(contrasts) < ROUNDING * np.abs(values).max()] = 0
     exact = n <= MOST_SUBJECTS_ENUMERATED
     if exact:
         bits = np.arange(2 ** (n - 1))[:, None] >> np.arange(n)

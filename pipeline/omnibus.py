@@ -16,7 +16,7 @@ from pipeline.design import (
     smallest_p,
 )
 from pipeline.nonparametric import aligned_ranks, sign_flip
-from pipeline.rm_glm import GlmTerm, orthonormal_contrasts, repeated_measures_glm
+from pipeline.rm_glm import GlmTerm, repeated_measures_glm
 
 LEVELS = (2, len(CONDITIONS))
 
@@ -43,7 +43,7 @@ def factorial_rows(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
         yield from _mauchly("RM-ANOVA", effect, term, n, missing)
         yield _f_test("RM-ANOVA", effect, term, n, missing, alpha)
 
-        flips = sign_flip(values.reshape(n, -1) @ orthonormal_contrasts(LEVELS, tested))
+        flips = sign_flip(values, tested)
         patterns = f"{'all' if flips.exact else 'random'} {flips.patterns} sign patterns"
         yield Row(
             *("sign-flip permutation", effect, "F", term.f, term.df1, term.df2),

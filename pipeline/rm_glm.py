@@ -10,7 +10,7 @@ from scipy import stats
 
 from hbm.spatial import Array
 
-ROUNDING = 1e-12  # error spreads below this part of the values are rounding, not data
+ROUNDING = 1e-12  # what is smaller than this part of the values is rounding, not data
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ def observed_power(f: float, df1: float, df2: float, alpha: float = 0.05) -> flo
     to it (Hoenig & Heisey 2001); it is here because published tables print it.
     """
     critical = stats.f.isf(alpha, df1, df2)
-    return float(stats.ncf.sf(critical, df1, df2, f * df1))
+    return float(1 - stats.ncf.cdf(critical, df1, df2, f * df1))  # SciPy 1.17's sf fails at f = 0
 
 
 def repeated_measures_glm(
@@ -171,7 +171,7 @@ def _design(n: int, between: Mapping[str, Array], centre: bool) -> dict[str, Arr
             blocks[name] = group[:, :-1] - group[:, -1:]
         if not np.isfinite(blocks[name]).all():
             raise ValueError(f"{name}: missing for a subject")
-        if np.ptp(blocks[name]) == 0 or blocks[name].size == 0:
+        if blocks[name].size == 0 or np.ptp(blocks[name]) == 0:
             raise ValueError(f"{name}: the same for all subjects, so its effect cannot be tested")
     return blocks
 
@@ -232,9 +232,9 @@ def _mauchly(error: Array, df: int) -> tuple[float, float]:
     if d < 2 or df < d or np.trace(error) <= 0:
         return nan, nan
     w = float(np.linalg.det(error / (np.trace(error) / d)))
+    if w <= ROUNDING:  # a contrast does not vary at all
+        return 0.0, 0.0
     rho = 1 - (2 * d**2 + d + 2) / (6 * d * df)
-    if w <= 0 or rho <= 0:
-        return nan, nan
     second = (
         (d + 2)
         * (d - 1)

@@ -131,6 +131,10 @@ def _friedman(cells: pd.DataFrame) -> Iterator[Row]:
         if len(complete) < 3:
             yield not_computed("Friedman", effect, len(complete), 3, missing)
             continue
+        if (complete.nunique(axis=1) == 1).all():
+            reason = "not computed: every subject has the same value in all cells"
+            yield Row("Friedman", effect, n=len(complete), note=as_note(reason, missing))
+            continue
         found = pingouin.friedman(complete).iloc[0]
         yield Row(
             *("Friedman", effect, "chi2", float(found["Q"]), float(found["ddof1"])),
