@@ -61,14 +61,16 @@ def write_c3d(
     Raises
     ------
     ValueError
-        Sampling rates do not fit each other, a plate has no surface, or something does not fit
-        the format.
+        There is only one frame, sampling rates do not fit each other, a plate has no surface, or
+        something does not fit the format.
 
     Notes
     -----
     `read_c3d` gives the same trial back to the precision of 4-byte numbers.
     """
     path, metadata = Path(path), dict(metadata or {})
+    if len(markers.time) < 2:
+        raise ValueError("a C3D file needs at least two frames, since it states a frame rate")
     to_file = parse_axes(axes).T
     channels = _channels(markers, plates, analog, to_file)
     groups: Groups = {
@@ -120,7 +122,10 @@ def _channels(
 
 
 def _wrench_on_disk(plate: Plate, to_file: Array) -> Array:
-    rotation = to_file.T @ plate_axes(plate.corners @ to_file.T)
+    try:
+        rotation = to_file.T @ plate_axes(plate.corners @ to_file.T)
+    except ValueError as error:
+        raise ValueError(f"plate {plate.number}: {error}") from error
     return rotate_wrench(shift_wrench(plate.wrench, plate.corners.mean(axis=0)), rotation.T)
 
 
