@@ -1,0 +1,293 @@
+"""Belt acceleration: the pitch moment that motor and rollers leave in a plate."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import OptimizeResult, least_squares
+from scipy.signal import butter, lfilter, lfilter_zi
+
+from compensation.inputs import frozen, read_rate, read_signal, refuse_constant, refuse_unequal
+from hbm.spatial import Array
+
+_SETTLE = 100  # samples at the start that depend on what the belt did before
+_SAMPLES = 1000  # fewer tell nothing about five coefficients and their poles
+_LARGEST_REFLECTION = 0.9  # keeps the poles well inside the unit circle
+_STARTS = 3
+State = tuple[float, float]
+
+
+def low_pass(signal: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
+    """Filter as in real time: causal second-order Butterworth, settled on the first sample.
+
+    Parameters
+    ----------
+    signal
+        One channel, (N,).
+    rate_hz
+        Sampling rate [Hz].
+    cutoff_hz
+        Frequency at which the amplitude falls to 1/√2 [Hz].
+
+    Returns
+    -------
+    Array
+        Filtered channel, (N,).
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, no samples, gaps, or a cut-off not between 0 and half the rate.
+    """
+    x, rate = read_signal(signal, "signal"), read_rate(rate_hz)
+    if not 0 < cutoff_hz < rate / 2:
+        raise ValueError(f"cutoff_hz must lie between 0 and {rate / 2} Hz, got {cutoff_hz}")
+    b, a = butter(2, cutoff_hz, fs=rate)
+    filtered: Array = lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0]
+    return filtered
+
+
+def belt_acceleration(speed: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
+    """Give a belt's acceleration: central differences of its speed, then `low_pass`.
+
+    Parameters
+    ----------
+    speed
+        Belt speed at a constant rate, (N,) [m/s]; resample first where the times jitter.
+    rate_hz
+        Sampling rate [Hz].
+    cutoff_hz
+        Cut-off of the filter [Hz]; filter the pitch moment with the same.
+
+    Returns
+    -------
+    Array
+        Acceleration, (N,) [m/s²].
+
+    Raises
+    ------
+    ValueError
+        As `low_pass`; also speeds that no belt has (mm/s, km/h).
+    """
+    v = read_signal(speed, "belt speed")
+    if len(v) < 2:
+        raise ValueError("belt speed has 1 sample; an acceleration needs at least 2")
+    if np.max(np.abs(v)) > 10:
+        raise ValueError(
+            f"belt speed reaches {np.max(np.abs(v)):.3g} m/s, expected below 10; is it in m/s?"
+        )
+    return low_pass(np.gradient(v, 1 / read_rate(rate_hz)), rate_hz, cutoff_hz)
+
+
+@dataclass(frozen=True, slots=True)
+class BeltModel:
+    """Second-order discrete model of the pitch moment of an unloaded, accelerating belt.
+
+    ``M[k] = -θ₁ M[k-1] - θ₂ M[k-2] + θ₃ a[k+s] + θ₄ a[k+s-1] + θ₅ a[k+s-2]`` with ``s`` the
+    advance. It holds at the sampling rate that it was fitted at.
+
+    Attributes
+    ----------
+    theta
+        (5,): θ₁, θ₂ [1]; θ₃, θ₄, θ₅ [N·m per m/s²].
+    advance
+        Samples by which the acceleration is read ahead; in real time the moment is as much late.
+    r_squared, rms_measured, rms_compensated
+        Of the calibration [1, N·m, N·m].
+    """
+
+    theta: Array
+    advance: int = 0
+    r_squared: float = field(default=float("nan"), kw_only=True)
+    rms_measured: float = field(default=float("nan"), kw_only=True)
+    rms_compensated: float = field(default=float("nan"), kw_only=True)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "theta", frozen(self.theta))
+        if self.theta.shape != (5,):
+            raise ValueError(f"belt model: theta must have shape (5,), got {self.theta.shape}")
+        if self.advance < 0:
+            raise ValueError(f"belt model: advance must be 0 or more samples, got {self.advance}")
+        largest = np.max(np.abs(self.poles))
+        if not largest < 1:
+            raise ValueError(f"belt model: unstable, its largest pole has size {largest:.3g}")
+
+    @property
+    def poles(self) -> NDArray[np.complex128]:
+        """Poles of the recursion, (2,); the model is stable, all are smaller than 1."""
+        return np.roots(self._recursion).astype(complex)
+
+    @property
+    def rms_reduction(self) -> float:
+        """Reduction of the calibration's RMS [%]."""
+        return 100 * (1 - self.rms_compensated / self.rms_measured)
+
+    @property
+    def at_rest(self) -> State:
+        """State of a belt that has run at constant speed, to begin `step` with."""
+        return (0.0, 0.0)
+
+    def predict(self, belt_acceleration: ArrayLike) -> Array:
+        """Predict the pitch moment of a whole trial that begins at constant speed.
+
+        Parameters
+        ----------
+        belt_acceleration
+            Filtered acceleration, (N,) [m/s²].
+
+        Returns
+        -------
+        Array
+            Pitch moment, (N,) [N·m].
+
+        Raises
+        ------
+        ValueError
+            Wrong shape, no samples or gaps.
+        """
+        a = read_signal(belt_acceleration, "belt acceleration")
+        moment: Array = lfilter(self.theta[2:], self._recursion, _advanced(a, self.advance))
+        return moment
+
+    def step(self, belt_acceleration: float, state: State) -> tuple[float, State]:
+        """Predict one sample in real time.
+
+        Parameters
+        ----------
+        belt_acceleration
+            The newest filtered acceleration [m/s²].
+        state
+            What the last step returned, `at_rest` at first.
+
+        Returns
+        -------
+        moment, state
+            Pitch moment `advance` samples ago [N·m], and the state for the next step.
+        """
+        theta_1, theta_2, theta_3, theta_4, theta_5 = self.theta.tolist()
+        moment = theta_3 * belt_acceleration + state[0]
+        following = (
+            theta_4 * belt_acceleration - theta_1 * moment + state[1],
+            theta_5 * belt_acceleration - theta_2 * moment,
+        )
+        return moment, following
+
+    @property
+    def _recursion(self) -> Array:
+        return np.concatenate([[1.0], self.theta[:2]])
+
+
+def fit_belt(belt_acceleration: ArrayLike, pitch_moment: ArrayLike, advance: int = 0) -> BeltModel:
+    """Fit the pitch moment of an unloaded belt to its acceleration.
+
+    Parameters
+    ----------
+    belt_acceleration
+        Filtered acceleration of a random belt trial, (N,) [m/s²], at a constant rate.
+    pitch_moment
+        Pitch moment of the empty plate at the same instants, through the same filter, (N,) [N·m].
+    advance
+        Samples to read the acceleration ahead, where the speed arrives later than the moment;
+        0 is the published model.
+
+    Returns
+    -------
+    BeltModel
+        Stable, and best in the sense of least squares over its free-running output.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, no or too few samples, gaps, different numbers of samples, constant channels,
+        or units that cannot be.
+
+    Notes
+    -----
+    The simulated output is fitted, not the one-step-ahead prediction, by Gauss–Newton steps with
+    analytic sensitivities: each derivative is the model's own denominator applied to the past
+    output or input. The recursion is written in reflection coefficients ``κ``,
+    ``θ₁ = κ₁ (1 + κ₂), θ₂ = κ₂``, which are stable for ``|κ| < 1``; they are kept to 0.9. The
+    error has several minima: the best of a grid of starts is taken. The first 100 samples, which
+    depend on what the belt did before, do not count.
+
+    Source: Hnat and van den Bogert (2014).
+
+    Deviations from the original: bounded to stable models; best of several starts; optional
+    advance.
+    """
+    a = read_signal(belt_acceleration, "belt acceleration")
+    moment = read_signal(pitch_moment, "pitch moment")
+    refuse_unequal(belt_acceleration=a, pitch_moment=moment)
+    if len(a) < _SAMPLES:
+        raise ValueError(f"{len(a)} samples are too few to fit a belt model, give {_SAMPLES}")
+    refuse_constant(a[:, None], "belt acceleration", ("its only channel",))
+    refuse_constant(moment[:, None], "pitch moment", ("its only channel",))
+    ratio = float(np.std(moment) / np.std(a))
+    if not 0.05 < ratio < 500:
+        raise ValueError(
+            f"pitch moment by belt acceleration is {ratio:.3g} N·m per m/s², expected 0.05 to 500; "
+            "the moment must be in N·m, the acceleration in m/s²"
+        )
+
+    if advance < 0:
+        raise ValueError(f"advance must be 0 or more samples, got {advance}")
+    ahead, moment = a[advance:], moment[: len(moment) - advance]
+    kappa = np.linspace(-0.8, 0.8, 5)
+    starts = [_best_numerator(k1, k2, ahead, moment) for k1 in kappa for k2 in kappa]
+    starts.sort(key=lambda start: start[0])
+    fits = [_refine(start, ahead, moment) for _, start in starts[:_STARTS]]
+    best = min(fits, key=lambda fit: float(fit.cost))
+    theta = _theta(best.x)
+    measured = moment[_SETTLE:]
+    error = measured - _sensitivities(theta, ahead)[0][_SETTLE:]
+    return BeltModel(
+        theta,
+        advance,
+        r_squared=float(1 - np.sum(error**2) / np.sum((measured - measured.mean()) ** 2)),
+        rms_measured=float(np.sqrt(np.mean(measured**2))),
+        rms_compensated=float(np.sqrt(np.mean(error**2))),
+    )
+
+
+def _advanced(signal: Array, samples: int) -> Array:
+    return np.concatenate([signal[samples:], np.repeat(signal[-1:], samples)])
+
+
+def _delayed(signal: Array, samples: int) -> Array:
+    return np.concatenate([np.zeros(samples), signal[: len(signal) - samples]])
+
+
+def _theta(kappa_and_numerator: Array) -> Array:
+    kappa_1, kappa_2, *numerator = kappa_and_numerator
+    return np.array([kappa_1 * (1 + kappa_2), kappa_2, *numerator])
+
+
+def _sensitivities(theta: Array, a: Array) -> tuple[Array, Array]:
+    """Give the free-running output, (N,), and its derivatives by theta, (N, 5)."""
+    recursion = [1, *theta[:2]]
+    moment = lfilter(theta[2:], recursion, a)
+    by_past, by_input = lfilter([1], recursion, -moment), lfilter([1], recursion, a)
+    columns = [(by_past, 1), (by_past, 2), (by_input, 0), (by_input, 1), (by_input, 2)]
+    return moment, np.column_stack([_delayed(signal, n) for signal, n in columns])
+
+
+def _best_numerator(kappa_1: float, kappa_2: float, a: Array, moment: Array) -> tuple[float, Array]:
+    theta = _theta(np.array([kappa_1, kappa_2, 0.0, 0.0, 0.0]))
+    basis = _sensitivities(theta, a)[1][_SETTLE:, 2:]
+    numerator = np.linalg.lstsq(basis, moment[_SETTLE:])[0]
+    error = moment[_SETTLE:] - basis @ numerator
+    return float(error @ error), np.array([kappa_1, kappa_2, *numerator])
+
+
+def _refine(start: Array, a: Array, moment: Array) -> OptimizeResult:
+    def error(x: Array) -> Array:
+        return (_sensitivities(_theta(x), a)[0] - moment)[_SETTLE:]
+
+    def jacobian(x: Array) -> Array:
+        by_theta = _sensitivities(_theta(x), a)[1][_SETTLE:]
+        by_kappa_1 = by_theta[:, 0] * (1 + x[1])
+        by_kappa_2 = by_theta[:, 0] * x[0] + by_theta[:, 1]
+        return np.column_stack([by_kappa_1, by_kappa_2, by_theta[:, 2:]])
+
+    bound = np.array([_LARGEST_REFLECTION] * 2 + [np.inf] * 3)
+    return least_squares(error, start, jac=jacobian, bounds=(-bound, bound), x_scale="jac")
