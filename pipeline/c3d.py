@@ -172,8 +172,8 @@ def _other_channels(
 
 def _first_frame(header: Header, parameters: Parameters) -> int:
     start = parameters.integers("TRIAL", "ACTUAL_START_FIELD").ravel()
-    known_to_trial = start.size == 2 and start[0] == header.first_frame
-    return header.first_frame + (65536 * int(start[1]) if known_to_trial else 0)
+    full = int(start[0] + 65536 * start[1]) if start.size == 2 else header.first_frame
+    return full if header.first_frame in (full % 65536, min(full, 65535)) else header.first_frame
 
 
 def _events(
