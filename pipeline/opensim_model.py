@@ -1,5 +1,6 @@
 """Body -> OpenSim 4 model."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree as ET
@@ -10,7 +11,6 @@ from hbm.body import Body
 from hbm.coordinates import MASSLESS, PARENT, SEGMENTS, TREE, Coordinate
 from hbm.segments import NOTHING
 from hbm.skeleton import GRAVITY
-from hbm.spatial import Array
 
 FORMAT: Final = "40000"
 RANGE: Final = {True: "-10 10", False: "-6.2831853 6.2831853"}
@@ -68,7 +68,7 @@ def _add(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> ET.
     return element
 
 
-def _numbers(values: Array | list[float]) -> str:
+def _numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(x)) for x in values)
 
 

@@ -1,0 +1,93 @@
+"""Body -> URDF, for Pinocchio, MuJoCo and ROS."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from hbm.body import Body
+from hbm.coordinates import FIRST, LAST, MASSLESS, TREE
+from hbm.segments import Inertia
+from hbm.spatial import Array
+
+SPECK: Final = Inertia(1e-12, np.zeros(3), 1e-14 * np.eye(3))
+
+
+def write_urdf(body: Body, path: str | Path) -> None:
+    """Write a body as URDF.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    path
+        Where to write; by custom it ends in ``.urdf``.
+
+    Notes
+    -----
+    Same joints, axes, inertias and markers, and the same 46 coordinates by name, sign and zero.
+    The root link ``ground`` is the lab: z up.
+
+    * URDF's joints have one axis, so links without a segment stand between the coordinates of a
+      joint. They and the shoulder points weigh 1e-12 kg with moments of 1e-14 kg·m², because MuJoCo
+      refuses moving links under 1e-15; forces change by some 1e-10 N.
+    * Turns are ``revolute`` within ±100 rad rather than ``continuous``, which Pinocchio would
+      describe by sine and cosine; slides move within ±100 m. Both are beyond what a trial reaches.
+    * Markers are links without mass on fixed joints. MuJoCo keeps them because the file asks it to.
+    """
+    robot = ET.Element("robot", name=body.model.name)
+    ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", fusestatic="false")
+    ET.SubElement(robot, "link", name="ground")
+    for i, c in enumerate(TREE):
+        carries = i == LAST[c.segment] and c.segment not in MASSLESS
+        _link(robot, _name(i), body.inertias[c.segment] if carries else SPECK)
+        kind = "prismatic" if c.translates else "revolute"
+        first = i == FIRST[c.segment] and c.segment in body.offsets
+        place = body.offsets[c.segment] if first else np.zeros(3)
+        joint = _joint(robot, c.name, kind, _name(c.parent), _name(i), place)
+        axis = body.axes[c.name] if c.axis is None else c.axis
+        ET.SubElement(joint, "axis", xyz=_numbers(axis))
+        ET.SubElement(joint, "limit", lower="-100", upper="100", effort="1e6", velocity="1e6")
+    for name, segment, place in zip(
+        body.markers, body.marker_segment, body.marker_position, strict=True
+    ):
+        ET.SubElement(robot, "link", name=name)
+        _joint(robot, f"{name}_joint", "fixed", segment, name, place)
+    ET.indent(robot)
+    ET.ElementTree(robot).write(Path(path), encoding="UTF-8", xml_declaration=True)
+
+
+def _name(i: int) -> str:
+    """Name the link that coordinate ``i`` moves: a segment's name where it is the last to do so."""
+    if i < 0:
+        return "ground"
+    segment = TREE[i].segment
+    return segment if i == LAST[segment] else f"{TREE[i].name}_link"
+
+
+def _link(robot: ET.Element, name: str, inertia: Inertia) -> None:
+    inertial = ET.SubElement(ET.SubElement(robot, "link", name=name), "inertial")
+    ET.SubElement(inertial, "origin", xyz=_numbers(inertia.center))
+    ET.SubElement(inertial, "mass", value=_numbers([inertia.mass]))
+    moments = {
+        f"i{'xyz'[j]}{'xyz'[k]}": _numbers([inertia.tensor[j, k]])
+        for j in range(3)
+        for k in range(j, 3)
+    }
+    ET.SubElement(inertial, "inertia", moments)
+
+
+def _joint(
+    robot: ET.Element, name: str, kind: str, parent: str, child: str, place: Array
+) -> ET.Element:
+    joint = ET.SubElement(robot, "joint", name=name, type=kind)
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+    ET.SubElement(joint, "origin", xyz=_numbers(place))
+    return joint
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(repr(float(x)) for x in values)
