@@ -18,7 +18,7 @@ from pipeline.recording import Recording
 from pipeline.residuals import hicks_table, marker_table, residual_table
 from pipeline.study import Settings, Subject
 from pipeline.trc import read_trc
-from pipeline.trial_files import write_csv, write_frames
+from pipeline.trial_files import write_csv, write_trial
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ def run(request: Request) -> TrialResult:
     result = process_recording(recording, subject, settings, static=static, marker_set=own_set)
     print_result(result, console.print)
     stem = request.out / request.trial.stem
-    write_frames(result, stem.with_suffix(".parquet"))
+    write_trial(result, request.trial.stem, "", stem.with_suffix(".parquet"))
     write_csv(residual_table(result, request.trial.stem), Path(f"{stem}_residuals.csv"))
     save_figure(residual_figure(result), Path(f"{stem}_residuals"))
     console.print(

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -16,9 +16,17 @@ import pyarrow.parquet as pq
 
 from hbm.coordinates import HBM_ORDER, INDEX
 from pipeline.process import TrialResult
-from pipeline.residuals import AXES, reported, variants
+from pipeline.residuals import (
+    AXES,
+    hicks_table,
+    marker_table,
+    reported,
+    residual_table,
+    variants,
+)
 
 PACKAGES: Final = ("hbm-residuals", "pin", "casadi", "numpy", "scipy", "pandas", "pyarrow")
+FACTS: Final = b"hbm"
 
 
 def frame_table(result: TrialResult) -> pd.DataFrame:
@@ -59,24 +67,80 @@ def frame_table(result: TrialResult) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def provenance(result: TrialResult) -> dict[str, object]:
-    """Say what made a result: settings, subject, versions, and what was noted on the way."""
+def trial_facts(result: TrialResult, condition: str, key: str) -> dict[str, Any]:
+    """Say what made a trial's result and what a report needs of it besides the frames.
+
+    Parameters
+    ----------
+    result
+        The trial.
+    condition
+        Its condition.
+    key
+        Digest of everything that went into it.
+
+    Returns
+    -------
+    dict
+        Plain values, ready for JSON.
+    """
     return {
+        "key": key,
         "source": result.source.name,
+        "condition": condition,
         "subject": result.subject.model_dump(),
         "settings": result.settings.model_dump(),
         "versions": {name: version(name) for name in PACKAGES},
+        "body_mass_kg": result.body.mass,
+        "height_m": result.body.height_m,
+        "marker_set": result.body.marker_set.name,
+        "locked": list(result.body.locked),
         "notes": list(result.notes),
+        "delay_s": result.delay_s if np.isfinite(result.delay_s) else None,
+        "delay_uncertainty_s": (
+            result.delay_uncertainty_s if np.isfinite(result.delay_uncertainty_s) else None
+        ),
+        "unsolved_frames": int(np.count_nonzero(~result.motion.converged)),
+        "frames": len(result.motion.time),
+        "cycles": {side: spans.tolist() for side, spans in result.cycles.items()},
+        "residuals": residual_table(result, condition).to_dict("records"),
+        "hicks": hicks_table(result).to_dict("records"),
+        "markers": marker_table(result).to_dict("records"),
     }
 
 
-def write_frames(result: TrialResult, path: Path) -> None:
-    """Write `frame_table` as Parquet with the provenance in its metadata, whole or not at all."""
+def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> None:
+    """Write a trial as Parquet: `frame_table`, and `trial_facts` in the file's metadata.
+
+    Parameters
+    ----------
+    result, condition, key
+        As for `trial_facts`.
+    path
+        The file; it appears whole or not at all.
+    """
     table = pa.Table.from_pandas(frame_table(result), preserve_index=False)
-    facts = json.dumps(provenance(result), ensure_ascii=False).encode()
-    table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"hbm": facts})
+    facts = json.dumps(trial_facts(result, condition, key), ensure_ascii=False).encode()
+    table = table.replace_schema_metadata({**(table.schema.metadata or {}), FACTS: facts})
     with _whole(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")
+
+
+def read_facts(path: Path) -> dict[str, Any]:
+    """Read a trial's facts back without its frames.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged or not a trial's result.
+    OSError
+        If it cannot be opened.
+    """
+    metadata = pq.read_schema(path).metadata or {}
+    if FACTS not in metadata:
+        raise ValueError(f"{path.name} is not the result of a trial")
+    facts: dict[str, Any] = json.loads(metadata[FACTS])
+    return facts
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:

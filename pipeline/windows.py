@@ -1,0 +1,141 @@
+"""Which gait cycles of a trial count: so many of walking, or those that were perturbed."""
+
+import numpy as np
+
+from hbm.spatial import Array
+from pipeline.recording import Recording
+from pipeline.study import Condition
+
+COUNTED_SIDE = "right"
+LONGEST_PULSE_GAP_S = 1.0
+SWAY_SPEED_MPS = 0.1
+
+
+def select_cycles(
+    cycles: dict[str, Array], condition: Condition, onsets: Array | None
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Choose the gait cycles of a condition.
+
+    Parameters
+    ----------
+    cycles
+        Side -> start and stop of each cycle, (C, 2) [s].
+    condition
+        How many, from when, and whether only perturbed ones.
+    onsets
+        Perturbation onsets, (P,) [s]; needed where the condition is perturbed.
+
+    Returns
+    -------
+    chosen
+        Side -> cycles. Walking counts cycles of the right foot, the first ones after ``skip_s``. A
+        perturbation counts the cycle whose initial contact came last before it, of either foot.
+    notes
+        What is missing, as sentences.
+    """
+    if condition.perturbed:
+        chosen, notes = _perturbed(cycles, np.empty(0) if onsets is None else onsets)
+    else:
+        spans = cycles[COUNTED_SIDE]
+        chosen = {COUNTED_SIDE: spans[spans[:, 0] >= condition.skip_s]}
+        notes = ()
+    found = sum(len(spans) for spans in chosen.values())
+    wanted = condition.cycles
+    if wanted is None:
+        return chosen, notes
+    if found < wanted:
+        notes = (*notes, f"only {found} of the {wanted} gait cycles wanted are there")
+    return _first(chosen, wanted), notes
+
+
+def _perturbed(cycles: dict[str, Array], onsets: Array) -> tuple[dict[str, Array], tuple[str, ...]]:
+    chosen: dict[str, list[Array]] = {side: [] for side in cycles}
+    notes = []
+    for onset in onsets:
+        hits = [
+            (span[0], side, span)
+            for side, spans in cycles.items()
+            for span in spans
+            if span[0] <= onset < span[1]
+        ]
+        if hits:
+            _, side, span = max(hits, key=lambda hit: hit[0])
+            chosen[side].append(span)
+        else:
+            notes.append(f"no gait cycle contains the perturbation at {onset:.2f} s")
+    spans = {side: np.array(found).reshape(-1, 2) for side, found in chosen.items()}
+    return spans, tuple(notes)
+
+
+def _first(cycles: dict[str, Array], count: int) -> dict[str, Array]:
+    """Keep the earliest cycles of both sides together."""
+    starts = np.sort(np.concatenate([spans[:, 0] for spans in cycles.values()]))
+    if len(starts) <= count:
+        return cycles
+    last = starts[count - 1]
+    return {side: spans[spans[:, 0] <= last] for side, spans in cycles.items()}
+
+
+def pulse_onsets(recording: Recording, channel: str) -> Array:
+    """Find perturbation onsets in a pulse channel, at the channel's own rate.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    channel
+        Name of the analog channel that rises when a perturbation starts.
+
+    Returns
+    -------
+    Array
+        Onsets, (P,) [s]: where the signal first rises through the middle of its range; what follows
+        within a second belongs to the same pulse. Empty where the signal never pulses.
+
+    Raises
+    ------
+    ValueError
+        If the channel is not there.
+    """
+    if recording.analog is None:
+        raise ValueError(f"{recording.source.name}: no analog channels, so no {channel!r}")
+    try:
+        signal = recording.analog.channel(channel)
+    except KeyError as error:
+        raise ValueError(f"{recording.source.name}: {error.args[0]}") from error
+    rest = float(np.nanmedian(signal))
+    height = np.abs(signal - rest)
+    peak = float(np.nanmax(height, initial=0.0))
+    noise = float(np.nanmedian(height))
+    if peak <= 10 * noise or peak == 0:
+        return np.empty(0)
+    high = height > peak / 2
+    return _first_of_each(recording.analog.time[1:][high[1:] & ~high[:-1]])
+
+
+def sway_onsets(time: Array, lateral: Array) -> Array:
+    """Find perturbation onsets from the platform's lateral position.
+
+    Parameters
+    ----------
+    time
+        (T,) [s].
+    lateral
+        Lateral position of the platform, (T,) [m].
+
+    Returns
+    -------
+    Array
+        Where its speed first exceeds 0.1 m/s, (P,) [s]; the slow return does not count.
+    """
+    fast = np.abs(np.gradient(lateral, time)) > SWAY_SPEED_MPS
+    return _first_of_each(time[1:][fast[1:] & ~fast[:-1]])
+
+
+def _first_of_each(times: Array) -> Array:
+    """Keep the first of times that follow one another closely."""
+    kept: list[float] = []
+    for t in times:
+        if not kept or t - kept[-1] > LONGEST_PULSE_GAP_S:
+            kept.append(float(t))
+    return np.array(kept)
