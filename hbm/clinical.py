@@ -1,0 +1,124 @@
+"""Clinical angles: the coordinates as the Human Body Model's export names and orders them.
+
+All coordinates but the shoulders' three turns are clinical angles already. Zero is the anatomical
+position: upright, arms hanging, palms forward, feet at right angles to the shanks (foot pronation
+and toes as in the calibration pose). A positive value means, on either side of the body alike:
+
+=========================  =====================================================================
+PelvisX, Y, Z              forward, left, up
+PelvisYaw                  turned to the left
+PelvisForwardPitch         top tilted forward
+PelvisRightRoll            right side down
+Trunk-, HeadFlexion        bent forward
+Trunk-, HeadRightBend      bent to the right
+Trunk-, HeadLeftTwist      turned to the left
+ShoulderUp, -Forward       shoulder point up, forward
+ShoulderInward             shoulder point towards the middle of the body
+ShoulderFlexion            arm forward
+ShoulderAbduction          arm away from the body
+ShoulderInternalRotation   front of the arm towards the middle of the body
+ElbowFlexion               forearm forward and up
+ForeArmPronation           thumb forward and inward (palm from forward to backward)
+WristFlexion               hand towards the palm
+HandAbduction              hand towards the thumb
+HipFlexion                 thigh forward
+HipAbduction               thigh away from the body
+HipInternalRotation        front of the thigh towards the middle of the body
+KneeFlexion                shank backward
+AnklePlantarFlexion        toes down
+FootPronation              lateral edge of the foot up
+ToeFlexion                 toes down
+=========================  =====================================================================
+
+About the lab's axes this means opposite turns left and right wherever the motion goes away from or
+towards the middle of the body: abduction turns about -x on the right and +x on the left, internal
+rotation about +z on the right and -z on the left.
+"""
+
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hbm.coordinates import HBM_ORDER, INDEX
+from hbm.spatial import Array
+
+AnkleZero = Literal["right_angle", "in_line"]
+ANKLE_IN_LINE_RAD: Final = np.radians(-78.0)
+
+
+def clinical_angles(q: ArrayLike, *, ankle_zero: AnkleZero = "right_angle") -> Array:
+    """Give coordinates as the Human Body Model exports them.
+
+    Parameters
+    ----------
+    q
+        Coordinates in the order of `hbm.coordinates.COORDINATES`, (..., 46) [m and rad].
+    ankle_zero
+        Where AnklePlantarFlexion is zero: "right_angle", foot at a right angle to the shank, or
+        "in_line", foot in line with the shank, as the Human Body Model has it: neutral standing
+        reads -78° there.
+
+    Returns
+    -------
+    Array
+        In the order of `hbm.coordinates.HBM_ORDER`, (..., 46) [m and rad].
+
+    Raises
+    ------
+    ValueError
+        If the last dimension is not 46 or the ankle's zero is unknown.
+
+    Notes
+    -----
+    The body's shoulder turns by abduction a, flexion f, rotation i; the export's by flexion F,
+    abduction A, rotation I, each about the axes that the turns before it left. The same orientation
+    of the arm gives, on both sides::
+
+        sin A = sin a cos f
+        F     = atan2(sin f, cos a cos f)
+        I     = i + atan2(sin a sin f, cos a)
+
+    and a second solution F ± 180°, 180° - A, I ± 180°, which is taken where a is beyond 90°.
+
+    Singular at A = ±90°, that is an arm held straight out sideways, as in a T-pose: only the sum or
+    difference of F and I is defined there, and noise in them grows as 1/cos A. At the singularity
+    itself F is zero; passing it, F and I may jump by 180°. With hanging arms none of this happens.
+
+    The ankle's zero is that of Wang's conversion to the gait2d model, ankle = -APF - 90° + 12°.
+
+    Deviations from the original
+    ----------------------------
+    The original solves for these shoulder angles directly, so which of the two solutions it is on
+    depends on the frames before.
+    """
+    q = np.asarray(q, float)
+    if q.shape[-1:] != (len(HBM_ORDER),):
+        raise ValueError(f"coordinates must have shape (..., {len(HBM_ORDER)}), got {q.shape}")
+    if ankle_zero not in ("right_angle", "in_line"):
+        raise ValueError(f"ankle_zero must be 'right_angle' or 'in_line', got {ankle_zero!r}")
+    out = q[..., [INDEX[name] for name in HBM_ORDER]]
+    for side in "RL":
+        names = [f"{side}Shoulder{turn}" for turn in ("Abduction", "Flexion", "InternalRotation")]
+        own = np.stack([q[..., INDEX[name]] for name in names])
+        for name, angle in zip(names, _flexion_first(*own), strict=True):
+            out[..., HBM_ORDER.index(name)] = angle
+        if ankle_zero == "in_line":
+            out[..., HBM_ORDER.index(f"{side}AnklePlantarFlexion")] += ANKLE_IN_LINE_RAD
+    return out
+
+
+def _flexion_first(a: Array, f: Array, i: Array) -> tuple[Array, Array, Array]:
+    """Give abduction, flexion and rotation of the sequence that begins with flexion."""
+    beyond = np.cos(a) < 0
+    sign = np.where(beyond, -1.0, 1.0)
+    abduction = np.arcsin(np.clip(np.sin(a) * np.cos(f), -1, 1))
+    abduction = np.where(beyond, np.pi - abduction, abduction)
+    flexion = np.arctan2(sign * np.sin(f), sign * np.cos(a) * np.cos(f))
+    rotation = i + np.arctan2(sign * np.sin(a) * np.sin(f), sign * np.cos(a))
+    return _same_turn(abduction, a), _same_turn(flexion, f), rotation
+
+
+def _same_turn(angle: Array, reference: Array) -> Array:
+    """Add full turns until an angle is within half a turn of the reference."""
+    return angle + 2 * np.pi * np.round((reference - angle) / (2 * np.pi))
