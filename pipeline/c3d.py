@@ -198,9 +198,8 @@ def _events(
         if kind and side in ("left", "right") and np.isfinite(time)
     )
     other = total - len(events)
-    return events, [f"{other} events that are no foot strike or foot off were left out."] * (
-        other > 0
-    )
+    note = f"Events other than a foot strike or foot off of either side were left out: {other}."
+    return events, [note] if other else []
 
 
 def _metadata(parameters: Parameters, labels: PointLabels) -> dict[str, object]:

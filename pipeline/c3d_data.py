@@ -142,24 +142,21 @@ def count_frames(path: Path, header: Header, parameters: Parameters) -> int:
     short_counts.append(parameters.integer("POINT", "FRAMES", short_counts[0]))
 
     slack = BLOCK // per_frame + 1
-    for count in long_counts + short_counts:
-        if 0 < count <= held <= count + slack:
-            return count
-    if held > 65535 and any(_may_stand_for(count, held, slack) for count in short_counts):
+    fitting = [count for count in long_counts if 0 < count <= held <= count + slack]
+    saturated = 65535 in (header.last_frame, short_counts[1])
+    started_over = any((held - count) % 65536 <= slack for count in short_counts)
+    if not fitting and held > 65535 and (saturated or started_over):
         return held - _padding_frames(path, header, held, slack)
-    declared = set(long_counts or short_counts)
+    fitting += [count for count in short_counts if 0 < count <= held <= count + slack]
+    if fitting:
+        return fitting[0]
+    declared = {*long_counts, *short_counts}
     if len(declared) == 1 and 0 < (count := declared.pop()) <= held:
         return count
     raise ValueError(
         f"the file says it has {_listed(long_counts + short_counts)} frames, but its size holds "
         f"{held}: it is truncated or damaged"
     )
-
-
-def _may_stand_for(count: int, held: int, slack: int) -> bool:
-    saturated = count >= 65535 - 1
-    wrapped = (held - count) % 65536 <= slack
-    return saturated or wrapped
 
 
 def _padding_frames(path: Path, header: Header, held: int, slack: int) -> int:

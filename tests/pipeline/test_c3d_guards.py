@@ -83,13 +83,14 @@ def test_a_truncated_recording_is_never_read_short(raw_c3d, share):
 
 
 @pytest.mark.parametrize("n_frames", [65535, 65536, 70000])
-@pytest.mark.parametrize("counted_by", ["header", "trial", "long_frames"])
+@pytest.mark.parametrize("counted_by", ["started_over", "saturated", "trial", "long_frames"])
 def test_no_frame_is_lost_where_16_bits_cannot_count_them(raw_c3d, n_frames, counted_by):
     points = np.zeros((n_frames, 2, 4))
     points[..., 0] = np.arange(n_frames)[:, None]
     points[:, 1, 2] = 1500
     extra = {
-        "header": {},
+        "started_over": {},
+        "saturated": {"POINT": {"FRAMES": np.array([65535])}},
         "trial": {
             "TRIAL": {
                 "ACTUAL_START_FIELD": np.array([1, 0]),
@@ -99,7 +100,12 @@ def test_no_frame_is_lost_where_16_bits_cannot_count_them(raw_c3d, n_frames, cou
         "long_frames": {"POINT": {"LONG_FRAMES": np.array([float(n_frames)])}},
     }[counted_by]
     extra["POINT"] = {"LABELS": ["A", "B"], **extra.get("POINT", {})}
-    position = read_c3d(raw_c3d(points, **extra), AXES).markers.position
+    path = raw_c3d(points, **extra)
+    if counted_by == "saturated":
+        content = bytearray(path.read_bytes())
+        content[8:10] = struct.pack("<H", 65535)
+        path.write_bytes(content)
+    position = read_c3d(path, AXES).markers.position
     assert len(position) == n_frames
     assert position[-1, 0, 0] == pytest.approx((n_frames - 1) / 1000)
 
