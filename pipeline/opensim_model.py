@@ -32,7 +32,7 @@ def write_osim(body: Body, path: str | Path) -> None:
     results go from one program to the other unchanged:
 
     * Ground is the lab: z up, gravity along -z. (OpenSim's own models have y up; a program that
-      draws y up shows the subject lying on the back.)
+      draws y up shows the subject lying on the right side.)
     * Each segment hangs on one CustomJoint: slides along axes of the parent, then turns, each about
       an axis of the frame that the turns before it left. Turns that a joint lacks are constant.
     * The shoulder points, which slide on the trunk and carry the acromion markers, are bodies
