@@ -90,9 +90,13 @@ def _parse(lines: list[str]) -> Table:
     names = body[0].split() if body else []
     if not names or names[0].lower() != "time":
         raise ValueError(f"its first column is {names[:1]}, expected 'time'")
-    values = np.loadtxt(body[1:], ndmin=2) if len(body) > 1 else np.empty((0, len(names)))
-    if values.shape[1] != len(names):
-        raise ValueError(f"it names {len(names)} columns but holds {values.shape[1]}")
+    rows = [line.split() for line in body[1:]]
+    for row in rows:
+        if len(row) != len(names):
+            raise ValueError(
+                f"its row at time {row[0]} holds {len(row)} values for {len(names)} columns"
+            )
+    values = np.array(rows, float).reshape(len(rows), len(names))
     for key, count in (("nrows", values.shape[0]), ("ncolumns", values.shape[1])):
         if key in header and header[key] != str(count):
             raise ValueError(f"its header says {key}={header[key]} but it holds {count}")

@@ -121,24 +121,28 @@ def _parse(lines: list[str]) -> Trajectories:
     if not rows or not names:
         raise ValueError("it holds no frames")
     values = np.array(rows)
+    if not np.isfinite(values[:, :2]).all():
+        raise ValueError("a frame has no number or no time")
     position = values[:, 2:].reshape(len(rows), len(names), 3) * metre
     time = _regular(values[:, 1], float(header["DataRate"]))
-    position[~position.any(axis=-1)] = np.nan
+    position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     check_span(position, header["Units"])
     return Trajectories(time, names, position, int(values[0, 0]))
 
 
 def _regular(stated: Array, rate_hz: float) -> Array:
+    if not 0 < rate_hz < np.inf:
+        raise ValueError(f"its header says {rate_hz:g} Hz, expected a positive rate")
     time: Array = stated[0] + np.arange(len(stated)) / rate_hz
     if not np.abs(stated - time).max() < 0.1 / rate_hz:
         raise ValueError(f"its times are not the regular times of its rate of {rate_hz:g} Hz")
     return time
 
 
-def _numbers(line: str, count: int) -> list[float]:
+def _numbers(line: str, count: int) -> Array:
     fields = [field.strip() for field in line.split("\t")][:count]
     fields += [""] * (count - len(fields))
     try:
-        return [float(field) if field else np.nan for field in fields]
+        return np.array([field or "nan" for field in fields], float)
     except ValueError as error:
         raise ValueError(f"frame {fields[0]} holds something that is no number: {error}") from error

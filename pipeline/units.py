@@ -53,7 +53,8 @@ def check_span(position: Array, unit: str) -> None:
     if not len(visible):
         return
     extent = np.nanmax(visible, axis=1) - np.nanmin(visible, axis=1)
-    span = float(np.median(np.linalg.norm(extent, axis=1)))
+    with np.errstate(over="ignore"):
+        span = float(np.median(np.linalg.norm(extent, axis=1)))
     shortest, longest = PLAUSIBLE_SPAN_M
     if not shortest < span < longest:
         raise ValueError(

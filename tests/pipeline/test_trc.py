@@ -70,10 +70,11 @@ def test_labels_are_renamed_before_the_axes_are_inferred(trc_file):
         (lambda text: text.replace("Units", "Unit"), "header does not say Units"),
         (lambda text: text[: len(text) // 2].rpartition("\n")[0], "says NumFrames 50, but"),
         (lambda text: text.replace("\t6\tmm", "\t7\tmm"), "says NumMarkers 7, but it holds 6"),
+        (lambda text: text.replace("\n100.00", "\n0.00"), "header says 0 Hz"),
         (lambda text: text.replace("RASIS", "LASIS"), "same label: LASIS"),
         (lambda text: text.replace("2.030", "2.0x0"), "frame 10 holds something that is no number"),
         (lambda text: text.replace("2.030", "2.040"), "not the regular times of its rate"),
-        (lambda text: text.replace("2.030", ""), "not the regular times of its rate"),
+        (lambda text: text.replace("2.030", ""), "a frame has no number or no time"),
     ],
 )
 def test_a_damaged_file_is_refused_in_one_line(trc_file, edit, message):
