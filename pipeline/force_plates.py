@@ -86,7 +86,8 @@ def measured_plates(
     Deviations from the original
     ----------------------------
     FORCE_PLATFORM:ZERO (a baseline to subtract) is not applied, as in ezc3d. TYPE 3's polynomial
-    for the centre of pressure is not used, since no centre of pressure is.
+    for the centre of pressure is not used, since no centre of pressure is. ezc3d 1.7.2 gives TYPE 1
+    moments the opposite sign, against its own free moment.
     """
     used = parameters.integer("FORCE_PLATFORM", "USED", 0)
     types = parameters.integers("FORCE_PLATFORM", "TYPE").ravel()
