@@ -1,7 +1,7 @@
 """The body: a subject's geometry, inertias and markers on the skeleton's 46 coordinates."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -166,8 +166,10 @@ def build_body(
     for s, parts in PARTS.items():
         for part in parts:
             inertias[s] += segment_inertia(share[part], mass, *shape.ends[part])
-    for toes in ("right_toes", "left_toes"):
-        inertias[toes] = Inertia(TOES_KG, np.zeros(3), TOES_KG * 1e-4 * np.eye(3))
+    for side in ("right", "left"):
+        foot = inertias[f"{side}_foot"]
+        inertias[f"{side}_foot"] = replace(foot, mass=foot.mass - TOES_KG)
+        inertias[f"{side}_toes"] = Inertia(TOES_KG, np.zeros(3), TOES_KG * 1e-4 * np.eye(3))
     markers = tuple(name for name in used if name in shape.markers)
     segments = tuple(chosen.segment[name] for name in markers)
     position = np.array([shape.markers[name] for name in markers])

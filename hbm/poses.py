@@ -1,0 +1,55 @@
+"""Where segments and markers of a body are at given coordinates."""
+
+import numpy as np
+
+from hbm.body import Body
+from hbm.coordinates import SEGMENTS
+from hbm.native import kernels
+from hbm.spatial import Array
+
+
+def segment_frames(body: Body, q: Array, *, jobs: int = 1) -> tuple[Array, Array]:
+    """Give the frames of all segments, in the order of `hbm.coordinates.SEGMENTS`.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    q
+        Coordinates, (T, 46) [m and rad].
+    jobs
+        Threads.
+
+    Returns
+    -------
+    rotation
+        Orientations in the lab (columns: the segment's axes), (T, 19, 3, 3).
+    origin
+        Proximal joints in the lab, (T, 19, 3) [m].
+    """
+    poses = kernels().segment_poses(q, body.geometry, jobs=jobs)[0]
+    poses = poses.reshape(len(q), len(SEGMENTS), 4, 3)
+    return np.swapaxes(poses[:, :, :3], 2, 3), poses[:, :, 3]
+
+
+def marker_positions(body: Body, q: Array, *, jobs: int = 1) -> Array:
+    """Give the markers' places on the model, in the order of ``body.markers``.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    q
+        Coordinates, (T, 46) [m and rad].
+    jobs
+        Threads.
+
+    Returns
+    -------
+    Array
+        Positions in the lab, (T, K, 3) [m].
+    """
+    rotation, origin = segment_frames(body, q, jobs=jobs)
+    own = [SEGMENTS.index(s) for s in body.marker_segment]
+    turned = np.einsum("tkij,kj->tki", rotation[:, own], body.marker_position)
+    return np.asarray(origin[:, own] + turned)
