@@ -1,0 +1,113 @@
+"""A study's trials gathered: the long residual table, the gait-cycle curves, what is missing."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pipeline.cycles import normalise
+from pipeline.residuals import AXES
+from pipeline.trial_files import read_facts
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """What `hbm run` left.
+
+    Attributes
+    ----------
+    folder
+        Where.
+    residuals
+        subject, condition, compensated, axis, unit, rms, rms_of_cycles, mean, sd, peak,
+        rms_percent, n_cycles.
+    cycles
+        subject, condition, compensated, side, cycle, percent, axis, value: every sample of every
+        gait cycle over 0–100 %.
+    subjects
+        subject, sex, height_m, mass_kg, age_years.
+    facts
+        (subject, condition) -> what the trial says of itself (`pipeline.trial_files.trial_facts`).
+    """
+
+    folder: Path
+    residuals: pd.DataFrame
+    cycles: pd.DataFrame
+    subjects: pd.DataFrame
+    facts: dict[tuple[str, str], dict[str, Any]]
+
+
+def collect(folder: Path) -> Results:
+    """Gather the trials in a results folder.
+
+    Parameters
+    ----------
+    folder
+        Results folder; trials are in ``trials/``.
+
+    Returns
+    -------
+    Results
+        Everything, in order of subject and condition.
+
+    Raises
+    ------
+    ValueError
+        If there is no trial.
+    """
+    paths = sorted((folder / "trials").glob("*.parquet"))
+    if not paths:
+        raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
+    facts: dict[tuple[str, str], dict[str, Any]] = {}
+    curves = []
+    for path in paths:
+        fact = read_facts(path)
+        key = fact["subject"]["id"], fact["condition"]
+        facts[key] = fact
+        curves.append(_curves(path, fact))
+    residuals = pd.DataFrame([row for fact in facts.values() for row in fact["residuals"]])
+    people = {subject: fact for (subject, _), fact in facts.items()}
+    subjects = pd.DataFrame(
+        {
+            "subject": subject,
+            "sex": fact["subject"]["sex"],
+            "height_m": fact["height_m"],
+            "mass_kg": fact["body_mass_kg"],
+            "age_years": fact["subject"]["age_years"],
+        }
+        for subject, fact in people.items()
+    )
+    return Results(folder, residuals, pd.concat(curves, ignore_index=True), subjects, facts)
+
+
+def _curves(path: Path, fact: dict[str, Any]) -> pd.DataFrame:
+    """Cut one trial's residuals into its gait cycles."""
+    variants = sorted({row["compensated"] for row in fact["residuals"]})
+    names = {False: "measured", True: "compensated"}
+    columns = [f"residual.{names[v]}.{axis}" for v in variants for axis in AXES]
+    frames = pd.read_parquet(path, columns=["time_s", *columns])
+    parts = []
+    for side, spans in fact["cycles"].items():
+        if not spans:
+            continue
+        values = normalise(frames["time_s"].to_numpy(), frames[columns].to_numpy(), spans)
+        count = len(spans)
+        shape = (count, 101, len(variants), len(AXES))
+        cycle, percent, variant, axis = (i.ravel() for i in np.indices(shape))
+        parts.append(
+            pd.DataFrame(
+                {
+                    "subject": fact["subject"]["id"],
+                    "condition": fact["condition"],
+                    "compensated": np.array(variants)[variant],
+                    "side": side,
+                    "cycle": cycle,
+                    "percent": percent,
+                    "axis": np.array(AXES)[axis],
+                    "value": values.reshape(shape).ravel(),
+                }
+            )
+        )
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
