@@ -1,0 +1,76 @@
+"""Trajectories as quintic splines: values and exact derivatives at any rate and any delay."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.interpolate import BSpline, PPoly, make_interp_spline
+
+from hbm.spatial import Array
+
+DEGREE: Final = 5
+_PIECES: Final = PPoly.from_spline(BSpline.basis_element(np.arange(DEGREE + 2.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """A smooth function of time, given by a uniform quintic spline.
+
+    Attributes
+    ----------
+    start
+        Time of the first knot [s].
+    rate_hz
+        Knots per second.
+    coefficients
+        One row per knot and some beyond both ends, (K + 4, C).
+    """
+
+    start: float
+    rate_hz: float
+    coefficients: Array
+
+    @property
+    def duration(self) -> float:
+        """Time from the first knot to the last [s]."""
+        return (len(self.coefficients) - DEGREE) / self.rate_hz
+
+    def at(self, time: Array, derivative: int = 0) -> Array:
+        """Evaluate at any times within the knots, (T, C) [unit/s^derivative]."""
+        position = (np.asarray(time, float) - self.start) * self.rate_hz
+        knot = np.clip(np.floor(position).astype(int), 0, len(self.coefficients) - DEGREE - 1)
+        weights = _weights(position - knot, derivative) * self.rate_hz**derivative
+        value = np.zeros((len(position), self.coefficients.shape[1]))
+        for k in range(DEGREE + 1):
+            value += weights[:, k, None] * self.coefficients[knot + k]
+        return value
+
+
+def fit_trajectory(values: Array, rate_hz: float, start: float = 0.0) -> Trajectory:
+    """Lay the quintic spline through samples.
+
+    Parameters
+    ----------
+    values
+        Samples at equal steps, (K, C).
+    rate_hz
+        Sampling rate [Hz].
+    start
+        Time of the first sample [s].
+
+    Returns
+    -------
+    Trajectory
+        Passes through the samples; four times continuously differentiable.
+    """
+    reach = 3 * DEGREE
+    extended = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
+    spline = make_interp_spline(np.arange(len(extended)), extended, k=DEGREE)
+    first = reach - DEGREE // 2
+    return Trajectory(start, rate_hz, spline.c[first : first + len(values) + DEGREE - 1])
+
+
+def _weights(fraction: Array, derivative: int) -> Array:
+    """Weights of the six coefficients around each place between two knots, (T, 6)."""
+    places = np.arange(DEGREE, -1, -1) + fraction[:, None]
+    return np.asarray(_PIECES(places, nu=derivative))
