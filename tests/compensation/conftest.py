@@ -191,11 +191,12 @@ class MovingPlatform:
             signals = [sosfiltfilt(sos, s, axis=0)[500:-500:10] for s in signals]
         return Trial(motion, *signals)
 
-    def random_trial(self, seed, duration=60.0, rate_hz=1000.0, **options):
-        """Random sway (±4.75 cm) and pitch (±9.5°)."""
+    def random_trial(self, seed, duration=60.0, rate_hz=1000.0, late_s=0.0, **options):
+        """Random sway (±4.75 cm) and pitch (±9.5°), all of it `late_s` late."""
         rng, time = np.random.default_rng(seed), np.arange(int(duration * rate_hz)) / rate_hz
         motion = pitch_and_sway(
-            smooth_random(rng, time, 0.0475), smooth_random(rng, time, np.radians(9.5))
+            smooth_random(rng, time - late_s, 0.0475),
+            smooth_random(rng, time - late_s, np.radians(9.5)),
         )
         return self.record(motion, **options)
 

@@ -1,0 +1,221 @@
+"""The platform's pose from markers on it: rigid fit, gaps, and markers that do not belong."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from compensation.inputs import frozen
+from compensation.platform import PlatformPose
+from hbm.spatial import Array, fit_rotation
+
+Mask = NDArray[np.bool_]
+_STILL_M = 0.005
+_SPREAD_M = 0.02  # root-mean-square distance from a line below which markers tell no rotation
+_ROOM_M = 20.0
+_OFTEN = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFit:
+    """A pose from markers, and how well they agree.
+
+    Attributes
+    ----------
+    pose
+        The platform's pose, NaN where fewer than three good markers were seen.
+    marker_error
+        Distance of every marker from where the pose puts it, (T, M) [m]; NaN where not seen.
+    used
+        Which markers the pose rests on, (T, M).
+    warnings
+        Gaps and markers left out, as sentences.
+    """
+
+    pose: PlatformPose
+    marker_error: Array
+    used: Mask
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "marker_error", frozen(self.marker_error))
+        used = np.array(self.used, bool)
+        used.setflags(write=False)
+        object.__setattr__(self, "used", used)
+
+
+def neutral_markers(markers: ArrayLike) -> Array:
+    """Give the platform markers' neutral positions from frames in which it stands in neutral.
+
+    Parameters
+    ----------
+    markers
+        Platform markers in those frames, lab axes, (T, M, 3) [m]; gaps are NaN.
+
+    Returns
+    -------
+    Array
+        Mean positions, (M, 3) [m].
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, positions not in metres, a marker never seen, or one that moves by more than
+        5 mm (standard deviation).
+    """
+    position = _read_markers(markers)
+    seen = _seen(position)
+    missing = np.flatnonzero(~seen.any(axis=0))
+    if len(missing):
+        raise ValueError(f"platform markers {list(missing + 1)} are never seen in neutral")
+    moved = np.nanstd(position, axis=0).max(axis=1)
+    if moved.max() > _STILL_M:
+        raise ValueError(
+            f"platform marker {int(np.argmax(moved)) + 1} moves by {1000 * moved.max():.1f} mm in "
+            "the frames taken as neutral; choose frames in which the platform stands still"
+        )
+    mean: Array = np.nanmean(position, axis=0)
+    return mean
+
+
+def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFit:
+    """Fit the platform's pose to its markers, frame by frame.
+
+    Parameters
+    ----------
+    markers
+        Platform markers in lab axes, (T, M, 3) [m]; gaps are NaN.
+    neutral
+        The same markers with the platform in neutral, (M, 3) [m].
+    outlier_m
+        Distance from the fit at which a marker is left out [m]; twice the cameras' error or more.
+
+    Returns
+    -------
+    PoseFit
+        Pose, errors, markers used and warnings.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, fewer than three markers, markers in a line, or positions not in metres.
+
+    Notes
+    -----
+    Least squares by singular value decomposition (Söderkvist and Wedin 1993). While a marker lies
+    beyond `outlier_m` and four or more are left, the one without which the rest fit best is
+    left out. Three that still disagree give no pose.
+    """
+    position, reference = _read_markers(markers), np.asarray(neutral, float)
+    if reference.shape != position.shape[1:]:
+        raise ValueError(
+            f"neutral must have shape {position.shape[1:]} as the markers, got {reference.shape}"
+        )
+    _read_markers(reference[None])
+    if not outlier_m > 0:
+        raise ValueError(f"outlier_m must be positive, got {outlier_m}")
+    if _rank(reference[None], np.ones((1, len(reference)), bool))[0] < 2:
+        raise ValueError(
+            f"{len(reference)} platform markers lie within 2 cm of a line: "
+            "rotation about it cannot be told"
+        )
+    seen = _seen(position)
+    used = seen.copy()
+    rotation, origin, error = _fit(position, reference, used)
+    while len(bad := np.flatnonzero(_beyond(error, used, outlier_m) & (used.sum(axis=1) > 3))):
+        used[bad] = _without_worst(position[bad], reference, used[bad])
+        rotation[bad], origin[bad], error[bad] = _fit(position[bad], reference, used[bad])
+    lost = (
+        (used.sum(axis=1) < 3)
+        | _beyond(error, used, outlier_m)
+        | (_rank(np.broadcast_to(reference, position.shape), used) < 2)
+    )
+    rotation[lost], origin[lost], used[lost] = np.nan, np.nan, False
+    error[~seen] = np.nan
+    return PoseFit(
+        PlatformPose(rotation, origin), error, used, _warnings(seen, used, lost, outlier_m)
+    )
+
+
+def _read_markers(markers: ArrayLike) -> Array:
+    position = np.array(markers, float)
+    if position.ndim != 3 or position.shape[2] != 3:
+        raise ValueError(
+            f"platform markers must have shape (frames, markers, 3), got {position.shape}"
+        )
+    if len(position) == 0 or position.shape[1] < 3:
+        raise ValueError(
+            f"a platform needs 3 markers and 1 frame at least, got {position.shape[1]} markers in "
+            f"{len(position)} frames"
+        )
+    if np.isinf(position).any() or np.nanmax(np.abs(position), initial=0) > _ROOM_M:
+        raise ValueError(f"platform markers lie beyond {_ROOM_M:.0f} m; are they in metres?")
+    return position
+
+
+def _seen(position: Array) -> Mask:
+    return np.asarray(np.isfinite(position).all(axis=2), bool)
+
+
+def _fit(position: Array, reference: Array, used: Mask) -> tuple[Array, Array, Array]:
+    """Rotation, origin and every marker's error; frames without markers get the identity."""
+    weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
+    filled = np.where(np.isfinite(position), position, 0.0)
+    center = np.einsum("tm,tmi->ti", weight, filled)
+    reference_center = weight @ reference
+    covariance = np.einsum(
+        "tm,tmi,tmj->tij",
+        weight,
+        filled - center[:, None],
+        reference - reference_center[:, None],
+    )
+    rotation = fit_rotation(covariance)
+    origin = center - (rotation @ reference_center[..., None])[..., 0]
+    model = np.einsum("tij,mj->tmi", rotation, reference) + origin[:, None]
+    return rotation, origin, np.linalg.norm(filled - model, axis=2)
+
+
+def _beyond(error: Array, used: Mask, outlier_m: float) -> Mask:
+    return np.asarray((used & (error > outlier_m)).any(axis=1), bool)
+
+
+def _without_worst(position: Array, reference: Array, used: Mask) -> Mask:
+    """Leave out, in every frame, the marker whose absence lets the others fit best."""
+    misfit = np.full(used.shape, np.inf)
+    for m in range(used.shape[1]):
+        others = used.copy()
+        others[:, m] = False
+        error = np.where(others, _fit(position, reference, others)[2], 0.0)
+        misfit[:, m] = np.where(used[:, m], np.sum(error**2, axis=1), np.inf)
+    kept = used.copy()
+    kept[np.arange(len(kept)), np.argmin(misfit, axis=1)] = False
+    return kept
+
+
+def _rank(reference: Array, used: Mask) -> NDArray[np.int64]:
+    """Count the directions, up to 2, in which the used markers spread."""
+    weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
+    center = np.einsum("tm,tmi->ti", weight, reference)
+    apart = reference - center[:, None]
+    spread = np.sqrt(
+        np.maximum(np.linalg.eigvalsh(np.einsum("tm,tmi,tmj->tij", weight, apart, apart)), 0)
+    )
+    rank: NDArray[np.int64] = np.sum(spread[:, 1:] > _SPREAD_M, axis=1)
+    return rank
+
+
+def _warnings(seen: Mask, used: Mask, lost: Mask, outlier_m: float) -> tuple[str, ...]:
+    found = []
+    if lost.any():
+        found.append(
+            f"the platform's pose is unknown in {lost.sum()} of {len(lost)} frames: fewer than "
+            "three markers that agree"
+        )
+    left_out = np.mean(seen & ~used & ~lost[:, None], axis=0)
+    found += [
+        f"platform marker {m + 1} is more than {1000 * outlier_m:.0f} mm off in {share:.0%} of "
+        "the frames and was left out there: is it loose, swapped or mislabelled?"
+        for m, share in enumerate(left_out)
+        if share > _OFTEN
+    ]
+    return tuple(found)

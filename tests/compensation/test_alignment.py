@@ -1,0 +1,242 @@
+"""Delays put in by hand come back; a plate turned by hand is turned back."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from compensation.alignment import estimate_delay, hammer_delay, undo_delay
+from compensation.plate_calibration import PlateCalibration, fit_plate_calibration
+
+# Delays from motion -----------------------------------------------------------------------------
+
+
+def shifted_pair(laboratory, delay_s, seed, **options):
+    """The same motion, seen by accelerometers on time and by the plate `delay_s` late."""
+    lab = laboratory()
+    early = lab.random_trial(seed, noise=2 * seed, **options)
+    late = lab.random_trial(seed, noise=2 * seed + 1, late_s=delay_s, **options)
+    return early.accelerations, late.wrench
+
+
+@pytest.mark.parametrize("delay_s", [0.0071, 0.0844])
+@pytest.mark.parametrize(("rate_hz", "cutoff_hz"), [(1000, None), (100, 20)])
+def test_a_known_delay_between_sensors_and_plate_comes_back(
+    laboratory, delay_s, rate_hz, cutoff_hz
+):
+    pair = shifted_pair(laboratory, delay_s, 1, cutoff_hz=cutoff_hz)
+    found = estimate_delay(*pair, rate_hz)
+    assert found.seconds == pytest.approx(delay_s, abs=5e-5)  # ten times better than asked for
+    assert found.standard_error < 5e-5
+    assert found.explained > 0.99
+
+
+def test_stated_uncertainty_of_a_delay_is_honest(laboratory):
+    scores = []
+    for seed in range(16):
+        pair = shifted_pair(laboratory, 0.0123, seed, cutoff_hz=20, duration=20)
+        found = estimate_delay(*pair, 100)
+        scores.append((found.seconds - 0.0123) / found.standard_error)
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.6  # 16 draws of about 1: ± 18 %
+
+
+@settings(deadline=None, max_examples=15)
+@given(delay_s=st.floats(-0.15, 0.15))
+def test_markers_and_plates_of_different_units_are_aligned_without_noise(delay_s):
+    time = np.arange(3000) / 100
+
+    def signal(at):
+        return np.sin(2 * np.pi * 0.7 * at) + 0.4 * np.sin(2 * np.pi * 2.3 * at + 1)
+
+    found = estimate_delay(signal(time)[:, None], -350 * signal(time - delay_s)[:, None] + 9, 100)
+    assert found.seconds == pytest.approx(delay_s, abs=2e-5)
+
+
+def test_negative_delay_is_that_of_the_exchanged_devices(laboratory):
+    a, w = shifted_pair(laboratory, 0.02, 3, cutoff_hz=20, duration=20)
+    sway = a[:, 1:2], w[:, 1:2]
+    forth, back = estimate_delay(*sway, 100), estimate_delay(*sway[::-1], 100)
+    assert forth.seconds == pytest.approx(0.02, abs=1e-3)
+    assert back.seconds == pytest.approx(-forth.seconds, abs=1e-3)
+
+
+@pytest.mark.parametrize("delay_s", [0.0071, -0.0844, 0.0])
+def test_undoing_a_delay_gives_the_signal_back(delay_s):
+    time = np.arange(500) / 100
+    signal = np.column_stack([np.sin(4 * time), np.cos(3 * time)])
+    late = np.column_stack([np.sin(4 * (time - delay_s)), np.cos(3 * (time - delay_s))])
+    undone = undo_delay(late, delay_s, 100)
+    known = np.isfinite(undone).all(axis=1)
+    np.testing.assert_allclose(undone[known][5:-5], signal[known][5:-5], atol=1e-6)
+    assert np.sum(~known) == np.ceil(abs(delay_s) * 100)  # what was not recorded is not invented
+
+
+def still(table, column):
+    table = table.copy()
+    table[:, column] = 1.0
+    return table
+
+
+def with_gap(table):
+    table = table.copy()
+    table[50:80] = np.nan
+    return table
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda a, w: (a[:, 0], w), r"reference must have shape \(samples, channels\)"),
+        (lambda a, w: (a[:0], w[:0]), "reference has no samples"),
+        (lambda a, w: (a[:400], w[:400]), "400 samples are too few to seek delays up to 0.2 s"),
+        (lambda a, w: (a, w[::2]), "different rates"),
+        (lambda a, w: (with_gap(a), w), "reference: 30 of 1900 samples are not numbers"),
+        (lambda a, w: (a, with_gap(w)), "late signal: 30 of 1900"),
+        (lambda a, w: (still(a, 3), w), "reference: constant in channel 4"),
+        (lambda a, w: (a, still(w, 0)), "late signal: constant in channel 1"),
+        (
+            lambda a, w: (a, np.random.default_rng(0).normal(size=w.shape)),
+            "of its variance only, .* one trial",
+        ),
+        (lambda a, w: (a[40:], w[:-40]), "lies beyond 0.2 s"),
+    ],
+)
+def test_wrong_motion_gets_one_clear_error(laboratory, spoil, message):
+    pair = shifted_pair(laboratory, 0.0, 1, cutoff_hz=20, duration=20)
+    with pytest.raises(ValueError, match=message):
+        estimate_delay(*spoil(*pair), 100)
+
+
+def test_wrong_input_of_undo_delay_gets_one_clear_error():
+    with pytest.raises(ValueError, match="rate_hz must be a positive"):
+        undo_delay(np.ones((10, 2)), 0.01, -100)
+    with pytest.raises(ValueError, match="1 sample"):
+        undo_delay(np.ones((1, 2)), 0.01, 100)
+
+
+# Delays from hammer hits ------------------------------------------------------------------------
+
+
+def hits(seed, delay_s, count=15, height_noise_m=2e-4):
+    """A hammer with a marker at 100 Hz, a plate at 1000 Hz that is late."""
+    rng = np.random.default_rng(seed)
+    struck = 2 + np.arange(count) * 1.5 + rng.uniform(0, 0.3, count)
+    camera, plate = np.arange(0, struck[-1] + 2, 0.01), np.arange(0, struck[-1] + 2, 0.001)
+    height = np.full(len(camera), 0.25)
+    force = 1.5 * rng.normal(size=len(plate))
+    for hit in struck:
+        near = np.abs(camera - hit) < 0.1
+        ago = camera[near] - hit
+        height[near] = np.minimum(0.25, 0.05 + np.where(ago < 0, -2.5 * ago, 0.9 * ago))
+        since = np.maximum(plate - hit - delay_s, 0) / 0.002
+        force += 900 * since * np.exp(1 - since)
+    return camera, height + height_noise_m * rng.normal(size=len(camera)), plate, force
+
+
+@pytest.mark.parametrize("delay_s", [0.0071, 0.0844, 0.002, -0.004])
+def test_a_known_delay_of_the_plate_comes_back_from_hammer_hits(delay_s):
+    found = hammer_delay(*hits(1, delay_s))
+    assert found.seconds == pytest.approx(delay_s, abs=5e-4)
+    assert abs(found.seconds - delay_s) < 3 * found.standard_error + 2e-5  # the force's rise
+    assert len(found.differences) == 15
+
+
+def test_hits_that_the_marker_missed_do_not_count():
+    camera, height, plate, force = hits(2, 0.003)
+    height[np.abs(camera - camera[np.argmin(height)]) < 0.15] = 0.25
+    found = hammer_delay(camera, height, plate, force)
+    assert len(found.differences) == 14
+    assert found.seconds == pytest.approx(0.003, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda t, h, s, f: (t, h[:, None], s, f), r"marker must have shape \(samples,\)"),
+        (lambda t, h, s, f: (t[:0], h[:0], s, f), "marker times has no samples"),
+        (lambda t, h, s, f: (t[:-1], h, s, f), "numbers of samples differ"),
+        (lambda t, h, s, f: (t[::-1], h, s, f), "marker times must increase"),
+        (lambda t, h, s, f: (t, np.where(t > 3, np.nan, h), s, f), "marker: .* not numbers"),
+        (lambda t, h, s, f: (t, h, s, 0 * f), "force: constant"),
+        (lambda t, h, s, f: (t, h, s + 100, f), "0 hits found"),
+        (lambda t, h, s, f: (t, h, s, np.sin(s)), "0 hits found"),
+    ],
+)
+def test_wrong_hits_get_one_clear_error(spoil, message):
+    with pytest.raises(ValueError, match=message):
+        hammer_delay(*spoil(*hits(3, 0.004)))
+
+
+# Plate to cameras -------------------------------------------------------------------------------
+
+ANGLE, OFFSET = np.radians(0.19), np.array([0.0015, -0.0018])
+
+
+def places(seed, error_m=0.001, angle=ANGLE, offset=OFFSET, count=110):
+    """The thesis' 55 places per belt: (plate points, camera points)."""
+    rng = np.random.default_rng(seed)
+    camera = np.column_stack([rng.uniform(-0.8, 0.8, count), rng.uniform(-0.5, 0.5, count)])
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return camera @ turn.T + offset + error_m * rng.normal(size=(count, 2)), camera
+
+
+def test_the_thesis_turn_and_offset_come_back_within_their_stated_uncertainty():
+    scores = []
+    for seed in range(40):
+        found = fit_plate_calibration(*places(seed))
+        error = np.array([found.angle - ANGLE, *(found.offset - OFFSET)])
+        scores.append(error / found.standard_error)
+    assert np.mean(np.abs(scores) < 1.98) == pytest.approx(0.95, abs=0.045)  # 120 draws
+    assert np.degrees(found.standard_error[0]) < 0.02
+    assert np.all(found.standard_error[1:] < 2e-4)
+
+
+def test_no_error_gives_turn_and_offset_exactly():
+    found = fit_plate_calibration(*places(1, error_m=0))
+    np.testing.assert_allclose([found.angle, *found.offset], [ANGLE, *OFFSET], atol=1e-14)
+    assert found.rms_before > 1e-3
+    assert found.rms_after < 1e-14
+
+
+@settings(deadline=None, max_examples=20)
+@given(angle=st.floats(-3.1, 3.1), x=st.floats(-1, 1), y=st.floats(-1, 1))
+def test_any_turn_and_offset_is_undone(angle, x, y):
+    plate, camera = places(2, error_m=0, angle=angle, offset=np.array([x, y]))
+    found = fit_plate_calibration(plate, camera)
+    np.testing.assert_allclose(found.to_plate(camera), plate, atol=1e-12)
+    np.testing.assert_allclose(found.to_camera(plate), camera, atol=1e-12)
+
+
+def test_the_fit_is_a_minimum_of_the_squared_distances():
+    plate, camera = places(3)
+    found = fit_plate_calibration(plate, camera)
+
+    def cost(nudge):
+        other = PlateCalibration(
+            found.angle + nudge[0], found.offset + nudge[1:], found.covariance, 0, 0
+        )
+        return np.sum((plate - other.to_plate(camera)) ** 2)
+
+    nudges = 1e-4 * np.vstack([np.eye(3), -np.eye(3)])
+    assert all(cost(n) > cost(np.zeros(3)) for n in nudges)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda p, c: (p.T, c), r"plate points must have shape \(samples, 2\)"),
+        (lambda p, c: (p[:0], c[:0]), "plate points has no samples"),
+        (lambda p, c: (p[:2], c[:2]), "2 places are too few"),
+        (lambda p, c: (p, c[:50]), "numbers of samples differ"),
+        (lambda p, c: (np.where(p > 0.7, np.nan, p), c), "plate points: .* not numbers"),
+        (lambda p, c: (p, 1000 * c), "are both in metres"),
+        (lambda p, c: (1000 * p, 1000 * c), "are both in metres"),
+        (lambda p, c: (p, c / 1000), "both in metres and in the same order"),
+        (lambda p, c: (p, c * [1, -1]), "fit better when mirrored"),
+        (lambda p, c: (p, c[:, ::-1]), "fit better when mirrored"),
+        (lambda p, c: (p, 0 * c), "expected as much"),
+    ],
+)
+def test_wrong_places_get_one_clear_error(spoil, message):
+    with pytest.raises(ValueError, match=message):
+        fit_plate_calibration(*spoil(*places(4)))
