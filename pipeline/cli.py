@@ -21,6 +21,28 @@ app = typer.Typer(
 )
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for what it writes.")]
+TrialFile = Annotated[Path, typer.Argument(help="The trial: .c3d, or .trc with --forces.")]
+Static = Annotated[Path | None, typer.Option(help="Calibration pose; default: the trial itself.")]
+Forces = Annotated[Path | None, typer.Option(help="Ground reaction forces (.mot) of a .trc trial.")]
+MassKg = Annotated[float | None, typer.Option(help="Body mass; default: weighed by the plates.")]
+Sex = Annotated[str, typer.Option(help="male, female or unspecified.")]
+HeightM = Annotated[
+    float | None, typer.Option(help="Stature; default: the file's, or from the legs.")
+]
+Axes = Annotated[
+    str | None,
+    typer.Option(help="Where the file's x, y, z point, e.g. left,back,up; default: inferred."),
+]
+MarkerSetName = Annotated[
+    str | None, typer.Option(help="Name of a marker set, or a TOML file with one's own.")
+]
+FilterMethod = Annotated[
+    str, typer.Option("--filter", help="zero_phase, or realtime as in the lab.")
+]
+CutoffHz = Annotated[float, typer.Option(help="Cut-off of the filter.")]
+PlateDelayMs = Annotated[
+    float, typer.Option(help="How much later the plates are than the markers.")
+]
 
 
 def main() -> None:
@@ -61,36 +83,17 @@ def common(
 
 @app.command()
 def residuals(
-    trial: Annotated[Path, typer.Argument(help="The trial: .c3d, or .trc with --forces.")],
-    static: Annotated[
-        Path | None, typer.Option(help="Calibration pose; default: the trial itself.")
-    ] = None,
-    forces: Annotated[
-        Path | None, typer.Option(help="Ground reaction forces (.mot) of a .trc trial.")
-    ] = None,
-    mass_kg: Annotated[
-        float | None, typer.Option(help="Body mass; default: weighed by the plates.")
-    ] = None,
-    sex: Annotated[str, typer.Option(help="male, female or unspecified.")] = "unspecified",
-    height_m: Annotated[
-        float | None, typer.Option(help="Stature; default: the file's, or from the legs.")
-    ] = None,
-    axes: Annotated[
-        str | None,
-        typer.Option(
-            help="Lab directions of the file's axes, e.g. left,back,up; default: inferred."
-        ),
-    ] = None,
-    marker_set: Annotated[
-        str | None, typer.Option(help="Name of a marker set, or a TOML file with one's own.")
-    ] = None,
-    filter_method: Annotated[
-        str, typer.Option("--filter", help="zero_phase, or realtime as in the lab.")
-    ] = "zero_phase",
-    cutoff_hz: Annotated[float, typer.Option(help="Cut-off of the filter.")] = 6.0,
-    plate_delay_ms: Annotated[
-        float, typer.Option(help="How much later the plates are than the markers.")
-    ] = 0.0,
+    trial: TrialFile,
+    static: Static = None,
+    forces: Forces = None,
+    mass_kg: MassKg = None,
+    sex: Sex = "unspecified",
+    height_m: HeightM = None,
+    axes: Axes = None,
+    marker_set: MarkerSetName = None,
+    filter_method: FilterMethod = "zero_phase",
+    cutoff_hz: CutoffHz = 6.0,
+    plate_delay_ms: PlateDelayMs = 0.0,
     out: Out = Path("results"),
 ) -> None:
     """Process one trial: print its pelvis residuals, write table, frames and figure."""
@@ -109,9 +112,44 @@ def residuals(
             filter=filter_method,
             cutoff_hz=cutoff_hz,
             plate_delay_s=plate_delay_ms / 1000,
-            out=out,
-        )
+        ),
+        out,
     )
+
+
+@app.command()
+def export(
+    trial: TrialFile,
+    static: Static = None,
+    forces: Forces = None,
+    mass_kg: MassKg = None,
+    sex: Sex = "unspecified",
+    height_m: HeightM = None,
+    axes: Axes = None,
+    marker_set: MarkerSetName = None,
+    osim: Annotated[Path | None, typer.Option(help="Write the body for OpenSim 4.")] = None,
+    urdf: Annotated[
+        Path | None, typer.Option(help="Write the body for Pinocchio, MuJoCo, ROS.")
+    ] = None,
+    tables: Annotated[
+        Path | None, typer.Option(help="Folder for the trial's .mot, .sto and .trc tables.")
+    ] = None,
+) -> None:
+    """Write the body as OpenSim or URDF model, and a trial's results as OpenSim tables."""
+    from pipeline import export as out
+    from pipeline import one_trial
+
+    request = one_trial.Request(
+        trial=trial,
+        static=static,
+        forces=forces,
+        mass_kg=mass_kg,
+        sex=sex,
+        height_m=height_m,
+        axes=axes,
+        marker_set=marker_set,
+    )
+    out.run(request, osim=osim, urdf=urdf, tables=tables)
 
 
 @app.command()

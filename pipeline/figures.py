@@ -7,8 +7,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.process import TrialResult
 from pipeline.residuals import AXES, DIRECTIONS, UNITS, cycle_residuals, variants
+from pipeline.trial_result import TrialResult
 
 COLOURS: Final = {"measured": "#D55E00", "compensated": "#0072B2", "baseline": "#555555"}
 """Vermilion, blue and grey of the colour-blind safe palette of Okabe and Ito."""

@@ -13,12 +13,13 @@ from hbm.native import kernels
 from pipeline.c3d import read_c3d
 from pipeline.figures import residual_figure, save_figure
 from pipeline.opensim_trial import read_opensim_trial
-from pipeline.process import TrialResult, process_recording
+from pipeline.process import process_recording
 from pipeline.recording import Recording
 from pipeline.residuals import hicks_table, marker_table, residual_table
-from pipeline.study import Settings, Subject
+from pipeline.study import Settings, Subject, describe_faults
 from pipeline.trc import read_trc
 from pipeline.trial_files import write_csv, write_trial
+from pipeline.trial_result import TrialResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,26 +27,27 @@ class Request:
     """What a person asked for, as typed."""
 
     trial: Path
-    static: Path | None
-    forces: Path | None
-    mass_kg: float | None
-    sex: str
-    height_m: float | None
-    axes: str | None
-    marker_set: str | None
-    filter: str
-    cutoff_hz: float
-    plate_delay_s: float
-    out: Path
+    static: Path | None = None
+    forces: Path | None = None
+    mass_kg: float | None = None
+    sex: str = "unspecified"
+    height_m: float | None = None
+    axes: str | None = None
+    marker_set: str | None = None
+    filter: str = "zero_phase"
+    cutoff_hz: float = 6.0
+    plate_delay_s: float = 0.0
 
 
-def run(request: Request) -> TrialResult:
+def run(request: Request, out: Path) -> TrialResult:
     """Process one trial, print what came out, write table, frames and figure.
 
     Parameters
     ----------
     request
         What to do.
+    out
+        Folder for what it writes.
 
     Returns
     -------
@@ -58,25 +60,30 @@ def run(request: Request) -> TrialResult:
         If the input cannot be used; one line that says why and what next.
     """
     console = Console(highlight=False)
+    kernels(lambda sentence: console.print(sentence, style="dim"))
+    result, _ = process(request)
+    print_result(result, console.print)
+    stem = out / request.trial.stem
+    write_trial(result, request.trial.stem, "", stem.with_suffix(".parquet"))
+    write_csv(residual_table(result, request.trial.stem), Path(f"{stem}_residuals.csv"))
+    save_figure(residual_figure(result), Path(f"{stem}_residuals"))
+    console.print(
+        f"written to {out}: {stem.name}.parquet (frames), {stem.name}_residuals.csv, .png and .svg",
+        soft_wrap=True,
+    )
+    return result
+
+
+def process(request: Request) -> tuple[TrialResult, Recording]:
+    """Read and process one trial as asked for; raises as `run` does."""
     settings, subject, own_set = _stated(request)
     recording = read_trial(request.trial, request.forces, request.axes)
     static = read_trial(request.static, None, request.axes) if request.static else None
     known = recording.metadata.get("height_m")
     if subject.height_m is None and isinstance(known, float) and 0.5 <= known <= 2.6:
         subject = subject.model_copy(update={"height_m": known})
-    kernels(lambda sentence: console.print(sentence, style="dim"))
     result = process_recording(recording, subject, settings, static=static, marker_set=own_set)
-    print_result(result, console.print)
-    stem = request.out / request.trial.stem
-    write_trial(result, request.trial.stem, "", stem.with_suffix(".parquet"))
-    write_csv(residual_table(result, request.trial.stem), Path(f"{stem}_residuals.csv"))
-    save_figure(residual_figure(result), Path(f"{stem}_residuals"))
-    console.print(
-        f"written to {request.out}: {stem.name}.parquet (frames), {stem.name}_residuals.csv, "
-        f".png and .svg",
-        soft_wrap=True,
-    )
-    return result
+    return result, recording
 
 
 def read_trial(path: Path, forces: Path | None, axes: str | None) -> Recording:
@@ -128,20 +135,9 @@ def _stated(request: Request) -> tuple[Settings, Subject, MarkerSet | None]:
             {"sex": request.sex, "mass_kg": request.mass_kg, "height_m": request.height_m}
         )
     except ValidationError as error:
-        raise ValueError(_faults(error)) from error
+        faults = describe_faults(error, Settings)
+        raise ValueError("; ".join("--" + f.replace("_", "-", 1) for f in faults)) from error
     return settings, subject, own_set
-
-
-def _faults(error: ValidationError) -> str:
-    """Say pydantic's findings in one line."""
-    said = []
-    for fault in error.errors():
-        option = "--" + "-".join(str(part) for part in fault["loc"]).replace("_", "-")
-        hint = ""
-        if option == "--mass-kg" and isinstance(fault["input"], float) and fault["input"] > 1000:
-            hint = " (that looks like grams; give kilograms)"
-        said.append(f"{option} {fault['input']}: {fault['msg'].lower()}{hint}")
-    return "; ".join(said)
 
 
 def print_result(result: TrialResult, show: Callable[..., None]) -> None:

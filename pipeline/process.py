@@ -1,78 +1,28 @@
 """One trial, from what was recorded to the residuals: the whole method, top to bottom."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from hbm.body import Body, build_body
 from hbm.coordinates import SEGMENTS
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
-from hbm.filtering import butterworth, resample
+from hbm.filtering import butterworth
 from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
 from hbm.native import kernels
-from hbm.skeleton import GRAVITY
-from hbm.spatial import Array, Mask
+from hbm.spatial import Array
+from pipeline.c3d import read_c3d
 from pipeline.contact import share_between_feet
 from pipeline.cycles import gait_cycles, gait_events
 from pipeline.delay import marker_plate_delay
-from pipeline.recording import Event, Plate, Recording
-from pipeline.study import Settings, Subject
-
-WEIGHING_FRAMES = 100
-STEADY_SHARE = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class TrialResult:
-    """Everything that is known of a trial once it has been processed.
-
-    Attributes
-    ----------
-    source
-        The recording's file.
-    subject, settings
-        As stated.
-    body
-        The subject's body.
-    motion
-        Filtered motion with marker errors.
-    measured
-        Dynamics with the plates as measured.
-    compensated
-        Dynamics with the platform's artefacts removed; None without a calibration.
-    ground
-        Per variant ("measured", "compensated") the filtered wrench on each foot, (T, 6), lab axes
-        about the lab origin.
-    events
-        Gait events.
-    cycles
-        Side -> start and stop of each gait cycle, (C, 2) [s].
-    delay_s, delay_uncertainty_s
-        How much later the plates are than the markers, and its standard error; NaN where unknown.
-    ambiguous
-        Frames in which the split of a plate between the feet is uncertain, (T,).
-    notes
-        Whatever was inferred, locked, filled or refused, as sentences.
-    """
-
-    source: Path
-    subject: Subject
-    settings: Settings
-    body: Body
-    motion: Motion
-    measured: Dynamics
-    compensated: Dynamics | None
-    ground: dict[str, dict[str, Array]]
-    events: tuple[Event, ...]
-    cycles: dict[str, Array]
-    delay_s: float
-    delay_uncertainty_s: float
-    ambiguous: Mask
-    notes: tuple[str, ...]
+from pipeline.laboratory import Ground, Laboratory, ground_wrenches, read_calibration
+from pipeline.recording import Event, Recording
+from pipeline.study import Condition, Settings, Study, Subject, Treadmill
+from pipeline.trial_result import TrialResult
+from pipeline.weighing import body_mass
+from pipeline.windows import pulse_onsets, select_cycles, sway_onsets
 
 
 def process_recording(
@@ -83,6 +33,8 @@ def process_recording(
     static: Recording | None = None,
     static_window_s: tuple[float, float] | None = None,
     marker_set: MarkerSet | None = None,
+    laboratory: Laboratory | None = None,
+    condition: Condition | None = None,
     jobs: int = 1,
 ) -> TrialResult:
     """Process one trial.
@@ -99,13 +51,17 @@ def process_recording(
         Where the pose is in it [s]; by default its quietest second.
     marker_set
         A marker set of one's own; by default recognised from the labels.
+    laboratory
+        The treadmill and its calibration; by default one that stands still.
+    condition
+        Which gait cycles count; by default all.
     jobs
         Threads.
 
     Returns
     -------
     TrialResult
-        With the plates as measured.
+        With the plates as measured and, given a calibration, compensated; both from one motion.
 
     Raises
     ------
@@ -114,7 +70,7 @@ def process_recording(
     """
     pose = static or recording
     _require_plates(recording)
-    mass, weighed = _body_mass(subject, pose)
+    mass, weighed = body_mass(subject, pose)
     body = build_body(
         pose.markers,
         mass=mass,
@@ -128,17 +84,36 @@ def process_recording(
     raw = solve_ik(body, recording.markers, jobs=jobs)
     motion = filter_motion(raw, cutoff=settings.cutoff_hz, method=settings.filter)
 
-    plates = [plate_at(plate, motion.time, settings.plate_delay_s) for plate in recording.plates]
-    feet, ambiguous = share_between_feet(plates, feet_of(body, raw), settings.contact_threshold_n)
-    ground = {
-        foot: butterworth(wrench, motion.time, settings.cutoff_hz, settings.filter).value
-        for foot, wrench in feet.items()
+    lab = laboratory or Laboratory(Treadmill())
+    acted = ground_wrenches(recording, lab, motion.time, settings.plate_delay_s)
+    feet = feet_of(body, raw)
+    shared = {
+        name: share_between_feet(plates, feet, settings.contact_threshold_n)
+        for name, plates in acted.variants.items()
     }
-    (measured,) = inverse_dynamics_variants(body, motion, [ground], jobs=jobs)
+    ground = {
+        name: {
+            foot: butterworth(wrench, motion.time, settings.cutoff_hz, settings.filter).value
+            for foot, wrench in by_foot.items()
+        }
+        for name, (by_foot, _) in shared.items()
+    }
+    dynamics = dict(
+        zip(
+            ground,
+            inverse_dynamics_variants(body, motion, [*ground.values()], jobs=jobs),
+            strict=True,
+        )
+    )
+    measured = dynamics["measured"]
 
     events, which = gait_events(recording)
     cycles, rejected = cut_cycles(events, measured)
-    delay, uncertainty, said = _delay(measured, ground, motion)
+    rule = condition or Condition()
+    onsets = _onsets(recording, rule, acted) if rule.perturbed else None
+    chosen, missing = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
+    best = "compensated" if "compensated" in dynamics else "measured"
+    delay, uncertainty, said = _delay(dynamics[best], ground[best], motion)
     return TrialResult(
         source=recording.source,
         subject=subject,
@@ -146,38 +121,89 @@ def process_recording(
         body=body,
         motion=motion,
         measured=measured,
-        compensated=None,
-        ground={"measured": ground},
+        compensated=dynamics.get("compensated"),
+        ground=ground,
+        platform=acted.pose,
         events=events,
-        cycles=cycles,
+        cycles=chosen,
         delay_s=delay,
         delay_uncertainty_s=uncertainty,
-        ambiguous=ambiguous,
+        ambiguous=shared[best][1],
         notes=(
             *recording.notes,
             weighed,
             *body.notes,
             *_motion_notes(body, raw),
+            *acted.notes,
             which,
             *rejected,
+            *missing,
             said,
         ),
     )
 
 
-def plate_at(plate: Plate, time: Array, delay_s: float) -> Array:
-    """Give a plate's wrench at the markers' times, (T, 6), lab axes about the lab origin.
+def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) -> TrialResult:
+    """Process one trial of a study.
 
     Parameters
     ----------
-    plate
-        The plate.
-    time
-        Marker times, (T,) [s].
-    delay_s
-        How much later the plate is than the markers [s].
+    study
+        The study.
+    subject, condition
+        Which trial.
+    jobs
+        Threads.
+
+    Returns
+    -------
+    TrialResult
+        With and without compensation if the study has a calibration.
+
+    Raises
+    ------
+    ValueError
+        If there is no such trial, or it cannot be processed.
     """
-    return resample(plate.time, plate.wrench, time + delay_s)
+    person, file = study.subject(subject), study.file
+    rule = study.condition(condition)
+    if condition not in person.trials:
+        raise ValueError(f"subject {subject} has no trial {condition!r}")
+    trial = person.trials[condition]
+    if trial.file is None or trial.exclude is not None:
+        raise ValueError(f"{subject} {condition} is excluded: {trial.exclude}")
+
+    def read(name: str) -> Recording:
+        return read_c3d(study.path(name), file.axes, rename=file.rename)
+
+    treadmill = file.treadmill
+    calibration = (
+        read_calibration(study.path(treadmill.calibration), treadmill, file.axes)
+        if treadmill.calibration
+        else None
+    )
+    return process_recording(
+        read(trial.file),
+        person.person,
+        file.settings,
+        static=read(person.static) if person.static else None,
+        marker_set=study.marker_set,
+        laboratory=Laboratory(treadmill, calibration),
+        condition=rule,
+        jobs=jobs,
+    )
+
+
+def _onsets(recording: Recording, condition: Condition, ground: Ground) -> Array:
+    """Find the perturbations: from the pulse channel, else from the platform's motion."""
+    if condition.pulse_channel is not None:
+        return pulse_onsets(recording, condition.pulse_channel)
+    if ground.pose is None:
+        raise ValueError(
+            f"{recording.source.name}: a perturbed condition needs a pulse_channel, or the "
+            "platform's pose"
+        )
+    return sway_onsets(recording.markers.time, ground.pose.position[:, 1])
 
 
 def feet_of(body: Body, motion: Motion) -> Array:
@@ -216,26 +242,6 @@ def _require_plates(recording: Recording) -> None:
             f"{recording.source.name}: the file has no force plates; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
-
-
-def _body_mass(subject: Subject, pose: Recording) -> tuple[float, str]:
-    """Give body mass as stated, or weighed over the first frames of the calibration pose."""
-    if subject.mass_kg is not None:
-        return subject.mass_kg, f"body mass {subject.mass_kg:.1f} kg as given"
-    name = pose.source.name
-    if not pose.plates:
-        raise ValueError(f"{name}: mass missing, and there are no plates to weigh by; state it")
-    total = np.sum([plate.wrench[:, 2] for plate in pose.plates], axis=0)
-    first = pose.plates[0].time < pose.markers.time[0] + WEIGHING_FRAMES / pose.markers.rate_hz
-    weight, mean = total[first], float(np.nanmean(total)) / GRAVITY
-    if np.std(weight) > STEADY_SHARE * np.mean(weight) or np.mean(weight) < 10 * GRAVITY:
-        hint = f"; the mean vertical force of the whole file would be {mean:.1f} kg" * (mean > 10)
-        raise ValueError(
-            f"{name}: mass missing: nobody stands still on the plates in the first "
-            f"{WEIGHING_FRAMES} frames to be weighed; state the mass{hint}"
-        )
-    mass = float(np.mean(weight)) / GRAVITY
-    return mass, f"body mass {mass:.1f} kg by the plates, first {WEIGHING_FRAMES} frames of {name}"
 
 
 def _motion_notes(body: Body, motion: Motion) -> list[str]:

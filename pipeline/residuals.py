@@ -10,7 +10,7 @@ from hbm.dynamics import Dynamics
 from hbm.skeleton import GRAVITY
 from hbm.spatial import Array, Mask
 from pipeline.cycles import normalise
-from pipeline.process import TrialResult
+from pipeline.trial_result import TrialResult
 
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")

@@ -92,7 +92,7 @@ def _backend(scheduler: str | None) -> Any:
         from dask.distributed import Client
     except ImportError as error:
         raise ValueError("--scheduler needs Dask: pip install 'hbm-residuals[cluster]'") from error
-    client = Client(scheduler, timeout="10s")
+    client: Any = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
     return parallel_config(backend="dask", client=client)
 
 

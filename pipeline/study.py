@@ -63,6 +63,7 @@ class Treadmill(Stated):
 
     calibration: str | None = None
     accelerometers: dict[Name, tuple[str, str, str]] = Field(default_factory=dict)
+    accelerometer_unit: str | None = None
     accelerometer_delay_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
     cutoff_hz: Annotated[float, Field(gt=0, le=100)] = 20.0
     platform: Platform | None = None

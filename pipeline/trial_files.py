@@ -15,7 +15,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hbm.coordinates import HBM_ORDER, INDEX
-from pipeline.process import TrialResult
 from pipeline.residuals import (
     AXES,
     hicks_table,
@@ -24,6 +23,7 @@ from pipeline.residuals import (
     residual_table,
     variants,
 )
+from pipeline.trial_result import TrialResult
 
 PACKAGES: Final = ("hbm-residuals", "pin", "casadi", "numpy", "scipy", "pandas", "pyarrow")
 FACTS: Final = b"hbm"

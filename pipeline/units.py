@@ -7,6 +7,13 @@ import numpy as np
 from hbm.spatial import Array
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+ACCELERATIONS = {
+    "g": 9.80665,
+    **{f"{m}/{s}": scale for m, scale in LENGTHS.items() for s in ("s²", "s2", "s^2", "s/s")},
+}
+ANGLES = {name: np.pi / 180 for name in ("deg", "degree", "degrees", "°")} | {
+    name: 1.0 for name in ("rad", "radian", "radians")
+}
 FORCES = {"n": 1.0, "kn": 1e3}
 SPELLINGS = {
     r"newtons?": "n",
@@ -32,6 +39,16 @@ def moment_in_nm(unit: str) -> float:
     """Give one moment unit in newton metres; raises ValueError where it is unknown."""
     moments = {f + m: FORCES[f] * LENGTHS[m] for f in FORCES for m in LENGTHS}
     return _lookup(unit, moments, "moment", "Nmm or Nm")
+
+
+def acceleration_in_mps2(unit: str) -> float:
+    """Give one unit of acceleration in m/s²; raises ValueError where it is unknown."""
+    return _lookup(unit, ACCELERATIONS, "acceleration", "g or m/s²")
+
+
+def angle_in_rad(unit: str) -> float:
+    """Give one unit of angle in radians; raises ValueError where it is unknown."""
+    return _lookup(unit, ANGLES, "angle", "deg or rad")
 
 
 def check_span(position: Array, unit: str) -> None:

@@ -1,0 +1,104 @@
+"""A study to start from: commented TOML files."""
+
+from pathlib import Path
+from typing import Final
+
+STUDY: Final = """\
+# A study: what the laboratory is, how trials are processed, which conditions there are.
+# Every other TOML file in this folder is a subject. File names are relative to this folder.
+# Units stand in the names of the keys. 'hbm check .' tells what is missing.
+
+name = "My study"
+
+# Where the files' x, y and z axes point in the lab. Leave out to have it inferred and stated.
+# axes = "left,back,up"
+
+# Labels in the files that are spelt otherwise than in the marker set.
+# [rename]
+# LASI = "LASIS"
+
+[settings]
+# marker_set = "hbm2"        # hbm2, hbm2_lower, hbm1, hbm1_lower or a TOML file of your own
+cutoff_hz = 6.0              # of the Butterworth filter, on coordinates and forces alike
+filter = "zero_phase"        # or "realtime", as the laboratory's own software does
+hip = "harrington"           # or "bell"
+plate_delay_s = 0.0          # how much later the plates are than the markers
+
+[treadmill]
+# Recording of the empty, moving treadmill (.c3d), or a calibration fitted to one (.json).
+# calibration = "calibration.c3d"
+# accelerometer_unit = "g"   # if the files do not say it
+# cutoff_hz = 20.0           # low-pass for fitting the calibration
+
+# [treadmill.accelerometers] # sensor = its three channels
+# rear_left = ["Acc1.X", "Acc1.Y", "Acc1.Z"]
+# front_right = ["Acc2.X", "Acc2.Y", "Acc2.Z"]
+
+# [treadmill.platform]       # leave out for a treadmill that stands still
+# markers = ["PLAT1", "PLAT2", "PLAT3", "PLAT4"]
+# or, less exact, as commanded:
+# sway_channel = "Sway"
+# pitch_channel = "Pitch"
+# pivot_m = [0.0, 0.0, -0.3]
+
+[conditions.baseline]
+cycles = 50                  # gait cycles that count
+skip_s = 10.0                # leave out the start
+
+[conditions.sway]
+cycles = 20
+perturbed = true             # only cycles that contain a perturbation
+# pulse_channel = "Perturbation"   # rises when one starts; default: the platform's motion
+
+[conditions.pitch]
+cycles = 50
+skip_s = 10.0
+"""
+
+SUBJECT: Final = """\
+# One subject. Copy this file for every further one.
+id = "sub01"
+sex = "female"               # male, female or unspecified
+height_m = 1.70
+# mass_kg = 65.0             # default: weighed by the plates in the first 100 frames
+# age_years = 26
+# static = "sub01_static.c3d"      # calibration pose; default: the quietest second of each trial
+
+[trials.baseline]
+file = "sub01_baseline.c3d"
+
+[trials.sway]
+file = "sub01_sway.c3d"
+
+[trials.pitch]
+# A trial that cannot be used stays in the table, with its reason:
+exclude = "not recorded yet"
+"""
+
+
+def write_template(folder: Path) -> tuple[Path, Path]:
+    """Write a commented study.toml and a subject file.
+
+    Parameters
+    ----------
+    folder
+        Where; made if it does not exist.
+
+    Returns
+    -------
+    tuple of Path
+        The two files.
+
+    Raises
+    ------
+    ValueError
+        If there already is a study; nothing is overwritten.
+    """
+    study, subject = folder / "study.toml", folder / "sub01.toml"
+    for path in (study, subject):
+        if path.exists():
+            raise ValueError(f"{path} is already there; nothing was written")
+    folder.mkdir(parents=True, exist_ok=True)
+    study.write_text(STUDY, encoding="utf-8")
+    subject.write_text(SUBJECT, encoding="utf-8")
+    return study, subject
