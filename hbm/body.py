@@ -1,21 +1,24 @@
-"""The body: a subject's geometry, inertias and markers on the skeleton's 46 coordinates."""
+"""A subject's body from a calibration pose: geometry, inertias and markers on the skeleton."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import Any, Final
+from dataclasses import replace
+from typing import Final
 
 import numpy as np
-import pinocchio as pin
 
-from hbm.calibration import calibration_frames
-from hbm.coordinates import COORDINATES, FIRST, LAST, MOVING, SEGMENTS, TREE, support
-from hbm.landmarks import HipRule, Measures, locate_anatomy
+from hbm.anatomy import SIDES, Anatomy, HipRule, Measures, distance
+from hbm.calibration import calibrate
+from hbm.coordinates import COORDINATES, LAST, MOVING, SEGMENTS, support
+from hbm.kinematics import solve_ik
+from hbm.landmarks import locate_anatomy
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
-from hbm.segments import NOTHING, Inertia, Sex, proportions, segment_inertia
+from hbm.model import Body
+from hbm.poses import segment_frames
+from hbm.segments import NOTHING, Inertia, Proportions, Sex, proportions, segment_inertia
 from hbm.shape import Shape, average, shape_of
-from hbm.skeleton import OFFSETS, OWN_AXES
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
+
+__all__ = ["Body", "build_body"]
 
 PARTS: Final = {
     "pelvis": ("lower_trunk",),
@@ -28,65 +31,7 @@ PARTS: Final = {
     },
 }
 TOES_KG: Final = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class Body:
-    """A subject on the skeleton.
-
-    Attributes
-    ----------
-    mass, sex, height_m
-        Body mass [kg], sex, stature [m] (given, or estimated from the legs).
-    marker_set
-        The marker set it was built with.
-    markers
-        Marker names, (K,); ``marker_segment`` the segment of each, ``marker_position`` its place in
-        that segment's frame, (K, 3) [m].
-    offsets
-        Segment -> its proximal joint in the parent's frame, (3,) [m].
-    axes
-        Coordinate -> hinge axis, (3,), for the hinges that the subject's landmarks define.
-    inertias
-        Moving segment -> mass, centre of mass and inertia in its frame.
-    locked
-        Coordinates that no marker of the set can ever show; they stay at zero.
-    notes
-        What was estimated, substituted or looks implausible, as sentences.
-    model
-        The same body as a Pinocchio model: 46 single-axis joints in the order of
-        `hbm.coordinates.COORDINATES`, a frame for every marker and segment.
-    """
-
-    mass: float
-    sex: Sex
-    height_m: float
-    marker_set: MarkerSet
-    markers: tuple[str, ...]
-    marker_segment: tuple[str, ...]
-    marker_position: Array
-    offsets: Mapping[str, Array]
-    axes: Mapping[str, Array]
-    inertias: Mapping[str, Inertia]
-    locked: tuple[str, ...]
-    notes: tuple[str, ...]
-    model: Any
-
-    @property
-    def geometry(self) -> Array:
-        """Offsets and hinge axes as one vector, in the order the kernels take them."""
-        axes = [self.axes[COORDINATES[i]] for i in OWN_AXES]
-        return np.concatenate([*(self.offsets[s] for s in OFFSETS), *axes])
-
-    @property
-    def inertia_vector(self) -> Array:
-        """Mass, centre and inertia (xx yy zz xy xz yz) of the moving segments as one vector."""
-        rows = []
-        for s in MOVING:
-            i, t = self.inertias[s], self.inertias[s].tensor
-            products = [t[0, 1], t[0, 2], t[1, 2]]
-            rows.append([i.mass, *i.center, *np.diag(t), *products])
-        return np.concatenate(rows)
+LEG_SHARE: Final = 0.245 + 0.246
 
 
 def build_body(
@@ -117,16 +62,19 @@ def build_body(
     height_m
         Stature [m], for parts that no marker shows; by default estimated from the legs.
     window_s
-        Start and end of the calibration pose [s]; by default the quietest second.
+        Start and end of the calibration pose [s]; by default the quietest second, or the whole
+        recording where nobody stands still.
     hip
-        "harrington", "bell", or functional centres (see `hbm.landmarks.Measures`).
+        "harrington", "bell", or functional centres (see `hbm.anatomy.Measures`).
     knee_width_m, ankle_width_m, marker_offset_m
-        See `hbm.landmarks.Measures`.
+        See `hbm.anatomy.Measures`.
 
     Returns
     -------
     Body
-        Geometry averaged over the window, inertias by de Leva (1996).
+        Geometry averaged over the window, inertias by de Leva (1996). If the subject moves in the
+        window, markers that are no landmarks sit where the skeleton, fitted to the same instants,
+        sees them on average.
 
     Raises
     ------
@@ -143,53 +91,43 @@ def build_body(
     measures = Measures(sex, hip, knee_width_m, ankle_width_m, marker_offset_m)
     table = proportions(sex)
 
-    used = [name for name in static_markers.names if name in chosen.segment]
-    columns = [static_markers.names.index(name) for name in used]
-    frames, said = calibration_frames(static_markers, used, window_s)
-    anatomies = []
-    for f in frames:
-        position = static_markers.position[f, columns]
-        at = {n: p for n, p in zip(used, position, strict=True) if not np.isnan(p[0])}
-        landmarks = {mark: at[name] for mark, name in chosen.landmark.items() if name in at}
-        anatomies.append((at, locate_anatomy(landmarks, measures)))
-    notes = [said, *dict.fromkeys(note for _, a in anatomies for note in a.notes)]
+    used = [name for name in chosen.segment if name in static_markers.names]
+    calibration = calibrate(static_markers, used, window_s)
+    instants = _take(static_markers, used, calibration.frames)
+    poses = [dict(zip(used, p, strict=True)) for p in instants.position]
+    poses = [{name: p for name, p in at.items() if not np.isnan(p[0])} for at in poses]
+    anatomies = [
+        locate_anatomy({mark: at[n] for mark, n in chosen.landmark.items() if n in at}, measures)
+        for at in poses
+    ]
+    notes = [calibration.said, *dict.fromkeys(note for a in anatomies for note in a.notes)]
     if height_m is None:
-        height_m = float(np.mean([_stature(a.points, table) for _, a in anatomies]))
+        height_m = float(np.mean([_stature(a) for a in anatomies]))
         notes.append(f"stature estimated from the legs: {height_m:.2f} m")
-    height = height_m
-    shape = average([shape_of(a, table, height, at, chosen.segment) for at, a in anatomies])
-
-    share = {
-        p: table[p.split("_", 1)[1] if p.startswith(("right_", "left_")) else p] for p in shape.ends
-    }
-    inertias = {s: NOTHING for s in MOVING}
-    for s, parts in PARTS.items():
-        for part in parts:
-            inertias[s] += segment_inertia(share[part], mass, *shape.ends[part])
-    for side in ("right", "left"):
-        foot = inertias[f"{side}_foot"]
-        inertias[f"{side}_foot"] = replace(foot, mass=foot.mass - TOES_KG)
-        inertias[f"{side}_toes"] = Inertia(TOES_KG, np.zeros(3), TOES_KG * 1e-4 * np.eye(3))
-    markers = tuple(name for name in used if name in shape.markers)
+    shape = average(
+        [
+            shape_of(anatomy, table, height_m, at, chosen.segment)
+            for anatomy, at in zip(anatomies, poses, strict=True)
+        ]
+    )
+    markers = tuple(n for n in shape.markers if chosen.segment[n] not in _unlocated(anatomies[0]))
     segments = tuple(chosen.segment[name] for name in markers)
-    position = np.array([shape.markers[name] for name in markers])
-    position.setflags(write=False)
-    locked = _unseen(set(segments))
-    return Body(
+    body = Body(
         mass=float(mass),
         sex=sex,
-        height_m=height_m,
+        height_m=float(height_m),
         marker_set=chosen,
         markers=markers,
         marker_segment=segments,
-        marker_position=position,
-        offsets=MappingProxyType(shape.offsets),
-        axes=MappingProxyType(shape.axes),
-        inertias=MappingProxyType(inertias),
-        locked=locked,
+        marker_position=np.array([shape.markers[name] for name in markers]),
+        offsets=shape.offsets,
+        axes=shape.axes,
+        inertias=_inertias(shape, table, mass),
+        lengths={part: distance(ends[0], ends[1]) for part, ends in shape.ends.items()},
+        locked=_unseen(set(segments)),
         notes=tuple(notes),
-        model=pin_model(shape, inertias, dict(zip(markers, segments, strict=True))),
     )
+    return body if calibration.still else _with_tracking_markers(body, instants)
 
 
 def _choose(marker_set: str | MarkerSet | None, markers: Markers) -> MarkerSet:
@@ -202,14 +140,28 @@ def _choose(marker_set: str | MarkerSet | None, markers: Markers) -> MarkerSet:
     return marker_sets()[marker_set]
 
 
-def _stature(points: Mapping[str, Array], table: Mapping[str, Any]) -> float:
-    """Stature from the length of both legs by de Leva's mean proportions."""
+def _take(markers: Markers, names: list[str], frames: Indices) -> Markers:
+    columns = [markers.names.index(name) for name in names]
+    return Markers(markers.time[frames], tuple(names), markers.position[frames][:, columns])
+
+
+def _stature(anatomy: Anatomy) -> float:
+    """Stature from both legs: hip to ankle is 0.491 of it (Drillis and Contini 1966).
+
+    De Leva's mean lengths would not do: the women's thigh ends at another hip than the men's.
+    """
     legs = [
-        np.linalg.norm(points[f"{side}_{a}"] - points[f"{side}_{b}"])
-        for side in ("right", "left")
+        distance(anatomy.points[f"{side}_{a}"], anatomy.points[f"{side}_{b}"])
+        for side in SIDES
         for a, b in (("hip", "knee"), ("knee", "ankle"))
     ]
-    return float(np.sum(legs) / (2 * (table["thigh"].length + table["shank"].length)))
+    return sum(legs) / 2 / LEG_SHARE
+
+
+def _unlocated(anatomy: Anatomy) -> set[str]:
+    """Segments of arms whose joints could not be found; where their markers ride is unknown."""
+    arm = ("upper_arm", "forearm", "hand")
+    return {f"{side}_{s}" for side in SIDES if f"{side}_elbow" not in anatomy.points for s in arm}
 
 
 def _unseen(seen: set[str]) -> tuple[str, ...]:
@@ -218,37 +170,33 @@ def _unseen(seen: set[str]) -> tuple[str, ...]:
     return tuple(name for i, name in enumerate(COORDINATES) if i not in shown)
 
 
-def pin_model(shape: Shape, inertias: Mapping[str, Inertia], segment: Mapping[str, str]) -> Any:
-    """Write the body as a Pinocchio model.
+def _inertias(shape: Shape, table: Mapping[str, Proportions], mass: float) -> dict[str, Inertia]:
+    """Inertias of the moving segments; the toes' token mass is the foot's."""
+    inertias = {s: NOTHING for s in MOVING}
+    for s, parts in PARTS.items():
+        for part in parts:
+            row = table[part.removeprefix("right_").removeprefix("left_")]
+            inertias[s] += segment_inertia(row, mass, *shape.ends[part])
+    for side in SIDES:
+        foot = inertias[f"{side}_foot"]
+        inertias[f"{side}_foot"] = replace(foot, mass=foot.mass - TOES_KG)
+        inertias[f"{side}_toes"] = Inertia(TOES_KG, np.zeros(3), TOES_KG * 1e-4 * np.eye(3))
+    return inertias
 
-    Parameters
-    ----------
-    shape
-        Offsets, hinge axes and marker positions in segment frames.
-    inertias
-        Moving segment -> inertia.
-    segment
-        Marker -> segment.
 
-    Returns
-    -------
-    pinocchio.Model
-        Joint ``i + 1`` is coordinate ``i``; operational frames carry the markers and segments.
-    """
-    model = pin.Model()
-    model.name = "human_body_model"
-    for i, c in enumerate(TREE):
-        axis = np.array(shape.axes[c.name] if c.axis is None else c.axis)
-        first = i == FIRST[c.segment] and c.segment in shape.offsets
-        offset = shape.offsets[c.segment] if first else np.zeros(3)
-        kind = pin.JointModelPrismaticUnaligned if c.translates else pin.JointModelRevoluteUnaligned
-        model.addJoint(c.parent + 1, kind(*axis), pin.SE3(np.eye(3), offset), c.name)
-    for s, part in inertias.items():
-        inertia = pin.Inertia(part.mass, np.array(part.center), np.array(part.tensor))
-        model.appendBodyToJoint(LAST[s] + 1, inertia, pin.SE3.Identity())
-    for s in SEGMENTS:
-        model.addFrame(pin.Frame(s, LAST[s] + 1, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    for name, s in segment.items():
-        place = pin.SE3(np.eye(3), shape.markers[name])
-        model.addFrame(pin.Frame(name, LAST[s] + 1, 0, place, pin.FrameType.SENSOR))
-    return model
+def _with_tracking_markers(body: Body, instants: Markers) -> Body:
+    """Move markers that are no landmarks to where the fitted skeleton sees them on average."""
+    motion = solve_ik(body, instants)
+    if not motion.converged.any():
+        raise ValueError(
+            "the skeleton fits the calibration pose in none of its instants; check the markers' "
+            "names and the lab axes"
+        )
+    rotation, origin = segment_frames(body, motion.q[motion.converged])
+    own = [SEGMENTS.index(s) for s in body.marker_segment]
+    measured = _take(instants, list(body.markers), np.flatnonzero(motion.converged)).position
+    away = measured - origin[:, own]
+    local = np.einsum("tkji,tkj->tki", rotation[:, own], away).mean(axis=0)
+    landmark = np.array([name in body.marker_set.landmark.values() for name in body.markers])
+    position = np.where(landmark[:, None], body.marker_position, local)
+    return replace(body, marker_position=position)

@@ -1,19 +1,42 @@
 """Which instants of a recording the body is built from."""
 
+from dataclasses import dataclass
+from typing import Final
+
 import numpy as np
 
 from hbm.markers import Markers
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 
-QUIET_MPS = 0.05
-WINDOW_S = 1.0
-INSTANTS = 50
+QUIET_MPS: Final = 0.05
+WINDOW_S: Final = 1.0
+TREMOR_S: Final = 0.1
+INSTANTS: Final = 100
 
 
-def calibration_frames(
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """The instants that show the calibration pose.
+
+    Attributes
+    ----------
+    frames
+        Evenly spread frames in which all markers that are ever visible are visible, (F,).
+    still
+        Whether the subject stood still.
+    said
+        One sentence for the user: which window, and whether the subject stood still in it.
+    """
+
+    frames: Indices
+    still: bool
+    said: str
+
+
+def calibrate(
     markers: Markers, used: list[str], window_s: tuple[float, float] | None
-) -> tuple[Array, str]:
-    """Choose the instants that the calibration pose is taken from.
+) -> Calibration:
+    """Choose the instants that the body is built from.
 
     Parameters
     ----------
@@ -22,15 +45,13 @@ def calibration_frames(
     used
         Labels that matter.
     window_s
-        Start and end [s]; by default the second in which the markers move least.
+        Start and end [s]; by default the second in which the markers move least, or, where nobody
+        ever stands still, the whole recording: over many strides what is periodic averages out.
 
     Returns
     -------
-    frames
-        At most 50 frames, evenly spread over the window, in which all markers that are visible at
-        all are visible.
-    said
-        One sentence for the user: which window, and whether the subject stood still in it.
+    Calibration
+        At most 100 instants.
 
     Raises
     ------
@@ -39,47 +60,70 @@ def calibration_frames(
     """
     time = markers.time
     position = markers.position[:, [markers.names.index(name) for name in used]]
-    if window_s is None:
-        start, stop = _quietest(position, markers.rate_hz)
-    else:
-        inside = np.flatnonzero((time >= window_s[0]) & (time < window_s[1]))
-        if not len(inside):
-            raise ValueError(
-                f"the calibration window {window_s[0]:g}–{window_s[1]:g} s holds no frame; the "
-                f"recording runs from {time[0]:g} to {time[-1]:g} s"
-            )
-        start, stop = int(inside[0]), int(inside[-1]) + 1
-    seen = ~np.isnan(position[start:stop, :, 0])
-    ever = seen.any(axis=0)
-    complete = start + np.flatnonzero(seen[:, ever].all(axis=1))
+    chosen = _inside(time, window_s)
+    seen = ~np.isnan(position[chosen, :, 0])
+    complete = chosen[seen[:, seen.any(axis=0)].all(axis=1)]
     if not len(complete):
-        rare = used[int(np.argmin(np.where(ever, seen.sum(axis=0), np.inf)))]
+        rare = used[int(np.argmin(np.where(seen.any(axis=0), seen.sum(axis=0), np.inf)))]
         raise ValueError(
-            f"no frame from {time[start]:.2f} to {time[stop - 1]:.2f} s shows all calibration "
-            f"markers at once; {rare} is missing most often; choose another window"
+            f"no frame from {time[chosen[0]]:.2f} to {time[chosen[-1]]:.2f} s shows all "
+            f"calibration markers at once; {rare} is missing most often; choose another window"
         )
+    speed = _speed(position, markers.rate_hz)
+    if window_s is None:
+        complete = _quiet(complete, speed, max(2, round(WINDOW_S * markers.rate_hz)))
     spread = np.unique(np.linspace(0, len(complete) - 1, INSTANTS).round().astype(int))
-    speed = _speed(position[start:stop], markers.rate_hz)
-    manner = "standing still" if speed < QUIET_MPS else f"moving at {speed:.2f} m/s"
-    said = (
-        f"calibration pose from {time[start]:.2f} to {time[stop - 1]:.2f} s, "
-        f"{manner} (mean of {len(spread)} instants)"
+    frames = complete[spread]
+    pace = speed[complete]
+    moved = float(np.mean(pace[~np.isnan(pace)])) if not np.isnan(pace).all() else 0.0
+    still = moved < QUIET_MPS
+    manner = "standing still" if still else f"nobody stands still, moving at {moved:.2f} m/s"
+    return Calibration(
+        frames,
+        still,
+        f"calibration pose from {time[frames[0]]:.2f} to {time[frames[-1]]:.2f} s, "
+        f"{manner} (mean of {len(frames)} instants)",
     )
-    return complete[spread], said
 
 
-def _speed(position: Array, rate_hz: float) -> float:
-    """Median over markers of the RMS speed after removing what is faster than a tenth second."""
-    step = max(1, round(rate_hz / 10))
-    moved = position[step:] - position[:-step]
-    speed = np.linalg.norm(moved, axis=-1) * rate_hz / step
-    return float(np.nanmean(speed)) if np.isfinite(speed).any() else 0.0
+def _inside(time: Array, window_s: tuple[float, float] | None) -> Indices:
+    if window_s is None:
+        return np.arange(len(time))
+    inside = np.flatnonzero((time >= window_s[0]) & (time < window_s[1]))
+    if not len(inside):
+        raise ValueError(
+            f"the calibration window {window_s[0]:g}–{window_s[1]:g} s holds no frame; the "
+            f"recording runs from {time[0]:g} to {time[-1]:g} s"
+        )
+    return np.asarray(inside)
 
 
-def _quietest(position: Array, rate_hz: float) -> tuple[int, int]:
-    """Find the second in which the markers move least."""
-    length = min(len(position), max(2, round(WINDOW_S * rate_hz)))
-    starts = range(0, len(position) - length + 1, max(1, length // 10))
-    speeds = [_speed(position[s : s + length], rate_hz) for s in starts]
-    best = starts[int(np.argmin(speeds))]
-    return best, best + length
+def _speed(position: Array, rate_hz: float) -> Array:
+    """Mean speed of the visible markers around each frame, tremor faster than 0.1 s left out."""
+    step = min(max(1, round(TREMOR_S * rate_hz)), len(position) - 1)
+    speed = np.full(len(position), np.nan)
+    if step < 1:
+        return speed
+    moved = np.linalg.norm(position[step:] - position[:-step], axis=-1) * rate_hz / step
+    seen = ~np.isnan(moved)
+    count = seen.sum(axis=1)
+    mean = np.where(seen, moved, 0).sum(axis=1) / np.maximum(count, 1)
+    speed[step // 2 : step // 2 + len(mean)] = np.where(count > 0, mean, np.nan)
+    return speed
+
+
+def _quiet(complete: Indices, speed: Array, length: int) -> Indices:
+    """Keep the complete frames of the quietest second; all of them if nobody stands still."""
+    known = complete[~np.isnan(speed[complete])]
+    if not len(known):
+        return complete
+    total = np.concatenate([[0.0], np.cumsum(speed[known])])
+    starts = np.arange(len(known))
+    stops = np.searchsorted(known, known + length)
+    enough = stops - starts >= min(length // 2, (stops - starts).max())
+    mean = np.where(enough, (total[stops] - total[starts]) / np.maximum(stops - starts, 1), np.inf)
+    best = int(np.argmin(mean))
+    if mean[best] >= QUIET_MPS:
+        return complete
+    inside = (complete >= known[best]) & (complete < known[best] + length)
+    return np.asarray(complete[inside])

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hbm.body import Body
 from hbm.coordinates import COORDINATES, INDEX, LAST, SEGMENTS, N, support
 from hbm.filtering import Method, butterworth
+from hbm.model import Body
 from hbm.motion import Motion
 from hbm.native import kernels
 from hbm.spatial import Array, shift_wrench

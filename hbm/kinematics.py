@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from hbm.body import Body
 from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
 from hbm.markers import Markers
+from hbm.model import Body
 from hbm.motion import Motion
 from hbm.native import Kernels, kernels
 from hbm.spatial import Array, Indices, Mask

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
-from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -139,7 +138,7 @@ def _marker_set(name: str, table: dict[str, Any]) -> MarkerSet:
     if faults:
         raise ValueError(f"marker set {name!r}: " + "; ".join(faults))
     title = str(table.get("title", name))
-    return MarkerSet(name, title, MappingProxyType(segment), MappingProxyType(landmark))
+    return MarkerSet(name, title, segment, landmark)
 
 
 def did_you_mean(word: object, known: Iterable[str]) -> str:

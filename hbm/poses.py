@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from hbm.body import Body
 from hbm.coordinates import SEGMENTS
+from hbm.model import Body
 from hbm.native import kernels
 from hbm.spatial import Array
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hbm.anatomy import SIDES, Anatomy, frame, perpendicular, unit
 from hbm.coordinates import DOWN, FORWARD, PARENT
-from hbm.landmarks import SIDES, Anatomy, frame, perpendicular, unit
 from hbm.segments import Proportions
 from hbm.spatial import Array, rotation_about
 

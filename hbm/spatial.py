@@ -13,6 +13,13 @@ Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 
+def read_only(value: ArrayLike) -> Array:
+    """Give a copy of an array that nobody can change by accident."""
+    copy = np.array(value, float)
+    copy.setflags(write=False)
+    return copy
+
+
 def shift_wrench(wrench: ArrayLike, to: ArrayLike) -> Array:
     """Express wrenches about another point.
 

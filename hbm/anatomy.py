@@ -1,0 +1,100 @@
+"""What a calibration pose shows of a subject's joints, and the directions it is told in."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+
+from hbm.segments import Sex
+from hbm.spatial import Array
+
+HipRule = Literal["harrington", "bell"]
+SIDES: Final = {"right": "R", "left": "L"}
+TO_LEFT: Final = {"right": 1.0, "left": -1.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Measures:
+    """What is known of a subject beyond the markers.
+
+    Attributes
+    ----------
+    sex
+        "male", "female" or "unspecified".
+    hip
+        Hip centre by "harrington" (2007) or "bell" (1990), or functional centres: side -> position
+        in the pelvis frame (origin mid-ASIS, x forward, y left, z up), (3,) [m].
+    knee_width_m, ankle_width_m
+        Joint widths, for marker sets without medial markers [m].
+    marker_offset_m
+        Marker radius plus base plate: how far a marker's centre is from the skin [m].
+    """
+
+    sex: Sex = "unspecified"
+    hip: HipRule | Mapping[str, Array] = "harrington"
+    knee_width_m: float | None = None
+    ankle_width_m: float | None = None
+    marker_offset_m: float = 0.009
+
+
+@dataclass(slots=True)
+class Anatomy:
+    """Joint centres, axes and segment ends of a subject in the calibration pose.
+
+    Attributes
+    ----------
+    points
+        Positions by name, such as ``right_knee`` or ``neck``, (3,) [m]. What could not be seen
+        (head or arms without markers) is absent.
+    axes
+        Unit vectors by name, such as ``right_knee``; all point to the subject's left in the
+        anatomical position.
+    frames
+        Orientations of pelvis, trunk and head (columns: forward, left, up), (3, 3).
+    notes
+        Which rules stood in for missing landmarks.
+    """
+
+    points: dict[str, Array] = field(default_factory=dict)
+    axes: dict[str, Array] = field(default_factory=dict)
+    frames: dict[str, Array] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def need(landmarks: Mapping[str, Array], *names: str, purpose: str, instead: str) -> list[Array]:
+    """Give landmarks, or say in a ValueError which are missing and what would do instead."""
+    missing = [name for name in names if name not in landmarks]
+    if missing:
+        raise ValueError(
+            f"{purpose} needs the landmark{'s' * (len(missing) > 1)} {', '.join(missing)}, which "
+            f"no marker shows in the calibration pose; {instead} would do instead"
+        )
+    return [landmarks[name] for name in names]
+
+
+def unit(vector: Array) -> Array:
+    """Give a vector's direction, (3,)."""
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def perpendicular(vector: Array, to: Array) -> Array:
+    """Give the direction of the part of a vector that is perpendicular to another, (3,)."""
+    along = unit(to)
+    return unit(vector - (vector @ along) * along)
+
+
+def frame(left: Array, up: Array, exact: Literal["left", "up"]) -> Array:
+    """Give a rotation (columns: forward, left, up) from two directions, one kept exactly."""
+    if exact == "left":
+        y = unit(left)
+        z = perpendicular(up, y)
+    else:
+        z = unit(up)
+        y = perpendicular(left, z)
+    return np.column_stack([np.cross(y, z), y, z])
+
+
+def distance(a: Array, b: Array) -> float:
+    """Give the distance between two points [m]."""
+    return float(np.linalg.norm(a - b))

@@ -1,0 +1,106 @@
+"""A real treadmill walk: what the markers, Plug-in-Gait and the plates say of the result."""
+
+import numpy as np
+import pytest
+
+from hbm.body import build_body
+from hbm.dynamics import filter_motion, inverse_dynamics
+from hbm.filtering import butterworth, resample
+from hbm.kinematics import solve_ik
+from hbm.skeleton import GRAVITY
+from pipeline.c3d import read_c3d
+
+FEET = ("left_foot", "right_foot")
+EDGE = slice(50, -50)
+
+
+@pytest.fixture(scope="module")
+def recording(shared_data):
+    return read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+
+
+@pytest.fixture(scope="module")
+def mass(recording):
+    """A walker on a treadmill weighs on average what the belts carry."""
+    return float(sum(plate.wrench[:, 2].mean() for plate in recording.plates) / GRAVITY)
+
+
+@pytest.fixture(scope="module")
+def body(recording, mass):
+    return build_body(recording.markers, mass=mass, sex="female")
+
+
+@pytest.fixture(scope="module")
+def motion(body, recording):
+    return solve_ik(body, recording.markers)
+
+
+@pytest.fixture(scope="module")
+def residual(body, motion, recording):
+    wrenches = {
+        foot: butterworth(
+            resample(plate.time, plate.wrench, motion.time), motion.time, 6.0, "zero_phase"
+        ).value
+        for foot, plate in zip(FEET, recording.plates, strict=True)
+    }
+    smooth = filter_motion(motion, cutoff=6.0, method="zero_phase")
+    return inverse_dynamics(body, smooth, wrenches).residual
+
+
+def published(recording, name):
+    """Plug-in-Gait's sagittal angle from the same file [rad]."""
+    return np.radians(recording.model_outputs[name][:, 0])
+
+
+def test_body_is_recognised_and_says_what_it_was_built_from(body):
+    assert body.marker_set.name == "hbm2_lower"
+    assert len(body.markers) == 26
+    assert body.notes[0].startswith("calibration pose from 0.00 to 12.05 s, nobody stands still")
+    assert 1.66 < body.height_m < 1.78  # the file says 1.72 m
+
+
+def test_head_and_arms_ride_on_the_trunk_and_are_reported_as_locked(body, motion):
+    parts = ("Head", "Shoulder", "Elbow", "ForeArm", "Wrist", "Hand", "Toe")
+    assert len(body.locked) == 3 + 20 + 2
+    assert all(any(part in name for part in parts) for name in body.locked)
+    for name in body.locked:
+        np.testing.assert_array_equal(motion.coordinate(name), 0)
+
+
+def test_every_frame_converges(motion):
+    assert motion.converged.all()
+
+
+def test_markers_are_met_within_12_mm_rms_and_none_is_30_mm_away(motion):
+    assert np.sqrt(np.mean(motion.marker_error**2)) < 0.012
+    assert motion.marker_error.max() < 0.030
+
+
+@pytest.mark.parametrize("side", "LR")
+def test_knee_flexion_follows_plug_in_gait(recording, motion, side):
+    ours, theirs = (
+        motion.coordinate(f"{side}KneeFlexion"),
+        published(recording, f"{side}KneeAngles"),
+    )
+    assert np.corrcoef(ours, theirs)[0, 1] > 0.98
+    assert np.std(ours - theirs) < np.radians(5)
+
+
+@pytest.mark.parametrize("side", "LR")
+@pytest.mark.parametrize(
+    ("joint", "coordinate", "sign"),
+    [("Hip", "HipFlexion", 1), ("Ankle", "AnklePlantarFlexion", -1)],
+)
+def test_hip_and_ankle_flexion_follow_plug_in_gait(
+    recording, motion, side, joint, coordinate, sign
+):
+    ours = sign * motion.coordinate(side + coordinate)
+    assert np.corrcoef(ours, published(recording, f"{side}{joint}Angles"))[0, 1] > 0.95
+
+
+def test_vertical_residual_averages_to_nothing(residual, mass):
+    assert abs(residual[EDGE, 2].mean()) < 0.02 * mass * GRAVITY
+
+
+def test_force_residual_is_small_on_every_axis(residual):
+    assert (residual[EDGE, :3].std(axis=0) < 25).all()
