@@ -4,17 +4,18 @@ Whatever is heavy is imported inside the command that needs it, so that ``--help
 """
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.exceptions import TyperException
 
 USAGE = 2
 """Exit code for wrong usage or input."""
 
 app = typer.Typer(
     help="Pelvis residuals of a full-body gait model on instrumented treadmills that move.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -45,25 +46,36 @@ PlateDelayMs = Annotated[
 ]
 
 
-def main() -> None:
-    """Run the command line; an error is one line, or a traceback with ``--debug``."""
-    debug = "--debug" in sys.argv
-    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; an error is one line, or a traceback with ``--debug``.
+
+    Parameters
+    ----------
+    arguments
+        What follows ``hbm``; by default what was typed.
+
+    Returns
+    -------
+    int
+        0 fine; 1 some trials failed, the rest is done; 2 wrong usage or input; 130 interrupted.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    typed = [argument for argument in given if argument != "--debug"]
     try:
-        app(args=arguments, prog_name="hbm")
-    except (ValueError, OSError, KeyError) as error:
-        if debug:
+        code = app(args=typed or ["--help"], prog_name="hbm", standalone_mode=False)
+    except (TyperException, ValueError, OSError, KeyError) as error:
+        if "--debug" in given:
             raise
         typer.echo(f"hbm: error: {one_line(error)}", err=True)
-        sys.exit(USAGE)
-    except KeyboardInterrupt:
-        typer.echo("hbm: stopped", err=True)
-        sys.exit(130)
+        return USAGE
+    return int(code or 0)
 
 
 def one_line(error: BaseException) -> str:
     """Say an error in one line, with the notes that were added on its way up."""
-    if isinstance(error, OSError) and error.strerror and error.filename:
+    if isinstance(error, TyperException):
+        text = f"{error.format_message().rstrip('.')}; see 'hbm --help'"
+    elif isinstance(error, OSError) and error.strerror and error.filename:
         text = f"{error.filename}: {error.strerror.lower()}"
     elif isinstance(error, KeyError):
         text = str(error.args[0])
@@ -161,4 +173,4 @@ def doctor() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
