@@ -22,6 +22,7 @@ app = typer.Typer(
 )
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for what it writes.")]
+StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and subject files.")]
 TrialFile = Annotated[Path, typer.Argument(help="The trial: .c3d, or .trc with --forces.")]
 Static = Annotated[Path | None, typer.Option(help="Calibration pose; default: the trial itself.")]
 Forces = Annotated[Path | None, typer.Option(help="Ground reaction forces (.mot) of a .trc trial.")]
@@ -66,7 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (TyperException, ValueError, OSError, KeyError) as error:
         if "--debug" in given:
             raise
-        typer.echo(f"hbm: error: {one_line(error)}", err=True)
+        for line in getattr(error, "faults", None) or [one_line(error)]:
+            typer.echo(f"hbm: error: {line}", err=True)
         return USAGE
     return int(code or 0)
 
@@ -162,6 +164,48 @@ def export(
         marker_set=marker_set,
     )
     out.run(request, osim=osim, urdf=urdf, tables=tables)
+
+
+@app.command()
+def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study.")]) -> None:
+    """Write a commented study.toml and a subject file to start from."""
+    from pipeline.template import write_template
+
+    study, subject = write_template(folder)
+    typer.echo(f"written: {study}, {subject}; next: edit them, then hbm check {folder}")
+
+
+@app.command()
+def check(study: StudyFolder) -> None:
+    """Read every TOML and every recording of a study, list all problems, compute nothing."""
+    from pipeline import study_commands
+
+    raise typer.Exit(study_commands.check(study))
+
+
+@app.command()
+def run(
+    study: StudyFolder,
+    subject: Annotated[list[str] | None, typer.Option(help="Only this one; repeatable.")] = None,
+    condition: Annotated[list[str] | None, typer.Option(help="Only this one; repeatable.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Trials side by side.")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Dask scheduler to run the trials on, e.g. tcp://host:8786.")
+    ] = None,
+    out: Out = Path("results"),
+) -> None:
+    """Process a study; finished trials are skipped, failed ones listed with reasons."""
+    from pipeline import study_commands
+
+    code = study_commands.run(
+        study,
+        out,
+        subjects=subject or (),
+        conditions=condition or (),
+        jobs=jobs,
+        scheduler=scheduler,
+    )
+    raise typer.Exit(code)
 
 
 @app.command()

@@ -122,7 +122,7 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> No
     table = pa.Table.from_pandas(frame_table(result), preserve_index=False)
     facts = json.dumps(trial_facts(result, condition, key), ensure_ascii=False).encode()
     table = table.replace_schema_metadata({**(table.schema.metadata or {}), FACTS: facts})
-    with _whole(path) as temporary:
+    with whole_file(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")
 
 
@@ -145,12 +145,12 @@ def read_facts(path: Path) -> dict[str, Any]:
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
     """Write a table as CSV, whole or not at all."""
-    with _whole(path) as temporary:
+    with whole_file(path) as temporary:
         table.to_csv(temporary, index=False, float_format="%.6g", encoding="utf-8")
 
 
 @contextmanager
-def _whole(path: Path) -> Iterator[Path]:
+def whole_file(path: Path) -> Iterator[Path]:
     """Give a temporary name beside a file; it takes the file's place once all is written."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
