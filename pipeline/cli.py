@@ -167,6 +167,14 @@ def export(
 
 
 @app.command()
+def demo(out: Out = Path("demo")) -> None:
+    """Simulate a walking trial in the virtual laboratory and process it."""
+    from pipeline import demo as demonstration
+
+    demonstration.demo(out)
+
+
+@app.command()
 def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study.")]) -> None:
     """Write a commented study.toml and a subject file to start from."""
     from pipeline.template import write_template
