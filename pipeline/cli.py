@@ -43,7 +43,8 @@ FilterMethod = Annotated[
 ]
 CutoffHz = Annotated[float, typer.Option(help="Cut-off of the filter.")]
 PlateDelayMs = Annotated[
-    float, typer.Option(help="How much later the plates are than the markers.")
+    float,
+    typer.Option(min=-500, max=500, help="How much later the plates are than the markers."),
 ]
 
 

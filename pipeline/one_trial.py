@@ -1,5 +1,6 @@
 """One trial on the command line: read, process, print, write."""
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,8 +61,8 @@ def run(request: Request, out: Path) -> TrialResult:
         If the input cannot be used; one line that says why and what next.
     """
     console = Console(highlight=False)
-    kernels(lambda sentence: console.print(sentence, style="dim"))
-    result, _ = process(request)
+    _require_folder(out)
+    result, _ = process(request, lambda sentence: console.print(sentence, style="dim"))
     print_result(result, console.print)
     stem = out / request.trial.stem
     write_trial(result, request.trial.stem, "", stem.with_suffix(".parquet"))
@@ -74,14 +75,30 @@ def run(request: Request, out: Path) -> TrialResult:
     return result
 
 
-def process(request: Request) -> tuple[TrialResult, Recording]:
-    """Read and process one trial as asked for; raises as `run` does."""
+def process(
+    request: Request, announce: Callable[[str], None] | None = None
+) -> tuple[TrialResult, Recording]:
+    """Read and process one trial as asked for; raises as `run` does.
+
+    Parameters
+    ----------
+    request
+        What to do.
+    announce
+        Told, in a sentence, when something takes long.
+
+    Returns
+    -------
+    tuple
+        The processed trial, and its recording.
+    """
     settings, subject, own_set = _stated(request)
     recording = read_trial(request.trial, request.forces, request.axes)
     static = read_trial(request.static, None, request.axes) if request.static else None
     known = recording.metadata.get("height_m")
     if subject.height_m is None and isinstance(known, float) and 0.5 <= known <= 2.6:
         subject = subject.model_copy(update={"height_m": known})
+    kernels(announce)
     result = process_recording(recording, subject, settings, static=static, marker_set=own_set)
     return result, recording
 
@@ -135,9 +152,19 @@ def _stated(request: Request) -> tuple[Settings, Subject, MarkerSet | None]:
             {"sex": request.sex, "mass_kg": request.mass_kg, "height_m": request.height_m}
         )
     except ValidationError as error:
-        faults = describe_faults(error, Settings)
-        raise ValueError("; ".join("--" + f.replace("_", "-", 1) for f in faults)) from error
+        faults = [fault.partition(":") for fault in describe_faults(error, Settings)]
+        said = [f"--{key.replace('_', '-')}:{fault}" for key, _, fault in faults]
+        raise ValueError("; ".join(said)) from error
     return settings, subject, own_set
+
+
+def _require_folder(out: Path) -> None:
+    """Refuse a folder that cannot be written to before minutes are spent on what goes into it."""
+    nearest = next(path for path in (out, *out.absolute().parents) if path.exists())
+    if not nearest.is_dir():
+        raise ValueError(f"--out {out}: {nearest} is a file, not a folder")
+    if not os.access(nearest, os.W_OK):
+        raise ValueError(f"--out {out}: no permission to write into {nearest}")
 
 
 def print_result(result: TrialResult, show: Callable[..., None]) -> None:
