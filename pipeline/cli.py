@@ -46,6 +46,12 @@ PlateDelayMs = Annotated[
     float,
     typer.Option(min=-500, max=500, help="How much later the plates are than the markers."),
 ]
+CalibrationFile = Annotated[
+    Path | None, typer.Option(help="Calibration of the moving treadmill (hbm calibration fit).")
+]
+PlatformMarkers = Annotated[
+    str, typer.Option(help="Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3.")
+]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -109,6 +115,8 @@ def residuals(
     filter_method: FilterMethod = "zero_phase",
     cutoff_hz: CutoffHz = 6.0,
     plate_delay_ms: PlateDelayMs = 0.0,
+    calibration: CalibrationFile = None,
+    platform_markers: PlatformMarkers = "",
     out: Out = Path("results"),
 ) -> None:
     """Process one trial: print its pelvis residuals, write table, frames and figure."""
@@ -127,6 +135,8 @@ def residuals(
             filter=filter_method,
             cutoff_hz=cutoff_hz,
             plate_delay_s=plate_delay_ms / 1000,
+            calibration=calibration,
+            platform_markers=tuple(filter(None, platform_markers.split(","))),
         ),
         out,
     )
@@ -215,6 +225,28 @@ def run(
         scheduler=scheduler,
     )
     raise typer.Exit(code)
+
+
+calibration_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(calibration_app, name="calibration", help="Calibrate a moving treadmill.")
+
+
+@calibration_app.callback()
+def calibration() -> None:
+    """Calibrate a moving treadmill: what its empty plates measure."""
+
+
+@calibration_app.command()
+def fit(
+    recording: Annotated[Path, typer.Argument(help="The empty, moving treadmill (.c3d).")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Calibration file to write (.json).")],
+    axes: Axes = None,
+    cutoff_hz: Annotated[float, typer.Option(help="Low-pass before the fit.")] = 20.0,
+) -> None:
+    """Fit a calibration to a recording of the empty, moving treadmill."""
+    from pipeline import calibration_commands
+
+    calibration_commands.fit(recording, out, axes=axes, cutoff_hz=cutoff_hz)
 
 
 @app.command()

@@ -20,6 +20,7 @@ from pipeline.units import acceleration_in_mps2, angle_in_rad, length_in_m
 
 NEUTRAL_FRAMES: Final = 100
 OUTLIER_M: Final = 0.01
+UPRIGHT: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,11 +170,45 @@ def read_calibration(path: Path, treadmill: Treadmill, axes: str | None) -> Cali
             return from_json(path.read_text(encoding="utf-8"))
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error
-    recording = read_c3d(path, axes)
+    recording = read_empty(path, axes)
     try:
         return fit_calibration(recording, treadmill)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
+
+
+def read_empty(path: Path, axes: str | None) -> Recording:
+    """Read a recording of the empty treadmill.
+
+    Parameters
+    ----------
+    path
+        C3D file.
+    axes
+        Where the file's axes point; if None, any directions with the right vertical: nobody shows
+        which way is forward, and a calibration in the plates' own axes does not need it.
+
+    Returns
+    -------
+    Recording
+        The trial.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the file cannot be read.
+    """
+    if axes is not None:
+        return read_c3d(path, axes)
+    try:
+        return read_c3d(path)
+    except ValueError as first:
+        for guess in UPRIGHT:
+            try:
+                return read_c3d(path, guess)
+            except ValueError:
+                continue
+        raise first
 
 
 def accelerations(recording: Recording, treadmill: Treadmill) -> tuple[Array, Array]:

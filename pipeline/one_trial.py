@@ -12,12 +12,14 @@ from rich.table import Table
 from hbm.markers import MarkerSet, read_marker_set
 from hbm.native import kernels
 from pipeline.c3d import read_c3d
+from pipeline.calibration_commands import laboratory
 from pipeline.figures import residual_figure, save_figure
+from pipeline.laboratory import Laboratory
 from pipeline.opensim_trial import read_opensim_trial
 from pipeline.process import process_recording
 from pipeline.recording import Recording
 from pipeline.residuals import hicks_table, marker_table, residual_table
-from pipeline.study import Settings, Subject, describe_faults
+from pipeline.study import Platform, Settings, Subject, Treadmill, describe_faults
 from pipeline.trc import read_trc
 from pipeline.trial_files import write_csv, write_trial
 from pipeline.trial_result import TrialResult
@@ -38,6 +40,8 @@ class Request:
     filter: str = "zero_phase"
     cutoff_hz: float = 6.0
     plate_delay_s: float = 0.0
+    calibration: Path | None = None
+    platform_markers: tuple[str, ...] = ()
 
 
 def run(request: Request, out: Path) -> TrialResult:
@@ -99,8 +103,22 @@ def process(
     if subject.height_m is None and isinstance(known, float) and 0.5 <= known <= 2.6:
         subject = subject.model_copy(update={"height_m": known})
     kernels(announce)
-    result = process_recording(recording, subject, settings, static=static, marker_set=own_set)
+    result = process_recording(
+        recording,
+        subject,
+        settings,
+        static=static,
+        marker_set=own_set,
+        laboratory=_laboratory(request),
+    )
     return result, recording
+
+
+def _laboratory(request: Request) -> Laboratory:
+    if request.calibration is not None:
+        return laboratory(request.calibration, request.platform_markers, request.axes)
+    markers = request.platform_markers
+    return Laboratory(Treadmill(platform=Platform(markers=markers) if markers else None))
 
 
 def read_trial(path: Path, forces: Path | None, axes: str | None) -> Recording:

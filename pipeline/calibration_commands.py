@@ -1,0 +1,120 @@
+"""A treadmill's calibration on the command line."""
+
+import hashlib
+import json
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from compensation.calibration import Calibration, to_json
+from pipeline.accelerometers import find_accelerometers
+from pipeline.laboratory import Laboratory, fit_calibration, read_calibration, read_empty
+from pipeline.study import Platform, Treadmill
+from pipeline.trial_files import whole_file
+
+COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+
+
+def fit(recording_file: Path, out: Path, *, axes: str | None, cutoff_hz: float) -> None:
+    """Fit a calibration to a recording of the empty, moving treadmill and write it as JSON.
+
+    Parameters
+    ----------
+    recording_file
+        C3D file with plates and accelerometers.
+    out
+        JSON file to write.
+    axes
+        Where the file's axes point; not needed.
+    cutoff_hz
+        Low-pass on both signals before the fit [Hz].
+
+    Raises
+    ------
+    ValueError, OSError
+        If the file cannot be used.
+    """
+    console = Console(highlight=False)
+    recording = read_empty(recording_file, axes)
+    sensors = find_accelerometers(recording)
+    treadmill = Treadmill(accelerometers=sensors, cutoff_hz=cutoff_hz)
+    try:
+        calibration = fit_calibration(recording, treadmill)
+    except ValueError as error:
+        raise ValueError(f"{recording_file.name}: {error}") from error
+    facts = {
+        "recording": recording_file.name,
+        "sha256": hashlib.sha256(recording_file.read_bytes()).hexdigest(),
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "program": f"hbm-residuals {version('hbm-residuals')}",
+        "channels": json.dumps(sensors),
+    }
+    with whole_file(out) as temporary:
+        temporary.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
+    console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz")
+    console.print(account(calibration))
+    for name, model in calibration.plates.items():
+        for warning in model.warnings:
+            console.print(f"- {name}: {warning}", soft_wrap=True)
+    console.print(
+        f"written to {out}; next: hbm residuals TRIAL --calibration {out}", soft_wrap=True
+    )
+
+
+def account(calibration: Calibration) -> Table:
+    """Lay out how well a calibration explains its own recording."""
+    table = Table(title="The empty plates, before and after compensation (calibration recording)")
+    for name in ("plate", "component", "RMS", "after", "less", "R²"):
+        table.add_column(name, justify="left" if name in ("plate", "component") else "right")
+    for name, model in calibration.plates.items():
+        for k, component in enumerate(COMPONENTS):
+            unit = "N" if k < 3 else "N·m"
+            table.add_row(
+                name,
+                component,
+                f"{model.rms_measured[k]:.1f} {unit}",
+                f"{model.rms_compensated[k]:.2f} {unit}",
+                f"{model.rms_reduction[k]:.1f} %",
+                f"{model.r_squared[k]:.4f}",
+            )
+        table.caption = f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}"
+    return table
+
+
+def laboratory(file: Path, platform_markers: tuple[str, ...], axes: str | None) -> Laboratory:
+    """Give the laboratory that a calibration file describes.
+
+    Parameters
+    ----------
+    file
+        JSON that `fit` wrote.
+    platform_markers
+        Markers on the platform; none for a treadmill that stands still.
+    axes
+        Where the files' axes point.
+
+    Returns
+    -------
+    Laboratory
+        With the accelerometers' channels as the calibration names them.
+
+    Raises
+    ------
+    ValueError
+        If the file is not such a calibration.
+    """
+    calibration = read_calibration(file, Treadmill(), axes)
+    try:
+        channels = json.loads(calibration.provenance["channels"])
+    except (KeyError, ValueError) as error:
+        raise ValueError(
+            f"{file.name}: the calibration does not name its channels; fit it again with "
+            "'hbm calibration fit'"
+        ) from error
+    cutoff_hz = next(iter(calibration.plates.values())).setup.cutoff_hz  # type: ignore[union-attr]
+    platform = Platform(markers=platform_markers) if platform_markers else None
+    treadmill = Treadmill(accelerometers=channels, cutoff_hz=cutoff_hz or 20.0, platform=platform)
+    return Laboratory(treadmill, calibration)
