@@ -1,0 +1,168 @@
+"""Tables for people, and what was to be reached."""
+
+import os
+import platform
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from tests.benchmarks.races import COMPILED, MACHINE
+
+PACKAGES = ("hbm-residuals", "casadi", "numpy", "scipy", "opensim", "mujoco", "pin")
+COLUMNS = {
+    "ik": {
+        "frames/s": ("frames_per_s", ",.0f"),
+        "wall µs": ("wall_us", ",.1f"),
+        "CPU µs": ("cpu_us", ",.1f"),
+        "user µs": ("user_us", ",.1f"),
+        "CPU × ours": ("cpu_ratio", ",.1f"),
+        "wall × ours": ("wall_ratio", ",.1f"),
+        "RMS mm": ("marker_rms_m", ".6f", 1e3),
+        "off, max rad": ("angle_max_rad", ".1e"),
+        "RMS rad": ("angle_rms_rad", ".1e"),
+        "max m": ("slide_max_m", ".1e"),
+    },
+    "scaling": {
+        "IK frames/s": ("ik_frames_per_s", ",.0f"),
+        "IK CPU µs": ("ik_cpu_us", ".1f"),
+        "× first": ("ik_cpu_ratio", ".2f"),
+    },
+}
+COLUMNS["id"] = dict(list(COLUMNS["ik"].items())[:6]) | {"force off N, N·m": ("force_error", ".1e")}
+COLUMNS["frames"] = COLUMNS["scaling"] | {
+    "ID frames/s": ("id_frames_per_s", ",.0f"),
+    "ID CPU µs": ("id_cpu_us", ".1f"),
+    "ID × first": ("id_cpu_ratio", ".2f"),
+}
+COLUMNS["coordinates"] = {
+    "markers": ("markers", "d"),
+    "coordinates": ("coordinates", "d"),
+} | COLUMNS["scaling"]
+COLUMNS["gaps"] = COLUMNS["scaling"] | {
+    "solved": ("solved", "d"),
+    "marked": ("marked", "d"),
+    "of frames": ("frames", "d"),
+    "off optimum": ("from_optimum", ".1e"),
+}
+TITLES = {
+    "ik": "Inverse kinematics, per frame",
+    "id": "Inverse dynamics with residuals, per frame",
+    "frames": "Ours by frames of the trial",
+    "coordinates": "Ours by markers and the coordinates they show",
+    "gaps": "Ours with missing markers",
+}
+
+
+@dataclass(frozen=True)
+class Target:
+    """Something to be reached: ``value`` at least, or at most, ``limit``."""
+
+    name: str
+    value: float
+    limit: float
+    at_least: bool
+
+    @property
+    def met(self) -> bool:
+        return self.value >= self.limit if self.at_least else self.value <= self.limit
+
+
+def targets(found: dict[str, Any]) -> list[Target]:
+    """Hold what was found against what was promised; parts that were not run are left out."""
+    ik = {row["key"]: row for row in found.get("ik", [])}
+    forces = {row["key"]: row for row in found.get("id", [])}
+    out = []
+
+    def least(name: str, value: float, limit: float) -> None:
+        out.append(Target(name, value, limit, at_least=True))
+
+    def most(name: str, value: float, limit: float) -> None:
+        out.append(Target(name, value, limit, at_least=False))
+
+    for clock in ("cpu", "wall"):
+        key = f"{clock}_ratio"
+        if "OpenSim" in ik:
+            least(f"IK × OpenSim ({clock})", ik["OpenSim"][key], 300)
+            relative = ik["OpenSim"][key] / ik[MACHINE][key]
+            least(f"IK without compiler × OpenSim ({clock})", relative, 10)
+        if "MuJoCo" in ik:
+            least(f"IK × MuJoCo ({clock})", ik["MuJoCo"][key], 15)
+        if "OpenSim" in forces:
+            least(f"ID × OpenSim ({clock})", forces["OpenSim"][key], 40)
+    if ik:
+        ours = ik[COMPILED]
+        best = min(row["marker_rms_m"] for row in ik.values())
+        most("marker RMS above the best of all [m]", ours["marker_rms_m"] - best, 1e-6)
+        most("angle off the optimum [rad]", ours["angle_max_rad"], 1e-5)
+        most("compiled against virtual machine [rad or m]", found["backends_differ"], 1e-9)
+        most("optimum against SciPy's [rad or m]", found["optimum_against_scipy"], 1e-7)
+    for row in found.get("gaps", [])[1:]:
+        most(f"time with {row['name']}, × complete", row["ik_cpu_ratio"], 1.2)
+        most(f"frames lost with {row['name']}", row["frames"] - row["solved"] - row["marked"], 0)
+    if "commands" in found:
+        most("hbm residuals, first use [s]", found["commands"]["first_s"], 30)
+    if "memory" in found:
+        most("peak memory of a long trial [GB]", found["memory"]["peak_bytes"] / 1e9, 1.5)
+    return out
+
+
+def machine() -> dict[str, Any]:
+    """Describe where and with what this was measured."""
+    versions = {}
+    for name in PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = None
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    return {
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "cores": os.cpu_count(),
+        "load_before": load,
+        "versions": versions,
+    }
+
+
+def show(found: dict[str, Any], reached: list[Target]) -> None:
+    console = Console(highlight=False, markup=False, width=max(150, Console().width))
+    console.print(", ".join(f"{name} {x}" for name, x in found["machine"]["versions"].items() if x))
+    for part, title in TITLES.items():
+        if part in found:
+            console.print(_table(title, found[part], COLUMNS[part]))
+    if "commands" in found:
+        said = found["commands"]
+        console.print(
+            f"hbm --help {said['help_s']:.2f} s; hbm residuals on {said['frames']} frames: first "
+            f"use {said['first_s']:.1f} s, then {said['second_s']:.1f} s"
+        )
+    if "memory" in found:
+        said = found["memory"]
+        console.print(
+            f"{said['frames']} frames, 46 markers, 30 channels at 1000 Hz, file to residuals: "
+            f"{said['peak_bytes'] / 1e9:.2f} GB at most, {said['seconds']:.1f} s, "
+            f"{said['solved']} frames with residuals"
+        )
+    for target in reached:
+        word = "at least" if target.at_least else "at most"
+        console.print(
+            f"{'met   ' if target.met else 'MISSED'} {target.name}: {target.value:.3g}, "
+            f"{word} {target.limit:g}"
+        )
+
+
+def _table(title: str, rows: list[dict[str, Any]], columns: dict[str, tuple]) -> Table:
+    table = Table(title=title, title_justify="left")
+    table.add_column("", no_wrap=True)
+    for name in columns:
+        table.add_column(name, justify="right")
+    for row in rows:
+        cells = [
+            format(row[key] * (scale[0] if scale else 1), style)
+            for key, style, *scale in columns.values()
+        ]
+        table.add_row(row["name"], *cells)
+    return table

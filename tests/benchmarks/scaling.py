@@ -1,0 +1,92 @@
+"""How our time grows with frames and coordinates, and what missing markers cost."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+
+from hbm.coordinates import SEGMENTS
+from hbm.kinematics import solve_ik
+from hbm.markers import Markers
+from tests.benchmarks.contestant import Contestant, Entry, race, ratio
+from tests.benchmarks.trial import Trial, leave_trial
+from tests.benchmarks.walker import Walk, walk, with_dropouts, with_random_gaps
+from tests.synthetic import synthetic_body
+
+FRAMES = (1000, 4000, 16000, 72000)
+GAP_FRAMES = 8000
+LEG = ("thigh", "shank", "foot")
+LEGS = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in LEG))
+COORDINATES = {"whole body": SEGMENTS, "legs and trunk": (*LEGS, "trunk"), "legs": LEGS}
+Row = dict[str, float | str]
+
+
+def in_frames(folder: Path, laps: int, frames: tuple[int, ...] = FRAMES) -> list[Row]:
+    longest = walk(max(frames))
+    trials = {f"{n} frames": leave_trial(folder / str(n), longest.first(n)) for n in frames}
+    return _compare(trials, laps, ("ik", "id"))
+
+
+def in_coordinates(folder: Path, laps: int, frames: int = GAP_FRAMES) -> list[Row]:
+    """Fewer markers show fewer coordinates; the others are locked."""
+    whole = walk(frames)
+    trials = {
+        name: leave_trial(folder / name, whole, on_segments(whole.markers, segments))
+        for name, segments in COORDINATES.items()
+    }
+    rows = _compare(trials, laps, ("ik",))
+    for row, trial in zip(rows, trials.values(), strict=True):
+        row["markers"] = len(trial.markers.names)
+        row["coordinates"] = int(trial.optimum.observed.any(axis=0).sum())
+    return rows
+
+
+def gaps(folder: Path, laps: int, frames: int = GAP_FRAMES) -> list[Row]:
+    """Complete markers, 5 % of the samples missing, and whole seconds without a marker."""
+    whole = walk(frames)
+    ways = {
+        "complete": whole.markers,
+        "5 % of samples missing": with_random_gaps(whole.markers, 0.05),
+        "a marker out for every second": with_dropouts(whole.markers),
+    }
+    trials = {name: leave_trial(folder / name, whole, own) for name, own in ways.items()}
+    rows = _compare(trials, laps, ("ik",))
+    for row, trial in zip(rows, trials.values(), strict=True):
+        row |= solved_share(trial, whole)
+    return rows
+
+
+def solved_share(trial: Trial, whole: Walk) -> Row:
+    """Count frames that were solved and those that are marked as not; no other may exist."""
+    motion = solve_ik(trial.body, trial.markers)
+    away = np.nanmax(trial.from_optimum(motion.q)[motion.converged], initial=0)
+    return {
+        "solved": int(motion.converged.sum()),
+        "marked": int((~motion.converged & np.isnan(motion.q).all(axis=1)).sum()),
+        "frames": len(whole.time),
+        "from_optimum": float(away),
+    }
+
+
+def on_segments(markers: Markers, segments: tuple[str, ...]) -> Markers:
+    body = synthetic_body()
+    columns = [k for k, segment in enumerate(body.marker_segment) if segment in segments]
+    names = tuple(body.markers[k] for k in columns)
+    return Markers(markers.time, names, markers.position[:, columns])
+
+
+def _compare(trials: dict[str, Trial], laps: int, tasks: tuple[str, ...]) -> list[Row]:
+    """Race ourselves on several trials; ratios are to the first, per frame."""
+    rows: list[Row] = [{"name": name} for name in trials]
+    with ExitStack() as stack:
+        running = [stack.enter_context(Contestant("ours", t.folder)) for t in trials.values()]
+        for task in tasks:
+            entries = [Entry(n, c, task) for n, c in zip(trials, running, strict=True)]
+            race(entries, laps)
+            for row, entry, trial in zip(rows, entries, trials.values(), strict=True):
+                frames = len(trial.markers.time)
+                share = len(next(iter(trials.values())).markers.time) / frames
+                row[f"{task}_frames_per_s"] = frames / entry.median("wall")
+                row[f"{task}_cpu_us"] = 1e6 * entry.median("cpu") / frames
+                row[f"{task}_cpu_ratio"] = ratio(entry, entries[0], "cpu") * share
+    return rows
