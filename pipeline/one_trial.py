@@ -103,14 +103,19 @@ def process(
     if subject.height_m is None and isinstance(known, float) and 0.5 <= known <= 2.6:
         subject = subject.model_copy(update={"height_m": known})
     kernels(announce)
-    result = process_recording(
-        recording,
-        subject,
-        settings,
-        static=static,
-        marker_set=own_set,
-        laboratory=_laboratory(request),
-    )
+    try:
+        result = process_recording(
+            recording,
+            subject,
+            settings,
+            static=static,
+            marker_set=own_set,
+            laboratory=_laboratory(request),
+        )
+    except ValueError as error:
+        if request.trial.name not in str(error):
+            error.add_note(f"while processing {request.trial.name}")
+        raise
     return result, recording
 
 
