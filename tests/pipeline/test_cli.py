@@ -1,0 +1,181 @@
+"""The command line: what it loads, which code it leaves, and its one line for every mistake."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+import typer
+
+from hbm.markers import Markers
+from pipeline import doctor, one_trial
+from pipeline.c3d import read_c3d
+from pipeline.c3d_writer import write_c3d
+from pipeline.cli import app, main
+from pipeline.virtual_lab.trial import simulate_trial
+
+HEAVY = ("casadi", "matplotlib", "pandas", "pinocchio", "pingouin", "rerun", "scipy")
+COMMANDS = typer.main.get_command(app).commands
+MASS = ("--mass-kg", "74.6")
+LAB_AXES = ("--axes", "left,back,up")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """One simulated trial, and what people take for a trial."""
+    folder = tmp_path_factory.mktemp("trials")
+    simulate_trial(folder / "walk.c3d", duration_s=6.0, seed=1)
+    walk = read_c3d(folder / "walk.c3d")
+    markers = walk.markers
+    write_c3d(folder / "no_plates.c3d", markers)
+    foreign = tuple(f"M{k}" for k in range(len(markers.names)))
+    write_c3d(folder / "foreign.c3d", Markers(markers.time, foreign, markers.position), walk.plates)
+    first, samples = slice(5), slice(50)
+    write_c3d(
+        folder / "short.c3d",
+        Markers(markers.time[first], markers.names, markers.position[first]),
+        [
+            replace(p, time=p.time[samples], wrench_in_plate=p.wrench_in_plate[samples])
+            for p in walk.plates
+        ],
+    )
+    late = slice(300, 500)
+    write_c3d(
+        folder / "in_mid_walk.c3d",
+        Markers(markers.time[:200], markers.names, markers.position[late]),
+        [
+            replace(p, time=p.time[:2000], wrench_in_plate=p.wrench_in_plate[3000:5000])
+            for p in walk.plates
+        ],
+    )
+    (folder / "renamed.c3d").write_text("time\tLASIS\n0.0\t1.0\n" * 100)
+    (folder / "nothing.c3d").touch()
+    (folder / "walk.txt").write_bytes((folder / "walk.c3d").read_bytes())
+    return folder
+
+
+def refused(capsys, *arguments):
+    """The single line that a command ends with."""
+    code = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    assert code == 2
+    assert out == ""
+    assert err.startswith("hbm: error: ")
+    assert err.count("\n") == 1
+    return err
+
+
+@pytest.mark.parametrize(
+    ("file", "options", "said"),
+    [
+        ("absent.c3d", MASS, ["absent.c3d", "no such file"]),
+        ("renamed.c3d", MASS, ["renamed.c3d", "not a C3D file"]),
+        ("nothing.c3d", MASS, ["nothing.c3d", "empty"]),
+        ("walk.txt", MASS, ["walk.txt", "expected a .c3d or .trc file", ".txt"]),
+        ("no_plates.c3d", MASS, ["no_plates.c3d", "no force plates"]),
+        ("foreign.c3d", [*MASS, *LAB_AXES], ["foreign.c3d", "match no known set", "rename"]),
+        ("foreign.c3d", MASS, ["foreign.c3d", "axes cannot be inferred", "state the axes"]),
+        ("short.c3d", MASS, ["short.c3d", "at least 17 samples", "got 5"]),
+        ("in_mid_walk.c3d", [], ["in_mid_walk.c3d", "mass missing", "state the mass", "kg"]),
+        ("walk.c3d", ["--mass-kg", "74600"], ["--mass-kg", "400", "grams", "kilograms"]),
+        ("walk.c3d", ["--height-m", "178"], ["--height-m", "centimetres", "metres"]),
+        ("walk.c3d", ["--sex", "m"], ["--sex", "'male', 'female' or 'unspecified'"]),
+        ("walk.c3d", ["--filter", "butter"], ["--filter", "'realtime' or 'zero_phase'"]),
+        ("walk.c3d", ["--marker-set", "hbm3"], ["'hbm3'", "hbm2"]),
+        ("walk.c3d", ["--axes", "left,up"], ["walk.c3d", "'left,up'", "three of"]),
+        ("walk.c3d", ["--static", "pose.c3d"], ["pose.c3d", "no such file"]),
+        ("walk.c3d", ["--plate-delay-ms", "5000"], ["--plate-delay-ms", "500"]),
+        ("walk.c3d", ["--mass-kg", "heavy"], ["--mass-kg"]),
+        ("walk.c3d", ["--colour", "red"], ["--colour", "--help"]),
+    ],
+)
+def test_a_mistake_is_one_line_with_what_is_wrong(folder, tmp_path, capsys, file, options, said):
+    line = refused(capsys, "residuals", folder / file, "--out", tmp_path / "out", *options)
+    for words in said:
+        assert words in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_all_faults_of_the_options_are_listed_at_once(folder, capsys):
+    line = refused(capsys, "residuals", folder / "walk.c3d", "--mass-kg", 2, "--height-m", 178)
+    assert "--mass-kg" in line
+    assert "--height-m" in line
+
+
+def test_an_unknown_command_is_one_line(capsys):
+    line = refused(capsys, "residual", "walk.c3d")
+    assert "residual" in line
+    assert "--help" in line
+
+
+def test_a_command_without_its_argument_is_one_line(capsys):
+    assert "trial" in refused(capsys, "residuals").lower()
+
+
+def test_a_file_in_the_place_of_the_output_folder_is_noticed_before_the_work(
+    folder, capsys, monkeypatch
+):
+    monkeypatch.setattr(one_trial, "process", lambda *_: pytest.fail("it began to work"))
+    for out in (folder / "walk.txt", folder / "walk.txt" / "deeper"):
+        line = refused(capsys, "residuals", folder / "walk.c3d", "--out", out)
+        assert "walk.txt is a file, not a folder" in line
+
+
+def test_a_folder_without_permission_is_noticed_before_the_work(
+    folder, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
+    monkeypatch.setattr(one_trial, "process", lambda *_: pytest.fail("it began to work"))
+    line = refused(capsys, "residuals", folder / "walk.c3d", "--out", tmp_path / "results")
+    assert f"no permission to write into {tmp_path}" in line
+
+
+def test_debug_shows_where_an_error_arose(folder):
+    with pytest.raises(ValueError, match="not a C3D file") as caught:
+        main(["residuals", str(folder / "renamed.c3d"), "--debug"])
+    assert caught.traceback[-1].path.name != "cli.py"
+
+
+def test_the_help_of_every_command_loads_nothing_heavy():
+    """Which is why it answers at once."""
+    code = (
+        "import sys\n"
+        "from pipeline.cli import main\n"
+        f"for command in {['', *COMMANDS]!r}:\n"
+        "    assert main([command, '--help'] if command else ['--help']) == 0\n"
+        f"print('loaded:', *(name for name in {HEAVY!r} if name in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1].strip() == "loaded:"
+
+
+def test_hbm_alone_prints_its_help(capsys):
+    assert main([]) == 0
+    out, err = capsys.readouterr()
+    assert "residuals" in out
+    assert err == ""
+
+
+def test_main_returns_the_code_that_a_command_ends_with(monkeypatch):
+    def some_failed():
+        raise typer.Exit(1)
+
+    monkeypatch.setattr(doctor, "run", some_failed)
+    assert main(["doctor"]) == 1
+
+
+def test_an_interrupt_ends_with_the_customary_code(monkeypatch):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(doctor, "run", interrupted)
+    assert main(["doctor"]) == 130
+
+
+def test_doctor_names_versions_the_backend_and_its_speed(capsys):
+    assert main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    for words in ("Python 3.", "pin ", "casadi ", "kernels: ", "newton_step: ", "frames/s"):
+        assert words in out
+    assert "missing" not in out
