@@ -45,7 +45,7 @@ COLUMNS["gaps"] = COLUMNS["scaling"] | {
     "solved": ("solved", "d"),
     "marked": ("marked", "d"),
     "of frames": ("frames", "d"),
-    "off optimum": ("from_optimum", ".1e"),
+    "in another minimum": ("elsewhere", "d"),
 }
 TITLES = {
     "ik": "Inverse kinematics, per frame",

@@ -1,0 +1,37 @@
+"""How long a twelve-minute trial takes to be written for the viewer, and how large it gets.
+
+``python -m tests.benchmarks.viewer [FRAMES]``
+"""
+
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from pipeline.viewer import write_cycles, write_recording
+from tests.pipeline.viewer_trial import viewer_trial
+
+FRAMES = 72000
+
+
+def main(frames: int) -> None:
+    result, recording = viewer_trial(frames)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with tempfile.TemporaryDirectory() as folder:
+        for view_hz in (50.0, 100.0):
+            path = Path(folder) / f"{view_hz}.rrd"
+            start, spent = time.perf_counter(), time.process_time()
+            write_recording(result, recording, path, view_hz=view_hz)
+            wall, cpu = time.perf_counter() - start, time.process_time() - spent
+            size = path.stat().st_size / 1e6
+            print(f"{frames} frames, scene at {view_hz:g} Hz: {wall:.2f} s (CPU {cpu:.2f} s), {size:.1f} MB")
+        start = time.perf_counter()
+        write_cycles(result, Path(folder) / "cycles.rrd")
+        print(f"mean gait cycle: {time.perf_counter() - start:.2f} s")
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    print(f"peak memory {after / 1e6:.2f} GB, {before / 1e6:.2f} GB of it before writing")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else FRAMES)
