@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from hbm.center_of_mass import center_of_mass
@@ -28,6 +27,11 @@ def body():
 @pytest.fixture(scope="module")
 def motion():
     return swinging(np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def pin():
+    return pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
 
 
 @pytest.fixture
@@ -190,7 +194,7 @@ def test_residual_equals_newton_and_euler_summed_by_hand(body, motion, wrenches)
 # -- Pinocchio, on the body's own model -----------------------------------------------------------
 
 
-def test_pinocchio_finds_the_same_generalized_forces(body, motion, wrenches):
+def test_pinocchio_finds_the_same_generalized_forces(pin, body, motion, wrenches):
     model, data = body.model, body.model.createData()
     expected = []
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
@@ -203,7 +207,7 @@ def test_pinocchio_finds_the_same_generalized_forces(body, motion, wrenches):
     agree(inverse_dynamics(body, motion, wrenches).tau, np.array(expected))
 
 
-def test_pinocchio_finds_the_same_rate_of_momentum(body, motion):
+def test_pinocchio_finds_the_same_rate_of_momentum(pin, body, motion):
     model, data = body.model, body.model.createData()
     expected = []
     for q, v, a in zip(motion.q, motion.v, motion.a, strict=True):
@@ -213,7 +217,7 @@ def test_pinocchio_finds_the_same_rate_of_momentum(body, motion):
     agree(inverse_dynamics(body, motion, {}).residual, np.array(expected))
 
 
-def test_pinocchio_and_the_kernels_put_markers_and_segments_at_the_same_places(body, motion):
+def test_pinocchio_and_the_kernels_put_markers_and_segments_at_the_same_places(pin, body, motion):
     model, data = body.model, body.model.createData()
     rotation, origin = segment_frames(body, motion.q)
     for k, q in enumerate(motion.q):
@@ -224,7 +228,7 @@ def test_pinocchio_and_the_kernels_put_markers_and_segments_at_the_same_places(b
             np.testing.assert_allclose(origin[k, s], place.translation, atol=1e-12)
 
 
-def test_power_of_all_forces_is_the_rate_of_mechanical_energy(body):
+def test_power_of_all_forces_is_the_rate_of_mechanical_energy(pin, body):
     motion = swinging(np.random.default_rng(6), frames=400, rate_hz=2000)
     power = inverse_dynamics(body, motion, {}).power.sum(axis=1)
     model, data = body.model, body.model.createData()

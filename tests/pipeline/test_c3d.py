@@ -1,8 +1,9 @@
-import ezc3d
 import numpy as np
 import pytest
 
 from pipeline.c3d import read_c3d
+
+ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
 
 AXES = "forward,left,up"
 

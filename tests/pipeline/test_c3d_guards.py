@@ -4,7 +4,6 @@ import struct
 from datetime import timedelta
 from pathlib import Path
 
-import ezc3d
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,6 +11,8 @@ from hypothesis import strategies as st
 
 from pipeline.c3d import read_c3d
 from pipeline.c3d_header import floats
+
+ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
 
 AXES = "forward,left,up"
 SAMPLES = {
