@@ -11,13 +11,17 @@ calibration pose.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
 from hbm.anatomy import SIDES, Anatomy, frame, perpendicular, unit
-from hbm.coordinates import DOWN, FORWARD, PARENT
+from hbm.coordinates import DOWN, FORWARD, LEFT, PARENT
 from hbm.segments import Proportions
 from hbm.spatial import Array, rotation_about
+
+INCLINATION: Final = np.radians(42.0)
+DEVIATION: Final = np.radians(16.0)
 
 
 @dataclass(slots=True)
@@ -107,6 +111,18 @@ def _swing(axis: Array, zero: Array, direction: Array) -> float:
     """Angle about an axis that turns one direction into another, both seen along the axis."""
     across = axis @ np.cross(zero, direction)
     return float(np.arctan2(across, zero @ direction - (axis @ zero) * (axis @ direction)))
+
+
+def _subtalar(along: Array, medial: float) -> Array:
+    """Give the subtalar axis, forward, in a foot whose long axis is ``along``.
+
+    It rises 42° from the sole and deviates 16° to the medial side (Manter 1941, Anat Rec 80:397),
+    so that pronation of the standing foot turns the shank inwards; about the foot's long axis it
+    would not, and the feet would drag the pelvis sideways.
+    """
+    left = perpendicular(np.array(LEFT), along)
+    level = np.cos(DEVIATION) * along + medial * np.sin(DEVIATION) * left
+    return np.asarray(np.cos(INCLINATION) * level + np.sin(INCLINATION) * np.cross(along, left))
 
 
 class _Builder:
@@ -202,7 +218,7 @@ class _Builder:
         self.frames[foot] = R, ankle
         self.frames[toes] = R, at[f"{side}_toes"]
         axes[f"{s}AnklePlantarFlexion"] = bend
-        axes[f"{s}FootPronation"] = -sign * (R.T @ along)
+        axes[f"{s}FootPronation"] = -sign * _subtalar(R.T @ along, sign)
         axes[f"{s}ToeFlexion"] = R.T @ self.axes[f"{side}_toes"]
 
         self.ends(f"{side}_thigh", thigh, hip, knee, knee_axis)

@@ -14,6 +14,7 @@ from pipeline.recording import Plate, Recording
 from pipeline.sto import Table, read_mot
 from pipeline.trc import read_trajectories
 
+ROUNDING = 0.05
 FORCE_COLUMN = re.compile(r"(?P<stem>.*force.*)_v(?P<axis>[xyz])")
 
 
@@ -56,7 +57,8 @@ def read_opensim_trial(
     Notes
     -----
     Moment about the origin of force f at point p with torque t: p × f + t. Where a force is exactly
-    zero its point has no meaning and is not used.
+    zero its point has no meaning and is not used. MOT files often print times with so few digits
+    that the steps look uneven; force times within a twentieth of a step of even ones become even.
     """
     trc, grf_mot = Path(trc), Path(grf_mot)
     found, table = read_trajectories(trc), read_mot(grf_mot)
@@ -76,7 +78,7 @@ def read_opensim_trial(
     plates = tuple(
         Plate(
             number=k,
-            time=table.time - found.time[0],
+            time=_unrounded(table.time) - found.time[0],
             wrench_in_plate=rotate_wrench(wrench, to_lab),
             rotation=np.eye(3),
             center=np.zeros(3),
@@ -95,6 +97,13 @@ def read_opensim_trial(
             f"Plates are the forces named {', '.join(wrenches)} in {grf_mot.name}.",
         ),
     )
+
+
+def _unrounded(time: Array) -> Array:
+    """Give the even times that times printed with few digits were rounded from, if they were."""
+    even = np.linspace(time[0], time[-1], len(time))
+    step = even[1] - even[0] if len(time) > 1 else 0.0
+    return even if np.abs(time - even).max() <= ROUNDING * step else time
 
 
 def _wrenches(table: Table, source: str) -> dict[str, Array]:

@@ -150,7 +150,7 @@ SIGNS = {
     "HipInternalRotation": ("MT2", INWARD),
     "KneeFlexion": ("LM", "-x"),
     "AnklePlantarFlexion": ("MT2", "-z"),
-    "FootPronation": ("MT5", "z"),
+    "FootPronation": ("MT5", OUTWARD),
 }
 
 
@@ -172,6 +172,14 @@ def test_internal_rotation_brings_the_hand_of_a_bent_arm_inward(side):
     name = f"{side}ShoulderInternalRotation"
     moved = displacement(synthetic_body(), name, f"{side}FIN", **bent)
     assert moved[1] * (1 if side == "R" else -1) > 0.9 * np.linalg.norm(moved)
+
+
+@pytest.mark.parametrize("side", ["R", "L"])
+def test_foot_pronation_lifts_the_lateral_edge(side):
+    name, body = f"{side}FootPronation", synthetic_body()
+    lateral, medial = (displacement(body, name, side + marker)[2] for marker in ("MT5", "MT2"))
+    assert lateral > 0
+    assert lateral > medial
 
 
 @pytest.mark.parametrize("side", ["R", "L"])
