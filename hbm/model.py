@@ -103,6 +103,11 @@ def pin_model(body: Body) -> Any:
     pinocchio.Model
         46 single-axis joints: joint ``i + 1`` is coordinate ``i`` of `hbm.coordinates.COORDINATES`;
         operational frames carry the segments and markers.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        On Windows, for which Pinocchio has no wheel; nothing else of the package needs it.
     """
     import pinocchio as pin
 

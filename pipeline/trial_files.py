@@ -25,7 +25,7 @@ from pipeline.residuals import (
 )
 from pipeline.trial_result import TrialResult
 
-PACKAGES: Final = ("hbm-residuals", "pin", "casadi", "numpy", "scipy", "pandas", "pyarrow")
+PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarrow")
 FACTS: Final = b"hbm"
 
 

@@ -83,7 +83,7 @@ def test_the_facts_say_what_made_the_result(result):
     assert facts["settings"]["filter"] == "zero_phase"
     assert facts["settings"]["cutoff_hz"] == 6.0
     assert facts["unsolved_frames"] == 0
-    assert {"hbm-residuals", "pin", "casadi", "numpy"} <= set(facts["versions"])
+    assert {"hbm-residuals", "casadi", "numpy", "scipy"} <= set(facts["versions"])
     assert "RShoulderFlexion" in facts["locked"]
 
 
