@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from compensation.calibration import Calibration, to_json
+from compensation import Calibration, to_json
 from pipeline.accelerometers import find_accelerometers
 from pipeline.laboratory import Laboratory, fit_calibration, read_calibration, read_empty
 from pipeline.study import Platform, Treadmill

@@ -6,11 +6,19 @@ from typing import Final
 
 import numpy as np
 
-from compensation.calibration import Calibration, from_json
-from compensation.inertia import InertiaModel, Setup, fit_inertia
-from compensation.platform import PlatformPose, commanded_pose, to_lab
-from compensation.platform_markers import fit_pose, neutral_markers
-from compensation.sensors import check_trial
+from compensation import (
+    Calibration,
+    InertiaModel,
+    PlatformPose,
+    Setup,
+    check_trial,
+    commanded_pose,
+    fit_inertia,
+    fit_pose,
+    from_json,
+    neutral_markers,
+    to_lab,
+)
 from hbm.filtering import low_pass, resample
 from hbm.spatial import Array, transform_wrench
 from pipeline.c3d import read_c3d
