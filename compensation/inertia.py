@@ -6,30 +6,13 @@ recording of the empty, moving treadmill is enough to learn them.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inputs import (
-    COMPONENTS,
-    frozen,
-    read_rate,
-    read_table,
-    refuse_constant,
-    refuse_gaps,
-    refuse_unequal,
-)
-from compensation.plausibility import (
-    refuse_other_units,
-    refuse_other_wrench_units,
-    refuse_still_platform,
-    signs_of_a_person,
-)
+from compensation.inputs import frozen, read_rate, read_table, refuse_gaps, refuse_unequal
+from compensation.plausibility import refuse_other_units
 from hbm.spatial import Array
-
-_SAMPLES_PER_UNKNOWN = 10
-_BLOCKS = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +61,8 @@ class InertiaModel:
     sigma
         Standard deviation of the calibration's residual, (6,) [N, N·m].
     rank, condition
-        Rank and condition number of the design matrix with columns scaled to equal length.
+        Rank of the design matrix with its offset, at most k + 1; condition number of its centred
+        channels in units of their standard deviation, or of their noise where that was given.
     r_squared, rms_measured, rms_compensated
         Of the calibration, per component, (6,).
     acceleration_mean, acceleration_covariance
@@ -126,13 +110,13 @@ class InertiaModel:
                 )
             refuse_gaps(np.atleast_1d(value), f"inertia model: {name}")
             object.__setattr__(self, name, value)
-        _sensor_names(self.setup, k)
+        sensor_names(self.setup, k)
         object.__setattr__(self, "warnings", tuple(self.warnings))
 
     @property
     def sensors(self) -> tuple[str, ...]:
         """Names of the accelerometers: the setup's, or numbers from 1."""
-        return _sensor_names(self.setup, len(self.acceleration_mean))
+        return sensor_names(self.setup, len(self.acceleration_mean))
 
     @property
     def rms_reduction(self) -> Array:
@@ -231,110 +215,8 @@ class InertiaModel:
         return np.column_stack([a, np.ones(len(a))])
 
 
-def fit_inertia(
-    accelerations: ArrayLike, wrench: ArrayLike, setup: Setup | None = None
-) -> InertiaModel:
-    """Learn what a moving, empty plate measures from the accelerations of the platform.
-
-    Parameters
-    ----------
-    accelerations
-        What the accelerometers on the platform read, (N, k) [m/s²], three columns per sensor.
-        Gravity must be in it: neither tared nor high-passed.
-    wrench
-        What the empty plate measured at the same instants, equally filtered, in the moving plate
-        frame about its origin, (N, 6) [N, N·m].
-    setup
-        How both were recorded; needed to save the model.
-
-    Returns
-    -------
-    InertiaModel
-        Gains and an account of how well they are known.
-
-    Raises
-    ------
-    ValueError
-        Wrong shapes, no or too few samples, gaps, different numbers of samples, constant
-        channels, units that cannot be (g, mm/s², kN, N·mm), or a platform that did not move.
-
-    Notes
-    -----
-    A point ``r`` of a rigid platform has the specific force ``f(r) = f₀ + W r`` in platform axes,
-    with ``W = [α]× + [ω]×[ω]×``: affine in ``r``. The cells carry ``F = Σ mᵢ f(rᵢ)`` and
-    ``M = Σ mᵢ rᵢ × f(rᵢ)``, both linear in ``(f₀, W)`` whatever the mass distribution. Cells
-    and sensors with fixed gain, axes and offset keep it so; the offset column takes the offsets
-    and the tare. The fit is exact, apart from noise, where the channels determine ``(f₀, W)``:
-
-    - Sway and pitch about a fixed axis have 3 + 2 unknowns (``f₀``, the angular acceleration and
-      the angular velocity squared). Two sensors whose baseline is not parallel to the pitch axis
-      determine them: exact. One sensor, or a baseline parallel to the axis, has three channels
-      for five unknowns: an approximation, good only where rotation is slow or of one frequency.
-    - Any motion in space has 12 unknowns: exact with four sensors that are not in one plane.
-      With fewer, or four in one plane, the centripetal products ``ωᵢωⱼ`` are approximated.
-
-    Not linear, hence not removed: saturation, bending of the platform, unequal filters or delays,
-    drift, and moving parts (belt acceleration: see `compensation.belt`). Noise of the
-    accelerometers biases the gains of directions that the calibration hardly excites towards
-    zero; low-pass both signals first and excite widely.
-
-    The covariance is the sandwich estimate over 60 blocks of the trial, which allows for
-    residuals that are correlated in time, as filtered signals are (Liang and Zeger 1986).
-
-    Source: Hnat et al. (2018); van de Loosdrecht (2018), eq. 2.
-
-    Deviations from the original: rank decided on scaled columns and the minimum-norm solution
-    where the rank is short; uncertainty and checks are added.
-    """
-    a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench", 6)
-    n, k = a.shape
-    sensors = _sensor_names(setup, k)
-    refuse_unequal(accelerations=a, wrench=w)
-    if n < _SAMPLES_PER_UNKNOWN * (k + 1):
-        raise ValueError(
-            f"{n} samples are too few to fit {k + 1} gains per component; "
-            f"give at least {_SAMPLES_PER_UNKNOWN * (k + 1)}, better a minute of motion"
-        )
-    refuse_constant(
-        a, "accelerations", tuple(f"sensor {s} {axis}" for s in sensors for axis in "xyz")
-    )
-    refuse_constant(w, "wrench", COMPONENTS)
-    refuse_other_units(a, sensors)
-    refuse_still_platform(a)
-    refuse_other_wrench_units(a, w)
-
-    x = np.column_stack([a, np.ones(n)])
-    scale = np.sqrt(np.mean(x**2, axis=0))
-    u, s, vt = np.linalg.svd(x / scale, full_matrices=False)
-    rank = int(np.sum(s > s[0] * n * np.finfo(float).eps))
-    u, inverse = u[:, :rank], vt[:rank].T / s[:rank] / scale[:, None]
-    gain = inverse @ (u.T @ w)
-    residual = w - x @ gain
-
-    edges = np.linspace(0, n, min(_BLOCKS, n) + 1).astype(int)
-    scores = np.stack([u[i:j].T @ residual[i:j] for i, j in pairwise(edges)])
-    meat = np.einsum("brc,bsc->crs", scores, scores) * len(scores) / (len(scores) - 1)
-    sigma = np.sqrt(np.sum(residual**2, axis=0) / (n - rank))
-    return InertiaModel(
-        gain=gain,
-        covariance=inverse @ meat @ inverse.T,
-        sigma=sigma,
-        rank=rank,
-        condition=float(s[0] / s[rank - 1]),
-        r_squared=1 - np.var(residual, axis=0) / np.var(w, axis=0),
-        rms_measured=np.sqrt(np.mean(w**2, axis=0)),
-        rms_compensated=np.sqrt(np.mean(residual**2, axis=0)),
-        acceleration_mean=a.mean(axis=0),
-        acceleration_covariance=np.cov(a, rowvar=False),
-        acceleration_low=a.min(axis=0),
-        acceleration_high=a.max(axis=0),
-        samples=n,
-        warnings=signs_of_a_person(w, sigma),
-        setup=setup,
-    )
-
-
-def _sensor_names(setup: Setup | None, channels: int) -> tuple[str, ...]:
+def sensor_names(setup: Setup | None, channels: int) -> tuple[str, ...]:
+    """Give the setup's sensor names, or numbers from 1; a ValueError where they do not fit."""
     if channels == 0 or channels % 3:
         raise ValueError(
             f"accelerations have {channels} channels, expected 3 for every accelerometer"

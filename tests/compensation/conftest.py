@@ -22,9 +22,11 @@ the specific force ``f(p) = f₀ + W p``, where ``W = [α]× + [ω]×[ω]×``. `
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 GRAVITY = np.array([0, 0, -9.81])
@@ -71,8 +73,8 @@ class Motion:
 
 def smooth_random(rng, time, largest, low_hz=0.15, high_hz=5.0):
     """Sum of sines with random phases and a flat acceleration spectrum: x, its rate, its second."""
-    omega = 2 * np.pi * np.sort(rng.uniform(low_hz, high_hz, 60))
-    angle = omega * time[:, None] + rng.uniform(0, 2 * np.pi, 60)
+    omega = 2 * np.pi * np.sort(rng.uniform(low_hz, high_hz, 40))
+    angle = omega * time[:, None] + rng.uniform(0, 2 * np.pi, 40)
     size = omega**-2.0
     x = np.cos(angle) @ size
     size = size * largest / np.max(np.abs(x))
@@ -109,6 +111,14 @@ def pitch_and_sway(sway, pitch, pivot=(0.15, 0.0, -0.4)):
     )
     position = y[:, None] * lateral + pivot + apply(rotation, arm)
     return Motion(rotation, position, omega, alpha, force_0)
+
+
+@lru_cache(maxsize=6)
+def random_motion(seed, duration, rate_hz, late_s):
+    rng, time = np.random.default_rng(seed), np.arange(int(duration * rate_hz)) / rate_hz - late_s
+    return pitch_and_sway(
+        smooth_random(rng, time, 0.0475), smooth_random(rng, time, np.radians(9.5))
+    )
 
 
 def motion_in_space(rng, time, largest=0.17):
@@ -193,10 +203,15 @@ class MovingPlatform:
 
     def random_trial(self, seed, duration=60.0, rate_hz=1000.0, late_s=0.0, **options):
         """Random sway (±4.75 cm) and pitch (±9.5°), all of it `late_s` late."""
-        rng, time = np.random.default_rng(seed), np.arange(int(duration * rate_hz)) / rate_hz
+        return self.record(random_motion(seed, duration, rate_hz, late_s), **options)
+
+    def follow(self, sway, pitch, rate_hz=1000.0, **options):
+        """Follow commanded positions given at 100 Hz, as smoothly as five derivatives allow."""
+        at = np.arange(len(sway)) / 100
+        time = np.arange(0, at[-1], 1 / rate_hz)
+        courses = [make_interp_spline(at, course, k=5) for course in (sway, pitch)]
         motion = pitch_and_sway(
-            smooth_random(rng, time - late_s, 0.0475),
-            smooth_random(rng, time - late_s, np.radians(9.5)),
+            *([course(time, order) for order in range(3)] for course in courses)
         )
         return self.record(motion, **options)
 

@@ -34,7 +34,7 @@ def test_a_known_delay_between_sensors_and_plate_comes_back(
 def test_stated_uncertainty_of_a_delay_is_honest(laboratory):
     scores = []
     for seed in range(16):
-        pair = shifted_pair(laboratory, 0.0123, seed, cutoff_hz=20, duration=20)
+        pair = shifted_pair(laboratory, 0.0123, seed, cutoff_hz=20, duration=15)
         found = estimate_delay(*pair, 100)
         scores.append((found.seconds - 0.0123) / found.standard_error)
     assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.6  # 16 draws of about 1: ± 18 %

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from compensation.calibration import Calibration, from_json, to_json
-from compensation.inertia import Setup, fit_inertia
+from compensation.inertia import Setup
+from compensation.inertia_fit import fit_inertia
 
 SETUP = Setup(sensors=("rear left", "front right"), rate_hz=100.0, cutoff_hz=20.0)
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compensation.inertia import fit_inertia
+from compensation.inertia_fit import fit_inertia, sensor_noise_of
 
 
 def rms(values):
@@ -150,6 +150,51 @@ def test_standard_error_of_the_gain_is_the_spread_over_repeated_calibrations(lab
     assert np.all((ratio > 0.6) & (ratio < 1.6))  # 12 repetitions: ± 20 %; 6 components
 
 
+@pytest.mark.parametrize("places", ["two", "four"])
+def test_noise_of_the_accelerometers_is_found_where_rigid_motion_leaves_none(
+    laboratory, sensor_places, places
+):
+    trial = laboratory(sensor_places[places]).random_trial(1, noise=11, cutoff_hz=20)
+    noise = np.std(trial.accelerations - trial.accelerations_clean)
+    assert sensor_noise_of(trial.accelerations) == pytest.approx(noise, rel=0.04)
+
+
+def test_allowing_for_noise_recovers_the_gains_of_noise_free_sensors(laboratory, sensor_places):
+    lab = laboratory(sensor_places["four"])
+    trial = lab.random_trial(1, noise=11)  # unfiltered: noise as large as the slowest motion
+    noise = sensor_noise_of(trial.accelerations)
+    slow = lab.slow_pitch_trial()
+    bias = {
+        allowed: rms(
+            fit_inertia(trial.accelerations, trial.wrench, sensor_noise=allowed).compensate(
+                slow.accelerations, slow.wrench
+            )
+        )[2]
+        for allowed in (0.0, noise)
+    }
+    assert bias[noise] < 0.3 * bias[0.0]
+
+
+def test_allowing_for_noise_that_is_not_there_changes_nothing(laboratory):
+    trial = laboratory().random_trial(1, rate_hz=100)
+    plain = fit_inertia(trial.accelerations, trial.wrench)
+    allowed = fit_inertia(trial.accelerations, trial.wrench, sensor_noise=1e-7)
+    np.testing.assert_allclose(
+        allowed.predict(trial.accelerations), plain.predict(trial.accelerations), atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("noise", [-0.1, np.nan, 5.0, [0.1, 0.1], [0.1, 0, 0.1, 0.1, 0.1, 0.1]])
+def test_a_noise_that_is_no_size_gets_one_clear_error(good, noise):
+    with pytest.raises(ValueError, match="sensor_noise must be"):
+        fit_inertia(*good, sensor_noise=noise)
+
+
+def test_one_sensor_does_not_tell_noise_from_motion(good):
+    with pytest.raises(ValueError, match="do not tell noise from motion"):
+        sensor_noise_of(good[0][:, :3])
+
+
 def test_account_of_the_calibration_is_that_of_its_own_residual(noisy):
     model, trial, _ = noisy
     residual = model.compensate(trial.accelerations, trial.wrench)
@@ -242,7 +287,7 @@ WRONG = {
     "different rates": (lambda a, w: (a, w[::10]), "accelerations 2000, wrench 200; were they rec"),
     "dead channel": (lambda a, w: (with_dead_channel(a, 4), w), "constant in sensor 2 y"),
     "dead plate": (lambda a, w: (a, with_dead_channel(w, 1)), "wrench: constant in Fy"),
-    "accelerations in g": (lambda a, w: (a / 9.81, w), "accelerometer 1 reads 1 m/s²"),
+    "accelerations in g": (lambda a, w: (a / 9.81, w), "accelerometer 1 reads 1.* m/s²"),
     "accelerations in mm/s²": (lambda a, w: (a * 1000, w), "in another unit"),
     "accelerations in km/s²": (lambda a, w: (a / 1000, w), "in another unit"),
     "tared accelerations": (lambda a, w: (a - a.mean(axis=0), w), "is it dead, tared"),

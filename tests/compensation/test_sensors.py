@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from compensation.inertia import fit_inertia
+from compensation.inertia_fit import fit_inertia
 from compensation.sensors import check_trial
 
 places = pytest.mark.parametrize("places", ["two", "four"])

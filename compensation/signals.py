@@ -1,0 +1,201 @@
+"""What a treadmill is told to do: sway, pitch and belt speed over time, within its limits."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.signal import welch
+
+from compensation.inputs import frozen, read_rate, refuse_gaps, refuse_unequal
+from hbm.spatial import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the machine can do.
+
+    The defaults of range, sway speed and belt acceleration are what the thesis' machine was seen
+    to do (van de Loosdrecht 2018, II.B and E). The others it does not state: they are assumptions
+    that allow its signals, so take yours from the machine's manual.
+
+    Attributes
+    ----------
+    sway_m, sway_m_per_s, sway_m_per_s2
+        Largest translation, its speed and acceleration.
+    pitch_deg, pitch_deg_per_s, pitch_deg_per_s2
+        Largest rotation, its speed and acceleration.
+    belt_m_per_s, belt_m_per_s2
+        Largest belt speed, either way, and its acceleration.
+    """
+
+    sway_m: float = 0.05
+    sway_m_per_s: float = 0.31
+    sway_m_per_s2: float = 5.0
+    pitch_deg: float = 10.0
+    pitch_deg_per_s: float = 50.0
+    pitch_deg_per_s2: float = 600.0
+    belt_m_per_s: float = 6.0
+    belt_m_per_s2: float = 15.0
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"limit {name} must be positive, got {getattr(self, name)}")
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A course of commands.
+
+    Attributes
+    ----------
+    name
+        Unique among the signals of an experiment.
+    rate_hz
+        Samples per second.
+    sway
+        Translation along the lab's left axis, (T,) [m].
+    pitch
+        Rotation about the lab's left axis by the right-hand rule, (T,) [rad].
+    belt_speed
+        Speed of both belts, (T,) [m/s].
+    """
+
+    name: str
+    rate_hz: float
+    sway: Array
+    pitch: Array
+    belt_speed: Array
+
+    def __post_init__(self) -> None:
+        read_rate(self.rate_hz)
+        channels = {name: frozen(getattr(self, name)) for name in ("sway", "pitch", "belt_speed")}
+        for name, values in channels.items():
+            if values.ndim != 1 or len(values) < 3:
+                raise ValueError(
+                    f"signal {self.name}: {name} must have shape (3 samples or more,), "
+                    f"got {values.shape}"
+                )
+            refuse_gaps(values, f"signal {self.name}: {name}")
+            object.__setattr__(self, name, values)
+        refuse_unequal(**channels)
+
+    @property
+    def time(self) -> Array:
+        """Sample times from 0, (T,) [s]."""
+        return np.arange(len(self.sway)) / self.rate_hz
+
+    @property
+    def acceleration(self) -> Array:
+        """Second differences of sway and pitch, first of belt speed, (T - 2, 3) [m/s², rad/s²]."""
+        platform = np.diff(np.column_stack([self.sway, self.pitch]), 2, axis=0) * self.rate_hz**2
+        belt = np.diff(self.belt_speed)[1:, None] * self.rate_hz
+        return np.hstack([platform, belt])
+
+
+def check_signal(signal: Signal, limits: Limits) -> tuple[str, ...]:
+    """Say which limits of the machine a signal exceeds, and by how much.
+
+    Parameters
+    ----------
+    signal
+        What the machine would be told.
+    limits
+        What it can do.
+
+    Returns
+    -------
+    tuple[str, ...]
+        One sentence per limit exceeded, empty where the signal is within all.
+    """
+    rate, pitch = signal.rate_hz, np.degrees(signal.pitch)
+    reached = {
+        "sway_m": signal.sway,
+        "sway_m_per_s": np.diff(signal.sway) * rate,
+        "sway_m_per_s2": np.diff(signal.sway, 2) * rate**2,
+        "pitch_deg": pitch,
+        "pitch_deg_per_s": np.diff(pitch) * rate,
+        "pitch_deg_per_s2": np.diff(pitch, 2) * rate**2,
+        "belt_m_per_s": signal.belt_speed,
+        "belt_m_per_s2": np.diff(signal.belt_speed) * rate,
+    }
+    return tuple(
+        f"{signal.name}: {name} reaches {largest:.4g}, the machine allows {getattr(limits, name)}"
+        for name, values in reached.items()
+        if (largest := float(np.max(np.abs(values)))) > getattr(limits, name) * (1 + 1e-9)
+    )
+
+
+def resample_signal(signal: Signal, rate_hz: float) -> Signal:
+    """Bring a signal to another rate without leaving its limits.
+
+    Parameters
+    ----------
+    signal
+        Any signal.
+    rate_hz
+        The new rate, not below the old one [Hz].
+
+    Returns
+    -------
+    Signal
+        The same course at the new rate.
+
+    Raises
+    ------
+    ValueError
+        A rate below the signal's.
+
+    Notes
+    -----
+    The samples become the coefficients of a cubic B-spline, not its values: range, speed and
+    acceleration between samples are then averages of those at the samples, so that none grows.
+    """
+    rate = read_rate(rate_hz)
+    if rate < signal.rate_hz:
+        raise ValueError(
+            f"signal {signal.name} has {signal.rate_hz} Hz; thinning it to {rate} Hz would lose "
+            "motion, draw it at the lower rate instead"
+        )
+    count = int((len(signal.sway) - 1) * rate / signal.rate_hz + 1e-9) + 1
+    at = np.arange(count) * signal.rate_hz / rate
+
+    def course(samples: Array) -> Array:
+        padded = np.pad(samples, 3, mode="edge")
+        spline = BSpline(np.arange(-5.0, len(padded) - 1), padded, 3)
+        values: Array = spline(at)
+        return values
+
+    return Signal(
+        signal.name, rate, course(signal.sway), course(signal.pitch), course(signal.belt_speed)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Spectrum:
+    """Power spectral density of a signal's accelerations.
+
+    Attributes
+    ----------
+    frequency
+        (F,) [Hz].
+    sway, pitch, belt
+        (F,) [(m/s²)²/Hz, (rad/s²)²/Hz, (m/s²)²/Hz].
+    """
+
+    frequency: Array
+    sway: Array
+    pitch: Array
+    belt: Array
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def acceleration_spectrum(signal: Signal) -> Spectrum:
+    """Give the spectra of a signal's accelerations, by Welch's method over windows of 10 s."""
+    acceleration = signal.acceleration
+    length = min(int(10 * signal.rate_hz), len(acceleration))
+    frequency, density = welch(acceleration, signal.rate_hz, nperseg=length, axis=0)
+    return Spectrum(frequency, *density.T)
