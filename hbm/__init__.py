@@ -7,9 +7,11 @@ if TYPE_CHECKING:
     from hbm.body import Body, build_body
     from hbm.coordinates import COORDINATES, HBM_ORDER
     from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
+    from hbm.functional import functional_hips
     from hbm.kinematics import solve_ik
     from hbm.markers import Markers, MarkerSet, marker_sets, read_marker_set
     from hbm.motion import Motion
+    from hbm.overrides import SegmentOverride, read_overrides
 
 _HOME = {
     "Body": "body",
@@ -18,6 +20,7 @@ _HOME = {
     "HBM_ORDER": "coordinates",
     "Dynamics": "dynamics",
     "filter_motion": "dynamics",
+    "functional_hips": "functional",
     "inverse_dynamics": "dynamics",
     "inverse_dynamics_variants": "dynamics",
     "solve_ik": "kinematics",
@@ -26,6 +29,8 @@ _HOME = {
     "marker_sets": "markers",
     "read_marker_set": "markers",
     "Motion": "motion",
+    "SegmentOverride": "overrides",
+    "read_overrides": "overrides",
 }
 
 __all__ = [
@@ -36,12 +41,15 @@ __all__ = [
     "MarkerSet",
     "Markers",
     "Motion",
+    "SegmentOverride",
     "build_body",
     "filter_motion",
+    "functional_hips",
     "inverse_dynamics",
     "inverse_dynamics_variants",
     "marker_sets",
     "read_marker_set",
+    "read_overrides",
     "solve_ik",
 ]
 

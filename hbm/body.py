@@ -13,6 +13,7 @@ from hbm.kinematics import solve_ik
 from hbm.landmarks import locate_anatomy
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body
+from hbm.overrides import SegmentOverride, apply_overrides
 from hbm.poses import segment_frames
 from hbm.segments import NOTHING, Inertia, Proportions, Sex, proportions, segment_inertia
 from hbm.shape import Shape, average, shape_of
@@ -46,6 +47,7 @@ def build_body(
     knee_width_m: float | None = None,
     ankle_width_m: float | None = None,
     marker_offset_m: float = 0.009,
+    overrides: Mapping[str, SegmentOverride] | None = None,
 ) -> Body:
     """Build a subject's body from a calibration pose.
 
@@ -68,6 +70,8 @@ def build_body(
         "harrington", "bell", or functional centres (see `hbm.anatomy.Measures`).
     knee_width_m, ankle_width_m, marker_offset_m
         See `hbm.anatomy.Measures`.
+    overrides
+        Segment -> what is known better than de Leva's table; the whole still weighs ``mass``.
 
     Returns
     -------
@@ -79,8 +83,8 @@ def build_body(
     Raises
     ------
     ValueError
-        If mass or stature is implausible, no marker set fits, or a landmark is missing that
-        nothing can stand in for.
+        If mass or stature is implausible, no marker set fits, an override is impossible, or a
+        landmark is missing that nothing can stand in for.
     """
     if not 10 <= mass <= 400:
         hint = "; that looks like grams, give kilograms" if mass > 1000 else ""
@@ -122,7 +126,7 @@ def build_body(
         marker_position=np.array([shape.markers[name] for name in markers]),
         offsets=shape.offsets,
         axes=shape.axes,
-        inertias=_inertias(shape, table, mass),
+        inertias=apply_overrides(_inertias(shape, table, mass), overrides or {}, mass),
         lengths={part: distance(ends[0], ends[1]) for part, ends in shape.ends.items()},
         locked=_unseen(set(segments)),
         notes=tuple(notes),

@@ -1,0 +1,80 @@
+"""OpenSim's example subject: a T-pose, a walk over two plates, and OpenSim's residuals of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hbm.body import build_body
+from hbm.dynamics import filter_motion, inverse_dynamics
+from hbm.filtering import butterworth, resample
+from hbm.kinematics import solve_ik
+from hbm.markers import read_marker_set
+from pipeline.opensim_trial import read_opensim_trial
+from pipeline.sto import read_sto
+from pipeline.trc import read_trc
+
+MARKER_SETS = Path(__file__).resolve().parents[2] / "subjects" / "marker_sets"
+AXES = "forward,up,right"
+MASS_KG = 72.6
+TRANSLATIONS = ("pelvis_tx_force", "pelvis_tz_force", "pelvis_ty_force")
+ROTATIONS = ("pelvis_list_moment", "pelvis_tilt_moment", "pelvis_rotation_moment")
+
+
+@pytest.fixture(scope="module")
+def folder(shared_data):
+    return shared_data / "opensim_subject01"
+
+
+@pytest.fixture(scope="module")
+def body(folder):
+    text = (MARKER_SETS / "gait2354.toml").read_text(encoding="utf-8")
+    static = read_trc(folder / "subject01_static.trc", AXES).markers
+    return build_body(static, mass=MASS_KG, marker_set=read_marker_set(text, "gait2354"))
+
+
+@pytest.fixture(scope="module")
+def walk(folder):
+    return read_opensim_trial(
+        folder / "subject01_walk1.trc", folder / "subject01_walk1_grf.mot", AXES
+    )
+
+
+@pytest.fixture(scope="module")
+def motion(body, walk):
+    return solve_ik(body, walk.markers)
+
+
+def test_a_t_pose_makes_a_body_with_arms_and_head(body):
+    assert "standing still" in body.notes[0]
+    assert len(body.markers) == 49
+    hands = {f"{s}{n}" for s in "RL" for n in ("WristFlexion", "HandAbduction")}
+    assert set(body.locked) == hands
+
+
+def test_knees_and_ankles_are_followed_without_their_own_markers(motion):
+    """The walk lacks all eight epicondyles and malleoli; thigh, shank and foot markers remain."""
+    assert len(motion.markers) == 41
+    assert motion.converged.all()
+    assert motion.observed[:, [motion.names.index("RKneeFlexion")]].all()
+    flexion = np.degrees(motion.coordinate("RKneeFlexion"))
+    assert 55 < np.ptp(flexion) < 80
+
+
+def test_residuals_are_no_worse_than_those_that_opensim_publishes(folder, body, walk, motion):
+    """Same trial, same 1.2 s, 6 Hz; theirs with a torso in one piece, ours with arms and head."""
+    published = read_sto(folder / "inverse_dynamics.sto")
+    theirs = [np.sqrt(np.mean(published.column(c) ** 2)) for c in TRANSLATIONS + ROTATIONS]
+    wrenches = {
+        foot: butterworth(
+            resample(plate.time, plate.wrench, motion.time), motion.time, 6.0, "zero_phase"
+        ).value
+        for foot, plate in zip(("right_foot", "left_foot"), walk.plates, strict=True)
+    }
+    smooth = filter_motion(motion, cutoff=6.0, method="zero_phase")
+    residual = inverse_dynamics(body, smooth, wrenches).residual
+    begin, end = published.time[[0, -1]]
+    inside = (motion.time > begin - 1e-3) & (motion.time < end + 1e-3)
+    ours = np.sqrt(np.mean(residual[inside] ** 2, axis=0))
+    assert inside.sum() == len(published.time)
+    assert (ours <= theirs).all(), f"ours {ours.round(1)}, OpenSim's {np.round(theirs, 1)}"

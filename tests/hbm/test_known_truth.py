@@ -1,0 +1,168 @@
+"""A walk generated from a scaled OpenSim model: joint centres, masses and residuals are known."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from hbm.body import build_body
+from hbm.coordinates import SEGMENTS
+from hbm.dynamics import filter_motion, inverse_dynamics
+from hbm.filtering import butterworth, resample
+from hbm.functional import functional_hips
+from hbm.kinematics import solve_ik
+from hbm.markers import read_marker_set
+from hbm.overrides import SegmentOverride
+from hbm.poses import segment_frames
+from pipeline.opensim_trial import read_opensim_trial
+
+MARKER_SETS = Path(__file__).resolve().parents[2] / "subjects" / "marker_sets"
+MASS_KG = 72.84
+STATURE_M = 1.808
+INNER = slice(20, -20)
+PARTS = {
+    "pelvis": ("pelvis",),
+    "thigh": ("femur_r", "patella_r"),
+    "shank": ("tibia_r",),
+    "foot": ("talus_r", "calcn_r", "toes_r"),
+    "upper_arm": ("humerus_r",),
+    "forearm": ("ulna_r", "radius_r"),
+    "hand": ("hand_r",),
+}
+
+
+@pytest.fixture(scope="module")
+def trial(shared_data):
+    folder = shared_data / "truth_walk"
+    return read_opensim_trial(folder / "markers.trc", folder / "grf.mot", "forward,up,right")
+
+
+@pytest.fixture(scope="module")
+def marker_set():
+    text = (MARKER_SETS / "arnold2013.toml").read_text(encoding="utf-8")
+    return read_marker_set(text, "arnold2013")
+
+
+@pytest.fixture(scope="module")
+def hips(trial, marker_set):
+    return functional_hips(trial.markers, marker_set)
+
+
+@pytest.fixture(scope="module")
+def true_masses(shared_data):
+    root = ElementTree.parse(shared_data / "truth_walk" / "subject01.osim").getroot()
+    mass = {
+        b.get("name"): float(b.findtext("mass"))
+        for b in root.iter("Body")
+        if b.find("mass") is not None
+    }
+    return {s: sum(mass[name] for name in parts) for s, parts in PARTS.items()}
+
+
+def build(trial, marker_set, hips, **options):
+    return build_body(
+        trial.markers,
+        mass=MASS_KG,
+        sex="male",
+        height_m=STATURE_M,
+        marker_set=marker_set,
+        hip=hips,
+        **options,
+    )
+
+
+@pytest.fixture(scope="module")
+def body(trial, marker_set, hips):
+    return build(trial, marker_set, hips)
+
+
+@pytest.fixture(scope="module")
+def motion(body, trial):
+    return solve_ik(body, trial.markers)
+
+
+def at(trial, name):
+    return trial.markers.position[:, trial.markers.names.index(name)]
+
+
+def joint(body, motion, segment):
+    return segment_frames(body, motion.q)[1][:, SEGMENTS.index(segment)]
+
+
+def rms(away):
+    return np.sqrt((away**2).sum(axis=1).mean())
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_hips_are_found_from_the_walk_itself(trial, body, motion, side):
+    away = joint(body, motion, f"{side}_thigh") - at(trial, side[0].upper() + "HJC")
+    assert rms(away) < 0.005
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_knees_are_within_12_mm(trial, body, motion, side):
+    away = joint(body, motion, f"{side}_shank") - at(trial, side[0].upper() + "KJC")
+    assert rms(away) < 0.012
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_ankles_are_where_the_malleoli_are(trial, body, motion, side):
+    """In this model the malleolar markers' middle is 20 mm from the talus; 12 mm are impossible."""
+    s = side[0].upper()
+    middle = (at(trial, s + "LMAL") + at(trial, s + "MMAL")) / 2
+    assert rms(joint(body, motion, f"{side}_foot") - middle) < 0.005
+    assert rms(middle - at(trial, s + "AJC")) == pytest.approx(0.0205, abs=0.0005)
+
+
+def test_rigid_markers_are_met_within_2_mm(motion):
+    assert motion.converged.all()
+    assert np.sqrt(np.mean(motion.marker_error**2)) < 0.002
+
+
+def residual_rms(body, motion, trial):
+    wrenches = {
+        foot: butterworth(
+            resample(plate.time, plate.wrench, motion.time), motion.time, 6.0, "zero_phase"
+        ).value
+        for foot, plate in zip(("right_foot", "left_foot"), trial.plates, strict=True)
+    }
+    smooth = filter_motion(motion, cutoff=6.0, method="zero_phase")
+    residual = inverse_dynamics(body, smooth, wrenches).residual[INNER]
+    return np.sqrt(np.mean(residual**2, axis=0))
+
+
+def test_with_de_leva_s_masses_residuals_stay_below_3_5_percent_of_body_weight(trial, body, motion):
+    """The truth has 1 N; what remains here is its other masses, ankles and unseen head."""
+    ours = residual_rms(body, motion, trial)
+    assert (ours[:3] < 0.035 * MASS_KG * 9.81).all()
+    assert (ours[3:] < 12).all()
+
+
+def test_the_true_masses_halve_what_de_leva_s_leave(
+    trial, marker_set, hips, motion, body, true_masses
+):
+    """So the largest part of the residual is anthropometry, not mechanics."""
+    overrides = {"pelvis": SegmentOverride(true_masses["pelvis"])}
+    for part in list(PARTS)[1:]:
+        for side in ("right", "left"):
+            overrides[f"{side}_{part}"] = SegmentOverride(true_masses[part])
+    better = build(trial, marker_set, hips, overrides=overrides)
+    before, after = (residual_rms(b, motion, trial) for b in (body, better))
+    assert after[0] < 0.6 * before[0]
+    assert after[4] < 0.6 * before[4]
+    assert (after < 1.05 * before).all()
+
+
+def test_masses_differ_from_the_model_s_as_two_tables_do(body, true_masses):
+    """De Leva's thigh is 2 kg heavier than the scaled generic model's, its pelvis 2 kg lighter."""
+    ours = {s: body.inertias[s if s == "pelvis" else f"right_{s}"].mass for s in PARTS}
+    ours["foot"] += body.inertias["right_toes"].mass
+    away = {s: ours[s] - true_masses[s] for s in PARTS}
+    expected = {
+        "pelvis": -2.2, "thigh": 2.1, "shank": -0.1, "foot": -0.4,
+        "upper_arm": 0.2, "forearm": 0.1, "hand": 0.0,
+    }  # fmt: skip
+    for s, difference in expected.items():
+        assert away[s] == pytest.approx(difference, abs=0.1), s
+    assert sum(part.mass for part in body.inertias.values()) == pytest.approx(MASS_KG, rel=1e-12)

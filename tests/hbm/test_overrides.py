@@ -1,0 +1,136 @@
+"""Overrides of single segments: what is stated is taken, and the whole still weighs the same."""
+
+import numpy as np
+import pytest
+
+from hbm.body import build_body
+from hbm.coordinates import INDEX, MOVING
+from hbm.dynamics import inverse_dynamics
+from hbm.overrides import SegmentOverride, read_overrides
+from hbm.segments import Inertia
+from tests.hbm.motions import swinging
+from tests.synthetic import MASS_KG, synthetic_body, synthetic_t_pose
+
+TOML = """
+[right_shank]   # a prosthesis below the knee
+mass_kg = 1.9
+center_m = [0.01, 0.0, -0.12]
+inertia_kg_m2 = [0.012, 0.012, 0.002]
+
+[left_foot]
+mass_kg = 0.8
+
+[left_foot.worn]   # a shoe
+mass_kg = 0.3
+center_m = [0.05, 0.0, -0.04]
+
+[trunk.worn]   # a rucksack
+mass_kg = 5.0
+center_m = [-0.2, 0.0, 0.25]
+inertia_kg_m2 = [0.1, 0.08, 0.06, 0.0, 0.01, 0.0]
+"""
+
+
+def built(overrides):
+    return build_body(
+        synthetic_t_pose(), mass=MASS_KG, sex="male", height_m=1.78, overrides=overrides
+    )
+
+
+@pytest.fixture(scope="module")
+def changed():
+    return built(read_overrides(TOML))
+
+
+def test_stated_values_are_taken(changed):
+    shank = changed.inertias["right_shank"]
+    assert shank.mass == pytest.approx(1.9)
+    np.testing.assert_allclose(shank.center, [0.01, 0, -0.12])
+    np.testing.assert_allclose(shank.tensor, np.diag([0.012, 0.012, 0.002]))
+
+
+def test_the_whole_still_weighs_what_the_plates_say(changed):
+    assert sum(part.mass for part in changed.inertias.values()) == pytest.approx(MASS_KG)
+
+
+def test_other_segments_share_the_rest_in_the_table_s_proportions(changed):
+    table = synthetic_body().inertias
+    others = [s for s in MOVING if s not in ("right_shank", "left_foot", "trunk")]
+    share = [changed.inertias[s].mass / table[s].mass for s in others]
+    np.testing.assert_allclose(share, share[0])
+    for s in others:
+        np.testing.assert_allclose(changed.inertias[s].center, table[s].center)
+        np.testing.assert_allclose(changed.inertias[s].tensor, share[0] * table[s].tensor)
+
+
+def test_what_is_worn_is_welded_on(changed):
+    own = 0.8 / synthetic_body().inertias["left_foot"].mass
+    foot = synthetic_body().inertias["left_foot"]
+    bare = Inertia(0.8, foot.center, own * foot.tensor)
+    shod = changed.inertias["left_foot"]
+    assert shod.mass == pytest.approx(1.1)
+    np.testing.assert_allclose(
+        shod.mass * shod.center, bare.mass * bare.center + 0.3 * np.array([0.05, 0, -0.04])
+    )
+    arm = np.array([0.05, 0, -0.04]) - bare.center
+    reduced = bare.mass * 0.3 / 1.1
+    expected = bare.tensor + reduced * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    np.testing.assert_allclose(shod.tensor, expected)
+
+
+def test_six_numbers_hold_the_products_of_inertia():
+    worn = read_overrides(TOML)["trunk"].worn
+    expected = [[0.1, 0, 0.01], [0, 0.08, 0], [0.01, 0, 0.06]]
+    np.testing.assert_allclose(worn.tensor, expected)
+
+
+def test_a_heavier_shank_needs_more_at_the_knee_and_no_other_kinematics(changed):
+    motion = swinging(np.random.default_rng(9))
+    heavy = built({"right_shank": SegmentOverride(mass_kg=12.0)})
+    before, after = (inverse_dynamics(b, motion, {}) for b in (synthetic_body(), heavy))
+    knee = INDEX["RKneeFlexion"]
+    assert np.abs(after.tau[:, knee]).max() > 1.5 * np.abs(before.tau[:, knee]).max()
+    np.testing.assert_allclose(heavy.geometry, synthetic_body().geometry, atol=1e-12)
+
+
+def test_overrides_of_nothing_change_nothing():
+    bare, stated = synthetic_body(), built({"head": SegmentOverride()})
+    np.testing.assert_allclose(stated.inertia_vector, bare.inertia_vector, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[right_shank", "overrides is not valid TOML"),
+        ("[rigth_shank]\nmass_kg = 1.0", "no segment 'rigth_shank', did you mean 'right_shank'"),
+        ("right_shank = 2.0", "right_shank: must be a table with some of mass_kg"),
+        ("[head]\nmas_kg = 1.0", "head: no key 'mas_kg', did you mean 'mass_kg'"),
+        ("[head]\nmass_kg = '4'", "head: mass_kg must be 1 in number, got '4'"),
+        ("[head]\nmass_kg = true", "head: mass_kg must be 1 in number, got True"),
+        ("[head]\nmass_kg = -4", "head: mass_kg must be positive, got -4"),
+        ("[head]\ncenter_m = [0.0, 1.0]", "head: center_m must be 3 in number"),
+        ("[head]\ncenter_m = [0.0, 1.0, nan]", "head: center_m must be .* finite numbers"),
+        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 1.0, 1.0]", "inertia_kg_m2 must be 3 or 6 in number"),
+        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 2.5]", "greater than the other two together"),
+        ("[head]\ninertia_kg_m2 = [1.0, 1.0, -0.1]", "no negative principal moment"),
+        ("[head.worn]\nmass_kg = 1.0", "head: worn needs mass_kg and center_m"),
+    ],
+)
+def test_faulty_overrides_are_refused(text, message):
+    with pytest.raises(ValueError, match=message):
+        read_overrides(text)
+
+
+def test_all_faults_are_listed_at_once():
+    with pytest.raises(ValueError, match=r"no segment 'neck'.*head: mass_kg must be positive"):
+        read_overrides("[neck]\nmass_kg = 1.0\n[head]\nmass_kg = 0.0")
+
+
+def test_overrides_that_leave_nothing_are_refused():
+    with pytest.raises(ValueError, match=r"weigh 80.00 kg, which leaves nothing of 74.6 kg"):
+        built({"trunk": SegmentOverride(mass_kg=80.0)})
+
+
+def test_an_override_for_no_segment_is_refused():
+    with pytest.raises(ValueError, match="override for 'left_leg', which is no moving segment"):
+        built({"left_leg": SegmentOverride(mass_kg=8.0)})
