@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         free_moment,
         moment_error_of_pivot,
         pose_delay,
+        specific_force,
         to_lab,
     )
     from compensation.platform_markers import PoseFit, fit_pose, neutral_markers
@@ -77,6 +78,7 @@ _HOME = {
     "free_moment": "platform",
     "moment_error_of_pivot": "platform",
     "pose_delay": "platform",
+    "specific_force": "platform",
     "to_lab": "platform",
     "PoseFit": "platform_markers",
     "fit_pose": "platform_markers",
@@ -139,6 +141,7 @@ __all__ = [
     "rms_difference",
     "rms_orthogonal",
     "sensor_noise_of",
+    "specific_force",
     "spline_smoothing",
     "to_json",
     "to_lab",

@@ -69,6 +69,8 @@ class InertiaModel:
         Of the calibration, (k,) [m/s²] and (k, k) [m²/s⁴].
     acceleration_low, acceleration_high
         Range of the calibration, (k,) [m/s²].
+    sensor_noise
+        Noise of the accelerometers that the fit allowed for, (k,) [m/s²]; 0 for none.
     samples
         Number of samples fitted.
     warnings
@@ -89,6 +91,7 @@ class InertiaModel:
     acceleration_covariance: Array
     acceleration_low: Array
     acceleration_high: Array
+    sensor_noise: Array
     samples: int
     warnings: tuple[str, ...] = ()
     setup: Setup | None = None
@@ -100,6 +103,7 @@ class InertiaModel:
             "covariance": (6, k + 1, k + 1),
             **dict.fromkeys(("sigma", "r_squared", "rms_measured", "rms_compensated"), (6,)),
             **dict.fromkeys(("acceleration_mean", "acceleration_low", "acceleration_high"), (k,)),
+            "sensor_noise": (k,),
             "acceleration_covariance": (k, k),
         }
         for name, shape in shapes.items():

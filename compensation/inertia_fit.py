@@ -136,6 +136,7 @@ def fit_inertia(
         acceleration_covariance=np.cov(a, rowvar=False),
         acceleration_low=a.min(axis=0),
         acceleration_high=a.max(axis=0),
+        sensor_noise=noise,
         samples=n,
         warnings=signs_of_a_person(w, sigma),
         setup=setup,

@@ -9,7 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation.alignment import Delay, estimate_delay
-from compensation.inputs import frozen, read_signal, read_table, refuse_gaps, refuse_unequal
+from compensation.inputs import (
+    frozen,
+    read_rate,
+    read_signal,
+    read_table,
+    refuse_gaps,
+    refuse_unequal,
+)
+from compensation.plausibility import GRAVITY
 from hbm.spatial import Array, rotation_about, transform_wrench
 
 _LEFT = np.array([0.0, 1.0, 0.0])
@@ -163,6 +171,46 @@ def pose_delay(
     if not moving.any():
         raise ValueError("the commanded platform does not move: its delay cannot be told")
     return estimate_delay(signals[0][:, moving], signals[1][:, moving], rate_hz, longest_s)
+
+
+def specific_force(pose: PlatformPose, rate_hz: float) -> Array:
+    """Give what sensors fixed to the platform feel, from its pose.
+
+    Parameters
+    ----------
+    pose
+        The platform's pose, without gaps.
+    rate_hz
+        Its sampling rate [Hz].
+
+    Returns
+    -------
+    Array
+        Specific force ``Rᵀ (a - g)`` of the platform's origin [m/s²] and angular acceleration
+        [rad/s²], both in platform axes, (T, 6). Up to the centripetal part every accelerometer on
+        the platform is a linear combination of these: `compensation.estimate_delay` aligns
+        markers with accelerometers by them, the accelerometers being its reference.
+
+    Raises
+    ------
+    ValueError
+        Gaps, fewer than 5 frames, or no rate.
+    """
+    rate = read_rate(rate_hz)
+    refuse_gaps(pose.position, "pose")
+    if len(pose.position) < 5:
+        raise ValueError(f"pose has {len(pose.position)} frames; its acceleration needs at least 5")
+    back = np.swapaxes(pose.rotation, 1, 2)
+    acceleration = _derivative(_derivative(pose.position, rate), rate)
+    force = (back @ (acceleration + np.array([0, 0, GRAVITY]))[..., None])[..., 0]
+    turning = back @ _derivative(pose.rotation, rate)  # the cross product with ω
+    omega = np.stack([turning[:, 2, 1], turning[:, 0, 2], turning[:, 1, 0]], axis=1)
+    return np.hstack([force, _derivative(omega, rate)])
+
+
+def _derivative(values: Array, rate: float) -> Array:
+    derivative: Array = np.gradient(values, 1 / rate, axis=0)
+    return derivative
 
 
 def center_of_pressure(

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from compensation.alignment import estimate_delay
 from compensation.platform import (
     PlatformPose,
     center_of_pressure,
@@ -12,6 +13,7 @@ from compensation.platform import (
     free_moment,
     moment_error_of_pivot,
     pose_delay,
+    specific_force,
     to_lab,
 )
 from compensation.platform_markers import fit_pose, neutral_markers
@@ -237,6 +239,28 @@ def test_delay_of_the_platform_behind_its_command_comes_back():
     assert abs(found.seconds - 0.031) < 3 * found.standard_error
 
 
+def test_specific_force_of_the_pose_is_what_accelerometers_feel(laboratory):
+    lab = laboratory(crooked=False)
+    trial = lab.random_trial(1, rate_hz=100, duration=20)
+    pose = PlatformPose(trial.motion.rotation, trial.motion.position)
+    felt = specific_force(pose, 100)[5:-5]
+    np.testing.assert_allclose(felt[:, :3], trial.motion.force_0[5:-5], atol=0.05)
+    np.testing.assert_allclose(felt[:, 3:], trial.motion.alpha[5:-5], atol=0.1)
+
+
+@pytest.mark.parametrize("delay_s", [0.0071, 0.0844])
+def test_delay_of_markers_behind_accelerometers_comes_back(laboratory, delay_s):
+    lab = laboratory()
+    felt = lab.random_trial(2, noise=1, cutoff_hz=20).accelerations
+    late = lab.random_trial(2, late_s=delay_s).motion
+    moved = PlatformPose(late.rotation[500:-500:10], late.position[500:-500:10])
+    markers = seen(moved, noise_m=0.0005)
+    pose = fit_pose(markers, MARKERS, outlier_m=0.01).pose
+    found = estimate_delay(felt, specific_force(pose, 100), 100)
+    assert found.seconds == pytest.approx(delay_s, abs=5e-4)
+    assert abs(found.seconds - delay_s) < 3 * found.standard_error
+
+
 # Wrong input ------------------------------------------------------------------------------------
 
 
@@ -273,6 +297,8 @@ def broken(rotation_scale=1.0, mirror=False):
         (lambda p: neutral_markers(seen(p) * [1, 1, np.nan]), "never seen in neutral"),
         (lambda p: center_of_pressure(np.ones((4, 3)), 30), r"must have shape \(samples, 6\)"),
         (lambda p: center_of_pressure(np.ones((4, 6)), 0), "threshold_n must be positive"),
+        (lambda p: specific_force(commanded_pose([0, 0], [0, 0], PIVOT), 100), "at least 5"),
+        (lambda p: specific_force(p, 0), "rate_hz must be a positive"),
         (lambda p: pose_delay(commanded_pose(0 * SWAY, 0 * PITCH, PIVOT), p, 100), "does not move"),
     ],
 )
