@@ -8,112 +8,39 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ValidationError
 
-from hbm.filtering import Method
 from hbm.markers import MarkerSet, did_you_mean, marker_sets, read_marker_set
-from hbm.segments import Sex
+from pipeline.stated import (
+    Condition,
+    Platform,
+    Settings,
+    Stated,
+    StudyFile,
+    Subject,
+    SubjectFile,
+    Treadmill,
+    Trial,
+)
+from pipeline.study_faults import StudyFaults, describe_faults
 
-Name = Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
-Point = tuple[float, float, float]
-
-
-class Stated(BaseModel):
-    """Base of everything a person types: immutable, and unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Settings(Stated):
-    """How trials are processed; printed with every result."""
-
-    cutoff_hz: Annotated[float, Field(gt=0, le=50)] = 6.0
-    filter: Method = "zero_phase"
-    marker_set: str | None = None
-    hip: Literal["harrington", "bell"] = "harrington"
-    marker_offset_m: Annotated[float, Field(ge=0, le=0.05)] = 0.009
-    plate_delay_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
-    contact_threshold_n: Annotated[float, Field(gt=0, le=200)] = 30.0
-
-
-class Subject(Stated):
-    """Who walked."""
-
-    id: Name = "subject"
-    sex: Sex = "unspecified"
-    mass_kg: Annotated[float, Field(ge=10, le=400)] | None = None
-    height_m: Annotated[float, Field(ge=0.5, le=2.6)] | None = None
-    age_years: Annotated[float, Field(ge=0, le=120)] | None = None
-
-
-class Platform(Stated):
-    """How the platform's pose is known: by markers on it, or by its commanded motion."""
-
-    markers: tuple[str, ...] = ()
-    sway_channel: str | None = None
-    pitch_channel: str | None = None
-    pivot_m: Point = (0.0, 0.0, 0.0)
-    delay_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
-
-
-class Treadmill(Stated):
-    """The machine: its accelerometers, its calibration, its platform."""
-
-    calibration: str | None = None
-    accelerometers: dict[Name, tuple[str, str, str]] = Field(default_factory=dict)
-    accelerometer_unit: str | None = None
-    accelerometer_delay_s: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
-    cutoff_hz: Annotated[float, Field(gt=0, le=100)] = 20.0
-    platform: Platform | None = None
-
-
-class Condition(Stated):
-    """Which gait cycles of a condition count."""
-
-    cycles: Annotated[int, Field(ge=1)] | None = None
-    perturbed: bool = False
-    pulse_channel: str | None = None
-    skip_s: Annotated[float, Field(ge=0)] = 0.0
-
-
-class Trial(Stated):
-    """One recording, or the reason why there is none."""
-
-    file: str | None = None
-    exclude: str | None = None
-
-
-class StudyFile(Stated):
-    """What ``study.toml`` says."""
-
-    name: str = "study"
-    axes: str | None = None
-    rename: dict[str, str] = Field(default_factory=dict)
-    settings: Settings = Settings()
-    treadmill: Treadmill = Treadmill()
-    conditions: dict[Name, Condition]
-
-
-class SubjectFile(Subject):
-    """What a subject's file says."""
-
-    static: str | None = None
-    trials: dict[str, Trial]
-
-    @property
-    def person(self) -> Subject:
-        """The subject alone, without files."""
-        return Subject.model_validate({name: getattr(self, name) for name in Subject.model_fields})
-
-
-class StudyFaults(ValueError):
-    """Everything that is wrong with a study's files; ``faults`` holds one line each."""
-
-    def __init__(self, faults: list[str]) -> None:
-        self.faults = tuple(faults)
-        super().__init__("; ".join(faults))
+__all__ = [
+    "Condition",
+    "Platform",
+    "Settings",
+    "Stated",
+    "Study",
+    "StudyFaults",
+    "StudyFile",
+    "Subject",
+    "SubjectFile",
+    "Treadmill",
+    "Trial",
+    "describe_faults",
+    "read_study",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,105 +110,95 @@ def read_study(folder: str | Path) -> Study:
         raise StudyFaults([f"{folder}: no study.toml here; write one with 'hbm init {folder}'"])
     faults: list[str] = []
     stated = _load(folder / "study.toml", faults)
-    file = _checked(folder / "study.toml", stated, StudyFile, faults)
+    file = _checked("study.toml", stated, StudyFile, faults)
+    conditions = stated.get("conditions") if stated is not None else None
     subjects: dict[str, SubjectFile] = {}
-    paths = [path for path in sorted(folder.glob("*.toml")) if path.name != "study.toml"]
-    tables = {path: _load(path, faults) for path in paths}
-    tables = {path: table for path, table in tables.items() if "markers" not in table}
-    for path, table in tables.items():
-        subject = _checked(path, table, SubjectFile, faults)
-        faults += _trial_faults(folder, path.name, table, stated.get("conditions"))
-        if subject is None:
+    for path in _subject_paths(folder):
+        table = _load(path, faults)
+        if table is None or ("markers" in table and "trials" not in table):
             continue
-        if subject.id in subjects:
-            faults.append(f"{path.name}: id: {subject.id!r} is already taken by another file")
-        subjects[subject.id] = subject
-    if not tables:
+        subject = _checked(path.name, table, SubjectFile, faults)
+        faults += _trial_faults(folder, path.name, table, conditions)
+        if subject is not None:
+            if subject.id in subjects:
+                faults.append(f"{path.name}: id: {subject.id!r} is already taken by another file")
+            subjects[subject.id] = subject
+    if not subjects and not faults:
         faults.append(f"{folder}: no subject files (one TOML per subject beside study.toml)")
-    own_set = _own_marker_set(folder, file, faults) if file is not None else None
-    if file is not None and file.treadmill.calibration:
-        faults += _missing(folder, "study.toml: treadmill.calibration", file.treadmill.calibration)
+    faults += _same_names(subjects)
+    own_set = None
+    if file is not None:
+        own_set = _own_marker_set(folder, file, faults)
+        faults += _treadmill_faults(folder, file)
     if faults or file is None:
         raise StudyFaults(faults)
     return Study(folder, file, subjects, own_set)
 
 
-def _load(path: Path, faults: list[str]) -> dict[str, Any]:
+def _subject_paths(folder: Path) -> list[Path]:
+    paths = sorted(folder.glob("*.toml"))
+    return [path for path in paths if path.name != "study.toml" and path.name[0] != "."]
+
+
+def _load(path: Path, faults: list[str]) -> dict[str, Any] | None:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
         faults.append(f"{path.name}: not valid TOML: {error}")
-    except (OSError, UnicodeDecodeError) as error:
-        faults.append(f"{path.name}: cannot be read: {error}")
-    return {}
+    except UnicodeDecodeError as error:
+        faults.append(f"{path.name}: is not saved as UTF-8: {error.reason} at {error.start}")
+    except OSError as error:
+        faults.append(f"{path.name}: cannot be read: {error.strerror}")
+    return None
 
 
-def _checked(path: Path, table: dict[str, Any], kind: type[Any], faults: list[str]) -> Any:
-    if not table:
+def _checked(name: str, table: dict[str, Any] | None, kind: type[Any], faults: list[str]) -> Any:
+    if table is None:
         return None
     try:
         return kind.model_validate(table)
     except ValidationError as error:
-        faults += [f"{path.name}: {fault}" for fault in describe_faults(error, kind)]
+        faults += [f"{name}: {fault}" for fault in describe_faults(error, kind)]
         return None
 
 
-def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:
-    """Say pydantic's findings, one line each.
-
-    Parameters
-    ----------
-    error
-        What pydantic raised.
-    kind
-        The model that was validated, for the words that it knows.
-
-    Returns
-    -------
-    list[str]
-        "key: what is wrong", with the value and the nearest known word where there is one.
-    """
-    said = []
-    for fault in error.errors():
-        key = ".".join(str(part) for part in fault["loc"])
-        value = fault["input"]
-        if fault["type"] == "extra_forbidden":
-            known = _known_keys(kind, fault["loc"][:-1])
-            hint = did_you_mean(str(fault["loc"][-1]), known) or f"; known: {', '.join(known)}"
-            said.append(f"{key}: unknown key{hint}")
-        elif fault["type"] == "missing":
-            said.append(f"{key}: is missing")
-        else:
-            text = fault["msg"][0].lower() + fault["msg"][1:]
-            said.append(f"{key}: {text}, got {value!r}{_unit_hint(key, value)}")
-    return said
+def _same_names(subjects: Mapping[str, SubjectFile]) -> list[str]:
+    """Find trials whose results would be written to the same file."""
+    taken: dict[str, str] = {}
+    faults = []
+    for subject, person in subjects.items():
+        for condition in person.trials:
+            name = f"{subject}_{condition}"
+            other = taken.setdefault(name.casefold(), f"{subject} {condition}")
+            if other != f"{subject} {condition}":
+                faults.append(
+                    f"the results of {subject} {condition} and of {other} would both be called "
+                    f"{name}; rename the subject or the condition"
+                )
+    return faults
 
 
-def _unit_hint(key: str, value: Any) -> str:
-    if not isinstance(value, int | float):
-        return ""
-    if key.endswith("mass_kg") and value > 1000:
-        return " (that looks like grams; give kilograms)"
-    if key.endswith("height_m") and value > 50:
-        return f" (that looks like {'millimetres' if value > 500 else 'centimetres'}; give metres)"
-    return ""
-
-
-def _known_keys(kind: Any, location: tuple[int | str, ...]) -> list[str]:
-    """Find the keys that are allowed at a place in a model."""
-    for part in location:
-        fields = getattr(kind, "model_fields", {})
-        if part not in fields:
-            continue
-        kind = next((t for t in _models(fields[str(part)].annotation)), kind)
-    return list(getattr(kind, "model_fields", {}))
-
-
-def _models(annotation: Any) -> list[type[BaseModel]]:
-    """Find the models inside an annotation such as ``dict[str, Trial]`` or ``Platform | None``."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [m for inner in getattr(annotation, "__args__", ()) for m in _models(inner)]
+def _treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
+    """Hold the treadmill against the folder and the conditions."""
+    treadmill, platform, faults = file.treadmill, file.treadmill.platform, []
+    if treadmill.calibration:
+        faults += _missing(folder, "study.toml: treadmill.calibration", treadmill.calibration)
+    if platform is not None:
+        where = "study.toml: treadmill.platform"
+        if platform.markers and platform.channels:
+            faults.append(f"{where}: give either markers or channels, not both")
+        elif not platform.markers and not platform.channels:
+            faults.append(f"{where}: give its markers, or its sway_channel or pitch_channel")
+        elif 0 < len(set(platform.markers)) < 3:
+            said = ", ".join(platform.markers)
+            faults.append(f"{where}.markers: three different ones at least, got {said}")
+    for name, condition in file.conditions.items():
+        if condition.perturbed and condition.pulse_channel is None and platform is None:
+            faults.append(
+                f"study.toml: conditions.{name}: perturbed needs a pulse_channel, or "
+                "treadmill.platform to tell when the perturbations were"
+            )
+    return faults
 
 
 def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerSet | None:
@@ -309,15 +226,15 @@ def _trial_faults(folder: Path, name: str, table: dict[str, Any], known: Any) ->
     for condition, trial in trials.items() if isinstance(trials, dict) else ():
         where = f"{name}: trials.{condition}"
         if isinstance(known, dict) and condition not in known:
-            hint = did_you_mean(condition, known)
+            hint = did_you_mean(condition, known) or f"; there are {', '.join(known)}"
             faults.append(f"{where}: no such condition in study.toml{hint}")
-        if not isinstance(trial, dict):
+        if not isinstance(trial, dict) or "exclude" in trial:
             continue
-        if not trial.get("file") and not trial.get("exclude"):
+        if "file" not in trial:
             faults.append(f'{where}: needs a file, or exclude = "the reason why there is none"')
-        elif not trial.get("exclude"):
-            faults += _missing(folder, f"{where}.file", str(trial["file"]))
-    if isinstance(table.get("static"), str):
+        elif trial["file"] and isinstance(trial["file"], str):
+            faults += _missing(folder, f"{where}.file", trial["file"])
+    if table.get("static") and isinstance(table["static"], str):
         faults += _missing(folder, f"{name}: static", table["static"])
     return faults
 
@@ -325,5 +242,5 @@ def _trial_faults(folder: Path, name: str, table: dict[str, Any], known: Any) ->
 def _missing(folder: Path, where: str, name: str) -> list[str]:
     if (folder / name).is_file():
         return []
-    near = did_you_mean(name, [p.name for p in folder.glob("*")])
+    near = did_you_mean(name, [p.name for p in folder.glob("*") if p.suffix != ".toml"])
     return [f"{where}: no file {name!r} in {folder}{near}"]

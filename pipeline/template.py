@@ -21,25 +21,30 @@ name = "My study"
 # marker_set = "hbm2"        # hbm2, hbm2_lower, hbm1, hbm1_lower or a TOML file of your own
 cutoff_hz = 6.0              # of the Butterworth filter, on coordinates and forces alike
 filter = "zero_phase"        # or "realtime", as the laboratory's own software does
-hip = "harrington"           # or "bell"
-plate_delay_s = 0.0          # how much later the plates are than the markers
+hip = "harrington"           # joint centres by Harrington (2007), or "bell" (1989)
+# marker_offset_m = 0.009    # from the skin to a marker's centre
+plate_delay_s = 0.0          # how much later the plates are stamped than the markers
+# contact_threshold_n = 30.0 # vertical force above which a foot is on a plate
 
 [treadmill]
 # Recording of the empty, moving treadmill (.c3d), or a calibration fitted to one (.json).
 # calibration = "calibration.c3d"
 # accelerometer_unit = "g"   # if the files do not say it
+# accelerometer_delay_s = 0.0  # how much later the accelerometers are stamped than the plates
 # cutoff_hz = 20.0           # low-pass for fitting the calibration
 
-# [treadmill.accelerometers] # sensor = its three channels
+# [treadmill.accelerometers] # sensor = its x, y and z channels
 # rear_left = ["Acc1.X", "Acc1.Y", "Acc1.Z"]
 # front_right = ["Acc2.X", "Acc2.Y", "Acc2.Z"]
 
 # [treadmill.platform]       # leave out for a treadmill that stands still
 # markers = ["PLAT1", "PLAT2", "PLAT3", "PLAT4"]
-# or, less exact, as commanded:
+# or, less exact, as commanded; sway to the left and pitch with the front going down are positive:
 # sway_channel = "Sway"
 # pitch_channel = "Pitch"
-# pivot_m = [0.0, 0.0, -0.3]
+# pivot_m = [0.0, 0.0, -0.3] # a point of the pitch axis, in the lab
+# delay_s = 0.0              # how much later the channels are stamped than the markers see it;
+#                            # negative where the platform follows its command late
 
 [conditions.baseline]
 cycles = 50                  # gait cycles that count
@@ -48,7 +53,7 @@ skip_s = 10.0                # leave out the start
 [conditions.sway]
 cycles = 20
 perturbed = true             # only cycles that contain a perturbation
-# pulse_channel = "Perturbation"   # rises when one starts; default: the platform's motion
+pulse_channel = "Perturbation"   # rises when one starts; default: the platform's motion
 
 [conditions.pitch]
 cycles = 50

@@ -1,0 +1,93 @@
+"""What is wrong with the files that a person typed, said so that the person can mend it."""
+
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from hbm.markers import did_you_mean
+
+SMALLER_UNITS: Final = {
+    "_kg": {1000: "grams"},
+    "_m": {100: "centimetres", 1000: "millimetres"},
+    "_s": {1000: "milliseconds"},
+}
+UNIT_NAMES: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
+
+
+class StudyFaults(ValueError):
+    """Everything that is wrong with a study's files; ``faults`` holds one line each."""
+
+    def __init__(self, faults: list[str]) -> None:
+        self.faults = tuple(faults)
+        super().__init__("; ".join(faults))
+
+
+def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:
+    """Say pydantic's findings, one line each.
+
+    Parameters
+    ----------
+    error
+        What pydantic raised.
+    kind
+        The model that was validated, for the words that it knows.
+
+    Returns
+    -------
+    list[str]
+        "key: what is wrong", with the value and the nearest known word where there is one.
+    """
+    return [_line(fault, kind) for fault in error.errors()]
+
+
+def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
+    place = [part for part in fault["loc"] if part != "[key]"]
+    key = ".".join(str(part) for part in place)
+    value = fault["input"]
+    if fault["type"] == "extra_forbidden":
+        known = _known_keys(kind, fault["loc"][:-1])
+        hint = did_you_mean(place[-1], known) or f"; known: {', '.join(known)}"
+        return f"{key}: unknown key{hint}"
+    if fault["type"] == "missing":
+        return f"{key}: is missing"
+    if fault["type"] == "value_error":
+        said = fault["msg"].removeprefix("Value error, ")
+        return f"{key}: {said}" if key else said
+    if fault["type"] == "string_pattern_mismatch":
+        return f"{key}: must be letters, digits, '_', '-' and '.', got {value!r}"
+    text = fault["msg"][0].lower() + fault["msg"][1:].replace("valid tuple", "list")
+    name = next(part for part in reversed(place) if isinstance(part, str))
+    return f"{key}: {text}, got {value!r}{_hint(fault, name)}"
+
+
+def _hint(fault: ErrorDetails, key: str) -> str:
+    allowed, value = fault.get("ctx", {}), fault["input"]
+    if fault["type"] == "literal_error":
+        return did_you_mean(value, re.findall(r"'(.*?)'", allowed["expected"]))
+    bound = abs(allowed.get("le", allowed.get("ge", 0)))
+    suffix = next((s for s in SMALLER_UNITS if key.endswith(s)), None)
+    if suffix is None or not isinstance(value, int | float) or abs(value) <= bound:
+        return ""
+    for scale, unit in SMALLER_UNITS[suffix].items():
+        if abs(value) / scale <= bound:
+            return f" (that looks like {unit}; give {UNIT_NAMES[suffix]})"
+    return ""
+
+
+def _known_keys(kind: Any, location: tuple[int | str, ...]) -> list[str]:
+    """Find the keys that are allowed at a place in a model."""
+    for part in location:
+        fields: Mapping[str, Any] = getattr(kind, "model_fields", {})
+        if part in fields:
+            kind = next(iter(_models(fields[str(part)].annotation)), kind)
+    return list(getattr(kind, "model_fields", {}))
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Find the models inside an annotation such as ``dict[str, Trial]`` or ``Platform | None``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [m for inner in getattr(annotation, "__args__", ()) for m in _models(inner)]
