@@ -3,17 +3,18 @@
 import os
 import subprocess
 import sys
-from dataclasses import replace
 
+import numpy as np
 import pytest
 import typer
 
 from hbm.markers import Markers
+from hbm.native import kernels
 from pipeline import doctor, one_trial
-from pipeline.c3d import read_c3d
 from pipeline.c3d_writer import write_c3d
 from pipeline.cli import app, main
-from pipeline.virtual_lab.trial import simulate_trial
+from pipeline.recording import Plate
+from tests.synthetic import synthetic_t_pose
 
 HEAVY = ("casadi", "matplotlib", "pandas", "pinocchio", "pingouin", "rerun", "scipy")
 COMMANDS = typer.main.get_command(app).commands
@@ -21,37 +22,35 @@ MASS = ("--mass-kg", "74.6")
 LAB_AXES = ("--axes", "left,back,up")
 
 
+def plate(number, vertical):
+    """A plate under one foot that carries a vertical force, (N,), at 1000 Hz."""
+    y = 0.25 if number == 1 else -0.25
+    wrench = np.zeros((len(vertical), 6))
+    wrench[:, 2] = -vertical
+    surface = [(x, y + dy, 0) for x, dy in ((0.9, -0.25), (-0.9, -0.25), (-0.9, 0.25), (0.9, 0.25))]
+    time = np.arange(len(vertical)) / 1000
+    return Plate(number, time, wrench, np.diag([1.0, -1.0, -1.0]), (0, y, 0), surface)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """One simulated trial, and what people take for a trial."""
+    """A person who stands in a T-pose for a second, and what people take for a trial."""
+    kernels()  # compiled by now, so that no command announces it
     folder = tmp_path_factory.mktemp("trials")
-    simulate_trial(folder / "walk.c3d", duration_s=6.0, seed=1)
-    walk = read_c3d(folder / "walk.c3d")
-    markers = walk.markers
-    write_c3d(folder / "no_plates.c3d", markers)
-    foreign = tuple(f"M{k}" for k in range(len(markers.names)))
-    write_c3d(folder / "foreign.c3d", Markers(markers.time, foreign, markers.position), walk.plates)
-    first, samples = slice(5), slice(50)
-    write_c3d(
-        folder / "short.c3d",
-        Markers(markers.time[first], markers.names, markers.position[first]),
-        [
-            replace(p, time=p.time[samples], wrench_in_plate=p.wrench_in_plate[samples])
-            for p in walk.plates
-        ],
-    )
-    late = slice(300, 500)
-    write_c3d(
-        folder / "in_mid_walk.c3d",
-        Markers(markers.time[:200], markers.names, markers.position[late]),
-        [
-            replace(p, time=p.time[:2000], wrench_in_plate=p.wrench_in_plate[3000:5000])
-            for p in walk.plates
-        ],
-    )
+    person = synthetic_t_pose()
+    half = np.full(1000, 74.6 * 9.81 / 2)
+    still = [plate(1, half), plate(2, half)]
+    write_c3d(folder / "still.c3d", person, still)
+    write_c3d(folder / "no_plates.c3d", person)
+    foreign = tuple(f"M{k}" for k in range(len(person.names)))
+    write_c3d(folder / "foreign.c3d", Markers(person.time, foreign, person.position), still)
+    short = Markers(person.time[:5], person.names, person.position[:5])
+    write_c3d(folder / "short.c3d", short, [plate(1, half[:50]), plate(2, half[:50])])
+    bouncing = half * (1 + 0.2 * np.sin(12 * still[0].time))
+    write_c3d(folder / "bouncing.c3d", person, [plate(1, bouncing), plate(2, bouncing)])
     (folder / "renamed.c3d").write_text("time\tLASIS\n0.0\t1.0\n" * 100)
     (folder / "nothing.c3d").touch()
-    (folder / "walk.txt").write_bytes((folder / "walk.c3d").read_bytes())
+    (folder / "still.txt").write_bytes((folder / "still.c3d").read_bytes())
     return folder
 
 
@@ -72,22 +71,23 @@ def refused(capsys, *arguments):
         ("absent.c3d", MASS, ["absent.c3d", "no such file"]),
         ("renamed.c3d", MASS, ["renamed.c3d", "not a C3D file"]),
         ("nothing.c3d", MASS, ["nothing.c3d", "empty"]),
-        ("walk.txt", MASS, ["walk.txt", "expected a .c3d or .trc file", ".txt"]),
+        ("still.txt", MASS, ["still.txt", "expected a .c3d or .trc file", ".txt"]),
         ("no_plates.c3d", MASS, ["no_plates.c3d", "no force plates"]),
         ("foreign.c3d", [*MASS, *LAB_AXES], ["foreign.c3d", "match no known set", "rename"]),
         ("foreign.c3d", MASS, ["foreign.c3d", "axes cannot be inferred", "state the axes"]),
         ("short.c3d", MASS, ["short.c3d", "at least 17 samples", "got 5"]),
-        ("in_mid_walk.c3d", [], ["in_mid_walk.c3d", "mass missing", "state the mass", "kg"]),
-        ("walk.c3d", ["--mass-kg", "74600"], ["--mass-kg", "400", "grams", "kilograms"]),
-        ("walk.c3d", ["--height-m", "178"], ["--height-m", "centimetres", "metres"]),
-        ("walk.c3d", ["--sex", "m"], ["--sex", "'male', 'female' or 'unspecified'"]),
-        ("walk.c3d", ["--filter", "butter"], ["--filter", "'realtime' or 'zero_phase'"]),
-        ("walk.c3d", ["--marker-set", "hbm3"], ["'hbm3'", "hbm2"]),
-        ("walk.c3d", ["--axes", "left,up"], ["walk.c3d", "'left,up'", "three of"]),
-        ("walk.c3d", ["--static", "pose.c3d"], ["pose.c3d", "no such file"]),
-        ("walk.c3d", ["--plate-delay-ms", "5000"], ["--plate-delay-ms", "500"]),
-        ("walk.c3d", ["--mass-kg", "heavy"], ["--mass-kg"]),
-        ("walk.c3d", ["--colour", "red"], ["--colour", "--help"]),
+        ("bouncing.c3d", [], ["bouncing.c3d", "mass missing", "state the mass", "kg"]),
+        ("still.c3d", MASS, ["still.c3d", "no gait cycle"]),
+        ("still.c3d", ["--mass-kg", "74600"], ["--mass-kg", "400", "grams", "kilograms"]),
+        ("still.c3d", ["--height-m", "178"], ["--height-m", "centimetres", "metres"]),
+        ("still.c3d", ["--sex", "m"], ["--sex", "'male', 'female' or 'unspecified'"]),
+        ("still.c3d", ["--filter", "butter"], ["--filter", "'realtime' or 'zero_phase'"]),
+        ("still.c3d", ["--marker-set", "hbm3"], ["'hbm3'", "hbm2"]),
+        ("still.c3d", ["--axes", "left,up"], ["still.c3d", "'left,up'", "three of"]),
+        ("still.c3d", ["--static", "pose.c3d"], ["pose.c3d", "no such file"]),
+        ("still.c3d", ["--plate-delay-ms", "5000"], ["--plate-delay-ms", "500"]),
+        ("still.c3d", ["--mass-kg", "heavy"], ["--mass-kg"]),
+        ("still.c3d", ["--colour", "red"], ["--colour", "--help"]),
     ],
 )
 def test_a_mistake_is_one_line_with_what_is_wrong(folder, tmp_path, capsys, file, options, said):
@@ -98,13 +98,13 @@ def test_a_mistake_is_one_line_with_what_is_wrong(folder, tmp_path, capsys, file
 
 
 def test_all_faults_of_the_options_are_listed_at_once(folder, capsys):
-    line = refused(capsys, "residuals", folder / "walk.c3d", "--mass-kg", 2, "--height-m", 178)
+    line = refused(capsys, "residuals", folder / "still.c3d", "--mass-kg", 2, "--height-m", 178)
     assert "--mass-kg" in line
     assert "--height-m" in line
 
 
 def test_an_unknown_command_is_one_line(capsys):
-    line = refused(capsys, "residual", "walk.c3d")
+    line = refused(capsys, "residual", "still.c3d")
     assert "residual" in line
     assert "--help" in line
 
@@ -117,9 +117,9 @@ def test_a_file_in_the_place_of_the_output_folder_is_noticed_before_the_work(
     folder, capsys, monkeypatch
 ):
     monkeypatch.setattr(one_trial, "process", lambda *_: pytest.fail("it began to work"))
-    for out in (folder / "walk.txt", folder / "walk.txt" / "deeper"):
-        line = refused(capsys, "residuals", folder / "walk.c3d", "--out", out)
-        assert "walk.txt is a file, not a folder" in line
+    for out in (folder / "still.txt", folder / "still.txt" / "deeper"):
+        line = refused(capsys, "residuals", folder / "still.c3d", "--out", out)
+        assert "still.txt is a file, not a folder" in line
 
 
 def test_a_folder_without_permission_is_noticed_before_the_work(
@@ -127,7 +127,7 @@ def test_a_folder_without_permission_is_noticed_before_the_work(
 ):
     monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
     monkeypatch.setattr(one_trial, "process", lambda *_: pytest.fail("it began to work"))
-    line = refused(capsys, "residuals", folder / "walk.c3d", "--out", tmp_path / "results")
+    line = refused(capsys, "residuals", folder / "still.c3d", "--out", tmp_path / "results")
     assert f"no permission to write into {tmp_path}" in line
 
 

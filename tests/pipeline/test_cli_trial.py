@@ -66,6 +66,16 @@ def test_the_figure_is_written_for_paper_and_for_screen(result):
     assert "<svg" in (out / "treadmill_events_residuals.svg").read_text(encoding="utf-8")
 
 
+def test_the_readme_shows_what_the_command_prints(result):
+    """Within a tenth: the text need not follow every rounding, but no claim may go stale."""
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    rows = [line.split("│")[1:-1] for line in readme.splitlines() if line.startswith("│")]
+    shown = {axis.strip(): float(rms) for _, axis, rms, *_ in rows}
+    summary = result[-1]
+    assert shown == pytest.approx(dict(zip(AXES, summary["rms"], strict=True)), rel=0.1, abs=0.1)
+    assert f"{summary['n_cycles'].iloc[0]} gait cycles" in readme
+
+
 def test_nothing_else_and_nothing_half_written_is_left(result):
     assert sorted(path.name for path in result[0].iterdir()) == [
         "treadmill_events.parquet",

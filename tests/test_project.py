@@ -1,0 +1,141 @@
+"""What the project promises as a whole: names, layers, packaging, and what its texts say."""
+
+import fnmatch
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+import typer
+
+from pipeline.cli import app
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+CITATION = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+PACKAGES = ("hbm", "compensation", "pipeline")
+PUBLIC = {
+    "hbm": "build_body solve_ik filter_motion inverse_dynamics Body Markers Motion Dynamics",
+    "compensation": "fit_inertia fit_belt InertiaModel BeltModel PlatformPose",
+    "pipeline": "read_c3d read_study process_trial Settings Subject Recording TrialResult",
+}
+
+
+def tracked_texts():
+    """Every text file under version control, or in the folder if this is no clone."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    if listed.returncode:
+        pytest.skip("not a git repository")
+    for name in listed.stdout.split("\0"):
+        path = ROOT / name
+        if path.is_file():
+            try:
+                yield path, path.read_text(encoding="utf-8")
+            except UnicodeDecodeError:
+                continue
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_public_names_are_where_the_documentation_says(package):
+    module = import_module(package)
+    for name in {*PUBLIC[package].split(), *module.__all__}:
+        assert getattr(module, name).__doc__ or not callable(getattr(module, name))
+    with pytest.raises(AttributeError, match="no attribute 'guess'"):
+        _ = module.guess
+
+
+def test_packages_import_nothing_heavy_by_themselves():
+    heavy = ("casadi", "matplotlib", "pandas", "pinocchio", "pingouin", "rerun", "scipy")
+    code = f"import sys, {', '.join(PACKAGES)}; print(*(m for m in {heavy!r} if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+
+
+def test_layers_hold():
+    """The contracts of pyproject.toml: who may import whom."""
+    code = (
+        "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_every_package_and_data_file_is_in_the_wheel():
+    declared = set(PROJECT["tool"]["setuptools"]["packages"])
+    patterns = PROJECT["tool"]["setuptools"]["package-data"]
+    for top in PACKAGES:
+        for path in (ROOT / top).rglob("*"):
+            package = ".".join(path.parent.relative_to(ROOT).parts)
+            if path.is_dir() or "__pycache__" in path.parts:
+                continue
+            assert package in declared, f"{package} is not in [tool.setuptools] packages"
+            if path.suffix != ".py":
+                allowed = patterns.get(package, [])
+                assert any(fnmatch.fnmatch(path.name, p) for p in allowed), f"{path} is left out"
+        assert (ROOT / top / "py.typed").is_file()
+
+
+def test_the_version_is_the_same_everywhere():
+    version = PROJECT["project"]["version"]
+    assert f"\nversion: {version}\n" in CITATION
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert "\n## [Unreleased]\n" in changes
+
+
+def test_the_citation_names_the_works_that_are_implemented():
+    for title in (
+        "Inertia compensation for perturbations on instrumented treadmills",
+        "Adjustments to Zatsiorsky-Seluyanov's segment inertia parameters",
+        "A real-time system for biomechanical analysis of human movement and muscle function",
+        "Inertial compensation for belt acceleration in an instrumented treadmill",
+        "Compensation for inertial and gravity effects in a moving force platform",
+    ):
+        assert title in CITATION
+    assert "doi: 10.1016/0021-9290(95)00178-6" in CITATION
+    assert "doi: 10.1007/s11517-013-1076-z" in CITATION
+
+
+def test_the_readme_has_one_line_to_try_and_one_to_test_for_each_system():
+    blocks = re.findall(r"```(?:sh|powershell)\n(.*?)```", README, re.DOTALL)
+    lines = [line for block in blocks for line in block.splitlines() if "-m venv" in line]
+    assert sum("demo" in line for line in lines) == 2
+    assert sum("pytest" in line for line in lines) == 2
+    assert sum("Scripts" in line for line in lines) == 2
+
+
+def test_commands_and_options_in_the_readme_exist():
+    shown = re.findall(r"^hbm (.+)$", README, re.MULTILINE)
+    assert shown
+    for line in shown:
+        words = line.split()
+        command = typer.main.get_command(app)
+        while hasattr(command, "commands"):
+            assert words[0] in command.commands, line
+            command = command.commands[words.pop(0)]
+        known = {option for parameter in command.params for option in parameter.opts}
+        assert {word for word in words if word.startswith("--")} <= known, line
+
+
+def test_files_that_the_readme_links_to_exist():
+    for target in re.findall(r"\]\(([^)#]+)\)", README):
+        if not target.startswith("http"):
+            assert (ROOT / target).is_file(), target
+
+
+def test_no_text_names_a_machine_or_an_index():
+    """Paths of one machine and addresses of package indexes are of no use to anyone else."""
+    unwanted = re.compile("|".join(("/wor" + "k/", "/tm" + "p/", "/roo" + "t/", "pyp" + r"i\.org")))
+    found = [
+        f"{path.relative_to(ROOT)}: {hit.group()}"
+        for path, text in tracked_texts()
+        for hit in unwanted.finditer(text)
+    ]
+    assert found == []
