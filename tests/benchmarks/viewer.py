@@ -24,8 +24,8 @@ def main(frames: int) -> None:
             start, spent = time.perf_counter(), time.process_time()
             write_recording(result, recording, path, view_hz=view_hz)
             wall, cpu = time.perf_counter() - start, time.process_time() - spent
-            size = path.stat().st_size / 1e6
-            print(f"{frames} frames, scene at {view_hz:g} Hz: {wall:.2f} s (CPU {cpu:.2f} s), {size:.1f} MB")
+            took = f"{wall:.2f} s (CPU {cpu:.2f} s), {path.stat().st_size / 1e6:.1f} MB"
+            print(f"{frames} frames, scene at {view_hz:g} Hz: {took}")
         start = time.perf_counter()
         write_cycles(result, Path(folder) / "cycles.rrd")
         print(f"mean gait cycle: {time.perf_counter() - start:.2f} s")

@@ -1,0 +1,97 @@
+"""A processed trial for the viewer's tests: a synthetic walk on a platform that sways and pitches.
+
+One foot pushes sideways on its plate as only a faulty plate would; compensation takes that off.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from compensation.platform import PlatformPose, commanded_pose
+from hbm.dynamics import inverse_dynamics_variants
+from hbm.motion import Motion
+from hbm.poses import marker_positions
+from pipeline.process import cut_cycles
+from pipeline.recording import Event, Plate, Recording
+from pipeline.study import Settings, Subject
+from pipeline.trial_result import TrialResult
+from tests.benchmarks.walker import STRIDE_HZ, Walk, walk
+from tests.synthetic import synthetic_body
+
+FIRST_FRAME = 45
+LIFT_M = 0.06
+CORNERS = ((0.85, -0.25), (-0.85, -0.25), (-0.85, 0.25), (0.85, 0.25))
+
+
+def viewer_trial(
+    frames: int, *, compensated: bool = True, moving: bool = True, lost: slice | None = None
+) -> tuple[TrialResult, Recording]:
+    """Give a trial and its recording; ``lost`` frames could not be solved and miss markers."""
+    body, made = synthetic_body(), walk(frames)
+    time, q, position = made.time, made.q.copy(), made.markers.position.copy()
+    if lost is not None:
+        q[lost], position[lost, :5] = np.nan, np.nan
+    markers = type(made.markers)(time, made.markers.names, position)
+    error = np.linalg.norm(marker_positions(body, q) - position, axis=-1)
+    solved = np.isfinite(q)
+    motion = Motion(time, q, made.v, made.a, body.markers, error, solved.all(axis=1), solved)
+    ground = {"measured": _faulty(made)} | ({"compensated": made.wrenches} if compensated else {})
+    dynamics = dict(
+        zip(ground, inverse_dynamics_variants(body, motion, list(ground.values())), strict=True)
+    )
+    events = _events(np.arange(0.2, time[-1], 1 / STRIDE_HZ))
+    result = TrialResult(
+        source=Path("walk.c3d"),
+        subject=Subject(id="sub07", sex="male", mass_kg=body.mass),
+        settings=Settings(),
+        body=body,
+        motion=motion,
+        measured=dynamics["measured"],
+        compensated=dynamics.get("compensated"),
+        ground=ground,
+        platform=sway_and_pitch(time) if moving else None,
+        events=events,
+        cycles=cut_cycles(events, dynamics["measured"])[0],
+        delay_s=0.0,
+        delay_uncertainty_s=0.001,
+        ambiguous=np.zeros(frames, bool),
+        notes=("made of sines",),
+    )
+    plates = tuple(_plate(k + 1, y) for k, y in enumerate((0.25, -0.25)))
+    return result, Recording(
+        Path("walk.c3d"), markers, plates, events=result.events, first_frame=FIRST_FRAME
+    )
+
+
+def sway_and_pitch(time) -> PlatformPose:
+    return commanded_pose(0.05 * np.sin(2 * time), np.radians(4) * np.sin(1.5 * time), (0, 0, -0.3))
+
+
+def _faulty(made: Walk) -> dict[str, np.ndarray]:
+    push = np.outer(60 * np.sin(3 * made.time), [0, 1, 0, -1, 0, 0.4])
+    return made.wrenches | {"left_foot": made.wrenches["left_foot"] + push}
+
+
+def _events(strikes) -> tuple[Event, ...]:
+    half = 0.5 / STRIDE_HZ
+    return tuple(
+        Event(float(strike + later), label, side)
+        for strike in strikes
+        for later, label, side in (
+            (0, "foot_strike", "right"),
+            (0.1, "foot_off", "left"),
+            (half, "foot_strike", "left"),
+            (half + 0.1, "foot_off", "right"),
+        )
+    )
+
+
+def _plate(number: int, y: float) -> Plate:
+    return Plate(
+        number=number,
+        time=np.arange(2.0),
+        wrench_in_plate=np.zeros((2, 6)),
+        rotation=np.eye(3),
+        center=(0, y, LIFT_M),
+        corners=[(x, y + dy, LIFT_M) for x, dy in CORNERS],
+    )
