@@ -81,6 +81,11 @@ def _interpolated(at: Array, known: Array, values: Array) -> Array:
     return np.column_stack([np.interp(at, known, column) for column in values.T])
 
 
+def _children_cpu() -> float:
+    used = os.times()
+    return used.children_user + used.children_system
+
+
 def _seconds(*arguments: str, **environment: str) -> float:
     start = time.perf_counter()
     _run(*arguments, **environment)

@@ -98,7 +98,8 @@ def targets(found: dict[str, Any]) -> list[Target]:
         most("marker RMS above the best of all [m]", ours["marker_rms_m"] - best, 1e-6)
         most("angle off the optimum [rad]", ours["angle_max_rad"], 1e-5)
         most("compiled against virtual machine [rad or m]", found["backends_differ"], 1e-9)
-        most("optimum against SciPy's [rad or m]", found["optimum_against_scipy"], 1e-7)
+        most("optimum against SciPy's [rad or m]", found["optimum"]["scipy_distance"], 1e-6)
+        most("next step at the optimum [rad or m]", found["optimum"]["gauss_newton_step"], 1e-9)
     for row in found.get("gaps", [])[1:]:
         most(f"time with {row['name']}, × complete", row["ik_cpu_ratio"], 1.2)
         most(f"frames lost with {row['name']}", row["frames"] - row["solved"] - row["marked"], 0)
@@ -137,7 +138,8 @@ def show(found: dict[str, Any], reached: list[Target]) -> None:
         said = found["commands"]
         console.print(
             f"hbm --help {said['help_s']:.2f} s; hbm residuals on {said['frames']} frames: first "
-            f"use {said['first_s']:.1f} s, then {said['second_s']:.1f} s"
+            f"use {said['first_s']:.1f} s ({said['first_cpu_s']:.1f} s CPU), then "
+            f"{said['second_s']:.1f} s"
         )
     if "memory" in found:
         said = found["memory"]
