@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hbm.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.recording import Recording
 from pipeline.study import Condition
@@ -9,6 +10,7 @@ from pipeline.study import Condition
 COUNTED_SIDE = "right"
 LONGEST_PULSE_GAP_S = 1.0
 SWAY_SPEED_MPS = 0.1
+SWAY_CUTOFF_HZ = 6.0
 
 
 def select_cycles(
@@ -21,20 +23,23 @@ def select_cycles(
     cycles
         Side -> start and stop of each cycle, (C, 2) [s].
     condition
-        How many, from when, and whether only perturbed ones.
+        How many, from when (cycles or perturbations before ``skip_s`` do not count), and whether
+        only perturbed ones.
     onsets
         Perturbation onsets, (P,) [s]; needed where the condition is perturbed.
 
     Returns
     -------
     chosen
-        Side -> cycles. Walking counts cycles of the right foot, the first ones after ``skip_s``. A
-        perturbation counts the cycle whose initial contact came last before it, of either foot.
+        Side -> cycles. Walking counts cycles of the right foot, the first ones there are. A
+        perturbation counts the cycle whose initial contact came last before it, of either foot;
+        two perturbations within one cycle count it once.
     notes
         What is missing, as sentences.
     """
     if condition.perturbed:
-        chosen, notes = _perturbed(cycles, np.empty(0) if onsets is None else onsets)
+        onsets = np.empty(0) if onsets is None else onsets
+        chosen, notes = _perturbed(cycles, onsets[onsets >= condition.skip_s])
     else:
         spans = cycles[COUNTED_SIDE]
         chosen = {COUNTED_SIDE: spans[spans[:, 0] >= condition.skip_s]}
@@ -63,7 +68,7 @@ def _perturbed(cycles: dict[str, Array], onsets: Array) -> tuple[dict[str, Array
             chosen[side].append(span)
         else:
             notes.append(f"no gait cycle contains the perturbation at {onset:.2f} s")
-    spans = {side: np.array(found).reshape(-1, 2) for side, found in chosen.items()}
+    spans = {side: np.unique(np.reshape(found, (-1, 2)), axis=0) for side, found in chosen.items()}
     return spans, tuple(notes)
 
 
@@ -126,16 +131,14 @@ def sway_onsets(time: Array, lateral: Array) -> Array:
     Returns
     -------
     Array
-        Where its speed first exceeds 0.1 m/s, (P,) [s]; the slow return does not count.
+        Where its speed, low-passed at 6 Hz, first exceeds 0.1 m/s, (P,) [s]: some 0.05 s after the
+        platform starts to move 5 cm at 0.3 m/s. A slow return does not count.
     """
-    fast = np.abs(np.gradient(lateral, time)) > SWAY_SPEED_MPS
+    smooth = low_pass(lateral, 1 / np.median(np.diff(time)), SWAY_CUTOFF_HZ)
+    fast = np.abs(np.gradient(smooth, time)) > SWAY_SPEED_MPS
     return _first_of_each(time[1:][fast[1:] & ~fast[:-1]])
 
 
 def _first_of_each(times: Array) -> Array:
     """Keep the first of times that follow one another closely."""
-    kept: list[float] = []
-    for t in times:
-        if not kept or t - kept[-1] > LONGEST_PULSE_GAP_S:
-            kept.append(float(t))
-    return np.array(kept)
+    return times[np.diff(times, prepend=-np.inf) > LONGEST_PULSE_GAP_S]
