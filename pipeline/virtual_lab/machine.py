@@ -193,8 +193,9 @@ def belt_moment(machine: Machine, belt_acceleration: Array, rate_hz: float) -> A
     A second-order response, as Hnat and van den Bogert (2014) found it.
     """
     omega = 2 * np.pi * machine.belt_hz
-    system = [omega**2 * machine.belt_moment_kg_m], [1, 2 * machine.belt_damping * omega, omega**2]
-    b, a, _ = cont2discrete(system, 1 / rate_hz, method="bilinear")
+    above = np.array([omega**2 * machine.belt_moment_kg_m])
+    below = np.array([1, 2 * machine.belt_damping * omega, omega**2])
+    b, a, _ = cont2discrete((above, below), 1 / rate_hz, method="bilinear")
     return np.asarray(lfilter(b.ravel(), a, belt_acceleration))
 
 
@@ -204,8 +205,8 @@ def _follow(command: Array, bandwidth_hz: float, rate_hz: float) -> Array:
     rest = float(command[0])
     rows = []
     for derivative in range(3):
-        system = [omega**2, *[0.0] * derivative], [1, 2 * omega, omega**2]
-        b, a, _ = cont2discrete(system, 1 / rate_hz)
+        above = np.array([omega**2, *[0.0] * derivative])
+        b, a, _ = cont2discrete((above, np.array([1, 2 * omega, omega**2])), 1 / rate_hz)
         rows.append(lfilter(b.ravel(), a, command - rest))
     rows[0] += rest
     return np.stack(rows)
