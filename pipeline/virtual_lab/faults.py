@@ -1,4 +1,4 @@
-"""What can be wrong in a laboratory: every fault with its size, to be set or switched off in TOML."""
+"""What can be wrong in a laboratory: every fault with its size, set or switched off in TOML."""
 
 import tomllib
 from typing import Annotated, Literal
