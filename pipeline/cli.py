@@ -22,6 +22,7 @@ app = typer.Typer(
 )
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for what it writes.")]
+ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote.")]
 StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and subject files.")]
 TrialFile = Annotated[Path, typer.Argument(help="The trial: .c3d, or .trc with --forces.")]
 Static = Annotated[Path | None, typer.Option(help="Calibration pose; default: the trial itself.")]
@@ -225,6 +226,28 @@ def run(
         scheduler=scheduler,
     )
     raise typer.Exit(code)
+
+
+@app.command()
+def report(folder: ResultsFolder = Path("results")) -> None:
+    """Write tables, statistics, figures and report.html from what run left."""
+    from pipeline import result_commands
+
+    result_commands.report(folder)
+
+
+@app.command()
+def view(
+    folder: ResultsFolder = Path("results"),
+    subject: Annotated[str | None, typer.Option(help="Default: the first.")] = None,
+    condition: Annotated[str | None, typer.Option(help="Default: the first.")] = None,
+    web: Annotated[bool, typer.Option("--web", help="In a browser on this machine.")] = False,
+    save: Annotated[Path | None, typer.Option(help="Write the recording here instead.")] = None,
+) -> None:
+    """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
+    from pipeline import result_commands
+
+    result_commands.view(folder, subject=subject, condition=condition, web=web, save=save)
 
 
 calibration_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)

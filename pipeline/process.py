@@ -1,6 +1,6 @@
 """One trial, from what was recorded to the residuals: the whole method, top to bottom."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -75,7 +75,7 @@ def process_recording(
         pose.markers,
         mass=mass,
         sex=subject.sex,
-        height_m=subject.height_m,
+        height_m=_stature(subject, pose),
         marker_set=marker_set or settings.marker_set,
         window_s=static_window_s,
         hip=settings.hip,
@@ -86,9 +86,10 @@ def process_recording(
 
     lab = laboratory or Laboratory(Treadmill())
     acted = ground_wrenches(recording, lab, motion.time, settings.plate_delay_s)
-    feet = feet_of(body, raw)
+    best = "compensated" if "compensated" in acted.variants else "measured"
+    feet, threshold = feet_of(body, raw), settings.contact_threshold_n
     shared = {
-        name: share_between_feet(plates, feet, settings.contact_threshold_n)
+        name: share_between_feet(plates, feet, threshold, judged_by=acted.variants[best])
         for name, plates in acted.variants.items()
     }
     ground = {
@@ -105,14 +106,12 @@ def process_recording(
             strict=True,
         )
     )
-    measured = dynamics["measured"]
 
     events, which = gait_events(recording)
-    cycles, rejected = cut_cycles(events, measured)
+    cycles, rejected = cut_cycles(events, dynamics.values())
     rule = condition or Condition()
-    onsets = _onsets(recording, rule, acted) if rule.perturbed else None
+    onsets = _onsets(recording, rule, acted) if rule.perturbed else np.empty(0)
     chosen, missing = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
-    best = "compensated" if "compensated" in dynamics else "measured"
     delay, uncertainty, said = _delay(dynamics[best], ground[best], motion)
     return TrialResult(
         source=recording.source,
@@ -120,12 +119,13 @@ def process_recording(
         settings=settings,
         body=body,
         motion=motion,
-        measured=measured,
+        measured=dynamics["measured"],
         compensated=dynamics.get("compensated"),
         ground=ground,
         platform=acted.pose,
         events=events,
         cycles=chosen,
+        onsets=onsets,
         delay_s=delay,
         delay_uncertainty_s=uncertainty,
         ambiguous=shared[best][1],
@@ -173,9 +173,6 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
     if trial.file is None or trial.exclude is not None:
         raise ValueError(f"{subject} {condition} is excluded: {trial.exclude}")
 
-    def read(name: str) -> Recording:
-        return read_c3d(study.path(name), file.axes, rename=file.rename)
-
     treadmill = file.treadmill
     calibration = (
         read_calibration(study.path(treadmill.calibration), treadmill, file.axes)
@@ -183,10 +180,10 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
         else None
     )
     return process_recording(
-        read(trial.file),
+        read_file(study, trial.file),
         person.person,
         file.settings,
-        static=read(person.static) if person.static else None,
+        static=read_file(study, person.static) if person.static else None,
         marker_set=study.marker_set,
         laboratory=Laboratory(treadmill, calibration),
         condition=rule,
@@ -194,16 +191,26 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
     )
 
 
+def read_file(study: Study, name: str) -> Recording:
+    """Read a file of a study with the axes and labels that the study states."""
+    return read_c3d(study.path(name), study.file.axes, rename=study.file.rename)
+
+
 def _onsets(recording: Recording, condition: Condition, ground: Ground) -> Array:
     """Find the perturbations: from the pulse channel, else from the platform's motion."""
+    name = recording.source.name
     if condition.pulse_channel is not None:
-        return pulse_onsets(recording, condition.pulse_channel)
-    if ground.pose is None:
+        onsets, where = pulse_onsets(recording, condition.pulse_channel), condition.pulse_channel
+    elif ground.pose is not None:
+        onsets = sway_onsets(recording.markers.time, ground.pose.position[:, 1])
+        where = "the platform's motion"
+    else:
         raise ValueError(
-            f"{recording.source.name}: a perturbed condition needs a pulse_channel, or the "
-            "platform's pose"
+            f"{name}: a perturbed condition needs a pulse_channel, or the platform's pose"
         )
-    return sway_onsets(recording.markers.time, ground.pose.position[:, 1])
+    if not len(onsets):
+        raise ValueError(f"{name}: {where} shows no perturbation, but the condition is perturbed")
+    return onsets
 
 
 def feet_of(body: Body, motion: Motion) -> Array:
@@ -216,10 +223,25 @@ def feet_of(body: Body, motion: Motion) -> Array:
 
 
 def cut_cycles(
-    events: Sequence[Event], dynamics: Dynamics
+    events: Sequence[Event], variants: Iterable[Dynamics]
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Cut gait cycles of both sides; leave out those with undefined frames, with the reason."""
-    undefined = dynamics.time[np.isnan(dynamics.residual).any(axis=1)]
+    """Cut gait cycles of both sides; leave out those with undefined frames, with the reason.
+
+    Parameters
+    ----------
+    events
+        Gait events.
+    variants
+        Dynamics of the same frames: a cycle counts only if it is defined in all of them.
+
+    Returns
+    -------
+    cycles
+        Side -> start and stop of each cycle, (C, 2) [s].
+    rejected
+        One sentence per cycle that was left out.
+    """
+    undefined = np.concatenate([d.time[np.isnan(d.residual).any(axis=1)] for d in variants])
     cycles, rejected = {}, []
     for side in ("left", "right"):
         spans, reasons = gait_cycles(events, side)
@@ -234,6 +256,14 @@ def cut_cycles(
         ]
         cycles[side] = spans[~np.array(hit, bool)]
     return cycles, tuple(rejected)
+
+
+def _stature(subject: Subject, pose: Recording) -> float | None:
+    """Give stature as stated, else as the file says where that is plausible."""
+    recorded = pose.metadata.get("height_m")
+    if subject.height_m is None and isinstance(recorded, float) and 0.5 <= recorded <= 2.6:
+        return recorded
+    return subject.height_m
 
 
 def _require_plates(recording: Recording) -> None:

@@ -13,6 +13,7 @@ from rich.table import Table
 from hbm.native import kernels
 from pipeline.check import check_study
 from pipeline.collect import collect
+from pipeline.result_commands import remember_study
 from pipeline.run import Outcome, plan, run_study
 from pipeline.study import read_study
 from pipeline.trial_files import whole_file
@@ -107,6 +108,7 @@ def run(
                 )
     failed = {_named(o): o.reason for o in outcomes if o.state == "failed"}
     _note_failures(out / FAILURES, failed, {_named(o) for o in outcomes})
+    remember_study(out, study.folder)
     counts = {s: sum(o.state == s for o in outcomes) for s in ("done", "kept", "failed")}
     console.print(
         f"{counts['done']} trials processed, {counts['kept']} were there already, "

@@ -1,7 +1,9 @@
 """What is known of a trial once it has been processed: a type only."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from compensation.platform import PlatformPose
 from hbm.body import Body
@@ -43,6 +45,8 @@ class TrialResult:
         The platform's pose, (T,) frames; None for a treadmill that stands still.
     ambiguous
         Frames in which the split of a plate between the feet is uncertain, (T,).
+    onsets
+        When the perturbations of a perturbed condition began, (P,) [s].
     notes
         Whatever was inferred, locked, filled or refused, as sentences.
     """
@@ -62,3 +66,4 @@ class TrialResult:
     delay_uncertainty_s: float
     ambiguous: Mask
     notes: tuple[str, ...]
+    onsets: Array = field(default_factory=lambda: np.empty(0))
