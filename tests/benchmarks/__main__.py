@@ -44,9 +44,9 @@ def main() -> None:
             found |= PARTS[part](Path(folder), given.frames, given.laps)
     reached = report.targets(found)
     found["targets"] = [asdict(target) | {"met": target.met} for target in reached]
-    report.show(found, reached)
     if given.json:
         given.json.write_text(json.dumps(found, indent=1, ensure_ascii=False), encoding="utf-8")
+    report.show(found, reached)
 
 
 def races(folder: Path, frames: int, laps: int) -> Found:
