@@ -1,5 +1,6 @@
 """The 2 x 3 design of experiment 3, and one line of its table of statistics."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import nan
 
@@ -60,6 +61,12 @@ class Row:
     power: float = nan
     n: int = 0
     note: str = ""
+
+
+def in_order(conditions: Iterable[str]) -> list[str]:
+    """Give conditions once each: those of the design in its order, then the others by name."""
+    rank = {name: k for k, name in enumerate(CONDITIONS)}
+    return sorted(set(conditions), key=lambda name: (rank.get(name, len(rank)), name))
 
 
 def complete_subjects(cells: pd.DataFrame) -> tuple[pd.DataFrame, str]:

@@ -1,13 +1,17 @@
 """Figures: residuals over the gait cycle."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from hbm.spatial import Array
 from pipeline.residuals import AXES, DIRECTIONS, UNITS, cycle_residuals, variants
+from pipeline.trial_files import whole_file
 from pipeline.trial_result import TrialResult
 
 COLOURS: Final = {"measured": "#D55E00", "compensated": "#0072B2", "baseline": "#555555"}
@@ -18,6 +22,8 @@ STYLE: Final[Any] = {
     "font.size": 9,
     "axes.titlesize": 9,
     "svg.fonttype": "none",
+    "svg.hashsalt": "hbm",
+    "text.parse_math": False,
 }
 
 
@@ -37,30 +43,14 @@ def residual_figure(result: TrialResult) -> Figure:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 5), layout="constrained")
         panels = figure.subplots(2, 3, sharex=True).ravel()
-        percent = np.arange(101)
+        percent = np.arange(101.0)
         side = "right" if len(result.cycles["right"]) else "left"
         for variant in variants(result):
             curves = cycle_residuals(result, variant)[side]
             mean, sd = np.nanmean(curves, axis=0), np.nanstd(curves, axis=0)
             for k, panel in enumerate(panels):
-                colour = COLOURS[variant]
-                panel.plot(percent, mean[:, k], color=colour, lw=1.5, label=variant)
-                panel.fill_between(
-                    percent,
-                    mean[:, k] - sd[:, k],
-                    mean[:, k] + sd[:, k],
-                    color=colour,
-                    alpha=0.2,
-                    lw=0,
-                )
-        for k, panel in enumerate(panels):
-            about = "" if k < 3 else "about "
-            panel.set_title(f"{AXES[k]} ({about}{DIRECTIONS[k]})", loc="left")
-            panel.set_ylabel(UNITS[k])
-            panel.axhline(0, color="black", lw=0.5)
-            panel.set_xlim(0, 100)
-        for panel in panels[3:]:
-            panel.set_xlabel("gait cycle (%)")
+                draw_band(panel, percent, mean[:, k], sd[:, k], COLOURS[variant], label=variant)
+        name_panels(panels)
         if len(variants(result)) > 1:
             panels[0].legend(frameon=False)
         count = len(result.cycles[side])
@@ -71,8 +61,32 @@ def residual_figure(result: TrialResult) -> Figure:
     return figure
 
 
+def draw_band(panel: Axes, x: Array, mean: Array, spread: Array, colour: str, **line: Any) -> None:
+    """Draw a mean as a line and its spread on both sides as a band, none where it is NaN."""
+    panel.plot(x, mean, color=colour, **({"lw": 1.5} | line))
+    panel.fill_between(x, mean - spread, mean + spread, color=colour, alpha=0.2, lw=0)
+
+
+def axis_name(k: int) -> str:
+    """Say a residual's axis with its direction, such as "Mx (about forward)"."""
+    return f"{AXES[k]} ({'' if k < 3 else 'about '}{DIRECTIONS[k]})"
+
+
+def name_panels(panels: Sequence[Axes]) -> None:
+    """Label six panels of residuals over the gait cycle, two rows of three."""
+    for k, panel in enumerate(panels):
+        panel.set_title(axis_name(k), loc="left")
+        panel.set_ylabel(UNITS[k])
+        panel.axhline(0, color="black", lw=0.5)
+        panel.set_xlim(0, 100)
+    for panel in panels[3:]:
+        panel.set_xlabel("gait cycle (%)")
+
+
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG and SVG beside each other."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    for suffix in (".png", ".svg"):
-        figure.savefig(path.with_suffix(suffix), dpi=150)
+    """Write a figure as PNG and SVG beside each other, each whole or not at all."""
+    with mpl.rc_context(STYLE):
+        for suffix, undated in ((".png", None), (".svg", {"Date": None})):
+            with whole_file(path.with_suffix(suffix)) as temporary:
+                figure.savefig(temporary, format=suffix[1:], dpi=150, metadata=undated)
+            figure.set_layout_engine("none")  # laid out once, alike in both
