@@ -1,0 +1,175 @@
+"""Results of a study that never took place, in the very format that `hbm run` leaves.
+
+The walking, the artefacts and what compensation leaves of them are made of sines, scaled so that
+the tables look like those of a study. Nothing here is measured or simulated.
+"""
+
+from collections.abc import Collection
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from hbm.coordinates import INDEX
+from hbm.dynamics import Dynamics
+from hbm.motion import Motion
+from pipeline.recording import Event
+from pipeline.residuals import reported
+from pipeline.study import Settings, Subject
+from pipeline.trial_files import write_trial
+from pipeline.trial_result import TrialResult
+from tests.synthetic import synthetic_body
+
+RATE_HZ = 100.0
+CYCLE_S = 1.1
+WALKING = np.array([50.0, 40.0, 85.0, 15.0, 27.0, 6.0])
+"""Amplitude of each residual within a gait cycle, Fx … Mz [N, N·m]."""
+LATERAL = np.array([1, -1, 1, -1, 1, -1])
+"""Signs of a mirror image in the sagittal plane."""
+SWAY = np.array([0.0, 600.0, 0.0, 650.0, 0.0, 280.0])
+PITCH = np.array([480.0, 0.0, 60.0, 0.0, 500.0, 0.0])
+LEFT_OVER = 0.02
+COMPENSATION = np.array([1.0, -1.0, 0.5, 0.4, -0.4, 0.3])
+"""What compensation adds to walking itself: the accelerometers' noise."""
+
+
+def write_fake_results(
+    folder: Path,
+    *,
+    subjects: int = 9,
+    conditions: Collection[str] = ("baseline", "sway", "pitch"),
+    cycles: int = 12,
+    compensated: bool = True,
+    without: Collection[tuple[str, str]] = (),
+    settings: Settings | None = None,
+    rest_s: float = 0.0,
+) -> Path:
+    """Write the trials of a made-up study; ``without`` names cells that are missing."""
+    for number in range(1, subjects + 1):
+        for condition in conditions:
+            subject = f"sub{number:02}"
+            if (subject, condition) in without:
+                continue
+            result = fake_trial(number, condition, cycles, compensated, settings, rest_s)
+            path = folder / "trials" / f"{subject}_{condition}.parquet"
+            write_trial(result, condition, f"key of {subject} {condition}", path)
+    return folder
+
+
+def fake_trial(
+    number: int,
+    condition: str,
+    cycles: int = 12,
+    compensated: bool = True,
+    settings: Settings | None = None,
+    rest_s: float = 0.0,
+) -> TrialResult:
+    """Make one trial up; ``rest_s`` adds standing after the walk."""
+    rng = np.random.default_rng([number, *condition.encode()])
+    frames = round((cycles * CYCLE_S + rest_s) * RATE_HZ) + 50
+    time = np.arange(frames) / RATE_HZ
+    phase = 2 * np.pi * time / CYCLE_S
+    starts = CYCLE_S * np.arange(cycles)
+    spans = np.column_stack([starts, starts + CYCLE_S])
+    left = np.arange(cycles) % 2 == 1 if condition == "sway" else np.zeros(cycles, bool)
+
+    share = np.random.default_rng(number).uniform(0.8, 1.2, 6) * rng.uniform(0.9, 1.1, 6)
+    walking = share * WALKING * np.column_stack([np.sin(phase + k) for k in range(6)])
+    walking += rng.normal(0, 2, (frames, 6))
+    for start, stop in spans[left]:
+        walking[(time >= start) & (time < stop)] *= LATERAL
+    artefact = np.zeros((frames, 6))
+    if condition == "sway":
+        for (start, _), mirrored in zip(spans, left, strict=True):
+            pulse = np.exp(-(((time - start - 0.35) / 0.12) ** 2))
+            sign = LATERAL if mirrored else 1
+            artefact += pulse[:, None] * SWAY * sign
+    elif condition != "baseline":
+        artefact += np.sin(2 * np.pi * time / 30)[:, None] * PITCH
+    artefact *= rng.uniform(0.9, 1.1, 6)
+    left_over = LEFT_OVER * rng.uniform(0.5, 2.5, 6) * artefact
+    remains = walking + left_over + COMPENSATION * rng.normal(1, 1, 6)
+
+    body = synthetic_body()
+    person = Subject(
+        id=f"sub{number:02}",
+        sex="female" if number % 3 == 0 else "male",
+        height_m=round(1.62 + 0.03 * number, 2),
+        age_years=22 + number,
+    )
+    zeros = np.zeros((frames, 46))
+    q = zeros.copy()
+    q[:, INDEX["PelvisZ"]] = 0.95
+    error = np.abs(rng.normal(0, 0.005, (frames, len(body.markers))))
+    error[10:40, 3] = np.nan
+    motion = Motion(
+        time=time,
+        q=q,
+        v=zeros,
+        a=zeros,
+        markers=body.markers,
+        marker_error=error,
+        converged=np.arange(frames) != 7,
+        observed=np.ones((frames, 46), bool),
+    )
+
+    def dynamics(residual):
+        return Dynamics(time=time, tau=zeros, residual=reported(residual), power=zeros)
+
+    weight = np.zeros((frames, 6))
+    weight[:, 2] = 400 + 350 * np.abs(np.sin(phase))
+    feet = {"left_foot": weight / 2, "right_foot": weight / 2}
+    return TrialResult(
+        source=Path(f"{person.id}_{condition}.c3d"),
+        subject=person,
+        settings=settings or Settings(),
+        body=replace(body, mass=58.0 + 3 * number, height_m=person.height_m, sex=person.sex),
+        motion=motion,
+        measured=dynamics(walking + artefact),
+        compensated=dynamics(remains) if compensated else None,
+        ground={"measured": feet} | ({"compensated": feet} if compensated else {}),
+        platform=None,
+        events=tuple(Event(float(t), "foot_strike", "right") for t in starts),
+        cycles={"left": spans[left], "right": spans[~left]},
+        delay_s=0.004,
+        delay_uncertainty_s=0.001,
+        ambiguous=np.zeros(frames, bool),
+        notes=("made up for a test", "1 of the frames could not be solved"),
+    )
+
+
+STUDY = """
+name = "A study that never took place"
+[settings]
+cutoff_hz = 6.0
+[treadmill]
+calibration = "empty.json"
+[treadmill.accelerometers]
+rear_left = ["A1", "A2", "A3"]
+front_right = ["B1", "B2", "B3"]
+[treadmill.platform]
+markers = ["P1", "P2", "P3"]
+[conditions.baseline]
+cycles = 12
+skip_s = 10.0
+[conditions.sway]
+cycles = 12
+perturbed = true
+[conditions.pitch]
+cycles = 12
+"""
+
+
+def write_fake_study(folder: Path, subjects: int = 9) -> Path:
+    """Write the study's statements beside recordings of a few bytes each."""
+    folder.mkdir(parents=True)
+    (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    (folder / "empty.json").write_text("{}", encoding="utf-8")
+    for number in range(1, subjects + 1):
+        lines = [f'id = "sub{number:02}"']
+        for condition in ("baseline", "sway", "pitch"):
+            name = f"sub{number:02}_{condition}.c3d"
+            (folder / name).write_bytes(name.encode())
+            lines += [f"[trials.{condition}]", f'file = "{name}"']
+        (folder / f"sub{number:02}.toml").write_text("\n".join(lines), encoding="utf-8")
+    return folder
