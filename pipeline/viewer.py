@@ -14,7 +14,7 @@ import rerun as rr
 from compensation.platform import PlatformPose
 from hbm.coordinates import SEGMENTS
 from hbm.markers import Markers
-from hbm.poses import marker_positions, segment_frames
+from hbm.poses import segment_frames
 from hbm.spatial import Array
 from pipeline.cycles import normalise
 from pipeline.figures import COLOURS, residual_figure
@@ -105,8 +105,7 @@ def write_recording(
     motion, markers, body = result.motion, recording.markers, result.body
     _check(result, recording, view_hz)
     seen = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
-    q = motion.q[seen]
-    rotation, origin = segment_frames(body, q)
+    rotation, origin = segment_frames(body, motion.q[seen])
     pelvis = origin[:, PELVIS]
     pose = result.platform and PlatformPose(
         result.platform.rotation[seen], result.platform.position[seen]
@@ -127,7 +126,7 @@ def write_recording(
         stream.log("lab/axes", rr.TransformAxes3D(0.2), static=True)
         log_body(stream, view, body, rotation, origin)
         shown = Markers(markers.time[seen], markers.names, markers.position[seen])
-        log_markers(stream, view, shown, body, marker_positions(body, q))
+        log_markers(stream, view, shown, body, rotation, origin)
         log_plates(stream, view, recording.plates, pose)
         for name, dynamics in variants(result).items():
             log_ground(

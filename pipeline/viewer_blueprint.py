@@ -14,6 +14,8 @@ CYCLE_CURVES: Final = (
     "Mean (thick) ± SD (thin) over the gait cycle: measured vermilion, compensated blue"
 )
 EYE_FROM_TARGET: Final = np.array([1.5, -1.9, 0.35])
+WAY_IN_VIEW_M: Final = 2.5
+"""The camera stands off once more for every such way that the pelvis goes."""
 
 
 def trial_layout(pelvis: Array, *, lanes: bool, figure: bool) -> rrb.Blueprint:
@@ -94,13 +96,13 @@ def cycle_layout(pelvis: Array) -> rrb.Blueprint:
 
 def _scene(pelvis: Array, scales: str) -> rrb.Spatial3DView:
     middle = np.nanmedian(pelvis, axis=0)
+    way = float(np.max(np.nanmax(pelvis, axis=0) - np.nanmin(pelvis, axis=0)))
+    eye = middle + (1 + way / WAY_IN_VIEW_M) * EYE_FROM_TARGET
     return rrb.Spatial3DView(
         name=f"Arrows: {scales}",
         origin="lab",
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.25),
-        eye_controls=rrb.EyeControls3D(
-            position=middle + EYE_FROM_TARGET, look_target=middle, eye_up=(0, 0, 1)
-        ),
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0, 0, 1)),
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import rerun as rr
 
 from compensation.platform import PlatformPose
+from hbm.coordinates import SEGMENTS
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.spatial import Array, rotate_wrench, shift_wrench
@@ -31,7 +32,12 @@ LONG_ERROR_M: Final = 0.02
 
 
 def log_markers(
-    stream: rr.RecordingStream, timelines: Timelines, markers: Markers, body: Body, modelled: Array
+    stream: rr.RecordingStream,
+    timelines: Timelines,
+    markers: Markers,
+    body: Body,
+    rotation: Array,
+    origin: Array,
 ) -> None:
     """Draw the measured markers, and a line to the modelled ones that are far.
 
@@ -43,8 +49,8 @@ def log_markers(
         Measured markers, at the same T instants.
     body
         The body.
-    modelled
-        Places of the body's markers on the model, (T, K, 3) [m].
+    rotation, origin
+        From `hbm.poses.segment_frames`.
     """
     everything = np.ones(markers.position.shape[:2], bool)
     entity = "lab/markers/measured"
@@ -59,13 +65,13 @@ def log_markers(
         ),
         static=True,
     )
-    pairs = [
-        (markers.names.index(name), k)
-        for k, name in enumerate(body.markers)
-        if name in markers.names
-    ]
-    here, there = np.array(pairs, int).reshape(-1, 2).T
-    lines = np.stack([markers.position[:, here], modelled[:, there]], axis=2)
+    known = [name for name in body.markers if name in markers.names]
+    lines = np.empty((len(origin), len(known), 2, 3))
+    for i, name in enumerate(known):
+        k = body.markers.index(name)
+        own = SEGMENTS.index(body.marker_segment[k])
+        lines[:, i, 0] = markers.position[:, markers.names.index(name)]
+        lines[:, i, 1] = rotation[:, own] @ body.marker_position[k] + origin[:, own]
     far = np.linalg.norm(lines[:, :, 1] - lines[:, :, 0], axis=-1) > LONG_ERROR_M
     entity = "lab/markers/error"
     send(stream, entity, timelines, rr.LineStrips3D, far, strips=lines)
@@ -87,13 +93,15 @@ def log_plates(
     stream, timelines
         Where to and when.
     plates
-        The plates, with the platform in neutral.
+        The plates, with the platform in neutral; those of unknown corners are left out.
     platform
         The platform's pose at the same T instants; None where it stands still.
     """
     if platform is not None:
         log_pose(stream, "lab/platform", timelines, platform.rotation, platform.position)
     for plate in plates:
+        if not np.isfinite(plate.corners).all():
+            continue
         entity = f"lab/platform/plate_{plate.number}"
         stream.log(
             f"{entity}/surface",

@@ -2,6 +2,7 @@
 
 import ast
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from hbm.coordinates import SEGMENTS
-from hbm.poses import segment_frames
+from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import shift_wrench
 from pipeline.cycles import normalise
 from pipeline.residuals import AXES, cycle_residuals, reported, residual_table
 from pipeline.viewer import write_cycles, write_recording
-from pipeline.viewer_file import printable, recording_file
+from pipeline.viewer_blueprint import cycle_layout
+from pipeline.viewer_file import printable, recording_file, send
 from pipeline.viewer_scene import pressure_point
 from pipeline.viewer_serve import viewer_binary
 from tests.pipeline.viewer_trial import FIRST_FRAME, LIFT_M, sway_and_pitch, viewer_trial
@@ -134,10 +136,11 @@ def test_lines_join_only_markers_that_are_far_from_the_model(tmp_path):
     markers = type(recording.markers)(recording.markers.time, recording.markers.names, position)
     swapped = type(recording)(recording.source, markers, recording.plates)
     write_recording(result, swapped, tmp_path / "swapped.rrd")
-    counts = [
-        len(row) for row in Stored(tmp_path / "swapped.rrd").rows("lab/markers/error", "strips")
-    ]
-    assert counts == [0] * 100 + [2] * 50 + [0] * 100
+    lines = Stored(tmp_path / "swapped.rrd").rows("lab/markers/error", "strips")
+    assert [len(row) for row in lines] == [0] * 100 + [2] * 50 + [0] * 100
+    modelled = marker_positions(result.body, result.motion.q)[:, [3, 7]]
+    expected = np.stack([position[:, [3, 7]], modelled], axis=2)[200:300:STEP]
+    np.testing.assert_allclose(np.array(lines[100:150]), single(expected), atol=1e-6)
 
 
 @pytest.mark.parametrize("variant", ["measured", "compensated"])
@@ -214,6 +217,16 @@ def test_platform_moves_with_its_pose_and_carries_the_plates(stored, trial):
         entity = f"lab/platform/plate_{plate.number}/surface"
         corners = stored.rows(entity, "vertex_positions", static=True)[0]
         np.testing.assert_array_equal(corners, single(plate.corners))
+
+
+def test_plates_of_unknown_corners_are_left_out(trial, tmp_path):
+    result, recording = trial
+    first, second = recording.plates
+    unknown = replace(first, corners=np.full((4, 3), np.nan))
+    write_recording(result, replace(recording, plates=(unknown, second)), tmp_path / "trial.rrd")
+    entities = Stored(tmp_path / "trial.rrd").entities
+    assert not [entity for entity in entities if "plate_1" in entity]
+    assert "lab/platform/plate_2/surface" in entities
 
 
 def test_phases_change_at_the_events_and_perturbations_last_as_stated(stored, trial):
@@ -338,8 +351,6 @@ def test_scene_can_be_written_at_the_full_rate(trial, tmp_path):
 
 
 def test_a_recording_that_fails_half_way_leaves_no_file(tmp_path):
-    from pipeline.viewer_blueprint import cycle_layout
-
     layout = cycle_layout(np.zeros((1, 3)))
     with pytest.raises(ArithmeticError), recording_file(tmp_path / "a.rrd", "test", "a", layout):
         raise ArithmeticError
@@ -347,9 +358,6 @@ def test_a_recording_that_fails_half_way_leaves_no_file(tmp_path):
 
 
 def test_rerun_refuses_what_it_would_otherwise_drop_with_a_warning(trial, tmp_path):
-    from pipeline.viewer_blueprint import cycle_layout
-    from pipeline.viewer_file import send
-
     layout = cycle_layout(np.zeros((1, 3)))
     with (
         recording_file(tmp_path / "a.rrd", "test", "a", layout) as stream,
@@ -376,8 +384,6 @@ def test_another_recording_than_the_processed_one_is_refused(trial, tmp_path):
 
 
 def test_a_trial_without_gait_cycles_is_shown_but_has_no_mean_cycle(trial, tmp_path):
-    from dataclasses import replace
-
     result = replace(trial[0], cycles={"right": np.empty((0, 2))}, events=())
     write_recording(result, trial[1], tmp_path / "trial.rrd")
     text = str(Stored(tmp_path / "trial.rrd").rows("summary", "text", static=True)[0][0])
