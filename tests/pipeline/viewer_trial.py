@@ -51,7 +51,7 @@ def viewer_trial(
         ground=ground,
         platform=sway_and_pitch(time) if moving else None,
         events=events,
-        cycles=cut_cycles(events, dynamics["measured"])[0],
+        cycles=cut_cycles(events, dynamics.values())[0],
         delay_s=0.0,
         delay_uncertainty_s=0.001,
         ambiguous=np.zeros(frames, bool),
