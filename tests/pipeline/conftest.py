@@ -8,6 +8,7 @@ import pytest
 from hbm.markers import Markers
 from pipeline.c3d_encoding import parameter_section
 from pipeline.recording import Plate
+from tests.pipeline import lab
 
 BLOCK = 512
 SURFACE = ((0.85, -0.25), (-0.85, -0.25), (-0.85, 0.25), (0.85, 0.25))
@@ -104,3 +105,15 @@ def plates():
         )
         for k, y in enumerate((0.25, -0.25))
     )
+
+
+@pytest.fixture(scope="session")
+def walker(tmp_path_factory):
+    """A virtual walker's recording of 12 s, on a treadmill that stands still."""
+    return lab.walk(tmp_path_factory.mktemp("walker"))
+
+
+@pytest.fixture(scope="session")
+def moving_study(tmp_path_factory):
+    """Folder of a small study on a moving platform; tests that change it take a copy."""
+    return lab.write_study(tmp_path_factory.mktemp("study"))

@@ -17,8 +17,10 @@ from hbm.markers import Markers
 from hbm.spatial import Array, rotation_about, transform_wrench
 from pipeline.c3d import read_c3d
 from pipeline.c3d_writer import write_c3d
+from pipeline.force_plates import plate_axes
 from pipeline.recording import Analog, Plate, Recording
 from pipeline.virtual_lab.trial import simulate_trial
+from pipeline.virtual_lab.walker import Person
 
 GRAVITY = 9.81
 LEFT = np.array([0.0, 1.0, 0.0])
@@ -140,17 +142,15 @@ def without_people(duration_s):
     t = analog_clock(duration_s)
     frames = t[::10]
     nobody = Markers(frames, (), np.empty((len(frames), 0, 3)))
+    surface = np.array([[0.9, 0.25, 0], [0.9, -0.25, 0], [-0.9, -0.25, 0], [-0.9, 0.25, 0]])
     plates = [
         Plate(
             number=k + 1,
             time=t,
             wrench_in_plate=np.zeros((len(t), 6)),
-            rotation=np.eye(3),
+            rotation=plate_axes(surface),
             center=(0, y, 0),
-            corners=[
-                (dx, y + dy, 0)
-                for dx, dy in ((0.9, 0.25), (0.9, -0.25), (-0.9, -0.25), (-0.9, 0.25))
-            ],
+            corners=surface + np.array([0, y, 0]),
         )
         for k, y in enumerate((0.25, -0.25))
     ]
@@ -165,6 +165,7 @@ def on_platform(
     plate_delay_s=0.0,
     accelerometer_delay_s=0.0,
     command_delay_s=0.0,
+    assembly=True,
     noise=1.0,
     seed=0,
 ):
@@ -183,7 +184,7 @@ def on_platform(
         back = np.swapaxes(rotation, 1, 2)
         seen = transform_wrench(acting, back, -(back @ position[..., None])[..., 0])
         local = transform_wrench(seen, plate.rotation.T, -plate.rotation.T @ plate.center)
-        belt = motion.assembly_wrench(plate.center, real)
+        belt = motion.assembly_wrench(plate.center, real) * assembly
         belt = transform_wrench(belt, plate.rotation.T, np.zeros(3))
         grain = rng.normal(0, noise, local.shape) * [0.5, 0.5, 0.5, 0.1, 0.1, 0.1]
         plates.append(replace(plate, wrench_in_plate=local + belt + grain))
@@ -215,6 +216,56 @@ def on_platform(
         np.concatenate([recording.markers.position, onboard], axis=1),
     )
     return replace(recording, markers=markers, plates=tuple(plates), analog=analog)
+
+
+PEOPLE = (
+    Person("sub01"),
+    Person("sub02", sex="female", mass_kg=61.0, height_m=1.66, age=24.0),
+)
+STUDY = f"""
+name = "Moving numbers"
+[treadmill]
+calibration = "empty.c3d"
+[treadmill.accelerometers]
+{"".join(f"{sensor} = {list(channels)}" + chr(10) for sensor, channels in CHANNELS.items())}
+[treadmill.platform]
+markers = {list(PLATFORM_MARKERS_M)}
+[conditions.baseline]
+cycles = 4
+skip_s = 6.0
+[conditions.sway]
+cycles = 2
+perturbed = true
+pulse_channel = "Pulse"
+[conditions.pitch]
+cycles = 4
+skip_s = 6.0
+"""
+SWAYS_S = (6.5, 9.7)
+
+
+def write_study(folder, *, people=PEOPLE, duration_s=12.0):
+    """Write a whole study: a calibration, and baseline, sway and pitch of every person."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    save(on_platform(without_people(20.0), shaken(20.0)), folder / "empty.c3d")
+    motions = {
+        "baseline": still(duration_s),
+        "sway": swaying(duration_s, SWAYS_S),
+        "pitch": pitching(duration_s),
+    }
+    for number, person in enumerate(people):
+        walker = walk(folder, duration_s=duration_s, seed=number, person=person)
+        walker.source.unlink()
+        lines = [f'id = "{person.name}"', f'sex = "{person.sex}"', f"age_years = {person.age}"]
+        for condition, motion in motions.items():
+            name = f"{person.name}_{condition}.c3d"
+            pulses = SWAYS_S if condition == "sway" else ()
+            save(on_platform(walker, motion, pulses=pulses, seed=number), folder / name)
+            lines += [f"[trials.{condition}]", f'file = "{name}"']
+        (folder / f"{person.name}.toml").write_text("\n".join(lines), encoding="utf-8")
+    return folder
 
 
 def save(recording, path):
