@@ -1,31 +1,41 @@
-"""Make ``gait.csv``: what adults' joints do over a gait cycle, as Fourier coefficients.
+"""Make ``gait.csv``: how adults walk, as Fourier coefficients of all coordinates.
 
 Run as ``python -m pipeline.virtual_lab.fit_gait NORMS.csv`` with the norms of Pinzone et al. (2014)
-as published (columns quantity, name, unit, percent, centre_one_mean, centre_two_mean). Pelvis and
-legs are fitted to the mean of both centres; trunk, head and arms follow round numbers from the
-literature, named below, since the norms do not include them.
+as published (columns quantity, name, unit, percent, centre_one_mean, centre_one_sd and so on). The
+norms give pelvis and legs; trunk, head and arms follow round numbers from the literature, named in
+the file. `gait_optimum` then finds the nearest walk that the reference person can walk.
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
+from hbm.coordinates import COORDINATES, INDEX, TREE, N
 from hbm.spatial import Array
+from pipeline.virtual_lab.gait_optimum import Target, nodes, optimise
+from pipeline.virtual_lab.walker import Person, Walker, make_walker
 
 HARMONICS: Final = 8
+SPEED_MPS: Final = 1.3
+STRIDE_S: Final = 1.08
+SLOPES_DEG: Final = (-10.0, -5.0, 0.0, 5.0, 10.0)
 HEADER: Final = """\
-# Adults walking at self-chosen speed: Fourier coefficients [deg; shoulder points cm] of the middle's
-# and the right side's coordinates over the right gait cycle. Made by pipeline/virtual_lab/fit_gait.py.
-# Pelvis, hip, knee, ankle, foot: fitted to the published means of two centres, Pinzone O, Schwartz MH,
-# Thomason P, Baker R (2014) The comparison of normative reference data from different gait analysis
-# services, Gait Posture 40:286-290. Trunk and head: after Krebs et al. (1992) J Orthop Res 10:638;
-# arms: after Murray, Sepic, Barnard (1967) Phys Ther 47:272; toes: after Leardini et al. (2007)
-# Gait Posture 25:453. Coordinates "about" standing are added to the person's own standing posture.
+# How adults walk at 1.3 m/s: Fourier coefficients [deg; m for PelvisX, Y, Z and shoulder points] of
+# the coordinates of the middle and the right side over the right gait cycle from initial contact.
+# Made by pipeline/virtual_lab/fit_gait.py: for every slope of the belt the walk of a reference man
+# of 1.78 m that is nearest to the published norms (of level walking) and satisfies the equations of
+# motion on the ground. A positive slope rises forward.
+# Pelvis, hip, knee, ankle, foot: means of two centres, Pinzone O, Schwartz MH, Thomason P, Baker R
+# (2014) The comparison of normative reference data from different gait analysis services, Gait
+# Posture 40:286-290. Trunk, head: after Krebs et al. (1992) Phys Ther 72:505; arms: after Murray
+# et al. (1967) Phys Ther 47:272; toes: after Leardini et al. (2007) Gait Posture 25:453.
+# "about" says what a coordinate is counted from: zero, or the person's own standing posture.
 """
-SIGNED: Final = {  # coordinate: name in the norms, sign
+NORM: Final = {  # coordinate: name in the norms, sign
     "PelvisYaw": ("Pelvic Int/Ext", 1),
     "PelvisForwardPitch": ("Pelvis Ant/Pst", 1),
     "PelvisRightRoll": ("Pelvic Up/Dn", -1),
@@ -35,24 +45,36 @@ SIGNED: Final = {  # coordinate: name in the norms, sign
     "RKneeFlexion": ("Knee Flx/Ext", 1),
     "RAnklePlantarFlexion": ("Ankle Dor/Pla", -1),
 }
-SYMMETRIC: Final = {"PelvisYaw": 1, "PelvisForwardPitch": 0, "PelvisRightRoll": 1}
+FREE_SPREAD: Final = {  # of what the norms do not say [deg or m]
+    "PelvisX": 0.02,
+    "PelvisY": 0.03,
+    "PelvisZ": 0.03,
+    "RFootPronation": 3.0,
+    "RToeFlexion": 1.0,
+}
+OTHER_SPREAD: Final = 2.0, 0.002  # [deg], [m]
+ANKLE_ZERO_DEG: Final = -3.0  # heel and second metatarsal head are not equally high
+STANDING: Final = ("PelvisZ", "Trunk", "Head", "RShoulder", "RElbow", "RForeArm", "RWrist", "RHand")
+LOWER_M: Final = 0.03  # how much lower than standing the pelvis is on average
 
 
-def norms(path: Path) -> dict[str, Array]:
-    """Read the mean angles of both centres, name -> 50 values over the cycle [deg]."""
+def read_norms(path: Path) -> tuple[dict[str, Array], dict[str, float]]:
+    """Read mean angles over 50 values of the cycle and their mean spread, by name [deg]."""
     table = pd.read_csv(path)
     table = table[(table["quantity"] == "angle") & (table["percent"] < 100)]
-    table["mean"] = (table["centre_one_mean"] + table["centre_two_mean"]) / 2
-    return {str(name): part["mean"].to_numpy() for name, part in table.groupby("name")}
+    both = {
+        kind: (table[f"centre_one_{kind}"] + table[f"centre_two_{kind}"]) / 2
+        for kind in ("mean", "sd")
+    }
+    names = table["name"]
+    mean = {str(n): both["mean"][names == n].to_numpy() for n in names.unique()}
+    return mean, {n: float(both["sd"][names == n].mean()) for n in mean}
 
 
-def fourier(values: Array, symmetric: int | None = None) -> Array:
-    """Fit cosines and sines to one cycle, (HARMONICS + 1, 2); the middle of the body keeps only
-    the odd (1) or even (0) ones, so that its right and left half cycles mirror each other."""
+def fourier(values: Array) -> Array:
+    """Fit cosines and sines to one cycle, (HARMONICS + 1, 2)."""
     spectrum = np.fft.rfft(values)[: HARMONICS + 1] / len(values)
     spectrum[1:] *= 2
-    if symmetric is not None:
-        spectrum[(1 - symmetric) :: 2] = 0
     return np.column_stack([spectrum.real, -spectrum.imag])
 
 
@@ -65,29 +87,27 @@ def wave(mean: float, *swings: tuple[int, float, float]) -> Array:
     return out
 
 
-def coefficients(mean: dict[str, Array]) -> dict[tuple[str, str], Array]:
-    """Give the coefficients of every coordinate, (coordinate, about) -> (HARMONICS + 1, 2)."""
-    fitted = {
-        name: sign * fourier(mean[norm], SYMMETRIC.get(name))
-        for name, (norm, sign) in SIGNED.items()
-    }
-    pelvis_pitch = fitted["PelvisForwardPitch"].copy()
-    pelvis_pitch[0] = 0
+def evaluate(coefficients: Array, phase: Array) -> Array:
+    """Evaluate a Fourier series at phases in cycles."""
+    angle = 2 * np.pi * np.outer(phase, np.arange(len(coefficients)))
+    return np.asarray(np.cos(angle) @ coefficients[:, 0] + np.sin(angle) @ coefficients[:, 1])
+
+
+def wanted(mean: dict[str, Array]) -> dict[str, Array]:
+    """Give the coefficients of what the norms and the literature say, by coordinate [deg, m]."""
+    legs = {name: sign * fourier(mean[norm]) for name, (norm, sign) in NORM.items()}
+    legs["RAnklePlantarFlexion"][0, 0] += ANKLE_ZERO_DEG
     thorax = wave(-0.5, (2, 1.0, 0.10)), wave(0, (1, 1.5, 0.28)), wave(0, (1, 4.0, 0.52))
-    pelvis = pelvis_pitch, fitted["PelvisRightRoll"], fitted["PelvisYaw"]
+    pelvis = [legs[n].copy() for n in ("PelvisForwardPitch", "PelvisRightRoll", "PelvisYaw")]
+    pelvis[0][0] = 0
     trunk = [t - p for t, p in zip(thorax, pelvis, strict=True)]
     head = [-share * t for share, t in zip((0.8, 0.7, 0.9), thorax, strict=True)]
-    pitch = mean["Pelvis Ant/Pst"] - mean["Hip Flx/Ext"] + mean["Knee Flx/Ext"]
-    about_standing = {
-        "TrunkFlexion": trunk[0],
-        "TrunkRightBend": trunk[1],
-        "TrunkLeftTwist": trunk[2],
-        "HeadFlexion": head[0],
-        "HeadRightBend": head[1],
-        "HeadLeftTwist": head[2],
-        "RShoulderUp": wave(0, (2, 0.15, 0.15)),
-        "RShoulderForward": wave(0, (1, 0.4, 0.52)),
-        "RShoulderInward": wave(0, (1, 0.2, 0.52)),
+    return legs | {
+        **dict(zip(("TrunkFlexion", "TrunkRightBend", "TrunkLeftTwist"), trunk, strict=True)),
+        **dict(zip(("HeadFlexion", "HeadRightBend", "HeadLeftTwist"), head, strict=True)),
+        "RShoulderUp": wave(0, (2, 0.0015, 0.15)),
+        "RShoulderForward": wave(0, (1, 0.004, 0.52)),
+        "RShoulderInward": wave(0, (1, 0.002, 0.52)),
         "RShoulderAbduction": wave(2, (2, 1.5, 0.05)),
         "RShoulderFlexion": wave(-4, (1, 15, 0.52), (2, 1.0, 0.05)),
         "RShoulderInternalRotation": wave(0, (1, 5, 0.52)),
@@ -95,28 +115,74 @@ def coefficients(mean: dict[str, Array]) -> dict[tuple[str, str], Array]:
         "RForeArmPronation": wave(0, (1, 5, 0.55)),
         "RWristFlexion": wave(2, (1, 3, 0.60)),
         "RHandAbduction": wave(0, (1, 3, 0.45)),
-    }
-    absolute = fitted | {
         "RToeFlexion": wave(-8, (1, 10, 0.10), (2, 8, 0.32)),
-        "foot pitch": fourier(pitch - mean["Ankle Dor/Pla"]),
-        "foot progression": fourier(mean["Foot Int/Ext"]),
-    }
-    return {(name, "zero"): c for name, c in absolute.items()} | {
-        (name, "standing"): c for name, c in about_standing.items()
     }
 
 
-def write(path: Path, table: dict[tuple[str, str], Array]) -> None:
-    """Write the coefficients with their provenance."""
-    rows = ["coordinate,about,harmonic,cosine,sine"]
-    for (name, about), c in table.items():
-        rows += [
-            f"{name},{about},{k},{cosine:.4f},{sine:.4f}"
-            for k, (cosine, sine) in enumerate(c)
-            if k == 0 or abs(cosine) + abs(sine) > 5e-5
-        ]
+def to_si(name: str) -> float:
+    """Give the factor from the table's unit to m or rad."""
+    return 1.0 if TREE[INDEX[name]].translates else np.pi / 180
+
+
+def target_of(
+    walker: Walker, mean: dict[str, Array], spread: dict[str, float]
+) -> tuple[Target, Array]:
+    """Give the optimisation's target, and foot pitch and progression as coefficients [deg]."""
+    series = wanted(mean)
+    joints, widths = np.zeros((len(nodes()), N)), np.zeros(N)
+    for i, name in enumerate(COORDINATES):
+        left = name.startswith("L")
+        source = "R" + name[1:] if left else name
+        phase = nodes() + (0.5 if left else 0.0)
+        if source in series:
+            joints[:, i] = to_si(name) * evaluate(series[source], phase)
+        if source.startswith(STANDING[1:]):
+            joints[:, i] += walker.standing[i]
+        other = OTHER_SPREAD[1] if TREE[i].translates else OTHER_SPREAD[0]
+        width = 0.5 * spread[NORM[source][0]] if source in NORM else FREE_SPREAD.get(source, other)
+        widths[i] = to_si(name) * width
+    joints[:, INDEX["PelvisZ"]] = walker.standing[INDEX["PelvisZ"]] - LOWER_M
+
+    pitch = (
+        mean["Pelvis Ant/Pst"] - mean["Hip Flx/Ext"] + mean["Knee Flx/Ext"] - mean["Ankle Dor/Pla"]
+    )
+    feet = np.stack([fourier(pitch), fourier(mean["Foot Int/Ext"])])
+    both = [[np.radians(evaluate(c, nodes() + late)) for late in (0.0, 0.5)] for c in feet]
+    beat = 4 * np.pi
+    vertical = (
+        1 + 0.22 * np.cos(beat * (nodes() - 0.065)) + 0.03 * np.cos(2 * beat * (nodes() - 0.03))
+    )
+    pitch, heading = np.array(both)
+    target = Target(SPEED_MPS, STRIDE_S, joints, widths, pitch, heading, vertical)
+    return target, feet
+
+
+def write(path: Path, walker: Walker, walks: dict[float, dict[str, Array]], feet: Array) -> None:
+    """Write the coefficients with their provenance; ``walks`` by slope [deg]."""
+    rows = ["slope_deg,coordinate,about,harmonic,cosine,sine"]
+    for slope, walk in walks.items():
+        table = {"foothold": walk["foothold"][:1, None] * [[1.0, 0.0]]}
+        table |= {"foot pitch": feet[0], "foot progression": feet[1]}
+        for name, c in walk.items():
+            if name != "foothold":
+                own = np.zeros_like(c)
+                own[0, 0] = walker.standing[INDEX[name]] if name.startswith(STANDING) else 0.0
+                table[name] = (c - own) / to_si(name)
+        for name, c in table.items():
+            about = "standing" if name.startswith(STANDING) else "zero"
+            rows += [
+                f"{slope:g},{name},{about},{k},{cosine:.5f},{sine:.5f}"
+                for k, (cosine, sine) in enumerate(c)
+                if abs(cosine) + abs(sine) > 5e-6
+            ]
     path.write_text(HEADER + "\n".join(rows) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
-    write(Path(__file__).with_name("gait.csv"), coefficients(norms(Path(sys.argv[1]))))
+    reference = make_walker(Person())
+    level, feet = target_of(reference, *read_norms(Path(sys.argv[1])))
+    walks = {
+        slope: optimise(reference, replace(level, slope=float(np.radians(slope))), HARMONICS)
+        for slope in SLOPES_DEG
+    }
+    write(Path(__file__).with_name("gait.csv"), reference, walks, feet)

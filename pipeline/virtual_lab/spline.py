@@ -9,7 +9,7 @@ from scipy.interpolate import BSpline, PPoly, make_interp_spline
 from hbm.spatial import Array
 
 DEGREE: Final = 5
-_PIECES: Final = PPoly.from_spline(BSpline.basis_element(np.arange(DEGREE + 2.0)))
+_PIECES: Final = PPoly.from_spline(BSpline.basis_element(np.arange(DEGREE + 2.0)).tck)
 
 
 @dataclass(frozen=True, slots=True)

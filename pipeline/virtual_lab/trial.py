@@ -1,4 +1,4 @@
-"""One trial of one person: T-pose, then walking, written as a C3D file."""
+"""One trial on a treadmill that stands still: T-pose, then walking, written as a C3D file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,22 +6,23 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import SEGMENTS
 from hbm.markers import Markers
-from hbm.native import kernels
-from hbm.spatial import Array, transform_wrench
+from hbm.poses import marker_positions
+from hbm.spatial import Array
 from pipeline.c3d_writer import write_c3d
-from pipeline.recording import Plate
-from pipeline.virtual_lab.gait import posture
-from pipeline.virtual_lab.spline import Trajectory, fit_trajectory
+from pipeline.virtual_lab.course import Belt, standing_still
+from pipeline.virtual_lab.ground import foot_wrenches
+from pipeline.virtual_lab.plates import on_plates, plate
+from pipeline.virtual_lab.spline import Trajectory
+from pipeline.virtual_lab.steps import schedule
+from pipeline.virtual_lab.walk import walk
 from pipeline.virtual_lab.walker import Person, Walker, make_walker
 
 FRAME_HZ: Final = 100.0
 ANALOG_HZ: Final = 1000.0
-STANDING_S: Final = 2.0
-STARTING_S: Final = 4.0
-STRIDE_S: Final = 1.08
-PLATE_M: Final = (1.8, 0.5)
+START_S: Final = 2.5
+RAMP_S: Final = 3.5
+MOMENT_NOISE_M: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,7 @@ def simulate_trial(
     *,
     person: Person | None = None,
     duration_s: float = 20.0,
+    speed_mps: float = 1.3,
     seed: int = 0,
     marker_noise_m: float = 0.0005,
     plate_noise_n: float = 0.5,
@@ -66,9 +68,12 @@ def simulate_trial(
     path
         C3D file to write: 46 markers at 100 Hz, two plates at 1000 Hz.
     person
-        Who walks; by default a man of 74.6 kg and 1.78 m.
+        Who walks; by default a man of 74.6 kg and 1.78 m. The body is the one that `build_body`
+        finds in the T-pose.
     duration_s
-        Length of the trial [s].
+        Length of the trial [s]; the belts run at full speed after 6 s.
+    speed_mps
+        Belt speed [m/s].
     seed
         Equal seeds give equal files.
     marker_noise_m, plate_noise_n
@@ -81,18 +86,20 @@ def simulate_trial(
     """
     rng = np.random.default_rng(seed)
     walker = make_walker(person or Person())
-    time = np.arange(round(duration_s * FRAME_HZ)) / FRAME_HZ
-    motion = _walk(walker, time)
-    position = _marker_positions(walker, motion.at(time))
-    position += rng.normal(0, marker_noise_m, position.shape)
+    steps = schedule(walker.habits, speed_mps, START_S, duration_s, rng)
+    belt = Belt(speed_mps, START_S, RAMP_S)
+    walked = walk(walker, steps, belt, standing_still(duration_s), duration_s, rng)
 
-    analog_time = np.arange(round(duration_s * ANALOG_HZ)) / ANALOG_HZ
-    wrench = _ground_wrench(walker, motion, analog_time)
-    share = _left_share(analog_time)[:, None]
-    plates = []
-    for number, (side, part) in enumerate(((1, share), (-1, 1 - share)), start=1):
-        noise = rng.normal(0, plate_noise_n, wrench.shape) * [1, 1, 1, 0.3, 0.3, 0.3]
-        plates.append(_plate(number, side, analog_time, part * wrench + noise))
+    time = np.arange(round(duration_s * FRAME_HZ)) / FRAME_HZ
+    q = walked.motion.at(time)
+    position = marker_positions(walker.body, q)
+    position += rng.normal(0, marker_noise_m, position.shape)
+    clock = np.arange(round(duration_s * ANALOG_HZ)) / ANALOG_HZ
+    grain = plate_noise_n * np.array([1.0, 1.0, 1.0, *[MOMENT_NOISE_M] * 3])
+    plates = [
+        plate(number, clock, wrench + rng.normal(size=wrench.shape) * grain)
+        for number, wrench in enumerate(on_plates(walked, foot_wrenches(walked, clock), clock), 1)
+    ]
     write_c3d(
         path,
         Markers(time, walker.body.markers, position),
@@ -104,60 +111,5 @@ def simulate_trial(
             "marker_set": walker.body.marker_set.name,
         },
     )
-    wrench = _ground_wrench(walker, motion, time)
-    share = _left_share(time)[:, None]
-    return Truth(walker, motion, time, motion.at(time), share * wrench, (1 - share) * wrench)
-
-
-def _ramp(x: Array) -> Array:
-    x = np.clip(x, 0, 1)
-    return np.asarray(x**3 * (10 - 15 * x + 6 * x**2))
-
-
-def _phase(time: Array) -> Array:
-    return (time - STANDING_S) / STRIDE_S
-
-
-def _walk(walker: Walker, time: Array) -> Trajectory:
-    arms = _ramp((time - STANDING_S / 2) / STANDING_S)[:, None]
-    extent = _ramp((time - STANDING_S) / STARTING_S)
-    still = walker.t_pose + arms * (walker.standing - walker.t_pose)
-    phase = _phase(time)
-    q = still + posture(phase, extent, walker.standing) - walker.standing
-    q[:, 1] += 0.03 * extent * np.sin(2 * np.pi * (phase - 0.02))
-    q[:, 2] -= 0.02 * extent * (1 + np.cos(4 * np.pi * (phase - 0.04)))
-    return fit_trajectory(q, FRAME_HZ)
-
-
-def _ground_wrench(walker: Walker, motion: Trajectory, time: Array) -> Array:
-    """Wrench that the ground must exert so that the equations of motion hold, (T, 6)."""
-    body = walker.body
-    state = (motion.at(time, k) for k in range(3))
-    _, wrench, _ = kernels().newton_euler(*state, body.geometry, body.inertia_vector)
-    return wrench
-
-
-def _left_share(time: Array) -> Array:
-    """Share of the left foot: all in single support, smoothly exchanged in double support."""
-    cycle = _phase(time) % 1
-    share = _ramp((cycle - 0.5) / 0.12) + 1 - _ramp(cycle / 0.12)
-    walking = _ramp(_phase(time))
-    return np.asarray(0.5 + walking * (share - 0.5))
-
-
-def _marker_positions(walker: Walker, q: Array) -> Array:
-    body = walker.body
-    poses = kernels().segment_poses(q, body.geometry)[0].reshape(len(q), len(SEGMENTS), 4, 3)
-    own = [SEGMENTS.index(s) for s in body.marker_segment]
-    local = np.column_stack([body.marker_position, np.ones(len(own))])
-    return np.asarray(np.einsum("tkai,ka->tki", poses[:, own], local))
-
-
-def _plate(number: int, side: int, time: Array, wrench: Array) -> Plate:
-    """A belt beside the middle, with the wrench given about the lab origin."""
-    length, width = PLATE_M
-    center = np.array([0.0, side * width / 2, 0.0])
-    x, y = length / 2, width / 2
-    corners = center + np.array([[x, y, 0], [x, -y, 0], [-x, -y, 0], [-x, y, 0]])
-    in_plate = transform_wrench(wrench, np.eye(3), -center)
-    return Plate(number, time, in_plate, np.eye(3), center, corners)
+    feet = foot_wrenches(walked, time)
+    return Truth(walker, walked.motion, time, q, feet["left"], feet["right"])

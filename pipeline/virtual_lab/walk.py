@@ -1,0 +1,297 @@
+"""A person walks: coordinates that keep the feet on the belt and the body in balance.
+
+The pattern of the joints comes from `gait`; the feet are where `steps` placed them; the legs reach
+them (`reach`); then the pelvis is moved until the ground wrench that follows from the equations of
+motion has its centre of pressure where the feet are.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.linalg import solve_banded
+from scipy.ndimage import gaussian_filter1d
+
+from compensation.platform import PlatformPose
+from hbm.center_of_mass import center_of_mass
+from hbm.coordinates import SEGMENTS
+from hbm.native import kernels
+from hbm.poses import segment_frames
+from hbm.skeleton import GRAVITY
+from hbm.spatial import Array
+from pipeline.virtual_lab.course import Belt, Ride
+from pipeline.virtual_lab.feet import SIDES, orientation, rolled, sole_of
+from pipeline.virtual_lab.footing import Footing
+from pipeline.virtual_lab.gait import STEP_M, foot_angles, foothold, posture, size_of
+from pipeline.virtual_lab.reach import reach
+from pipeline.virtual_lab.spline import Trajectory, fit_trajectory
+from pipeline.virtual_lab.stance import LEAVING, STANCE, smooth_step
+from pipeline.virtual_lab.steps import Steps, place_sideways, step_time
+from pipeline.virtual_lab.walker import Walker
+
+RATE_HZ: Final = 100.0
+ARMS_DOWN: Final = 0.48, 0.35  # begin and duration, as shares of the time before walking
+SMOOTHING_HZ: Final = 6.0  # cut-off of the muscles' and tissues' smoothness
+CORRECTIONS: Final = 5
+LARGEST_M: Final = 0.05
+WANDER_S: Final = 0.3
+CHUNK: Final = 6000
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """What a person did.
+
+    Attributes
+    ----------
+    walker
+        Who.
+    motion
+        All coordinates over time, 46 columns [rad, m].
+    footing
+        Where the feet stood.
+    platform
+        How the platform moved meanwhile.
+    """
+
+    walker: Walker
+    motion: Trajectory
+    footing: Footing
+    platform: Ride
+
+
+def walk(
+    walker: Walker,
+    steps: Steps,
+    belt: Belt,
+    platform: Ride,
+    duration: float,
+    rng: np.random.Generator,
+    *,
+    jobs: int = 1,
+) -> Walk:
+    """Let a person stand in a T-pose, lower the arms, and walk.
+
+    Parameters
+    ----------
+    walker
+        Who walks.
+    steps
+        When the feet come down; the first contact is when walking begins.
+    belt, platform
+        What moves under the person.
+    duration
+        How long [s].
+    rng
+        Source of the variability.
+    jobs
+        Threads.
+
+    Returns
+    -------
+    Walk
+        Coordinates, and where the feet stood.
+    """
+    time = np.arange(round(duration * RATE_HZ) + 1) / RATE_HZ
+    footing = _place(walker, steps, belt, platform, rng)
+    pose = platform.pose(time)
+    reference = _pattern(walker, footing, platform.slope(time), time, rng)
+    height = float(center_of_mass(walker.body, walker.standing[None])[0, 2])
+
+    ahead = center_of_mass(walker.body, reference)[:, :2] - reference[:, :2]
+    footing = _comfortable(footing, reference, ahead, pose, height, time)
+    wanted = _lab(footing.total_pressure(time), pose)[:, :2]
+    reference[:, :2] = balanced(wanted, height) - ahead
+    reference[:, 2] += _surface_height(pose, walker.standing[:2])
+
+    rotation, position = _feet(walker, footing, reference, pose, time)
+    q = reference.copy()
+    for correction in range(CORRECTIONS):
+        q = reach(walker.body, reference, footing.soles, rotation, position, q, jobs)
+        motion = fit_trajectory(_smooth(q), RATE_HZ)
+        if correction == CORRECTIONS - 1:
+            break
+        error = wanted - _pressure(walker, motion, pose, time, jobs)
+        error = np.clip(np.nan_to_num(error), -LARGEST_M, LARGEST_M)
+        error[: int(RATE_HZ / 3)] = error[-int(RATE_HZ / 6) :] = 0.0
+        reference[:, :2] += balanced(error, height)
+    return Walk(walker, motion, footing, platform)
+
+
+def balanced(pressure: Array, height: float) -> Array:
+    """Give the bounded motion of a mass above a moving centre of pressure, (T, 2) [m].
+
+    Solves ``c - (h/g) c̈ = p``, the linear inverted pendulum, as a boundary value problem (Kajita
+    et al. 2003, IEEE ICRA 1620).
+    """
+    stiffness = height / GRAVITY * RATE_HZ**2
+    bands = np.empty((3, len(pressure)))
+    bands[0], bands[1], bands[2] = -stiffness, 1 + 2 * stiffness, -stiffness
+    bands[1, [0, -1]] = 1 + stiffness
+    return np.asarray(solve_banded((1, 1), bands, pressure))
+
+
+def _place(
+    walker: Walker, steps: Steps, belt: Belt, platform: Ride, rng: np.random.Generator
+) -> Footing:
+    """Decide where the feet come down: forward so that mid-stance is under the person."""
+    habits, size = walker.habits, size_of(walker.standing)
+    height = float(center_of_mass(walker.body, walker.standing[None])[0, 2])
+    sideways = place_sideways(steps, habits, height, platform.sway, rng)
+    pace = step_time(habits, belt.speed_mps)
+    contact = steps.contact
+    middle = (
+        np.append(contact[0], steps.off[:-1]) + np.append(contact[1:], contact[-1] + pace)
+    ) / 2
+    slope, pose = platform.slope(contact), platform.pose(contact)
+    forward = (walker.standing[0] - pose.position[:, 0]) / np.cos(slope)
+    forward -= size * (STANCE * STEP_M - foothold(slope))
+    forward += belt.travelled(middle) - belt.travelled(contact)
+    forward += habits.forward_sd * np.clip(rng.normal(size=len(contact)), -3, 3)
+    soles = {side: sole_of(walker.body, walker.t_pose, side) for side in SIDES}
+    return Footing(soles, steps, np.column_stack([forward, sideways]), belt, STEP_M * size, pace)
+
+
+def _pattern(
+    walker: Walker, footing: Footing, slope: Array, time: Array, rng: np.random.Generator
+) -> Array:
+    """Give the coordinates without regard to feet and balance, (T, 46)."""
+    begin, lasting = (share * footing.steps.contact[0] for share in ARMS_DOWN)
+    arms = smooth_step((time - begin) / lasting)[:, None]
+    extent = footing.extent(time)
+    walking = np.minimum(extent, 1.0)[:, None]
+    q = walker.t_pose + arms * (walker.standing - walker.t_pose)
+    mean = posture(footing.phase("right", time), extent, slope, walker.standing)
+    q += walker.style.apply(mean - walker.standing, walking)
+    wander = gaussian_filter1d(rng.normal(size=q.shape), WANDER_S * RATE_HZ, axis=0)
+    wander *= np.sqrt(2 * np.sqrt(np.pi) * WANDER_S * RATE_HZ)
+    return q + walking * walker.style.wander * wander
+
+
+def _comfortable(
+    footing: Footing, reference: Array, ahead: Array, pose: PlatformPose, height: float, time: Array
+) -> Footing:
+    """Move the pressure along the feet so that the pelvis is above them as the pattern wants."""
+    steady = footing.extent(time) > 0.99 * footing.extent(time)[-1]
+    pressure = _lab(footing.total_pressure(time), pose)[:, :2]
+    pelvis = balanced(pressure, height) - ahead
+    shift = float(np.mean((reference[:, 0] - pelvis[:, 0])[steady]))
+    return replace(footing, pressure_shift=shift)
+
+
+def _feet(
+    walker: Walker, footing: Footing, reference: Array, pose: PlatformPose, time: Array
+) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
+    """Give the soles' poses in the lab: rolling over the belt in stance, the pattern's in swing."""
+    rotation, position = {}, {}
+    feet = segment_poses(walker, reference, [sole.segment for sole in footing.soles.values()])
+    for side, (_, ankle) in zip(footing.soles, feet, strict=True):
+        sole = footing.soles[side]
+        pitch, _ = foot_angles(footing.phase(side, time))
+        pitch = pitch * footing.extent(time)
+        heading = footing.heading(side, time)
+        on_platform = orientation(pitch, heading)
+        rotation[side] = pose.rotation @ on_platform
+        swinging = _on_platform(ankle - (rotation[side] @ sole.origin), pose)
+        rolling = rolled(sole, pitch, heading)
+        position[side] = _lab(_path(footing, side, swinging, rolling, time), pose)
+    return rotation, position
+
+
+def _path(footing: Footing, side: str, swinging: Array, rolling: Array, time: Array) -> Array:
+    """Join stances and swings: a swing ends where the next stance begins, (T, 3) [m]."""
+    own = list(range(0 if side == "left" else 1, len(footing.steps.contact), 2))
+    numbers = [-1, *own] if side == "right" else own
+    path = np.empty_like(swinging)
+    before, left_at = None, 0
+    for number in numbers:
+        many = np.full(len(time), number)
+        stance = rolling + np.pad(footing.anchor(side, many, time), ((0, 0), (0, 1)))
+        away = stance - swinging
+        begins = number in own[1 if side == "left" else 0 :]
+        first = int(np.ceil(footing.steps.contact[number] * RATE_HZ)) if begins else 0
+        release = footing.release(number) if number >= 0 else _first_release(footing)
+        last = int(np.floor(release * RATE_HZ))
+        if before is not None:
+            stop = min(first, len(time))
+            u = ((np.arange(left_at, stop) - left_at) / (first - left_at))[:, None]
+            arrival = away[min(first, len(time) - 1)]
+            path[left_at:stop] = swinging[left_at:stop] + before
+            path[left_at:stop] += u * u * (3 - 2 * u) * (arrival - before)
+        if first >= len(time):
+            break
+        path[first : last + 1] = stance[first : last + 1]
+        left_at = min(last, len(time) - 1)
+        before = away[left_at]
+    return path
+
+
+def _first_release(footing: Footing) -> float:
+    """Give when the right foot leaves its standing place [s]."""
+    return float(footing.steps.contact[0]) + 2 * footing.pace_s * (LEAVING[0] - 0.5)
+
+
+def _smooth(q: Array) -> Array:
+    sigma = np.sqrt(np.log(2) / 2) / (2 * np.pi * SMOOTHING_HZ) * RATE_HZ
+    return np.asarray(gaussian_filter1d(q, sigma, axis=0, mode="nearest"))
+
+
+def _pressure(
+    walker: Walker, motion: Trajectory, pose: PlatformPose, time: Array, jobs: int
+) -> Array:
+    """Give the centre of pressure on the platform, in the lab, that the motion implies, (T, 2)."""
+    wrench = ground_wrench(walker, motion, time, jobs)
+    points = pressure_on_platform(wrench, pose)
+    return _lab(points, pose)[:, :2]
+
+
+def pressure_on_platform(wrench: Array, pose: PlatformPose) -> Array:
+    """Give where a wrench in the lab acts on the platform's surface, in its frame, (T, 2) [m]."""
+    back = np.swapaxes(pose.rotation, 1, 2)
+    force = (back @ wrench[:, :3, None])[..., 0]
+    moment = wrench[:, 3:] - np.cross(pose.position, wrench[:, :3])
+    moment = (back @ moment[..., None])[..., 0]
+    return np.column_stack([-moment[:, 1], moment[:, 0]]) / force[:, 2:]
+
+
+def ground_wrench(walker: Walker, motion: Trajectory, time: Array, jobs: int = 1) -> Array:
+    """Give the wrench that the ground must exert for the motion to be possible, (T, 6).
+
+    Lab axes about the lab origin [N, N·m]; exact, from the walker's own body.
+    """
+    body, parts = walker.body, []
+    for start in range(0, len(time), CHUNK):
+        part = time[start : start + CHUNK]
+        state = [motion.at(part, k) for k in range(3)]
+        parts.append(
+            kernels().newton_euler(*state, body.geometry, body.inertia_vector, jobs=jobs)[1]
+        )
+    return np.concatenate(parts)
+
+
+def segment_poses(walker: Walker, q: Array, names: list[str]) -> list[tuple[Array, Array]]:
+    """Give rotations and origins of some segments, (T, 3, 3) and (T, 3) each."""
+    chosen = [SEGMENTS.index(name) for name in names]
+    parts = [segment_frames(walker.body, q[k : k + CHUNK]) for k in range(0, len(q), CHUNK)]
+    rotation = np.concatenate([R[:, chosen] for R, _ in parts])
+    origin = np.concatenate([o[:, chosen] for _, o in parts])
+    return list(zip(np.moveaxis(rotation, 1, 0), np.moveaxis(origin, 1, 0), strict=True))
+
+
+def _surface_height(pose: PlatformPose, place: Array) -> Array:
+    """Give how high the platform's surface is above a place in the lab, (T,) [m]."""
+    normal, away = pose.rotation[:, :, 2], place - pose.position[:, :2]
+    sideways = np.sum(normal[:, :2] * away, axis=1)
+    return np.asarray(pose.position[:, 2] - sideways / normal[:, 2])
+
+
+def _lab(points: Array, pose: PlatformPose) -> Array:
+    if points.shape[1] == 2:
+        points = np.pad(points, ((0, 0), (0, 1)))
+    return pose.to_lab(points)
+
+
+def _on_platform(points: Array, pose: PlatformPose) -> Array:
+    away = points - pose.position
+    return np.asarray((np.swapaxes(pose.rotation, 1, 2) @ away[..., None])[..., 0])
