@@ -202,8 +202,9 @@ def print_result(result: TrialResult, show: Callable[..., None]) -> None:
     """
     table = residual_table(result, result.source.stem)
     count = table["n_cycles"].iloc[0]
+    cycles = f"{count} gait cycle{'' if count == 1 else 's'}"
     view = Table(
-        title=f"Pelvis residuals, {result.source.name}, {count} gait cycle{'' if count == 1 else 's'} "
+        title=f"Pelvis residuals, {result.source.name}, {cycles} "
         f"({result.settings.filter} {result.settings.cutoff_hz:g} Hz)",
         caption="x forward, y right, z up; moments about mid-hip; % of body weight, or of body "
         "weight × stature",
