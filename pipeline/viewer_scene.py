@@ -18,8 +18,8 @@ from pipeline.viewer_body import log_pose
 from pipeline.viewer_file import Timelines, printable, rgba, send
 
 GROUND_N_PER_M: Final = 1000.0
-RESIDUAL_N_PER_M: Final = 200.0
-RESIDUAL_NM_PER_M: Final = 100.0
+RESIDUAL_N_PER_M: Final = 500.0
+RESIDUAL_NM_PER_M: Final = 250.0
 GROUND_SCALE: Final = f"ground reaction 1 m = {GROUND_N_PER_M:.0f} N"
 RESIDUAL_SCALES: Final = (
     f"residual force 1 m = {RESIDUAL_N_PER_M:.0f} N, moment 1 m = {RESIDUAL_NM_PER_M:.0f} N·m"

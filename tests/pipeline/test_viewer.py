@@ -181,8 +181,8 @@ def test_residual_wrench_is_drawn_at_the_pelvis_in_lab_axes(stored, trial, varia
     pelvis = segment_frames(result.body, result.motion.q[::STEP])[1][:, SEGMENTS.index("pelvis")]
     entity = f"lab/residual/{variant}"
     vectors = np.array(stored.rows(entity, "vectors"))
-    np.testing.assert_array_equal(vectors[:, 0], single(residual[:, :3] / 200))
-    np.testing.assert_array_equal(vectors[:, 1], single(residual[:, 3:] / 100))
+    np.testing.assert_array_equal(vectors[:, 0], single(residual[:, :3] / 500))
+    np.testing.assert_array_equal(vectors[:, 1], single(residual[:, 3:] / 250))
     origins = np.array(stored.rows(entity, "origins"))
     np.testing.assert_array_equal(origins, single(np.repeat(pelvis[:, None], 2, axis=1)))
 
