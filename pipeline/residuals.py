@@ -184,24 +184,20 @@ def marker_table(result: TrialResult) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        marker, rms_mm, peak_mm, missing_percent; the last row, "all", over all markers.
+        marker, rms_mm, peak_mm, missing_percent; the last row, "all", over all markers. A marker
+        that was never seen has no error (NaN).
     """
     error = result.motion.marker_error * 1000
     seen = np.isfinite(error)
-    square = np.where(seen, error, 0.0) ** 2
-    count = np.maximum(seen.sum(axis=0), 1)
-    table = pd.DataFrame(
-        {
-            "marker": result.motion.markers,
-            "rms_mm": np.sqrt(square.sum(axis=0) / count),
-            "peak_mm": np.sqrt(square.max(axis=0)),
-            "missing_percent": 100 * (1 - seen.mean(axis=0)),
-        }
-    )
-    every = {
-        "marker": "all",
-        "rms_mm": np.sqrt(square.sum() / max(seen.sum(), 1)),
-        "peak_mm": np.sqrt(square.max()),
-        "missing_percent": 100 * (1 - seen.mean()),
-    }
-    return pd.concat([table, pd.DataFrame([every])], ignore_index=True)
+    singles = [_spread(error[seen[:, k], k]) for k in range(error.shape[1])]
+    table = pd.DataFrame([*singles, _spread(error[seen])], columns=["rms_mm", "peak_mm"])
+    table.insert(0, "marker", [*result.motion.markers, "all"])
+    table["missing_percent"] = 100 * (1 - np.append(seen.mean(axis=0), seen.mean()))
+    return table
+
+
+def _spread(distance: Array) -> tuple[float, float]:
+    """Give RMS and largest of distances; NaN where there are none."""
+    if not len(distance):
+        return np.nan, np.nan
+    return float(np.sqrt(np.mean(distance**2))), float(distance.max())

@@ -3,8 +3,9 @@
 import json
 import os
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -27,6 +28,8 @@ from pipeline.trial_result import TrialResult
 
 PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarrow")
 FACTS: Final = b"hbm"
+PART: Final = ".part"
+LEFT_OVER_S: Final = 3600.0
 
 
 def frame_table(result: TrialResult) -> pd.DataFrame:
@@ -153,7 +156,7 @@ def write_csv(table: pd.DataFrame, path: Path) -> None:
 def whole_file(path: Path) -> Iterator[Path]:
     """Give a temporary name beside a file; it takes the file's place once all is written."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PART)
     os.close(handle)
     temporary = Path(name)
     try:
@@ -162,3 +165,27 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove temporary files of runs that were killed: those nobody has written to for an hour."""
+    for path in folder.glob(f".*.????????{PART}"):
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime > LEFT_OVER_S:
+                path.unlink()
+
+
+def require_writable(out: Path) -> None:
+    """Make a folder and write to it, before minutes are spent on what would go into it.
+
+    Raises
+    ------
+    ValueError
+        If that fails: the folder is read-only or a file, or the disk is full.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out) as file:
+            file.write(bytes(4096))
+    except OSError as error:
+        raise ValueError(f"--out {out}: cannot write there: {error.strerror}") from error

@@ -7,7 +7,9 @@ import pytest
 
 from hbm.markers import Markers
 from pipeline.c3d_encoding import parameter_section
+from pipeline.process import process_trial
 from pipeline.recording import Plate
+from pipeline.study import read_study
 from tests.pipeline import lab
 
 BLOCK = 512
@@ -117,3 +119,9 @@ def walker(tmp_path_factory):
 def moving_study(tmp_path_factory):
     """Folder of a small study on a moving platform; tests that change it take a copy."""
     return lab.write_study(tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="session")
+def processed(moving_study):
+    """One processed trial of that study: pitch, as measured and compensated."""
+    return process_trial(read_study(moving_study), "sub01", "pitch")
