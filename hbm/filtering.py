@@ -318,12 +318,17 @@ def _extended(signal: Array, count: int) -> Array:
 
 def _stretches(columns: Array, needed: int) -> Iterator[tuple[slice, NDArray[np.bool_]]]:
     """Find blocks without gaps in (T, K): at least ``needed`` rows, and the columns they are in."""
-    patterns, pattern_of_column = np.unique(np.isfinite(columns), axis=1, return_inverse=True)
-    for number, finite in enumerate(patterns.T):
-        edges = np.flatnonzero(np.diff(finite, prepend=False, append=False))
+    alike: dict[bytes, list[int]] = {}
+    known = np.ascontiguousarray(np.isfinite(columns).T)
+    for number, finite in enumerate(known):
+        alike.setdefault(finite.tobytes(), []).append(number)
+    for numbers in alike.values():
+        chosen = np.zeros(len(known), bool)
+        chosen[numbers] = True
+        edges = np.flatnonzero(np.diff(known[numbers[0]], prepend=False, append=False))
         for start, stop in edges.reshape(-1, 2):
             if stop - start >= needed:
-                yield slice(start, stop), pattern_of_column.ravel() == number
+                yield slice(start, stop), chosen
 
 
 def _sample_times(time: ArrayLike, signal: Array) -> Array:

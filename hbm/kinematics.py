@@ -13,20 +13,18 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
+from hbm.descent import Solved, Wearing, solve_frames
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
-from hbm.native import Kernels, kernels
 from hbm.spatial import Array, Indices, Mask
 from hbm.start import starting_pose
 
-KEY_EVERY: Final = 10
+KEY_EVERY: Final = 15
 CHUNK: Final = 4000
 LOCK: Final = 1e9
-FLOOR: Final = 1e-9
 UNSEEN_PIVOT: Final = 1e-6
-MAX_STEP: Final = 0.5
-MAX_ITERATIONS: Final = 60
+MOST_ROUNDS: Final = 10
 
 
 def solve_ik(
@@ -103,81 +101,76 @@ class _Trial:
         self.weights = np.array([weights.get(name, 1.0) for name in self.names])
         self.position = markers.position
         self.columns = [markers.names.index(name) for name in self.names]
-        self.geometry = body.geometry
+        numbers = np.array([SEGMENTS.index(s) for s in self.segment])
+        self.wearing = Wearing(numbers, self.local, self.weights, body.geometry)
         self.lower, self.upper = np.full(N, -np.inf), np.full(N, np.inf)
         for name, (low, high) in limits.items():
             self.lower[INDEX[name]], self.upper[INDEX[name]] = low, high
         shown = {self.segment[k] for k in range(len(known))}
         self.locked = np.array([name in body.locked for name in COORDINATES])
         self.locked |= ~_shown(shown)
-        self.kernels: Kernels = kernels()
 
-    def measured(self, frames: Indices) -> tuple[Array, Array]:
-        """Positions (gaps as zeros) and weights of some frames."""
-        position = self.position[frames][:, self.columns]
-        seen = ~np.isnan(position[..., 0])
-        return np.where(seen[..., None], position, 0.0), seen * self.weights
-
-    def sums(self, position: Array, weight: Array) -> Array:
-        """Sum markers per segment (`hbm.skeleton.N_SUMS`), (T, 23 · segments)."""
-        p = self.local
-        xx, yy, zz = p.T**2
-        xy, xz, yz = p[:, 0] * p[:, 1], p[:, 0] * p[:, 2], p[:, 1] * p[:, 2]
-        plain = np.column_stack([np.ones(len(p)), p, xx, yy, zz, xy, xz, yz])
-        crossed = np.column_stack([np.ones(len(p)), p])
-        out = np.zeros((len(position), len(SEGMENTS), 23))
-        for s, name in enumerate(SEGMENTS):
-            own = [k for k, x in enumerate(self.segment) if x == name]
-            if not own:
-                continue
-            w, m = weight[:, own], position[:, own]
-            out[:, s, :10] = w @ plain[own]
-            weighted = w[..., None] * m
-            products = np.einsum("tki,ka->tai", weighted, crossed[own])
-            out[:, s, 10:22] = products.reshape(len(position), 12)
-            out[:, s, 22] = np.einsum("tki,tki->t", weighted, m)
-        return out.reshape(len(position), 23 * len(SEGMENTS))
+    def measured(self, frames: Indices) -> Array:
+        """Give the trial's markers in some frames, (F, K, 3) [m]."""
+        return self.position[frames][:, self.columns]
 
     def solve(self) -> Motion:
+        """Solve all frames: from the coarse start, else from a rigid fit, else not at all."""
         frames = len(self.time)
         start = self.coarse()
-        q, error = np.full((frames, N), np.nan), np.full((frames, len(self.names)), np.nan)
-        converged, observed = np.zeros(frames, bool), np.zeros((frames, N), bool)
+        found = _Found(frames, len(self.names))
         for at in _pieces(np.flatnonzero(~np.isnan(start[:, 0]))):
-            q[at], converged[at], observed[at] = self.newton(at, start[at])
-        retry = np.flatnonzero(~converged)
-        for some in _pieces(retry):
+            found.take(at, *self.newton(at, start[at]))
+        for some in _pieces(np.flatnonzero(~found.converged)):
             fresh = self.rigid(some)
             good = ~np.isnan(fresh[:, 0])
-            at = some[good]
-            q[at], converged[at], observed[at] = self.newton(at, fresh[good])
-        q[~converged] = np.nan
-        q = _unwrapped(q)
-        self.bridge(q, converged, observed)
-        for at in _pieces(np.arange(frames)):
-            error[at] = self.errors(at, q[at])
+            found.take(some[good], *self.newton(some[good], fresh[good]))
+        found.q[~found.converged] = np.nan
+        found.q = _unwrapped(found.q)
+        self.bridge(found)
         nothing = np.full((frames, N), np.nan)
-        return Motion(self.time, q, nothing, nothing, self.names, error, converged, observed)
+        return Motion(
+            self.time,
+            found.q,
+            nothing,
+            nothing,
+            self.names,
+            found.error,
+            found.converged,
+            found.observed,
+            found.gradient,
+        )
 
     def coarse(self) -> Array:
-        """Give every frame a starting point: every tenth solved from scratch, splines between."""
+        """Give every frame a starting point: some solved from scratch, splines between them."""
         frames = len(self.time)
-        keys = np.unique(np.append(np.arange(0, frames, KEY_EVERY), frames - 1))
+        keys = self.key_frames()
         q = np.full((len(keys), N), np.nan)
         for some in _pieces(np.arange(len(keys))):
             guess = self.rigid(keys[some])
             good = ~np.isnan(guess[:, 0])
-            solved, converged, _ = self.newton(keys[some][good], guess[good])
-            q[some[good]] = np.where(converged[:, None], solved, np.nan)
+            solved, _ = self.newton(keys[some][good], guess[good])
+            q[some[good]] = np.where(solved.converged[:, None], solved.q, np.nan)
         solved = ~np.isnan(q[:, 0])
         if solved.sum() < 4:
             return self.rigid(np.arange(frames))
         spline = make_interp_spline(keys[solved], _unwrapped(q)[solved], k=3)
         return np.asarray(spline(np.clip(np.arange(frames), keys[solved][0], keys[solved][-1])))
 
+    def key_frames(self) -> Indices:
+        """Choose the frame with the most markers of every few, and both ends."""
+        frames = len(self.time)
+        seen = np.isfinite(self.position[:, self.columns, 0]).sum(axis=1)
+        padded = np.full(-(-frames // KEY_EVERY) * KEY_EVERY, -1)
+        padded[:frames] = seen
+        windows = padded.reshape(-1, KEY_EVERY)
+        best = windows.argmax(axis=1) + KEY_EVERY * np.arange(len(windows))
+        return np.unique([0, *best, frames - 1])
+
     def rigid(self, frames: Indices) -> Array:
-        position, weight = self.measured(frames)
-        body = self.body
+        measured, body = self.measured(frames), self.body
+        seen = np.isfinite(measured[..., 0])
+        position, weight = np.where(seen[..., None], measured, 0.0), seen * self.weights
         pose = starting_pose(
             position, weight, self.local, self.segment, dict(body.offsets), dict(body.axes)
         )
@@ -185,7 +178,7 @@ class _Trial:
 
     def newton(
         self, frames: Indices, start: Array, held: tuple[Mask, Array] | None = None
-    ) -> tuple[Array, Mask, Mask]:
+    ) -> tuple[Solved, Mask]:
         """Solve some frames.
 
         Parameters
@@ -200,108 +193,72 @@ class _Trial:
         Returns
         -------
         tuple
-            ``q`` (F, 46), whether converged (F,), which coordinates were observed (F, 46).
+            The optima, and which coordinates were observed, (F, 46).
         """
-        total = len(frames)
-        sums = self.sums(*self.measured(frames))
-        prior = np.tile(np.where(self.locked, LOCK, 0.0), (total, 1))
-        reference = np.zeros((total, N))
+        prior = np.tile(np.where(self.locked, LOCK, 0.0), (len(frames), 1))
+        reference = np.zeros((len(frames), N))
         if held is not None:
             prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], 0.0)
+        solved = self.bounded(self.measured(frames), start, prior, reference)
+        return solved, (solved.pivots > UNSEEN_PIVOT) & (prior == 0)
+
+    def descend(self, measured: Array, start: Array, prior: Array, reference: Array) -> Solved:
         begin = np.where(prior > 0, reference, start)
-        q, done, pivots = self.descend(begin, sums, prior, reference)
-        if np.isfinite(self.lower).any() or np.isfinite(self.upper).any():
-            q, done = self.bounded(q, done, sums, prior, reference)
-        return q, done, (pivots > UNSEEN_PIVOT) & (prior == 0)
+        return solve_frames(
+            self.wearing,
+            measured,
+            begin,
+            prior,
+            reference,
+            tolerance=self.tolerance,
+            jobs=self.jobs,
+        )
 
-    def descend(
-        self, start: Array, sums: Array, prior: Array, reference: Array
-    ) -> tuple[Array, Mask, Array]:
-        """Newton's method with halving steps; Gauss–Newton where the Hessian is not positive."""
-        total = len(start)
-        q, best = start.copy(), start.copy()
-        cost_best, step = np.full(total, np.inf), np.zeros((total, N))
-        curvature, halvings = np.ones(total), np.zeros(total, int)
-        done, pivots = np.zeros(total, bool), np.zeros((total, N))
-        active = np.arange(total)
-        for _ in range(MAX_ITERATIONS):
-            new, report = self.kernels.newton_step(
-                *(x[active] for x in (q, sums, prior, reference)),
-                np.full((len(active), 1), FLOOR),
-                curvature[active, None],
-                self.geometry,
-                jobs=self.jobs,
-            )
-            cost, pivot = report[:, 0], report[:, 2:]
-            worse = ~(cost <= cost_best[active] * (1 + 1e-9) + 1e-12)
-            bent = ~worse & (pivot.min(axis=1) <= 0) & (curvature[active] > 0)
-            fine = ~worse & ~bent
-            back = active[worse]
-            halvings[back] += 1
-            step[back] /= 4
-            q[back] = best[back] + step[back]
-            curvature[active[bent]] = 0
-            good = active[fine]
-            size = np.abs(new[fine]).max(axis=1, initial=0)
-            step[good] = new[fine] * np.minimum(1, MAX_STEP / np.maximum(size, 1e-300))[:, None]
-            best[good], cost_best[good] = q[good], cost[fine]
-            pivots[good] = pivot[fine]
-            q[good] = best[good] + step[good]
-            finished = good[size < self.tolerance]
-            done[finished] = True
-            near = good[size < 0.1]
-            curvature[near] = 1
-            stuck = halvings > 20
-            active = np.flatnonzero(~done & ~stuck)
-            if not len(active):
-                break
-        return q, done, pivots
-
-    def bounded(
-        self, q: Array, done: Mask, sums: Array, prior: Array, reference: Array
-    ) -> tuple[Array, Mask]:
+    def bounded(self, measured: Array, start: Array, prior: Array, reference: Array) -> Solved:
         """Hold coordinates at the limits they would pass; release those that pull back inside."""
-        held = np.zeros(q.shape, bool)
-        free = prior == 0
-        for _ in range(10):
-            low, high = free & (q < self.lower), free & (q > self.upper)
-            pull = LOCK * (reference - q)
+        solved = self.descend(measured, start, prior, reference)
+        if np.isinf(self.lower).all() and np.isinf(self.upper).all():
+            return solved
+        held, free = np.zeros(start.shape, bool), prior == 0
+        for _ in range(MOST_ROUNDS):
+            low, high = free & (solved.q < self.lower), free & (solved.q > self.upper)
+            pull = LOCK * (reference - solved.q)
             inward = held & np.where(reference <= self.lower, pull < 0, pull > 0)
-            changed = low | high | inward
-            rows = np.flatnonzero(changed.any(axis=1))
-            if not len(rows):
+            if not (low | high | inward).any():
                 break
             held = (held | low | high) & ~inward
             reference = np.where(low, self.lower, np.where(high, self.upper, reference))
             lock = np.where(held, LOCK, prior)
-            begin = np.where(lock > 0, reference, q)
-            q[rows], done[rows], _ = self.descend(
-                begin[rows], sums[rows], lock[rows], reference[rows]
-            )
-        return q, done
+            solved = self.descend(measured, solved.q, lock, reference)
+        return solved
 
-    def bridge(self, q: Array, converged: Mask, observed: Mask) -> None:
+    def bridge(self, found: "_Found") -> None:
         """Give coordinates that lost their markers the values between their neighbours in time."""
-        lost = ~observed & ~self.locked & converged[:, None]
+        lost = ~found.observed & ~self.locked & found.converged[:, None]
         rows = np.flatnonzero(lost.any(axis=1))
-        value = np.zeros_like(q)
+        value = np.zeros_like(found.q)
         for i in np.flatnonzero(lost.any(axis=0)):
-            known = np.flatnonzero(observed[:, i] & converged)
+            known = np.flatnonzero(found.observed[:, i] & found.converged)
             if len(known):
-                value[:, i] = np.interp(np.arange(len(q)), known, q[known, i])
+                value[:, i] = np.interp(np.arange(len(value)), known, found.q[known, i])
         for some in _pieces(rows):
-            begin = np.where(lost[some], value[some], q[some])
-            q[some], converged[some], _ = self.newton(some, begin, (lost[some], value[some]))
+            begin = np.where(lost[some], value[some], found.q[some])
+            solved, _ = self.newton(some, begin, (lost[some], value[some]))
+            found.take(some, solved, found.observed[some])
 
-    def errors(self, frames: Indices, q: Array) -> Array:
-        """Distance of every marker from the model, (F, K) [m]."""
-        poses = self.kernels.segment_poses(q, self.geometry, jobs=self.jobs)[0]
-        poses = poses.reshape(len(q), len(SEGMENTS), 4, 3)
-        own = [SEGMENTS.index(s) for s in self.segment]
-        local = np.column_stack([self.local, np.ones(len(own))])
-        model = np.einsum("tkai,ka->tki", poses[:, own], local)
-        away = model - self.position[frames][:, self.columns]
-        return np.asarray(np.linalg.norm(away, axis=-1))
+
+class _Found:
+    """What has been found of a trial so far."""
+
+    def __init__(self, frames: int, markers: int) -> None:
+        self.q, self.error = np.full((frames, N), np.nan), np.full((frames, markers), np.nan)
+        self.converged, self.observed = np.zeros(frames, bool), np.zeros((frames, N), bool)
+        self.gradient = np.full(frames, np.nan)
+
+    def take(self, frames: Indices, solved: Solved, observed: Mask) -> None:
+        self.q[frames], self.converged[frames] = solved.q, solved.converged
+        self.observed[frames], self.gradient[frames] = observed, solved.gradient
+        self.error[frames] = np.where(solved.converged[:, None], solved.error, np.nan)
 
 
 def _shown(segments: set[str]) -> Mask:
@@ -323,10 +280,9 @@ def _pieces(frames: Indices) -> Iterator[Indices]:
 
 def _unwrapped(q: Array) -> Array:
     """Make turning coordinates continuous over the frames that were solved."""
-    out = q.copy()
-    solved = ~np.isnan(q[:, 0])
-    turning = [i for i, c in enumerate(TREE) if not c.translates]
-    continuous = np.unwrap(q[solved], axis=0)
-    for i in turning:
-        out[solved, i] = continuous[:, i]
-    return out
+    turning = np.array([i for i, c in enumerate(TREE) if not c.translates])
+    solved = np.flatnonzero(~np.isnan(q[:, 0]))
+    leaps = np.abs(np.diff(q[solved], axis=0)).max(axis=0, initial=0) > np.pi
+    for i in turning[leaps[turning]]:
+        q[solved, i] = np.unwrap(q[solved, i])
+    return q

@@ -29,6 +29,9 @@ class Motion:
     observed
         Which coordinates the visible markers determined, (T, 46); the others were locked at
         neutral or bridged in time.
+    gradient
+        Largest entry of the cost's gradient at the last step, (T,) [m and m²/rad]; NaN where
+        nothing was solved.
     """
 
     time: Array
@@ -39,6 +42,7 @@ class Motion:
     marker_error: Array
     converged: np.ndarray
     observed: np.ndarray
+    gradient: Array | None = None
 
     def __post_init__(self) -> None:
         frames = len(self.time)
@@ -51,6 +55,9 @@ class Motion:
             "converged": (frames,),
             "observed": (frames, N),
         }
+        if self.gradient is None:
+            object.__setattr__(self, "gradient", np.full(frames, np.nan))
+        shapes["gradient"] = (frames,)
         for name, shape in shapes.items():
             value = np.array(getattr(self, name))
             if value.shape != shape:

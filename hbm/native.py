@@ -1,40 +1,33 @@
 """Kernels made ready to run: compiled once and cached, or on casadi's virtual machine.
 
 In order: a library from the user's cache; the system's C compiler; the ``ziglang`` package (extra
-``compiler``), which brings one; else casadi's virtual machine, some twenty times slower but equal.
-Cached libraries are keyed by the kernels' source, the compiler and the processor, carry a checksum,
-and are written under a temporary name, so several processes may build at once.
+``compiler``), which brings one (see `hbm.compiler`); else casadi's virtual machine, some twenty
+times slower but equal.
 
 The environment variable ``HBM_KERNELS`` set to ``virtual-machine`` skips compilation;
 ``HBM_CACHE_DIR`` moves the cache.
 """
 
 import ctypes
-import hashlib
-import inspect
 import os
-import platform
-import shutil
-import subprocess
-import sys
-import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
+from threading import Lock
 from typing import Any, Final
 
-import casadi as ca
 import numpy as np
 
-from hbm import coordinates, skeleton
+from hbm import skeleton
+from hbm.compiler import SHARED_INPUTS, cache_directory, compact, compiled_library, compilers
+from hbm.coordinates import MOVING, SEGMENTS
 from hbm.spatial import Array
 
-BLOCK: Final = 64
-SHARED_INPUTS: Final = {"newton_step": (6,), "segment_poses": (1,), "newton_euler": (3, 4)}
-FLAGS: Final = ("-O2", "-fPIC", "-shared", "-march=native", "-ffp-contract=off")
+__all__ = ["Kernel", "Kernels", "cache_directory", "kernels"]
+
+LEAST_SHARE: Final = 64
+Pointers = list[int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +37,14 @@ class Kernel:
     Attributes
     ----------
     run
-        Evaluates `BLOCK` frames: pointers to inputs, pointers to outputs.
+        Evaluates a number of frames, given pointers to inputs and to outputs.
     sizes_in, sizes_out
         Numbers per frame of each input and output.
     shared
         Inputs that are the same for all frames.
     """
 
-    run: Callable[[list[int], list[int]], None]
+    run: Callable[[int, Pointers, Pointers], None]
     sizes_in: tuple[int, ...]
     sizes_out: tuple[int, ...]
     shared: tuple[int, ...]
@@ -77,50 +70,52 @@ class Kernel:
             expected = (n,) if i in self.shared else (frames, n)
             if x.shape != expected:
                 raise ValueError(f"input {i} must have shape {expected}, got {x.shape}")
-        out = [np.empty((frames, n)) for n in self.sizes_out]
+        out = tuple(np.empty((frames, n)) for n in self.sizes_out)
 
-        def block(start: int) -> None:
-            count = min(BLOCK, frames - start)
-            args, results = given, out
-            if count < BLOCK:
-                args = [
-                    x if i in self.shared else np.resize(x[start:], (BLOCK, x.shape[1]))
-                    for i, x in enumerate(given)
-                ]
-                results = [np.empty((BLOCK, n)) for n in self.sizes_out]
-            at = start if count == BLOCK else 0
+        def stretch(start: int, stop: int) -> None:
+            at = [0 if i in self.shared else start * x.strides[0] for i, x in enumerate(given)]
             self.run(
-                [
-                    x.ctypes.data + (0 if i in self.shared else at * x.strides[0])
-                    for i, x in enumerate(args)
-                ],
-                [x.ctypes.data + at * x.strides[0] for x in results],
+                stop - start,
+                [x.ctypes.data + offset for x, offset in zip(given, at, strict=True)],
+                [x.ctypes.data + start * x.strides[0] for x in out],
             )
-            if count < BLOCK:
-                for whole, part in zip(out, results, strict=True):
-                    whole[start:] = part[:count]
 
-        starts = range(0, frames, BLOCK)
-        if jobs > 1 and len(starts) > 1:
-            with ThreadPoolExecutor(jobs) as pool:
-                list(pool.map(block, starts))
+        shares = max(1, min(jobs, frames // LEAST_SHARE))
+        borders = [frames * k // shares for k in range(shares + 1)]
+        if shares == 1:
+            stretch(0, frames)
         else:
-            for start in starts:
-                block(start)
-        return tuple(out)
+            with ThreadPoolExecutor(shares) as pool:
+                list(pool.map(stretch, borders[:-1], borders[1:]))
+        return out
 
 
 @dataclass(frozen=True, slots=True)
 class Kernels:
-    """The three kernels and how they run: ``backend`` names the compiler or the machine."""
+    """The three kernels and how they run.
+
+    Attributes
+    ----------
+    newton_step, segment_poses, newton_euler
+        As `hbm.skeleton` writes them.
+    backend
+        Names the compiler or the virtual machine.
+    solve_frames
+        Newton's method for a stretch of frames in one call (``descent.c``); None on the virtual
+        machine, where `hbm.descent` does the same.
+    """
 
     newton_step: Kernel
     segment_poses: Kernel
     newton_euler: Kernel
     backend: str
+    solve_frames: Callable[..., None] | None = None
 
 
-@cache
+_READY: dict[str, Kernels] = {}
+_LOCK = Lock()
+
+
 def kernels(announce: Callable[[str], None] | None = None) -> Kernels:
     """Make the kernels ready; the first time on a machine this compiles for some seconds.
 
@@ -134,182 +129,91 @@ def kernels(announce: Callable[[str], None] | None = None) -> Kernels:
     Kernels
         The same numbers to 1e-9 whatever the backend.
     """
-    tell = announce or (lambda _: None)
+    with _LOCK:
+        if not _READY:
+            _READY["kernels"] = load(announce or (lambda _: None))
+        return _READY["kernels"]
+
+
+def load(tell: Callable[[str], None]) -> Kernels:
+    """Try all ways to run the kernels, the fastest first."""
     if os.environ.get("HBM_KERNELS", "") == "virtual-machine":
         return _virtual_machine("virtual machine (HBM_KERNELS)")
-    for name, command in _compilers():
+    for name, command in compilers():
+        library = compiled_library(name, command, tell)
+        if library is None:
+            continue
         try:
-            library = _library(name, command, tell)
             return _compiled(library, name)
-        except (OSError, subprocess.SubprocessError) as error:
-            tell(f"compiling with {name} failed ({_first_line(error)}); trying the next way")
+        except OSError as error:
+            tell(f"the library that {name} made cannot be loaded ({error}); trying the next way")
     tell(
-        "no C compiler found: using the slower virtual machine (same results). "
+        "no C compiler works: using the slower virtual machine (same results). "
         "pip install 'hbm-residuals[compiler]' brings a compiler"
     )
     return _virtual_machine("virtual machine (no compiler)")
 
 
-def cache_directory() -> Path:
-    """Give the folder that holds compiled kernels."""
-    if "HBM_CACHE_DIR" in os.environ:
-        return Path(os.environ["HBM_CACHE_DIR"])
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    return base / "hbm-residuals"
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
-
-
-def _compilers() -> list[tuple[str, list[str]]]:
-    found = [os.environ["CC"]] if shutil.which(os.environ.get("CC", "")) else []
-    found += [name for name in ("cc", "gcc", "clang") if shutil.which(name)]
-    ways = [(name, [name]) for name in found[:1]]
-    if find_spec("ziglang"):
-        ways.append(("ziglang", [sys.executable, "-m", "ziglang", "cc"]))
-    return ways
-
-
-def _processor() -> str:
-    """Describe the processor as far as compiled code depends on it."""
-    info = Path("/proc/cpuinfo")
-    flags = ""
-    if info.is_file():
-        lines = info.read_text(errors="replace").splitlines()
-        flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
-    return f"{sys.platform} {platform.machine()} {platform.processor()} {flags}"
-
-
-def _key(command: list[str]) -> str:
-    version = subprocess.run(
-        [*command, "--version"], capture_output=True, text=True, check=True, timeout=60
-    ).stdout
-    sources = [inspect.getsource(module) for module in (coordinates, skeleton)]
-    facts = [*sources, ca.CasadiMeta.version(), version, _processor(), str(BLOCK), *FLAGS, *command]
-    return hashlib.sha256("\0".join(facts).encode()).hexdigest()[:24]
-
-
-def _library(name: str, command: list[str], tell: Callable[[str], None]) -> Path:
-    """Give the compiled library, building it if the cache holds no sound copy."""
-    folder = cache_directory()
-    folder.mkdir(parents=True, exist_ok=True)
-    library = folder / f"skeleton-{_key(command)}{'.dll' if sys.platform == 'win32' else '.so'}"
-    checksum = library.with_suffix(".sha256")
-    if library.is_file() and checksum.is_file():
-        if checksum.read_text() == _sha256(library):
-            return library
-        tell("a compiled kernel in the cache is damaged: building it again")
-    tell(f"compiling the kernels with {name} (once on this machine, about ten seconds)")
-    with tempfile.TemporaryDirectory(dir=folder) as temporary:
-        source = _write_source(Path(temporary))
-        built = Path(temporary) / library.name
-        subprocess.run(
-            [*command, *FLAGS, str(source), "-o", str(built), *_libm()],
-            check=True,
-            capture_output=True,
-            timeout=600,
-        )
-        digest = Path(temporary) / checksum.name
-        digest.write_text(_sha256(built))
-        built.replace(library)
-        digest.replace(checksum)
-    return library
-
-
-def _libm() -> list[str]:
-    return [] if sys.platform == "win32" else ["-lm"]
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _mapped(name: str) -> Any:
-    """Give a kernel over one block of frames, as casadi evaluates or prints it."""
-    function = getattr(skeleton, name)()
-    symbols = [ca.SX.sym("x", function.size1_in(i)) for i in range(function.n_in())]
-    outputs = [ca.densify(x) for x in ca.cse(function.call(symbols))]
-    compact = ca.Function(name, symbols, outputs)
-    return compact.map(f"{name}_block", "serial", BLOCK, list(SHARED_INPUTS[name]), [])
-
-
-def _write_source(folder: Path) -> Path:
-    generator = ca.CodeGenerator("skeleton.c")
-    for name in SHARED_INPUTS:
-        generator.add(_mapped(name))
-    generator.generate(f"{folder}{os.sep}")
-    return folder / "skeleton.c"
-
-
 def _sizes(name: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Numbers per frame that go in and out."""
     n_q, geometry = skeleton.N_Q, skeleton.N_GEOMETRY
-    sums = skeleton.N_SUMS * len(coordinates.SEGMENTS)
-    inertia = skeleton.N_INERTIA * len(coordinates.MOVING)
+    sums = skeleton.N_SUMS * len(SEGMENTS)
+    inertia = skeleton.N_INERTIA * len(MOVING)
     return {
         "newton_step": ((n_q, sums, n_q, n_q, 1, 1, geometry), (n_q, n_q + 2)),
-        "segment_poses": ((n_q, geometry), (12 * len(coordinates.SEGMENTS),)),
+        "segment_poses": ((n_q, geometry), (12 * len(SEGMENTS),)),
         "newton_euler": ((n_q, n_q, n_q, geometry, inertia), (n_q, 6, 6 * n_q)),
     }[name]
 
 
 def _compiled(library: Path, backend: str) -> Kernels:
     code = ctypes.CDLL(str(library))
-    ready = {}
+    ready: dict[str, Any] = {}
     for name, shared in SHARED_INPUTS.items():
-        evaluate = getattr(code, f"{name}_block")
-        work = [ctypes.c_longlong() for _ in range(4)]
-        getattr(code, f"{name}_block_work")(*(ctypes.byref(w) for w in work))
-        n_arg, n_res, n_iw, n_w = (w.value for w in work)
+        evaluate = getattr(code, f"{name}_frames")
 
-        def run(
-            inputs: list[int],
-            outputs: list[int],
-            evaluate: Any = evaluate,
-            size: tuple[int, int, int, int] = (n_arg, n_res, n_iw, n_w),
-        ) -> None:
-            arg = (ctypes.c_void_p * size[0])(*inputs)
-            res = (ctypes.c_void_p * size[1])(*outputs)
-            integers = (ctypes.c_longlong * (size[2] + 1))()
-            reals = (ctypes.c_double * (size[3] + 1))()
-            evaluate(arg, res, integers, reals, 0)
+        def run(frames: int, inputs: Pointers, outputs: Pointers, evaluate: Any = evaluate) -> None:
+            evaluate(
+                ctypes.c_longlong(frames),
+                (ctypes.c_void_p * len(inputs))(*inputs),
+                (ctypes.c_void_p * len(outputs))(*outputs),
+            )
 
-        sizes_in, sizes_out = _sizes(name)
-        ready[name] = Kernel(run, sizes_in, sizes_out, shared)
-    return Kernels(**ready, backend=backend)
+        ready[name] = Kernel(run, *_sizes(name), shared)
+    return Kernels(backend=backend, solve_frames=code.solve_frames, **ready)
 
 
 def _virtual_machine(backend: str) -> Kernels:
-    ready = {}
-    for name, shared in SHARED_INPUTS.items():
-        sizes_in, sizes_out = _sizes(name)
-        buffer, trigger = _mapped(name).buffer()
-        counts_in = [n * (1 if i in shared else BLOCK) for i, n in enumerate(sizes_in)]
-        counts_out = [n * BLOCK for n in sizes_out]
-
-        def run(
-            inputs: list[int],
-            outputs: list[int],
-            buffer: Any = buffer,
-            trigger: Any = trigger,
-            counts: tuple[list[int], list[int]] = (counts_in, counts_out),
-        ) -> None:
-            views = [_view(p, n) for p, n in zip(inputs, counts[0], strict=True)]
-            results = [_view(p, n) for p, n in zip(outputs, counts[1], strict=True)]
-            for i, view in enumerate(views):
-                buffer.set_arg(i, view)
-            for i, view in enumerate(results):
-                buffer.set_res(i, view)
-            trigger()
-
-        ready[name] = Kernel(run, sizes_in, sizes_out, shared)
-    return Kernels(**ready, backend=backend)
+    return Kernels(**{name: _interpreted(name) for name in SHARED_INPUTS}, backend=backend)
 
 
-def _view(pointer: int, count: int) -> Any:
-    return memoryview((ctypes.c_double * count).from_address(pointer)).cast("B").cast("d")
+def _interpreted(name: str) -> Kernel:
+    """Give a kernel that casadi evaluates instruction by instruction, one frame at a time."""
+    (sizes_in, sizes_out), shared = _sizes(name), SHARED_INPUTS[name]
+    buffer, trigger = compact(name).buffer()
+    given, found = [np.zeros(n) for n in sizes_in], [np.zeros(n) for n in sizes_out]
+    for i, x in enumerate(given):
+        buffer.set_arg(i, x.data)
+    for i, x in enumerate(found):
+        buffer.set_res(i, x.data)
+    one_at_a_time = Lock()  # the trigger works on one buffer, and does not keep it alive
+
+    def run(frames: int, inputs: Pointers, outputs: Pointers, alive: Any = buffer) -> None:
+        counts = [1 if i in shared else frames for i in range(len(inputs))]
+        rows = [_view(p, c, n) for p, c, n in zip(inputs, counts, sizes_in, strict=True)]
+        results = [_view(p, frames, n) for p, n in zip(outputs, sizes_out, strict=True)]
+        with one_at_a_time:
+            for t in range(frames):
+                for x, row in zip(given, rows, strict=True):
+                    x[:] = row[t % len(row)]
+                trigger()
+                for result, x in zip(results, found, strict=True):
+                    result[t] = x
+
+    return Kernel(run, sizes_in, sizes_out, shared)
+
+
+def _view(pointer: int, frames: int, count: int) -> Array:
+    """Give the numbers at an address as an array."""
+    numbers = (ctypes.c_double * (frames * count)).from_address(pointer)
+    return np.ctypeslib.as_array(numbers).reshape(frames, count)
