@@ -205,8 +205,8 @@ def _tests(statistics: pd.DataFrame) -> list[str]:
             "pitch IC against baseline without IC) were compared by paired t-tests and exact "
             "Wilcoxon signed-rank tests with Bonferroni correction. A residual counted as back at "
             "baseline if the upper end of the simultaneous 95 % confidence interval of its "
-            f"difference from the baseline without IC was at most {100 * MARGIN:g} % of that baseline "
-            "(non-inferiority; Schuirmann 1987)."
+            f"difference from the baseline without IC was at most {100 * MARGIN:g} % of that "
+            "baseline (non-inferiority; Schuirmann 1987)."
         )
     checks = [
         said

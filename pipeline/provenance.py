@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 
 from pipeline.collect import Results
 from pipeline.run import file_digest, program_digest
-from pipeline.study import Study
+from pipeline.study import Study, Trial
 from pipeline.trial_files import PACKAGES
 
 REPORT_PACKAGES: Final = (*PACKAGES, "pingouin", "matplotlib")
@@ -75,49 +75,50 @@ def trial_states(
     list of TrialState
         In order of subject, conditions as the study has them.
     """
-    stated: dict[tuple[str, str], str | None] = {}
+    planned: dict[tuple[str, str], tuple[State, str] | None] = {}
     if study is None:
         names = [tuple(name.split(" ", 1)) for name in failures]
         subjects = sorted({key[0] for key in (*results.facts, *names)})
         conditions = dict.fromkeys(key[1] for key in (*results.facts, *names))
-        stated = {(s, c): None for s in subjects for c in conditions}
+        planned = {(s, c): None for s in subjects for c in conditions}
     else:
         for subject, person in study.subjects.items():
             for condition in study.file.conditions:
-                trial = person.trials.get(condition)
-                absent = "not in the subject's file"
-                stated[subject, condition] = trial.exclude if trial is not None else absent
-        stated |= {key: None for key in results.facts if key not in stated}
-    return [_state(key, why, results, failures, study) for key, why in stated.items()]
+                planned[subject, condition] = _why_not(person.trials.get(condition))
+        planned |= {key: None for key in results.facts if key not in planned}
+    return [_state(key, why, results, failures, study) for key, why in planned.items()]
+
+
+def _why_not(trial: Trial | None) -> tuple[State, str] | None:
+    """Say why a trial was not to be processed; None if it was."""
+    if trial is None:
+        return "missing", "not in the subject's file"
+    return None if trial.exclude is None else ("excluded", trial.exclude)
 
 
 def _state(
     key: tuple[str, str],
-    why_not: str | None,
+    why_not: tuple[State, str] | None,
     results: Results,
     failures: dict[str, str],
     study: Study | None,
 ) -> TrialState:
-    subject, condition = key
     fact = results.facts.get(key)
-    reason = failures.get(f"{subject} {condition}")
-    older = "; an older result is in the tables" if fact is not None else ""
-    if reason is not None:
-        return TrialState(subject, condition, "failed", reason + older, fact is not None)
+    failure = failures.get(" ".join(key))
+    if failure is not None:
+        why_not = "failed", failure
     if why_not is not None:
-        state: State = "missing" if why_not == "not in the subject's file" else "excluded"
-        return TrialState(subject, condition, state, why_not + older, fact is not None)
+        older = "; an older result is in the tables" if fact is not None else ""
+        return TrialState(*key, why_not[0], why_not[1] + older, fact is not None)
     if fact is None:
-        return TrialState(
-            subject, condition, "missing", "no result: hbm run has not done it", False
-        )
+        return TrialState(*key, "missing", "no result: hbm run has not done it", False)
     if study is not None:
-        if subject not in study.subjects or condition not in study.file.conditions:
-            return TrialState(subject, condition, "outdated", "no longer in the study", True)
+        if key[0] not in study.subjects or key[1] not in study.file.conditions:
+            return TrialState(*key, "outdated", "no longer in the study", True)
         if fact["settings"] != study.file.settings.model_dump():
             said = "processed with other settings than the study states now; run it again"
-            return TrialState(subject, condition, "outdated", said, True)
-    return TrialState(subject, condition, "done", "", True)
+            return TrialState(*key, "outdated", said, True)
+    return TrialState(*key, "done", "", True)
 
 
 def provenance(results: Results, states: list[TrialState], study: Study | None) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from pipeline.report_verdict import verdict_section
 from pipeline.residuals import AXES
 from pipeline.study import Study
 from pipeline.study_figures import drawn_conditions, raw_subject
-from pipeline.verdict import Verdict
+from pipeline.verdict import BASELINE, Verdict
 
 NOTHING_OUTSIDE: Final = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 MIME: Final = {".svg": "image/svg+xml", ".png": "image/png"}
@@ -130,18 +130,23 @@ def _residuals(report: Report) -> list[Element]:
 
 def _figures(report: Report) -> list[Element]:
     residuals = report.results.residuals
+    plates = "as measured (no IC)"
+    if residuals["compensated"].any():
+        plates = "without (no IC) and with compensation (IC)"
     parts = []
     for condition in drawn_conditions(residuals):
+        beside = ""
+        if condition != BASELINE and (residuals["condition"] == BASELINE).any():
+            beside = ", and at baseline"
         text = (
-            f"Residuals over the gait cycle in {condition} without (no IC) and with compensation "
-            "(IC), and at baseline; mean ± SD. x forward, y right, z up; moments about the middle "
-            "of the hip joints. Cycles of the left foot are mirrored (Fy, Mx and Mz change sign). "
-            "Scales differ."
+            f"Residuals over the gait cycle in {condition} {plates}{beside}; mean ± SD. x forward, "
+            "y right, z up; moments about the middle of the hip joints. Cycles of the left foot are "
+            "mirrored (Fy, Mx and Mz change sign). Scales differ."
         )
         parts.append(_picture(report.figures / f"gait_cycle_{condition}.svg", text))
     text = (
-        "Mean RMS residual of every condition without and with compensation, with 95 % confidence "
-        "intervals; thin lines are subjects. Lines that are not parallel show that compensation "
+        f"Mean RMS residual of every condition {plates}, with 95 % confidence intervals; thin lines "
+        "are subjects. Lines that are not parallel show that compensation "
         "acts by condition (interaction)."
     )
     parts.append(_picture(report.figures / "marginal_means.svg", text))

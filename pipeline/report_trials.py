@@ -104,9 +104,9 @@ def trial_tables(results: Results, states: Sequence[TrialState]) -> list[Element
             f"below {100 * HICKS_MOMENT_SHARE:g} % of that times the height of the centre of mass; "
             "plates as measured (no IC) and compensated (IC). Marker error: OpenSim's guideline, "
             f"RMS below {MARKER_RMS_MM:g} mm, peak below {MARKER_PEAK_MM:g} mm. ▲ also: a marker "
-            f"gone for more than {GAP_PERCENT:g} % of the trial, plates more than {1000 * DELAY_S:g} ms "
-            "off the markers, frames without a solution. Locked: coordinates that no marker shows, "
-            "kept at neutral.",
+            f"gone for more than {GAP_PERCENT:g} % of the trial, plates more than "
+            f"{1000 * DELAY_S:g} ms off the markers, frames without a solution. Locked: "
+            "coordinates that no marker shows, kept at neutral.",
             class_="small soft",
         ),
         element("details", summary, *notes, class_="small"),

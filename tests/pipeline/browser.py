@@ -98,7 +98,7 @@ def open_browser() -> Iterator[Browser]:
     read, from_child = os.pipe()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         words = [str(CHROMIUM), *FLAGS, f"--user-data-dir={profile}"]
-        command = ["sh", "-c", f'exec "$@" 3<&{to_child} 4>&{from_child}', "sh", *words]
+        command = ["bash", "-c", f'exec "$@" 3<&{to_child} 4>&{from_child}', "bash", *words]
         child = subprocess.Popen(
             command,
             pass_fds=(to_child, from_child),
