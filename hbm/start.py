@@ -185,7 +185,7 @@ class _Start:
 def _implausibility(q: Array, limb: Mapping[str, Array]) -> Array:
     """Squared distances of a limb's markers, more where its elbow or knee bends backwards, (F,)."""
     hinge = FIRST[list(limb)[1]]
-    return np.sum(list(limb.values()), axis=0) + (q[:, hinge] < BACKWARDS)
+    return np.asarray(np.sum(list(limb.values()), axis=0) + (q[:, hinge] < BACKWARDS))
 
 
 def _cross(w: Array, measured: Array, model: Array) -> Array:
