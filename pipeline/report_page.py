@@ -140,14 +140,14 @@ def _figures(report: Report) -> list[Element]:
             beside = ", and at baseline"
         text = (
             f"Residuals over the gait cycle in {condition} {plates}{beside}; mean ± SD. x forward, "
-            "y right, z up; moments about the middle of the hip joints. Cycles of the left foot are "
-            "mirrored (Fy, Mx and Mz change sign). Scales differ."
+            "y right, z up; moments about the middle of the hip joints. Cycles of the left foot "
+            "are mirrored (Fy, Mx and Mz change sign). Scales differ."
         )
         parts.append(_picture(report.figures / f"gait_cycle_{condition}.svg", text))
     text = (
-        f"Mean RMS residual of every condition {plates}, with 95 % confidence intervals; thin lines "
-        "are subjects. Lines that are not parallel show that compensation "
-        "acts by condition (interaction)."
+        f"Mean RMS residual of every condition {plates}, with 95 % confidence intervals; thin "
+        "lines are subjects. Lines that are not parallel show that compensation acts by condition "
+        "(interaction)."
     )
     parts.append(_picture(report.figures / "marginal_means.svg", text))
     who = raw_subject(residuals)
