@@ -37,7 +37,7 @@ def fit(recording_file: Path, out: Path, *, axes: str | None, cutoff_hz: float) 
     ValueError, OSError
         If the file cannot be used.
     """
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     recording = read_empty(recording_file, axes)
     sensors = find_accelerometers(recording)
     treadmill = Treadmill(accelerometers=sensors, cutoff_hz=cutoff_hz)

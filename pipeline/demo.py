@@ -19,7 +19,7 @@ def demo(out: Path) -> None:
     out
         Folder for the trial and the results.
     """
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     out.mkdir(parents=True, exist_ok=True)
     trial = out / "virtual_walker.c3d"
     console.print(f"simulating a walking person into {trial}", soft_wrap=True)

@@ -15,7 +15,7 @@ FRAMES = 4096
 
 def run() -> None:
     """Print versions, the kernels' backend and their speed on one core."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     console.print(f"Python {platform.python_version()} on {platform.platform()}", soft_wrap=True)
     for name in PACKAGES:
         try:

@@ -64,7 +64,7 @@ def run(request: Request, out: Path) -> TrialResult:
     ValueError, OSError
         If the input cannot be used; one line that says why and what next.
     """
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     _require_folder(out)
     result, _ = process(request, lambda sentence: console.print(sentence, style="dim"))
     print_result(result, console.print)

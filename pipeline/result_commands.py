@@ -54,7 +54,7 @@ def report(folder: Path) -> Path:
     """
     from pipeline.report import write_report
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     with console.status("report") as status:
         page = write_report(folder, recall_study(folder), status.update)
     console.print(f"report: {page}", soft_wrap=True)
@@ -92,7 +92,7 @@ def view(
     subject, condition = _chosen(folder, subject, condition)
     stem = folder / "viewer" / f"{subject}_{condition}"
     trial, cycles = Path(f"{stem}.rrd"), Path(f"{stem}_cycles.rrd")
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     key = str(read_facts(folder / "trials" / f"{subject}_{condition}.parquet")["key"])
     marker = Path(f"{stem}.key")
     fresh = trial.is_file() and cycles.is_file() and marker.is_file() and marker.read_text() == key

@@ -39,7 +39,7 @@ def check(folder: Path) -> int:
     StudyFaults
         If the TOML files are at fault.
     """
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     study = read_study(folder)
     findings = check_study(study)
     for remark in findings.remarks:
@@ -89,7 +89,7 @@ def run(
     StudyFaults, ValueError
         If the study or a name is at fault.
     """
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     study = read_study(folder)
     start = time.monotonic()
     chosen = {"subjects": list(subjects) or None, "conditions": list(conditions) or None}
@@ -154,7 +154,7 @@ def print_residuals(folder: Path) -> None:
     for axis, unit in residuals[["axis", "unit"]].drop_duplicates().itertuples(index=False):
         keys = [(axis, *column) for column in columns.itertuples(index=False)]
         view.add_row(f"{axis} {unit}", *(_cell(mean.get(k), sd.get(k)) for k in keys))
-    Console(highlight=False).print(view)
+    Console(highlight=False, markup=False).print(view)
 
 
 def _cell(mean: float | None, sd: float | None) -> str:
