@@ -1,5 +1,6 @@
 """Cameras and skin: where the markers are seen instead of where the bones carry them."""
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -32,7 +33,7 @@ WOBBLE_S: Final = 0.15
 def move_skin(
     position: Array,
     segment: tuple[str, ...],
-    rotation: Array,
+    rotation: Mapping[str, Array],
     phase: Array,
     faults: CameraFaults,
     rng: np.random.Generator,
@@ -47,7 +48,7 @@ def move_skin(
     segment
         Segment of each marker, (M,).
     rotation
-        Orientation of each marker's segment, (T, M, 3, 3).
+        Segment -> its orientation, (T, 3, 3).
     phase
         Of the gait cycle, (T,) [strides]; constant while standing.
     faults
@@ -77,7 +78,7 @@ def move_skin(
             wobble = _wobble(len(position), rng, rate_hz)
             shift = np.sqrt(IN_STEP) * repeated + np.sqrt(1 - IN_STEP) * wobble
             shift *= size / np.sqrt(3) * walking[:, None]
-            moved[:, k] += np.einsum("tij,tj->ti", rotation[:, k], shift)
+            moved[:, k] += (rotation[name] @ shift[..., None])[..., 0]
     return moved
 
 

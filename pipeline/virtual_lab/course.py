@@ -1,6 +1,7 @@
-"""What a trial makes a person do: when the belt runs, and how the platform moves."""
+"""What the treadmill does in a trial: when the belts run, and how the platform moves."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -9,6 +10,8 @@ from hbm.spatial import Array
 from pipeline.virtual_lab.machine import PlatformMotion
 from pipeline.virtual_lab.spline import Trajectory, fit_trajectory
 from pipeline.virtual_lab.stance import smooth_step
+
+ANALOG_HZ: Final = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,28 @@ class Belt:
         x = np.clip(since / self.ramp, 0.0, 1.0)
         ramping = self.ramp * (x**6 - 3 * x**5 + 2.5 * x**4)
         return np.asarray(self.speed_mps * (ramping + np.maximum(since - self.ramp, 0.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """What the treadmill does in a trial, sample by sample.
+
+    Attributes
+    ----------
+    time
+        (N,) [s], at 1000 Hz.
+    platform
+        The platform's true motion at these times.
+    belt
+        Speed of both belts, (N,) [m/s].
+    onsets
+        When perturbations start [s].
+    """
+
+    time: Array
+    platform: PlatformMotion
+    belt: Array
+    onsets: Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,17 +5,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
-from pipeline.study import Stated, describe_faults
+from pipeline.stated import Stated
+from pipeline.study import describe_faults
 
 Size = Annotated[float, Field(ge=0)]
 Delay = Annotated[float, Field(ge=-0.2, le=0.2)]
 
 
 class BodyFaults(Stated):
-    """How the true body differs from de Leva's mean person (coefficients of variation)."""
+    """How the true body differs from what markers and de Leva's table say (see `variation`)."""
 
-    mass_share: Size = 0.08
-    center_share: Size = 0.04
+    joint_scale: Size = 1.0
+    axis_deg: Size = 3.0
+    mass_share: Size = 0.06
+    center_m: Size = 0.008
     gyration_share: Size = 0.05
 
 
@@ -49,7 +52,7 @@ class AccelerometerFaults(Stated):
     misalignment_deg: Size = 1.0
     offset_mps2: Size = 0.05
     range_g: Annotated[float, Field(gt=0)] = 2.0
-    delay_s: Delay = 0.0
+    delay_s: Delay = 0.003  # wired to the same converter as the plates
 
 
 class PlatformFaults(Stated):
@@ -73,7 +76,7 @@ class Faults(Stated):
     def none(cls) -> "Faults":
         """Give a laboratory without faults."""
         return cls(
-            body=BodyFaults(mass_share=0, center_share=0, gyration_share=0),
+            body=BodyFaults(joint_scale=0, axis_deg=0, mass_share=0, center_m=0, gyration_share=0),
             cameras=CameraFaults(noise_m=0, skin_scale=0, gaps_per_minute=0),
             plates=PlateFaults(
                 force_noise_n=0,
@@ -84,7 +87,7 @@ class Faults(Stated):
                 delay_s=0,
             ),
             accelerometers=AccelerometerFaults(
-                noise_mps2=0, gain_share=0, misalignment_deg=0, offset_mps2=0
+                noise_mps2=0, gain_share=0, misalignment_deg=0, offset_mps2=0, delay_s=0
             ),
             platform=PlatformFaults(marker_noise_m=0),
         )

@@ -56,7 +56,8 @@ class Machine:
     pivot_m
         A point of the pitch axis with the platform in neutral, (3,) [m].
     sway_hz, pitch_hz
-        Bandwidth of the actuators: they follow as critically damped second-order systems.
+        Bandwidth of the actuators: they follow as critically damped second-order systems. At 7 Hz
+        a move of 5 cm reaches its 0.3 m/s, with the 5 m/s² that `compensation.Limits` assumes.
     belt_hz, belt_damping
         Response of the belts' pitch moment to belt acceleration, a second-order system.
     belt_moment_kg_m
@@ -65,7 +66,7 @@ class Machine:
 
     assemblies: tuple[Assembly, Assembly] = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
     pivot_m: tuple[float, float, float] = (0.0, 0.0, -0.25)
-    sway_hz: float = 4.0
+    sway_hz: float = 7.0
     pitch_hz: float = 3.0
     belt_hz: float = 9.0
     belt_damping: float = 0.4

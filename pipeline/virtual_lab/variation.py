@@ -13,22 +13,21 @@ from typing import Final
 import numpy as np
 
 from hbm.body import Body
-from hbm.coordinates import MASSLESS, PARENT, SEGMENTS
+from hbm.coordinates import PARENT, SEGMENTS
 from hbm.native import kernels
 from hbm.segments import Inertia
 from hbm.spatial import Array, rotation_about
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+
+WEIGHTLESS_KG: Final = 0.01
 
 CENTER_SD_M: Final = {
     **{"trunk": 0.008, "head": 0.006, "upper_arm": 0.008, "forearm": 0.004, "hand": 0.003},
     **{"thigh": 0.008, "shank": 0.004, "foot": 0.003, "toes": 0.0, "shoulder": 0.0},
 }
-AXIS_SD_DEG: Final = 3.0
-MASS_SD: Final = 0.06
-COM_SD_M: Final = 0.008
-RADIUS_SD: Final = 0.05
 
 
-def vary(body: Body, t_pose: Array, amount: float, rng: np.random.Generator) -> Body:
+def vary(body: Body, t_pose: Array, faults: BodyFaults, rng: np.random.Generator) -> Body:
     """Give a body whose joints and inertias are not those that its markers suggest.
 
     Parameters
@@ -37,8 +36,8 @@ def vary(body: Body, t_pose: Array, amount: float, rng: np.random.Generator) -> 
         The body that a calibration pose suggests.
     t_pose
         The coordinates of that pose, (46,); in it the markers stay where they are.
-    amount
-        1 for the variation among people, 0 for none.
+    faults
+        How far it may be from them.
     rng
         Source of the variation.
 
@@ -47,7 +46,7 @@ def vary(body: Body, t_pose: Array, amount: float, rng: np.random.Generator) -> 
     Body
         With the same total mass and the same markers in the T-pose.
     """
-    if amount == 0:
+    if faults == Faults.none().body:
         return body
     poses = kernels().segment_poses(t_pose[None], body.geometry)[0].reshape(len(SEGMENTS), 4, 3)
     R = {s: pose[:3].T for s, pose in zip(SEGMENTS, poses, strict=True)}
@@ -55,39 +54,50 @@ def vary(body: Body, t_pose: Array, amount: float, rng: np.random.Generator) -> 
     new = dict(old)
     for s in SEGMENTS[1:]:
         part = s.split("_", 1)[1] if s.startswith(("right_", "left_")) else s
-        error = amount * CENTER_SD_M[part] * np.clip(rng.normal(size=3), -2, 2)
+        error = faults.joint_scale * CENTER_SD_M[part] * _drawn(rng, 3)
         new[s] = old[s] + error
     for side in ("right", "left"):  # the shoulder's two frames share their origin
         new[f"{side}_shoulder"] = new[f"{side}_upper_arm"]
     offsets = {s: R[p].T @ (new[s] - new[p]) for s, p in PARENT.items()}
-    axes = {name: _tilted(axis, amount, rng) for name, axis in body.axes.items()}
+    axes = {name: _tilted(axis, faults.axis_deg, rng) for name, axis in body.axes.items()}
     position = np.array(
         [
             x + R[s].T @ (old[s] - new[s])
             for x, s in zip(body.marker_position, body.marker_segment, strict=True)
         ]
     )
-    inertias = _varied_inertias(body, amount, rng)
+    inertias = _varied_inertias(body, faults, rng)
     return replace(body, marker_position=position, offsets=offsets, axes=axes, inertias=inertias)
 
 
-def _tilted(axis: Array, amount: float, rng: np.random.Generator) -> Array:
-    turn = np.radians(amount * AXIS_SD_DEG) * np.clip(rng.normal(size=3), -2, 2)
+def _tilted(axis: Array, spread_deg: float, rng: np.random.Generator) -> Array:
+    turn = np.radians(spread_deg) * _drawn(rng, 3)
     angle = float(np.linalg.norm(turn))
-    return rotation_about(turn / angle, angle) @ axis
+    if angle == 0:
+        return axis
+    return np.asarray(rotation_about(turn / angle, angle) @ axis)
 
 
-def _varied_inertias(body: Body, amount: float, rng: np.random.Generator) -> dict[str, Inertia]:
-    factors = {s: 1 + amount * MASS_SD * float(np.clip(rng.normal(), -2, 2)) for s in body.inertias}
-    mass = {s: part.mass * factors[s] for s, part in body.inertias.items()}
-    scale = body.mass / sum(mass.values())
-    varied = {}
-    for s, part in body.inertias.items():
-        away = amount * COM_SD_M * np.clip(rng.normal(size=3), -2, 2)
-        radius = 1 + amount * RADIUS_SD * float(np.clip(rng.normal(), -2, 2))
-        grown = scale * factors[s] * radius**2
-        still = s in MASSLESS or s.endswith("toes")
-        varied[s] = (
-            part if still else Inertia(mass[s] * scale, part.center + away, part.tensor * grown)
+def _varied_inertias(
+    body: Body, faults: BodyFaults, rng: np.random.Generator
+) -> dict[str, Inertia]:
+    names = [s for s, part in body.inertias.items() if part.mass > WEIGHTLESS_KG]
+    drawn = {s: (_drawn(rng), _drawn(rng, 3), _drawn(rng)) for s in names}
+    heavier = {s: 1 + faults.mass_share * float(drawn[s][0][0]) for s in names}
+    total = sum(body.inertias[s].mass for s in names)
+    scale = total / sum(body.inertias[s].mass * heavier[s] for s in names)
+    varied = dict(body.inertias)
+    for s in names:
+        part, (_, away, wider) = body.inertias[s], drawn[s]
+        factor = scale * heavier[s]
+        varied[s] = Inertia(
+            part.mass * factor,
+            part.center + faults.center_m * away,
+            part.tensor * factor * (1 + faults.gyration_share * float(wider[0])) ** 2,
         )
     return varied
+
+
+def _drawn(rng: np.random.Generator, count: int = 1) -> Array:
+    """Draw from the normal distribution, nothing beyond two standard deviations."""
+    return np.asarray(np.clip(rng.normal(size=count), -2, 2))

@@ -12,6 +12,7 @@ from hbm.markers import Markers, marker_sets
 from hbm.segments import Sex
 from hbm.spatial import Array
 from pipeline.virtual_lab.anatomy import Build, t_pose
+from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.gait import STEP_M, size_of
 from pipeline.virtual_lab.steps import Habits
 from pipeline.virtual_lab.variation import vary
@@ -94,7 +95,7 @@ def make_walker(
     *,
     marker_set: str = "hbm2",
     individuality: float = 0.0,
-    anatomy: float = 0.0,
+    faults: BodyFaults | None = None,
     variability: float = 1.0,
     rng: np.random.Generator | None = None,
 ) -> Walker:
@@ -108,9 +109,9 @@ def make_walker(
         Which markers the person wears: "hbm2" or "hbm1".
     individuality
         How much proportions and way of walking differ between people; 1 as in the population.
-    anatomy
-        How far joint centres, axes and inertias are from what markers and de Leva's table say;
-        1 as in the population, 0 for a body that `build_body` finds exactly.
+    faults
+        How far joint centres, axes and inertias are from what markers and de Leva's table say; by
+        default the body is the one that `build_body` finds.
     variability
         How much steps differ from each other; 1 as in healthy adults.
     rng
@@ -134,7 +135,7 @@ def make_walker(
         height_m=person.height_m,
     )
     q = np.array(solve_ik(body, pose).q[0])
-    body = vary(body, q, anatomy, rng)
+    body = vary(body, q, faults or Faults.none().body, rng)
     standing = q.copy()
     for side in "RL":
         for name, angle in HANGING_ARM.items():
