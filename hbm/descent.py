@@ -73,6 +73,16 @@ class Solved:
     pivots: Array
     error: Array
 
+    def only(self, frames: Mask) -> "Solved":
+        """Give some of the frames."""
+        return Solved(
+            self.q[frames],
+            self.converged[frames],
+            self.gradient[frames],
+            self.pivots[frames],
+            self.error[frames],
+        )
+
 
 def solve_frames(
     wearing: Wearing,
@@ -108,22 +118,21 @@ def solve_frames(
 
     Notes
     -----
-    Each frame is solved about the middle of its markers, so that rounding does not grow with the
-    distance from the lab's origin.
+    Each frame is solved about the pelvis of its starting point, so that rounding does not grow with
+    the distance from the lab's origin.
     """
-    middle = np.zeros((len(position), N))
-    seen = np.isfinite(position[..., 0]).any(axis=1)
-    middle[seen, :3] = np.nanmean(position[seen], axis=1)
+    here = np.zeros((len(position), N))
+    here[:, :3] = start[:, :3]
     given = (
-        np.ascontiguousarray(position - middle[:, None, :3]),
-        np.ascontiguousarray(start - middle),
+        position - here[:, None, :3],
+        start - here,
         np.ascontiguousarray(prior, float),
-        np.ascontiguousarray(reference - middle),
+        reference - here,
     )
     ready = kernels()
     solve = _native if ready.solve_frames is not None else _interpreted
     solved = solve(ready, wearing, *given, tolerance, jobs)
-    return Solved(solved.q + middle, solved.converged, solved.gradient, solved.pivots, solved.error)
+    return Solved(solved.q + here, solved.converged, solved.gradient, solved.pivots, solved.error)
 
 
 def _native(

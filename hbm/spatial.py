@@ -97,8 +97,7 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
     Array
         Rotation matrices, (..., 3, 3).
     """
-    axis, angle = np.asarray(axis, float), np.asarray(angle, float)[..., None, None]
-    cross = skew(axis)
+    cross, angle = skew(axis), np.asarray(angle, float)[..., None, None]
     turn: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
     return turn
 
@@ -116,10 +115,11 @@ def skew(vector: ArrayLike) -> Array:
     Array
         Skew-symmetric matrices, (..., 3, 3).
     """
-    x, y, z = np.moveaxis(np.asarray(vector, float), -1, 0)
-    zero = np.zeros_like(x)
-    rows = [np.stack(r, -1) for r in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
-    return np.stack(rows, -2)
+    vector = np.asarray(vector, float)
+    matrix = np.zeros((*vector.shape, 3))
+    for i, j, k in ((2, 1, 0), (0, 2, 1), (1, 0, 2)):
+        matrix[..., i, j], matrix[..., j, i] = vector[..., k], -vector[..., k]
+    return matrix
 
 
 def fit_rotation(covariance: ArrayLike) -> Array:
