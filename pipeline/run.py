@@ -2,29 +2,40 @@
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from joblib import Parallel, delayed, parallel_config
+from joblib import Parallel, delayed
 
-from pipeline.study import Study, read_study
+from pipeline.study import Study
 
 PACKAGES = ("hbm", "compensation", "pipeline")
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One trial of a study and where its result goes."""
+    """One trial of a study, where its result goes, and the digest of all that goes into it."""
 
-    folder: Path
+    study: Study
     subject: str
     condition: str
     target: Path
     key: str
+
+    @property
+    def size(self) -> int:
+        """Size of the recording [bytes]; 0 where there is none."""
+        name = self.study.subjects[self.subject].trials[self.condition].file
+        try:
+            return self.study.path(name).stat().st_size if name else 0
+        except OSError:
+            return 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +51,8 @@ def run_study(
     study: Study,
     out: Path,
     *,
-    subjects: list[str] | None = None,
-    conditions: list[str] | None = None,
+    subjects: Sequence[str] | None = None,
+    conditions: Sequence[str] | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
 ) -> Iterator[Outcome]:
@@ -70,51 +81,97 @@ def run_study(
     ValueError
         If a subject or condition is unknown.
     """
-    todo = []
-    for job in plan(study, out, subjects=subjects, conditions=conditions):
-        if stored_key(job.target) == job.key:
-            yield Outcome(job, "kept")
-        else:
-            todo.append(job)
-    if not todo:
-        return
-    with _backend(scheduler):
-        parallel = Parallel(
-            n_jobs=-1 if scheduler else min(jobs, len(todo)), return_as="generator_unordered"
-        )
-        yield from parallel(delayed(process_job)(job) for job in todo)
-
-
-def _backend(scheduler: str | None) -> Any:
-    if scheduler is None:
-        return parallel_config(backend="loky", inner_max_num_threads=1)
-    try:
-        from dask.distributed import Client
-    except ImportError as error:
-        raise ValueError("--scheduler needs Dask: pip install 'hbm-residuals[cluster]'") from error
-    client: Any = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
-    return parallel_config(backend="dask", client=client)
+    planned = plan(study, out, subjects=subjects, conditions=conditions)
+    yield from run_jobs(planned, workers=jobs, scheduler=scheduler)
 
 
 def plan(
     study: Study,
     out: Path,
     *,
-    subjects: list[str] | None = None,
-    conditions: list[str] | None = None,
+    subjects: Sequence[str] | None = None,
+    conditions: Sequence[str] | None = None,
 ) -> list[Job]:
     """List the trials of a study that have a recording, with the key of what goes into each."""
-    wanted_subjects = [study.subject(s).id for s in subjects] if subjects else list(study.subjects)
+    wanted = [study.subject(s).id for s in dict.fromkeys(subjects or study.subjects)]
     for condition in conditions or ():
         study.condition(condition)
     jobs = []
-    for subject in wanted_subjects:
+    for subject in wanted:
         for condition, trial in study.subjects[subject].trials.items():
             if trial.exclude is None and (not conditions or condition in conditions):
                 target = out / "trials" / f"{subject}_{condition}.parquet"
                 key = trial_key(study, subject, condition)
-                jobs.append(Job(study.folder, subject, condition, target, key))
+                jobs.append(Job(study, subject, condition, target, key))
     return jobs
+
+
+def run_jobs(
+    planned: Iterable[Job], *, workers: int = 1, scheduler: str | None = None
+) -> Iterator[Outcome]:
+    """Process planned trials; parameters and outcomes as for `run_study`."""
+    todo = []
+    for job in planned:
+        if stored_key(job.target) == job.key:
+            yield Outcome(job, "kept")
+        else:
+            todo.append(job)
+    todo.sort(key=lambda job: job.size, reverse=True)
+    if scheduler is not None and todo:
+        yield from _on_cluster(todo, scheduler)
+    elif min(workers, len(todo)) > 1:
+        yield from _side_by_side(todo, min(workers, len(todo)))
+    else:
+        yield from map(process_job, todo)
+
+
+def _side_by_side(todo: list[Job], workers: int) -> Iterator[Outcome]:
+    """Process trials in processes of their own.
+
+    The death of one, such as for want of memory, takes the others' work with it; what is left is
+    then processed one by one, so that only the trial that cannot be done fails.
+    """
+    left = {job.target: job for job in todo}
+    side_by_side = Parallel(
+        workers,
+        backend="loky",
+        inner_max_num_threads=1,
+        batch_size=1,
+        return_as="generator_unordered",
+    )
+    try:
+        for outcome in side_by_side(delayed(process_job)(job) for job in todo):
+            del left[outcome.job.target]
+            yield outcome
+    except BrokenProcessPool:
+        for job in left.values():
+            yield _alone(job)
+
+
+def _alone(job: Job) -> Outcome:
+    try:
+        alone = Parallel(2, backend="loky", inner_max_num_threads=1)
+        outcome: Outcome = alone([delayed(process_job)(job)])[0]
+    except BrokenProcessPool:
+        return Outcome(job, "failed", "the process that worked on it died; too little memory?")
+    return outcome
+
+
+def _on_cluster(todo: list[Job], scheduler: str) -> Iterator[Outcome]:
+    try:
+        dask: Any = import_module("dask.distributed")
+    except ImportError as missing:
+        raise ValueError(
+            "--scheduler needs Dask: pip install 'hbm-residuals[cluster]'"
+        ) from missing
+    with dask.Client(scheduler, timeout="10s") as client:
+        futures = {client.submit(process_job, job, pure=False): job for job in todo}
+        for future in dask.as_completed(futures):
+            if future.status == "finished":
+                yield future.result()
+            else:
+                why = said(future.exception()) if future.status == "error" else future.status
+                yield Outcome(futures[future], "failed", f"on the cluster: {why}")
 
 
 def process_job(job: Job) -> Outcome:
@@ -123,12 +180,32 @@ def process_job(job: Job) -> Outcome:
     from pipeline.trial_files import write_trial
 
     try:
-        study = read_study(job.folder)
-        result = process_trial(study, job.subject, job.condition)
+        if stored_key(job.target) == job.key:
+            return Outcome(job, "kept")
+        result = process_trial(job.study, job.subject, job.condition)
+        if trial_key(job.study, job.subject, job.condition) != job.key:
+            raise ValueError(
+                "a file of it, or this program, changed while it was being processed; run it again"
+            )
         write_trial(result, job.condition, job.key, job.target)
-    except (ValueError, OSError, KeyError, ArithmeticError, MemoryError) as error:
-        return Outcome(job, "failed", " ".join(str(error).split()) or type(error).__name__)
+    except Exception as error:
+        return Outcome(job, "failed", said(error))
     return Outcome(job, "done")
+
+
+def said(error: BaseException) -> str:
+    """Say an error in one line; one that nobody foresaw with its type and where it arose."""
+    text = " ".join(str(error).split())
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    if isinstance(error, ValueError) and text:
+        return text
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    name = Path(trace.tb_frame.f_code.co_filename).name if trace is not None else ""
+    where = f" ({name}, line {trace.tb_lineno})" if trace is not None else ""
+    return f"{type(error).__name__}: {text}{where}"
 
 
 def trial_key(study: Study, subject: str, condition: str) -> str:
@@ -137,7 +214,7 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
     trial = person.trials[condition]
     names = [trial.file, person.static, study.file.treadmill.calibration]
     stated = {
-        "files": [file_digest(study.path(name)) for name in names if name],
+        "files": [file_digest(study.path(name)) if name else None for name in names],
         "study": study.file.model_dump(exclude={"name", "conditions"}),
         "condition": study.condition(condition).model_dump(),
         "subject": person.person.model_dump(),
@@ -150,10 +227,17 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
 def file_digest(path: Path) -> str:
     """Give a file's SHA-256; a file that is gone has none, and the trial will say so."""
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        written = path.stat()
+        return _digest(path, written.st_mtime_ns, written.st_size)
     except OSError as error:
         return f"unreadable: {error.strerror}"
+
+
+@lru_cache(maxsize=4096)
+def _digest(path: Path, mtime_ns: int, size: int) -> str:
+    """Hash a file once, until it is written to again."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @cache

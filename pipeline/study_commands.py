@@ -1,24 +1,23 @@
 """A study on the command line: check, run with progress, report."""
 
-import json
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from hbm.native import kernels
 from pipeline.check import check_study
 from pipeline.collect import collect
+from pipeline.failures import gather_failures, note_failure
 from pipeline.result_commands import remember_study
-from pipeline.run import Outcome, plan, run_study
+from pipeline.run import Job, Outcome, plan, run_jobs
 from pipeline.study import read_study
-from pipeline.trial_files import whole_file
-
-FAILURES = "failures.json"
+from pipeline.trial_files import remove_leftovers, require_writable
 
 
 def check(folder: Path) -> int:
@@ -92,42 +91,78 @@ def run(
     console = Console(highlight=False, markup=False)
     study = read_study(folder)
     start = time.monotonic()
-    chosen = {"subjects": list(subjects) or None, "conditions": list(conditions) or None}
-    total = len(plan(study, out, **chosen))
+    planned = plan(study, out, subjects=subjects, conditions=conditions)
+    require_writable(out / "trials")
+    remove_leftovers(out / "trials")
+    remember_study(out, study.folder)
     kernels(lambda sentence: console.print(sentence, style="dim"))
     outcomes: list[Outcome] = []
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console) as progress:
-        task = progress.add_task("trials", total=total)
-        for outcome in run_study(study, out, jobs=jobs, scheduler=scheduler, **chosen):
+    show = _Shown(console, planned)
+    with show.bar:
+        for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
             outcomes.append(outcome)
-            progress.advance(task)
-            if outcome.state == "failed":
-                progress.console.print(
-                    f"FAILED {_named(outcome)}: {outcome.reason}", soft_wrap=True
-                )
-    failed = {_named(o): o.reason for o in outcomes if o.state == "failed"}
-    _note_failures(out / FAILURES, failed, {_named(o) for o in outcomes})
-    remember_study(out, study.folder)
+            show(outcome)
+            reason = outcome.reason if outcome.state == "failed" else None
+            with _told(console):
+                note_failure(outcome.job.target, _named(outcome), reason)
+    everything = [
+        f"{subject} {condition}"
+        for subject, person in study.subjects.items()
+        for condition, trial in person.trials.items()
+        if trial.exclude is None
+    ]
+    with _told(console):
+        gather_failures(out, everything)
     counts = {s: sum(o.state == s for o in outcomes) for s in ("done", "kept", "failed")}
     console.print(
         f"{counts['done']} trials processed, {counts['kept']} were there already, "
         f"{counts['failed']} failed, in {time.monotonic() - start:.1f} s; next: hbm report {out}",
         soft_wrap=True,
     )
-    return 1 if failed else 0
+    return 1 if counts["failed"] else 0
 
 
-def _note_failures(path: Path, failed: dict[str, str], tried: set[str]) -> None:
-    """Keep the reasons of failed trials for the report, those of trials not tried now too."""
+class _Shown:
+    """Progress by size of the recordings: a bar in a terminal, a line per trial elsewhere."""
+
+    def __init__(self, console: Console, planned: Sequence[Job]) -> None:
+        self.console, self.trials, self.finished = console, len(planned), 0
+        self.bar = Progress(
+            TextColumn("{task.description}"), BarColumn(), console=console, transient=True
+        )
+        self.size = {job.target: max(job.size, 1) for job in planned}
+        self.total, self.done, self.start = sum(self.size.values()), 0, time.monotonic()
+        self.task = self.bar.add_task(f"0 of {self.trials} trials", total=self.total)
+
+    def __call__(self, outcome: Outcome) -> None:
+        self.finished += 1
+        size = self.size[outcome.job.target]
+        if outcome.state == "kept":
+            self.total -= size
+        else:
+            self.done += size
+        said = f"{self.finished} of {self.trials} trials{self._left()}"
+        self.bar.update(self.task, total=self.total, completed=self.done, description=said)
+        if outcome.state == "failed":
+            line = f"FAILED {_named(outcome)}: {outcome.reason}"
+            self.bar.console.print(line, soft_wrap=True)
+        elif not self.console.is_terminal:
+            self.console.print(f"{outcome.state} {_named(outcome)}; {said}", soft_wrap=True)
+
+    def _left(self) -> str:
+        if not self.done or self.done == self.total:
+            return ""
+        seconds = (time.monotonic() - self.start) * (self.total / self.done - 1)
+        return f", {seconds / 60:.0f} min left" if seconds > 90 else f", {seconds:.0f} s left"
+
+
+@contextmanager
+def _told(console: Console) -> Iterator[None]:
+    """Say that something could not be written, and go on."""
     try:
-        before = json.loads(path.read_text("utf-8"))
-    except (OSError, ValueError):
-        before = {}
-    kept = {name: reason for name, reason in before.items() if name not in tried}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps(kept | failed, indent=1, ensure_ascii=False), "utf-8")
+        yield
+    except OSError as error:
+        console.print(f"{error.filename or 'results'}: {error.strerror}", soft_wrap=True)
 
 
 def _named(outcome: Outcome) -> str:

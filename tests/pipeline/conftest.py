@@ -9,6 +9,7 @@ from hbm.markers import Markers
 from pipeline.c3d_encoding import parameter_section
 from pipeline.process import process_trial
 from pipeline.recording import Plate
+from pipeline.run import run_study
 from pipeline.study import read_study
 from tests.pipeline import lab
 
@@ -125,3 +126,12 @@ def moving_study(tmp_path_factory):
 def processed(moving_study):
     """One processed trial of that study: pitch, as measured and compensated."""
     return process_trial(read_study(moving_study), "sub01", "pitch")
+
+
+@pytest.fixture(scope="session")
+def finished(moving_study, tmp_path_factory):
+    """Results of an undisturbed run of that study, all six trials; tests change copies only."""
+    out = tmp_path_factory.mktemp("results")
+    outcomes = list(run_study(read_study(moving_study), out))
+    assert [outcome.state for outcome in outcomes] == ["done"] * 6
+    return out
