@@ -11,6 +11,8 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
+from pipeline.cli_treadmill import Axes, Out, calibration_app, plates
+
 USAGE = 2
 """Exit code for wrong usage or input."""
 
@@ -21,7 +23,6 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-Out = Annotated[Path, typer.Option("--out", help="Folder for what it writes.")]
 ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote.")]
 StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and subject files.")]
 TrialFile = Annotated[Path, typer.Argument(help="The trial: .c3d, or .trc with --forces.")]
@@ -31,10 +32,6 @@ MassKg = Annotated[float | None, typer.Option(help="Body mass; default: weighed 
 Sex = Annotated[str, typer.Option(help="male, female or unspecified.")]
 HeightM = Annotated[
     float | None, typer.Option(help="Stature; default: the file's, or from the legs.")
-]
-Axes = Annotated[
-    str | None,
-    typer.Option(help="Where the file's x, y, z point, e.g. left,back,up; default: inferred."),
 ]
 MarkerSetName = Annotated[
     str | None, typer.Option(help="Name of a marker set, or a TOML file with one's own.")
@@ -179,11 +176,17 @@ def export(
 
 
 @app.command()
-def demo(out: Out = Path("demo")) -> None:
-    """Simulate a walking trial in the virtual laboratory and process it."""
+def demo(
+    full: Annotated[
+        bool, typer.Option("--full", help="All nine people and the thesis' protocol.")
+    ] = False,
+    jobs: Annotated[int, typer.Option(min=1, help="Trials side by side.")] = 2,
+    out: Out = Path("demo"),
+) -> None:
+    """Simulate a study in the virtual laboratory and run experiment 3 on it."""
     from pipeline import demo as demonstration
 
-    demonstration.demo(out)
+    raise typer.Exit(demonstration.demo(out, full=full, jobs=jobs))
 
 
 @app.command()
@@ -250,26 +253,8 @@ def view(
     result_commands.view(folder, subject=subject, condition=condition, web=web, save=save)
 
 
-calibration_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 app.add_typer(calibration_app, name="calibration", help="Calibrate a moving treadmill.")
-
-
-@calibration_app.callback()
-def calibration() -> None:
-    """Calibrate a moving treadmill: what its empty plates measure."""
-
-
-@calibration_app.command()
-def fit(
-    recording: Annotated[Path, typer.Argument(help="The empty, moving treadmill (.c3d).")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Calibration file to write (.json).")],
-    axes: Axes = None,
-    cutoff_hz: Annotated[float, typer.Option(help="Low-pass before the fit.")] = 20.0,
-) -> None:
-    """Fit a calibration to a recording of the empty, moving treadmill."""
-    from pipeline import calibration_commands
-
-    calibration_commands.fit(recording, out, axes=axes, cutoff_hz=cutoff_hz)
+app.command()(plates)
 
 
 @app.command()
