@@ -3,15 +3,19 @@
 Every frame is its own least-squares problem (Lu and O'Connor 1999, J Biomech 32:129), solved by
 Newton's method until the step is below the tolerance, so no frame depends on its neighbours: not
 the answer, only the starting point comes from interpolating coarsely spaced frames, which in turn
-start from a segment-wise rigid fit. Chunks and workers therefore cannot show in the result.
+start from a segment-wise rigid fit. Where the answer is far from such a start, the rigid fit gets
+its say as well, and the pose that meets the markers better is kept. Chunks and workers therefore
+cannot show in the result.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from hbm.continuity import continuous
 from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
 from hbm.descent import Solved, Wearing, solve_frames
 from hbm.markers import Markers
@@ -23,7 +27,11 @@ from hbm.start import starting_pose
 KEY_EVERY: Final = 15
 CHUNK: Final = 4000
 LOCK: Final = 1e9
-UNSEEN_PIVOT: Final = 1e-6
+LEAST_PIVOT: Final = 1e-4
+LEAST_SHARE: Final = 0.01
+FAR: Final = 0.5
+LEAST_KEYS: Final = 4
+PELVIS: Final = 6
 MOST_ROUNDS: Final = 10
 
 
@@ -33,6 +41,7 @@ def solve_ik(
     *,
     weights: Mapping[str, float] | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
     tolerance: float = 1e-6,
     jobs: int = 1,
 ) -> Motion:
@@ -49,6 +58,9 @@ def solve_ik(
         Marker -> weight in the sum of squares; 1 where not named.
     limits
         Coordinate -> lowest and highest value [m or rad]; unbounded where not named.
+    priors
+        Coordinate -> weight w and value p [m or rad] of a pull w (q − p)²/2 that is added to the
+        markers' ½ Σ w |r − m|² [w in m²/rad², or 1 for a slide]; none where not named.
     tolerance
         Largest last step of any coordinate [rad or m]; after it one more order is gained.
     jobs
@@ -64,9 +76,23 @@ def solve_ik(
     Raises
     ------
     ValueError
-        If none of the body's markers is in the trial, or a weight, limit or label is unknown.
+        If none of the body's markers is in the trial, or a weight, limit or prior is for nothing
+        that the body has, or makes no sense.
     """
-    trial = _Trial(body, markers, weights or {}, limits or {}, tolerance, jobs)
+    for name, weight in (weights or {}).items():
+        if name not in body.markers:
+            raise ValueError(f"weight for {name!r}, which is no marker of the body")
+        if not (weight >= 0 and np.isfinite(weight)):
+            raise ValueError(f"the weight of {name} must be a number from 0 up, got {weight:g}")
+    for kind, pairs in (("limit", limits or {}), ("prior", priors or {})):
+        for name, (first, second) in pairs.items():
+            if name not in INDEX:
+                raise ValueError(f"{kind} for {name!r}, which is no coordinate")
+            if kind == "limit" and not first <= second:
+                raise ValueError(f"the limits of {name} must rise, got {first:g} and {second:g}")
+            if kind == "prior" and not (first >= 0 and np.isfinite([first, second]).all()):
+                raise ValueError(f"the prior of {name} must be a weight from 0 up and a value")
+    trial = _Trial(body, markers, weights or {}, limits or {}, priors or {}, tolerance, jobs)
     return trial.solve()
 
 
@@ -79,6 +105,7 @@ class _Trial:
         markers: Markers,
         weights: Mapping[str, float],
         limits: Mapping[str, tuple[float, float]],
+        priors: Mapping[str, tuple[float, float]],
         tolerance: float,
         jobs: int,
     ) -> None:
@@ -88,46 +115,45 @@ class _Trial:
                 f"none of the body's markers is in the trial; the body has "
                 f"{', '.join(body.markers[:6])}, …, the trial {', '.join(markers.names[:6])}, …"
             )
-        for name in weights:
-            if name not in body.markers:
-                raise ValueError(f"weight for {name!r}, which is no marker of the body")
-        for name in limits:
-            if name not in INDEX:
-                raise ValueError(f"limit for {name!r}, which is no coordinate")
         self.body, self.time, self.tolerance, self.jobs = body, markers.time, tolerance, jobs
         self.names = tuple(body.markers[k] for k in known)
         self.segment = tuple(body.marker_segment[k] for k in known)
         self.local = body.marker_position[known]
         self.weights = np.array([weights.get(name, 1.0) for name in self.names])
-        self.position = markers.position
-        self.columns = [markers.names.index(name) for name in self.names]
+        columns = [markers.names.index(name) for name in self.names]
+        self.position = markers.position[:, columns]
         numbers = np.array([SEGMENTS.index(s) for s in self.segment])
         self.wearing = Wearing(numbers, self.local, self.weights, body.geometry)
         self.lower, self.upper = np.full(N, -np.inf), np.full(N, np.inf)
         for name, (low, high) in limits.items():
             self.lower[INDEX[name]], self.upper[INDEX[name]] = low, high
+        self.pull, self.toward = np.zeros(N), np.zeros(N)
+        for name, (weight, value) in priors.items():
+            self.pull[INDEX[name]], self.toward[INDEX[name]] = weight, value
         shown = {self.segment[k] for k in range(len(known))}
         self.locked = np.array([name in body.locked for name in COORDINATES])
         self.locked |= ~_shown(shown)
 
     def measured(self, frames: Indices) -> Array:
         """Give the trial's markers in some frames, (F, K, 3) [m]."""
-        return self.position[frames][:, self.columns]
+        return np.asarray(self.position[frames])
 
     def solve(self) -> Motion:
-        """Solve all frames: from the coarse start, else from a rigid fit, else not at all."""
         frames = len(self.time)
         start = self.coarse()
         found = _Found(frames, len(self.names))
         for at in _pieces(np.flatnonzero(~np.isnan(start[:, 0]))):
-            found.take(at, *self.newton(at, start[at]))
-        for some in _pieces(np.flatnonzero(~found.converged)):
-            fresh = self.rigid(some)
-            good = ~np.isnan(fresh[:, 0])
-            found.take(some[good], *self.newton(some[good], fresh[good]))
+            found.take(at, self.newton(at, start[at]))
+        for some in _pieces(np.flatnonzero(~found.converged | self.far(found.q, start))):
+            self.second_opinion(found, some, self.rigid(some))
+        observed = self.observed(found)
+        pelvis: Mask = np.asarray(observed[:, :PELVIS].all(axis=1))
+        found.q[~pelvis | ~found.converged & observed[:, ~self.locked].all(axis=1)] = np.nan
+        found.q = continuous(found.q)
+        self.bridge(found, observed & pelvis[:, None])
+        found.converged &= pelvis
         found.q[~found.converged] = np.nan
-        found.q = _unwrapped(found.q)
-        self.bridge(found)
+        found.error[~found.converged] = np.nan
         nothing = np.full((frames, N), np.nan)
         return Motion(
             self.time,
@@ -137,30 +163,72 @@ class _Trial:
             self.names,
             found.error,
             found.converged,
-            found.observed,
+            observed & found.converged[:, None],
             found.gradient,
         )
 
     def coarse(self) -> Array:
         """Give every frame a starting point: some solved from scratch, splines between them."""
-        frames = len(self.time)
+        frames = np.arange(len(self.time))
         keys = self.key_frames()
-        q = np.full((len(keys), N), np.nan)
+        found = _Found(len(keys), len(self.names))
         for some in _pieces(np.arange(len(keys))):
             guess = self.rigid(keys[some])
             good = ~np.isnan(guess[:, 0])
-            solved, _ = self.newton(keys[some][good], guess[good])
-            q[some[good]] = np.where(solved.converged[:, None], solved.q, np.nan)
-        solved = ~np.isnan(q[:, 0])
-        if solved.sum() < 4:
-            return self.rigid(np.arange(frames))
-        spline = make_interp_spline(keys[solved], _unwrapped(q)[solved], k=3)
-        return np.asarray(spline(np.clip(np.arange(frames), keys[solved][0], keys[solved][-1])))
+            found.take(some[good], self.newton(keys[some][good], guess[good]))
+        solved = np.flatnonzero(found.converged)
+        if len(solved) < LEAST_KEYS:
+            return self.rigid(frames)
+        found.q[solved] = continuous(found.q[solved])
+        inner = solved[1:-1]
+        between = (found.q[solved[:-2]] + found.q[solved[2:]]) / 2
+        lonely = self.far(found.q[inner], between)
+        self.second_opinion(found, inner[lonely], between[lonely], keys)
+        spline = make_interp_spline(keys[solved], continuous(found.q[solved]), k=3)
+        return np.asarray(spline(np.clip(frames, keys[solved[0]], keys[solved[-1]])))
+
+    def far(self, q: Array, start: Array) -> Mask:
+        """Whether poses are far from where they began, (F,)."""
+        return np.asarray((np.abs(q - start)[:, ~self.locked] > FAR).any(axis=1))
+
+    def second_opinion(
+        self, found: "_Found", rows: Indices, start: Array, frames: Indices | None = None
+    ) -> None:
+        """Solve rows of what has been found from elsewhere, too, and keep what is nearer."""
+        good = ~np.isnan(start).any(axis=1)
+        rows = rows[good]
+        solved = self.newton(rows if frames is None else frames[rows], start[good])
+        before, after = (
+            np.where(ok, self.cost(q, error), np.inf)
+            for ok, q, error in (
+                (found.converged[rows], found.q[rows], found.error[rows]),
+                (solved.converged, solved.q, solved.error),
+            )
+        )
+        better = after < before
+        found.take(rows[better], solved.only(better))
+
+    def cost(self, q: Array, error: Array) -> Array:
+        """Give the sum that is minimised, twice, (F,)."""
+        pulled = self.pull * (q - self.toward) ** 2
+        return np.asarray(np.nansum(self.weights * error**2, axis=1) + pulled.sum(axis=1))
+
+    def observed(self, found: "_Found") -> Mask:
+        """Which coordinates the visible markers determine, (T, 46).
+
+        The curvature that is left to a coordinate once all beyond it are free tells: below that of
+        a marker 1 cm away, or a hundredth of what is usual in the trial, it is lost.
+        """
+        usual = np.zeros(N)
+        if found.converged.any():
+            usual = np.median(found.pivots[found.converged], axis=0)
+        least = np.maximum(LEAST_PIVOT * self.weights.max(), LEAST_SHARE * usual)
+        return np.asarray((found.pivots - self.pull > least) & ~self.locked)
 
     def key_frames(self) -> Indices:
         """Choose the frame with the most markers of every few, and both ends."""
         frames = len(self.time)
-        seen = np.isfinite(self.position[:, self.columns, 0]).sum(axis=1)
+        seen = np.isfinite(self.position[..., 0]).sum(axis=1)
         padded = np.full(-(-frames // KEY_EVERY) * KEY_EVERY, -1)
         padded[:frames] = seen
         windows = padded.reshape(-1, KEY_EVERY)
@@ -178,7 +246,7 @@ class _Trial:
 
     def newton(
         self, frames: Indices, start: Array, held: tuple[Mask, Array] | None = None
-    ) -> tuple[Solved, Mask]:
+    ) -> Solved:
         """Solve some frames.
 
         Parameters
@@ -192,59 +260,67 @@ class _Trial:
 
         Returns
         -------
-        tuple
-            The optima, and which coordinates were observed, (F, 46).
+        Solved
+            The optima.
         """
-        prior = np.tile(np.where(self.locked, LOCK, 0.0), (len(frames), 1))
-        reference = np.zeros((len(frames), N))
+        lock = np.tile(self.locked, (len(frames), 1))
+        prior = np.where(lock, LOCK, self.pull)
+        reference = np.where(lock, 0.0, np.tile(self.toward, (len(frames), 1)))
         if held is not None:
-            prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], 0.0)
-        solved = self.bounded(self.measured(frames), start, prior, reference)
-        return solved, (solved.pivots > UNSEEN_PIVOT) & (prior == 0)
+            lock = lock | held[0]
+            prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], reference)
+        begin = np.where(lock, reference, start)
+        return self.bounded(self.measured(frames), begin, prior, reference, lock)
 
     def descend(self, measured: Array, start: Array, prior: Array, reference: Array) -> Solved:
-        begin = np.where(prior > 0, reference, start)
         return solve_frames(
             self.wearing,
             measured,
-            begin,
+            start,
             prior,
             reference,
             tolerance=self.tolerance,
             jobs=self.jobs,
         )
 
-    def bounded(self, measured: Array, start: Array, prior: Array, reference: Array) -> Solved:
+    def bounded(
+        self, measured: Array, start: Array, prior: Array, reference: Array, lock: Mask
+    ) -> Solved:
         """Hold coordinates at the limits they would pass; release those that pull back inside."""
         solved = self.descend(measured, start, prior, reference)
         if np.isinf(self.lower).all() and np.isinf(self.upper).all():
             return solved
-        held, free = np.zeros(start.shape, bool), prior == 0
+        held, at = np.zeros(start.shape, bool), reference
         for _ in range(MOST_ROUNDS):
-            low, high = free & (solved.q < self.lower), free & (solved.q > self.upper)
-            pull = LOCK * (reference - solved.q)
-            inward = held & np.where(reference <= self.lower, pull < 0, pull > 0)
-            if not (low | high | inward).any():
+            low, high = ~lock & (solved.q < self.lower), ~lock & (solved.q > self.upper)
+            inward = held & np.where(at == self.lower, solved.q > at, solved.q < at)
+            if not ((low | high) & ~held | inward).any():
                 break
             held = (held | low | high) & ~inward
-            reference = np.where(low, self.lower, np.where(high, self.upper, reference))
-            lock = np.where(held, LOCK, prior)
-            solved = self.descend(measured, solved.q, lock, reference)
-        return solved
+            at = np.where(
+                held, np.where(low, self.lower, np.where(high, self.upper, at)), reference
+            )
+            solved = self.descend(
+                measured,
+                np.where(held, at, solved.q),
+                np.where(held, LOCK, prior),
+                at,
+            )
+        return replace(solved, q=np.clip(solved.q, self.lower, self.upper))
 
-    def bridge(self, found: "_Found") -> None:
+    def bridge(self, found: "_Found", observed: Mask) -> None:
         """Give coordinates that lost their markers the values between their neighbours in time."""
-        lost = ~found.observed & ~self.locked & found.converged[:, None]
+        present = ~np.isnan(found.q[:, 0])
+        lost = ~observed & ~self.locked & present[:, None]
         rows = np.flatnonzero(lost.any(axis=1))
         value = np.zeros_like(found.q)
         for i in np.flatnonzero(lost.any(axis=0)):
-            known = np.flatnonzero(found.observed[:, i] & found.converged)
+            known = np.flatnonzero(observed[:, i] & found.converged)
             if len(known):
                 value[:, i] = np.interp(np.arange(len(value)), known, found.q[known, i])
         for some in _pieces(rows):
             begin = np.where(lost[some], value[some], found.q[some])
-            solved, _ = self.newton(some, begin, (lost[some], value[some]))
-            found.take(some, solved, found.observed[some])
+            found.take(some, self.newton(some, begin, (lost[some], value[some])))
 
 
 class _Found:
@@ -252,13 +328,13 @@ class _Found:
 
     def __init__(self, frames: int, markers: int) -> None:
         self.q, self.error = np.full((frames, N), np.nan), np.full((frames, markers), np.nan)
-        self.converged, self.observed = np.zeros(frames, bool), np.zeros((frames, N), bool)
-        self.gradient = np.full(frames, np.nan)
+        self.converged, self.gradient = np.zeros(frames, bool), np.full(frames, np.nan)
+        self.pivots = np.full((frames, N), np.nan)
 
-    def take(self, frames: Indices, solved: Solved, observed: Mask) -> None:
-        self.q[frames], self.converged[frames] = solved.q, solved.converged
-        self.observed[frames], self.gradient[frames] = observed, solved.gradient
-        self.error[frames] = np.where(solved.converged[:, None], solved.error, np.nan)
+    def take(self, frames: Indices, solved: Solved) -> None:
+        self.q[frames], self.error[frames] = solved.q, solved.error
+        self.converged[frames], self.gradient[frames] = solved.converged, solved.gradient
+        self.pivots[frames] = solved.pivots
 
 
 def _shown(segments: set[str]) -> Mask:
@@ -276,13 +352,3 @@ def _shown(segments: set[str]) -> Mask:
 def _pieces(frames: Indices) -> Iterator[Indices]:
     """Cut frame numbers into pieces of bounded memory."""
     return (frames[start : start + CHUNK] for start in range(0, len(frames), CHUNK))
-
-
-def _unwrapped(q: Array) -> Array:
-    """Make turning coordinates continuous over the frames that were solved."""
-    turning = np.array([i for i, c in enumerate(TREE) if not c.translates])
-    solved = np.flatnonzero(~np.isnan(q[:, 0]))
-    leaps = np.abs(np.diff(q[solved], axis=0)).max(axis=0, initial=0) > np.pi
-    for i in turning[leaps[turning]]:
-        q[solved, i] = np.unwrap(q[solved, i])
-    return q
