@@ -184,7 +184,8 @@ def _compiled(library: Path, backend: str) -> Kernels:
 
 
 def _virtual_machine(backend: str) -> Kernels:
-    return Kernels(**{name: _interpreted(name) for name in SHARED_INPUTS}, backend=backend)
+    step, poses, dynamics = (_interpreted(name) for name in SHARED_INPUTS)
+    return Kernels(step, poses, dynamics, backend)
 
 
 def _interpreted(name: str) -> Kernel:
