@@ -124,10 +124,10 @@ def solve_frames(
     here = np.zeros((len(position), N))
     here[:, :3] = start[:, :3]
     given = (
-        position - here[:, None, :3],
-        start - here,
+        np.ascontiguousarray(position - here[:, None, :3]),
+        np.ascontiguousarray(start - here),
         np.ascontiguousarray(prior, float),
-        reference - here,
+        np.ascontiguousarray(reference - here),
     )
     ready = kernels()
     solve = _native if ready.solve_frames is not None else _interpreted
