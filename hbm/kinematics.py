@@ -1,38 +1,19 @@
 """Inverse kinematics: all coordinates of all frames from all markers at once.
 
 Every frame is its own least-squares problem (Lu and O'Connor 1999, J Biomech 32:129), solved by
-Newton's method until the step is below the tolerance, so no frame depends on its neighbours: not
-the answer, only the starting point comes from interpolating coarsely spaced frames, which in turn
-start from a segment-wise rigid fit. Where the answer is far from such a start, the rigid fit gets
-its say as well, and the pose that meets the markers better is kept. Chunks and workers therefore
-cannot show in the result.
+Newton's method until the step is below the tolerance (`hbm.descent`), from starting points that
+`hbm.tracking` finds.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from typing import Final
+from collections.abc import Mapping
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
-from hbm.continuity import continuous
-from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
-from hbm.descent import Solved, Wearing, solve_frames
+from hbm.coordinates import INDEX
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
-from hbm.spatial import Array, Indices, Mask
-from hbm.start import starting_pose
-
-KEY_EVERY: Final = 15
-CHUNK: Final = 4000
-LOCK: Final = 1e9
-LEAST_PIVOT: Final = 1e-4
-LEAST_SHARE: Final = 0.01
-FAR: Final = 0.5
-LEAST_KEYS: Final = 4
-PELVIS: Final = 6
-MOST_ROUNDS: Final = 10
+from hbm.tracking import Tracker
 
 
 def solve_ik(
@@ -92,263 +73,12 @@ def solve_ik(
                 raise ValueError(f"the limits of {name} must rise, got {first:g} and {second:g}")
             if kind == "prior" and not (first >= 0 and np.isfinite([first, second]).all()):
                 raise ValueError(f"the prior of {name} must be a weight from 0 up and a value")
-    trial = _Trial(body, markers, weights or {}, limits or {}, priors or {}, tolerance, jobs)
-    return trial.solve()
-
-
-class _Trial:
-    """One trial's markers against one body."""
-
-    def __init__(
-        self,
-        body: Body,
-        markers: Markers,
-        weights: Mapping[str, float],
-        limits: Mapping[str, tuple[float, float]],
-        priors: Mapping[str, tuple[float, float]],
-        tolerance: float,
-        jobs: int,
-    ) -> None:
-        known = [k for k, name in enumerate(body.markers) if name in markers.names]
-        if not known:
-            raise ValueError(
-                f"none of the body's markers is in the trial; the body has "
-                f"{', '.join(body.markers[:6])}, …, the trial {', '.join(markers.names[:6])}, …"
-            )
-        self.body, self.time, self.tolerance, self.jobs = body, markers.time, tolerance, jobs
-        self.names = tuple(body.markers[k] for k in known)
-        self.segment = tuple(body.marker_segment[k] for k in known)
-        self.local = body.marker_position[known]
-        self.weights = np.array([weights.get(name, 1.0) for name in self.names])
-        columns = [markers.names.index(name) for name in self.names]
-        self.position = markers.position[:, columns]
-        numbers = np.array([SEGMENTS.index(s) for s in self.segment])
-        self.wearing = Wearing(numbers, self.local, self.weights, body.geometry)
-        self.lower, self.upper = np.full(N, -np.inf), np.full(N, np.inf)
-        for name, (low, high) in limits.items():
-            self.lower[INDEX[name]], self.upper[INDEX[name]] = low, high
-        self.pull, self.toward = np.zeros(N), np.zeros(N)
-        for name, (weight, value) in priors.items():
-            self.pull[INDEX[name]], self.toward[INDEX[name]] = weight, value
-        shown = {self.segment[k] for k in range(len(known))}
-        self.locked = np.array([name in body.locked for name in COORDINATES])
-        self.locked |= ~_shown(shown)
-
-    def measured(self, frames: Indices) -> Array:
-        """Give the trial's markers in some frames, (F, K, 3) [m]."""
-        return np.asarray(self.position[frames])
-
-    def solve(self) -> Motion:
-        frames = len(self.time)
-        start = self.coarse()
-        found = _Found(frames, len(self.names))
-        for at in _pieces(np.flatnonzero(~np.isnan(start[:, 0]))):
-            found.take(at, self.newton(at, start[at]))
-        for some in _pieces(np.flatnonzero(~found.converged | self.far(found.q, start))):
-            self.second_opinion(found, some, self.rigid(some))
-        observed = self.observed(found)
-        pelvis: Mask = np.asarray(observed[:, :PELVIS].all(axis=1))
-        found.q[~pelvis | ~found.converged & observed[:, ~self.locked].all(axis=1)] = np.nan
-        found.q = continuous(found.q)
-        self.bridge(found, observed & pelvis[:, None])
-        found.converged &= pelvis
-        found.q[~found.converged] = np.nan
-        found.error[~found.converged] = np.nan
-        nothing = np.full((frames, N), np.nan)
-        return Motion(
-            self.time,
-            found.q,
-            nothing,
-            nothing,
-            self.names,
-            found.error,
-            found.converged,
-            observed & found.converged[:, None],
-            found.gradient,
-        )
-
-    def coarse(self) -> Array:
-        """Give every frame a starting point: some solved from scratch, splines between them."""
-        frames = np.arange(len(self.time))
-        keys = self.key_frames()
-        found = _Found(len(keys), len(self.names))
-        for some in _pieces(np.arange(len(keys))):
-            guess = self.rigid(keys[some])
-            good = ~np.isnan(guess[:, 0])
-            found.take(some[good], self.newton(keys[some][good], guess[good]))
-        solved = np.flatnonzero(found.converged)
-        if len(solved) < LEAST_KEYS:
-            return self.rigid(frames)
-        found.q[solved] = continuous(found.q[solved])
-        inner = solved[1:-1]
-        between = (found.q[solved[:-2]] + found.q[solved[2:]]) / 2
-        lonely = self.far(found.q[inner], between)
-        self.second_opinion(found, inner[lonely], between[lonely], keys)
-        spline = make_interp_spline(keys[solved], continuous(found.q[solved]), k=3)
-        return np.asarray(spline(np.clip(frames, keys[solved[0]], keys[solved[-1]])))
-
-    def far(self, q: Array, start: Array) -> Mask:
-        """Whether poses are far from where they began, (F,)."""
-        return np.asarray((np.abs(q - start)[:, ~self.locked] > FAR).any(axis=1))
-
-    def second_opinion(
-        self, found: "_Found", rows: Indices, start: Array, frames: Indices | None = None
-    ) -> None:
-        """Solve rows of what has been found from elsewhere, too, and keep what is nearer."""
-        good = ~np.isnan(start).any(axis=1)
-        rows = rows[good]
-        solved = self.newton(rows if frames is None else frames[rows], start[good])
-        before, after = (
-            np.where(ok, self.cost(q, error), np.inf)
-            for ok, q, error in (
-                (found.converged[rows], found.q[rows], found.error[rows]),
-                (solved.converged, solved.q, solved.error),
-            )
-        )
-        better = after < before
-        found.take(rows[better], solved.only(better))
-
-    def cost(self, q: Array, error: Array) -> Array:
-        """Give the sum that is minimised, twice, (F,)."""
-        pulled = self.pull * (q - self.toward) ** 2
-        return np.asarray(np.nansum(self.weights * error**2, axis=1) + pulled.sum(axis=1))
-
-    def observed(self, found: "_Found") -> Mask:
-        """Which coordinates the visible markers determine, (T, 46).
-
-        The curvature that is left to a coordinate once all beyond it are free tells: below that of
-        a marker 1 cm away, or a hundredth of what is usual in the trial, it is lost.
-        """
-        usual = np.zeros(N)
-        if found.converged.any():
-            usual = np.median(found.pivots[found.converged], axis=0)
-        least = np.maximum(LEAST_PIVOT * self.weights.max(), LEAST_SHARE * usual)
-        return np.asarray((found.pivots - self.pull > least) & ~self.locked)
-
-    def key_frames(self) -> Indices:
-        """Choose the frame with the most markers of every few, and both ends."""
-        frames = len(self.time)
-        seen = np.isfinite(self.position[..., 0]).sum(axis=1)
-        padded = np.full(-(-frames // KEY_EVERY) * KEY_EVERY, -1)
-        padded[:frames] = seen
-        windows = padded.reshape(-1, KEY_EVERY)
-        best = windows.argmax(axis=1) + KEY_EVERY * np.arange(len(windows))
-        return np.unique([0, *best, frames - 1])
-
-    def rigid(self, frames: Indices) -> Array:
-        measured, body = self.measured(frames), self.body
-        seen = np.isfinite(measured[..., 0])
-        position, weight = np.where(seen[..., None], measured, 0.0), seen * self.weights
-        pose = starting_pose(
-            position, weight, self.local, self.segment, dict(body.offsets), dict(body.axes)
-        )
-        return np.where(np.isnan(pose), np.nan, np.clip(pose, self.lower, self.upper))
-
-    def newton(
-        self, frames: Indices, start: Array, held: tuple[Mask, Array] | None = None
-    ) -> Solved:
-        """Solve some frames.
-
-        Parameters
-        ----------
-        frames
-            Frame numbers, (F,).
-        start
-            Where to begin, (F, 46).
-        held
-            Which coordinates are held, (F, 46), and at which values.
-
-        Returns
-        -------
-        Solved
-            The optima.
-        """
-        lock = np.tile(self.locked, (len(frames), 1))
-        prior = np.where(lock, LOCK, self.pull)
-        reference = np.where(lock, 0.0, np.tile(self.toward, (len(frames), 1)))
-        if held is not None:
-            lock = lock | held[0]
-            prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], reference)
-        begin = np.where(lock, reference, start)
-        return self.bounded(self.measured(frames), begin, prior, reference, lock)
-
-    def descend(self, measured: Array, start: Array, prior: Array, reference: Array) -> Solved:
-        return solve_frames(
-            self.wearing,
-            measured,
-            start,
-            prior,
-            reference,
-            tolerance=self.tolerance,
-            jobs=self.jobs,
-        )
-
-    def bounded(
-        self, measured: Array, start: Array, prior: Array, reference: Array, lock: Mask
-    ) -> Solved:
-        """Hold coordinates at the limits they would pass; release those that pull back inside."""
-        solved = self.descend(measured, start, prior, reference)
-        if np.isinf(self.lower).all() and np.isinf(self.upper).all():
-            return solved
-        held, at = np.zeros(start.shape, bool), reference
-        for _ in range(MOST_ROUNDS):
-            low, high = ~lock & (solved.q < self.lower), ~lock & (solved.q > self.upper)
-            inward = held & np.where(at == self.lower, solved.q > at, solved.q < at)
-            if not ((low | high) & ~held | inward).any():
-                break
-            held = (held | low | high) & ~inward
-            at = np.where(
-                held, np.where(low, self.lower, np.where(high, self.upper, at)), reference
-            )
-            solved = self.descend(
-                measured,
-                np.where(held, at, solved.q),
-                np.where(held, LOCK, prior),
-                at,
-            )
-        return replace(solved, q=np.clip(solved.q, self.lower, self.upper))
-
-    def bridge(self, found: "_Found", observed: Mask) -> None:
-        """Give coordinates that lost their markers the values between their neighbours in time."""
-        present = ~np.isnan(found.q[:, 0])
-        lost = ~observed & ~self.locked & present[:, None]
-        rows = np.flatnonzero(lost.any(axis=1))
-        value = np.zeros_like(found.q)
-        for i in np.flatnonzero(lost.any(axis=0)):
-            known = np.flatnonzero(observed[:, i] & found.converged)
-            if len(known):
-                value[:, i] = np.interp(np.arange(len(value)), known, found.q[known, i])
-        for some in _pieces(rows):
-            begin = np.where(lost[some], value[some], found.q[some])
-            found.take(some, self.newton(some, begin, (lost[some], value[some])))
-
-
-class _Found:
-    """What has been found of a trial so far."""
-
-    def __init__(self, frames: int, markers: int) -> None:
-        self.q, self.error = np.full((frames, N), np.nan), np.full((frames, markers), np.nan)
-        self.converged, self.gradient = np.zeros(frames, bool), np.full(frames, np.nan)
-        self.pivots = np.full((frames, N), np.nan)
-
-    def take(self, frames: Indices, solved: Solved) -> None:
-        self.q[frames], self.error[frames] = solved.q, solved.error
-        self.converged[frames], self.gradient[frames] = solved.converged, solved.gradient
-        self.pivots[frames] = solved.pivots
-
-
-def _shown(segments: set[str]) -> Mask:
-    """Which coordinates have a marker somewhere beyond them."""
-    shown = np.zeros(N, bool)
-    for i in reversed(range(N)):
-        last = i + 1 == N or TREE[i + 1].segment != TREE[i].segment
-        if last and TREE[i].segment in segments:
-            shown[i] = True
-        if shown[i] and TREE[i].parent >= 0:
-            shown[TREE[i].parent] = True
-    return shown
-
-
-def _pieces(frames: Indices) -> Iterator[Indices]:
-    """Cut frame numbers into pieces of bounded memory."""
-    return (frames[start : start + CHUNK] for start in range(0, len(frames), CHUNK))
+    return Tracker(
+        body,
+        markers,
+        weights or {},
+        limits or {},
+        priors or {},
+        tolerance=tolerance,
+        jobs=jobs,
+    ).motion()
