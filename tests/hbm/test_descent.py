@@ -1,4 +1,4 @@
-"""Newton's method gives the same optimum however its input lies in memory and wherever it stands."""
+"""Newton's method: one optimum however its input lies in memory and wherever it stands."""
 
 import numpy as np
 import pytest
