@@ -33,3 +33,40 @@ def motion_of(time, q, v, a):
 def markers_of(body, motion):
     """Markers that ride exactly on the model."""
     return Markers(motion.time, body.markers, marker_positions(body, motion.q))
+
+
+def with_noise(markers, rng, size_m):
+    """The same markers, each sample off by Gaussian noise."""
+    noise = rng.normal(scale=size_m, size=markers.position.shape)
+    return Markers(markers.time, markers.names, markers.position + noise)
+
+
+def without(markers, names, frames=slice(None)):
+    """The same markers, some of them missing in some frames."""
+    position = markers.position.copy()
+    for name in names:
+        position[frames, markers.names.index(name)] = np.nan
+    return Markers(markers.time, markers.names, position)
+
+
+def any_pose(rng, frames):
+    """Unrelated poses of a walker: facing anywhere, arms anywhere, within the joints' ranges."""
+    ranges = {
+        "PelvisYaw": (-180, 180), "PelvisForwardPitch": (-20, 30), "PelvisRightRoll": (-15, 15),
+        "TrunkFlexion": (-20, 50), "TrunkRightBend": (-25, 25), "TrunkLeftTwist": (-35, 35),
+        "HeadFlexion": (-40, 40), "HeadRightBend": (-35, 35), "HeadLeftTwist": (-70, 70),
+        "ShoulderAbduction": (-180, 180), "ShoulderFlexion": (-85, 85),
+        "ShoulderInternalRotation": (-180, 180), "ElbowFlexion": (-5, 145),
+        "ForeArmPronation": (-10, 170), "WristFlexion": (-70, 70), "HandAbduction": (-30, 30),
+        "HipFlexion": (-30, 80), "HipAbduction": (-20, 40), "HipInternalRotation": (-40, 40),
+        "KneeFlexion": (-5, 110), "AnklePlantarFlexion": (-30, 45), "FootPronation": (-25, 25),
+    }  # fmt: skip
+    q = np.zeros((frames, N))
+    for name, i in INDEX.items():
+        if name in ranges or name[1:] in ranges:
+            low, high = ranges.get(name, ranges.get(name[1:]))
+            q[:, i] = np.radians(rng.uniform(low, high, frames))
+        elif SLIDES[i]:
+            q[:, i] = rng.uniform(-0.03, 0.03, frames)
+    q[:, :3] += rng.uniform([-3, -1, 0.7], [3, 1, 1.1], (frames, 3))
+    return motion_of(np.arange(frames) / 100, q, q, q)

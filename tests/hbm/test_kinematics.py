@@ -1,0 +1,386 @@
+"""Inverse kinematics: the optimum, whatever the start, the cut, the gaps and the bounds."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from hbm import tracking
+from hbm.coordinates import COORDINATES, INDEX, N
+from hbm.kinematics import solve_ik
+from hbm.markers import Markers
+from hbm.poses import marker_positions
+from hbm.tracking import Tracker
+from tests.hbm.motions import (
+    SLIDES,
+    any_pose,
+    markers_of,
+    swinging,
+    with_noise,
+    without,
+)
+from tests.synthetic import synthetic_body
+
+NOISE_M = 0.004
+SEEN = np.array(["Toe" not in name for name in COORDINATES])
+ARM = ("LLEE", "LMEE", "LDELT", "LSHO", "LFRM", "LLW", "LMW", "LFIN")
+
+
+@pytest.fixture(scope="module")
+def body():
+    return synthetic_body()
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return swinging(np.random.default_rng(10), frames=240)
+
+
+@pytest.fixture(scope="module")
+def noisy(body, truth):
+    return with_noise(markers_of(body, truth), np.random.default_rng(11), NOISE_M)
+
+
+@pytest.fixture(scope="module")
+def solved(body, noisy):
+    return solve_ik(body, noisy)
+
+
+def cost(motion, weights=1.0):
+    return np.nansum(weights * motion.marker_error**2, axis=1)
+
+
+def refined(body, markers, frame, start, bounds=(-np.inf, np.inf), extra=None):
+    """SciPy's answer for one frame: weighted distances over all coordinates but the toes."""
+    own = [body.markers.index(name) for name in markers.names]
+    measured = markers.position[frame]
+    seen = np.isfinite(measured[:, 0])
+
+    def away(x):
+        q = np.zeros(N)
+        q[SEEN] = x
+        model = marker_positions(body, q[None])[0, own]
+        rows = (model - measured)[seen].ravel()
+        return rows if extra is None else np.append(rows, extra(q))
+
+    lower, upper = (np.broadcast_to(b, N)[SEEN] for b in bounds)
+    begin = np.clip(start[SEEN], lower + 1e-6, upper - 1e-6)
+    answer = least_squares(away, begin, bounds=(lower, upper), xtol=1e-13, ftol=1e-14, gtol=1e-13)
+    q = np.zeros(N)
+    q[SEEN] = answer.x
+    return q, 2 * answer.cost
+
+
+# -- the optimum ----------------------------------------------------------------------------------
+
+
+def test_the_pose_that_made_the_markers_comes_back(body, truth):
+    found = solve_ik(body, markers_of(body, truth))
+    np.testing.assert_allclose(found.q[:, SEEN], truth.q[:, SEEN], atol=1e-9)
+    assert found.marker_error.max() < 1e-9
+    assert found.converged.all()
+
+
+def test_what_is_reported_as_converged_is_an_optimum(body, noisy, solved):
+    """SciPy, started there, stays there; the gradient before the last step was that of 1 µm."""
+    for frame in (0, 77, 239):
+        q, least = refined(body, noisy, frame, solved.q[frame])
+        assert cost(solved)[frame] <= least * (1 + 1e-9)
+        np.testing.assert_allclose(solved.q[frame], q, atol=2e-6)
+    assert solved.gradient.max() < 1e-6 * len(body.markers)
+
+
+def test_the_last_step_is_below_the_tolerance(body, noisy, solved):
+    finer = solve_ik(body, noisy, tolerance=1e-11)
+    np.testing.assert_allclose(solved.q, finer.q, atol=1e-9)
+
+
+def test_marker_errors_are_distances_from_the_model(body, noisy, solved):
+    own = [body.markers.index(name) for name in solved.markers]
+    model = marker_positions(body, solved.q)[:, own]
+    columns = [noisy.names.index(name) for name in solved.markers]
+    away = np.linalg.norm(noisy.position[:, columns] - model, axis=-1)
+    np.testing.assert_allclose(solved.marker_error, away, atol=1e-12)
+
+
+def test_turning_and_shifting_the_lab_turns_and_shifts_the_pelvis_alone(body, noisy, solved):
+    yaw, shift = 2.3, np.array([3.0, -1.0, 0.2])
+    c, s = np.cos(yaw), np.sin(yaw)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    found = solve_ik(body, Markers(noisy.time, noisy.names, noisy.position @ R.T + shift))
+    np.testing.assert_allclose(found.q[:, :3], solved.q[:, :3] @ R.T + shift, atol=1e-9)
+    np.testing.assert_allclose(found.q[:, 4:], solved.q[:, 4:], atol=1e-9)
+    turned = found.q[:, 3] - solved.q[:, 3] - yaw
+    np.testing.assert_allclose(np.sin(turned / 2), 0, atol=1e-9)
+
+
+def test_the_order_of_the_markers_does_not_matter(body, noisy, solved):
+    order = np.random.default_rng(12).permutation(len(noisy.names))
+    names = tuple(noisy.names[k] for k in order)
+    found = solve_ik(body, Markers(noisy.time, names, noisy.position[:, order]))
+    np.testing.assert_allclose(found.q, solved.q, atol=1e-10)
+
+
+def test_strange_markers_are_ignored(body, noisy, solved):
+    extra = np.concatenate([noisy.position, noisy.position[:, :1] + 9.0], axis=1)
+    found = solve_ik(body, Markers(noisy.time, (*noisy.names, "wand"), extra))
+    np.testing.assert_array_equal(found.q, solved.q)
+
+
+# -- weights, priors, limits ----------------------------------------------------------------------
+
+
+def test_weights_of_all_markers_alike_change_nothing(body, noisy, solved):
+    found = solve_ik(body, noisy, weights=dict.fromkeys(body.markers, 250.0))
+    np.testing.assert_allclose(found.q, solved.q, atol=1e-9)
+
+
+def test_a_marker_of_no_weight_might_as_well_be_missing(body, noisy):
+    weightless = solve_ik(body, noisy, weights={"RLTHI": 0.0, "LLW": 0.0})
+    missing = solve_ik(body, without(noisy, ("RLTHI", "LLW")))
+    np.testing.assert_allclose(weightless.q, missing.q, atol=1e-9)
+
+
+def test_a_heavier_marker_is_met_more_closely(body, noisy, solved):
+    found = solve_ik(body, noisy, weights={"LASIS": 50.0})
+    k = found.markers.index("LASIS")
+    assert found.marker_error[:, k].mean() < 0.1 * solved.marker_error[:, k].mean()
+    weights = np.where(np.arange(len(found.markers)) == k, 50.0, 1.0)
+    assert (cost(found, weights) <= cost(solved, weights) + 1e-12).all()
+
+
+def test_a_prior_is_one_more_row_of_least_squares(body, noisy):
+    weight, value, i = 0.3, 0.8, INDEX["RKneeFlexion"]
+    found = solve_ik(body, noisy, priors={"RKneeFlexion": (weight, value)})
+    for frame in (5, 120):
+        q, _ = refined(
+            body,
+            noisy,
+            frame,
+            found.q[frame],
+            extra=lambda q: np.sqrt(weight) * (q[i] - value),
+        )
+        np.testing.assert_allclose(found.q[frame], q, atol=2e-6)
+
+
+def test_a_strong_prior_holds_a_coordinate(body, noisy):
+    found = solve_ik(body, noisy, priors={"LElbowFlexion": (1e6, 0.5)})
+    np.testing.assert_allclose(found.coordinate("LElbowFlexion"), 0.5, atol=1e-5)
+
+
+def test_limits_give_the_bounded_optimum(body, noisy, solved):
+    limits = {
+        "RKneeFlexion": (0.0, 0.2),
+        "LHipAbduction": (-0.05, 0.05),
+        "PelvisZ": (0.9, 0.96),
+        "LElbowFlexion": (-0.3, 0.1),
+        "RShoulderUp": (-0.005, 0.005),
+    }
+    found = solve_ik(body, noisy, limits=limits)
+    assert found.converged.all()
+    lower, upper = np.full(N, -np.inf), np.full(N, np.inf)
+    for name, (low, high) in limits.items():
+        lower[INDEX[name]], upper[INDEX[name]] = low, high
+    assert (found.q >= lower).all()
+    assert (found.q <= upper).all()
+    assert (cost(found) >= cost(solved) * (1 - 1e-9)).all()
+    bound = ((found.q == lower) | (found.q == upper)).sum(axis=1)
+    hard = np.argsort(bound)[-4:]
+    assert bound[hard].min() >= 2
+    for frame in hard:
+        q, least = refined(body, noisy, frame, found.q[frame], (lower, upper))
+        assert cost(found)[frame] <= least * (1 + 1e-7)
+        np.testing.assert_allclose(found.q[frame], q, atol=1e-4)
+
+
+def test_limits_that_nothing_reaches_change_nothing(body, noisy, solved):
+    found = solve_ik(body, noisy, limits={"RKneeFlexion": (-3.0, 3.0)})
+    np.testing.assert_allclose(found.q, solved.q, atol=1e-10)
+
+
+# -- cuts and workers -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("jobs", [2, 7])
+def test_workers_do_not_show_in_the_result(body, noisy, solved, jobs):
+    np.testing.assert_allclose(solve_ik(body, noisy, jobs=jobs).q, solved.q, atol=1e-9)
+
+
+@pytest.mark.parametrize("chunk", [1, 37, 100_000])
+def test_pieces_do_not_show_in_the_result(body, noisy, solved, chunk, monkeypatch):
+    monkeypatch.setattr(tracking, "CHUNK", chunk)
+    np.testing.assert_allclose(solve_ik(body, noisy).q, solved.q, atol=1e-9)
+
+
+@pytest.mark.parametrize("cut", [1, 50, 133])
+def test_a_trial_cut_in_two_gives_the_same_coordinates(body, noisy, solved, cut):
+    parts = [
+        solve_ik(body, Markers(noisy.time[part], noisy.names, noisy.position[part])).q
+        for part in (slice(cut), slice(cut, None))
+    ]
+    turned = np.concatenate(parts) - solved.q
+    turned[:, ~SLIDES] = 2 * np.sin(turned[:, ~SLIDES] / 2)
+    np.testing.assert_allclose(turned, 0, atol=1e-9)
+
+
+# -- cold start -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.005])
+def test_any_pose_is_found_as_if_one_had_started_from_the_truth(body, noise_m):
+    """500 unrelated poses in one trial, and each of some alone: neighbours are of no help."""
+    poses = any_pose(np.random.default_rng(13), 500)
+    markers = with_noise(markers_of(body, poses), np.random.default_rng(14), noise_m)
+    tracker = Tracker(body, markers, {}, {}, {}, tolerance=1e-6, jobs=1)
+    informed = tracker.newton(np.arange(500), poses.q)
+    least = (informed.error**2).sum(axis=1)
+    found = solve_ik(body, markers)
+    assert found.converged.all()
+    np.testing.assert_allclose(cost(found), least, rtol=1e-9, atol=1e-15)
+    for frame in range(0, 500, 25):
+        one = Markers(markers.time[:1], markers.names, markers.position[frame : frame + 1])
+        np.testing.assert_allclose(
+            cost(solve_ik(body, one))[0], least[frame], rtol=1e-9, atol=1e-15
+        )
+
+
+# -- gaps -----------------------------------------------------------------------------------------
+
+
+def test_random_gaps_leave_every_frame_solved_and_near(body, noisy, solved):
+    rng = np.random.default_rng(15)
+    position = noisy.position.copy()
+    position[rng.random(position.shape[:2]) < 0.05] = np.nan
+    found = solve_ik(body, Markers(noisy.time, noisy.names, position))
+    assert found.converged.all()
+    np.testing.assert_array_equal(
+        np.isnan(found.marker_error),
+        np.isnan(position[:, [noisy.names.index(n) for n in found.markers], 0]),
+    )
+    away = np.abs(found.q - solved.q)[:, SEEN & ~SLIDES]
+    assert np.median(away) < np.radians(0.5)
+    assert np.quantile(away, 0.99) < np.radians(10)
+
+
+@pytest.mark.parametrize("name", synthetic_body().markers)
+def test_a_second_without_any_one_marker_is_solved(body, noisy, solved, name):
+    found = solve_ik(body, without(noisy, [name], slice(70, 170)))
+    assert found.converged.all()
+    elsewhere = np.r_[0:70, 170:240]
+    np.testing.assert_allclose(found.q[elsewhere], solved.q[elsewhere], atol=1e-9)
+
+
+def test_coordinates_that_lose_their_markers_run_straight_between_their_neighbours(body, noisy):
+    found = solve_ik(body, without(noisy, ["LFIN"], slice(70, 170)))
+    hand = [INDEX["LWristFlexion"], INDEX["LHandAbduction"]]
+    assert not found.observed[70:170, hand].any()
+    assert found.observed[:70, hand].all()
+    for i in hand:
+        line = np.interp(np.arange(69, 171), [69, 170], found.q[[69, 170], i])
+        np.testing.assert_allclose(found.q[69:171, i], line, atol=1e-9)
+    others = np.setdiff1d(np.flatnonzero(SEEN), hand)
+    assert found.observed[:, others].all()
+
+
+def test_a_frame_whose_pelvis_nothing_shows_is_not_solved(body, noisy, solved):
+    found = solve_ik(body, without(noisy, noisy.names, slice(100, 110)))
+    np.testing.assert_array_equal(np.flatnonzero(~found.converged), np.arange(100, 110))
+    assert np.isnan(found.q[100:110]).all()
+    assert not found.observed[100:110].any()
+    np.testing.assert_allclose(
+        np.delete(found.q, range(100, 110), 0), np.delete(solved.q, range(100, 110), 0), atol=1e-9
+    )
+
+
+def test_a_trial_without_one_arm_holds_it_at_neutral(body, noisy, solved):
+    armless = without(noisy, ARM)
+    found = solve_ik(body, armless)
+    assert found.converged.all()
+    arm = [i for n, i in INDEX.items() if n[0] == "L" and i < INDEX["RHipFlexion"]]
+    np.testing.assert_allclose(found.q[:, arm], 0, atol=1e-9)
+    assert not found.observed[:, arm].any()
+    legs = np.arange(INDEX["RHipFlexion"], N)
+    np.testing.assert_allclose(found.q[:, legs], solved.q[:, legs], atol=0.02)
+
+
+def test_a_pelvis_without_markers_is_found_from_trunk_and_thighs(body, truth):
+    exact = without(markers_of(body, truth), ("LASIS", "RASIS", "LPSIS", "RPSIS"))
+    found = solve_ik(body, exact)
+    assert found.converged.all()
+    np.testing.assert_allclose(found.q[:, SEEN], truth.q[:, SEEN], atol=1e-6)
+
+
+# -- noise ----------------------------------------------------------------------------------------
+
+
+def jacobian(body, q, rows):
+    step, columns = 1e-6, np.flatnonzero(SEEN)
+    moved = np.repeat(q[None], 2 * len(columns), axis=0)
+    for k, i in enumerate(columns):
+        moved[2 * k, i] += step
+        moved[2 * k + 1, i] -= step
+    model = marker_positions(body, moved)[:, rows].reshape(len(columns), 2, -1)
+    return (model[:, 0] - model[:, 1]).T / (2 * step)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [n for n in synthetic_body().markers if n not in synthetic_body().marker_set.landmark.values()],
+)
+def test_dropping_a_tracking_marker_moves_coordinates_by_what_the_noise_explains(body, name):
+    """Nested least squares: the estimate without it differs by the difference of covariances."""
+    frames = 300
+    pose = any_pose(np.random.default_rng(16), 1)
+    still = markers_of(body, pose)
+    many = Markers(np.arange(frames) / 100, still.names, np.tile(still.position, (frames, 1, 1)))
+    many = with_noise(many, np.random.default_rng(17), 0.001)
+    full, less = solve_ik(body, many), solve_ik(body, without(many, [name]))
+    every = np.arange(len(body.markers))
+    covariance = [
+        np.linalg.inv(J.T @ J)
+        for rows in (every, np.delete(every, body.markers.index(name)))
+        for J in [jacobian(body, pose.q[0], rows)]
+    ]
+    expected = 0.001 * np.sqrt(np.maximum(np.diag(covariance[1] - covariance[0]), 0))
+    moved = np.sqrt(np.mean((less.q - full.q)[:, SEEN] ** 2, axis=0))
+    assert (moved < 1.2 * expected + 1e-5).all()
+
+
+# -- errors ---------------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=15)
+@given(seed=st.integers(0, 2**31))
+def test_any_motion_with_any_gaps_is_solved_or_marked(seed):
+    rng = np.random.default_rng(seed)
+    body, truth = synthetic_body(), swinging(rng, frames=60)
+    markers = with_noise(markers_of(body, truth), rng, NOISE_M)
+    position = markers.position.copy()
+    position[rng.random(position.shape[:2]) < rng.uniform(0, 0.6)] = np.nan
+    found = solve_ik(body, Markers(markers.time, markers.names, position))
+    np.testing.assert_array_equal(np.isnan(found.q).any(axis=1), ~found.converged)
+    np.testing.assert_array_equal(np.isnan(found.q).all(axis=1), ~found.converged)
+
+
+def test_a_trial_of_other_markers_is_refused(body):
+    strange = Markers(np.zeros(1), ("A", "B"), np.zeros((1, 2, 3)))
+    with pytest.raises(ValueError, match=r"none of the body's markers is in the trial; .* A, B"):
+        solve_ik(body, strange)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"weights": {"LASI": 1.0}}, "weight for 'LASI', which is no marker of the body"),
+        ({"weights": {"LASIS": -1.0}}, "the weight of LASIS must be a number from 0 up, got -1"),
+        ({"weights": {"LASIS": np.nan}}, "the weight of LASIS must be a number from 0 up, got nan"),
+        ({"limits": {"Knee": (0, 1)}}, "limit for 'Knee', which is no coordinate"),
+        ({"limits": {"RKneeFlexion": (1, 0)}}, "limits of RKneeFlexion must rise, got 1 and 0"),
+        ({"priors": {"Knee": (0, 1)}}, "prior for 'Knee', which is no coordinate"),
+        ({"priors": {"RKneeFlexion": (-1, 0)}}, "prior of RKneeFlexion must be a weight from 0 up"),
+    ],
+)
+def test_nonsense_is_refused(body, noisy, options, message):
+    with pytest.raises(ValueError, match=message):
+        solve_ik(body, noisy, **options)
