@@ -122,7 +122,8 @@ def _marker_set(name: str, table: dict[str, Any]) -> MarkerSet:
     landmark: dict[str, str] = {}
     faults = []
     for marker, entry in table["markers"].items():
-        if not (isinstance(entry, list) and len(entry) in (1, 2)):
+        words = isinstance(entry, list) and all(isinstance(word, str) for word in entry)
+        if not (words and len(entry) in (1, 2)):
             faults.append(f"{marker} must be [segment] or [segment, landmark], got {entry!r}")
             continue
         segment[marker] = entry[0]

@@ -1,0 +1,50 @@
+"""The synthetic person in other guises: other poses, other sides, other marker sets."""
+
+import numpy as np
+
+from hbm.markers import Markers
+from tests.synthetic import T_POSE_MM
+
+HBM1_NAMES = {"XIPH": "XYPH", "JN": "STRN"}
+HBM1_ONLY_MM = {
+    "SACR": (-87, 2, 1023), "NAVE": (98, 1, 1090), "BBAC": (-96, -70, 1350),
+    "LGTRO": (15, 176, 930), "FLTHI": (72, 120, 720), "LATI": (28, 150, 300),
+    "LTOE": (198, 152, 45),
+    "RGTRO": (11, -181, 937), "FRTHI": (69, -124, 712), "RATI": (24, -147, 310),
+    "RTOE": (193, -149, 47),
+}  # fmt: skip
+
+
+def standing(points_mm, frames=20, rate_hz=100.0):
+    """Markers that stand still, from positions in mm."""
+    pose = np.array(list(points_mm.values()), float) / 1000
+    return Markers(np.arange(frames) / rate_hz, tuple(points_mm), np.tile(pose, (frames, 1, 1)))
+
+
+def person(*missing, **moved_mm):
+    """The person in the T-pose without some markers, others put elsewhere."""
+    points = {name: p for name, p in T_POSE_MM.items() if name not in missing}
+    return standing(points | moved_mm)
+
+
+def hbm1_person(names):
+    """The person wearing Human Body Model 1's markers."""
+    points = {HBM1_NAMES.get(name, name): p for name, p in T_POSE_MM.items()} | HBM1_ONLY_MM
+    return standing({name: points[name] for name in names})
+
+
+def mirrored(markers):
+    """The person's mirror image: what was left is right."""
+    swap = {"L": "R", "R": "L"}
+    names = tuple(
+        swap[n[0]] + n[1:] if n[0] in swap and swap[n[0]] + n[1:] in markers.names else n
+        for n in markers.names
+    )
+    return Markers(markers.time, names, markers.position * [1, -1, 1])
+
+
+def turned(markers, yaw, shift=(0.0, 0.0, 0.0)):
+    """The person facing another way, elsewhere."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    return Markers(markers.time, markers.names, markers.position @ R.T + np.array(shift))
