@@ -37,11 +37,12 @@ class Assembly:
     tensor: tuple[tuple[float, float, float], ...]
 
 
+# The motor and its drum sit at the front of a belt, so the centres of mass do too.
 LEFT_ASSEMBLY: Final = Assembly(
-    150.0, (0.03, 0.27, -0.12), ((5.2, 0.3, -0.6), (0.3, 46.0, 0.2), (-0.6, 0.2, 47.0))
+    150.0, (0.34, 0.27, -0.12), ((5.2, 0.3, -0.6), (0.3, 46.0, 0.2), (-0.6, 0.2, 47.0))
 )
 RIGHT_ASSEMBLY: Final = Assembly(
-    150.0, (-0.04, -0.26, -0.13), ((5.0, -0.4, 0.5), (-0.4, 45.0, -0.2), (0.5, -0.2, 46.0))
+    150.0, (0.31, -0.26, -0.13), ((5.0, -0.4, 0.5), (-0.4, 45.0, -0.2), (0.5, -0.2, 46.0))
 )
 
 
