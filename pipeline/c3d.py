@@ -55,6 +55,7 @@ def read_c3d(
     *,
     rename: Mapping[str, str] | None = None,
     subject: str | None = None,
+    most_frames: int | None = None,
 ) -> Recording:
     """Read a C3D file.
 
@@ -69,6 +70,8 @@ def read_c3d(
         Label in the file (without subject prefix) -> label wanted.
     subject
         Label prefix of the subject wanted, needed only where two subjects carry the same labels.
+    most_frames
+        Read no more than these first frames; by default all.
 
     Returns
     -------
@@ -88,16 +91,20 @@ def read_c3d(
     """
     path = Path(path)
     try:
-        return _read(path, axes, rename, subject)
+        return _read(path, axes, rename, subject, most_frames)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
 
 
 def _read(
-    path: Path, axes: str | None, rename: Mapping[str, str] | None, subject: str | None
+    path: Path,
+    axes: str | None,
+    rename: Mapping[str, str] | None,
+    subject: str | None,
+    most_frames: int | None,
 ) -> Recording:
     header, parameters = read_header(path)
-    samples = read_samples(path, header, parameters)
+    samples = read_samples(path, header, parameters, most_frames)
     labels = sort_labels(parameters, header.n_points, subject=subject, rename=rename)
     unit = parameters.text("POINT", "UNITS")
     metre = length_in_m(unit)

@@ -36,7 +36,9 @@ class Samples:
     analog_rate_hz: float
 
 
-def read_samples(path: Path, header: Header, parameters: Parameters) -> Samples:
+def read_samples(
+    path: Path, header: Header, parameters: Parameters, most_frames: int | None = None
+) -> Samples:
     """Read all points and analog channels.
 
     Parameters
@@ -45,6 +47,8 @@ def read_samples(path: Path, header: Header, parameters: Parameters) -> Samples:
         The C3D file.
     header, parameters
         What `read_header` gave for it.
+    most_frames
+        Read no more than these first frames; by default all.
 
     Returns
     -------
@@ -78,6 +82,7 @@ def read_samples(path: Path, header: Header, parameters: Parameters) -> Samples:
     _check_scale(header, parameters)
     unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
     frames = count_frames(path, header, parameters)
+    frames = frames if most_frames is None else min(frames, most_frames)
     offset, scale = _analog_scaling(parameters, channels, unsigned)
     points = np.empty((frames, n_points, 3))
     analog = np.empty((frames, per_frame, channels))
@@ -92,6 +97,43 @@ def read_samples(path: Path, header: Header, parameters: Parameters) -> Samples:
             analog[start:stop] = (raw_analog - offset) * scale
             analog[start:stop][~np.isfinite(analog[start:stop])] = np.nan
     return Samples(points, analog.reshape(frames * per_frame, channels), rate, rate * per_frame)
+
+
+def missing_share(
+    path: Path, header: Header, parameters: Parameters, looks: int
+) -> NDArray[np.float64]:
+    """Estimate how often each point is missing, from frames spread evenly over the file.
+
+    Parameters
+    ----------
+    path
+        The C3D file.
+    header, parameters
+        What `read_header` gave for it.
+    looks
+        How many frames to look at; all if there are fewer.
+
+    Returns
+    -------
+    ndarray
+        Share of the frames in which each point is missing, (P,).
+
+    Raises
+    ------
+    ValueError
+        As `count_frames`.
+    """
+    frames = count_frames(path, header, parameters)
+    chosen = np.unique(np.linspace(0, frames - 1, looks).round().astype(int))
+    size, start = bytes_per_frame(header), (header.data_block - 1) * BLOCK
+    data = bytearray()
+    with path.open("rb") as file:
+        for frame in chosen:
+            file.seek(start + int(frame) * size)
+            data += file.read(size)
+    with np.errstate(invalid="ignore", over="ignore"):
+        points, _ = _decode(bytes(data), header, False, len(chosen))
+        return np.asarray(_is_missing(points).mean(axis=0))
 
 
 def bytes_per_frame(header: Header) -> int:

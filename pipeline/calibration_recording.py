@@ -92,7 +92,8 @@ def _fitted(
     try:
         return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json))
     except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
+        text = str(error)
+        raise ValueError(text if path.name in text else f"{path.name}: {text}") from error
 
 
 def read_empty(path: Path, axes: str | None) -> Recording:

@@ -1,19 +1,33 @@
 """A study looked over before any computing: what a run will use, lock, fill or refuse."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
-import numpy as np
-
+from compensation import Calibration
+from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, LAST, support
-from hbm.markers import MarkerSet, did_you_mean, marker_sets, recognise_marker_set
+from hbm.markers import MarkerSet, did_you_mean
 from pipeline.c3d import read_c3d
-from pipeline.laboratory import accelerations, read_calibration
+from pipeline.c3d_preview import Preview, preview_c3d
+from pipeline.cycles import gait_events
+from pipeline.laboratory import (
+    Laboratory,
+    accelerations,
+    models_of,
+    platform_pose,
+    read_calibration,
+)
 from pipeline.recording import Recording
-from pipeline.study import Study
+from pipeline.study import Condition, Study, Subject
+from pipeline.weighing import body_mass, stature
 
 SHORTEST_S = 5.0
+SHORTEST_CYCLE_S = 0.8
 OFTEN_MISSING = 0.2
+UNKNOWN_KG = 70.0
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +39,7 @@ class Findings:
 
 
 def check_study(study: Study) -> Findings:
-    """Open every recording of a study and say what a run will make of it.
+    """Look at every recording of a study and say what a run will make of it.
 
     Parameters
     ----------
@@ -35,96 +49,190 @@ def check_study(study: Study) -> Findings:
     Returns
     -------
     Findings
-        All faults of all files, not only the first.
+        All faults of all files, not only the first. A recording is judged by its header, its
+        beginning and frames spread over it; a fault is held against all of it before it is told.
     """
-    faults: list[str] = []
-    remarks: list[str] = []
-    treadmill = study.file.treadmill
-    if treadmill.calibration:
-        try:
-            path = study.path(treadmill.calibration)
-            calibration = read_calibration(path, treadmill, study.file.axes)
-            for name, model in calibration.plates.items():
-                remarks += [f"{path.name}: {name}: {warning}" for warning in model.warnings]
-            remarks.append(f"{path.name}: models for {', '.join(calibration.plates)}")
-        except (ValueError, OSError) as error:
-            faults.append(str(error))
-    else:
-        remarks.append("study.toml: no treadmill.calibration, so nothing will be compensated")
+    notes = _Notes()
+    calibration = _calibration(study, notes)
+    seen: dict[Path, str] = {}
     for subject, person in study.subjects.items():
         for condition, trial in person.trials.items():
             if trial.exclude is not None:
-                remarks.append(f"{subject} {condition}: excluded: {trial.exclude}")
+                notes.remarks.append(f"{subject} {condition}: excluded: {trial.exclude}")
             elif trial.file is not None:
-                _check_trial(study, condition, study.path(trial.file), faults, remarks)
+                path = study.path(trial.file)
+                other = seen.setdefault(path.resolve(), f"{subject} {condition}")
+                if other != f"{subject} {condition}":
+                    said = f"{subject} {condition}: the same recording as {other}"
+                    notes.remarks.append(said)
+                notes += _look(study, condition, person.person, path, person.static, calibration)
         missing = [name for name in study.file.conditions if name not in person.trials]
         if missing:
-            remarks.append(f"{subject}: no trial for {', '.join(missing)}")
-    return Findings(tuple(faults), tuple(remarks))
+            notes.remarks.append(f"{subject}: no trial for {', '.join(missing)}")
+    return Findings(tuple(dict.fromkeys(notes.faults)), tuple(dict.fromkeys(notes.remarks)))
 
 
-def _check_trial(
-    study: Study, condition: str, path: Path, faults: list[str], remarks: list[str]
-) -> None:
-    try:
-        recording = read_c3d(path, study.file.axes, rename=study.file.rename)
-        chosen = _marker_set(study, recording)
-    except (ValueError, OSError) as error:
-        text = str(error)
-        faults.append(text if path.name in text else f"{path.name}: {text}")
-        return
-    name, markers = path.name, recording.markers
-    duration = float(markers.time[-1] - markers.time[0])
-    remarks.append(
-        f"{name}: {duration:.1f} s, {len(markers.names)} markers at {markers.rate_hz:g} Hz "
-        f"({chosen.name}), {len(recording.plates)} plates, {len(recording.events)} events"
-    )
-    if not recording.plates:
-        faults.append(f"{name}: no force plates")
-    if duration < SHORTEST_S:
-        faults.append(f"{name}: lasts {duration:.1f} s; a trial needs {SHORTEST_S:g} s at least")
-    _check_markers(name, recording, chosen, remarks)
-    _check_channels(study, condition, recording, faults)
+@dataclass(slots=True)
+class _Notes:
+    """Faults and remarks as they are found."""
 
+    faults: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
 
-def _marker_set(study: Study, recording: Recording) -> MarkerSet:
-    if study.marker_set is not None:
-        return study.marker_set
-    stated = study.file.settings.marker_set
-    return marker_sets()[stated] if stated else recognise_marker_set(recording.markers.names)
+    def __iadd__(self, other: "_Notes") -> "_Notes":
+        self.faults += other.faults
+        self.remarks += other.remarks
+        return self
 
-
-def _check_markers(name: str, recording: Recording, chosen: MarkerSet, remarks: list[str]) -> None:
-    markers = recording.markers
-    absent = [marker for marker in chosen.segment if marker not in markers.names]
-    if absent:
-        remarks.append(f"{name}: markers missing from the set: {', '.join(absent)}")
-    shown = {i for m, s in chosen.segment.items() if m not in absent for i in support(LAST[s])}
-    locked = [coordinate for i, coordinate in enumerate(COORDINATES) if i not in shown]
-    if locked:
-        remarks.append(f"{name}: will be locked at neutral: {', '.join(locked)}")
-    gaps = np.isnan(markers.position[..., 0]).mean(axis=0)
-    for marker, share in zip(markers.names, gaps, strict=True):
-        if share > OFTEN_MISSING and marker in chosen.segment:
-            remarks.append(f"{name}: {marker} is missing {100 * share:.0f} % of the time")
-
-
-def _check_channels(study: Study, condition: str, recording: Recording, faults: list[str]) -> None:
-    treadmill, rule = study.file.treadmill, study.file.conditions[condition]
-    name = recording.source.name
-    if treadmill.calibration:
+    def of(self, name: str, what: Callable[[], Found]) -> Found | None:
+        """Give what a function finds; where it raises, its reason is a fault of the file."""
         try:
-            accelerations(recording, treadmill)
-        except ValueError as error:
-            faults.append(str(error))
+            return what()
+        except (ValueError, OSError) as error:
+            text = str(error)
+            self.faults.append(text if name in text else f"{name}: {text}")
+            return None
+
+
+def _calibration(study: Study, notes: _Notes) -> Calibration | None:
+    treadmill = study.file.treadmill
+    if not treadmill.calibration:
+        notes.remarks.append("study.toml: no treadmill.calibration, so nothing will be compensated")
+        return None
+    path = study.path(treadmill.calibration)
+    found = notes.of(path.name, lambda: read_calibration(path, treadmill, study.file.axes))
+    if found is not None:
+        for plate, model in found.plates.items():
+            notes.remarks += [f"{path.name}: {plate}: {warning}" for warning in model.warnings]
+        notes.remarks.append(f"{path.name}: compensates {', '.join(found.plates)}")
+    return found
+
+
+def _look(
+    study: Study,
+    condition: str,
+    person: Subject,
+    path: Path,
+    static: str | None,
+    calibration: Calibration | None,
+) -> _Notes:
+    """Look at one trial: at its beginning, and if that has a fault, at all of it."""
+    file, rule = study.file, study.file.conditions[condition]
+    laboratory = Laboratory(file.treadmill, calibration)
+
+    def judge(preview: Preview) -> _Notes:
+        notes = _Notes()
+        pose: Recording | None = preview.beginning
+        if static is not None:
+            there = study.path(static)
+            pose = notes.of(there.name, lambda: read_c3d(there, file.axes, rename=file.rename))
+        _recorded(preview, rule, notes)
+        if pose is not None:
+            _body(study, person, preview, pose, notes)
+        _moving(preview.beginning, laboratory, rule, notes)
+        return notes
+
+    notes = _Notes()
+    preview = notes.of(path.name, lambda: preview_c3d(path, file.axes, rename=file.rename))
+    if preview is not None:
+        notes = judge(preview)
+        if not notes.faults:
+            return notes
+    whole = _Notes()
+    recording = whole.of(path.name, lambda: read_c3d(path, file.axes, rename=file.rename))
+    if recording is None:
+        return whole
+    missing = preview.missing if preview is not None else {}
+    return judge(Preview(recording, len(recording.markers.time), missing))
+
+
+def _recorded(preview: Preview, rule: Condition, notes: _Notes) -> None:
+    """Say what a file holds, and whether that is enough."""
+    recording = preview.beginning
+    name, rate_hz = recording.source.name, recording.markers.rate_hz
+    duration = preview.frames / rate_hz
+    plates, analog = recording.plates, recording.analog
+    said = [f"{duration:.1f} s", f"{len(recording.markers.names)} markers at {rate_hz:g} Hz"]
+    if plates:
+        samples = (len(plates[0].time) - 1) / (plates[0].time[-1] - plates[0].time[0])
+        said.append(f"{len(plates)} plates at {samples:.6g} Hz")
+    if analog is not None:
+        channels = zip(analog.names, analog.units, strict=True)
+        said.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
+    said.append(f"{len(recording.events) or 'no'} gait events")
+    notes.remarks.append(f"{name}: {', '.join(said)}")
+    notes.remarks += [f"{name}: {note}" for note in recording.notes]
+    if not plates:
+        notes.faults.append(f"{name}: no force plates")
+    if duration < SHORTEST_S:
+        said = [f"lasts {duration:.1f} s; a trial needs {SHORTEST_S:g} s at least"]
+        notes.faults.append(f"{name}: {said[0]}")
+    elif rule.cycles and duration < rule.skip_s + rule.cycles * SHORTEST_CYCLE_S:
+        notes.remarks.append(
+            f"{name}: too short for {rule.cycles} gait cycles after {rule.skip_s:g} s"
+        )
+    notes.of(name, lambda: gait_events(recording))
+
+
+def _body(study: Study, person: Subject, preview: Preview, pose: Recording, notes: _Notes) -> None:
+    """Say what body will be built, what of it is locked, and which markers have gaps."""
+    settings, name = study.file.settings, preview.beginning.source.name
+    weighed = notes.of(name, lambda: body_mass(person, pose)) if pose.plates else None
+    if weighed is not None:
+        notes.remarks.append(f"{name}: {weighed[1]}")
+
+    def build() -> Body:
+        return build_body(
+            pose.markers,
+            mass=weighed[0] if weighed is not None else UNKNOWN_KG,
+            sex=person.sex,
+            height_m=stature(person, pose),
+            marker_set=study.marker_set or settings.marker_set,
+            hip=settings.hip,
+            marker_offset_m=settings.marker_offset_m,
+        )
+
+    body = notes.of(name, build)
+    if body is None:
+        return
+    _markers(name, body, body.marker_set, preview, notes)
+    notes.remarks += [f"{name}: {note}" for note in body.notes]
+
+
+def _markers(name: str, body: Body, chosen: MarkerSet, preview: Preview, notes: _Notes) -> None:
+    present = [marker for marker in chosen.segment if marker in preview.beginning.markers.names]
+    absent = [marker for marker in chosen.segment if marker not in present]
+    said = f"{len(present)} of the {len(chosen.segment)} markers of {chosen.name}"
+    missing = f"; missing: {', '.join(absent)}" if absent else ""
+    notes.remarks.append(f"{name}: {said}{missing}")
+    used = [s for m, s in zip(body.markers, body.marker_segment, strict=True) if m in present]
+    shown = {i for segment in used for i in support(LAST[segment])}
+    locked = [c for i, c in enumerate(COORDINATES) if i not in shown]
+    if locked:
+        notes.remarks.append(f"{name}: will be locked at neutral: {', '.join(locked)}")
+    gaps = {m: preview.missing.get(m, 0.0) for m in present}
+    often = [f"{m} {100 * share:.0f} %" for m, share in gaps.items() if share > OFTEN_MISSING]
+    if any(gaps.values()):
+        count = sum(share > 0 for share in gaps.values())
+        said = f"{count} markers have gaps, and will be left out of the fit there"
+        notes.remarks.append(
+            f"{name}: {said}{'; often missing: ' if often else ''}{', '.join(often)}"
+        )
+
+
+def _moving(recording: Recording, laboratory: Laboratory, rule: Condition, notes: _Notes) -> None:
+    """Say whether compensation, platform and perturbations will be found."""
+    name, treadmill = recording.source.name, laboratory.treadmill
+    if laboratory.calibration is not None and recording.plates:
+        readings = notes.of(name, lambda: accelerations(recording, treadmill))
+        if readings is not None:
+            notes.of(name, lambda: models_of(recording, laboratory))
+    time, platform = recording.markers.time, treadmill.platform
+    pose = notes.of(name, lambda: platform_pose(recording, platform, time))
+    if pose is not None:
+        notes.remarks += [f"{name}: {note}" for note in pose[1]]
     known = recording.analog.names if recording.analog is not None else ()
-    platform = treadmill.platform
-    wanted = [rule.pulse_channel] if rule.perturbed else []
-    wanted += [platform.sway_channel, platform.pitch_channel] if platform else []
-    for channel in filter(None, wanted):
-        if channel not in known:
-            faults.append(f"{name}: no analog channel {channel!r}{did_you_mean(channel, known)}")
-    for marker in platform.markers if platform else ():
-        if marker not in recording.markers.names:
-            hint = did_you_mean(marker, recording.markers.names)
-            faults.append(f"{name}: no platform marker {marker!r}{hint}")
+    channel = rule.pulse_channel
+    if channel is not None and channel not in known:
+        hint = did_you_mean(channel, known)
+        notes.faults.append(f"{name}: no analog channel {channel!r}{hint}")

@@ -21,7 +21,7 @@ from pipeline.laboratory import Ground, Laboratory, ground_wrenches, read_calibr
 from pipeline.recording import Event, Recording
 from pipeline.study import Condition, Settings, Study, Subject, Treadmill
 from pipeline.trial_result import TrialResult
-from pipeline.weighing import body_mass
+from pipeline.weighing import body_mass, stature
 from pipeline.windows import pulse_onsets, select_cycles, sway_onsets
 
 
@@ -75,7 +75,7 @@ def process_recording(
         pose.markers,
         mass=mass,
         sex=subject.sex,
-        height_m=_stature(subject, pose),
+        height_m=stature(subject, pose),
         marker_set=marker_set or settings.marker_set,
         window_s=static_window_s,
         hip=settings.hip,
@@ -256,14 +256,6 @@ def cut_cycles(
         ]
         cycles[side] = spans[~np.array(hit, bool)]
     return cycles, tuple(rejected)
-
-
-def _stature(subject: Subject, pose: Recording) -> float | None:
-    """Give stature as stated, else as the file says where that is plausible."""
-    recorded = pose.metadata.get("height_m")
-    if subject.height_m is None and isinstance(recorded, float) and 0.5 <= recorded <= 2.6:
-        return recorded
-    return subject.height_m
 
 
 def _require_plates(recording: Recording) -> None:

@@ -1,4 +1,4 @@
-"""Body mass: as stated, or as the plates weigh the standing subject."""
+"""Body mass and stature: as stated, or as the plates weigh the subject and the file says."""
 
 from typing import Final
 
@@ -52,3 +52,24 @@ def body_mass(subject: Subject, pose: Recording) -> tuple[float, str]:
         )
     mass = float(np.mean(weight)) / GRAVITY
     return mass, f"body mass {mass:.1f} kg by the plates, first {WEIGHING_FRAMES} frames of {name}"
+
+
+def stature(subject: Subject, pose: Recording) -> float | None:
+    """Give stature as stated, else as the recording says where that is plausible.
+
+    Parameters
+    ----------
+    subject
+        Who.
+    pose
+        Recording of the calibration pose.
+
+    Returns
+    -------
+    float or None
+        Stature [m]; None where nobody says.
+    """
+    recorded = pose.metadata.get("height_m")
+    if subject.height_m is None and isinstance(recorded, float) and 0.5 <= recorded <= 2.6:
+        return recorded
+    return subject.height_m

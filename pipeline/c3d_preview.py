@@ -1,0 +1,46 @@
+"""A C3D file at a glance: its beginning, how long it is, and how often its markers are missing."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from pipeline.c3d import read_c3d
+from pipeline.c3d_data import count_frames, missing_share
+from pipeline.c3d_header import read_header
+from pipeline.labels import sort_labels
+from pipeline.recording import Recording
+
+BEGINNING_FRAMES: Final = 1000
+LOOKS: Final = 500
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """What a look at a file tells.
+
+    Attributes
+    ----------
+    beginning
+        The first frames, at most `BEGINNING_FRAMES`.
+    frames
+        Number of frames in the file.
+    missing
+        Marker -> share of frames in which it is missing, judged by `LOOKS` frames.
+    """
+
+    beginning: Recording
+    frames: int
+    missing: dict[str, float]
+
+
+def preview_c3d(
+    path: Path, axes: str | None = None, *, rename: Mapping[str, str] | None = None
+) -> Preview:
+    """Look at a C3D file without reading all of it; parameters and errors as `read_c3d`."""
+    beginning = read_c3d(path, axes, rename=rename, most_frames=BEGINNING_FRAMES)
+    header, parameters = read_header(path)
+    share = missing_share(path, header, parameters, LOOKS)
+    markers = sort_labels(parameters, header.n_points, rename=rename).markers
+    missing = {name: float(share[k]) for name, k in markers.items()}
+    return Preview(beginning, count_frames(path, header, parameters), missing)
