@@ -69,9 +69,9 @@ def calibrate(
             f"no frame from {time[chosen[0]]:.2f} to {time[chosen[-1]]:.2f} s shows all "
             f"calibration markers at once; {rare} is missing most often; choose another window"
         )
-    speed = _speed(position, markers.rate_hz)
+    speed = _speed(position, time)
     if window_s is None:
-        complete = _quiet(complete, speed, max(2, round(WINDOW_S * markers.rate_hz)))
+        complete = _quiet(complete, speed, time)
     spread = np.unique(np.linspace(0, len(complete) - 1, INSTANTS).round().astype(int))
     frames = complete[spread]
     pace = speed[complete]
@@ -98,13 +98,14 @@ def _inside(time: Array, window_s: tuple[float, float] | None) -> Indices:
     return np.asarray(inside)
 
 
-def _speed(position: Array, rate_hz: float) -> Array:
+def _speed(position: Array, time: Array) -> Array:
     """Mean speed of the visible markers around each frame, tremor faster than 0.1 s left out."""
-    step = min(max(1, round(TREMOR_S * rate_hz)), len(position) - 1)
     speed = np.full(len(position), np.nan)
-    if step < 1:
+    if len(position) < 2:
         return speed
-    moved = np.linalg.norm(position[step:] - position[:-step], axis=-1) * rate_hz / step
+    step = min(max(1, round(TREMOR_S / float(np.median(np.diff(time))))), len(position) - 1)
+    passed = (time[step:] - time[:-step])[:, None]
+    moved = np.linalg.norm(position[step:] - position[:-step], axis=-1) / passed
     seen = ~np.isnan(moved)
     count = seen.sum(axis=1)
     mean = np.where(seen, moved, 0).sum(axis=1) / np.maximum(count, 1)
@@ -112,18 +113,17 @@ def _speed(position: Array, rate_hz: float) -> Array:
     return speed
 
 
-def _quiet(complete: Indices, speed: Array, length: int) -> Indices:
+def _quiet(complete: Indices, speed: Array, time: Array) -> Indices:
     """Keep the complete frames of the quietest second; all of them if nobody stands still."""
     known = complete[~np.isnan(speed[complete])]
     if not len(known):
         return complete
     total = np.concatenate([[0.0], np.cumsum(speed[known])])
-    starts = np.arange(len(known))
-    stops = np.searchsorted(known, known + length)
-    enough = stops - starts >= min(length // 2, (stops - starts).max())
-    mean = np.where(enough, (total[stops] - total[starts]) / np.maximum(stops - starts, 1), np.inf)
+    starts, stops = np.arange(len(known)), np.searchsorted(time[known], time[known] + WINDOW_S)
+    count = stops - starts
+    mean = np.where(2 * count >= count.max(), (total[stops] - total[starts]) / count, np.inf)
     best = int(np.argmin(mean))
     if mean[best] >= QUIET_MPS:
         return complete
-    inside = (complete >= known[best]) & (complete < known[best] + length)
-    return np.asarray(complete[inside])
+    begin = time[known[best]]
+    return np.asarray(complete[(time[complete] >= begin) & (time[complete] < begin + WINDOW_S)])

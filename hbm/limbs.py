@@ -80,22 +80,27 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], side: str) -> None:
     """Find shoulder, elbow, wrist and knuckle; absent if the arm has too few landmarks.
 
     Shoulder: 0.17 of the distance between the acromions below the acromion along the trunk (Rab et
-    al. 2002, J Orthop Res 20:71). Elbow without medial marker: 0.155 of the distance from lateral
+    al. 2002, J Orthop Res 20:71); without the other acromion, that distance is twice the acromion's
+    from the trunk's middle. Elbow without medial marker: 0.155 of the distance from lateral
     epicondyle to wrist (Reed et al. 1999) towards the line from shoulder to wrist.
     """
     s = SIDES[side]
     styloids = [at[name] for name in (s + "LW", s + "MW") if name in at]
-    if not {"LSHO", "RSHO", s + "LEE"} <= set(at) or not styloids:
+    if not {s + "SHO", s + "LEE"} <= set(at) or not styloids:
         if styloids or any(s + name in at for name in ("LEE", "MEE", "FIN")):
-            missing = [n for n in ("LSHO", "RSHO", s + "LEE") if n not in at]
+            missing = [n for n in (s + "SHO", s + "LEE") if n not in at]
             missing += [] if styloids else [f"{s}LW or {s}MW"]
             anatomy.notes.append(
                 f"the {side} arm's joints need {', '.join(missing)}, which the calibration pose "
                 "does not show: it hangs neutrally, and its markers beyond the shoulder are unused"
             )
         return
-    drop = 0.17 * distance(at["LSHO"], at["RSHO"])
-    shoulder = at[s + "SHO"] - drop * anatomy.frames["trunk"][:, 2]
+    trunk = anatomy.frames["trunk"]
+    if {"LSHO", "RSHO"} <= set(at):
+        width = distance(at["LSHO"], at["RSHO"])
+    else:
+        width = 2 * abs(float((at[s + "SHO"] - anatomy.points["trunk_top"]) @ trunk[:, 1]))
+    shoulder = at[s + "SHO"] - 0.17 * width * trunk[:, 2]
     wrist, outer = np.mean(styloids, axis=0), at[s + "LEE"]
     reach = unit(wrist - shoulder)
     on_line = shoulder + ((outer - shoulder) @ reach) * reach

@@ -1,0 +1,349 @@
+"""The body: what it is made of, and what must not change it."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.body import build_body
+from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, MASSLESS, MOVING, SEGMENTS, N
+from hbm.dynamics import filter_motion, inverse_dynamics
+from hbm.kinematics import solve_ik
+from hbm.markers import Markers, marker_sets
+from hbm.poses import marker_positions, segment_frames
+from hbm.segments import proportions
+from hbm.spatial import rotation_about
+from tests.hbm.motions import markers_of, motion_of, swinging, with_noise, without
+from tests.hbm.people import hbm1_person, mirrored, person, standing, turned
+from tests.synthetic import MASS_KG, RATE_HZ, STATURE_M, T_POSE_MM, synthetic_body, synthetic_t_pose
+
+ARM = ("LLEE", "LMEE", "LDELT", "LFRM", "LLW", "LMW", "LFIN")
+HIPS = {"right": np.array([-0.05, -0.085, -0.08]), "left": np.array([-0.05, 0.085, -0.08])}
+
+
+def built(markers, **options):
+    return build_body(markers, **{"mass": MASS_KG, "sex": "male", "height_m": STATURE_M} | options)
+
+
+@pytest.fixture(scope="module")
+def body():
+    return synthetic_body()
+
+
+@pytest.fixture(scope="module")
+def t_pose(body):
+    """The coordinates of the calibration pose."""
+    return solve_ik(body, synthetic_t_pose()).q[0]
+
+
+def same(one, other, atol=1e-9):
+    np.testing.assert_allclose(one.geometry, other.geometry, atol=atol)
+    np.testing.assert_allclose(one.inertia_vector, other.inertia_vector, atol=atol)
+    ours, theirs = (dict(zip(b.markers, b.marker_position, strict=True)) for b in (one, other))
+    assert ours.keys() == theirs.keys()
+    for name, position in ours.items():
+        np.testing.assert_allclose(position, theirs[name], atol=atol, err_msg=name)
+
+
+# -- structure ------------------------------------------------------------------------------------
+
+
+def test_the_model_has_46_coordinates_one_axis_each_with_the_human_body_model_s_names(body):
+    pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
+    model = body.model
+    assert model.nq == model.nv == N == 46
+    assert tuple(model.names)[1:] == COORDINATES
+    assert sorted(COORDINATES) == sorted(HBM_ORDER)
+    assert body.model is model
+
+
+def test_17_segments_move_and_two_points_carry_the_acromions():
+    assert len(MOVING) == 17
+    assert set(SEGMENTS) - set(MOVING) == set(MASSLESS) == {"left_shoulder", "right_shoulder"}
+
+
+def test_all_46_markers_ride_and_only_the_toes_are_locked(body):
+    assert len(body.markers) == 46
+    assert body.locked == ("RToeFlexion", "LToeFlexion")
+
+
+def test_the_segments_weigh_the_body(body):
+    assert sum(part.mass for part in body.inertias.values()) == pytest.approx(MASS_KG, rel=1e-14)
+
+
+def test_the_calibration_pose_is_met_exactly(body):
+    assert solve_ik(body, synthetic_t_pose()).marker_error.max() < 1e-9
+
+
+def test_neutral_is_upright_with_hanging_arms_and_frames_parallel_to_the_lab(body):
+    rotation, origin = segment_frames(body, np.zeros((1, N)))
+    np.testing.assert_allclose(rotation[0], np.tile(np.eye(3), (len(SEGMENTS), 1, 1)), atol=1e-12)
+    height = dict(zip(SEGMENTS, origin[0, :, 2], strict=True))
+    assert height["right_hand"] < height["right_forearm"] < height["right_upper_arm"]
+    assert height["right_foot"] < height["right_shank"] < height["pelvis"] < height["head"]
+
+
+def test_the_thigh_of_this_person_is_de_leva_s(body):
+    length = np.linalg.norm(body.offsets["right_shank"])
+    thigh, part = body.inertias["right_thigh"], proportions("male")["thigh"]
+    assert body.lengths["right_thigh"] == pytest.approx(length)
+    assert thigh.mass == pytest.approx(0.1416 * MASS_KG)
+    np.testing.assert_allclose(thigh.center, 0.4095 * body.offsets["right_shank"], atol=1e-12)
+    moments = thigh.mass * (np.array(part.gyration) * length) ** 2
+    np.testing.assert_allclose(np.linalg.eigvalsh(thigh.tensor), np.sort(moments), rtol=1e-12)
+
+
+def test_a_body_goes_through_pickle_as_parallel_work_needs(body):
+    copy = pickle.loads(pickle.dumps(body))
+    same(copy, body, atol=0)
+    assert copy.marker_set == body.marker_set
+
+
+def test_a_body_cannot_be_changed_by_accident(body):
+    with pytest.raises(ValueError, match="read-only"):
+        body.marker_position[0] = 0
+    with pytest.raises(ValueError, match="read-only"):
+        body.offsets["trunk"][0] = 0
+
+
+# -- what must not matter -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("yaw", [0.7, -2.5, np.pi])
+def test_whichever_way_the_subject_faces_the_body_is_the_same(body, yaw):
+    same(built(turned(synthetic_t_pose(), yaw, (3.0, -8.0, 0.0))), body)
+
+
+def test_the_order_of_the_markers_does_not_matter(body):
+    static = synthetic_t_pose()
+    order = np.random.default_rng(20).permutation(len(static.names))
+    names = tuple(static.names[k] for k in order)
+    shuffled = built(Markers(static.time, names, static.position[:, order]))
+    assert shuffled.markers == body.markers
+    same(shuffled, body, atol=1e-15)
+
+
+@pytest.mark.parametrize("degrees", [45.0, 17.0])
+def test_an_a_pose_does_as_well_as_a_t_pose(body, t_pose, degrees):
+    """Arms as far from the sides as in other laboratories' protocols; shoulders do not lift."""
+    q = t_pose.copy()
+    for s in "RL":
+        q[INDEX[f"{s}ShoulderAbduction"]] = np.radians(degrees)
+    a_pose = markers_of(body, motion_of(np.arange(50) / RATE_HZ, *[np.tile(q, (50, 1))] * 3))
+    low = q[INDEX["LShoulderAbduction"]] < t_pose[INDEX["LShoulderAbduction"]] - 0.5
+    assert low
+    same(built(a_pose), body)
+
+
+def test_a_walk_without_a_static_trial_gives_nearly_the_same_body(body):
+    """What moves is the leg length over bent knees, which Harrington's hip feels a little."""
+    walk = markers_of(body, swinging(np.random.default_rng(21), frames=300, degrees=25))
+    found = built(walk)
+    assert "nobody stands still" in found.notes[0]
+    for segment, offset in body.offsets.items():
+        assert np.linalg.norm(found.offsets[segment] - offset) < 0.005, segment
+    for segment, part in body.inertias.items():
+        assert found.inertias[segment].mass == pytest.approx(part.mass, rel=1e-9)
+        np.testing.assert_allclose(found.inertias[segment].center, part.center, atol=0.005)
+
+
+def test_tracking_markers_of_a_walk_sit_where_the_fitted_skeleton_sees_them(body):
+    """A landmark stays where it defines the joint; a tracking marker shakes around its mean."""
+    walk = markers_of(body, swinging(np.random.default_rng(22), frames=400, degrees=25))
+    shaken = with_noise(walk, np.random.default_rng(23), 0.004)
+    found, motion = built(shaken), None
+    motion = solve_ik(found, shaken)
+    own = [found.markers.index(n) for n in ("LLTHI", "RLTHI", "LLSHA", "RLSHA", "LFRM", "RFRM")]
+    rotation, origin = segment_frames(found, motion.q)
+    for k in own:
+        s = SEGMENTS.index(found.marker_segment[k])
+        measured = shaken.position[:, shaken.names.index(found.markers[k])] - origin[:, s]
+        seen = np.einsum("tji,tj->ti", rotation[:, s], measured).mean(axis=0)
+        np.testing.assert_allclose(seen, found.marker_position[k], atol=0.002)
+
+
+def test_scaled_by_s_a_person_s_inertias_scale_by_s_squared():
+    """With hips given, so that no regression's constant is in the way."""
+    s = 1.17
+    small = built(synthetic_t_pose(), hip=HIPS)
+    t = synthetic_t_pose()
+    large = built(
+        Markers(t.time, t.names, s * t.position),
+        hip={side: s * at for side, at in HIPS.items()},
+        height_m=s * STATURE_M,
+    )
+    for segment in set(MOVING) - {"left_toes", "right_toes"}:
+        one, other = small.inertias[segment], large.inertias[segment]
+        assert other.mass == pytest.approx(one.mass, rel=1e-12)
+        np.testing.assert_allclose(other.center, s * one.center, atol=1e-12)
+        np.testing.assert_allclose(other.tensor, s**2 * one.tensor, rtol=1e-9, atol=1e-12)
+
+
+def test_the_mirrored_subject_has_the_mirrored_residual(body):
+    """Markers, forces and all: forward and up stay, left becomes right."""
+    frames = swinging(np.random.default_rng(24), frames=120, degrees=25)
+    markers = with_noise(markers_of(body, frames), np.random.default_rng(25), 0.003)
+    image = built(mirrored(synthetic_t_pose()))
+    wrench = np.random.default_rng(26).normal([0, 0, 700, 0, 0, 0], 50, (120, 6))
+    flip = np.array([1, -1, 1, -1, 1, -1])
+    residuals = []
+    for who, seen, foot, force in (
+        (body, markers, "left_foot", wrench),
+        (image, mirrored(markers), "right_foot", wrench * flip),
+    ):
+        motion = filter_motion(solve_ik(who, seen), cutoff=6.0)
+        residuals.append(inverse_dynamics(who, motion, {foot: force}).residual)
+    np.testing.assert_allclose(residuals[1], residuals[0] * flip, atol=1e-6)
+
+
+# -- what is missing ------------------------------------------------------------------------------
+
+
+def test_an_arm_without_markers_hangs_locked_and_is_reported(body):
+    found = built(person(*ARM, "LSHO"))
+    arm = {n for n in COORDINATES if n[0] == "L" and INDEX[n] < INDEX["RHipFlexion"]}
+    assert set(found.locked) == arm | {
+        "RToeFlexion",
+        "LToeFlexion",
+    }
+    hand = found.inertias["left_hand"]
+    assert hand.mass == pytest.approx(body.inertias["left_hand"].mass)
+    origin = segment_frames(found, np.zeros((1, N)))[1][0]
+    assert (
+        origin[SEGMENTS.index("left_hand"), 2] < origin[SEGMENTS.index("left_upper_arm"), 2] - 0.4
+    )
+
+
+def test_markers_of_an_arm_that_cannot_be_built_are_not_half_used(body):
+    found = built(person("LLEE"))
+    assert not {"LMEE", "LDELT", "LFRM", "LLW", "LMW", "LFIN"} & set(found.markers)
+    assert "LSHO" in found.markers
+    assert any("left arm's joints need LLEE" in note for note in found.notes)
+    motion = solve_ik(found, synthetic_t_pose())
+    assert motion.marker_error.max() < 1e-9
+
+
+def test_toes_stay_at_neutral_where_no_marker_shows_them(body):
+    motion = solve_ik(body, synthetic_t_pose())
+    for s in "RL":
+        assert f"{s}ToeFlexion" in body.locked
+        np.testing.assert_array_equal(motion.coordinate(f"{s}ToeFlexion"), 0)
+        assert not motion.observed[:, INDEX[f"{s}ToeFlexion"]].any()
+
+
+@pytest.mark.parametrize("name", ["hbm1", "hbm1_lower"])
+def test_model_1_s_sets_make_a_body_that_fits_its_pose(name):
+    worn = hbm1_person(marker_sets()[name].segment)
+    found = built(worn, knee_width_m=0.11, ankle_width_m=0.075)
+    assert found.marker_set.name == name
+    assert len(found.markers) == len(worn.names)
+    assert solve_ik(found, worn).marker_error.max() < 1e-9
+    assert not {"RToeFlexion", "LToeFlexion"} & set(found.locked)
+
+
+def test_a_lower_body_set_estimates_stature_and_hangs_the_rest_from_it(body):
+    names = marker_sets()["hbm2_lower"].segment
+    found = build_body(standing({n: T_POSE_MM[n] for n in names}), mass=MASS_KG, sex="male")
+    assert found.marker_set.name == "hbm2_lower"
+    assert found.height_m == pytest.approx(STATURE_M, abs=0.1)
+    assert any(note.startswith("stature estimated from the legs: 1.") for note in found.notes)
+    for part in ("left_upper_arm", "right_forearm", "head"):
+        share = proportions("male")[part.split("_", 1)[-1] if "_" in part else part].length
+        if part != "head":
+            assert found.lengths[part] == pytest.approx(share * found.height_m)
+    centers = {s: found.inertias[s].center for s in ("left_upper_arm", "right_upper_arm")}
+    np.testing.assert_allclose(*(c * [1, 0, 1] for c in centers.values()), atol=1e-9)
+
+
+# -- calibration pose -----------------------------------------------------------------------------
+
+
+def restless(body, t_pose, *, still=slice(200, 350)):
+    """Five seconds of moving about with a quiet stretch in it."""
+    frames = swinging(np.random.default_rng(27), frames=500, degrees=20)
+    q = frames.q.copy()
+    q[still] = t_pose
+    return markers_of(body, motion_of(frames.time, q, q, q))
+
+
+def test_the_quiet_second_is_found(body, t_pose):
+    markers = with_noise(restless(body, t_pose), np.random.default_rng(28), 0.0003)
+    found = built(markers)
+    begin, end = (float(x) for x in found.notes[0].split("from ")[1].split(" s,")[0].split(" to "))
+    assert 2.0 <= begin < end <= 3.5
+    assert "standing still" in found.notes[0]
+    same(found, body, atol=0.002)
+
+
+def test_a_stretch_without_markers_is_not_taken_for_a_quiet_one(body, t_pose):
+    markers = restless(body, t_pose)
+    gone = without(markers, markers.names, slice(0, 150))
+    assert "from 2." in built(gone).notes[0]
+
+
+def test_a_window_that_is_given_is_taken(body, t_pose):
+    found = built(restless(body, t_pose), window_s=(2.5, 3.2))
+    assert found.notes[0].startswith("calibration pose from 2.50 to 3.19 s, standing still")
+    same(found, body)
+
+
+def test_a_single_frame_is_enough(body):
+    t = synthetic_t_pose()
+    same(built(Markers(t.time[:1], t.names, t.position[:1])), body)
+
+
+@pytest.mark.parametrize(
+    ("window", "message"),
+    [
+        ((9.0, 10.0), r"window 9–10 s holds no frame; the recording runs from 0 to 0.99 s"),
+        ((0.5, 0.5), "window 0.5–0.5 s holds no frame"),
+    ],
+)
+def test_an_empty_window_is_refused(window, message):
+    with pytest.raises(ValueError, match=message):
+        built(synthetic_t_pose(), window_s=window)
+
+
+def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
+    t = synthetic_t_pose()
+    gaps = without(without(t, ["C7"], slice(0, 60)), ["T10"], slice(40, 100))
+    with pytest.raises(
+        ValueError, match=r"shows all calibration markers at once; (C7|T10) is missing"
+    ):
+        built(gaps)
+
+
+# -- nonsense -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"mass": 74600},
+            "between 10 and 400 kg, got 74600; that looks like grams, give kilograms",
+        ),
+        ({"mass": 5}, "between 10 and 400 kg, got 5$"),
+        ({"mass": np.nan}, "between 10 and 400 kg, got nan"),
+        ({"height_m": 178}, "stature must be between 0.5 and 2.6 m, got 178"),
+        ({"sex": "man"}, "sex must be one of male, female, unspecified"),
+        ({"marker_set": "hbm3"}, "no marker set 'hbm3'; known: hbm2, hbm2_lower, hbm1, hbm1_lower"),
+        ({"hip": "davis"}, "hip must be 'harrington' or 'bell'"),
+    ],
+)
+def test_nonsense_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        built(synthetic_t_pose(), **options)
+
+
+def test_a_marker_position_too_many_is_refused(body):
+    with pytest.raises(ValueError, match=r"marker_position must have shape \(46, 3\)"):
+        replace(body, marker_position=np.zeros((45, 3)))
+
+
+def test_markers_on_the_model_follow_their_segments(body):
+    q = np.zeros((1, N))
+    q[0, INDEX["PelvisYaw"]] = 0.4
+    before, after = marker_positions(body, np.zeros((1, N)))[0], marker_positions(body, q)[0]
+    np.testing.assert_allclose(after, before @ rotation_about([0, 0, 1], 0.4).T, atol=1e-12)
