@@ -27,7 +27,7 @@ class Results:
         subject, condition, compensated, side, cycle, percent, axis, value: every sample of every
         gait cycle over 0–100 %.
     subjects
-        subject, sex, height_m, mass_kg, age_years.
+        subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
     facts
         (subject, condition) -> what the trial says of itself (`pipeline.trial_files.trial_facts`).
     """
@@ -55,7 +55,7 @@ def collect(folder: Path) -> Results:
     Raises
     ------
     ValueError
-        If there is no trial.
+        If there is no trial, or one is damaged.
     """
     paths = sorted((folder / "trials").glob("*.parquet"))
     if not paths:
@@ -68,16 +68,18 @@ def collect(folder: Path) -> Results:
         facts[key] = fact
         curves.append(_curves(path, fact))
     residuals = pd.DataFrame([row for fact in facts.values() for row in fact["residuals"]])
-    people = {subject: fact for (subject, _), fact in facts.items()}
+    people: dict[str, list[dict[str, Any]]] = {}
+    for (subject, _), fact in facts.items():
+        people.setdefault(subject, []).append(fact)
     subjects = pd.DataFrame(
         {
             "subject": subject,
-            "sex": fact["subject"]["sex"],
-            "height_m": fact["height_m"],
-            "mass_kg": fact["body_mass_kg"],
-            "age_years": fact["subject"]["age_years"],
+            "sex": trials[0]["subject"]["sex"],
+            "height_m": np.mean([trial["height_m"] for trial in trials]),
+            "mass_kg": np.mean([trial["body_mass_kg"] for trial in trials]),
+            "age_years": trials[0]["subject"]["age_years"],
         }
-        for subject, fact in people.items()
+        for subject, trials in people.items()
     )
     return Results(folder, residuals, pd.concat(curves, ignore_index=True), subjects, facts)
 

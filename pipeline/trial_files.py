@@ -139,7 +139,10 @@ def read_facts(path: Path) -> dict[str, Any]:
     OSError
         If it cannot be opened.
     """
-    metadata = pq.read_schema(path).metadata or {}
+    try:
+        metadata = pq.read_schema(path).metadata or {}
+    except pa.ArrowInvalid as error:
+        raise ValueError(f"{path.name} is damaged: {error}; 'hbm run' makes it again") from error
     if FACTS not in metadata:
         raise ValueError(f"{path.name} is not the result of a trial")
     facts: dict[str, Any] = json.loads(metadata[FACTS])
