@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hbm.body import Body, build_body
     from hbm.coordinates import COORDINATES, HBM_ORDER
+    from hbm.describe import changed_distances, describe, implausible
     from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
     from hbm.functional import functional_hips
     from hbm.kinematics import solve_ik
@@ -18,6 +19,9 @@ _HOME = {
     "build_body": "body",
     "COORDINATES": "coordinates",
     "HBM_ORDER": "coordinates",
+    "changed_distances": "describe",
+    "describe": "describe",
+    "implausible": "describe",
     "Dynamics": "dynamics",
     "filter_motion": "dynamics",
     "functional_hips": "functional",
@@ -43,8 +47,11 @@ __all__ = [
     "Motion",
     "SegmentOverride",
     "build_body",
+    "changed_distances",
+    "describe",
     "filter_motion",
     "functional_hips",
+    "implausible",
     "inverse_dynamics",
     "inverse_dynamics_variants",
     "marker_sets",

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hbm.coordinates import COORDINATES, FIRST, LAST, MOVING, SEGMENTS, TREE
+from hbm.describe import describe
 from hbm.markers import MarkerSet
 from hbm.segments import Inertia, Sex
 from hbm.skeleton import OFFSETS, OWN_AXES
@@ -66,6 +67,9 @@ class Body:
         for name in ("offsets", "axes"):
             vectors = {key: read_only(v) for key, v in getattr(self, name).items()}
             object.__setattr__(self, name, vectors)
+
+    def __str__(self) -> str:
+        return describe(self)
 
     @property
     def model(self) -> Any:
