@@ -28,7 +28,7 @@ from pipeline.contact import share_between_feet
 from pipeline.cycles import gait_cycles, gait_events, normalise
 from pipeline.figures import COLOURS, draw_band, name_panels
 from pipeline.process import feet_of
-from pipeline.residuals import reported
+from pipeline.residuals import AXES, reported
 from pipeline.virtual_lab.trial import simulate_trial
 
 # %% [markdown]
@@ -99,7 +99,7 @@ curves = normalise(motion.time, reported(dynamics.residual), cycles)
 rms = np.sqrt(np.mean(curves**2, axis=(0, 1)))
 print(which)
 print(f"{len(cycles)} cycles of the right foot; RMS residuals:")
-print("  ".join(f"{name} {value:.2f}" for name, value in zip("Fx Fy Fz Mx My Mz".split(), rms)))
+print(*(f"{name} {value:.2f}" for name, value in zip(AXES, rms, strict=True)))
 
 # %% [markdown]
 # ## The picture
