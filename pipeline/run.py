@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from importlib import import_module
 from importlib.metadata import version
@@ -92,7 +92,11 @@ def plan(
     subjects: Sequence[str] | None = None,
     conditions: Sequence[str] | None = None,
 ) -> list[Job]:
-    """List the trials of a study that have a recording, with the key of what goes into each."""
+    """List the trials of a study that have a recording, with the key of what goes into each.
+
+    Paths are made absolute, for a worker may run in another folder.
+    """
+    study, out = replace(study, folder=study.folder.resolve()), out.resolve()
     wanted = [study.subject(s).id for s in dict.fromkeys(subjects or study.subjects)]
     for condition in conditions or ():
         study.condition(condition)

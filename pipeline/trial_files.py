@@ -126,7 +126,7 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> No
     facts = json.dumps(trial_facts(result, condition, key), ensure_ascii=False).encode()
     table = table.replace_schema_metadata({**(table.schema.metadata or {}), FACTS: facts})
     with whole_file(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+        pq.write_table(table, temporary, compression="zstd", use_dictionary=["event"])
 
 
 def read_facts(path: Path) -> dict[str, Any]:

@@ -189,6 +189,15 @@ def test_only_what_is_asked_for_is_planned(moving_study, out):
     assert [job.target.stem for job in planned] == ["sub02_sway", "sub02_pitch"]
 
 
+def test_a_worker_may_run_in_another_folder(moving_study, tmp_path, monkeypatch):
+    monkeypatch.chdir(moving_study.parent)
+    job = plan(read_study(moving_study.name), Path("out"))[0]
+    monkeypatch.chdir(tmp_path)
+    assert job.target.parent == moving_study.parent.resolve() / "out" / "trials"
+    assert job.study.path("empty.c3d").is_file()
+    assert job.key == plan(read_study(moving_study), tmp_path)[0].key
+
+
 @pytest.mark.parametrize(
     ("option", "said"),
     [
