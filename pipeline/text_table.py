@@ -1,0 +1,128 @@
+"""Text of unknown origin: decoded without guessing, numbers read with every fault placed."""
+
+import re
+from collections.abc import Sequence
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from hbm.spatial import Array
+
+DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+LARGEST = 1e9
+
+
+def read_lines(path: Path) -> list[str]:
+    """Read a text file with any line ends, with or without a byte order mark.
+
+    Parameters
+    ----------
+    path
+        The file, in UTF-8 or marked UTF-16; other bytes above 127 are replaced, since only
+        comments and names hold them.
+
+    Returns
+    -------
+    list[str]
+        Lines without their ends.
+
+    Raises
+    ------
+    ValueError
+        The file is empty or holds zero bytes, which text never does.
+    OSError
+        The file cannot be opened.
+    """
+    return decoded(path.read_bytes()).splitlines()
+
+
+def decoded(content: bytes) -> str:
+    """Give bytes as text; raises ValueError where they are none."""
+    if not content.strip():
+        raise ValueError("the file is empty")
+    if content.startswith(UTF16_MARKS):
+        return content.decode("utf-16", errors="replace")
+    if b"\0" in content:
+        raise ValueError("the file holds binary data, expected text")
+    return content.decode("utf-8-sig", errors="replace")
+
+
+def parse_rows(
+    lines: Sequence[str], separator: str, names: Sequence[str], numbers: Sequence[int]
+) -> Array:
+    """Read rows of numbers.
+
+    Parameters
+    ----------
+    lines
+        One row each; separators after the last column are allowed.
+    separator
+        What stands between fields.
+    names
+        The columns, for counting and for messages.
+    numbers
+        The rows' line numbers in the file, for messages.
+
+    Returns
+    -------
+    Array
+        (rows, columns); an empty field is NaN.
+
+    Raises
+    ------
+    ValueError
+        A row has too few or too many fields, or a field is not a number that was measured.
+    """
+    count = len(names)
+    for line, number in zip(lines, numbers, strict=True):
+        fields = line.count(separator) + 1
+        extra = line.split(separator)[count:] if fields > count else []
+        if fields < count or any(field.strip() for field in extra):
+            raise ValueError(
+                f"line {number} holds {fields} fields for {count} columns: "
+                "the file is truncated or its columns are wrong"
+            )
+    if not lines:
+        return np.empty((0, count))
+    try:
+        values = pd.read_csv(
+            StringIO("\n".join(lines)),
+            sep=separator,
+            header=None,
+            usecols=range(count),
+            dtype=float,
+            skip_blank_lines=False,
+            quoting=3,
+            keep_default_na=False,
+            na_values=["", "NaN", "nan"],
+            skipinitialspace=True,
+        ).to_numpy(float)
+    except ValueError as error:
+        raise ValueError(_first_fault(lines, separator, names, numbers)) from error
+    strange = np.argwhere(np.abs(values) > LARGEST)
+    if len(strange):
+        row, column = strange[0]
+        raise ValueError(
+            f"line {numbers[row]}, column {names[column]!r}: {values[row, column]:g} is nothing "
+            "that was measured"
+        )
+    return values
+
+
+def _first_fault(
+    lines: Sequence[str], separator: str, names: Sequence[str], numbers: Sequence[int]
+) -> str:
+    for line, number in zip(lines, numbers, strict=True):
+        for name, field in zip(names, line.split(separator), strict=False):
+            text = field.strip()
+            try:
+                float(text or "nan")
+            except ValueError:
+                where = f"line {number}, column {name!r}: {text[:40]!r}"
+                if DECIMAL_COMMA.fullmatch(text):
+                    return f"{where} has a decimal comma; export the file with decimal points"
+                return f"{where} is no number"
+    return "a row holds something that is no number"

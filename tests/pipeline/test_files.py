@@ -1,0 +1,188 @@
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.markers import Markers
+from pipeline.c3d_writer import write_c3d
+from pipeline.files import file_format, read_recording
+from tests.pipeline.other_formats import write_dflow, write_mox, write_nexus, write_opensim
+
+
+@pytest.fixture(scope="session")
+def trial(walker):
+    """Four seconds of walking with gaps, plates and markers only."""
+    position = walker.markers.position[400:800].copy()
+    position[30:42, 3] = np.nan
+    position[100, [5, 7]] = np.nan
+    position[-3:, 0] = np.nan
+    return replace(
+        walker,
+        markers=Markers(np.arange(400) / 100, walker.markers.names, position),
+        plates=tuple(
+            replace(p, time=np.arange(4000) / 1000, wrench_in_plate=p.wrench_in_plate[4000:8000])
+            for p in walker.plates
+        ),
+        analog=None,
+        events=(),
+        first_frame=17,
+    )
+
+
+@pytest.fixture(scope="session")
+def formats(trial, tmp_path_factory):
+    """Format -> the arguments that read the trial from it; the suffixes tell nothing."""
+    folder = tmp_path_factory.mktemp("formats")
+    write_c3d(folder / "a.dat", trial.markers, trial.plates, first_frame=17)
+    write_opensim(trial, folder / "b.dat", folder / "b_forces.dat")
+    write_dflow(trial, folder / "c.dat")
+    write_dflow(trial, folder / "d.dat", missing="held")
+    write_mox(trial, folder / "e.dat")
+    write_nexus(trial, folder / "f.dat")
+    write_nexus(trial, folder / "g.dat", separator="\t", sign=1, unit=("m", 1.0), subject="")
+    return {
+        "C3D": {"path": folder / "a.dat"},
+        "TRC": {"path": folder / "b.dat", "forces": folder / "b_forces.dat"},
+        "D-Flow": {"path": folder / "c.dat"},
+        "D-Flow held": {"path": folder / "d.dat"},
+        "MOX": {"path": folder / "e.dat"},
+        "Nexus": {"path": folder / "f.dat"},
+        "Nexus tabs": {"path": folder / "g.dat"},
+    }
+
+
+NAMES = ["C3D", "TRC", "D-Flow", "D-Flow held", "MOX", "Nexus", "Nexus tabs"]
+PLACES_M = {"C3D": 1e-6, "D-Flow": 1e-6, "D-Flow held": 1e-6}
+WRENCHES = {"C3D": 1e-3, "D-Flow": 2e-6, "D-Flow held": 2e-6, "TRC": 1e-5}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_trial_in_each_format_is_the_same_recording(formats, trial, name):
+    read = read_recording(**formats[name])
+    assert read.markers.names == trial.markers.names
+    np.testing.assert_allclose(read.markers.time, trial.markers.time, atol=1e-9)
+    places = PLACES_M.get(name, 1e-8)
+    np.testing.assert_allclose(read.markers.position, trial.markers.position, atol=places)
+    assert len(read.plates) == len(trial.plates) == 2
+    for ours, true in zip(read.plates, trial.plates, strict=True):
+        step = round(len(true.time) / len(ours.time))
+        assert step == (10 if name.startswith("D-Flow") else 1)
+        np.testing.assert_allclose(ours.time, true.time[::step], atol=1e-9)
+        atol = WRENCHES.get(name, 1e-4)
+        np.testing.assert_allclose(ours.wrench, true.wrench[::step], atol=atol)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_formats_are_told_by_content(formats, name):
+    assert file_format(formats[name]["path"]) == name.split(maxsplit=1)[0]
+
+
+def one_line(error):
+    text = str(error.value)
+    assert "\n" not in text
+    assert len(text) < 500
+    return text
+
+
+def fault_of(path):
+    try:
+        read_recording(path)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def test_an_unknown_content_names_the_formats_that_are_read(tmp_path):
+    for content in (b"time\tLASIS\n0\t1\n", bytes(range(256)) * 40, b"hello", b"\0" * 999, b"{}"):
+        path = tmp_path / "trial.c3d"
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match="trial") as error:
+            read_recording(path)
+        for word in ("trial.c3d", "not a C3D file", "TRC", "D-Flow", ".mox", "Nexus"):
+            assert word in one_line(error)
+
+
+def test_half_a_trial_says_which_half_is_missing(formats, tmp_path):
+    with pytest.raises(ValueError, match="no markers; give it beside a TRC file"):
+        read_recording(formats["TRC"]["forces"])
+    path = tmp_path / "record.txt"
+    path.write_text("Time\tBelt\n0.0\t1.0\n0.1\t1.0\n")
+    with pytest.raises(ValueError, match="no markers; give it beside a D-Flow mocap file"):
+        read_recording(path)
+    path.write_bytes(b"")
+    with pytest.raises(ValueError, match=r"record\.txt: the file is empty"):
+        read_recording(path)
+
+
+def test_a_second_file_that_does_not_belong_is_refused(formats):
+    for key, its in (("forces", "TRC"), ("record", "D-Flow")):
+        with pytest.raises(ValueError, match=f"goes with a {its} file, this is MOX"):
+            read_recording(formats["MOX"]["path"], **{key: formats["TRC"]["forces"]})
+
+
+@pytest.mark.parametrize("name", ["D-Flow", "MOX", "Nexus", "TRC"])
+def test_line_ends_and_byte_order_marks_change_nothing(formats, tmp_path, name):
+    plain = read_recording(formats[name]["path"])
+    text = formats[name]["path"].read_text(encoding="utf-8")
+    lines = text.splitlines()
+    mixed = "".join(line + ("\r\n" if k % 3 else "\n") for k, line in enumerate(lines))
+    variants = {"crlf": "\r\n".join(lines).encode(), "mixed": mixed.encode()}
+    if name != "TRC":
+        variants["bom"] = b"\xef\xbb\xbf" + text.encode()
+        variants["utf16"] = text.encode("utf-16") if name != "MOX" else variants["bom"]
+    for variant, content in variants.items():
+        path = tmp_path / f"{variant}.x"
+        path.write_bytes(content)
+        again = read_recording(path)
+        np.testing.assert_array_equal(again.markers.position, plain.markers.position)
+
+
+@pytest.mark.parametrize("name", ["D-Flow", "MOX", "Nexus"])
+def test_decimal_commas_are_refused_as_such(formats, tmp_path, name):
+    text = formats[name]["path"].read_text(encoding="utf-8")
+    head, body = text[: text.index("0.")], text[text.index("0.") :]
+    if name == "Nexus":
+        text = text.replace(",", ";").replace(".", ",").replace("N,mm", "N.mm")
+    else:
+        text = head + body.replace(".", ",")
+    path = tmp_path / "comma.txt"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"decimal comma|no number|no column") as error:
+        read_recording(path)
+    assert one_line(error).startswith("comma.txt: ")
+
+
+@pytest.mark.parametrize("name", NAMES[2:])
+def test_a_file_that_was_cut_off_is_refused(formats, tmp_path, name):
+    content = formats[name]["path"].read_bytes()
+    for share in (0.9, 0.5, 0.2, 0.01):
+        cut = content[: int(share * len(content)) - 3]
+        path = tmp_path / "cut.txt"
+        path.write_bytes(cut[: cut.rindex(b"\n") + 9] if b"\n" in cut else cut)
+        with pytest.raises(ValueError, match=r"cut\.txt: "):
+            read_recording(path)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_random_damage_ends_in_one_line_or_in_a_recording(formats, tmp_path, name):
+    """Never another exception, and no warning: those are errors in tests."""
+    content = formats[name]["path"].read_bytes()[:40_000]
+    tail = formats[name]["path"].read_bytes()[-20_000:]
+    rng = random.Random(name)
+    for _ in range(25):
+        damaged = bytearray(content + tail if rng.random() < 0.5 else content)
+        for _ in range(rng.choice([1, 3, 30])):
+            place = rng.randrange(len(damaged) if rng.random() < 0.5 else 600)
+            how = rng.random()
+            if how < 0.5:
+                damaged[place] = rng.randrange(256)
+            elif how < 0.8:
+                del damaged[place : place + rng.randrange(1, 50)]
+            else:
+                damaged[place:place] = rng.choice([b"\t", b",", b"\n", b"1e300", b"-", b"\0", b"9"])
+        path = tmp_path / "damaged.bin"
+        path.write_bytes(damaged)
+        fault = fault_of(path)
+        assert fault is None or fault.startswith("damaged.bin: ")
+        assert "\n" not in (fault or "")
