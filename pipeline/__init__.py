@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pipeline.c3d import read_c3d
+    from pipeline.files import read_recording
     from pipeline.opensim_trial import read_opensim_trial
     from pipeline.process import process_recording, process_trial
     from pipeline.recording import Recording
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 _HOME = {
     "read_c3d": "c3d",
     "read_opensim_trial": "opensim_trial",
+    "read_recording": "files",
     "TrialResult": "trial_result",
     "process_recording": "process",
     "process_trial": "process",
@@ -38,6 +40,7 @@ __all__ = [
     "process_trial",
     "read_c3d",
     "read_opensim_trial",
+    "read_recording",
     "read_study",
     "read_trc",
     "residual_table",

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
+from pipeline.cli_simulate import simulate
 from pipeline.cli_treadmill import Axes, Out, calibration_app, plates
 
 USAGE = 2
@@ -25,9 +26,12 @@ app = typer.Typer(
 
 ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote.")]
 StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and subject files.")]
-TrialFile = Annotated[Path, typer.Argument(help="The trial: .c3d, or .trc with --forces.")]
+TrialFile = Annotated[
+    Path, typer.Argument(help="The trial: C3D, TRC, D-Flow, .mox or Nexus ASCII, told by content.")
+]
 Static = Annotated[Path | None, typer.Option(help="Calibration pose; default: the trial itself.")]
 Forces = Annotated[Path | None, typer.Option(help="Ground reaction forces (.mot) of a .trc trial.")]
+Record = Annotated[Path | None, typer.Option(help="D-Flow record file beside a D-Flow mocap file.")]
 MassKg = Annotated[float | None, typer.Option(help="Body mass; default: weighed by the plates.")]
 Sex = Annotated[str, typer.Option(help="male, female or unspecified.")]
 HeightM = Annotated[
@@ -105,6 +109,7 @@ def residuals(
     trial: TrialFile,
     static: Static = None,
     forces: Forces = None,
+    record: Record = None,
     mass_kg: MassKg = None,
     sex: Sex = "unspecified",
     height_m: HeightM = None,
@@ -125,6 +130,7 @@ def residuals(
             trial=trial,
             static=static,
             forces=forces,
+            record=record,
             mass_kg=mass_kg,
             sex=sex,
             height_m=height_m,
@@ -145,6 +151,7 @@ def export(
     trial: TrialFile,
     static: Static = None,
     forces: Forces = None,
+    record: Record = None,
     mass_kg: MassKg = None,
     sex: Sex = "unspecified",
     height_m: HeightM = None,
@@ -157,8 +164,13 @@ def export(
     tables: Annotated[
         Path | None, typer.Option(help="Folder for the trial's .mot, .sto and .trc tables.")
     ] = None,
+    bids: Annotated[
+        Path | None, typer.Option(help="BIDS data set to add the recording to.")
+    ] = None,
+    subject: Annotated[str, typer.Option(help="BIDS label of the person.")] = "01",
+    task: Annotated[str, typer.Option(help="BIDS label of the task.")] = "walk",
 ) -> None:
-    """Write the body as OpenSim or URDF model, and a trial's results as OpenSim tables."""
+    """Write the body as OpenSim or URDF model, results as OpenSim tables, a trial as BIDS."""
     from pipeline import export as out
     from pipeline import one_trial
 
@@ -166,13 +178,15 @@ def export(
         trial=trial,
         static=static,
         forces=forces,
+        record=record,
         mass_kg=mass_kg,
         sex=sex,
         height_m=height_m,
         axes=axes,
         marker_set=marker_set,
     )
-    out.run(request, osim=osim, urdf=urdf, tables=tables)
+    target = out.BidsTarget(bids, subject, task) if bids else None
+    out.run(request, osim=osim, urdf=urdf, tables=tables, bids=target)
 
 
 @app.command()
@@ -255,6 +269,7 @@ def view(
 
 app.add_typer(calibration_app, name="calibration", help="Calibrate a moving treadmill.")
 app.command()(plates)
+app.command()(simulate)
 
 
 @app.command()

@@ -11,16 +11,14 @@ from rich.table import Table
 
 from hbm.markers import MarkerSet, read_marker_set
 from hbm.native import kernels
-from pipeline.c3d import read_c3d
 from pipeline.calibration_commands import laboratory
 from pipeline.figures import residual_figure, save_figure
+from pipeline.files import read_recording
 from pipeline.laboratory import Laboratory
-from pipeline.opensim_trial import read_opensim_trial
 from pipeline.process import process_recording
 from pipeline.recording import Recording
 from pipeline.residuals import hicks_table, marker_table, residual_table
 from pipeline.study import Platform, Settings, Subject, Treadmill, describe_faults
-from pipeline.trc import read_trc
 from pipeline.trial_files import write_csv, write_trial
 from pipeline.trial_result import TrialResult
 
@@ -32,6 +30,7 @@ class Request:
     trial: Path
     static: Path | None = None
     forces: Path | None = None
+    record: Path | None = None
     mass_kg: float | None = None
     sex: str = "unspecified"
     height_m: float | None = None
@@ -97,8 +96,8 @@ def process(
         The processed trial, and its recording.
     """
     settings, subject, own_set = _stated(request)
-    recording = read_trial(request.trial, request.forces, request.axes)
-    static = read_trial(request.static, None, request.axes) if request.static else None
+    recording = read_asked(request)
+    static = read_recording(request.static, request.axes) if request.static else None
     known = recording.metadata.get("height_m")
     if subject.height_m is None and isinstance(known, float) and 0.5 <= known <= 2.6:
         subject = subject.model_copy(update={"height_m": known})
@@ -119,41 +118,16 @@ def process(
     return result, recording
 
 
+def read_asked(request: Request) -> Recording:
+    """Read the trial that a request names, with what goes beside it."""
+    return read_recording(request.trial, request.axes, request.forces, record=request.record)
+
+
 def _laboratory(request: Request) -> Laboratory:
     if request.calibration is not None:
         return laboratory(request.calibration, request.platform_markers, request.axes)
     markers = request.platform_markers
     return Laboratory(Treadmill(platform=Platform(markers=markers) if markers else None))
-
-
-def read_trial(path: Path, forces: Path | None, axes: str | None) -> Recording:
-    """Read a trial of any known format.
-
-    Parameters
-    ----------
-    path
-        .c3d or .trc file.
-    forces
-        .mot file with the ground reaction of a .trc trial.
-    axes
-        Lab directions of the file's axes; inferred if None.
-
-    Returns
-    -------
-    Recording
-        In SI units and lab axes.
-
-    Raises
-    ------
-    ValueError
-        If the suffix is not known or the file cannot be read.
-    """
-    suffix = path.suffix.lower()
-    if suffix == ".c3d":
-        return read_c3d(path, axes)
-    if suffix == ".trc":
-        return read_opensim_trial(path, forces, axes) if forces else read_trc(path, axes)
-    raise ValueError(f"{path.name}: expected a .c3d or .trc file, got {suffix or 'no suffix'!r}")
 
 
 def _stated(request: Request) -> tuple[Settings, Subject, MarkerSet | None]:
