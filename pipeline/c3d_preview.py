@@ -5,9 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from pipeline.c3d import read_c3d
 from pipeline.c3d_data import count_frames, missing_share
 from pipeline.c3d_header import read_header
+from pipeline.files import file_format, read_recording
 from pipeline.labels import sort_labels
 from pipeline.recording import Recording
 
@@ -32,6 +35,18 @@ class Preview:
     beginning: Recording
     frames: int
     missing: dict[str, float]
+
+
+def preview_recording(
+    path: Path, axes: str | None = None, *, rename: Mapping[str, str] | None = None
+) -> Preview:
+    """Look at a recording of any format, a C3D file without reading all; as `read_recording`."""
+    if file_format(path) == "C3D":
+        return preview_c3d(path, axes, rename=rename)
+    recording = read_recording(path, axes, rename=rename)
+    share = np.isnan(recording.markers.position[..., 0]).mean(axis=0)
+    missing = {m: float(s) for m, s in zip(recording.markers.names, share, strict=True)}
+    return Preview(recording, len(recording.markers.time), missing)
 
 
 def preview_c3d(

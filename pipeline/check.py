@@ -9,9 +9,9 @@ from compensation import Calibration
 from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, LAST, support
 from hbm.markers import MarkerSet, did_you_mean
-from pipeline.c3d import read_c3d
-from pipeline.c3d_preview import Preview, preview_c3d
+from pipeline.c3d_preview import Preview, preview_recording
 from pipeline.cycles import gait_events
+from pipeline.files import read_recording
 from pipeline.laboratory import (
     Laboratory,
     accelerations,
@@ -125,7 +125,9 @@ def _look(
         pose: Recording | None = preview.beginning
         if static is not None:
             there = study.path(static)
-            pose = notes.of(there.name, lambda: read_c3d(there, file.axes, rename=file.rename))
+            pose = notes.of(
+                there.name, lambda: read_recording(there, file.axes, rename=file.rename)
+            )
         _recorded(preview, rule, notes)
         if pose is not None:
             _body(study, person, preview, pose, notes)
@@ -133,13 +135,13 @@ def _look(
         return notes
 
     notes = _Notes()
-    preview = notes.of(path.name, lambda: preview_c3d(path, file.axes, rename=file.rename))
+    preview = notes.of(path.name, lambda: preview_recording(path, file.axes, rename=file.rename))
     if preview is not None:
         notes = judge(preview)
         if not notes.faults:
             return notes
     whole = _Notes()
-    recording = whole.of(path.name, lambda: read_c3d(path, file.axes, rename=file.rename))
+    recording = whole.of(path.name, lambda: read_recording(path, file.axes, rename=file.rename))
     if recording is None:
         return whole
     missing = preview.missing if preview is not None else {}

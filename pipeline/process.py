@@ -13,10 +13,10 @@ from hbm.markers import MarkerSet
 from hbm.motion import Motion
 from hbm.native import kernels
 from hbm.spatial import Array
-from pipeline.c3d import read_c3d
 from pipeline.contact import share_between_feet
 from pipeline.cycles import gait_cycles, gait_events
 from pipeline.delay import marker_plate_delay
+from pipeline.files import read_recording
 from pipeline.laboratory import Ground, Laboratory, ground_wrenches, read_calibration
 from pipeline.recording import Event, Recording
 from pipeline.study import Condition, Settings, Study, Subject, Treadmill
@@ -193,7 +193,7 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
 
 def read_file(study: Study, name: str) -> Recording:
     """Read a file of a study with the axes and labels that the study states."""
-    return read_c3d(study.path(name), study.file.axes, rename=study.file.rename)
+    return read_recording(study.path(name), study.file.axes, rename=study.file.rename)
 
 
 def _onsets(recording: Recording, condition: Condition, ground: Ground) -> Array:

@@ -244,9 +244,8 @@ def test_a_static_recording_is_looked_at_too(study):
     assert found.faults == ()
     assert any("first 100 frames of pose.c3d" in remark for remark in found.remarks)
     (study / "pose.c3d").write_bytes(b"no c3d")
-    assert findings(study).faults == (
-        "pose.c3d: not a C3D file: it does not begin with a C3D header block",
-    )
+    (fault,) = findings(study).faults
+    assert fault.startswith("pose.c3d: not a C3D file, nor ")
 
 
 def test_a_pose_after_the_beginning_is_found(study, monkeypatch):
