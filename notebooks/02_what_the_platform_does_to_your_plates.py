@@ -108,8 +108,8 @@ for name, (_, _, wrench, _) in trials.items():
 # slow, hardly any inertia in it. What changes is the direction of weight: Fx follows the angle, and
 # Fz, which only cares how far the plate is tilted, drops twice per period.
 #
-# What is left in blue is about as large as the noise of the plate, and a slow drift that no
-# accelerometer can know of.
+# What is left in blue is about as large as the noise of the plate, with a slow drift that no
+# accelerometer can know of and, in Fz, about a newton that still follows the pitch.
 
 # %%
 figure, panels = plt.subplots(2, 3, figsize=(11, 6), layout="constrained", sharex="row")

@@ -170,13 +170,13 @@ write_recording(trials["swapped pelvis"], swapped, Path("swapped_pelvis.rrd"))
 # %% [markdown]
 # ## The picture
 #
-# One row per fault, one column per residual; every thin line is one gait cycle, grey for the trial in
-# order. Each fault has a signature.
+# One row per fault, one column per residual; every thin line is one gait cycle, grey for the
+# trial in order. Each fault has a signature.
 #
 # **Swapped pelvis markers.** Stray cycles; all others lie on the grey. The pelvis jumps when the
 # swap begins and when it ends, and the jump needs forces that nobody gave. So the *peaks* break
-# the thresholds (6 and 14 times) while the RMS has hardly moved. In the viewer: two of the marker
-# errors rise together to 20 cm and fall again three seconds later; in the scene red lines lead from
+# the thresholds (6 and 14 times) while the RMS has moved far less. In the viewer: two of the marker
+# errors rise together to 20 cm and fall again three seconds later; in the scene lines lead from
 # these markers to where the model wants them, each to the other's place.
 #
 # **Swapped knee and ankle.** Nothing to see! Both pull along the shank, in opposite directions,
@@ -192,14 +192,14 @@ write_recording(trials["swapped pelvis"], swapped, Path("swapped_pelvis.rrd"))
 # forces hardly care. Down means that the ground carries more than the model weighs. In the viewer:
 # an arrow at the pelvis that points down all the time, standing still as well.
 #
-# **No platform pose.** A fan: each cycle nearly level, and higher or lower than the last as the
-# platform tilts. Fx and My, up to a fifth of body weight; more while the force is large. In the
+# **No platform pose.** A fan: each cycle higher or lower than the last as the platform tilts. Fx
+# up to a quarter of body weight, and My with it; more while the force is large. In the
 # viewer: the plates stay level while the markers on the platform's rim go up and down.
 #
 # **Dead accelerometer.** The same fan, in the same residuals, because here the plates' own weight
 # is left in. The notes tell them apart: the dead channel is named. And so does the shape. Without
-# a pose the fan swells with the force under the feet; with a dead sensor it does not care about
-# steps at all. In the viewer, compensated and measured curves wander together from zero.
+# a pose the fan swells with the force under the feet; with a dead sensor it hardly
+# cares about steps. In the viewer, the compensated curve is a smaller copy of the measured one.
 
 # %%
 shown = list(trials)[1:]
