@@ -61,7 +61,7 @@ def record_empty(signal, seed):
 # %% [markdown]
 # ## What an empty plate measures
 #
-# First sway: 5 cm to one side within a fifth of a second, slowly back seven seconds later. Then
+# First sway: 5 cm to one side within half a second, slowly back seven seconds later. Then
 # pitch: ten degrees up and down in half a minute.
 
 # %%
@@ -102,7 +102,7 @@ for name, (_, _, wrench, _) in trials.items():
 # %% [markdown]
 # ## The picture
 #
-# Above, one move to the side, drawn large. It takes a fifth of a second, and at its start and end
+# Above, one move to the side, drawn large. It takes under half a second; at its start and its end
 # the empty plate measures 400 N sideways: a push as large as half a person's weight that nobody
 # gave. The centre of mass sits low and in front, so the push also twists (Mx, Mz). Below, pitch:
 # slow, hardly any inertia in it. What changes is the direction of weight: Fx follows the angle, and
