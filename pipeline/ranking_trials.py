@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from compensation import Setup, belt_acceleration, low_pass
 from hbm.spatial import Array, transform_wrench
 from pipeline.accelerometers import find_accelerometers
 from pipeline.laboratory import accelerations, read_empty
 from pipeline.recording import Recording
+from pipeline.smoothing import smooth
 from pipeline.study import Treadmill
 from pipeline.units import length_in_m
 
@@ -149,8 +149,8 @@ def platform_trial(recording: Recording, rules: Rules) -> PlatformTrial:
     inside = _inside(len(time), rate, step)
     return PlatformTrial(
         name,
-        _smooth(readings, rate, rules.cutoff_hz)[inside],
-        _smooth(wrench, rate, rules.cutoff_hz)[inside],
+        smooth(readings, rate, rules.cutoff_hz)[inside],
+        smooth(wrench, rate, rules.cutoff_hz)[inside],
         Setup(tuple(sensors), RATE_HZ, rules.cutoff_hz),
     )
 
@@ -241,11 +241,6 @@ def _belt_axes(corners: Array) -> Array:
     left = np.cross([0.0, 0.0, 1.0], forward)
     left /= np.linalg.norm(left)
     return np.column_stack([forward, left, np.cross(forward, left)])
-
-
-def _smooth(signal: Array, rate_hz: float, cutoff_hz: float) -> Array:
-    sections = butter(2, cutoff_hz, fs=rate_hz, output="sos")
-    return np.asarray(sosfiltfilt(sections, signal, axis=0))
 
 
 def _rate(time: Array, name: str) -> tuple[float, int]:

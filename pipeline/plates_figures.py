@@ -1,0 +1,128 @@
+"""Figures of experiment 1, as Figs 2 and F.1 of the thesis."""
+
+from collections.abc import Mapping, Sequence
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.signal import welch
+
+from compensation import Delay, PlateCalibration
+from pipeline.figures import COLOURS, STYLE
+from pipeline.plates_study import Belt
+from pipeline.plates_trials import RATE_HZ, WeightTrial
+
+
+def error_figure(errors: pd.DataFrame, along: str, group: str) -> Figure:
+    """Draw the error of the centre of pressure along the belt per two conditions (Figs 2, F.1b).
+
+    Parameters
+    ----------
+    errors
+        As in `pipeline.plates.Experiment1`.
+    along, group
+        Columns: on the axis, and side by side.
+    """
+    part = errors[(errors["quantity"] == "COPx") & (errors["supports"] == errors["supports"].any())]
+    part = part[(part["zone"] == "all") == (along != "zone")]
+    levels = list(dict.fromkeys(part[along])) if along == "zone" else sorted(part[along].unique())
+    groups = sorted(part[group].unique())
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(6, 3.5), layout="constrained")
+        panel = figure.subplots()
+        width = 0.8 / len(groups)
+        for g, label in enumerate(groups):
+            cells = part[part[group] == label].groupby(along)["orthogonal"]
+            mean, sd = (1000 * x.reindex(levels) for x in (cells.mean(), cells.std()))
+            at = np.arange(len(levels)) + (g - (len(groups) - 1) / 2) * width
+            panel.bar(at, mean, 0.9 * width, label=str(label), color=f"C{g}")
+            panel.errorbar(at, mean, sd, fmt="none", ecolor="black", lw=0.8)
+        panel.set_xticks(range(len(levels)), [str(level) for level in levels])
+        panel.set_xlabel(along)
+        panel.set_ylabel("CoP along the belt, RMSE (mm)")
+        figure.legend(title=group, loc="outside right upper")
+    return figure
+
+
+def linearity_figure(trials: Sequence[WeightTrial]) -> Figure:
+    """Draw measured against known vertical force, and the difference (Fig. F.1d)."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(6, 4), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True)
+        for belt, marker in (("left", "o"), ("right", "s")):
+            chosen = [t for t in trials if t.weight.belt == belt]
+            known = np.array([t.truth[t.used, 2].mean() for t in chosen])
+            measured = np.array([t.measured[t.used, 2].mean() for t in chosen])
+            above.plot(known, measured, marker, ms=3, label=belt)
+            below.plot(known, measured - known, marker, ms=3)
+        above.set_ylabel("measured (N)")
+        below.set_ylabel("measured − known (N)")
+        below.set_xlabel("known vertical force (N)")
+        above.legend(frameon=False)
+    return figure
+
+
+def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
+    """Draw the spectrum of the centre of pressure about the marker, by supports (Fig. F.1c)."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(6, 3.5), layout="constrained")
+        panel = figure.subplots()
+        for supports, colour in ((True, "compensated"), (False, "measured")):
+            chosen = [t for t in trials if t.weight.supports == supports]
+            if not chosen:
+                continue
+            length = min(int(5 * RATE_HZ), min(len(t.time) for t in chosen))
+            spectra = []
+            for trial in chosen:
+                difference = -(trial.measured[:, 4] - trial.truth[:, 4]) / trial.truth[:, 2].mean()
+                hz, density = welch(1000 * difference, RATE_HZ, nperseg=length)
+                spectra.append(density)
+            inside = (hz > 0) & (hz <= 20)
+            panel.semilogy(
+                hz[inside],
+                np.mean(spectra, axis=0)[inside],
+                color=COLOURS[colour],
+                label="with supports" if supports else "without supports",
+            )
+        panel.set_xlabel("frequency (Hz)")
+        panel.set_ylabel("CoP along the belt (mm²/Hz)")
+        panel.legend(frameon=False)
+    return figure
+
+
+def static_figure(alignments: Mapping[Belt, PlateCalibration]) -> Figure | None:
+    """Draw how far static places are off before and after the alignment (Fig. F.1e)."""
+    if not alignments:
+        return None
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(4, 3), layout="constrained")
+        panel = figure.subplots()
+        for k, (colour, name) in enumerate((("measured", "before"), ("compensated", "after"))):
+            sizes = [
+                1000 * (a.rms_before if name == "before" else a.rms_after)
+                for a in alignments.values()
+            ]
+            at = np.arange(len(sizes)) + 0.4 * k - 0.2
+            panel.bar(at, sizes, 0.35, color=COLOURS[colour], label=name)
+        panel.set_xticks(range(len(alignments)), list(alignments))
+        panel.set_ylabel("distance plate to marker, RMS (mm)")
+        panel.legend(frameon=False)
+    return figure
+
+
+def hammer_figure(delays: Mapping[Belt, Delay]) -> Figure | None:
+    """Draw the delay of every blow (Fig. F.1f)."""
+    if not delays:
+        return None
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(5, 3), layout="constrained")
+        panel = figure.subplots()
+        for belt, delay in delays.items():
+            blows = 1000 * np.array(delay.differences)
+            line = panel.plot(np.arange(1, len(blows) + 1), blows, "o", ms=4, label=belt)[0]
+            panel.axhline(1000 * delay.seconds, color=line.get_color(), lw=1)
+        panel.set_xlabel("blow")
+        panel.set_ylabel("plate later than marker (ms)")
+        panel.legend(frameon=False)
+    return figure
