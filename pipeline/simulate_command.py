@@ -58,7 +58,8 @@ def simulate(folder: Path, setting: Setting, *, jobs: int) -> None:
 def ablate(folder: Path, setting: Setting, *, subjects: int) -> None:
     """Switch one fault on at a time; write the table and its figure."""
     from pipeline.figures import save_figure
-    from pipeline.virtual_lab.ablation import ablation, ablation_figure
+    from pipeline.virtual_lab.ablation import ablation
+    from pipeline.virtual_lab.ablation_figure import ablation_figure
 
     console = Console(highlight=False)
     kernels(lambda sentence: console.print(sentence, style="dim"))
