@@ -31,7 +31,7 @@ def demo(out: Path, *, full: bool = False, jobs: int = 2) -> int:
     int
         Exit code: 0, or 1 if a trial failed.
     """
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     study, results = out / "study", out / "results"
     out.mkdir(parents=True, exist_ok=True)
     kernels(lambda sentence: console.print(sentence, style="dim"))

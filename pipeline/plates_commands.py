@@ -24,7 +24,7 @@ def run(folder: Path, out: Path) -> None:
     StudyFaults, ValueError, OSError
         If the file or a recording is at fault.
     """
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     study = read_plates_study(folder)
     console.print(f"{len(study.file.weights)} recordings of known weights", style="dim")
     found = check_plates(study)

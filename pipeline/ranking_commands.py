@@ -55,7 +55,7 @@ def signals(out: Path, *, kind: str, rate_hz: float, seed: int, limits: Limits) 
     """
     if kind not in (*KINDS, "all"):
         raise ValueError(f"kind must be one of {', '.join(KINDS)} or all, got {kind!r}")
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     for name in KINDS if kind == "all" else (kind,):
         written = write_signals(_drawn(name, seed, limits), out / name, rate_hz, limits)
         console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
@@ -87,7 +87,7 @@ def rank(folder: Path, out: Path, *, rules: Rules, simulate: bool, seed: int) ->
     ValueError, OSError
         If a recording cannot be used, or the folder to simulate into has recordings already.
     """
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     if simulate:
         _simulate(folder, seed, console)
     files = trial_files(folder)

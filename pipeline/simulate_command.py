@@ -42,7 +42,7 @@ def stated(path: Path | None, *, subjects: int | None, seed: int | None) -> Sett
 
 def simulate(folder: Path, setting: Setting, *, jobs: int) -> None:
     """Simulate a study with progress and say where it is."""
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     kernels(lambda sentence: console.print(sentence, style="dim"))
     with _progress(console) as progress:
         task = progress.add_task("simulating", total=None)
@@ -61,7 +61,7 @@ def ablate(folder: Path, setting: Setting, *, subjects: int) -> None:
     from pipeline.virtual_lab.ablation import ablation
     from pipeline.virtual_lab.ablation_figure import ablation_figure
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)
     kernels(lambda sentence: console.print(sentence, style="dim"))
     with _progress(console) as progress:
         task = progress.add_task("one fault at a time", total=None)

@@ -142,3 +142,10 @@ def test_no_text_names_a_machine_or_an_index():
         for hit in unwanted.finditer(text)
     ]
     assert found == []
+
+
+def test_brackets_in_what_is_printed_are_never_taken_for_markup():
+    """Folders, channels and extras have brackets; rich would swallow them."""
+    for path in (ROOT / "pipeline").rglob("*.py"):
+        for arguments in re.findall(r"\bConsole\(([^)]*)\)", path.read_text(encoding="utf-8")):
+            assert "markup=False" in arguments, path
