@@ -9,6 +9,7 @@ from compensation import Calibration
 from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, LAST, support
 from hbm.markers import MarkerSet, did_you_mean
+from pipeline.belts import read_belts
 from pipeline.c3d_preview import Preview, preview_recording
 from pipeline.cycles import gait_events
 from pipeline.files import read_recording
@@ -96,6 +97,10 @@ class _Notes:
 
 def _calibration(study: Study, notes: _Notes) -> Calibration | None:
     treadmill = study.file.treadmill
+    belt = treadmill.belt
+    if belt is not None:
+        path = study.path(belt.calibration)
+        notes.of(path.name, lambda: read_belts(path, belt, study.file.axes))
     if not treadmill.calibration:
         notes.remarks.append("study.toml: no treadmill.calibration, so nothing will be compensated")
         return None

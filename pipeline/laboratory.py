@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from compensation import Calibration, InertiaModel, PlatformPose, check_trial, to_lab
+from compensation import BeltModel, Calibration, InertiaModel, PlatformPose, check_trial, to_lab
 from hbm.filtering import resample
 from hbm.spatial import Array, transform_wrench
+from pipeline.belts import belt_wrenches
 from pipeline.calibration_recording import (
     fit_calibration,
     read_calibration,
@@ -32,10 +33,11 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Laboratory:
-    """The treadmill as stated, and its calibration where there is one."""
+    """The treadmill as stated, its calibration and its plates' belt models where there are any."""
 
     treadmill: Treadmill
     calibration: Calibration | None = None
+    belts: tuple[BeltModel, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +47,8 @@ class Ground:
     Attributes
     ----------
     variants
-        "measured" and, with a calibration, "compensated" -> per plate its wrench at the markers'
-        times, lab axes about the lab origin, unfiltered, (T, 6) [N, N·m].
+        "measured" and, with a calibration of platform or belts, "compensated" -> per plate its
+        wrench at the markers' times, lab axes about the lab origin, unfiltered, (T, 6) [N, N·m].
     pose
         The platform's pose at the markers' times; None where it stands still.
     notes
@@ -79,7 +81,8 @@ def ground_wrenches(
     Ground
         Both variants are moved with the platform. Inertia is taken off in each plate's own moving
         frame, before any rotation; the gains are static, so it makes no difference that this is
-        done at the markers' rate on equally resampled signals.
+        done at the markers' rate on equally resampled signals. What the belts' acceleration adds
+        is taken off before.
 
     Raises
     ------
@@ -91,6 +94,13 @@ def ground_wrenches(
         "measured": [resample(p.time, p.wrench_in_plate, time + plate_delay_s) for p in plates]
     }
     notes: list[str] = []
+    belt = laboratory.treadmill.belt
+    if laboratory.belts and belt is not None:
+        added = belt_wrenches(recording, laboratory.belts, belt, time + plate_delay_s)
+        variants["compensated"] = [
+            wrench - extra for wrench, extra in zip(variants["measured"], added, strict=True)
+        ]
+        notes.append(f"belts compensated by {', '.join(belt.speed_channels)}")
     if laboratory.calibration is not None:
         names = laboratory.treadmill.accelerometers
         clock, readings = accelerations(recording, laboratory.treadmill)
@@ -99,7 +109,9 @@ def ground_wrenches(
         felt = resample(clock, readings, time + later)
         variants["compensated"] = [
             _compensated(model, felt, wrench)
-            for model, wrench in zip(models, variants["measured"], strict=True)
+            for model, wrench in zip(
+                models, variants.get("compensated", variants["measured"]), strict=True
+            )
         ]
         notes += check_trial(models[0], readings[np.isfinite(readings).all(axis=1)])
         notes.append(f"compensated by {len(names)} accelerometers: {', '.join(names)}")

@@ -13,6 +13,7 @@ from hbm.markers import MarkerSet
 from hbm.motion import Motion
 from hbm.native import kernels
 from hbm.spatial import Array
+from pipeline.belts import read_belts
 from pipeline.contact import share_between_feet
 from pipeline.cycles import gait_cycles, gait_events
 from pipeline.delay import marker_plate_delay
@@ -179,13 +180,18 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
         if treadmill.calibration
         else None
     )
+    belts = (
+        read_belts(study.path(treadmill.belt.calibration), treadmill.belt, file.axes)
+        if treadmill.belt is not None
+        else ()
+    )
     return process_recording(
         read_file(study, trial.file),
         person.person,
         file.settings,
         static=read_file(study, person.static) if person.static else None,
         marker_set=study.marker_set,
-        laboratory=Laboratory(treadmill, calibration),
+        laboratory=Laboratory(treadmill, calibration, belts),
         condition=rule,
         jobs=jobs,
     )

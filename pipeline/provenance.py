@@ -182,6 +182,8 @@ def input_digests(study: Study) -> dict[str, str]:
     }
     if study.file.treadmill.calibration:
         names.add(study.file.treadmill.calibration)
+    if study.file.treadmill.belt is not None:
+        names.add(study.file.treadmill.belt.calibration)
     return {name: file_digest(study.path(name)) for name in sorted(names)}
 
 

@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 
 from compensation import Setup, belt_acceleration, low_pass
-from hbm.spatial import Array, transform_wrench
+from hbm.spatial import Array, rotate_wrench
 from pipeline.accelerometers import find_accelerometers
+from pipeline.belts import belt_axes, belt_speed
 from pipeline.laboratory import accelerations, read_empty
 from pipeline.recording import Recording
 from pipeline.smoothing import smooth
 from pipeline.study import Treadmill
-from pipeline.units import length_in_m
 
 RATE_HZ: Final = 100.0
 EDGE_S: Final = 0.5
@@ -59,8 +59,7 @@ class PlatformTrial:
         (N, k) [m/s²].
     wrench
         Along the belt, to its left and up, about the middle of the plate's surface,
-        (N, 6) [N, N·m]. Which end is the front an empty plate shows only if the axes are stated;
-        no RMS depends on it.
+        (N, 6) [N, N·m]. Which end is the front an empty plate does not show; no RMS depends on it.
     setup
         Sensors, rate and filter.
     """
@@ -178,38 +177,6 @@ def belt_trial(recording: Recording, rules: Rules) -> BeltTrial:
     )
 
 
-def belt_speed(recording: Recording, channel: str) -> Array:
-    """Give a belt's speed.
-
-    Parameters
-    ----------
-    recording
-        The trial.
-    channel
-        Name of the analog channel, in a unit of speed such as m/s.
-
-    Returns
-    -------
-    Array
-        (N,) [m/s].
-
-    Raises
-    ------
-    ValueError
-        If there is no such channel, or its unit is none of speed.
-    """
-    where = recording.source.name
-    analog = recording.analog
-    if analog is None or channel not in analog.names:
-        there = ", ".join(analog.names) if analog is not None else "none"
-        raise ValueError(f"{where}: no analog channel {channel!r} with belt speed; there: {there}")
-    unit = analog.units[analog.names.index(channel)].strip()
-    length, per_second, _ = unit.partition("/s")
-    if not per_second:
-        raise ValueError(f"{where}: {channel} is in {unit!r}, expected a speed such as m/s")
-    return analog.channel(channel) * length_in_m(length)
-
-
 def factors(name: str) -> dict[str, str | float]:
     """Give kind, duration and belt speed that a trial's name states; empty where it does not."""
     match = NAME.fullmatch(name)
@@ -225,22 +192,9 @@ def factors(name: str) -> dict[str, str | float]:
 def _wrench(recording: Recording, number: int) -> Array:
     for plate in recording.plates:
         if plate.number == number:
-            along_belt = _belt_axes(plate.corners).T @ plate.rotation
-            return transform_wrench(plate.wrench_in_plate, along_belt, np.zeros(3))
+            return rotate_wrench(plate.wrench_in_plate, belt_axes(plate).T)
     there = ", ".join(str(plate.number) for plate in recording.plates) or "none"
     raise ValueError(f"{recording.source.name}: no plate {number}; plates there: {there}")
-
-
-def _belt_axes(corners: Array) -> Array:
-    """Give forward, left and up from a belt's longer side; columns in lab axes, (3, 3)."""
-    sides = corners[1:3] - corners[:2]
-    forward = max(sides, key=lambda side: float(np.linalg.norm(side)))
-    forward = forward / np.linalg.norm(forward)
-    if forward[np.argmax(np.abs(forward))] < 0:
-        forward = -forward
-    left = np.cross([0.0, 0.0, 1.0], forward)
-    left /= np.linalg.norm(left)
-    return np.column_stack([forward, left, np.cross(forward, left)])
 
 
 def _rate(time: Array, name: str) -> tuple[float, int]:

@@ -2,8 +2,10 @@
 
 import hashlib
 import json
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from importlib import import_module
@@ -16,6 +18,9 @@ from joblib import Parallel, delayed
 from pipeline.study import Study
 
 PACKAGES = ("hbm", "compensation", "pipeline")
+LOOK_S = 10.0
+UNMANNED_S = 300.0
+DIED = "the process that worked on it died; too little memory?"
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,25 +162,51 @@ def _alone(job: Job) -> Outcome:
         alone = Parallel(2, backend="loky", inner_max_num_threads=1)
         outcome: Outcome = alone([delayed(process_job)(job)])[0]
     except BrokenProcessPool:
-        return Outcome(job, "failed", "the process that worked on it died; too little memory?")
+        return Outcome(job, "failed", DIED)
     return outcome
 
 
 def _on_cluster(todo: list[Job], scheduler: str) -> Iterator[Outcome]:
+    """Process trials on a Dask cluster, whose workers may come late and die early.
+
+    No more are sent than the workers have threads: Dask blames the death of a worker on all that
+    waits for it. A cluster that has no workers yet is waited for, one that lost all is given up.
+    """
     try:
         dask: Any = import_module("dask.distributed")
     except ImportError as missing:
         raise ValueError(
             "--scheduler needs Dask: pip install 'hbm-residuals[cluster]'"
         ) from missing
+    waiting, sent = todo[::-1], dict[Any, Job]()
+    manned_at = float("inf")
     with dask.Client(scheduler, timeout="10s") as client:
-        futures = {client.submit(process_job, job, pure=False): job for job in todo}
-        for future in dask.as_completed(futures):
-            if future.status == "finished":
-                yield future.result()
-            else:
-                why = said(future.exception()) if future.status == "error" else future.status
-                yield Outcome(futures[future], "failed", f"on the cluster: {why}")
+        while waiting or sent:
+            threads = sum(client.nthreads().values())
+            manned_at = time.monotonic() if threads else manned_at
+            if time.monotonic() - manned_at > UNMANNED_S:
+                break
+            while waiting and len(sent) < max(1, threads):
+                job = waiting.pop()
+                sent[client.submit(process_job, job, pure=False)] = job
+            with suppress(TimeoutError, dask.CancelledError):
+                dask.wait(list(sent), timeout=LOOK_S, return_when="FIRST_COMPLETED")
+            for future in [future for future in sent if future.status != "pending"]:
+                yield _gathered(future, sent.pop(future), dask)
+    for job in [*sent.values(), *waiting]:
+        yield Outcome(job, "failed", "the cluster has no workers any more; run it again")
+
+
+def _gathered(future: Any, job: Job, dask: Any) -> Outcome:
+    try:
+        outcome: Outcome = future.result(timeout=LOOK_S)
+    except dask.KilledWorker:
+        return Outcome(job, "failed", DIED)
+    except Exception as error:
+        if stored_key(job.target) == job.key:
+            return Outcome(job, "done")
+        return Outcome(job, "failed", f"on the cluster: {said(error)}")
+    return outcome
 
 
 def process_job(job: Job) -> Outcome:
@@ -216,7 +247,9 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
     """Give a digest of all that a trial's result depends on: files, statements, program."""
     person = study.subject(subject)
     trial = person.trials[condition]
-    names = [trial.file, person.static, study.file.treadmill.calibration]
+    treadmill = study.file.treadmill
+    names = [trial.file, person.static, treadmill.calibration]
+    names += [treadmill.belt.calibration] if treadmill.belt is not None else []
     stated = {
         "files": [file_digest(study.path(name)) if name else None for name in names],
         "study": study.file.model_dump(exclude={"name", "conditions"}),

@@ -62,14 +62,23 @@ class Platform(Stated):
         return tuple(filter(None, (self.sway_channel, self.pitch_channel)))
 
 
+class Belt(Stated):
+    """How the belts' acceleration is compensated."""
+
+    calibration: Text
+    speed_channels: Annotated[Labels, Field(min_length=1)]
+    cutoff_hz: Annotated[float, Field(gt=0, le=45)] = 10.0
+
+
 class Treadmill(Stated):
-    """The machine: its accelerometers, its calibration, its platform."""
+    """The machine: its accelerometers, its calibration, its belts, its platform."""
 
     calibration: Text | None = None
     accelerometers: dict[Name, Channels] = Field(default_factory=dict)
     accelerometer_unit: Text | None = None
     accelerometer_delay_s: Delay = 0.0
     cutoff_hz: Annotated[float, Field(gt=0, le=100)] = 20.0
+    belt: Belt | None = None
     platform: Platform | None = None
 
     @field_validator("accelerometers")

@@ -183,6 +183,9 @@ def _treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
     treadmill, platform, faults = file.treadmill, file.treadmill.platform, []
     if treadmill.calibration:
         faults += _missing(folder, "study.toml: treadmill.calibration", treadmill.calibration)
+    if treadmill.belt is not None:
+        where = "study.toml: treadmill.belt.calibration"
+        faults += _missing(folder, where, treadmill.belt.calibration)
     if platform is not None:
         where = "study.toml: treadmill.platform"
         if platform.markers and platform.channels:

@@ -37,6 +37,11 @@ plate_delay_s = 0.0          # how much later the plates are stamped than the ma
 # rear_left = ["Acc1.X", "Acc1.Y", "Acc1.Z"]
 # front_right = ["Acc2.X", "Acc2.Y", "Acc2.Z"]
 
+# [treadmill.belt]           # if the belts accelerate: taken off before sway and pitch
+# calibration = "belts.c3d"  # the empty treadmill, belts accelerating at random
+# speed_channels = ["Belt.Left", "Belt.Right"]  # one per plate, or one for all
+# cutoff_hz = 10.0           # low-pass on belt acceleration and pitch moment
+
 # [treadmill.platform]       # leave out for a treadmill that stands still
 # markers = ["PLAT1", "PLAT2", "PLAT3", "PLAT4"]
 # or, less exact, as commanded; sway to the left and pitch with the front going down are positive:
