@@ -1,12 +1,12 @@
 """One trial of the protocol: a person, the treadmill's course, and the recording of both."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from compensation.protocol import pitch_and_sway_signals
-from compensation.signals import resample_signal
-from hbm.spatial import Array
+from compensation.signals import Signal, resample_signal
 from pipeline.recording import Recording
 from pipeline.virtual_lab.bench import Bench, record
 from pipeline.virtual_lab.course import ANALOG_HZ, Belt, Course, ride_of
@@ -14,7 +14,6 @@ from pipeline.virtual_lab.machine import Machine, move_platform
 from pipeline.virtual_lab.protocol import (
     PERSONS,
     Condition,
-    Protocol,
     Setting,
     perturbations,
     pitch_command,
@@ -24,9 +23,9 @@ from pipeline.virtual_lab.steps import schedule
 from pipeline.virtual_lab.walk import Walk, walk
 from pipeline.virtual_lab.walker import Walker, make_walker
 
-CALIBRATION = "square_sway_300s_3mps"
-CALIBRATION_BELT_MPS = 3.0
-CONDITIONS: tuple[Condition, ...] = ("familiarisation", "baseline", "sway", "pitch")
+CALIBRATION: Final = "square_sway_300s_3mps"
+CALIBRATION_BELT_MPS: Final = 3.0
+CONDITIONS: Final[tuple[Condition, ...]] = ("familiarisation", "baseline", "sway", "pitch")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,49 +81,47 @@ def run_trial(
     Trial
         The same for the same seed.
     """
-    protocol, number = setting.protocol, CONDITIONS.index(condition)
-    duration = protocol.duration(condition)
-    rng = np.random.default_rng((setting.seed, subject, number))
+    walked, course = run_walk(setting, bench.machine, walker, subject, condition)
+    name = f"{walker.person.name}_{condition}.c3d"
+    noise = np.random.default_rng((setting.seed, subject, CONDITIONS.index(condition), 1))
+    return Trial(walked, course, record(bench, course, walked, name, noise))
+
+
+def run_walk(
+    setting: Setting, machine: Machine, walker: Walker, subject: int, condition: Condition
+) -> tuple[Walk, Course]:
+    """Let a person do one trial with nobody recording; arguments as for `run_trial`."""
+    protocol, duration = setting.protocol, setting.protocol.duration(condition)
+    rng = np.random.default_rng((setting.seed, subject, CONDITIONS.index(condition)))
     steps = schedule(walker.habits, protocol.speed_mps, protocol.standing_s, duration, rng)
     onsets, sides = np.empty(0), np.empty(0)
     if condition == "sway":
         onsets, sides = perturbations(protocol, steps, setting.seed)
-    course, belt = _course(bench.machine, protocol, condition, duration, onsets, sides)
-    ride = ride_of(course.platform, ANALOG_HZ)
-    walked = walk(walker, steps, belt, ride, duration, rng)
-    name = f"{walker.person.name}_{condition}.c3d"
-    noise = np.random.default_rng((setting.seed, subject, number, 1))
-    return Trial(walked, course, record(bench, course, walked, name, noise))
+
+    time = np.arange(round(duration * ANALOG_HZ)) / ANALOG_HZ
+    pitch = pitch_command(protocol, time) if condition == "pitch" else np.zeros(len(time))
+    platform = move_platform(machine, sway_command(onsets, sides, time), pitch, ANALOG_HZ)
+    belt = Belt(protocol.speed_mps, protocol.standing_s, protocol.starting_s)
+    course = Course(time, platform, belt.speed(time), onsets)
+    ride = ride_of(platform, ANALOG_HZ)
+    return walk(walker, steps, belt, ride, duration, rng), course
 
 
-def run_calibration(setting: Setting, bench: Bench) -> Recording:
-    """Record the empty treadmill: 300 s at random with square waves of sway, belts at 3 m/s."""
-    signals = pitch_and_sway_signals(setting.seed, CALIBRATION_BELT_MPS)
-    chosen = next(signal for signal in signals if signal.name == CALIBRATION)
-    fine = resample_signal(chosen, ANALOG_HZ)
-    count = len(fine.sway) // 10 * 10
-    still = round(ANALOG_HZ)  # the platform rests in neutral at first
+def run_signal(bench: Bench, signal: Signal, rng: np.random.Generator) -> Recording:
+    """Record the empty treadmill while it follows a signal, after a second at rest in neutral."""
+    fine = resample_signal(signal, ANALOG_HZ)
+    count, still = len(fine.sway) // 10 * 10, round(ANALOG_HZ)
     sway, pitch, belt = (
         np.pad(x[:count], (still, 0), constant_values=first)
         for x, first in ((fine.sway, 0.0), (fine.pitch, 0.0), (fine.belt_speed, fine.belt_speed[0]))
     )
     platform = move_platform(bench.machine, sway, pitch, ANALOG_HZ)
     course = Course(np.arange(len(sway)) / ANALOG_HZ, platform, belt, np.empty(0))
-    rng = np.random.default_rng((setting.seed, len(PERSONS)))
-    return record(bench, course, None, "calibration.c3d", rng)
+    return record(bench, course, None, f"{signal.name}.c3d", rng)
 
 
-def _course(
-    machine: Machine,
-    protocol: Protocol,
-    condition: Condition,
-    duration: float,
-    onsets: Array,
-    sides: Array,
-) -> tuple[Course, Belt]:
-    time = np.arange(round(duration * ANALOG_HZ)) / ANALOG_HZ
-    still = np.zeros(len(time))
-    pitch = pitch_command(protocol, time) if condition == "pitch" else still
-    platform = move_platform(machine, sway_command(onsets, sides, time), pitch, ANALOG_HZ)
-    belt = Belt(protocol.speed_mps, protocol.standing_s, protocol.starting_s)
-    return Course(time, platform, belt.speed(time), onsets), belt
+def run_calibration(setting: Setting, bench: Bench) -> Recording:
+    """Record the empty treadmill: 300 s at random with square waves of sway, belts at 3 m/s."""
+    signals = pitch_and_sway_signals(setting.seed, CALIBRATION_BELT_MPS)
+    chosen = next(signal for signal in signals if signal.name == CALIBRATION)
+    return run_signal(bench, chosen, np.random.default_rng((setting.seed, len(PERSONS))))

@@ -85,8 +85,8 @@ class Footing:
 
     def release(self, number: int) -> float:
         """Give when the floor begins to let go of a step's foot [s]."""
-        stride = 2 * self.pace_s
-        return float(self.steps.off[number]) - (STANCE - LEAVING[0]) * stride
+        early = (STANCE - LEAVING[0]) * self.steps.overlap / (STANCE - 0.5)
+        return float(self.steps.off[number]) - early * self.pace_s
 
     def left_share(self, time: Array) -> Array:
         """Give the share of the weight on the left foot, (T,).
@@ -98,7 +98,7 @@ class Footing:
         k = np.clip(last, 1, len(contact) - 1)
         taken = smooth_step((time - contact[k]) / (off[k - 1] - contact[k]))
         walking = np.where(k % 2 == 0, taken, 1 - taken)
-        overlap = 2 * (STANCE - 0.5) * self.pace_s
+        overlap = self.steps.overlap * self.pace_s
         starting = 0.5 + 0.5 * smooth_step((time - contact[0]) / overlap)
         return np.where(last < 1, starting, walking)
 

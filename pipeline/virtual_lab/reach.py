@@ -14,7 +14,6 @@ from pipeline.virtual_lab.feet import Sole
 
 CHUNK: Final = 4000
 FIXED: Final = 1e3
-HEIGHT_PULL: Final = 0.1  # a leg that is too short lowers the pelvis a little
 PULL: Final = {  # towards the reference, m²/rad² per unit weight of a sole's points
     "HipFlexion": 3e-4,
     "HipAbduction": 3e-4,
@@ -35,7 +34,9 @@ def reach(
     soles: Mapping[str, Sole],
     rotation: Mapping[str, Array],
     position: Mapping[str, Array],
+    firmness: Mapping[str, Array],
     start: Array,
+    height_pull: float,
     jobs: int = 1,
 ) -> Array:
     """Bend the legs so that the soles are where they should be.
@@ -51,8 +52,12 @@ def reach(
         Side -> sole.
     rotation, position
         Side -> pose of the sole in the lab, (T, 3, 3) and (T, 3) [m].
+    firmness
+        Side -> weights of the sole's heel, ball inside and outside, and ankle, (T, 4).
     start
         Where to begin, (T, 46).
+    height_pull
+        How firmly the pelvis is kept at its height: m² per m² of the soles' points.
     jobs
         Threads.
 
@@ -67,7 +72,7 @@ def reach(
     kernel.
     """
     pull = np.full(N, FIXED)
-    pull[INDEX["PelvisZ"]] = HEIGHT_PULL
+    pull[INDEX["PelvisZ"]] = height_pull
     for name, value in PULL.items():
         for side in "RL":
             pull[INDEX[side + name]] = value
@@ -75,7 +80,7 @@ def reach(
         _reach(
             body,
             reference[part],
-            {s: (soles[s], rotation[s][part], position[s][part]) for s in soles},
+            {s: (soles[s], rotation[s][part], position[s][part], firmness[s][part]) for s in soles},
             start[part],
             pull,
             jobs,
@@ -88,14 +93,14 @@ def reach(
 def _reach(
     body: Body,
     reference: Array,
-    targets: Mapping[str, tuple[Sole, Array, Array]],
+    targets: Mapping[str, tuple[Sole, Array, Array, Array]],
     start: Array,
     pull: Array,
     jobs: int,
 ) -> Array:
     frames = len(reference)
     sums = np.zeros((frames, len(SEGMENTS), N_SUMS))
-    for sole, rotation, position in targets.values():
+    for sole, rotation, position, weight in targets.values():
         R, o = sole.foot_pose(rotation, position)
         flat = np.array(
             [[sole.heel, 0, 0], [sole.ball, 0.04, 0], [sole.ball, -0.04, 0], [0, 0, 0.08]]
@@ -104,10 +109,12 @@ def _reach(
         m = np.einsum("tij,kj->tki", R, p) + o[:, None]
         own = sums[:, SEGMENTS.index(sole.segment)]
         (x, y, z), ones = p.T, np.ones(len(p))
-        own[:, :10] = np.sum([ones, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=1)
-        own[:, 10:13] = m.sum(axis=1)
-        own[:, 13:22] = np.einsum("tki,ka->tai", m, p).reshape(frames, 9)
-        own[:, 22] = np.sum(m**2, axis=(1, 2))
+        plain = np.stack([ones, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=1)
+        weighted = weight[:, :, None] * m
+        own[:, :10] = weight @ plain
+        own[:, 10:13] = weighted.sum(axis=1)
+        own[:, 13:22] = np.einsum("tki,ka->tai", weighted, p).reshape(frames, 9)
+        own[:, 22] = np.sum(weighted * m, axis=(1, 2))
     flat_sums = sums.reshape(frames, -1)
     prior = np.tile(pull, (frames, 1))
     damping, curvature = np.full((frames, 1), DAMPING), np.zeros((frames, 1))

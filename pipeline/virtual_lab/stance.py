@@ -14,6 +14,11 @@ ROLL_OVER: Final = (  # share of the stance phase, of the sole from heel to toe 
     (0.22, 0.30, 0.44, 0.63, 0.81, 0.90, 0.95),
 )
 
+GIVING_DEG: Final = 2.0, 12.0  # pitch of a foot from where to where its heel or ball become loose
+LOOSE: Final = 0.05  # what is left of their hold then
+SWINGING: Final = 0.3  # what is left of a swinging foot's
+ARRIVING: Final = 0.90, 1.0  # phases over which it becomes firm again
+
 
 def smooth_step(x: Array) -> Array:
     """Give 0 below 0, 1 above 1, and a rise with continuous acceleration between."""
@@ -44,3 +49,19 @@ def roll_over(phase: Array) -> Array:
     before push-off (Han et al. 1999, Gait Posture 10:248).
     """
     return np.interp(np.clip((phase % 1) / STANCE, 0, 1), *ROLL_OVER)
+
+
+def firmness_of(pitch: Array, phase: Array) -> Array:
+    """Give how firmly a sole's heel, ball inside and outside, and ankle keep to their path, (T, 4).
+
+    The heel gives way where only the ball is on the floor, and the ball where only the heel is; a
+    swinging foot gives way altogether, so that a leg that is too short need not jerk the body.
+    """
+    low, high = np.radians(GIVING_DEG)
+    heel, ball = (
+        1 - (1 - LOOSE) * smooth_step((angle - low) / (high - low)) for angle in (pitch, -pitch)
+    )
+    cycle = phase % 1
+    gone, back = (smooth_step((cycle - a) / (b - a)) for a, b in (LEAVING, ARRIVING))
+    firm = 1 - (1 - SWINGING) * (gone - back)
+    return np.asarray(firm[:, None] * np.stack([heel, ball, ball, np.minimum(heel, ball)], axis=1))

@@ -5,7 +5,6 @@ them (`reach`); then the pelvis is moved until the ground wrench that follows fr
 motion has its centre of pressure where the feet are.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -15,7 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from compensation.platform import PlatformPose
 from hbm.center_of_mass import center_of_mass
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import INDEX, SEGMENTS
 from hbm.native import kernels
 from hbm.poses import segment_frames
 from hbm.skeleton import GRAVITY
@@ -26,7 +25,7 @@ from pipeline.virtual_lab.footing import Footing
 from pipeline.virtual_lab.gait import STEP_M, foot_angles, foothold, posture, size_of
 from pipeline.virtual_lab.reach import reach
 from pipeline.virtual_lab.spline import Trajectory, fit_trajectory
-from pipeline.virtual_lab.stance import LEAVING, STANCE, smooth_step
+from pipeline.virtual_lab.stance import LEAVING, STANCE, firmness_of, smooth_step
 from pipeline.virtual_lab.steps import Steps, place_sideways, step_time
 from pipeline.virtual_lab.walker import Walker
 
@@ -34,8 +33,11 @@ RATE_HZ: Final = 100.0
 ARMS_DOWN: Final = 0.48, 0.35  # begin and duration, as shares of the time before walking
 SMOOTHING_HZ: Final = 6.0  # cut-off of the muscles' and tissues' smoothness
 CORRECTIONS: Final = 5
+HEIGHT_PULL: Final = 0.1, 1.0  # at first the legs say how high the pelvis can be; then it stays
+LOWER: Final = 1.0  # standard deviations of that height
 LARGEST_M: Final = 0.05
 WANDER_S: Final = 0.3
+STRAIGHTEST: Final = 0.08  # of a knee while walking [rad]: a straight leg cannot give way
 CHUNK: Final = 6000
 
 
@@ -105,10 +107,16 @@ def walk(
     reference[:, :2] = balanced(wanted, height) - ahead
     reference[:, 2] += _surface_height(pose, walker.standing[:2])
 
-    rotation, position = _feet(walker, footing, reference, pose, time)
+    feet = _feet(walker, footing, reference, pose, time)
+    extent = footing.extent(time)
+    walking, steady = np.minimum(extent, 1.0), extent > 0.99 * extent[-1]
     q = reference.copy()
     for correction in range(CORRECTIONS):
-        q = reach(walker.body, reference, footing.soles, rotation, position, q, jobs)
+        pull = HEIGHT_PULL[min(correction, 1)]
+        q = reach(walker.body, reference, footing.soles, *feet, q, pull, jobs)
+        if correction == 0:
+            sunk = (q - reference)[steady, 2]
+            reference[:, 2] += walking * (sunk.mean() - LOWER * sunk.std())
         motion = fit_trajectory(_smooth(q), RATE_HZ)
         if correction == CORRECTIONS - 1:
             break
@@ -166,7 +174,12 @@ def _pattern(
     q += walker.style.apply(mean - walker.standing, walking)
     wander = gaussian_filter1d(rng.normal(size=q.shape), WANDER_S * RATE_HZ, axis=0)
     wander *= np.sqrt(2 * np.sqrt(np.pi) * WANDER_S * RATE_HZ)
-    return q + walking * walker.style.wander * wander
+    q += walking * walker.style.wander * wander
+    for knee in (INDEX["RKneeFlexion"], INDEX["LKneeFlexion"]):
+        bent = q[:, knee] - STRAIGHTEST
+        more = (np.hypot(bent, STRAIGHTEST / 2) - bent) / 2
+        q[:, knee] += walking[:, 0] * more
+    return q
 
 
 def _comfortable(
@@ -182,9 +195,9 @@ def _comfortable(
 
 def _feet(
     walker: Walker, footing: Footing, reference: Array, pose: PlatformPose, time: Array
-) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
-    """Give the soles' poses in the lab: rolling over the belt in stance, the pattern's in swing."""
-    rotation, position = {}, {}
+) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
+    """Give the soles' poses in the lab and how firm they are: rolling in stance, free in swing."""
+    rotation, position, firmness = {}, {}, {}
     feet = segment_poses(walker, reference, [sole.segment for sole in footing.soles.values()])
     for side, (_, ankle) in zip(footing.soles, feet, strict=True):
         sole = footing.soles[side]
@@ -196,40 +209,43 @@ def _feet(
         swinging = _on_platform(ankle - (rotation[side] @ sole.origin), pose)
         rolling = rolled(sole, pitch, heading)
         position[side] = _lab(_path(footing, side, swinging, rolling, time), pose)
-    return rotation, position
+        firmness[side] = firmness_of(pitch, footing.phase(side, time))
+    return rotation, position, firmness
 
 
 def _path(footing: Footing, side: str, swinging: Array, rolling: Array, time: Array) -> Array:
     """Join stances and swings: a swing ends where the next stance begins, (T, 3) [m]."""
+    end = len(time) - 1
     own = list(range(0 if side == "left" else 1, len(footing.steps.contact), 2))
-    numbers = [-1, *own] if side == "right" else own
     path = np.empty_like(swinging)
-    before, left_at = None, 0
-    for number in numbers:
-        many = np.full(len(time), number)
-        stance = rolling + np.pad(footing.anchor(side, many, time), ((0, 0), (0, 1)))
-        away = stance - swinging
-        begins = number in own[1 if side == "left" else 0 :]
-        first = int(np.ceil(footing.steps.contact[number] * RATE_HZ)) if begins else 0
+    away, left_at = None, 0
+    for number in own if side == "left" else [-1, *own]:
+        standing = number < 1 if side == "left" else number < 0
+        contact = 0.0 if standing else footing.steps.contact[number]
         release = footing.release(number) if number >= 0 else _first_release(footing)
-        last = int(np.floor(release * RATE_HZ))
-        if before is not None:
-            stop = min(first, len(time))
-            u = ((np.arange(left_at, stop) - left_at) / (first - left_at))[:, None]
-            arrival = away[min(first, len(time) - 1)]
-            path[left_at:stop] = swinging[left_at:stop] + before
-            path[left_at:stop] += u * u * (3 - 2 * u) * (arrival - before)
-        if first >= len(time):
+        first, last = int(np.ceil(contact * RATE_HZ)), int(np.floor(release * RATE_HZ))
+        stance = slice(min(first, end), min(last, end) + 1)
+        held = rolling[stance] + np.pad(
+            footing.anchor(side, np.full(len(time[stance]), number), time[stance]),
+            ((0, 0), (0, 1)),
+        )
+        if away is not None:
+            swing = np.arange(left_at, min(first, end + 1))
+            u = ((swing - left_at) / (first - left_at))[:, None]
+            arrival = held[0] - swinging[stance.start]
+            path[swing] = swinging[swing] + away + u * u * (3 - 2 * u) * (arrival - away)
+        if first > end:
             break
-        path[first : last + 1] = stance[first : last + 1]
-        left_at = min(last, len(time) - 1)
-        before = away[left_at]
+        path[stance] = held
+        left_at = stance.stop - 1
+        away = held[-1] - swinging[left_at]
     return path
 
 
 def _first_release(footing: Footing) -> float:
     """Give when the right foot leaves its standing place [s]."""
-    return float(footing.steps.contact[0]) + 2 * footing.pace_s * (LEAVING[0] - 0.5)
+    released = (LEAVING[0] - 0.5) * footing.steps.overlap / (STANCE - 0.5)
+    return float(footing.steps.contact[0]) + released * footing.pace_s
 
 
 def _smooth(q: Array) -> Array:

@@ -19,13 +19,15 @@ from pipeline.virtual_lab.variation import vary
 
 HANGING_ARM: Final = {"ShoulderAbduction": 8.0, "ElbowFlexion": 10.0}
 BUILD_SD: Final = 0.03
+TREADMILL: Final = 0.03  # how much shorter than in the norms steps are on a belt
 OFFSET_SD_DEG: Final = {  # between people, about half the spread of the norms
-    **{"PelvisForwardPitch": 2.0, "TrunkFlexion": 2.0, "HeadFlexion": 4.0},
-    **{"HipFlexion": 1.5, "HipAbduction": 1.0, "HipInternalRotation": 3.0, "KneeFlexion": 1.5},
+    **{"PelvisForwardPitch": 4.0, "TrunkFlexion": 3.0, "HeadFlexion": 4.0},
+    **{"HipFlexion": 2.0, "HipAbduction": 1.0, "HipInternalRotation": 5.0, "KneeFlexion": 1.5},
     **{"ShoulderAbduction": 3.0, "ShoulderFlexion": 4.0, "ShoulderInternalRotation": 6.0},
     **{"ElbowFlexion": 6.0, "ForeArmPronation": 8.0, "WristFlexion": 5.0, "HandAbduction": 3.0},
 }
-GAIN_SD: Final = 0.08
+GAIN_SD: Final = 0.05
+PELVIS_GAIN_SD: Final = 0.20
 ARM_GAIN_SD: Final = 0.25
 WANDER_DEG: Final = 0.5  # from stride to stride
 ARM_WANDER_DEG: Final = 1.5
@@ -144,7 +146,7 @@ def make_walker(
     habits = Habits()
     habits = replace(
         habits,
-        step_m=STEP_M * size * (1 + individuality * 0.03 * _normal(rng)),
+        step_m=STEP_M * size * (1 + individuality * (0.02 * _normal(rng) - TREADMILL)),
         width_m=habits.width_m * size * (1 + individuality * 0.12 * _normal(rng)),
         time_sd=variability * habits.time_sd,
         forward_sd=variability * habits.forward_sd,
@@ -168,8 +170,10 @@ def _style(individuality: float, variability: float, rng: np.random.Generator) -
         both, swing = shared[joint]
         spread = np.radians(OFFSET_SD_DEG.get(joint, 0.0))
         offset[i] = individuality * spread * (0.9 * both + 0.4 * _normal(rng))
-        if not name.startswith("Pelvis") or joint in ("PelvisYaw", "PelvisRightRoll"):
-            gain[i] += individuality * (ARM_GAIN_SD if arm else GAIN_SD / 2) * swing
+        if joint in ("PelvisYaw", "PelvisRightRoll"):
+            gain[i] += individuality * PELVIS_GAIN_SD * swing
+        elif not joint.startswith("Pelvis"):
+            gain[i] += individuality * (ARM_GAIN_SD if arm else GAIN_SD) * swing
         if joint.startswith(("Pelvis", "ShoulderUp", "ShoulderForward", "ShoulderInward")):
             continue
         wander[i] = variability * np.radians(ARM_WANDER_DEG if arm else WANDER_DEG)
