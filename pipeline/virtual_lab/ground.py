@@ -3,8 +3,9 @@
 import numpy as np
 
 from hbm.spatial import Array, transform_wrench
+from pipeline.virtual_lab.balance import pressure_on_platform
 from pipeline.virtual_lab.feet import SIDES
-from pipeline.virtual_lab.walk import Walk, ground_wrench, pressure_on_platform
+from pipeline.virtual_lab.walk import Walk, ground_wrench
 
 
 def foot_wrenches(walk: Walk, time: Array, jobs: int = 1) -> dict[str, Array]:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
 
 from compensation.platform import PlatformPose
@@ -17,8 +16,15 @@ from hbm.center_of_mass import center_of_mass
 from hbm.coordinates import INDEX, SEGMENTS
 from hbm.native import kernels
 from hbm.poses import segment_frames
-from hbm.skeleton import GRAVITY
 from hbm.spatial import Array
+from pipeline.virtual_lab.balance import (
+    RATE_HZ,
+    balanced,
+    in_lab,
+    on_platform,
+    pressure_on_platform,
+    surface_height,
+)
 from pipeline.virtual_lab.course import Belt, Ride
 from pipeline.virtual_lab.feet import SIDES, orientation, rolled, sole_of
 from pipeline.virtual_lab.footing import Footing
@@ -29,7 +35,6 @@ from pipeline.virtual_lab.stance import LEAVING, STANCE, firmness_of, smooth_ste
 from pipeline.virtual_lab.steps import Steps, place_sideways, step_time
 from pipeline.virtual_lab.walker import Walker
 
-RATE_HZ: Final = 100.0
 ARMS_DOWN: Final = 0.48, 0.35  # begin and duration, as shares of the time before walking
 SMOOTHING_HZ: Final = 6.0  # cut-off of the muscles' and tissues' smoothness
 CORRECTIONS: Final = 5
@@ -103,9 +108,9 @@ def walk(
 
     ahead = center_of_mass(walker.body, reference)[:, :2] - reference[:, :2]
     footing = _comfortable(footing, reference, ahead, pose, height, time)
-    wanted = _lab(footing.total_pressure(time), pose)[:, :2]
+    wanted = in_lab(footing.total_pressure(time), pose)[:, :2]
     reference[:, :2] = balanced(wanted, height) - ahead
-    reference[:, 2] += _surface_height(pose, walker.standing[:2])
+    reference[:, 2] += surface_height(pose, walker.standing[:2])
 
     feet = _feet(walker, footing, reference, pose, time)
     extent = footing.extent(time)
@@ -125,19 +130,6 @@ def walk(
         error[: int(RATE_HZ / 3)] = error[-int(RATE_HZ / 6) :] = 0.0
         reference[:, :2] += balanced(error, height)
     return Walk(walker, motion, footing, platform)
-
-
-def balanced(pressure: Array, height: float) -> Array:
-    """Give the bounded motion of a mass above a moving centre of pressure, (T, 2) [m].
-
-    Solves ``c - (h/g) c̈ = p``, the linear inverted pendulum, as a boundary value problem (Kajita
-    et al. 2003, IEEE ICRA 1620).
-    """
-    stiffness = height / GRAVITY * RATE_HZ**2
-    bands = np.empty((3, len(pressure)))
-    bands[0], bands[1], bands[2] = -stiffness, 1 + 2 * stiffness, -stiffness
-    bands[1, [0, -1]] = 1 + stiffness
-    return np.asarray(solve_banded((1, 1), bands, pressure))
 
 
 def _place(
@@ -187,7 +179,7 @@ def _comfortable(
 ) -> Footing:
     """Move the pressure along the feet so that the pelvis is above them as the pattern wants."""
     steady = footing.extent(time) > 0.99 * footing.extent(time)[-1]
-    pressure = _lab(footing.total_pressure(time), pose)[:, :2]
+    pressure = in_lab(footing.total_pressure(time), pose)[:, :2]
     pelvis = balanced(pressure, height) - ahead
     shift = float(np.mean((reference[:, 0] - pelvis[:, 0])[steady]))
     return replace(footing, pressure_shift=shift)
@@ -204,11 +196,10 @@ def _feet(
         pitch, _ = foot_angles(footing.phase(side, time))
         pitch = pitch * footing.extent(time)
         heading = footing.heading(side, time)
-        on_platform = orientation(pitch, heading)
-        rotation[side] = pose.rotation @ on_platform
-        swinging = _on_platform(ankle - (rotation[side] @ sole.origin), pose)
+        rotation[side] = pose.rotation @ orientation(pitch, heading)
+        swinging = on_platform(ankle - (rotation[side] @ sole.origin), pose)
         rolling = rolled(sole, pitch, heading)
-        position[side] = _lab(_path(footing, side, swinging, rolling, time), pose)
+        position[side] = in_lab(_path(footing, side, swinging, rolling, time), pose)
         firmness[side] = firmness_of(pitch, footing.phase(side, time))
     return rotation, position, firmness
 
@@ -259,16 +250,7 @@ def _pressure(
     """Give the centre of pressure on the platform, in the lab, that the motion implies, (T, 2)."""
     wrench = ground_wrench(walker, motion, time, jobs)
     points = pressure_on_platform(wrench, pose)
-    return _lab(points, pose)[:, :2]
-
-
-def pressure_on_platform(wrench: Array, pose: PlatformPose) -> Array:
-    """Give where a wrench in the lab acts on the platform's surface, in its frame, (T, 2) [m]."""
-    back = np.swapaxes(pose.rotation, 1, 2)
-    force = (back @ wrench[:, :3, None])[..., 0]
-    moment = wrench[:, 3:] - np.cross(pose.position, wrench[:, :3])
-    moment = (back @ moment[..., None])[..., 0]
-    return np.column_stack([-moment[:, 1], moment[:, 0]]) / force[:, 2:]
+    return in_lab(points, pose)[:, :2]
 
 
 def ground_wrench(walker: Walker, motion: Trajectory, time: Array, jobs: int = 1) -> Array:
@@ -293,21 +275,3 @@ def segment_poses(walker: Walker, q: Array, names: list[str]) -> list[tuple[Arra
     rotation = np.concatenate([R[:, chosen] for R, _ in parts])
     origin = np.concatenate([o[:, chosen] for _, o in parts])
     return list(zip(np.moveaxis(rotation, 1, 0), np.moveaxis(origin, 1, 0), strict=True))
-
-
-def _surface_height(pose: PlatformPose, place: Array) -> Array:
-    """Give how high the platform's surface is above a place in the lab, (T,) [m]."""
-    normal, away = pose.rotation[:, :, 2], place - pose.position[:, :2]
-    sideways = np.sum(normal[:, :2] * away, axis=1)
-    return np.asarray(pose.position[:, 2] - sideways / normal[:, 2])
-
-
-def _lab(points: Array, pose: PlatformPose) -> Array:
-    if points.shape[1] == 2:
-        points = np.pad(points, ((0, 0), (0, 1)))
-    return pose.to_lab(points)
-
-
-def _on_platform(points: Array, pose: PlatformPose) -> Array:
-    away = points - pose.position
-    return np.asarray((np.swapaxes(pose.rotation, 1, 2) @ away[..., None])[..., 0])
