@@ -27,6 +27,7 @@ from hbm import coordinates, skeleton
 SHARED_INPUTS: Final = {"newton_step": (6,), "segment_poses": (1,), "newton_euler": (3, 4)}
 FLAGS: Final = ("-O1", "-fPIC", "-shared", "-march=native", "-ffp-contract=off", "-Wno-psabi")
 TIMEOUT_S: Final = 600
+BLOCK_LINES: Final = 500
 LOOP: Final = """
 EXPORT void {name}_frames(long long frames, const double *const *in, double *const *out) {{
   static const int size_in[] = {{{size_in}}}, shared[] = {{{shared}}}, size_out[] = {{{size_out}}};
@@ -80,7 +81,11 @@ def _sizes_in_c() -> str:
 
 
 def _in_lanes(function: Any, folder: Path) -> str:
-    """Give a kernel's straight-line C with lanes for numbers."""
+    """Give a kernel's straight-line C with lanes for numbers.
+
+    Every so many lines an empty jump ends a block: compilers work on one block at a time, and take
+    much longer than proportional for long ones (LLVM: a minute instead of four seconds).
+    """
     name = function.name()
     generator = ca.CodeGenerator(f"{name}.c")
     generator.add(function)
@@ -93,7 +98,11 @@ def _in_lanes(function: Any, folder: Path) -> str:
     lines = re.sub(r"arg\[\d+\]\? (arg\[\d+\]\[\d+\]) : 0", r"\1", lines)
     lines = re.sub(r"^(  a\d+)=(-?[0-9.e+-]+);", r"\1=broadcast(\2);", lines, flags=re.MULTILINE)
     lines = re.sub(r"\b(?:casadi_)?(sin|cos|fabs|fmax)\(", r"lanes_\1(", lines)
-    return lines.replace("casadi_real", "lanes").replace("casadi_int", "long long")
+    lines = lines.replace("casadi_real", "lanes").replace("casadi_int", "long long")
+    parts = re.split(r"(?<=;\n)(?=  a\d+=)", lines)
+    blocks = ["".join(parts[at : at + BLOCK_LINES]) for at in range(0, len(parts), BLOCK_LINES)]
+    jumps = (f'  __asm__ goto ("" : : : : block_{k}); block_{k}:;\n' for k in range(1, len(blocks)))
+    return blocks[0] + "".join(a + b for a, b in zip(jumps, blocks[1:], strict=True))
 
 
 def compilers() -> list[tuple[str, list[str]]]:
