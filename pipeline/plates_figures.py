@@ -85,6 +85,7 @@ def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
                 color=COLOURS[colour],
                 label="with supports" if supports else "without supports",
             )
+        panel.yaxis.set_major_formatter("{x:g}")
         panel.set_xlabel("frequency (Hz)")
         panel.set_ylabel("CoP along the belt (mm²/Hz)")
         panel.legend(frameon=False)
