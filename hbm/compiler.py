@@ -144,20 +144,22 @@ def compiled_library(name: str, command: list[str], tell: Callable[[str], None])
         The library; None if this compiler cannot make it.
     """
     try:
-        entry = _writable(cache_directory(), tell) / f"skeleton-{_key(command)}"
-        library = entry / f"skeleton{'.dll' if sys.platform == 'win32' else '.so'}"
-        if _sound(library):
-            return library
-        if entry.exists():
+        entry = Path(f"skeleton-{_key(command)}")
+        file = entry / f"skeleton{'.dll' if sys.platform == 'win32' else '.so'}"
+        if _sound(cache_directory() / file):
+            return cache_directory() / file
+        folder = _writable(cache_directory(), tell)
+        if (folder / entry).exists():
             tell("a compiled kernel in the cache is damaged: building it again")
-            shutil.rmtree(entry)
+            shutil.rmtree(folder / entry, ignore_errors=True)
         tell(f"compiling the kernels with {name} (once on this machine, about ten seconds)")
-        _build(command, library)
+        _build(command, folder / file)
     except (OSError, subprocess.SubprocessError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        said = getattr(error, "stderr", None) or str(error)
+        reason = (said.splitlines() or [type(error).__name__])[0]
         tell(f"compiling with {name} failed ({reason}); trying the next way")
         return None
-    return library
+    return folder / file
 
 
 def _writable(folder: Path, tell: Callable[[str], None]) -> Path:
@@ -186,6 +188,7 @@ def _build(command: list[str], library: Path) -> None:
             [*command, *FLAGS, str(write_source(Path(temporary))), "-o", str(built), *_libm()],
             check=True,
             capture_output=True,
+            text=True,
             timeout=TIMEOUT_S,
         )
         _checksum(built).write_text(_sha256(built))
