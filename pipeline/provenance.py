@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from pipeline.collect import Results
-from pipeline.run import file_digest, program_digest
+from pipeline.job import file_digest, program_digest
 from pipeline.study import Study, Trial
 from pipeline.trial_files import PACKAGES
 

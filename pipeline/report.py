@@ -89,7 +89,7 @@ def _everyone(subjects: pd.DataFrame, study: Study | None) -> pd.DataFrame:
         person for name, person in (study.subjects if study else {}).items() if name not in known
     ]
     absent = [{"subject": p.id, "sex": p.sex, "height_m": p.height_m} for p in others]
-    return pd.concat([subjects, pd.DataFrame(absent)], ignore_index=True) if absent else subjects
+    return pd.DataFrame([*subjects.to_dict("records"), *absent], columns=subjects.columns)
 
 
 def _write_text(text: str, path: Path) -> None:

@@ -14,8 +14,9 @@ from hbm.native import kernels
 from pipeline.check import check_study
 from pipeline.collect import collect
 from pipeline.failures import gather_failures, note_failure
+from pipeline.job import Job, Outcome
 from pipeline.result_commands import remember_study
-from pipeline.run import Job, Outcome, plan, run_jobs
+from pipeline.run import plan, run_jobs
 from pipeline.study import read_study
 from pipeline.trial_files import remove_leftovers, require_writable
 

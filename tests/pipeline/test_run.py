@@ -10,9 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import process, run
+from pipeline import cluster, process, run
+from pipeline import job as work
 from pipeline.cli import main
-from pipeline.run import plan, process_job, run_jobs, run_study
+from pipeline.job import process_job
+from pipeline.run import plan, run_jobs, run_study
 from pipeline.study import Study, read_study
 from pipeline.trial_files import read_facts
 
@@ -118,11 +120,11 @@ def test_what_changed_is_redone_and_nothing_else(study, out, change, redone):
 
 def test_another_program_or_library_redoes_everything(moving_study, out, monkeypatch):
     before = [job.key for job in plan(read_study(moving_study), out)]
-    run.program_digest.cache_clear()
-    real = run.version
-    monkeypatch.setattr(run, "version", lambda name: real(name) + ("1" if name == "scipy" else ""))
+    work.program_digest.cache_clear()
+    real = work.version
+    monkeypatch.setattr(work, "version", lambda name: real(name) + ("1" if name == "scipy" else ""))
     after = [job.key for job in plan(read_study(moving_study), out)]
-    run.program_digest.cache_clear()
+    work.program_digest.cache_clear()
     assert not set(before) & set(after)
 
 
@@ -145,9 +147,9 @@ def test_a_dask_cluster_gives_the_same(moving_study, finished, tmp_path):
     distributed = pytest.importorskip("dask.distributed", reason="the extra 'cluster' is not here")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None
-    ) as cluster:
+    ) as local:
         study = read_study(moving_study)
-        address = cluster.scheduler_address
+        address = local.scheduler_address
         outcomes = list(run_study(study, tmp_path, subjects=["sub01"], scheduler=address))
     assert sorted(states(outcomes).values()) == ["done"] * 3
     whole = contents(finished)
@@ -156,7 +158,7 @@ def test_a_dask_cluster_gives_the_same(moving_study, finished, tmp_path):
 
 def test_a_cluster_that_is_not_there_is_one_line(moving_study, tmp_path, capsys, monkeypatch):
     pytest.importorskip("dask.distributed", reason="the extra 'cluster' is not here")
-    real = run.import_module
+    real = cluster.import_module
 
     def impatient(name):
         module = real(name)
@@ -164,12 +166,53 @@ def test_a_cluster_that_is_not_there_is_one_line(moving_study, tmp_path, capsys,
         monkeypatch.setattr(module, "Client", lambda at, timeout: client(at, timeout="0.2s"))
         return module
 
-    monkeypatch.setattr(run, "import_module", impatient)
+    monkeypatch.setattr(cluster, "import_module", impatient)
     arguments = ["--scheduler", "tcp://127.0.0.1:1", "--out", str(tmp_path)]
     assert main(["run", str(moving_study), *arguments]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     assert "127.0.0.1:1" in lines[0]
+
+
+class VanishingCluster:
+    """A stand-in for dask.distributed whose workers, or scheduler, go and never come back."""
+
+    CancelledError = KilledWorker = RuntimeError
+
+    def __init__(self, answers):
+        self.answers = iter(answers)
+        self.status = "pending"
+
+    def Client(self, *_, **__):
+        return self
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def nthreads(self):
+        answer = next(self.answers)
+        if isinstance(answer, Exception):
+            raise answer
+        return {"worker": answer} if answer else {}
+
+    def submit(self, *_, **__):
+        return VanishingCluster(())
+
+    def wait(self, *_, **__):
+        raise TimeoutError
+
+
+@pytest.mark.parametrize(
+    "answers", [[1, 0], [0, 1, 2, 0], [1, OSError("connection lost")], [OSError("no scheduler")]]
+)
+def test_a_cluster_that_goes_away_is_given_up(moving_study, tmp_path, monkeypatch, answers):
+    monkeypatch.setattr(cluster, "import_module", lambda _: VanishingCluster([*answers, 0, 0]))
+    monkeypatch.setattr(cluster, "UNMANNED_S", 1e-9)
+    outcomes = list(run_study(read_study(moving_study), tmp_path, scheduler="tcp://somewhere:1"))
+    assert only(outcomes, "failed") == dict.fromkeys(TRIALS, "the cluster is gone; run it again")
 
 
 def test_without_dask_a_scheduler_is_refused_with_what_to_install(
@@ -178,7 +221,7 @@ def test_without_dask_a_scheduler_is_refused_with_what_to_install(
     def absent(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(run, "import_module", absent)
+    monkeypatch.setattr(cluster, "import_module", absent)
     with pytest.raises(ValueError, match=r"pip install 'hbm-residuals\[cluster\]'"):
         list(run_study(read_study(moving_study), tmp_path, scheduler="tcp://nowhere:1"))
 
@@ -342,9 +385,9 @@ def test_what_another_run_finished_meanwhile_is_kept(moving_study, out, monkeypa
 
 
 def test_the_biggest_recordings_come_first(moving_study, tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "process_job", lambda job: run.Outcome(job, "done"))
+    monkeypatch.setattr(run, "process_job", lambda job: work.Outcome(job, "done"))
     study = read_study(moving_study)
-    monkeypatch.setattr(run.Job, "size", property(lambda job: TRIALS.index(job.target.stem)))
+    monkeypatch.setattr(work.Job, "size", property(lambda job: TRIALS.index(job.target.stem)))
     order = [outcome.job.target.stem for outcome in run_study(study, tmp_path)]
     assert order == TRIALS[::-1]
 

@@ -25,7 +25,7 @@ import os, random, signal, sys, time
 from pathlib import Path
 from hbm.native import kernels
 import pipeline.process, pipeline.trial_files
-from pipeline.run import program_digest
+from pipeline.job import program_digest
 from pipeline.study_commands import run
 
 study, out, kills, seed = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
