@@ -25,8 +25,9 @@ import hbm
 import pipeline
 from hbm.filtering import butterworth, resample
 from pipeline.contact import share_between_feet
-from pipeline.cycles import gait_cycles, gait_events, normalise
+from pipeline.cycles import gait_cycles, normalise
 from pipeline.figures import COLOURS, draw_band, name_panels
+from pipeline.gait_events import gait_events
 from pipeline.process import feet_of
 from pipeline.residuals import AXES, reported
 from pipeline.virtual_lab.trial import simulate_trial

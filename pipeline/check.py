@@ -11,8 +11,8 @@ from hbm.coordinates import COORDINATES, LAST, support
 from hbm.markers import MarkerSet, did_you_mean
 from pipeline.belts import read_belts
 from pipeline.c3d_preview import Preview, preview_recording
-from pipeline.cycles import gait_events
 from pipeline.files import read_recording
+from pipeline.gait_events import gait_events
 from pipeline.laboratory import (
     Laboratory,
     accelerations,

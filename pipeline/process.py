@@ -1,7 +1,5 @@
 """One trial, from what was recorded to the residuals: the whole method, top to bottom."""
 
-from collections.abc import Iterable, Sequence
-
 import numpy as np
 
 from hbm.body import Body, build_body
@@ -15,15 +13,17 @@ from hbm.native import kernels
 from hbm.spatial import Array
 from pipeline.belts import read_belts
 from pipeline.contact import share_between_feet
-from pipeline.cycles import gait_cycles, gait_events
+from pipeline.cycles import cut_cycles
 from pipeline.delay import marker_plate_delay
 from pipeline.files import read_recording
-from pipeline.laboratory import Ground, Laboratory, ground_wrenches, read_calibration
-from pipeline.recording import Event, Recording
+from pipeline.gait_events import gait_events
+from pipeline.laboratory import Laboratory, ground_wrenches, read_calibration
+from pipeline.motion_notes import motion_notes
+from pipeline.recording import Recording
 from pipeline.study import Condition, Settings, Study, Subject, Treadmill
 from pipeline.trial_result import TrialResult
 from pipeline.weighing import body_mass, stature
-from pipeline.windows import pulse_onsets, select_cycles, sway_onsets
+from pipeline.windows import perturbation_onsets, select_cycles
 
 
 def process_recording(
@@ -111,7 +111,7 @@ def process_recording(
     events, which = gait_events(recording)
     cycles, rejected = cut_cycles(events, dynamics.values())
     rule = condition or Condition()
-    onsets = _onsets(recording, rule, acted) if rule.perturbed else np.empty(0)
+    onsets = perturbation_onsets(recording, rule, acted.pose) if rule.perturbed else np.empty(0)
     chosen, missing = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
     delay, uncertainty, said = _delay(dynamics[best], ground[best], motion)
     return TrialResult(
@@ -134,7 +134,7 @@ def process_recording(
             *recording.notes,
             weighed,
             *body.notes,
-            *_motion_notes(body, raw),
+            *motion_notes(body, raw),
             *acted.notes,
             which,
             *rejected,
@@ -202,23 +202,6 @@ def read_file(study: Study, name: str) -> Recording:
     return read_recording(study.path(name), study.file.axes, rename=study.file.rename)
 
 
-def _onsets(recording: Recording, condition: Condition, ground: Ground) -> Array:
-    """Find the perturbations: from the pulse channel, else from the platform's motion."""
-    name = recording.source.name
-    if condition.pulse_channel is not None:
-        onsets, where = pulse_onsets(recording, condition.pulse_channel), condition.pulse_channel
-    elif ground.pose is not None:
-        onsets = sway_onsets(recording.markers.time, ground.pose.position[:, 1])
-        where = "the platform's motion"
-    else:
-        raise ValueError(
-            f"{name}: a perturbed condition needs a pulse_channel, or the platform's pose"
-        )
-    if not len(onsets):
-        raise ValueError(f"{name}: {where} shows no perturbation, but the condition is perturbed")
-    return onsets
-
-
 def feet_of(body: Body, motion: Motion) -> Array:
     """Give the middle of the left and right foot, ankle to toes, in the lab, (T, 2, 3) [m]."""
     poses = kernels().segment_poses(motion.q, body.geometry)[0].reshape(len(motion.q), -1, 12)
@@ -228,72 +211,12 @@ def feet_of(body: Body, motion: Motion) -> Array:
     )
 
 
-def cut_cycles(
-    events: Sequence[Event], variants: Iterable[Dynamics]
-) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Cut gait cycles of both sides; leave out those with undefined frames, with the reason.
-
-    Parameters
-    ----------
-    events
-        Gait events.
-    variants
-        Dynamics of the same frames: a cycle counts only if it is defined in all of them.
-
-    Returns
-    -------
-    cycles
-        Side -> start and stop of each cycle, (C, 2) [s].
-    rejected
-        One sentence per cycle that was left out.
-    """
-    undefined = np.concatenate([d.time[np.isnan(d.residual).any(axis=1)] for d in variants])
-    cycles, rejected = {}, []
-    for side in ("left", "right"):
-        spans, reasons = gait_cycles(events, side)
-        hit = [bool(((undefined >= a) & (undefined < b)).any()) for a, b in spans]
-        rejected += [
-            *reasons,
-            *(
-                f"{side} cycle {a:.2f}–{b:.2f} s has frames without a solution"
-                for (a, b), bad in zip(spans, hit, strict=True)
-                if bad
-            ),
-        ]
-        cycles[side] = spans[~np.array(hit, bool)]
-    return cycles, tuple(rejected)
-
-
 def _require_plates(recording: Recording) -> None:
     if not recording.plates:
         raise ValueError(
             f"{recording.source.name}: the file has no force plates; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
-
-
-def _motion_notes(body: Body, motion: Motion) -> list[str]:
-    """Say what was locked, bridged or not solved."""
-    notes = []
-    if body.locked:
-        notes.append(f"locked at neutral, for no marker shows them: {', '.join(body.locked)}")
-    locked = np.array([name in body.locked for name in motion.names])
-    lost = (~motion.observed & motion.converged[:, None])[:, ~locked]
-    if lost.any():
-        names = [
-            n for n, hit in zip(np.array(motion.names)[~locked], lost.any(0), strict=True) if hit
-        ]
-        notes.append(
-            f"bridged in time over {np.count_nonzero(lost.any(axis=1))} frames without enough "
-            f"markers: {', '.join(names)}"
-        )
-    gaps = int(np.isnan(motion.marker_error).sum())
-    if gaps:
-        notes.append(f"{gaps} marker samples are missing and were left out of the fit")
-    failed = int(np.count_nonzero(~motion.converged))
-    if failed:
-        notes.append(f"{failed} of {len(motion.time)} frames could not be solved")
-    return notes
 
 
 def _delay(

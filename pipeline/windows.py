@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from compensation.platform import PlatformPose
 from hbm.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.recording import Recording
@@ -79,6 +80,45 @@ def _first(cycles: dict[str, Array], count: int) -> dict[str, Array]:
         return cycles
     last = starts[count - 1]
     return {side: spans[spans[:, 0] <= last] for side, spans in cycles.items()}
+
+
+def perturbation_onsets(
+    recording: Recording, condition: Condition, platform: PlatformPose | None
+) -> Array:
+    """Find the perturbations of a trial: from the pulse channel, else from the platform's motion.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    condition
+        Names the pulse channel, if there is one.
+    platform
+        The platform's pose at the markers' times.
+
+    Returns
+    -------
+    Array
+        Onsets, (P,) [s].
+
+    Raises
+    ------
+    ValueError
+        If there is neither a pulse channel nor a pose, or no perturbation.
+    """
+    name = recording.source.name
+    if condition.pulse_channel is not None:
+        onsets, where = pulse_onsets(recording, condition.pulse_channel), condition.pulse_channel
+    elif platform is not None:
+        onsets = sway_onsets(recording.markers.time, platform.position[:, 1])
+        where = "the platform's motion"
+    else:
+        raise ValueError(
+            f"{name}: a perturbed condition needs a pulse_channel, or the platform's pose"
+        )
+    if not len(onsets):
+        raise ValueError(f"{name}: {where} shows no perturbation, but the condition is perturbed")
+    return onsets
 
 
 def pulse_onsets(recording: Recording, channel: str) -> Array:

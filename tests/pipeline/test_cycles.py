@@ -7,15 +7,9 @@ from hypothesis import strategies as st
 
 from hbm.markers import Markers
 from pipeline.c3d import read_c3d
-from pipeline.cycles import (
-    SIDES,
-    compare_events,
-    force_events,
-    gait_cycles,
-    gait_events,
-    normalise,
-    zeni_events,
-)
+from pipeline.cycles import gait_cycles, normalise
+from pipeline.event_agreement import compare_events
+from pipeline.gait_events import SIDES, force_events, gait_events, zeni_events
 from pipeline.recording import Event, Recording
 
 HBM2 = {"sacrum": ("LPSIS", "RPSIS"), "heel": "{}HEE", "toe": "{}MT2"}

@@ -8,7 +8,8 @@ import pytest
 from hbm.filtering import butterworth
 from pipeline import process
 from pipeline.c3d import read_c3d
-from pipeline.process import cut_cycles, process_recording, process_trial
+from pipeline.cycles import cut_cycles
+from pipeline.process import process_recording, process_trial
 from pipeline.recording import Event
 from pipeline.residuals import residual_table
 from pipeline.study import Condition, Settings, Subject, read_study

@@ -11,7 +11,7 @@ from compensation.platform import PlatformPose, commanded_pose
 from hbm.dynamics import inverse_dynamics_variants
 from hbm.motion import Motion
 from hbm.poses import marker_positions
-from pipeline.process import cut_cycles
+from pipeline.cycles import cut_cycles
 from pipeline.recording import Event, Plate, Recording
 from pipeline.study import Settings, Subject
 from pipeline.trial_result import TrialResult
