@@ -193,6 +193,17 @@ def test_mass_is_weighed_in_the_first_hundred_frames(walker, results):
     assert body_mass(Subject(mass_kg=70.0), walker)[0] == 70.0
 
 
+def test_noisy_plates_weigh_as_well(walker):
+    noise = np.random.default_rng(0).normal(0, 40, (len(walker.plates), len(walker.plates[0].time)))
+    plates = []
+    for plate, grain in zip(walker.plates, noise, strict=True):
+        wrench = plate.wrench_in_plate.copy()
+        wrench[:, 2] += grain
+        plates.append(replace(plate, wrench_in_plate=wrench))
+    mass, _ = body_mass(PERSON, replace(walker, plates=tuple(plates)))
+    assert mass == pytest.approx(body_mass(PERSON, walker)[0], abs=1.0)
+
+
 @pytest.mark.parametrize("why", ["nobody", "restless", "gap"])
 def test_a_mass_that_cannot_be_weighed_is_asked_for(walker, why):
     plate = walker.plates[0]
