@@ -18,6 +18,10 @@ from pipeline.figures import COLOURS, STYLE
 from pipeline.trial_files import whole_file
 
 HEADER = "time_s,sway_m,pitch_deg,belt_speed_m_per_s"
+FASTEST_HZ = 50.0
+FAINTEST = 1e-6
+"""Share of a spectrum's peak below which it is not drawn."""
+ROUNDING = 1e-12
 
 
 def write_signals(
@@ -57,7 +61,7 @@ def write_signals(
     for signal in resampled:
         table = folder / f"{signal.name}.csv"
         write_signal(signal, table)
-        with whole_file(table.with_suffix(".png")) as temporary:
+        with mpl.rc_context(STYLE), whole_file(table.with_suffix(".png")) as temporary:
             signal_figure(signal, limits).savefig(temporary, format="png", dpi=150)
         written.append(table)
     return written
@@ -97,15 +101,15 @@ def signal_figure(signal: Signal, limits: Limits) -> Figure:
     spectrum = acceleration_spectrum(signal)
     to_degrees = np.degrees(1.0)
     rows = (
-        ("sway [m]", signal.sway, limits.sway_m, spectrum.sway, "(m/s²)²/Hz"),
+        ("sway (m)", signal.sway, limits.sway_m, spectrum.sway, "(m/s²)²/Hz"),
         (
-            "pitch [°]",
+            "pitch (°)",
             np.degrees(signal.pitch),
             limits.pitch_deg,
             spectrum.pitch * to_degrees**2,
             "(°/s²)²/Hz",
         ),
-        ("belts [m/s]", signal.belt_speed, limits.belt_m_per_s, spectrum.belt, "(m/s²)²/Hz"),
+        ("belts (m/s)", signal.belt_speed, limits.belt_m_per_s, spectrum.belt, "(m/s²)²/Hz"),
     )
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 6), layout="constrained")
@@ -115,17 +119,20 @@ def signal_figure(signal: Signal, limits: Limits) -> Figure:
             for level in (-limit, limit):
                 course.axhline(level, color=COLOURS["measured"], linestyle="--", linewidth=1)
             course.set_ylabel(name)
-            moves = power > 1e-12 * max(float(power.max()), 1e-12)
-            density.plot(spectrum.frequency[moves], power[moves], color=COLOURS["compensated"])
+            moves = power > max(FAINTEST * power.max(), ROUNDING)
+            shown = np.where(moves, power, np.nan)
+            density.plot(spectrum.frequency, shown, color=COLOURS["compensated"], linewidth=1)
             density.set_ylabel(unit)
             if moves.any():
                 density.set_yscale("log")
+                density.yaxis.set_major_formatter("{x:g}")
             else:
-                density.text(0.5, 0.5, "at rest", transform=density.transAxes, ha="center")
+                density.text(0.5, 0.5, "no acceleration", transform=density.transAxes, ha="center")
                 density.set_yticks([])
         panels[0, 0].set_title("course, and limits of the machine (dashed)")
         panels[0, 1].set_title("spectrum of the acceleration")
-        panels[2, 0].set_xlabel("time [s]")
-        panels[2, 1].set_xlabel("frequency [Hz]")
+        panels[2, 0].set_xlabel("time (s)")
+        panels[2, 1].set_xlabel("frequency (Hz)")
+        panels[2, 1].set_xlim(0, FASTEST_HZ)
         figure.suptitle(signal.name, fontsize=10)
     return figure

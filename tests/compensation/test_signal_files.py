@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from compensation import Limits, Signal, belt_signals, pitch_and_sway_signals, validation_signals
+from compensation import (
+    Limits,
+    Signal,
+    belt_signals,
+    pitch_and_sway_signals,
+    resample_signal,
+    validation_signals,
+)
 from pipeline.signal_files import signal_figure, write_signals
 
 
@@ -39,3 +46,18 @@ def test_the_picture_shows_courses_limits_and_spectra(signal: Signal):
     assert len(figure.axes) == 6
     dashed = [line.get_ydata()[0] for line in figure.axes[0].lines if line.get_linestyle() == "--"]
     assert sorted(dashed) == [-0.05, 0.05]
+
+
+def test_every_label_of_the_picture_is_plain_text():
+    """Logarithmic axes write formulas by default, which this style shows as they are."""
+    for signal in (belt_signals(1, 2.0)[4], validation_signals()[1]):
+        figure = signal_figure(resample_signal(signal, 1000.0), Limits())
+        figure.draw_without_rendering()
+        labels = [label.get_text() for axes in figure.axes for label in axes.get_yticklabels()]
+        assert labels
+        assert not any("$" in text for text in labels)
+
+
+def test_belts_at_constant_speed_have_no_spectrum():
+    figure = signal_figure(resample_signal(validation_signals()[1], 1000.0), Limits())
+    assert [text.get_text() for text in figure.axes[5].texts] == ["no acceleration"]
