@@ -104,7 +104,7 @@ def view(
     if save is not None:
         console.print(f"recording: {save}", soft_wrap=True)
     else:
-        show([trial, cycles], web=web, tell=console.print)
+        show([trial, cycles], web=web, tell=lambda line: console.print(line, soft_wrap=True))
 
 
 def write_view(
