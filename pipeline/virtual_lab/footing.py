@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -12,8 +11,6 @@ from pipeline.virtual_lab.feet import OUTWARD, SIDES, Sole
 from pipeline.virtual_lab.gait import foot_angles
 from pipeline.virtual_lab.stance import LEAVING, STANCE, roll_over, smooth_step
 from pipeline.virtual_lab.steps import Steps, phase_of
-
-STANDING_PRESSURE: Final = 0.49  # of the sole from heel to toe tip
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +31,8 @@ class Footing:
         Length of this person's steps where they are like those of the norms [m].
     pace_s
         Mean duration of a step [s].
+    standing_pressure_m
+        How far ahead of the ankles the pressure is while standing.
     pressure_shift
         How much further forward than in the mean the pressure is under the feet [m].
     """
@@ -44,6 +43,7 @@ class Footing:
     belt: Belt
     step_m: float
     pace_s: float
+    standing_pressure_m: float
     pressure_shift: float = 0.0
 
     def phase(self, side: str, time: Array) -> Array:
@@ -106,10 +106,8 @@ class Footing:
         """Give where the pressure should be under a foot that carries weight, (T, 2) [m]."""
         sole, walking = self.soles[side], np.minimum(self.extent(time), 1.0)
         share = roll_over(self.phase(side, time))
-        along = sole.heel + (sole.toe - sole.heel) * (
-            STANDING_PRESSURE + walking * (share - STANDING_PRESSURE)
-        )
-        along += walking * self.pressure_shift
+        rolled = sole.heel + (sole.toe - sole.heel) * share + self.pressure_shift
+        along = self.standing_pressure_m + walking * (rolled - self.standing_pressure_m)
         heading = self.heading(side, time)
         ahead = along[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
         return np.asarray(self.anchor(side, self.step(side, time), time) + ahead)

@@ -32,6 +32,7 @@ WORTH: Final = {  # deviation that costs as much as one norm's standard deviatio
     "cop_shift_m": 0.01,
     "free_moment_nm": 6.0,
     "knee_rad": 0.02,
+    "lean_rad": 0.03,
     "vertical_bw": 0.03,
     "horizontal_bw": 0.07,
 }
@@ -40,6 +41,7 @@ STRAIGHT_KNEE: Final = 0.1  # [rad] a leg any straighter hardly says where the h
 NORM_WEIGHT: Final = 0.7
 ROUGHNESS: Final = 0.1
 ITERATIONS: Final = 20
+STEP: Final = 0.6  # of a full step: full ones swing about the optimum for ever
 Symbol = Any
 
 
@@ -140,7 +142,7 @@ def optimise(walker: Walker, target: Target, harmonics: int) -> dict[str, Array]
     flat = matrices[:, :N].reshape(-1, count)
     x[:count] = np.linalg.lstsq(flat, target.joints.ravel(), rcond=None)[0]
     x[count:] = 0.3, 0.07, 0.0
-    for iteration in range(ITERATIONS):
+    for _ in range(ITERATIONS):
         residuals, jacobians = (
             [rough * x[:count]],
             [np.hstack([np.diag(rough), np.zeros((count, 3))])],
@@ -151,7 +153,7 @@ def optimise(walker: Walker, target: Target, harmonics: int) -> dict[str, Array]
             residuals.append(np.array(value).ravel())
             jacobians.append(np.hstack([slope[:, : 3 * N] @ matrix, slope[:, 3 * N :]]))
         step = np.linalg.lstsq(np.vstack(jacobians), -np.concatenate(residuals), rcond=None)[0]
-        x += (0.6 if iteration < 3 else 1.0) * step
+        x += STEP * step
     found = {name: np.zeros((harmonics + 1, 2)) for name in dict.fromkeys(names)}
     for (name, k, part), value in zip(unknowns, x, strict=False):
         found[name][k, part] = value
@@ -181,6 +183,8 @@ def _node(walker: Walker, target: Target) -> tuple[Symbol, Array]:
     terms = [NORM_WEIGHT / 2 * (q - given[:N]) / ca.DM(target.spread)]
     knees = ca.vertcat(*(q[INDEX[side + "KneeFlexion"]] for side in "RL"))
     terms.append(ca.fmax(0, STRAIGHT_KNEE - knees) / WORTH["knee_rad"])
+    upright = [INDEX["PelvisForwardPitch"], INDEX["TrunkFlexion"]]
+    terms.append(sum(q[i] - given[i] for i in upright) / WORTH["lean_rad"])
     pressure = ca.SX.zeros(2)
     for n, (side, sole) in enumerate(soles.items()):
         cycle, out = phase[side] % 1, OUTWARD[side]

@@ -37,10 +37,11 @@ from pipeline.virtual_lab.walker import Walker
 
 ARMS_DOWN: Final = 0.48, 0.35  # begin and duration, as shares of the time before walking
 SMOOTHING_HZ: Final = 6.0  # cut-off of the muscles' and tissues' smoothness
-CORRECTIONS: Final = 5
+CORRECTIONS: Final = 6
 HEIGHT_PULL: Final = 0.1, 1.0  # at first the legs say how high the pelvis can be; then it stays
 LOWER: Final = 1.0  # standard deviations of that height
-LARGEST_M: Final = 0.05
+LARGEST_M: Final = 0.2
+SETTLE_S: Final = 0.5
 WANDER_S: Final = 0.3
 STRAIGHTEST: Final = 0.08  # of a knee while walking [rad]: a straight leg cannot give way
 CHUNK: Final = 6000
@@ -127,7 +128,8 @@ def walk(
             break
         error = wanted - _pressure(walker, motion, pose, time, jobs)
         error = np.clip(np.nan_to_num(error), -LARGEST_M, LARGEST_M)
-        error[: int(RATE_HZ / 3)] = error[-int(RATE_HZ / 6) :] = 0.0
+        error[-int(RATE_HZ / 6) :] = 0.0
+        error *= smooth_step((time - steps.contact[0]) / SETTLE_S)[:, None]
         reference[:, :2] += balanced(error, height)
     return Walk(walker, motion, footing, platform)
 
@@ -150,7 +152,9 @@ def _place(
     forward += belt.travelled(middle) - belt.travelled(contact)
     forward += habits.forward_sd * np.clip(rng.normal(size=len(contact)), -3, 3)
     soles = {side: sole_of(walker.body, walker.t_pose, side) for side in SIDES}
-    return Footing(soles, steps, np.column_stack([forward, sideways]), belt, STEP_M * size, pace)
+    place = np.column_stack([forward, sideways])
+    ahead = center_of_mass(walker.body, walker.t_pose[None])[0, 0] - soles["left"].standing[0]
+    return Footing(soles, steps, place, belt, STEP_M * size, pace, float(ahead))
 
 
 def _pattern(
@@ -200,7 +204,8 @@ def _feet(
         swinging = on_platform(ankle - (rotation[side] @ sole.origin), pose)
         rolling = rolled(sole, pitch, heading)
         position[side] = in_lab(_path(footing, side, swinging, rolling, time), pose)
-        firmness[side] = firmness_of(pitch, footing.phase(side, time))
+        firm = firmness_of(pitch, footing.phase(side, time))
+        firmness[side] = 1 - np.minimum(footing.extent(time), 1.0)[:, None] * (1 - firm)
     return rotation, position, firmness
 
 

@@ -21,7 +21,7 @@ HANGING_ARM: Final = {"ShoulderAbduction": 8.0, "ElbowFlexion": 10.0}
 BUILD_SD: Final = 0.03
 TREADMILL: Final = 0.03  # how much shorter than in the norms steps are on a belt
 OFFSET_SD_DEG: Final = {  # between people, about half the spread of the norms
-    **{"PelvisForwardPitch": 4.0, "TrunkFlexion": 3.0, "HeadFlexion": 4.0},
+    **{"PelvisForwardPitch": 3.0, "TrunkFlexion": 3.0, "HeadFlexion": 4.0},
     **{"HipFlexion": 2.0, "HipAbduction": 1.0, "HipInternalRotation": 5.0, "KneeFlexion": 1.5},
     **{"ShoulderAbduction": 3.0, "ShoulderFlexion": 4.0, "ShoulderInternalRotation": 6.0},
     **{"ElbowFlexion": 6.0, "ForeArmPronation": 8.0, "WristFlexion": 5.0, "HandAbduction": 3.0},

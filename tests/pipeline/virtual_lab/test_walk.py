@@ -1,0 +1,207 @@
+"""The virtual walker: what people do when they walk on a belt, and what the ground then does."""
+
+import numpy as np
+import pytest
+
+from hbm.coordinates import COORDINATES, INDEX
+from hbm.skeleton import GRAVITY
+from hbm.spatial import shift_wrench
+from pipeline.virtual_lab.balance import balanced, in_lab, pressure_on_platform
+from pipeline.virtual_lab.feet import SIDES, orientation, rolled
+from pipeline.virtual_lab.ground import foot_wrenches
+from pipeline.virtual_lab.plates import on_plates
+from pipeline.virtual_lab.realism import force_curves
+from pipeline.virtual_lab.walk import ground_wrench, segment_poses
+
+PEOPLE = (0, 1, 7)
+
+
+def steady(walk, rate_hz=100):
+    return np.arange(12 * rate_hz, (walk.motion.duration - 1) * rate_hz) / rate_hz
+
+
+def within(polygon, points):
+    """Tell which points lie in a convex polygon whose corners go counter-clockwise."""
+    sides = np.roll(polygon, -1, axis=0) - polygon
+    away = points[:, None] - polygon
+    return np.all(sides[:, 0] * away[..., 1] >= sides[:, 1] * away[..., 0], axis=1)
+
+
+@pytest.mark.parametrize("subject", PEOPLE)
+def test_vertical_force_has_two_humps(walked, subject):
+    vertical = force_curves(walked(subject)[0])["vertical"]
+    first, valley, second = vertical[5:25].max(), vertical[20:42].min(), vertical[40:58].max()
+    assert 1.0 <= first <= 1.3
+    assert 1.0 <= second <= 1.3
+    assert valley < min(first, second) - 0.15
+
+
+@pytest.mark.parametrize("subject", PEOPLE)
+def test_the_leading_foot_brakes_and_the_trailing_foot_pushes(walked, subject):
+    forward = force_curves(walked(subject)[0])["forward"]
+    assert -0.35 <= forward[:30].min() <= -0.1
+    assert 0.1 <= forward[30:62].max() <= 0.35
+
+
+@pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
+def test_pressure_is_under_the_stance_foot_in_single_support(walked, condition):
+    walk, _ = walked(0, condition)
+    time = steady(walk)
+    pose = walk.platform.pose(time)
+    pressure = in_lab(
+        pressure_on_platform(ground_wrench(walk.walker, walk.motion, time), pose), pose
+    )
+    share, q = walk.footing.left_share(time), walk.motion.at(time)
+    for side, alone in zip(SIDES, (share == 1, share == 0), strict=True):
+        sole = walk.footing.soles[side]
+        rotation, ankle = segment_poses(walk.walker, q, [sole.segment])[0]
+        turned, origin = sole.from_foot(rotation, ankle)
+        on_sole = (np.swapaxes(turned, 1, 2) @ (pressure - origin)[..., None])[..., 0]
+        assert within(sole.outline, on_sole[alone, :2]).mean() > 0.95
+
+
+@pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
+def test_both_feet_together_carry_what_the_equations_of_motion_ask_for(walked, condition):
+    walk, _ = walked(0, condition)
+    time = steady(walk)[::7]
+    feet = foot_wrenches(walk, time)
+    needed = ground_wrench(walk.walker, walk.motion, time)
+    np.testing.assert_allclose(feet["left"] + feet["right"], needed, atol=1e-9)
+    np.testing.assert_allclose(
+        sum(on_plates(walk, feet, time))[:, :3],
+        np.einsum("tji,tj->ti", walk.platform.pose(time).rotation, needed[:, :3]),
+        atol=1e-9,
+    )
+
+
+def test_a_swinging_foot_carries_nothing(walked):
+    walk, _ = walked(0)
+    time = steady(walk)
+    feet, share = foot_wrenches(walk, time), walk.footing.left_share(time)
+    assert np.abs(feet["left"][share == 0]).max() == 0
+    assert np.abs(feet["right"][share == 1]).max() < 1e-9
+
+
+def test_standing_in_the_t_pose_is_carried_as_weight_alone(walked):
+    walk, _ = walked(1)
+    time = np.arange(100) / 100
+    wrench = ground_wrench(walk.walker, walk.motion, time)
+    weight = walk.walker.person.mass_kg * GRAVITY
+    np.testing.assert_allclose(wrench[:, 2], weight, rtol=1e-6)
+    np.testing.assert_allclose(wrench[:, :2], 0, atol=1e-3)
+
+
+def test_the_wrench_is_the_change_of_momentum(walked):
+    """Force is mass by the acceleration of the centre of mass, which comes from positions alone."""
+    from hbm.center_of_mass import center_of_mass
+
+    walk, _ = walked(0)
+    step = 1e-3
+    time = np.arange(15.0, 16.0, step)
+    center = center_of_mass(walk.walker.body, walk.motion.at(time))
+    acceleration = np.gradient(np.gradient(center, step, axis=0), step, axis=0)[5:-5]
+    mass = sum(part.mass for part in walk.walker.body.inertias.values())
+    force = ground_wrench(walk.walker, walk.motion, time)[5:-5, :3]
+    np.testing.assert_allclose(force, mass * (acceleration + [0, 0, GRAVITY]), atol=0.5)
+
+
+def test_every_coordinate_moves(walked):
+    walk, _ = walked(0)
+    moved = np.ptp(walk.motion.at(steady(walk)), axis=0)
+    assert dict(zip(COORDINATES, moved > 1e-3, strict=True)) == dict.fromkeys(COORDINATES, True)
+
+
+def test_a_stance_foot_stays_on_the_belt(walked):
+    walk, _ = walked(0)
+    k = 20  # a left step
+    contact, off = walk.footing.steps.contact[k], walk.footing.steps.off[k]
+    flat = np.linspace(contact + 0.25 * (off - contact), contact + 0.45 * (off - contact), 20)
+    sole = walk.footing.soles["left"]
+    rotation, ankle = segment_poses(walk.walker, walk.motion.at(flat), [sole.segment])[0]
+    _, origin = sole.from_foot(rotation, ankle)
+    on_belt = origin[:, 0] + walk.footing.belt.travelled(flat)
+    assert np.ptp(on_belt) < 0.005
+    assert np.abs(origin[:, 2]).max() < 0.005
+
+
+def test_strides_differ_but_little(walked):
+    walk, _ = walked(0)
+    stride = np.diff(walk.footing.steps.contact[11:-2:2])
+    assert 0.003 < stride.std() / stride.mean() < 0.04
+
+
+def test_a_contralateral_sway_makes_the_next_step_narrow(walked):
+    walk, course = walked(0, "sway")
+    steps, place = walk.footing.steps, walk.footing.place[:, 1]
+    usual = np.abs(np.diff(place[12:22])).mean()
+    for onset in course.onsets:
+        next_step = int(np.searchsorted(steps.contact, onset))
+        width = (place[next_step] - place[next_step - 1]) * (-1 if next_step % 2 else 1)
+        assert width < usual - 0.03
+        assert steps.contact[next_step] - onset > 0.2
+
+
+def test_a_swayed_person_neither_drifts_away_nor_falls(walked):
+    walk, _ = walked(0, "sway")
+    q = walk.motion.at(steady(walk))
+    assert np.abs(q[:, INDEX["PelvisY"]]).max() < 0.25
+    trunk = q[:, INDEX["PelvisRightRoll"]] + q[:, INDEX["TrunkRightBend"]]
+    assert np.degrees(np.abs(trunk)).max() < 12
+
+
+def test_the_trunk_stays_upright_on_a_slope_and_the_feet_follow_it(walked):
+    walk, course = walked(0, "pitch")
+    time = steady(walk)
+    slope = walk.platform.slope(time)
+    q = walk.motion.at(time)
+    lean = q[:, INDEX["PelvisForwardPitch"]] + q[:, INDEX["TrunkFlexion"]]
+    assert np.degrees(np.ptp(slope)) > 15
+    assert np.degrees(np.ptp(lean)) < 15
+    foot = segment_poses(walk.walker, q, ["left_foot"])[0][0]
+    share = walk.footing.left_share(time)
+    flat = (share == 1) & (np.abs(walk.footing.phase("left", time) % 1 - 0.25) < 0.03)
+    tilt = np.arctan2(foot[flat][:, 2, 0], np.hypot(foot[flat][:, 0, 0], foot[flat][:, 1, 0]))
+    assert np.corrcoef(tilt, slope[flat])[0, 1] > 0.98
+
+
+def test_a_mass_above_a_resting_pressure_rests():
+    height = 0.95
+    still = np.full((500, 2), 0.3)
+    np.testing.assert_allclose(balanced(still, height), still, atol=1e-9)
+
+
+def test_a_mass_above_a_swinging_pressure_swings_less():
+    time = np.arange(2000) / 100
+    wave = np.sin(2 * np.pi * time)[:, None] * [1.0, 0.0]
+    moved = balanced(wave, 0.95)[500:1500, 0]
+    expected = 1 / (1 + 0.95 / GRAVITY * (2 * np.pi) ** 2)
+    assert np.ptp(moved) / 2 == pytest.approx(expected, rel=1e-2)
+
+
+def test_a_rolling_sole_turns_about_a_point_of_the_floor(walked):
+    """Rolling without slipping: the instantaneous centre of rotation is where sole meets floor."""
+    sole = walked(0)[0].footing.soles["right"]
+    pitch = np.radians(np.linspace(-20, 70, 4001))
+    origin = rolled(sole, pitch, np.zeros_like(pitch))
+    turning = np.gradient(origin, pitch, axis=0)
+    center_height = origin[:, 2] - turning[:, 0]
+    assert np.abs(center_height[1:-1]).max() < 5e-4
+
+
+def test_a_rolling_sole_sinks_no_deeper_than_a_shoe_gives(walked):
+    sole = walked(0)[0].footing.soles["right"]
+    pitch = np.radians(np.linspace(-20, 70, 4001))
+    heading = np.full_like(pitch, 0.1)
+    origin, turn = rolled(sole, pitch, heading), orientation(pitch, heading)
+    points = np.column_stack([np.linspace(sole.heel, sole.ball, 40), np.zeros(40), np.zeros(40)])
+    height = (origin[:, None] + np.einsum("tij,kj->tki", turn, points))[..., 2]
+    assert -0.007 < height.min()
+    assert height.min(axis=1).max() < 0.02
+
+
+def test_residual_about_mid_hip_of_the_truth_is_rounding(walked):
+    walk, _ = walked(7, "pitch")
+    time = steady(walk)[::11]
+    feet = foot_wrenches(walk, time)
+    left = ground_wrench(walk.walker, walk.motion, time) - feet["left"] - feet["right"]
+    assert np.abs(shift_wrench(left, walk.motion.at(time)[:, :3])).max() < 1e-9
