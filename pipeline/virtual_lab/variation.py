@@ -14,7 +14,7 @@ import numpy as np
 
 from hbm.body import Body
 from hbm.coordinates import PARENT, SEGMENTS
-from hbm.native import kernels
+from hbm.poses import marker_positions, segment_frames
 from hbm.segments import Inertia
 from hbm.spatial import Array, rotation_about
 from pipeline.virtual_lab.faults import BodyFaults, Faults
@@ -48,9 +48,11 @@ def vary(body: Body, t_pose: Array, faults: BodyFaults, rng: np.random.Generator
     """
     if faults == Faults.none().body:
         return body
-    poses = kernels().segment_poses(t_pose[None], body.geometry)[0].reshape(len(SEGMENTS), 4, 3)
-    R = {s: pose[:3].T for s, pose in zip(SEGMENTS, poses, strict=True)}
-    old = {s: pose[3] for s, pose in zip(SEGMENTS, poses, strict=True)}
+    axes = {name: _tilted(axis, faults.axis_deg, rng) for name, axis in body.axes.items()}
+    turned = replace(body, axes=axes)
+    placed, true = (_pose(b, t_pose) for b in (body, turned))
+    markers = marker_positions(body, t_pose[None])[0]
+    R, old = {s: r for s, (r, _) in true.items()}, {s: o for s, (_, o) in placed.items()}
     new = dict(old)
     for s in SEGMENTS[1:]:
         part = s.split("_", 1)[1] if s.startswith(("right_", "left_")) else s
@@ -59,15 +61,17 @@ def vary(body: Body, t_pose: Array, faults: BodyFaults, rng: np.random.Generator
     for side in ("right", "left"):  # the shoulder's two frames share their origin
         new[f"{side}_shoulder"] = new[f"{side}_upper_arm"]
     offsets = {s: R[p].T @ (new[s] - new[p]) for s, p in PARENT.items()}
-    axes = {name: _tilted(axis, faults.axis_deg, rng) for name, axis in body.axes.items()}
     position = np.array(
-        [
-            x + R[s].T @ (old[s] - new[s])
-            for x, s in zip(body.marker_position, body.marker_segment, strict=True)
-        ]
+        [R[s].T @ (m - new[s]) for m, s in zip(markers, body.marker_segment, strict=True)]
     )
     inertias = _varied_inertias(body, faults, rng)
     return replace(body, marker_position=position, offsets=offsets, axes=axes, inertias=inertias)
+
+
+def _pose(body: Body, q: Array) -> dict[str, tuple[Array, Array]]:
+    """Give rotation and origin of every segment in one pose."""
+    rotation, origin = segment_frames(body, q[None])
+    return {s: (rotation[0, k], origin[0, k]) for k, s in enumerate(SEGMENTS)}
 
 
 def _tilted(axis: Array, spread_deg: float, rng: np.random.Generator) -> Array:

@@ -1,0 +1,105 @@
+"""Who walks: bodies, proportions, ways of walking."""
+
+import numpy as np
+import pytest
+
+from hbm.body import build_body
+from hbm.markers import Markers, marker_sets
+from hbm.poses import marker_positions
+from hbm.segments import SEXES
+from pipeline.virtual_lab.anatomy import Build, t_pose
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.protocol import PERSONS
+from pipeline.virtual_lab.walker import Person, make_walker
+
+NAMES = tuple(marker_sets()["hbm2"].segment)
+
+
+def test_nine_people_have_the_thesis_statistics():
+    heights = np.array([p.height_m for p in PERSONS])
+    masses = np.array([p.mass_kg for p in PERSONS])
+    ages = np.array([p.age for p in PERSONS])
+    assert [p.sex for p in PERSONS].count("male") == 6
+    assert [p.sex for p in PERSONS].count("female") == 3
+    assert (heights.mean(), heights.std(ddof=1)) == pytest.approx((1.78, 0.13), abs=0.005)
+    assert (masses.mean(), masses.std(ddof=1)) == pytest.approx((74.6, 11.45), abs=0.05)
+    assert (ages.mean(), ages.std(ddof=1)) == pytest.approx((26, 3.8), abs=0.05)
+
+
+@pytest.mark.parametrize("sex", SEXES)
+@pytest.mark.parametrize("height_m", [1.5, 1.78, 2.0])
+def test_the_crown_is_at_the_stature_and_the_heels_are_on_the_floor(sex, height_m):
+    position = t_pose(NAMES, height_m, sex, Build(thigh=1.05, trunk=0.97))
+    assert position[NAMES.index("THEAD"), 2] == pytest.approx(height_m)
+    assert 0.02 < position[NAMES.index("LHEE"), 2] < 0.06
+
+
+def test_the_two_sides_mirror_each_other():
+    position = t_pose(NAMES, 1.78, "female", Build(pelvis=1.1))
+    for k, name in enumerate(NAMES):
+        if name.startswith("R"):
+            other = position[NAMES.index("L" + name[1:])]
+            np.testing.assert_allclose(position[k] * [1, -1, 1], other)
+
+
+def test_an_unknown_marker_is_refused_by_name():
+    with pytest.raises(ValueError, match="no marker 'NOSE'"):
+        t_pose(["NOSE"], 1.78, "male", Build())
+
+
+@pytest.mark.parametrize("marker_set", ["hbm2", "hbm1"])
+def test_without_faults_the_body_is_the_one_that_the_markers_show(marker_set):
+    walker = make_walker(Person(), marker_set=marker_set, individuality=1.0)
+    markers = marker_positions(walker.body, walker.t_pose[None].repeat(20, axis=0))
+    built = build_body(
+        Markers(np.arange(20) / 100, walker.body.markers, markers),
+        mass=74.6,
+        sex="male",
+        height_m=1.78,
+        marker_set=marker_set,
+    )
+    np.testing.assert_allclose(built.geometry, walker.body.geometry, atol=1e-9)
+    np.testing.assert_allclose(built.inertia_vector, walker.body.inertia_vector, atol=1e-9)
+
+
+def test_a_varied_body_weighs_the_same_and_stands_at_the_same_markers():
+    plain = make_walker(Person(), rng=np.random.default_rng(5))
+    varied = make_walker(Person(), faults=BodyFaults(), rng=np.random.default_rng(5))
+    total = [sum(part.mass for part in w.body.inertias.values()) for w in (plain, varied)]
+    assert total[1] == pytest.approx(total[0])
+    q = plain.t_pose[None]
+    np.testing.assert_allclose(
+        marker_positions(varied.body, q), marker_positions(plain.body, q), atol=1e-9
+    )
+    assert np.abs(varied.body.geometry - plain.body.geometry).max() > 0.005
+    heavier = [
+        varied.body.inertias[s].mass / part.mass - 1
+        for s, part in plain.body.inertias.items()
+        if part.mass > 0.1
+    ]
+    assert 0.02 < np.std(heavier) < 0.12
+
+
+def test_joint_centres_move_as_far_as_the_literature_says():
+    spread = []
+    for seed in range(40):
+        walker = make_walker(Person(), faults=BodyFaults(), rng=np.random.default_rng(seed))
+        plain = make_walker(Person(), rng=np.random.default_rng(seed))
+        spread.append(walker.body.offsets["right_thigh"] - plain.body.offsets["right_thigh"])
+    assert np.std(spread) == pytest.approx(0.008, rel=0.3)
+
+
+def test_no_faults_of_the_body_are_no_change():
+    walker = make_walker(Person(), faults=Faults.none().body, rng=np.random.default_rng(3))
+    plain = make_walker(Person(), rng=np.random.default_rng(3))
+    np.testing.assert_array_equal(walker.body.geometry, plain.body.geometry)
+
+
+def test_people_differ_and_each_is_the_same_again():
+    first, again, other = (
+        make_walker(Person(), individuality=1.0, rng=np.random.default_rng(seed))
+        for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first.body.geometry, again.body.geometry)
+    assert np.abs(first.body.geometry - other.body.geometry).max() > 0.002
+    assert first.habits != other.habits
