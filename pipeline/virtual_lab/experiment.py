@@ -10,7 +10,7 @@ from compensation.signals import Signal, resample_signal
 from pipeline.recording import Recording
 from pipeline.virtual_lab.bench import Bench, record
 from pipeline.virtual_lab.course import ANALOG_HZ, Belt, Course, ride_of
-from pipeline.virtual_lab.machine import Machine, move_platform
+from pipeline.virtual_lab.machine import Machine, drive_belt, move_platform
 from pipeline.virtual_lab.protocol import (
     PERSONS,
     Condition,
@@ -116,7 +116,8 @@ def run_signal(bench: Bench, signal: Signal, rng: np.random.Generator) -> Record
         for x, first in ((fine.sway, 0.0), (fine.pitch, 0.0), (fine.belt_speed, fine.belt_speed[0]))
     )
     platform = move_platform(bench.machine, sway, pitch, ANALOG_HZ)
-    course = Course(np.arange(len(sway)) / ANALOG_HZ, platform, belt, np.empty(0))
+    speed = drive_belt(bench.machine, belt, ANALOG_HZ)
+    course = Course(np.arange(len(sway)) / ANALOG_HZ, platform, speed, np.empty(0))
     return record(bench, course, None, f"{signal.name}.c3d", rng)
 
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from compensation import PlatformPose, commanded_pose
+from compensation import Limits, PlatformPose, commanded_pose
 from hbm.skeleton import GRAVITY
 from hbm.spatial import Array
 
@@ -56,9 +56,13 @@ class Machine:
         Of the left and the right plate.
     pivot_m
         A point of the pitch axis with the platform in neutral, (3,) [m].
+    limits
+        Ranges and speeds that the platform's actuators do not exceed, whatever they are told.
     sway_hz, pitch_hz
         Bandwidth of the actuators: they follow as critically damped second-order systems. At 7 Hz
         a move of 5 cm reaches its 0.3 m/s, with the 5 m/s² that `compensation.Limits` assumes.
+    servo_hz
+        Bandwidth of the belts' speed control, critically damped.
     belt_hz, belt_damping
         Response of the belts' pitch moment to belt acceleration, a second-order system.
     belt_moment_kg_m
@@ -67,8 +71,10 @@ class Machine:
 
     assemblies: tuple[Assembly, Assembly] = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
     pivot_m: tuple[float, float, float] = (0.0, 0.0, -0.25)
+    limits: Limits = Limits()
     sway_hz: float = 7.0
     pitch_hz: float = 3.0
+    servo_hz: float = 10.0
     belt_hz: float = 9.0
     belt_damping: float = 0.4
     belt_moment_kg_m: float = 4.0
@@ -99,7 +105,7 @@ class PlatformMotion:
 
 
 def move_platform(machine: Machine, sway: Array, pitch: Array, rate_hz: float) -> PlatformMotion:
-    """Let the actuators follow their commands, starting at rest.
+    """Let the actuators follow their commands as far as they can, starting at rest.
 
     Parameters
     ----------
@@ -115,11 +121,18 @@ def move_platform(machine: Machine, sway: Array, pitch: Array, rate_hz: float) -
     PlatformMotion
         Positions with their exact derivatives.
     """
+    most = machine.limits
+    angle, turning = np.radians([most.pitch_deg, most.pitch_deg_per_s])
     return PlatformMotion(
-        _follow(sway, machine.sway_hz, rate_hz),
-        _follow(pitch, machine.pitch_hz, rate_hz),
+        _follow(_possible(sway, most.sway_m, most.sway_m_per_s, rate_hz), machine.sway_hz, rate_hz),
+        _follow(_possible(pitch, angle, turning, rate_hz), machine.pitch_hz, rate_hz),
         np.array(machine.pivot_m),
     )
+
+
+def drive_belt(machine: Machine, command: Array, rate_hz: float) -> Array:
+    """Give the speed of a belt that is told a speed, (N,) [m/s], starting at the first command."""
+    return np.asarray(_follow(command, machine.servo_hz, rate_hz)[0])
 
 
 def specific_force(motion: PlatformMotion, point: Array) -> Array:
@@ -201,14 +214,31 @@ def belt_moment(machine: Machine, belt_acceleration: Array, rate_hz: float) -> A
     return np.asarray(lfilter(b.ravel(), a, belt_acceleration))
 
 
+def _possible(command: Array, most: float, fastest: float, rate_hz: float) -> Array:
+    """Keep a command within a range and a speed.
+
+    A critically damped follower has a positive impulse response of unit area: it exceeds neither.
+    """
+    within = np.clip(command, -most, most)
+    step = fastest / rate_hz
+    if np.abs(np.diff(within)).max(initial=0.0) <= step:
+        return within
+    place, places = float(within[0]), []
+    for wanted in within.tolist():
+        place += min(max(wanted - place, -step), step)
+        places.append(place)
+    return np.array(places)
+
+
 def _follow(command: Array, bandwidth_hz: float, rate_hz: float) -> Array:
-    """Follow a command as a critically damped second-order system, held between samples."""
+    """Follow a command as a critically damped second-order system, straight between samples."""
     omega = 2 * np.pi * bandwidth_hz
     rest = float(command[0])
     rows = []
     for derivative in range(3):
         above = np.array([omega**2, *[0.0] * derivative])
-        b, a, _ = cont2discrete((above, np.array([1, 2 * omega, omega**2])), 1 / rate_hz)
+        below = np.array([1, 2 * omega, omega**2])
+        b, a, _ = cont2discrete((above, below), 1 / rate_hz, method="foh")
         rows.append(lfilter(b.ravel(), a, command - rest))
     rows[0] += rest
     return np.stack(rows)

@@ -23,6 +23,7 @@ from pipeline.virtual_lab.machine import (
     PlatformMotion,
     assembly_wrench,
     belt_moment,
+    drive_belt,
     move_platform,
     specific_force,
 )
@@ -137,7 +138,8 @@ def record(
     course = resample_signal(signal, rate_hz)
     time = times(signal, rate_hz)
     count = len(time)
-    sway, pitch, speed = (x[:count] for x in (course.sway, course.pitch, course.belt_speed))
+    sway, pitch, told = (x[:count] for x in (course.sway, course.pitch, course.belt_speed))
+    speed = drive_belt(machine, told, rate_hz)
     motion = move_platform(machine, sway, pitch, rate_hz)
     roller = _roller(speed, rate_hz, faults.unbalance, float(rng.uniform(0, 2 * np.pi)))
     acting = 2 * roller + (0 if load is None else load)
