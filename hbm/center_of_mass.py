@@ -4,7 +4,7 @@ import numpy as np
 
 from hbm.coordinates import MOVING, SEGMENTS
 from hbm.model import Body
-from hbm.native import kernels
+from hbm.poses import segment_frames
 from hbm.spatial import Array
 
 
@@ -25,9 +25,9 @@ def center_of_mass(body: Body, q: Array, *, jobs: int = 1) -> Array:
     Array
         Positions in the lab, (T, 3) [m].
     """
-    poses = kernels().segment_poses(q, body.geometry, jobs=jobs)[0]
-    poses = poses.reshape(len(q), len(SEGMENTS), 4, 3)[:, [SEGMENTS.index(s) for s in MOVING]]
-    parts = [body.inertias[s] for s in MOVING]
-    mass = np.array([part.mass for part in parts])
-    local = np.array([[*part.center, 1.0] for part in parts])
-    return np.asarray(np.einsum("tsai,sa,s->ti", poses, local, mass) / mass.sum())
+    moving = [SEGMENTS.index(segment) for segment in MOVING]
+    rotation, origin = (frames[:, moving] for frames in segment_frames(body, q, jobs=jobs))
+    parts = [body.inertias[segment] for segment in MOVING]
+    local = np.array([part.center for part in parts])
+    centers = origin + np.einsum("tsij,sj->tsi", rotation, local)
+    return np.asarray(np.average(centers, axis=1, weights=[part.mass for part in parts]))

@@ -9,7 +9,7 @@ from hbm.filtering import butterworth
 from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
-from hbm.native import kernels
+from hbm.poses import segment_frames
 from hbm.spatial import Array
 from pipeline.belts import read_belts
 from pipeline.contact import share_between_feet
@@ -204,11 +204,12 @@ def read_file(study: Study, name: str) -> Recording:
 
 def feet_of(body: Body, motion: Motion) -> Array:
     """Give the middle of the left and right foot, ankle to toes, in the lab, (T, 2, 3) [m]."""
-    poses = kernels().segment_poses(motion.q, body.geometry)[0].reshape(len(motion.q), -1, 12)
-    origin = {s: poses[:, SEGMENTS.index(s), 9:] for s in SEGMENTS}
-    return np.stack(
-        [(origin[f"{side}_foot"] + origin[f"{side}_toes"]) / 2 for side in ("left", "right")], 1
-    )
+    _, origin = segment_frames(body, motion.q)
+    ends = [
+        [SEGMENTS.index(f"{side}_{part}") for part in ("foot", "toes")]
+        for side in ("left", "right")
+    ]
+    return np.asarray(origin[:, ends].mean(axis=2))
 
 
 def _require_plates(recording: Recording) -> None:
