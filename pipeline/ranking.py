@@ -17,8 +17,13 @@ from pipeline.ranking_trials import RATE_HZ, PlatformTrial
 COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 BLOCK_S: Final = 5.0
 RESAMPLES: Final = 1000
-ALIKE: Final = 0.05
-"""Share of the resamples that a trial must win to count as possibly the best."""
+ALIKE: Final = 0.01
+"""Share of the resamples that a trial must win to count as possibly the best.
+
+One in twenty would be too few: the resamples do not draw another random signal, which changes the
+order too. Of ten simulated experiments that differ in everything random, 88 % of the winners of
+another are possibly the best by this share, and 64 % by one in twenty.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,10 @@ from pipeline.ranking_trials import RATE_HZ, BeltTrial
 LAGS: Final = range(-10, 11, 2)
 """Samples by which accelerometers may follow or precede the belt, 0.1 s either way."""
 SHIFTS: Final = 199
+HARD: Final = 0.5
+"""Share of the largest acceleration from which on a belt is taken to accelerate."""
+RINGING_S: Final = 0.5
+"""How long a shaken frame goes on."""
 
 
 def rank_belts(
@@ -79,7 +83,8 @@ class Interaction:
     ----------
     table
         One row per channel: sensor channel, rms [m/s²] of its changes, rms_of_belt [m/s²] that
-        follows the belt's acceleration, share of the variance [1], p.
+        follows the belt's acceleration, share of the variance [1], p; louder, the RMS while the
+        belt accelerates and half a second after, by that of the rest [1], and p_louder.
     artefact
         RMS of the wrench that a pitch and sway model would wrongly predict from it, (6,)
         [N, N·m]; NaN without a model.
@@ -108,26 +113,30 @@ def interaction(
     Returns
     -------
     Interaction
-        Each channel regressed on the belt's acceleration at lags of up to 0.1 s. The p-value is
-        the share of random shifts in time (round the end) that explain as much.
+        Each channel regressed on the belt's acceleration at lags of up to 0.1 s, and its loudness
+        whatever the phase: a roller shakes the frame at its own angle. The p-values are the shares
+        of random shifts in time (round the end) that give as much.
     """
     lagged = np.column_stack([np.roll(trial.acceleration, lag) for lag in LAGS])
     basis = np.linalg.qr(lagged - lagged.mean(axis=0))[0]
     readings = trial.readings - trial.readings.mean(axis=0)
     explained = basis @ (basis.T @ readings)
-    share = _share(basis, readings)
+    share, louder = _share(basis, readings), _louder(trial.acceleration, readings)
     later = np.random.default_rng(seed).integers(
         round(RATE_HZ), len(readings) - round(RATE_HZ), SHIFTS
     )
-    chance = np.array([_share(basis, np.roll(readings, by, axis=0)) for by in later])
-    p = (1 + np.sum(chance >= share, axis=0)) / (1 + SHIFTS)
+    shifted = [np.roll(readings, by, axis=0) for by in later]
+    by_chance = np.array([_share(basis, r) for r in shifted])
+    loud_by_chance = np.array([_louder(trial.acceleration, r) for r in shifted])
     table = pd.DataFrame(
         {
             "channel": list(names),
             "rms": readings.std(axis=0),
             "rms_of_belt": np.sqrt(np.mean(explained**2, axis=0)),
             "share": share,
-            "p": p,
+            "p": (1 + np.sum(by_chance >= share, axis=0)) / (1 + SHIFTS),
+            "louder": louder,
+            "p_louder": (1 + np.sum(loud_by_chance >= louder, axis=0)) / (1 + SHIFTS),
         }
     )
     artefact = np.full(6, np.nan)
@@ -140,6 +149,19 @@ def _share(basis: Array, readings: Array) -> Array:
     """Give the share of the readings' variance that lies in the span of a basis, (k,)."""
     inside = np.sum((basis.T @ readings) ** 2, axis=0)
     return np.asarray(inside / np.sum(readings**2, axis=0))
+
+
+def _louder(acceleration: Array, readings: Array) -> Array:
+    """Give the RMS while a belt accelerates and rings by that of the rest, (k,)."""
+    hard = np.abs(acceleration) > HARD * np.max(np.abs(acceleration))
+    ringing = np.ones(1 + round(RINGING_S * RATE_HZ))
+    while_it_does = np.convolve(hard, ringing)[: len(hard)] > 0
+    if while_it_does.all():
+        return np.full(readings.shape[1], np.nan)
+    mean_squares = [
+        np.mean(readings[rows] ** 2, axis=0) for rows in (while_it_does, ~while_it_does)
+    ]
+    return np.asarray(np.sqrt(mean_squares[0] / mean_squares[1]))
 
 
 def _about_mean(signal: Array) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from compensation import BeltModel, InertiaModel
+from hbm.spatial import Array
 from pipeline.figures import COLOURS, STYLE
 from pipeline.ranking import COMPONENTS, Ranking
 from pipeline.ranking_trials import RATE_HZ, BeltTrial, PlatformTrial
@@ -15,9 +16,13 @@ from pipeline.ranking_trials import RATE_HZ, BeltTrial, PlatformTrial
 LINES: Final = {
     "measured": COLOURS["measured"],
     "estimated": COLOURS["compensated"],
-    "left": COLOURS["baseline"],
+    "remaining": COLOURS["baseline"],
 }
-SHOWN_S: Final = 30.0
+WIDTHS: Final = (1.6, 0.7, 0.7)
+"""Of the lines, so that an estimate does not hide what was measured."""
+SHORTEST_S: Final = 5.0
+LONGEST_S: Final = 30.0
+PERIODS: Final = 10.0
 PULSES_S: Final = 12.0
 
 
@@ -32,15 +37,15 @@ def compensation_figure(trial: PlatformTrial, model: InertiaModel, name: str) ->
         Of the calibration trial called ``name``.
     """
     estimated = model.predict(trial.accelerations)
-    shown = slice(0, round(SHOWN_S * RATE_HZ))
+    shown = _telling(trial.wrench)
     time = np.arange(len(estimated))[shown] / RATE_HZ
     series = (trial.wrench, estimated, trial.wrench - estimated)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 5), layout="constrained")
         panels = figure.subplots(2, 3, sharex=True).ravel()
         for k, panel in enumerate(panels):
-            for label, values in zip(LINES, series, strict=True):
-                panel.plot(time, values[shown, k], color=LINES[label], lw=0.8, label=label)
+            for label, values, width in zip(LINES, series, WIDTHS, strict=True):
+                panel.plot(time, values[shown, k], color=LINES[label], lw=width, label=label)
             panel.set_title(COMPONENTS[k], loc="left")
             panel.set_ylabel("N" if k < 3 else "N·m")
         for panel in panels[3:]:
@@ -71,10 +76,11 @@ def belt_figure(trial: BeltTrial, model: BeltModel, name: str) -> Figure:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 4.5), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-        for label, values in zip(LINES, (measured, estimated, measured - estimated), strict=True):
-            above.plot(time, values[shown], color=LINES[label], lw=1, label=label)
+        series = (measured, estimated, measured - estimated)
+        for label, values, width in zip(LINES, series, WIDTHS, strict=True):
+            above.plot(time, values[shown], color=LINES[label], lw=width, label=label)
         above.set_ylabel("My, about left (N·m)")
-        above.legend(frameon=False, ncols=3)
+        figure.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
         below.plot(time, trial.acceleration[shown], color="black", lw=0.8)
         below.set_ylabel("belt (m/s²)")
         below.set_xlabel("time (s)")
@@ -112,8 +118,24 @@ def rank_figure(ranking: Ranking) -> Figure:
         panel = figure.subplots()
         panel.hlines(table["trial"], table["rank_low"], table["rank_high"], color="0.7", lw=3)
         alike = table["trial"].isin(ranking.alike)
-        for chosen, colour in ((alike, COLOURS["compensated"]), (~alike, COLOURS["baseline"])):
-            panel.plot(table["mean_rank"][chosen], table["trial"][chosen], "o", color=colour, ms=4)
-        panel.set_xlabel("mean rank; bars: 95 % of what repeated experiments would give")
+        for chosen, colour, said in (
+            (alike, COLOURS["compensated"], "may be the best"),
+            (~alike, COLOURS["baseline"], "others"),
+        ):
+            ranks, names = table["mean_rank"][chosen], table["trial"][chosen]
+            panel.plot(ranks, names, "o", color=colour, ms=4, label=said)
+        panel.set_xlabel("mean rank (1 is best); bars: 95 % of the repetitions drawn")
         panel.set_ylim(-0.7, len(table) - 0.3)
+        panel.legend(frameon=False, loc="upper right")
     return figure
+
+
+def _telling(wrench: Array) -> slice:
+    """Give the samples around the largest force: some periods of the motion, 5 to 30 s."""
+    size = np.linalg.norm(wrench[:, :3] - wrench[:, :3].mean(axis=0), axis=1)
+    power = np.abs(np.fft.rfft(wrench - wrench.mean(axis=0), axis=0)) ** 2
+    hz = np.fft.rfftfreq(len(wrench), 1 / RATE_HZ)
+    middle = float(hz @ power.sum(axis=1)) / float(power.sum())
+    count = min(round(np.clip(PERIODS / middle, SHORTEST_S, LONGEST_S) * RATE_HZ), len(wrench))
+    start = int(np.clip(np.argmax(size) - count // 2, 0, len(wrench) - count))
+    return slice(start, start + count)

@@ -18,7 +18,7 @@ from pipeline.ranking_figures import (
     interaction_figure,
     rank_figure,
 )
-from pipeline.ranking_trials import BeltTrial, PlatformTrial
+from pipeline.ranking_trials import RATE_HZ, BeltTrial, PlatformTrial
 from pipeline.trial_files import whole_file, write_csv
 
 THESIS_NAMES: Final = {"Fx": "Fz", "Fy": "Fx", "Fz": "Fy", "Mx": "Mz", "My": "Mx", "Mz": "My"}
@@ -225,7 +225,10 @@ def _belts(
     for trial in trials:
         figure = belt_figure(trial, models[ranking.winner], ranking.winner)
         save_figure(figure, out / "figures" / f"{trial.name}.png")
+    cutoffs = ", ".join(f"{t.spline_cutoff_hz:.0f} Hz in {t.name}" for t in trials)
     said = [
+        f"Smoothing splines through the belt's speed cut off at {cutoffs} "
+        f"({RATE_HZ / 2:g} Hz: they smooth nothing); --belt-cutoff-hz sets what is used.",
         markdown(ranking.scores, 3),
         "Each model on its own calibration trial:",
         markdown(fitted, 3),
@@ -239,12 +242,18 @@ def _belts(
 
 def _interaction(found: Interaction, names: tuple[str, ...], out: Path) -> list[str]:
     write_csv(found.table, out / "interaction.csv")
-    noticed = found.table[found.table["p"] < 0.05 / len(found.table)]
+    level = 0.05 / len(found.table)
+    noticed, louder = (found.table[found.table[p] < level] for p in ("p", "p_louder"))
     said = (
         f"{', '.join(noticed['channel'])} follow the belt's acceleration beyond chance"
         if len(noticed)
         else f"none of {', '.join(names)} follows the belt's acceleration beyond chance"
     )
+    if len(louder):
+        loud = ", ".join(
+            f"{row.channel} {row.louder:.1f} times" for row in louder.itertuples(index=False)
+        )
+        said += f"; while it accelerates, and half a second after, they shake more ({loud})"
     if np.isfinite(found.artefact).all():
         force, moment = found.artefact[:3].max(), found.artefact[3:].max()
         said += f"; compensation makes up to {force:.2f} N and {moment:.2f} N·m RMS of it"

@@ -7,7 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from compensation import Setup, belt_acceleration, low_pass
+from compensation import (
+    Setup,
+    belt_acceleration,
+    cutoff_of_spline,
+    low_pass,
+    spline_smoothing,
+)
 from hbm.spatial import Array, rotate_wrench
 from pipeline.accelerometers import find_accelerometers
 from pipeline.belts import belt_axes, belt_speed
@@ -86,6 +92,8 @@ class BeltTrial:
         The accelerometers through the same filter, (N, k) [m/s²].
     channels
         Names of their k channels.
+    spline_cutoff_hz
+        Of the smoothing spline that fits the belt's speed best; 50 where it smooths nothing [Hz].
     """
 
     name: str
@@ -93,6 +101,7 @@ class BeltTrial:
     moment: Array
     readings: Array
     channels: tuple[str, ...]
+    spline_cutoff_hz: float = np.nan
 
 
 def trial_files(folder: Path) -> dict[str, list[Path]]:
@@ -168,13 +177,25 @@ def belt_trial(recording: Recording, rules: Rules) -> BeltTrial:
     rate, step = _rate(time, name)
     cutoff = rules.belt_cutoff_hz
     inside = _inside(len(time), rate, step)
+    speed = belt_speed(recording, rules.belt_channel)
     return BeltTrial(
         name,
-        belt_acceleration(belt_speed(recording, rules.belt_channel), rate, cutoff)[inside],
+        belt_acceleration(speed, rate, cutoff)[inside],
         low_pass(_wrench(recording, rules.plate)[:, 4], rate, cutoff)[inside],
         np.column_stack([low_pass(c, rate, cutoff) for c in readings.T])[inside],
         tuple(channel for three in sensors.values() for channel in three),
+        _spline_cutoff(speed[inside]),
     )
+
+
+def _spline_cutoff(speed: Array) -> float:
+    """Give the cut-off [Hz] that a belt's speed at 100 Hz asks for (van de Loosdrecht 2018, D.8).
+
+    A belt at one speed, without any noise, asks for none.
+    """
+    if np.ptp(speed) == 0:
+        return RATE_HZ / 2
+    return min(cutoff_of_spline(spline_smoothing(speed, RATE_HZ), 1 / RATE_HZ), RATE_HZ / 2)
 
 
 def factors(name: str) -> dict[str, str | float]:
