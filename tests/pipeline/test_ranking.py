@@ -264,7 +264,7 @@ def test_signals_are_written_by_kind_and_within_the_limits(tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def repeated():
-    """Experiment 2 four times over with the 60 s trials of resting belts: all that is random anew."""
+    """Experiment 2 four times over, 60 s trials with belts at rest: all that is random anew."""
     rankings = []
     for seed in range(4):
         signals = pitch_and_sway_signals(100 + seed, 0.0)
