@@ -7,12 +7,12 @@ is below the tolerance.
 """
 
 import ctypes
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hbm.coordinates import SEGMENTS, N
 from hbm.native import Kernels, kernels
@@ -25,11 +25,12 @@ NEAR: Final = 0.1
 MOST_ITERATIONS: Final = 60
 MOST_RETREATS: Final = 20
 LEAST_SHARE: Final = 64
+CHUNK: Final = 4000
 
 
 @dataclass(frozen=True, slots=True)
 class Wearing:
-    """Markers on a skeleton.
+    """Markers on a skeleton, and where they were measured.
 
     Attributes
     ----------
@@ -41,12 +42,28 @@ class Wearing:
         Of each marker in the sum of squares, (K,).
     geometry
         The body's offsets and hinge axes, as the kernels take them.
+    position
+        Measured markers of the whole trial in the lab, (T, M, 3) [m]; NaN where missing.
+    column
+        Which of the measured markers each one is, (K,).
     """
 
     segment: Indices
     local: Array
     weight: Array
     geometry: Array
+    position: Array
+    column: Indices
+
+    def __post_init__(self) -> None:
+        for name in ("segment", "column"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.int64))
+        for name in ("local", "weight", "geometry", "position"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), float))
+
+    def measured(self, rows: Indices) -> Array:
+        """Give the markers in some frames of the trial, (F, K, 3) [m]."""
+        return self.position[rows[:, None], self.column]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,15 +73,15 @@ class Solved:
     Attributes
     ----------
     q
-        Coordinates, (T, 46) [m and rad].
+        Coordinates, (F, 46) [m and rad].
     converged
-        Whether the last step was below the tolerance, (T,).
+        Whether the last step was below the tolerance, (F,).
     gradient
-        Largest entry of the cost's gradient before that step, (T,) [m and m²/rad].
+        Largest entry of the cost's gradient before that step, (F,) [m and m²/rad].
     pivots
-        Of the Hessian's factorisation, (T, 46): near zero where no marker shows a coordinate.
+        Of the Hessian's factorisation, (F, 46): near zero where no marker shows a coordinate.
     error
-        Distance of each marker from the model, (T, K) [m]; NaN where it was missing.
+        Distance of each marker from the model, (F, K) [m]; NaN where it was missing.
     """
 
     q: Array
@@ -73,20 +90,30 @@ class Solved:
     pivots: Array
     error: Array
 
-    def only(self, frames: Mask) -> "Solved":
-        """Give some of the frames."""
-        return Solved(
-            self.q[frames],
-            self.converged[frames],
-            self.gradient[frames],
-            self.pivots[frames],
-            self.error[frames],
+    @classmethod
+    def empty(cls, frames: int, markers: int) -> "Solved":
+        """Make room for frames."""
+        return cls(
+            np.empty((frames, N)),
+            np.zeros(frames, bool),
+            np.full(frames, np.nan),
+            np.empty((frames, N)),
+            np.empty((frames, markers)),
         )
+
+    def take(self, rows: Indices | slice, other: "Solved") -> None:
+        """Replace some frames by those of another solution."""
+        for name in self.__slots__:
+            getattr(self, name)[rows] = getattr(other, name)
+
+    def only(self, frames: Mask | Indices) -> "Solved":
+        """Give some of the frames."""
+        return Solved(*(getattr(self, name)[frames] for name in self.__slots__))
 
 
 def solve_frames(
     wearing: Wearing,
-    position: Array,
+    rows: Indices,
     start: Array,
     prior: Array,
     reference: Array,
@@ -100,12 +127,12 @@ def solve_frames(
     ----------
     wearing
         Markers on the skeleton.
-    position
-        Measured markers in the lab, (T, K, 3) [m]; NaN where missing.
+    rows
+        Frames of the trial to solve, (F,).
     start
-        Starting points, (T, 46).
+        Starting points, (F, 46); a frame whose start is NaN is not solved.
     prior, reference
-        Strength of the pull on each coordinate and where it pulls to, (T, 46).
+        Strength of the pull on each coordinate and where it pulls to, (F, 46) or (46,).
     tolerance
         Largest last step [rad or m].
     jobs
@@ -121,24 +148,39 @@ def solve_frames(
     Each frame is solved about the pelvis of its starting point, so that rounding does not grow with
     the distance from the lab's origin.
     """
-    here = np.zeros((len(position), N))
-    here[:, :3] = start[:, :3]
-    given = (
-        np.ascontiguousarray(position - here[:, None, :3]),
-        np.ascontiguousarray(start - here),
-        np.ascontiguousarray(prior, float),
-        np.ascontiguousarray(reference - here),
-    )
     ready = kernels()
-    solve = _native if ready.solve_frames is not None else _interpreted
-    solved = solve(ready, wearing, *given, tolerance, jobs)
-    return Solved(solved.q + here, solved.converged, solved.gradient, solved.pivots, solved.error)
+    rows = np.ascontiguousarray(rows, np.int64)
+    start, prior, reference = (np.ascontiguousarray(x, float) for x in (start, prior, reference))
+    given = (start, np.broadcast_to(prior, start.shape), np.broadcast_to(reference, start.shape))
+    if ready.solve_frames is not None:
+        return _native(ready.solve_frames, wearing, rows, *given, tolerance, jobs)
+    solved = Solved.empty(len(rows), len(wearing.segment))
+    for first in range(0, len(rows), CHUNK):
+        some = slice(first, first + CHUNK)
+        begin, pull, toward = (x[some] for x in given)
+        found = _interpreted(ready, wearing, rows[some], begin, pull, toward, tolerance, jobs)
+        solved.take(some, found)
+    return solved
+
+
+class _Task(ctypes.Structure):
+    """What ``descent.c`` is told."""
+
+    _fields_: ClassVar = [
+        *((name, ctypes.c_longlong) for name in ("frames", "markers", "measured")),
+        *((name, ctypes.c_longlong) for name in ("prior_stride", "reference_stride")),
+        *((name, ctypes.c_void_p) for name in ("row", "column", "segment", "local", "weight")),
+        *((name, ctypes.c_void_p) for name in ("geometry", "position", "start", "prior")),
+        ("reference", ctypes.c_void_p),
+        ("tolerance", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in ("q", "pivots", "error", "gradient", "converged")),
+    ]
 
 
 def _native(
-    ready: Kernels,
+    call: Callable[..., None],
     wearing: Wearing,
-    position: Array,
+    rows: Indices,
     start: Array,
     prior: Array,
     reference: Array,
@@ -146,47 +188,39 @@ def _native(
     jobs: int,
 ) -> Solved:
     """Hand stretches of frames to the compiled descent."""
-    assert ready.solve_frames is not None
-    call = ready.solve_frames
-    frames, markers = position.shape[:2]
-    segment = np.ascontiguousarray(wearing.segment, np.int64)
-    fixed = [np.ascontiguousarray(x, float) for x in (wearing.weight, wearing.local)]
-    geometry = np.ascontiguousarray(wearing.geometry, float)
-    q, pivots = start.copy(), np.empty((frames, N))
-    error, gradient = np.empty((frames, markers)), np.full(frames, np.nan)
-    converged = np.zeros(frames, np.uint8)
-
-    def at(array: NDArray[Any], frame: int = 0) -> ctypes.c_void_p:
-        return ctypes.c_void_p(array.ctypes.data + frame * array.strides[0])
+    solved = Solved.empty(len(rows), len(wearing.segment))
+    shared = {name: getattr(wearing, name).ctypes.data for name in Wearing.__slots__}
+    given = {"row": rows, "start": start, "prior": prior, "reference": reference}
+    given |= {name: getattr(solved, name) for name in Solved.__slots__}
 
     def stretch(first: int, last: int) -> None:
-        call(
-            ctypes.c_longlong(last - first),
-            ctypes.c_longlong(markers),
-            at(position, first),
-            *(at(x) for x in fixed),
-            at(segment),
-            at(prior, first),
-            at(reference, first),
-            at(geometry),
-            ctypes.c_double(tolerance),
-            *(at(x, first) for x in (q, pivots, error, gradient, converged)),
+        own = {name: x.ctypes.data + first * x.strides[0] for name, x in given.items()}
+        task = _Task(
+            frames=last - first,
+            markers=len(wearing.segment),
+            measured=wearing.position.shape[1],
+            prior_stride=prior.strides[0] // prior.itemsize,
+            reference_stride=reference.strides[0] // reference.itemsize,
+            tolerance=tolerance,
+            **shared,
+            **own,
         )
+        call(ctypes.byref(task))
 
-    shares = max(1, min(jobs, frames // LEAST_SHARE))
-    borders = [frames * k // shares for k in range(shares + 1)]
+    shares = max(1, min(jobs, len(rows) // LEAST_SHARE))
+    borders = [len(rows) * k // shares for k in range(shares + 1)]
     if shares == 1:
-        stretch(0, frames)
+        stretch(0, len(rows))
     else:
         with ThreadPoolExecutor(shares) as pool:
             list(pool.map(stretch, borders[:-1], borders[1:]))
-    return Solved(q, converged.astype(bool), gradient, pivots, error)
+    return solved
 
 
 def _interpreted(
     ready: Kernels,
     wearing: Wearing,
-    position: Array,
+    rows: Indices,
     start: Array,
     prior: Array,
     reference: Array,
@@ -194,30 +228,28 @@ def _interpreted(
     jobs: int,
 ) -> Solved:
     """Do what ``descent.c`` does, for all frames that are still on their way at once."""
-    total = len(start)
-    sums = _sum_markers(wearing, position)
-    q, best = start.copy(), start.copy()
-    cost_best, move = np.full(total, np.inf), np.zeros((total, N))
-    curvature, retreats = np.ones(total), np.zeros(total, int)
-    converged, pivots, gradient = (
-        np.zeros(total, bool),
-        np.empty((total, N)),
-        np.full(total, np.nan),
-    )
-    active = np.arange(total)
+    total, here = len(start), np.zeros_like(start)
+    here[:, :3] = start[:, :3]
+    measured = wearing.measured(rows) - here[:, None, :3]
+    given = _sum_markers(wearing, measured), prior, reference - here
+    q = start - here
+    best, move, pivots = q.copy(), np.zeros((total, N)), np.full((total, N), np.nan)
+    cost, gradient = np.full(total, np.inf), np.full(total, np.nan)
+    curvature, retreats, converged = np.ones(total), np.zeros(total, int), np.zeros(total, bool)
+    active = np.flatnonzero(~np.isnan(start).any(axis=1))
     for _ in range(MOST_ITERATIONS):
         if not len(active):
             break
         step, report = ready.newton_step(
-            *(x[active] for x in (q, sums, prior, reference)),
+            *(x[active] for x in (q, *given)),
             np.full((len(active), 1), FLOOR),
             curvature[active, None],
             wearing.geometry,
             jobs=jobs,
         )
-        cost, pivot = report[:, 0], report[:, 2:]
-        worse = ~(cost <= cost_best[active] * (1 + 1e-9) + 1e-12)
-        bent = ~worse & (pivot.min(axis=1) <= 0) & (curvature[active] > 0)
+        pivots[active] = report[:, 2:]
+        worse = ~(report[:, 0] <= cost[active] * (1 + 1e-9) + 1e-12)
+        bent = ~worse & (report[:, 2:].min(axis=1) <= 0) & (curvature[active] > 0)
         back = active[worse]
         retreats[back] += 1
         move[back] /= 4
@@ -227,13 +259,14 @@ def _interpreted(
         fine = ~worse & ~bent
         good, size = active[fine], np.abs(step[fine]).max(axis=1, initial=0)
         share = np.where(size > LARGEST_STEP, LARGEST_STEP / np.maximum(size, LARGEST_STEP), 1.0)
-        cost_best[good], gradient[good], pivots[good] = cost[fine], report[fine, 1], pivot[fine]
+        cost[good], gradient[good] = report[fine, :2].T
         best[good], move[good] = q[good], share[:, None] * step[fine]
         q[good] += move[good]
         curvature[good[size < NEAR]] = 1
-        converged[good[size < tolerance]] = True
-        active = np.flatnonzero(~converged & (retreats <= MOST_RETREATS))
-    return Solved(q, converged, gradient, pivots, _errors(ready, wearing, position, q, jobs))
+        converged[good] = size < tolerance
+        active = active[~converged[active] & (retreats[active] <= MOST_RETREATS)]
+    error = _errors(ready, wearing, measured, q, jobs)
+    return Solved(q + here, converged, gradient, pivots, error)
 
 
 def _sum_markers(wearing: Wearing, position: Array) -> Array:

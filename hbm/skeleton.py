@@ -186,16 +186,16 @@ def solve_tree(H: dict[tuple[int, int], SX], x: list[SX]) -> list[SX]:
     """
     x = list(x)
     for k in reversed(range(N_Q)):
-        ancestors = support(k)[1:]
+        ancestors, inverse = support(k)[1:], 1 / H[k, k]
         for i in ancestors:
-            factor = H[k, i] / H[k, k]
+            factor = H[k, i] * inverse
             for j in support(i):
                 H[i, j] -= factor * H[k, j]
             H[k, i] = factor
         for i in ancestors:
             x[i] -= H[k, i] * x[k]
     for k in range(N_Q):
-        x[k] = x[k] / H[k, k] - sum(H[k, i] * x[i] for i in support(k)[1:])
+        x[k] = x[k] * (1 / H[k, k]) - sum(H[k, i] * x[i] for i in support(k)[1:])
     return x
 
 

@@ -7,13 +7,13 @@ twist, four twists are tried and the limb that meets its markers best is kept. A
 zeros ends in wrong minima; this one does not.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import FIRST, LAST, PARENT, SEGMENTS, TREE, N
-from hbm.spatial import Array, Indices, Mask, fit_rotation, rotation_about
+from hbm.coordinates import FIRST, LAST, PARENT, SEGMENTS, TREE, N, support
+from hbm.spatial import Array, Indices, Mask, fit_rotation, rotation_about, skew
 
 SWEEPS: Final = 4
 FOREARM_TURNS: Final = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
@@ -86,20 +86,21 @@ class _Start:
     def pose(self) -> Array:
         every = np.arange(len(self.position))
         R, o, solved = self.root()
-        q, miss = self.hang(every, R, o, 0.0)
+        q, miss = self.hang(every, R, o, np.zeros(len(every)), SEGMENTS[1:])
         for first, limb in LIMBS.items():
             own = self.columns[first]
             hard = every[(self.weight[:, own] > 0).sum(axis=1) < SHOW_TWIST]
             if not len(hard):
                 continue
+            again, twist = np.tile(hard, len(TWISTS)), np.repeat(TWISTS, len(hard))
+            way = [s for s in SEGMENTS[1:] if s in limb or FIRST[s] in support(FIRST[first])]
+            others, misses = self.hang(again, R[again], o[again], twist, way)
+            tried = _implausibility(others, limb, misses).reshape(len(TWISTS), len(hard))
+            best = np.ravel_multi_index((tried.argmin(axis=0), np.arange(len(hard))), tried.shape)
+            before = _implausibility(q[hard], limb, {s: miss[s][hard] for s in limb})
+            better = tried.min(axis=0) < before
             chain = slice(FIRST[first], LAST[limb[-1]] + 1)
-            best = _implausibility(q[hard], {s: miss[s][hard] for s in limb})
-            for twist in TWISTS:
-                other, misses = self.hang(hard, R[hard], o[hard], twist)
-                total = _implausibility(other, {s: misses[s] for s in limb})
-                better = total < best
-                q[hard[better], chain] = other[better, chain]
-                best = np.minimum(total, best)
+            q[hard[better], chain] = others[best[better], chain]
         q[~solved] = np.nan
         return q
 
@@ -128,9 +129,9 @@ class _Start:
         return R, o, solved
 
     def hang(
-        self, rows: Indices, R: Array, o: Array, twist: float
+        self, rows: Indices, R: Array, o: Array, twist: Array, segments: Iterable[str]
     ) -> tuple[Array, dict[str, Array]]:
-        """Hang all segments on a pelvis.
+        """Hang segments on a pelvis.
 
         Parameters
         ----------
@@ -139,7 +140,9 @@ class _Start:
         R, o
             The pelvis in them, (F, 3, 3) and (F, 3).
         twist
-            By how much to twist upper arms and thighs about their length [rad].
+            By how much to twist upper arms and thighs about their length, (F,) [rad].
+        segments
+            Which segments, each after the one it hangs on.
 
         Returns
         -------
@@ -151,7 +154,7 @@ class _Start:
         q = np.zeros((len(rows), N))
         q[:, :3], q[:, 3:6] = o, _three_angles(R, 3)
         pose, miss = {"pelvis": (R, o)}, {}
-        for s in SEGMENTS[1:]:
+        for s in segments:
             R, o = pose[PARENT[s]]
             o = o + R @ self.offsets[s]
             own, back = self.columns[s], np.swapaxes(R, 1, 2)
@@ -169,23 +172,23 @@ class _Start:
             miss[s] = np.einsum("tk,tki,tki->t", w, left, left)
         return q, miss
 
-    def turn(self, s: str, toward: Array, twist: float) -> tuple[Array, Array]:
+    def turn(self, s: str, toward: Array, twist: Array) -> tuple[Array, Array]:
         """Turn a segment's joint onto its markers: angles, (F, n), and rotation, (F, 3, 3)."""
         joints = self.turning[s]
         if len(joints) < 3:
             begins = FOREARM_TURNS if s.endswith("forearm") else (0.0,)
             return _hinge_angles(toward, [self.axis[i] for i in joints], begins)
         turn = fit_rotation(toward)
-        if s in LIMBS and twist:
+        if s in LIMBS and twist.any():
             seen = np.swapaxes(turn, 1, 2) @ toward
-            turn = turn @ rotation_about(_strongest(seen), np.full(len(turn), twist))
+            turn = turn @ rotation_about(_strongest(seen), twist)
         return _three_angles(turn, joints[0]), turn
 
 
-def _implausibility(q: Array, limb: Mapping[str, Array]) -> Array:
+def _implausibility(q: Array, limb: tuple[str, ...], miss: Mapping[str, Array]) -> Array:
     """Squared distances of a limb's markers, more where its elbow or knee bends backwards, (F,)."""
-    hinge = FIRST[list(limb)[1]]
-    return np.asarray(np.sum(list(limb.values()), axis=0) + (q[:, hinge] < BACKWARDS))
+    hinge = FIRST[limb[1]]
+    return np.asarray(sum(miss[s] for s in limb) + (q[:, hinge] < BACKWARDS))
 
 
 def _cross(w: Array, measured: Array, model: Array) -> Array:
@@ -221,38 +224,44 @@ def _strongest(spread: Array) -> Array:
 def _hinge_angles(
     toward: Array, hinges: list[Array], begins: tuple[float, ...]
 ) -> tuple[Array, Array]:
-    """Turn one or two hinges in sequence onto the measured directions, each in closed form.
+    """Turn one or two hinges in sequence onto the measured directions.
 
-    Two hinges take turns, from one or more first angles of the second; the best end is kept.
+    What is to be made large, ``trace(Rᵀ toward)``, is linear in (1, cos, sin) of each angle, so
+    each hinge has its best angle in closed form. Two hinges take turns, from one or more first
+    angles of the second; the best end is kept.
     """
+    parts = [_parts_of_turn(axis) for axis in hinges]
+    flat = toward.reshape(-1, 9)
     if len(hinges) == 1:
-        angle = _best_angle(toward, hinges[0])
-        return angle[:, None], rotation_about(hinges[0], angle)
-    ends = []
-    for begin in begins:
-        second = np.full(len(toward), begin)
-        for _ in range(SWEEPS):
-            after = rotation_about(hinges[1], second)
-            first = _best_angle(toward @ np.swapaxes(after, 1, 2), hinges[0])
-            before = rotation_about(hinges[0], first)
-            second = _best_angle(np.swapaxes(before, 1, 2) @ toward, hinges[1])
-        turn = before @ rotation_about(hinges[1], second)
-        ends.append((np.stack([first, second], 1), turn, np.einsum("tij,tij->t", turn, toward)))
-    best = np.argmax([met for _, _, met in ends], axis=0)
-    rows = np.arange(len(toward))
-    angles, turns = (np.stack([end[k] for end in ends])[best, rows] for k in (0, 1))
-    return angles, turns
+        angle = _best_angle(flat @ parts[0].T)
+        return angle[:, None], (_waves(angle) @ parts[0]).reshape(-1, 3, 3)
+    first, second = (part.reshape(3, 3, 3) for part in parts)
+    met = (flat @ (first[:, None] @ second).reshape(9, 9).T).reshape(-1, 3, 3)
+    after = np.tile(begins, (len(toward), 1))
+    for _ in range(SWEEPS):
+        before = _best_angle(_waves(after) @ np.swapaxes(met, 1, 2))
+        after = _best_angle(_waves(before) @ met)
+    ends = np.einsum("tbp,tpq,tbq->tb", _waves(before), met, _waves(after))
+    best = np.arange(len(toward)), ends.argmax(axis=1)
+    angles = before[best], after[best]
+    one, two = ((_waves(x) @ part).reshape(-1, 3, 3) for x, part in zip(angles, parts, strict=True))
+    return np.stack(angles, axis=1), one @ two
 
 
-def _best_angle(toward: Array, axis: Array) -> Array:
-    """Give the turns about an axis that come nearest to cross-covariances, (F,)."""
-    twist = np.stack(
-        [
-            toward[:, 2, 1] - toward[:, 1, 2],
-            toward[:, 0, 2] - toward[:, 2, 0],
-            toward[:, 1, 0] - toward[:, 0, 1],
-        ],
-        -1,
-    )
-    cosine = np.trace(toward, axis1=1, axis2=2) - (toward @ axis) @ axis
-    return np.asarray(np.arctan2(twist @ axis, cosine))
+def _parts_of_turn(axis: Array) -> Array:
+    """Give what 1, cos and sin of the angle multiply in the rotation about an axis, (3, 9)."""
+    along = np.outer(axis, axis)
+    return np.stack([along, np.eye(3) - along, skew(axis)]).reshape(3, 9)
+
+
+def _waves(angle: Array) -> Array:
+    """Give 1, cos and sin of angles, (..., 3)."""
+    waves = np.ones((*angle.shape, 3))
+    np.cos(angle, out=waves[..., 1])
+    np.sin(angle, out=waves[..., 2])
+    return waves
+
+
+def _best_angle(met: Array) -> Array:
+    """Give the angles at which sums of 1, cos and sin with these factors, (..., 3), are largest."""
+    return np.asarray(np.arctan2(met[..., 2], met[..., 1]))

@@ -7,7 +7,7 @@ the pose that meets the markers better is kept. Chunks and workers therefore can
 result.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -57,44 +57,41 @@ class Tracker:
         self.body, self.time, self.tolerance, self.jobs = body, markers.time, tolerance, jobs
         self.names = tuple(body.markers[k] for k in known)
         self.segment = tuple(body.marker_segment[k] for k in known)
-        self.local = body.marker_position[known]
-        self.weights = np.array([weights.get(name, 1.0) for name in self.names])
-        columns = [markers.names.index(name) for name in self.names]
-        self.position = markers.position[:, columns]
-        numbers = np.array([SEGMENTS.index(s) for s in self.segment])
-        self.wearing = Wearing(numbers, self.local, self.weights, body.geometry)
+        self.wearing = Wearing(
+            np.array([SEGMENTS.index(s) for s in self.segment]),
+            body.marker_position[known],
+            np.array([weights.get(name, 1.0) for name in self.names]),
+            body.geometry,
+            markers.position,
+            np.array([markers.names.index(name) for name in self.names]),
+        )
         self.lower, self.upper = np.full(N, -np.inf), np.full(N, np.inf)
         for name, (low, high) in limits.items():
             self.lower[INDEX[name]], self.upper[INDEX[name]] = low, high
         self.pull, self.toward = np.zeros(N), np.zeros(N)
         for name, (weight, value) in priors.items():
             self.pull[INDEX[name]], self.toward[INDEX[name]] = weight, value
-        shown = {self.segment[k] for k in range(len(known))}
         self.locked = np.array([name in body.locked for name in COORDINATES])
-        self.locked |= ~_shown(shown)
-
-    def measured(self, frames: Indices) -> Array:
-        """Give the trial's markers in some frames, (F, K, 3) [m]."""
-        return np.asarray(self.position[frames])
+        self.locked |= ~_shown(set(self.segment))
+        self.prior = np.where(self.locked, LOCK, self.pull)
+        self.reference = np.where(self.locked, 0.0, self.toward)
 
     def motion(self) -> Motion:
         """Solve all frames."""
-        frames = len(self.time)
-        start = self.coarse()
-        found = _Found(frames, len(self.names))
-        for at in _pieces(np.flatnonzero(~np.isnan(start[:, 0]))):
-            found.take(at, self.newton(at, start[at]))
-        for some in _pieces(np.flatnonzero(~found.converged | self.far(found.q, start))):
-            self.second_opinion(found, some, self.rigid(some))
-        observed = self.observed(found)
+        frames = np.arange(len(self.time))
+        start, usual = self.coarse()
+        found = self.newton(frames, start)
+        doubtful = np.flatnonzero(~found.converged | self.far(found.q, start))
+        self.second_opinion(found, doubtful, self.rigid(doubtful))
+        observed = self.observed(found, usual)
         pelvis: Mask = np.asarray(observed[:, :PELVIS].all(axis=1))
         found.q[~pelvis | ~found.converged & observed[:, ~self.locked].all(axis=1)] = np.nan
-        found.q = continuous(found.q)
+        found.q[:] = continuous(found.q)
         self.bridge(found, observed & pelvis[:, None])
-        found.converged &= pelvis
+        found.converged[~pelvis] = False
         found.q[~found.converged] = np.nan
         found.error[~found.converged] = np.nan
-        nothing = np.full((frames, N), np.nan)
+        nothing = np.full(found.q.shape, np.nan)
         return Motion(
             self.time,
             found.q,
@@ -107,94 +104,98 @@ class Tracker:
             found.gradient,
         )
 
-    def coarse(self) -> Array:
-        """Give every frame a starting point: some solved from scratch, splines between them."""
+    def coarse(self) -> tuple[Array, Array]:
+        """Give every frame a starting point: some solved from scratch, splines between them.
+
+        Returns
+        -------
+        start
+            Starting points, (T, 46); NaN where nothing is known.
+        usual
+            The usual pivots of the solved frames, (46,).
+        """
         frames = np.arange(len(self.time))
         keys = self.key_frames()
-        found = _Found(len(keys), len(self.names))
-        for some in _pieces(np.arange(len(keys))):
-            guess = self.rigid(keys[some])
-            good = ~np.isnan(guess[:, 0])
-            found.take(some[good], self.newton(keys[some][good], guess[good]))
+        found = self.newton(keys, self.rigid(keys))
         solved = np.flatnonzero(found.converged)
+        usual = np.median(found.pivots[solved], axis=0) if len(solved) else np.zeros(N)
         if len(solved) < LEAST_KEYS:
-            return self.rigid(frames)
+            return self.rigid(frames), usual
         found.q[solved] = continuous(found.q[solved])
         inner = solved[1:-1]
         between = (found.q[solved[:-2]] + found.q[solved[2:]]) / 2
         lonely = self.far(found.q[inner], between)
         self.second_opinion(found, inner[lonely], between[lonely], keys)
         spline = make_interp_spline(keys[solved], continuous(found.q[solved]), k=3)
-        return np.asarray(spline(np.clip(frames, keys[solved[0]], keys[solved[-1]])))
+        return np.asarray(spline(np.clip(frames, keys[solved[0]], keys[solved[-1]]))), usual
 
     def far(self, q: Array, start: Array) -> Mask:
         """Whether poses are far from where they began, (F,)."""
-        return np.asarray((np.abs(q - start)[:, ~self.locked] > FAR).any(axis=1))
+        return np.asarray(np.abs(q - start).max(axis=1, initial=0) > FAR)
 
     def second_opinion(
-        self, found: "_Found", rows: Indices, start: Array, frames: Indices | None = None
+        self, found: Solved, rows: Indices, start: Array, frames: Indices | None = None
     ) -> None:
         """Solve rows of what has been found from elsewhere, too, and keep what is nearer."""
-        good = ~np.isnan(start).any(axis=1)
-        rows = rows[good]
-        solved = self.newton(rows if frames is None else frames[rows], start[good])
+        solved = self.newton(rows if frames is None else frames[rows], start)
         before, after = (
-            np.where(ok, self.cost(q, error), np.inf)
-            for ok, q, error in (
-                (found.converged[rows], found.q[rows], found.error[rows]),
-                (solved.converged, solved.q, solved.error),
-            )
+            np.where(some.converged, self.cost(some), np.inf) for some in (found.only(rows), solved)
         )
         better = after < before
         found.take(rows[better], solved.only(better))
 
-    def cost(self, q: Array, error: Array) -> Array:
+    def cost(self, solved: Solved) -> Array:
         """Give the sum that is minimised, twice, (F,)."""
-        pulled = self.pull * (q - self.toward) ** 2
-        return np.asarray(np.nansum(self.weights * error**2, axis=1) + pulled.sum(axis=1))
+        pulled = self.pull * (solved.q - self.toward) ** 2
+        missed = np.nansum(self.wearing.weight * solved.error**2, axis=1)
+        return np.asarray(missed + pulled.sum(axis=1))
 
-    def observed(self, found: "_Found") -> Mask:
+    def observed(self, found: Solved, usual: Array) -> Mask:
         """Which coordinates the visible markers determine, (T, 46).
 
         The curvature that is left to a coordinate once all beyond it are free tells: nothing, or
         where markers are missing, a hundredth of what is usual in the trial, is too little.
         """
-        usual = np.zeros(N)
-        if found.converged.any():
-            usual = np.median(found.pivots[found.converged], axis=0)
-        seen = np.isfinite(found.error)
-        gaps = ~seen[:, seen.any(axis=0)].all(axis=1)
-        least = np.maximum(LEAST_PIVOT * self.weights.max(), gaps[:, None] * LEAST_SHARE * usual)
-        return np.asarray((found.pivots - self.pull > least) & ~self.locked)
+        missing = np.isnan(found.error)
+        gaps = (missing & ~missing.all(axis=0)).any(axis=1)
+        least = np.full(N, LEAST_PIVOT * self.wearing.weight.max())
+        observed = found.pivots - self.pull > least
+        observed[gaps] &= found.pivots[gaps] - self.pull > LEAST_SHARE * usual
+        return np.asarray(observed & ~self.locked)
 
     def key_frames(self) -> Indices:
         """Choose the frame with the most markers of every few, and both ends."""
         frames = len(self.time)
-        seen = np.isfinite(self.position[..., 0]).sum(axis=1)
+        seen = np.isfinite(self.wearing.position[:, self.wearing.column, 0]).sum(axis=1)
         padded = np.full(-(-frames // KEY_EVERY) * KEY_EVERY, -1)
         padded[:frames] = seen
         windows = padded.reshape(-1, KEY_EVERY)
         best = windows.argmax(axis=1) + KEY_EVERY * np.arange(len(windows))
         return np.unique([0, *best, frames - 1])
 
-    def rigid(self, frames: Indices) -> Array:
+    def rigid(self, rows: Indices) -> Array:
         """Give starting points that know of nothing but the frame itself, (F, 46)."""
-        measured, body = self.measured(frames), self.body
-        seen = np.isfinite(measured[..., 0])
-        position, weight = np.where(seen[..., None], measured, 0.0), seen * self.weights
-        pose = starting_pose(
-            position, weight, self.local, self.segment, dict(body.offsets), dict(body.axes)
-        )
-        return np.where(np.isnan(pose), np.nan, np.clip(pose, self.lower, self.upper))
+        start, body = np.empty((len(rows), N)), self.body
+        for first in range(0, len(rows), CHUNK):
+            some = slice(first, first + CHUNK)
+            measured = self.wearing.measured(rows[some])
+            seen = np.isfinite(measured[..., 0])
+            start[some] = starting_pose(
+                np.where(seen[..., None], measured, 0.0),
+                seen * self.wearing.weight,
+                self.wearing.local,
+                self.segment,
+                dict(body.offsets),
+                dict(body.axes),
+            )
+        return np.clip(start, self.lower, self.upper)
 
-    def newton(
-        self, frames: Indices, start: Array, held: tuple[Mask, Array] | None = None
-    ) -> Solved:
+    def newton(self, rows: Indices, start: Array, held: tuple[Mask, Array] | None = None) -> Solved:
         """Solve some frames.
 
         Parameters
         ----------
-        frames
+        rows
             Frame numbers, (F,).
         start
             Where to begin, (F, 46).
@@ -206,20 +207,17 @@ class Tracker:
         Solved
             The optima.
         """
-        lock = np.tile(self.locked, (len(frames), 1))
-        prior = np.where(lock, LOCK, self.pull)
-        reference = np.where(lock, 0.0, np.tile(self.toward, (len(frames), 1)))
+        lock, prior, reference = self.locked, self.prior, self.reference
         if held is not None:
             lock = lock | held[0]
             prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], reference)
-        begin = np.where(lock, reference, start)
-        return self.bounded(self.measured(frames), begin, prior, reference, lock)
+        return self.bounded(rows, np.where(lock, reference, start), prior, reference, lock)
 
-    def descend(self, measured: Array, start: Array, prior: Array, reference: Array) -> Solved:
+    def descend(self, rows: Indices, start: Array, prior: Array, reference: Array) -> Solved:
         """Solve without limits."""
         return solve_frames(
             self.wearing,
-            measured,
+            rows,
             start,
             prior,
             reference,
@@ -228,10 +226,10 @@ class Tracker:
         )
 
     def bounded(
-        self, measured: Array, start: Array, prior: Array, reference: Array, lock: Mask
+        self, rows: Indices, start: Array, prior: Array, reference: Array, lock: Mask
     ) -> Solved:
         """Hold coordinates at the limits they would pass; release those that pull back inside."""
-        solved = self.descend(measured, start, prior, reference)
+        solved = self.descend(rows, start, prior, reference)
         if np.isinf(self.lower).all() and np.isinf(self.upper).all():
             return solved
         held, at = np.zeros(start.shape, bool), reference
@@ -245,40 +243,25 @@ class Tracker:
                 held, np.where(low, self.lower, np.where(high, self.upper, at)), reference
             )
             solved = self.descend(
-                measured,
+                rows,
                 np.where(held, at, solved.q),
                 np.where(held, LOCK, prior),
                 at,
             )
         return replace(solved, q=np.clip(solved.q, self.lower, self.upper))
 
-    def bridge(self, found: "_Found", observed: Mask) -> None:
+    def bridge(self, found: Solved, observed: Mask) -> None:
         """Give coordinates that lost their markers the values between their neighbours in time."""
         present = ~np.isnan(found.q[:, 0])
-        lost = ~observed & ~self.locked & present[:, None]
+        lost = ~(observed | self.locked) & present[:, None]
         rows = np.flatnonzero(lost.any(axis=1))
-        value = np.zeros_like(found.q)
+        lost, value = lost[rows], np.zeros((len(rows), N))
         for i in np.flatnonzero(lost.any(axis=0)):
             known = np.flatnonzero(observed[:, i] & found.converged)
             if len(known):
-                value[:, i] = np.interp(np.arange(len(value)), known, found.q[known, i])
-        for some in _pieces(rows):
-            begin = np.where(lost[some], value[some], found.q[some])
-            found.take(some, self.newton(some, begin, (lost[some], value[some])))
-
-
-class _Found:
-    """What has been found of a trial so far."""
-
-    def __init__(self, frames: int, markers: int) -> None:
-        self.q, self.error = np.full((frames, N), np.nan), np.full((frames, markers), np.nan)
-        self.converged, self.gradient = np.zeros(frames, bool), np.full(frames, np.nan)
-        self.pivots = np.full((frames, N), np.nan)
-
-    def take(self, frames: Indices, solved: Solved) -> None:
-        self.q[frames], self.error[frames] = solved.q, solved.error
-        self.converged[frames], self.gradient[frames] = solved.converged, solved.gradient
-        self.pivots[frames] = solved.pivots
+                value[:, i] = np.interp(rows, known, found.q[known, i])
+        begin = np.where(lost, value, found.q[rows])
+        found.take(rows, self.newton(rows, begin, (lost, value)))
 
 
 def _shown(segments: set[str]) -> Mask:
@@ -291,8 +274,3 @@ def _shown(segments: set[str]) -> Mask:
         if shown[i] and TREE[i].parent >= 0:
             shown[TREE[i].parent] = True
     return shown
-
-
-def _pieces(frames: Indices) -> Iterator[Indices]:
-    """Cut frame numbers into pieces of bounded memory."""
-    return (frames[start : start + CHUNK] for start in range(0, len(frames), CHUNK))

@@ -142,6 +142,8 @@ def test_the_virtual_machine_and_the_compiled_kernels_give_the_same_numbers(name
         rng.normal(size=n if i in compiled.shared else (70, n))
         for i, n in enumerate(compiled.sizes_in)
     ]
+    if name == "newton_step":
+        inputs[4] += 1e4  # far from singular, or the numbers are rounding blown up
     for ours, theirs in zip(compiled(*inputs, jobs=2), interpreted(*inputs, jobs=2), strict=True):
         scale = np.abs(theirs).max()
         np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9 * scale)
