@@ -15,7 +15,7 @@ from pipeline.dflow import plate_at_origin
 from pipeline.labels import renamed
 from pipeline.moment_reference import wrench_about_origin
 from pipeline.recording import Analog, Plate, Recording
-from pipeline.text_table import decoded
+from pipeline.text_table import decoded, read_number
 from pipeline.units import check_span
 
 ROOT: Final = "moxie_viewer_datafile"
@@ -128,12 +128,13 @@ def _channels(content: bytes) -> tuple[dict[str, object], dict[str, Array], dict
         name = element.findtext("channel_label", "").strip()
         if name in channels:
             raise ValueError(f"several channels have the label {name!r}")
-        text = element.findtext("raw_channel_data/channel_data", "")
+        words = element.findtext("raw_channel_data/channel_data", "").split()
+        rate = element.findtext("raw_channel_data/sampling_frequency", "")
+        rates[name] = read_number(rate, f"sampling_frequency of channel {name!r}")
         try:
-            channels[name] = np.array(text.split(), float)
-            rates[name] = float(element.findtext("raw_channel_data/sampling_frequency", ""))
-        except ValueError as error:
-            raise ValueError(f"channel {name!r} holds something that is no number") from error
+            channels[name] = np.array(words, float)
+        except ValueError:
+            channels[name] = np.array([read_number(word, f"channel {name!r}") for word in words])
         if not 0 < rates[name] < 1e6 or not (np.abs(channels[name]) < 1e9).all():
             raise ValueError(f"channel {name!r} holds a rate or value that was never measured")
     if not channels:

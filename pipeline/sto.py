@@ -7,6 +7,7 @@ import numpy as np
 
 from hbm.spatial import Array
 from pipeline.recording import frozen
+from pipeline.text_table import parse_rows, read_lines
 
 TRANSLATIONS = ("_tx", "_ty", "_tz")
 
@@ -72,7 +73,7 @@ def read_sto(path: str | Path) -> Table:
     """
     path = Path(path)
     try:
-        return _parse(path.read_text(encoding="utf-8", errors="replace").splitlines())
+        return _parse(read_lines(path))
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
 
@@ -86,17 +87,12 @@ def _parse(lines: list[str]) -> Table:
         raise ValueError("not a MOT or STO file: it has no line 'endheader'")
     pairs = (line.partition("=") for line in lines[: ends[0]] if "=" in line)
     header = {key.strip().lower(): value.strip().lower() for key, _, value in pairs}
-    body = [line for line in lines[ends[0] + 1 :] if line.strip()]
-    names = body[0].split() if body else []
+    body = [(k, line) for k, line in enumerate(lines, start=1) if k > ends[0] + 1 and line.strip()]
+    names = body[0][1].split() if body else []
     if not names or names[0].lower() != "time":
         raise ValueError(f"its first column is {names[:1]}, expected 'time'")
-    rows = [line.split() for line in body[1:]]
-    for row in rows:
-        if len(row) != len(names):
-            raise ValueError(
-                f"its row at time {row[0]} holds {len(row)} values for {len(names)} columns"
-            )
-    values = np.array(rows, float).reshape(len(rows), len(names))
+    rows = ["\t".join(line.split()) for _, line in body[1:]]
+    values = parse_rows(rows, "\t", names, [k for k, _ in body[1:]])
     for key, count in (("nrows", values.shape[0]), ("ncolumns", values.shape[1])):
         if key in header and header[key] != str(count):
             raise ValueError(f"its header says {key}={header[key]} but it holds {count}")

@@ -97,7 +97,7 @@ def parse_rows(
             skip_blank_lines=False,
             quoting=3,
             keep_default_na=False,
-            na_values=["", "NaN", "nan"],
+            na_values=["", "NaN", "nan", "-nan"],
             skipinitialspace=True,
         ).to_numpy(float)
     except ValueError as error:
@@ -112,17 +112,27 @@ def parse_rows(
     return values
 
 
+def read_number(text: str, where: str) -> float:
+    """Read one number, NaN where it is empty; a ValueError says where and what stands there."""
+    text = text.strip()
+    try:
+        return float(text or "nan")
+    except ValueError:
+        said = f"{where}: {text[:40]!r}"
+        if DECIMAL_COMMA.fullmatch(text):
+            said += " has a decimal comma; export the file with decimal points"
+        else:
+            said += " is no number"
+        raise ValueError(said) from None
+
+
 def _first_fault(
     lines: Sequence[str], separator: str, names: Sequence[str], numbers: Sequence[int]
 ) -> str:
     for line, number in zip(lines, numbers, strict=True):
         for name, field in zip(names, line.split(separator), strict=False):
-            text = field.strip()
             try:
-                float(text or "nan")
-            except ValueError:
-                where = f"line {number}, column {name!r}: {text[:40]!r}"
-                if DECIMAL_COMMA.fullmatch(text):
-                    return f"{where} has a decimal comma; export the file with decimal points"
-                return f"{where} is no number"
+                read_number(field, f"line {number}, column {name!r}")
+            except ValueError as error:
+                return str(error)
     return "a row holds something that is no number"

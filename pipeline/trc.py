@@ -11,6 +11,7 @@ from hbm.spatial import Array
 from pipeline.axes import parse_axes, settle_axes
 from pipeline.labels import renamed
 from pipeline.recording import Recording
+from pipeline.text_table import parse_rows, read_lines, read_number
 from pipeline.units import check_span, length_in_m
 
 
@@ -98,7 +99,7 @@ def read_trajectories(path: Path) -> Trajectories:
         The file cannot be opened.
     """
     try:
-        return _parse(path.read_text(encoding="utf-8", errors="replace").splitlines())
+        return _parse(read_lines(path))
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
 
@@ -113,18 +114,19 @@ def _parse(lines: list[str]) -> Trajectories:
     names = tuple(name.strip() for name in lines[3].split("\t")[2:] if name.strip())
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise ValueError(f"several markers have the same label: {', '.join(twice)}")
-    rows = [_numbers(line, 2 + 3 * len(names)) for line in lines[5:] if line.strip()]
-    counts = {"NumFrames": len(rows), "NumMarkers": len(names)}
-    for key, count in counts.items():
-        if int(header[key]) != count:
+    columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
+    rows = [(k, line) for k, line in enumerate(lines[5:], start=6) if line.strip()]
+    for key, count in (("NumFrames", len(rows)), ("NumMarkers", len(names))):
+        if _stated(header, key) != count:
             raise ValueError(f"its header says {key} {header[key]}, but it holds {count}")
     if not rows or not names:
         raise ValueError("it holds no frames")
-    values = np.array(rows)
+    filled = [_with_last_gaps(line, len(columns)) for _, line in rows]
+    values = parse_rows(filled, "\t", columns, [k for k, _ in rows])
     if not np.isfinite(values[:, :2]).all():
         raise ValueError("a frame has no number or no time")
     position = values[:, 2:].reshape(len(rows), len(names), 3) * metre
-    time = _regular(values[:, 1], float(header["DataRate"]))
+    time = _regular(values[:, 1], _stated(header, "DataRate"))
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     check_span(position, header["Units"])
     return Trajectories(time, names, position, int(values[0, 0]))
@@ -139,10 +141,11 @@ def _regular(stated: Array, rate_hz: float) -> Array:
     return time
 
 
-def _numbers(line: str, count: int) -> Array:
-    fields = [field.strip() for field in line.split("\t")][:count]
-    fields += [""] * (count - len(fields))
-    try:
-        return np.array([field or "nan" for field in fields], float)
-    except ValueError as error:
-        raise ValueError(f"frame {fields[0]} holds something that is no number: {error}") from error
+def _stated(header: Mapping[str, str], key: str) -> float:
+    return read_number(header[key], f"{key} in the header")
+
+
+def _with_last_gaps(line: str, count: int) -> str:
+    """Add the tabs that some programs leave out where a frame's last markers are missing."""
+    missing = count - line.count("\t") - 1
+    return line + "\t" * missing if missing > 0 and missing % 3 == 0 else line

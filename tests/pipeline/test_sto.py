@@ -61,9 +61,10 @@ def test_an_absent_column_is_named_with_those_that_exist(table_file):
         ("time", "Frame", "first column is .*expected 'time'"),
         ("nRows=2", "nRows=3", "says nrows=3 but it holds 2"),
         ("nColumns=4", "nColumns=5", "says ncolumns=5 but it holds 4"),
-        ("\tknee_angle_r", "", "row at time 0.0 holds 4 values for 3 columns"),
-        ("0.6", "abc", "could not convert string to float: 'abc'"),
-        ("\t-90\n", "\n", "row at time 0.1 holds 3 values for 4 columns"),
+        ("\tknee_angle_r", "", "line 11 holds 4 fields for 3 columns"),
+        ("0.6", "0,6", "line 12, column 'pelvis_tx': '0,6' has a decimal comma"),
+        ("0.6", "abc", "line 12, column 'pelvis_tx': 'abc' is no number"),
+        ("\t-90\n", "\n", "line 12 holds 3 fields for 4 columns"),
     ],
 )
 def test_a_damaged_table_is_refused_in_one_line(table_file, old, new, message):

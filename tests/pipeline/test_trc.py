@@ -64,7 +64,7 @@ def test_labels_are_renamed_before_the_axes_are_inferred(trc_file):
 @pytest.mark.parametrize(
     ("edit", "message"),
     [
-        (lambda text: "", "not a TRC file"),
+        (lambda text: "", "the file is empty"),
         (lambda text: text.replace("PathFileType", "Something"), "not a TRC file"),
         (lambda text: text.replace("\tmm\t", "\tfurlong\t"), "unknown length unit 'furlong'"),
         (lambda text: text.replace("Units", "Unit"), "header does not say Units"),
@@ -72,7 +72,10 @@ def test_labels_are_renamed_before_the_axes_are_inferred(trc_file):
         (lambda text: text.replace("\t6\tmm", "\t7\tmm"), "says NumMarkers 7, but it holds 6"),
         (lambda text: text.replace("\n100.00", "\n0.00"), "header says 0 Hz"),
         (lambda text: text.replace("RASIS", "LASIS"), "same label: LASIS"),
-        (lambda text: text.replace("2.030", "2.0x0"), "frame 10 holds something that is no number"),
+        (
+            lambda text: text.replace("2.030", "2.0x0"),
+            r"line 10, column 'Time': '2.0x0' is no number",
+        ),
         (lambda text: text.replace("2.030", "2.040"), "not the regular times of its rate"),
         (lambda text: text.replace("2.030", ""), "a frame has no number or no time"),
     ],
