@@ -24,7 +24,7 @@ def simulate(
     """Simulate experiment 3: C3D files, study files, and the truth beside them."""
     from pipeline import simulate_command
 
-    stated = simulate_command.stated(setting, subjects=subjects, seed=seed)
+    stated = simulate_command.stated(setting, subjects=subjects, seed=seed, ablation=ablation)
     if ablation:
         simulate_command.ablate(folder, stated, subjects=subjects or 3)
     else:

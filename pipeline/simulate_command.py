@@ -8,12 +8,14 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from hbm.native import kernels
 from pipeline.trial_files import write_csv
-from pipeline.virtual_lab.protocol import Setting
+from pipeline.virtual_lab.protocol import SHORT, Protocol, Setting
 from pipeline.virtual_lab.setting import read_setting
 from pipeline.virtual_lab.simulate import simulate_study
 
 
-def stated(path: Path | None, *, subjects: int | None, seed: int | None) -> Setting:
+def stated(
+    path: Path | None, *, subjects: int | None, seed: int | None, ablation: bool = False
+) -> Setting:
     """Read a setting and put what was typed in its place.
 
     Parameters
@@ -22,6 +24,8 @@ def stated(path: Path | None, *, subjects: int | None, seed: int | None) -> Sett
         TOML file; None for the thesis' protocol in a usual laboratory.
     subjects, seed
         Instead of the file's, where given.
+    ablation
+        Whether the setting is for an ablation, whose trials are short where no file is given.
 
     Returns
     -------
@@ -33,7 +37,10 @@ def stated(path: Path | None, *, subjects: int | None, seed: int | None) -> Sett
     ValueError, OSError
         If the file is not there or wrong.
     """
-    setting = read_setting(path.read_text(encoding="utf-8-sig")) if path is not None else Setting()
+    if path is not None:
+        setting = read_setting(path.read_text(encoding="utf-8-sig"))
+    else:
+        setting = Setting(protocol=SHORT if ablation else Protocol())
     changes: dict[str, Any] = {} if seed is None else {"seed": seed}
     if subjects is not None:
         changes["protocol"] = setting.protocol.model_copy(update={"subjects": subjects})

@@ -2,30 +2,29 @@
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from compensation import InertiaModel
-from compensation.protocol import pitch_and_sway_signals
+from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.markers import did_you_mean
 from hbm.spatial import Array, Mask
 from pipeline.residuals import AXES, UNITS
 from pipeline.virtual_lab.assess import Case, fit_models, residual_of
 from pipeline.virtual_lab.bench import PER_FRAME, Bench, make_bench
 from pipeline.virtual_lab.course import Course
-from pipeline.virtual_lab.experiment import CALIBRATION, run_signal, run_walk, walker_of
+from pipeline.virtual_lab.experiment import run_calibration, run_walk, walker_of
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.machine import Machine
-from pipeline.virtual_lab.protocol import ONSET, Condition, Protocol, Setting
+from pipeline.virtual_lab.protocol import ONSET, SHORT, Condition, Protocol, Setting
 from pipeline.virtual_lab.walk import Walk
 
 CONDITIONS: Final[tuple[Condition, ...]] = ("baseline", "sway", "pitch")
 TRANSPARENT_HZ: Final = 30.0
-SHORT: Final = Protocol(baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
 EDGE_S: Final = 1.0
-CALIBRATION_MPS: Final = 3.0
 CALIBRATED: Final = "calibrated on "
 Progress = Callable[[str, int, int], None]
 
@@ -74,8 +73,9 @@ def cases() -> dict[str, Case]:
     }
     accelerometer = dict(sensors) | {"delay_s": 0.0}
     unsure = noisy.model_copy(update={"accelerometers": sensors.model_copy(update=accelerometer)})
-    for signal in pitch_and_sway_signals(0, CALIBRATION_MPS):
-        table[CALIBRATED + signal.name] = Case(faults=unsure, removal="calibrated")
+    for seconds, kind in product(DURATIONS_S, PLATFORM_KINDS):
+        name = f"{CALIBRATED}{kind}_{seconds}s_3mps"
+        table[name] = Case(faults=unsure, removal="calibrated")
     return table | {
         "no compensation": Case(removal="none"),
         "all faults, compensated": Case(faults=usual, built_body=True, removal="calibrated"),
@@ -193,12 +193,12 @@ def _ideal(who: _Who, cutoff_hz: float) -> Array:
 
 
 def _models(setting: Setting, bench: Bench, name: str) -> tuple[InertiaModel, ...]:
-    """Calibrate on the signal that the case names, or on the best of the thesis."""
-    signals = pitch_and_sway_signals(setting.seed, CALIBRATION_MPS)
-    wanted = name.removeprefix(CALIBRATED) if name.startswith(CALIBRATED) else CALIBRATION
-    chosen = next(signal for signal in signals if signal.name == wanted)
-    rng = np.random.default_rng((setting.seed, 11))
-    return fit_models(bench, run_signal(bench, chosen, rng))
+    """Calibrate on the signal that the case names, or on the protocol's."""
+    if name.startswith(CALIBRATED):
+        named = {"calibration": name.removeprefix(CALIBRATED)}
+        protocol = setting.protocol.model_copy(update=named)
+        setting = setting.model_copy(update={"protocol": protocol})
+    return fit_models(bench, run_calibration(setting, bench))
 
 
 def _counted(protocol: Protocol, course: Course, walk: Walk) -> Mask:

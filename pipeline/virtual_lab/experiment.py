@@ -23,8 +23,6 @@ from pipeline.virtual_lab.steps import schedule
 from pipeline.virtual_lab.walk import Walk, walk
 from pipeline.virtual_lab.walker import Walker, make_walker
 
-CALIBRATION: Final = "square_sway_300s_3mps"
-CALIBRATION_BELT_MPS: Final = 3.0
 CONDITIONS: Final[tuple[Condition, ...]] = ("familiarisation", "baseline", "sway", "pitch")
 
 
@@ -122,7 +120,9 @@ def run_signal(bench: Bench, signal: Signal, rng: np.random.Generator) -> Record
 
 
 def run_calibration(setting: Setting, bench: Bench) -> Recording:
-    """Record the empty treadmill: 300 s at random with square waves of sway, belts at 3 m/s."""
-    signals = pitch_and_sway_signals(setting.seed, CALIBRATION_BELT_MPS)
-    chosen = next(signal for signal in signals if signal.name == CALIBRATION)
+    """Record the empty treadmill while it follows the protocol's calibration signal."""
+    name = setting.protocol.calibration
+    belt_mps = float(name.removesuffix("mps").rpartition("_")[2])
+    signals = pitch_and_sway_signals(setting.seed, belt_mps)
+    chosen = next(signal for signal in signals if signal.name == name)
     return run_signal(bench, chosen, np.random.default_rng((setting.seed, len(PERSONS))))

@@ -184,7 +184,7 @@ def _node(walker: Walker, target: Target) -> tuple[Symbol, Array]:
     knees = ca.vertcat(*(q[INDEX[side + "KneeFlexion"]] for side in "RL"))
     terms.append(ca.fmax(0, STRAIGHT_KNEE - knees) / WORTH["knee_rad"])
     upright = [INDEX["PelvisForwardPitch"], INDEX["TrunkFlexion"]]
-    terms.append(sum(q[i] - given[i] for i in upright) / WORTH["lean_rad"])
+    terms.append(ca.sum1((q - given[:N])[upright]) / WORTH["lean_rad"])
     pressure = ca.SX.zeros(2)
     for n, (side, sole) in enumerate(soles.items()):
         cycle, out = phase[side] % 1, OUTWARD[side]

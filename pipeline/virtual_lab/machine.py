@@ -5,7 +5,7 @@ plate, and the assembly's own inertia and changing weight, in the platform's mov
 formulas are those of a rigid body with one rotation axis, written out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -71,7 +71,7 @@ class Machine:
 
     assemblies: tuple[Assembly, Assembly] = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
     pivot_m: tuple[float, float, float] = (0.0, 0.0, -0.25)
-    limits: Limits = Limits()
+    limits: Limits = field(default_factory=Limits)
     sway_hz: float = 7.0
     pitch_hz: float = 3.0
     servo_hz: float = 10.0

@@ -8,6 +8,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field
 
+from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.spatial import Array
 from pipeline.stated import Stated
 from pipeline.virtual_lab.faults import Faults
@@ -18,6 +19,9 @@ from pipeline.virtual_lab.walker import Person
 Condition = Literal["familiarisation", "baseline", "sway", "pitch"]
 Seconds = Annotated[float, Field(gt=0)]
 Wait = Annotated[float, Field(ge=12.0)]  # the platform has to be back before it sways again
+
+_SIGNALS: Final = rf"^({'|'.join(PLATFORM_KINDS)})_({'|'.join(map(str, DURATIONS_S))})s_[03]mps$"
+CalibrationSignal = Annotated[str, Field(pattern=_SIGNALS)]
 
 PERSONS: Final = (  # six men, three women; 26 ± 3.8 y, 1.78 ± 0.13 m, 74.6 ± 11.45 kg
     Person("sub01", "male", 83.0, 1.85, 22),
@@ -49,7 +53,9 @@ class Protocol(Stated):
     """What every person does; the defaults are the thesis'.
 
     The belts start after ``standing_s`` of T-pose and lowering the arms and reach their speed
-    within ``starting_s``; durations of the conditions count from then.
+    within ``starting_s``; durations of the conditions count from then. ``calibration`` is one of
+    the signals of `compensation.protocol`, by belts at 0 or 3 m/s; ``pose`` says whether the
+    study's files take the platform's pose from its markers or from its channels.
     """
 
     conditions: Annotated[tuple[Condition, ...], Field(strict=False)] = (
@@ -66,6 +72,8 @@ class Protocol(Stated):
     pitch_s: Seconds = 120.0
     waits_s: Annotated[tuple[Wait, ...], Field(strict=False)] = WAITS_S
     marker_set: Literal["hbm2", "hbm1"] = "hbm2"
+    pose: Literal["markers", "channels"] = "markers"
+    calibration: CalibrationSignal = "square_sway_300s_3mps"
     individuality: Annotated[float, Field(ge=0, le=2)] = 1.0
     variability: Annotated[float, Field(ge=0, le=2)] = 1.0
 
@@ -83,6 +91,10 @@ class Protocol(Stated):
             "pitch": self.pitch_s,
         }
         return self.steady_s + walking[condition]
+
+
+SHORT: Final = Protocol(baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
+"""Enough of every condition to see what an instrument does to it."""
 
 
 class Setting(Stated):

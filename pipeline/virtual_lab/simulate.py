@@ -14,14 +14,18 @@ from pipeline.c3d_writer import write_c3d
 from pipeline.recording import Recording
 from pipeline.virtual_lab.bench import (
     PER_FRAME,
+    PITCH_CHANNEL,
     PLATFORM_MARKERS,
     PULSE_CHANNEL,
+    SENSORS,
+    SWAY_CHANNEL,
     Bench,
     artefacts,
     make_bench,
 )
 from pipeline.virtual_lab.experiment import Trial, run_calibration, run_trial, walker_of
 from pipeline.virtual_lab.ground import foot_wrenches
+from pipeline.virtual_lab.machine import Machine
 from pipeline.virtual_lab.protocol import PERSONS, Condition, Protocol, Setting
 from pipeline.virtual_lab.setting import setting_toml
 from pipeline.virtual_lab.walker import Person
@@ -65,7 +69,7 @@ def simulate_study(
     folder, setting = Path(out), setting or Setting()
     (folder / TRUTH).mkdir(parents=True, exist_ok=True)
     protocol = setting.protocol
-    (folder / "study.toml").write_text(_study_toml(protocol), encoding="utf-8")
+    (folder / "study.toml").write_text(_study_toml(setting), encoding="utf-8")
     (folder / TRUTH / "setting.toml").write_text(setting_toml(setting), encoding="utf-8")
     for person in PERSONS[: protocol.subjects]:
         text = _subject_toml(person, protocol)
@@ -156,10 +160,24 @@ def _write_trial(folder: Path, setting: Setting, subject: int, condition: Condit
     return name
 
 
-def _study_toml(protocol: Protocol) -> str:
+def _platform_toml(setting: Setting) -> str:
+    """State how the laboratory knows the platform's pose, as wrong as it may be."""
+    if setting.protocol.pose == "markers":
+        names = ", ".join(f'"{name}"' for name in PLATFORM_MARKERS)
+        return f"markers = [{names}]"
+    x, y, z = Machine().pivot_m
+    return f"""\
+sway_channel = "{SWAY_CHANNEL}"
+pitch_channel = "{PITCH_CHANNEL}"
+pivot_m = [{x:g}, {y:g}, {z + setting.faults.platform.pivot_error_m:g}]"""
+
+
+def _study_toml(setting: Setting) -> str:
     """State the laboratory and its conditions as `pipeline.study` reads them."""
+    protocol = setting.protocol
     sensors = "\n".join(
-        f'{name} = ["{name}.X", "{name}.Y", "{name}.Z"]' for name in ("rear_left", "front_right")
+        f'{name} = ["{name}.X", "{name}.Y", "{name}.Z"]'
+        for name in SENSORS[: setting.faults.accelerometers.sensors]
     )
     skip = protocol.steady_s + SETTLE_S
     own = {
@@ -169,7 +187,6 @@ def _study_toml(protocol: Protocol) -> str:
         "pitch": f"cycles = {CYCLES}\nskip_s = {skip:g}",
     }
     conditions = "\n\n".join(f"[conditions.{name}]\n{own[name]}" for name in protocol.conditions)
-    markers = ", ".join(f'"{name}"' for name in PLATFORM_MARKERS)
     return f"""\
 # A study recorded in the virtual laboratory. truth/setting.toml says what is wrong in it.
 name = "virtual laboratory"
@@ -186,7 +203,7 @@ calibration = "{CALIBRATION}"
 {sensors}
 
 [treadmill.platform]
-markers = [{markers}]
+{_platform_toml(setting)}
 
 {conditions}
 """

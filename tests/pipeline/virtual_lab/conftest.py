@@ -10,7 +10,9 @@ from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine import Machine
 from pipeline.virtual_lab.protocol import Protocol, Setting
 
-SHORT = Protocol(baseline_s=20.0, pitch_s=45.0, waits_s=(12.0, 12.0))
+SHORT = Protocol(
+    baseline_s=20.0, pitch_s=31.0, waits_s=(12.0, 12.0), calibration="square_sway_60s_3mps"
+)
 
 
 @cache

@@ -24,6 +24,7 @@ from pipeline.virtual_lab.protocol import PITCH_DEG, SWAY_MPS, sway_command
 from pipeline.virtual_lab.stance import smooth_step
 
 RATE = 1000.0
+UPWARD = np.array([0, 0, 9.81])
 
 
 @pytest.fixture
@@ -40,7 +41,7 @@ def test_specific_force_is_the_second_derivative_of_the_place_minus_gravity(shak
     pose = shaken.pose
     place = pose.to_lab(point)
     acceleration = np.gradient(np.gradient(place, 1 / RATE, axis=0), 1 / RATE, axis=0)
-    expected = np.einsum("tji,tj->ti", pose.rotation, acceleration + [0, 0, 9.81])
+    expected = np.einsum("tji,tj->ti", pose.rotation, acceleration + UPWARD)
     np.testing.assert_allclose(specific_force(shaken, point)[50:-50], expected[50:-50], atol=2e-3)
 
 

@@ -101,8 +101,9 @@ def test_the_wrench_is_the_change_of_momentum(walked):
     center = center_of_mass(walk.walker.body, walk.motion.at(time))
     acceleration = np.gradient(np.gradient(center, step, axis=0), step, axis=0)[5:-5]
     mass = sum(part.mass for part in walk.walker.body.inertias.values())
+    weight = np.array([0, 0, GRAVITY])
     force = ground_wrench(walk.walker, walk.motion, time)[5:-5, :3]
-    np.testing.assert_allclose(force, mass * (acceleration + [0, 0, GRAVITY]), atol=0.5)
+    np.testing.assert_allclose(force, mass * (acceleration + weight), atol=0.5)
 
 
 def test_every_coordinate_moves(walked):
@@ -150,7 +151,7 @@ def test_a_swayed_person_neither_drifts_away_nor_falls(walked):
 
 
 def test_the_trunk_stays_upright_on_a_slope_and_the_feet_follow_it(walked):
-    walk, course = walked(0, "pitch")
+    walk, _ = walked(0, "pitch")
     time = steady(walk)
     slope = walk.platform.slope(time)
     q = walk.motion.at(time)
@@ -195,7 +196,7 @@ def test_a_rolling_sole_sinks_no_deeper_than_a_shoe_gives(walked):
     origin, turn = rolled(sole, pitch, heading), orientation(pitch, heading)
     points = np.column_stack([np.linspace(sole.heel, sole.ball, 40), np.zeros(40), np.zeros(40)])
     height = (origin[:, None] + np.einsum("tij,kj->tki", turn, points))[..., 2]
-    assert -0.007 < height.min()
+    assert height.min() > -0.007
     assert height.min(axis=1).max() < 0.02
 
 
