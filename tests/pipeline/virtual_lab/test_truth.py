@@ -1,0 +1,180 @@
+"""With the truth known: what perfect instruments leave, and what physics says of the artefacts."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hbm.coordinates import COORDINATES
+from hbm.kinematics import solve_ik
+from hbm.skeleton import GRAVITY
+from pipeline.virtual_lab.assess import Case, fit_models, residual_of
+from pipeline.virtual_lab.bench import PER_FRAME, make_bench
+from pipeline.virtual_lab.course import ANALOG_HZ
+from pipeline.virtual_lab.experiment import run_calibration, run_trial, walker_of
+from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.protocol import ONSET, PITCH_DEG, SWAY_MPS, Setting
+from tests.pipeline.virtual_lab.conftest import SHORT
+
+CONDITIONS = ("baseline", "sway", "pitch")
+TRANSPARENT_HZ = 30.0
+TOES = {"LToeFlexion", "RToeFlexion"}
+FORWARD, LEFTWARD, UP, ROLL, PITCHING, YAW = range(6)
+
+
+def rms(values):
+    return np.sqrt(np.nanmean(values**2, axis=0))
+
+
+def steady(trial):
+    """Frames of walking at full speed: for pitch the platform's whole period."""
+    time = trial.course.time[::PER_FRAME]
+    return (time > SHORT.steady_s + 1) & (time < time[-1] - 1)
+
+
+def perturbed(trial):
+    """Frames of the gait cycles that contain a perturbation."""
+    time, stride = trial.course.time[::PER_FRAME], 2 * trial.walk.footing.pace_s
+    since = time[:, None] - trial.course.onsets + ONSET * stride
+    return ((since >= 0) & (since < stride)).any(axis=1)
+
+
+def counted(trial):
+    return perturbed(trial) if len(trial.course.onsets) else steady(trial)
+
+
+def left_over(trial, bench, models=(), **case):
+    rng = np.random.default_rng(0)
+    faults = bench.faults
+    return residual_of(Case(faults, **case), trial.walk, trial.course, bench, rng, models)
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_perfect_instruments_and_the_true_body_leave_no_residual(perfect, condition):
+    """The equations close to a quarter newton; only the filter and the splines are between."""
+    trial, bench = perfect(condition)
+    left = left_over(trial, bench, cutoff_hz=TRANSPARENT_HZ)[steady(trial)]
+    assert (rms(left) < 0.5).all()
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_a_filter_at_6_hz_leaves_newtons_because_it_does_not_commute_with_the_dynamics(
+    perfect, condition
+):
+    """Coordinates and forces are filtered alike, but forces are no linear function of coordinates:
+    what 6 Hz leaves with perfect instruments is the filter's own, and goes as the cut-off rises."""
+    trial, bench = perfect(condition)
+    low, high = (
+        rms(left_over(trial, bench, cutoff_hz=hz)[steady(trial)]) for hz in (6.0, TRANSPARENT_HZ)
+    )
+    assert (low > 5 * high).all()
+    assert (low[:3] < 8).all()
+    assert (low[3:] < 4).all()
+
+
+@pytest.mark.parametrize(("marker_set", "unseen"), [("hbm2", TOES), ("hbm1", set())])
+def test_inverse_kinematics_finds_the_true_coordinates(marker_set, unseen):
+    """All 46 with HBM1; HBM2 has no marker on the toes, and says so."""
+    protocol = SHORT.model_copy(update={"marker_set": marker_set})
+    setting = Setting(protocol=protocol, faults=Faults.none())
+    bench = make_bench(setting.faults, setting.seed)
+    trial = run_trial(setting, bench, walker_of(setting, 2), 2, "pitch")
+    markers = trial.recording.markers
+    motion = solve_ik(trial.walk.walker.body, markers)
+    seen = motion.observed.all(axis=0)
+    assert {name for name, told in zip(COORDINATES, seen, strict=True) if not told} == unseen
+    np.testing.assert_allclose(
+        motion.q[:, seen], trial.walk.motion.at(markers.time)[:, seen], atol=1e-6
+    )
+
+
+def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(perfect):
+    """Fx = M g sin φ: plates that lean see the assemblies' weight in their own plane."""
+    trial, bench = perfect("pitch")
+    mass = sum(part.mass for part in bench.machine.assemblies)
+    angle = np.radians(PITCH_DEG) * np.sin(np.linspace(0, 2 * np.pi, 1000))
+    expected = mass * GRAVITY * rms(np.sin(angle))
+    assert mass == 300.0
+    assert expected == pytest.approx(330, rel=0.15)
+    found = rms(left_over(trial, bench, removal="none")[steady(trial)])
+    assert found[FORWARD] == pytest.approx(expected, rel=0.1)
+
+
+def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
+    """About mid-hip, ``z`` above the assemblies' centre: My = Fx z, and their weight's lever."""
+    trial, bench = perfect("pitch")
+    masses = np.array([part.mass for part in bench.machine.assemblies])
+    center = masses @ [part.center for part in bench.machine.assemblies] / masses.sum()
+    hip = trial.walk.motion.at(trial.course.time[::PER_FRAME])[:, :3]
+    pivot = np.array(bench.machine.pivot_m)
+    angle = trial.course.platform.pitch[0][::PER_FRAME]
+    sine, cosine = np.sin(angle), np.cos(angle)
+    away = center - pivot
+    lever_x = pivot[0] + away[0] * cosine + away[2] * sine - hip[:, 0]
+    lever_z = pivot[2] + away[2] * cosine - away[0] * sine - hip[:, 2]
+    weight = masses.sum() * GRAVITY
+    force_x, force_z = -weight * sine, weight * (1 - cosine)
+    expected = lever_z * force_x - lever_x * force_z
+    found = left_over(trial, bench, removal="none")
+    inside = steady(trial)
+    assert rms(found[inside, PITCHING]) == pytest.approx(rms(expected[inside]), rel=0.1)
+    assert np.corrcoef(found[inside, PITCHING], expected[inside])[0, 1] ** 2 > 0.99
+
+
+def test_sway_without_compensation_leaves_mass_times_acceleration(perfect):
+    """Fy = M ÿ through a filter of 6 Hz, from the command and the actuator's bandwidth alone."""
+    trial, bench = perfect("sway")
+    mass = sum(part.mass for part in bench.machine.assemblies)
+    push = mass * pulse_acceleration(bench.machine.sway_hz, trial.course.time, trial.course.onsets)
+    inside = perturbed(trial)
+    expected = rms(push[::PER_FRAME][inside])
+    found = rms(left_over(trial, bench, removal="none")[inside])
+    assert found[LEFTWARD] == pytest.approx(expected, rel=0.1)
+    hip = trial.walk.motion.at(trial.course.time[::PER_FRAME][inside])[:, 2].mean()
+    depth = np.mean([part.center[2] for part in bench.machine.assemblies])
+    assert found[ROLL] == pytest.approx(expected * (hip - depth), rel=0.1)
+
+
+def pulse_acceleration(bandwidth_hz, time, onsets):
+    """A ramp of 5 cm at 0.3 m/s through a critically damped actuator and a 6 Hz zero-phase filter.
+
+    Both are written out as spectra: ``ω²/(iω' + ω)²`` and ``1/(1 + (f/c)⁴)``, whose cut-off for two
+    passes of the second order is where the amplitude has fallen to 1/√2.
+    """
+    speed = sum(SWAY_MPS * ((time >= onset) & (time < onset + 0.05 / SWAY_MPS)) for onset in onsets)
+    f = np.fft.rfftfreq(len(time), 1 / ANALOG_HZ)
+    actuator = 1 / (1 + 1j * f / bandwidth_hz) ** 2
+    cutoff = 6.0 / (np.sqrt(2) - 1) ** 0.25
+    smoothing = 1 / (1 + (f / cutoff) ** 4)
+    return np.fft.irfft(2j * np.pi * f * actuator * smoothing * np.fft.rfft(speed), len(time))
+
+
+@pytest.fixture(scope="module")
+def usual():
+    """Give a function of condition and removal: residuals of a laboratory with all its faults."""
+    setting = Setting(protocol=SHORT)
+    bench = make_bench(setting.faults, setting.seed)
+    models = fit_models(bench, run_calibration(setting, bench))
+    walker = walker_of(setting, 3)
+
+    @cache
+    def trial_of(condition):
+        return run_trial(setting, bench, walker, 3, condition)
+
+    def left(condition, removal):
+        trial = trial_of(condition)
+        found = left_over(trial, bench, models, built_body=True, removal=removal)
+        return rms(found[counted(trial)])
+
+    return left
+
+
+@pytest.mark.parametrize("condition", ["sway", "pitch"])
+def test_compensation_brings_residuals_back_to_baseline(usual, condition):
+    """All faults of instruments, skin and body on: what is left is what baseline leaves too."""
+    baseline, before = usual("baseline", "none"), usual(condition, "none")
+    after = usual(condition, "calibrated")
+    worst = np.argmax(before)
+    assert before[worst] > 10 * baseline[worst]
+    assert after[worst] < before[worst] / 10
+    assert (after < 1.6 * baseline + [3, 3, 3, 1, 1, 1]).all()
