@@ -1,5 +1,6 @@
 """A study's run: every trial once, nothing redone, nothing lost, a failure stops no other."""
 
+import importlib
 import json
 import os
 import pickle
@@ -145,9 +146,15 @@ def test_two_side_by_side_give_what_one_after_another_gives(moving_study, finish
 
 def test_a_dask_cluster_gives_the_same(moving_study, finished, tmp_path):
     distributed = pytest.importorskip("dask.distributed", reason="the extra 'cluster' is not here")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, dashboard_address=None
-    ) as local:
+    patience = importlib.import_module("dask").config.set(
+        {"distributed.comm.timeouts.connect": "120s"}
+    )
+    with (
+        patience,
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as local,
+    ):
         study = read_study(moving_study)
         address = local.scheduler_address
         outcomes = list(run_study(study, tmp_path, subjects=["sub01"], scheduler=address))
