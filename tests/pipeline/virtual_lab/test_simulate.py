@@ -1,0 +1,181 @@
+"""The files of a simulated study: read by anyone, the same for the same seed, true to the truth."""
+
+import c3d
+import ezc3d
+import numpy as np
+import pandas as pd
+import pytest
+
+from hbm.coordinates import COORDINATES
+from hbm.filtering import resample
+from pipeline.c3d import read_c3d
+from pipeline.study import read_study
+from pipeline.virtual_lab.bench import PLATFORM_MARKERS, PULSE_CHANNEL, make_bench, record
+from pipeline.virtual_lab.experiment import run_walk, walker_of
+from pipeline.virtual_lab.protocol import PERSONS, Protocol, Setting
+from pipeline.virtual_lab.simulate import WRENCH, simulate_study
+
+SMALL = Protocol(
+    conditions=("baseline", "sway"),
+    subjects=1,
+    baseline_s=8.0,
+    waits_s=(12.0,),
+    calibration="square_sway_60s_3mps",
+)
+TINY = SMALL.model_copy(update={"conditions": ("baseline",), "baseline_s": 2.0})
+
+
+def simulated(folder, jobs=1, **changes):
+    changes = {"protocol": SMALL} | changes
+    return simulate_study(folder, Setting(**changes), jobs=jobs)
+
+
+def contents(folder):
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    return simulated(tmp_path_factory.mktemp("lab") / "study")
+
+
+@pytest.fixture(scope="module", params=["baseline", "sway"])
+def trial(request, study):
+    name = f"sub01_{request.param}"
+    return read_c3d(study / f"{name}.c3d"), pd.read_parquet(study / "truth" / f"{name}.parquet")
+
+
+def test_equal_seeds_give_equal_bytes_in_one_process_or_two_and_other_seeds_others(tmp_path):
+    first = contents(simulated(tmp_path / "1", protocol=TINY))
+    assert contents(simulated(tmp_path / "2", protocol=TINY, jobs=2)) == first
+    other = contents(simulated(tmp_path / "3", protocol=TINY, seed=2))
+    assert other.keys() == first.keys()
+    differ = {name for name in first if other[name] != first[name]}
+    assert differ == {name for name in first if name.endswith((".c3d", ".parquet"))} | {
+        "truth/setting.toml"
+    }
+
+
+def test_the_study_is_read_as_a_laboratorys_study_is(study):
+    found = read_study(study)
+    assert list(found.file.conditions) == ["baseline", "sway"]
+    assert found.file.conditions["sway"].pulse_channel == PULSE_CHANNEL
+    assert list(found.subjects) == ["sub01"]
+    assert (study / found.file.treadmill.calibration).is_file()
+
+
+@pytest.mark.parametrize("name", ["sub01_baseline", "sub01_sway", "calibration"])
+def test_two_independent_readers_read_the_same_from_every_file(study, name):
+    path = study / f"{name}.c3d"
+    theirs = ezc3d.c3d(str(path))
+    with path.open("rb") as file:
+        reader = c3d.Reader(file)
+        frames = list(reader.read_frames(copy=True))
+        labels = [label.strip() for label in reader.point_labels]
+        rates = reader.point_rate, reader.analog_rate
+        channels = [label.strip() for label in reader.analog_labels]
+    points = np.array([p[:, :3] for _, p, _ in frames])
+    missing = np.array([p[:, 3] < 0 for _, p, _ in frames])
+    analog = np.concatenate([a for *_, a in frames], axis=1)
+    parameters = theirs["parameters"]
+    assert labels == parameters["POINT"]["LABELS"]["value"]
+    assert channels == parameters["ANALOG"]["LABELS"]["value"]
+    assert rates == (100, 1000)
+    own = theirs["data"]["points"][:3].transpose(2, 1, 0)
+    np.testing.assert_array_equal(np.isnan(own).any(axis=2), missing)
+    np.testing.assert_array_equal(own[~missing], points[~missing])
+    np.testing.assert_allclose(theirs["data"]["analogs"][0], analog, rtol=1e-6, atol=1e-9)
+    assert parameters["FORCE_PLATFORM"]["USED"]["value"][0] == 2
+
+
+def test_a_long_trial_has_more_frames_than_16_bits_count():
+    """That such files are written and read whole is held in test_c3d_writer."""
+    assert Protocol().duration("sway") * 100 > 65_535
+
+
+@pytest.mark.parametrize(("marker_set", "count"), [("hbm2", 46), ("hbm1", 47)])
+def test_a_person_wears_all_markers_of_the_set_and_the_platform_its_own(marker_set, count):
+    setting = Setting(protocol=TINY.model_copy(update={"marker_set": marker_set}))
+    bench, walker = make_bench(setting.faults, 1), walker_of(setting, 0)
+    walk, course = run_walk(setting, bench.machine, walker, 0, "baseline")
+    names = record(bench, course, walk, "x.c3d", np.random.default_rng(0)).markers.names
+    assert set(PLATFORM_MARKERS) <= set(names)
+    assert names[:-5] == tuple(walker.body.marker_set.segment)
+    assert len(names) == count + len(PLATFORM_MARKERS)
+
+
+def test_the_truth_is_complete_and_closes(trial):
+    recording, truth = trial
+    np.testing.assert_allclose(truth["time"], recording.markers.time, atol=1e-9)
+    assert set(COORDINATES) <= set(truth.columns)
+    assert np.isfinite(truth.to_numpy()).all()
+    residual = truth[[f"residual_{name}" for name in WRENCH]]
+    assert residual.abs().to_numpy().max() < 1e-6
+    weight = PERSONS[0].mass_kg * 9.81
+    vertical = truth["left_fz"] + truth["right_fz"]
+    assert vertical[200:].mean() == pytest.approx(weight, rel=0.01)
+
+
+def test_plates_hold_the_feet_and_the_treadmills_own_wrench(trial):
+    """In the platform's frame, where artefacts are; sway alone does not turn it."""
+    recording, truth = trial
+    feet = sum(truth[[f"{side}_f{a}" for a in "xyz"]].to_numpy() for side in ("left", "right"))
+    machine = sum(truth[[f"artefact_{k}_f{a}" for a in "xyz"]].to_numpy() for k in (1, 2))
+    time = recording.markers.time
+    found = sum(resample(p.time, p.wrench, time)[:, :3] for p in recording.plates)
+    error = np.sqrt(np.mean((found - feet - machine)[50:-50] ** 2, axis=0))
+    assert (error < 15).all()  # plates 3 ms late, cross-talk, zero and noise of the laboratory
+    assert np.abs(machine).max() < 1 or np.abs(machine[:, 1]).max() > 800
+
+
+def test_pressure_drawn_from_the_file_is_under_the_stance_foot(study):
+    """From plates and markers of the file alone, in single support; margins are a shoe's."""
+    recording = read_c3d(study / "sub01_baseline.c3d")
+    markers, time = recording.markers, recording.markers.time
+    left, right = (resample(p.time, p.wrench, time) for p in recording.plates)
+    inside = []
+    for own, other, side in ((left, right, "L"), (right, left, "R")):
+        alone = (time > 9) & (own[:, 2] > 400) & (other[:, 2] < 20)
+        pressure = np.column_stack([-own[:, 4], own[:, 3]]) / own[:, 2:3]
+        place = {
+            mark: markers.position[:, markers.names.index(side + mark), :2]
+            for mark in ("HEE", "MT2")
+        }
+        along = place["MT2"] - place["HEE"]
+        length = np.linalg.norm(along, axis=1)
+        away = pressure - place["HEE"]
+        forward = np.sum(away * along, axis=1) / length
+        aside = (along[:, 0] * away[:, 1] - along[:, 1] * away[:, 0]) / length
+        good = (forward > -0.03) & (forward < 1.25 * length + 0.02) & (np.abs(aside) < 0.07)
+        inside.append(good[alone & np.isfinite(length)])
+    inside = np.concatenate(inside)
+    assert len(inside) > 200
+    assert inside.mean() > 0.95
+
+
+def test_events_of_the_file_are_when_the_feet_take_and_leave_weight(study):
+    recording = read_c3d(study / "sub01_baseline.c3d")
+    number = {"left": 0, "right": 1}
+    strikes = [e for e in recording.events if e.label == "foot_strike" and e.time > 9]
+    assert len(strikes) > 8
+    for event in strikes[:-1]:
+        plate = recording.plates[number[event.side]]
+        load = np.interp(event.time + np.array([-0.05, 0.1]), plate.time, plate.wrench[:, 2])
+        assert load[0] < 30
+        assert load[1] > 200
+
+
+def test_channels_or_markers_tell_the_platforms_pose_as_the_protocol_says(tmp_path):
+    faults = Setting().faults
+    wrong = faults.model_copy(
+        update={"platform": faults.platform.model_copy(update={"pivot_error_m": 0.05})}
+    )
+    protocol = TINY.model_copy(update={"pose": "channels"})
+    folder = simulated(tmp_path / "lab", protocol=protocol, faults=wrong)
+    platform = read_study(folder).file.treadmill.platform
+    assert platform.channels == ("Platform.Sway", "Platform.Pitch")
+    assert platform.pivot_m == pytest.approx((0, 0, -0.20))
