@@ -94,9 +94,13 @@ def rank(
 
 def plates(
     study: Annotated[Path, typer.Argument(help="Folder with plates.toml and its recordings.")],
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Fill the folder from the virtual laboratory first.")
+    ] = False,
+    seed: Seed = 0,
     out: Out = Path("plates"),
 ) -> None:
     """Check force plates against known weights: fit for inverse dynamics or not, and why."""
     from pipeline import plates_commands
 
-    plates_commands.run(study, out)
+    plates_commands.run(study, out, simulate=simulate, seed=seed)

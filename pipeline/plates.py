@@ -20,7 +20,14 @@ from hbm.spatial import Array
 from pipeline.factorial import anova, box_cox, compare_levels
 from pipeline.plates_faults import Estimate, estimates
 from pipeline.plates_study import Belt, PlatesStudy
-from pipeline.plates_trials import UNALIGNED, WeightTrial, align, read_hammer, read_weight
+from pipeline.plates_trials import (
+    UNALIGNED,
+    WeightTrial,
+    align,
+    read_hammer,
+    read_weight,
+    static_places,
+)
 
 QUANTITIES: Final = ("COPx", "COPy", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
 ZONES: Final = ("back", "middle", "front")
@@ -42,6 +49,8 @@ class Experiment1:
     errors
         One row per recording, zone ("all", back, middle, front third of the belt) and quantity:
         the conditions, difference and orthogonal RMSE [m, N, N·m]. Lab axes.
+    places
+        Belt -> centres of pressure and markers of a weight put down, (n, 2) [m] each.
     alignments, delays, linearities
         Belt -> result, where it could be had.
     estimates
@@ -53,6 +62,7 @@ class Experiment1:
     study: PlatesStudy
     trials: tuple[WeightTrial, ...]
     errors: pd.DataFrame
+    places: dict[Belt, tuple[Array, Array]]
     alignments: dict[Belt, PlateCalibration]
     delays: dict[Belt, Delay]
     linearities: dict[Belt, Linearity]
@@ -86,8 +96,9 @@ def check_plates(study: PlatesStudy) -> Experiment1:
     """
     file = study.file
     belts: list[Belt] = [b for b in ("left", "right") if any(w.belt == b for w in file.weights)]
-    found = {belt: align(study, belt) for belt in belts}
-    alignments = {belt: a for belt, a in found.items() if a is not None}
+    found = {belt: static_places(study, belt) for belt in belts}
+    places = {belt: pair for belt, pair in found.items() if pair is not None}
+    alignments = {belt: align(*pair) for belt, pair in places.items()}
     trials = tuple(
         read_weight(study, weight, alignments.get(weight.belt, UNALIGNED))
         for weight in file.weights
@@ -102,6 +113,7 @@ def check_plates(study: PlatesStudy) -> Experiment1:
         study=study,
         trials=trials,
         errors=errors,
+        places=places,
         alignments=alignments,
         delays=delays,
         linearities={

@@ -1,5 +1,6 @@
 """Experiment 1 on the command line."""
 
+import math
 from pathlib import Path
 
 from rich.console import Console
@@ -9,7 +10,7 @@ from pipeline.plates_report import said, write_report
 from pipeline.plates_study import read_plates_study
 
 
-def run(folder: Path, out: Path) -> None:
+def run(folder: Path, out: Path, *, simulate: bool = False, seed: int = 0) -> None:
     """Check plates against known weights; write tables, figures and the verdict.
 
     Parameters
@@ -18,13 +19,20 @@ def run(folder: Path, out: Path) -> None:
         With ``plates.toml`` and its recordings.
     out
         Folder to write to.
+    simulate
+        True to fill the folder from the virtual laboratory first: the 144 recordings of van de
+        Loosdrecht (2018), with supports and without, of plates as wrong as that work found its own.
+    seed
+        Of the simulation.
 
     Raises
     ------
     StudyFaults, ValueError, OSError
-        If the file or a recording is at fault.
+        If the file or a recording is at fault, or the folder to simulate into is not empty.
     """
     console = Console(highlight=False, markup=False)
+    if simulate:
+        _simulate(folder, seed)
     study = read_plates_study(folder)
     console.print(f"{len(study.file.weights)} recordings of known weights", style="dim")
     found = check_plates(study)
@@ -34,3 +42,18 @@ def run(folder: Path, out: Path) -> None:
             console.print(f"- {said(one)}", soft_wrap=True)
     console.print(sentence, soft_wrap=True)
     console.print(f"written to {out}: verdict.md, table_1, figures", soft_wrap=True)
+
+
+def _simulate(folder: Path, seed: int) -> None:
+    from pipeline.virtual_lab.known_weights import PlateErrors, simulate_plates
+
+    if folder.exists() and any(folder.iterdir()):
+        raise ValueError(f"{folder} is not empty; simulate into a new folder")
+    found_there = PlateErrors(
+        angle_rad=math.radians(0.19),
+        offset_m=(0.0015, -0.0018),
+        delay_s=0.004,
+        vibration_m=0.015,
+        vibration_hz=3.0,
+    )
+    simulate_plates(folder, found_there, seed=seed)

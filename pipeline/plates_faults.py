@@ -57,6 +57,11 @@ class Estimate:
     found: bool = False
     hz: tuple[float, float] = (np.nan, np.nan)
 
+    @property
+    def uncertainty(self) -> float:
+        """Half of the 95 % confidence interval, by Student's t."""
+        return float(stats.t.isf(0.025, self.freedom) * self.error)
+
 
 def estimates(
     trials: Sequence[WeightTrial],

@@ -1,6 +1,7 @@
 """Figures of experiment 1, as Figs 2 and F.1 of the thesis."""
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import matplotlib as mpl
 import numpy as np
@@ -9,9 +10,16 @@ from matplotlib.figure import Figure
 from scipy.signal import welch
 
 from compensation import Delay, PlateCalibration
+from hbm.spatial import Array
 from pipeline.figures import COLOURS, STYLE
 from pipeline.plates_study import Belt
 from pipeline.plates_trials import RATE_HZ, WeightTrial
+
+CONDITIONS: Final = {
+    "zone": "part of the belt",
+    "speed_mps": "speed (m/s)",
+    "position_m": "start, from the belt's outer edge (m)",
+}
 
 
 def error_figure(errors: pd.DataFrame, along: str, group: str) -> Figure:
@@ -39,23 +47,31 @@ def error_figure(errors: pd.DataFrame, along: str, group: str) -> Figure:
             panel.bar(at, mean, 0.9 * width, label=str(label), color=f"C{g}")
             panel.errorbar(at, mean, sd, fmt="none", ecolor="black", lw=0.8)
         panel.set_xticks(range(len(levels)), [str(level) for level in levels])
-        panel.set_xlabel(along)
+        panel.set_xlabel(CONDITIONS.get(along, along))
         panel.set_ylabel("CoP along the belt, RMSE (mm)")
-        figure.legend(title=group, loc="outside right upper")
+        figure.legend(title=CONDITIONS.get(group, group), loc="outside right upper")
     return figure
 
 
 def linearity_figure(trials: Sequence[WeightTrial]) -> Figure:
-    """Draw measured against known vertical force, and the difference (Fig. F.1d)."""
+    """Draw measured against known vertical force with its line, and the difference (Fig. F.1d)."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6, 4), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True)
-        for belt, marker in (("left", "o"), ("right", "s")):
+        for belt, marker, colour in (("left", "o", "measured"), ("right", "x", "compensated")):
             chosen = [t for t in trials if t.weight.belt == belt]
+            if not chosen:
+                continue
             known = np.array([t.truth[t.used, 2].mean() for t in chosen])
             measured = np.array([t.measured[t.used, 2].mean() for t in chosen])
-            above.plot(known, measured, marker, ms=3, label=belt)
-            below.plot(known, measured - known, marker, ms=3)
+            look = {"ms": 4, "mfc": "none", "color": COLOURS[colour]}
+            above.plot(known, measured, marker, label=belt, **look)
+            below.plot(known, measured - known, marker, **look)
+            if len(np.unique(known.round())) > 1:
+                line = np.polynomial.Polynomial.fit(known, measured, 1)
+                ends = np.array([known.min(), known.max()])
+                above.plot(ends, line(ends), color=COLOURS[colour], lw=0.8)
+                below.plot(ends, line(ends) - ends, color=COLOURS[colour], lw=0.8)
         above.set_ylabel("measured (N)")
         below.set_ylabel("measured − known (N)")
         below.set_xlabel("known vertical force (N)")
@@ -92,23 +108,31 @@ def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
     return figure
 
 
-def static_figure(alignments: Mapping[Belt, PlateCalibration]) -> Figure | None:
-    """Draw how far static places are off before and after the alignment (Fig. F.1e)."""
-    if not alignments:
+def static_figure(
+    places: Mapping[Belt, tuple[Array, Array]], alignments: Mapping[Belt, PlateCalibration]
+) -> Figure | None:
+    """Draw how far plate and marker are apart at every place, before and after (Fig. F.1e)."""
+    if not places:
         return None
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(4, 3), layout="constrained")
-        panel = figure.subplots()
-        for k, (colour, name) in enumerate((("measured", "before"), ("compensated", "after"))):
-            sizes = [
-                1000 * (a.rms_before if name == "before" else a.rms_after)
-                for a in alignments.values()
-            ]
-            at = np.arange(len(sizes)) + 0.4 * k - 0.2
-            panel.bar(at, sizes, 0.35, color=COLOURS[colour], label=name)
-        panel.set_xticks(range(len(alignments)), list(alignments))
-        panel.set_ylabel("distance plate to marker, RMS (mm)")
-        panel.legend(frameon=False)
+        figure = Figure(figsize=(3 * len(places) + 1, 3.6), layout="constrained")
+        panels = figure.subplots(1, len(places), sharex=True, sharey=True, squeeze=False)[0]
+        for panel, (belt, (plate, camera)) in zip(panels, places.items(), strict=True):
+            found = alignments[belt]
+            for name, seen, size, colour in (
+                ("before", plate, found.rms_before, "measured"),
+                ("after", found.to_camera(plate), found.rms_after, "compensated"),
+            ):
+                along, across = 1000 * (seen - camera).T
+                label = f"{name}: {1000 * size:.1f} mm RMS"
+                panel.plot(along, across, "o", ms=3, color=COLOURS[colour], label=label)
+            panel.axhline(0, color="black", lw=0.5)
+            panel.axvline(0, color="black", lw=0.5)
+            panel.set_aspect("equal", adjustable="box")
+            panel.set_title(f"{belt}: plate − marker", loc="left")
+            panel.set_xlabel("along the belt (mm)")
+            panel.legend(frameon=False, loc="upper right")
+        panels[0].set_ylabel("across (mm)")
     return figure
 
 

@@ -1,5 +1,6 @@
 """Experiment 1 as Table I and a verdict on one page."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -32,6 +33,8 @@ COLUMNS: Final = {
     "Mz (Nm)": ("Mx", 1.0),
 }
 """The thesis' columns (x right, y up, z back) -> quantity in lab axes (x forward, y left, z up)."""
+
+SHOWN_AS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
 
 
 def table_1(errors: pd.DataFrame) -> pd.DataFrame:
@@ -142,12 +145,10 @@ def marker_share(found: Experiment1) -> dict[tuple[str, str], float]:
 
 def said(one: Estimate) -> str:
     """Say an estimate with its 95 % uncertainty."""
-    scale, unit = (1000.0, "mm") if one.unit == "m" else (1.0, one.unit)
-    if one.unit == "s":
-        scale, unit = 1000.0, "ms"
-    text = (
-        f"{one.belt}: {one.fault} {scale * one.value:.3g} ± {1.96 * scale * one.error:.2g} {unit}"
-    )
+    scale, unit = SHOWN_AS.get(one.unit, (1.0, one.unit))
+    error = scale * one.uncertainty
+    digits = max(1 - math.floor(math.log10(error)), 0) if error > 0 else 3
+    text = f"{one.belt}: {one.fault} {scale * one.value:.{digits}f} ± {error:.{digits}f} {unit}"
     if np.isfinite(one.hz[0]):
         text += f" at {one.hz[0]:.2f} Hz in the centre of pressure along the belt"
     return text
@@ -195,11 +196,11 @@ def write_report(found: Experiment1, out: Path) -> str:
         write_csv(found.tests, out / "anova.csv")
         write_csv(found.pairs, out / "pairs.csv")
     figures = {
-        "error_by_speed_and_weight": error_figure(found.errors, "zone", "speed_mps"),
+        "error_by_place_and_speed": error_figure(found.errors, "zone", "speed_mps"),
         "error_by_position": error_figure(found.errors, "position_m", "belt"),
         "linearity": linearity_figure(found.trials),
         "vibration": vibration_figure(found.trials),
-        "static": static_figure(found.alignments),
+        "static": static_figure(found.places, found.alignments),
         "delay": hammer_figure(found.delays),
     }
     for name, figure in figures.items():
@@ -240,9 +241,9 @@ def _page(found: Experiment1, sentence: str, against: Sequence[str], correct: Se
         for belt, x in found.linearities.items()
     ]
     facts += [
-        f"- {belt}: plates {1000 * d.seconds:.1f} ± {1960 * d.standard_error:.1f} ms later than "
-        f"the cameras ({len(d.differences)} blows)"
-        for belt, d in found.delays.items()
+        f"- {said(e)}, plates later than cameras ({len(found.delays[e.belt].differences)} blows)"
+        for e in found.estimates
+        if e.fault == "delay"
     ]
     share = marker_share(found)
     facts += [

@@ -122,15 +122,37 @@ def read_weight(study: PlatesStudy, weight: Weight, alignment: PlateCalibration)
         truth=known(file.cutoff_hz),
         slow_marker=smooth(fine, rate, SLOW_HZ)[thin],
         slow_measured=shift_wrench(smooth(raw, rate, SLOW_HZ)[thin], plate.center),
-        slow_truth=shift_wrench(known(SLOW_HZ), plate.center),
+        slow_truth=shift_wrench(
+            _not_pushed_across(known(SLOW_HZ), smooth(fine, rate, SLOW_HZ)[thin], file),
+            plate.center,
+        ),
         used=used,
         noise=np.std(raw - smoothed, axis=0),
         reach=reach,
     )
 
 
-def align(study: PlatesStudy, belt: Belt) -> PlateCalibration | None:
-    """Align a plate with the cameras from its static recordings; None where there are none.
+def _not_pushed_across(wrench: Array, marker: Array, file: PlatesFile) -> Array:
+    """Take off what the marker's noise across the belt makes of a weight that rides along it.
+
+    Times the distance along the belt it would be most of the moment about the vertical, and noise
+    in what explains an error makes the error look smaller.
+    """
+    across = wrench[:, 1].copy()
+    wrench[:, 1] = 0
+    wrench[:, 3] += file.center_height_m * across
+    wrench[:, 5] -= marker[:, 0] * across
+    return wrench
+
+
+def static_places(study: PlatesStudy, belt: Belt) -> tuple[Array, Array] | None:
+    """Find where a weight stood still in the static recordings of a plate.
+
+    Returns
+    -------
+    tuple or None
+        Centres of pressure by the plate and places of the marker, (n, 2) [m] each; None where
+        there are no static recordings.
 
     Raises
     ------
@@ -165,7 +187,19 @@ def align(study: PlatesStudy, belt: Belt) -> PlateCalibration | None:
             f"{', '.join(names)}: {len(plate_points)} places found where the weight stood still "
             "on the plate, expected at least 3"
         )
-    return _with_jackknife(np.array(plate_points), np.array(camera_points))
+    return np.array(plate_points), np.array(camera_points)
+
+
+def align(plate: Array, camera: Array) -> PlateCalibration:
+    """Align `static_places`; covariance by leaving out each: along and across are not alike."""
+    whole, count = fit_plate_calibration(plate, camera), len(plate)
+    if count == 3:
+        return whole
+    parts = (
+        fit_plate_calibration(np.delete(plate, k, 0), np.delete(camera, k, 0)) for k in range(count)
+    )
+    off = np.array([[p.angle - whole.angle, *(p.offset - whole.offset)] for p in parts])
+    return replace(whole, covariance=off.T @ off * (count - 1) / count)
 
 
 def read_hammer(study: PlatesStudy, name: str, belt: Belt) -> tuple[Array, Array, Array, Array]:
@@ -199,18 +233,6 @@ def _read(
         raise ValueError(f"{name}: marker {label!r} is lost for a while; fill or cut the gap first")
     rows = slice(first, last + 1)
     return recording, plate, recording.markers.time[rows], marker[rows]
-
-
-def _with_jackknife(plate: Array, camera: Array) -> PlateCalibration:
-    """Align; the covariance from leaving out each place: along and across are not alike."""
-    whole, count = fit_plate_calibration(plate, camera), len(plate)
-    if count == 3:
-        return whole
-    parts = (
-        fit_plate_calibration(np.delete(plate, k, 0), np.delete(camera, k, 0)) for k in range(count)
-    )
-    off = np.array([[p.angle - whole.angle, *(p.offset - whole.offset)] for p in parts])
-    return replace(whole, covariance=off.T @ off * (count - 1) / count)
 
 
 def _without_drift(time: Array, wrench: Array, empty: NDArray[np.bool_]) -> Array:

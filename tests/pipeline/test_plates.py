@@ -3,6 +3,8 @@
 Estimates are held to four standard errors: forty of them are looked at.
 """
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +13,7 @@ from pipeline.cli import main
 from pipeline.plates import check_plates
 from pipeline.plates_report import COLUMNS, table_1, verdict
 from pipeline.plates_study import StudyFaults, read_plates_study
+from pipeline.virtual_lab import known_weights
 from pipeline.virtual_lab.known_weights import PlateErrors, simulate_plates
 
 FEW = {
@@ -80,6 +83,27 @@ def test_every_error_is_found_within_its_uncertainty(faulty, fault, truth):
     assert one.found
     assert abs(one.value - truth) < 4 * one.error + 0.02 * abs(truth)  # errors act on each other
     assert one.error < 0.1 * abs(truth)
+
+
+@pytest.mark.parametrize(
+    ("error", "truth"),
+    [
+        ({"angle_rad": np.radians(0.19)}, {"angle": 0.19}),
+        ({"delay_s": 0.004}, {"delay": 0.004, "delay in motion": 0.004}),
+        ({"curvature": 0.02}, {"curvature": 0.02 * 510}),
+        ({"drift_n_per_s": 0.05}, {"drift": 0.05}),
+        ({"cross_talk": CROSS}, {"Fz in Fx": 0.01, "Fx in Fz": 0.02, "Fx in Mz": 0.01}),
+        ({"cross_talk": {(2, 2): 0.01}}, {"gain of Fz": 0.01}),
+    ],
+)
+def test_a_single_error_is_found_within_its_uncertainty_and_no_other(tmp_path, error, truth):
+    """Ten estimates are held to twice their 95 %: one in ten thousand is farther by chance."""
+    simulate_plates(tmp_path, PlateErrors(**error), seed=10, **FEW)
+    found = check_plates(read_plates_study(tmp_path))
+    assert {one.fault for one in found.estimates if one.found} == set(truth)
+    for fault, value in truth.items():
+        one = estimate(found, fault)
+        assert abs(one.value - value) < 2 * one.uncertainty
 
 
 def test_the_offset_of_the_plate_is_found_alone(tmp_path):
@@ -155,6 +179,20 @@ def test_one_command_leaves_table_figures_and_a_verdict(tmp_path, capsys):
     assert len(pd.read_csv(out / "table_1.csv")) > 10
     assert len(list((out / "figures").glob("*.png"))) == 6
     assert {"speed_mps", "position_m", "mass_kg"} == set(pd.read_csv(out / "anova.csv")["effect"])
+
+
+def test_one_command_simulates_and_checks(tmp_path, monkeypatch, capsys):
+    few = FEW | {"belts": ("left", "right"), "positions": (0.25,)}
+    monkeypatch.setattr(known_weights, "simulate_plates", partial(simulate_plates, **few))
+    folder, out = tmp_path / "study", tmp_path / "out"
+    assert main(["plates", str(folder), "--simulate", "--out", str(out)]) == 0
+    faults = pd.read_csv(out / "faults.csv").set_index(["belt", "fault"])
+    for belt in ("left", "right"):
+        for fault, truth in (("angle", 0.19), ("delay", 0.004)):
+            assert faults.loc[(belt, fault), "value"] == pytest.approx(truth, rel=0.1)
+    capsys.readouterr()
+    assert main(["plates", str(folder), "--simulate"]) == 2
+    assert "is not empty; simulate into a new folder" in capsys.readouterr().err
 
 
 def test_all_faults_of_the_file_are_told_at_once(tmp_path):
