@@ -38,12 +38,17 @@ class Preview:
 
 
 def preview_recording(
-    path: Path, axes: str | None = None, *, rename: Mapping[str, str] | None = None
+    path: Path,
+    axes: str | None = None,
+    forces: Path | None = None,
+    *,
+    record: Path | None = None,
+    rename: Mapping[str, str] | None = None,
 ) -> Preview:
     """Look at a recording of any format, a C3D file without reading all; as `read_recording`."""
-    if file_format(path) == "C3D":
+    if file_format(path) == "C3D" and forces is None and record is None:
         return preview_c3d(path, axes, rename=rename)
-    recording = read_recording(path, axes, rename=rename)
+    recording = read_recording(path, axes, forces, record=record, rename=rename)
     share = np.isnan(recording.markers.position[..., 0]).mean(axis=0)
     missing = {m: float(s) for m, s in zip(recording.markers.names, share, strict=True)}
     return Preview(recording, len(recording.markers.time), missing)

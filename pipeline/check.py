@@ -21,7 +21,7 @@ from pipeline.laboratory import (
     read_calibration,
 )
 from pipeline.recording import Recording
-from pipeline.study import Condition, Study, Subject
+from pipeline.study import Condition, Study, Subject, SubjectFile, Trial
 from pipeline.weighing import body_mass, stature
 
 SHORTEST_S = 5.0
@@ -66,7 +66,7 @@ def check_study(study: Study) -> Findings:
                 if other != f"{subject} {condition}":
                     said = f"{subject} {condition}: the same recording as {other}"
                     notes.remarks.append(said)
-                notes += _look(study, condition, person.person, path, person.static, calibration)
+                notes += _look(study, condition, person, trial, calibration)
         missing = [name for name in study.file.conditions if name not in person.trials]
         if missing:
             notes.remarks.append(f"{subject}: no trial for {', '.join(missing)}")
@@ -116,37 +116,44 @@ def _calibration(study: Study, notes: _Notes) -> Calibration | None:
 def _look(
     study: Study,
     condition: str,
-    person: Subject,
-    path: Path,
-    static: str | None,
+    person: SubjectFile,
+    trial: Trial,
     calibration: Calibration | None,
 ) -> _Notes:
     """Look at one trial: at its beginning, and if that has a fault, at all of it."""
     file, rule = study.file, study.file.conditions[condition]
     laboratory = Laboratory(file.treadmill, calibration)
+    path, *_ = (study.path(name) for name in trial.files)
+    forces, record = (study.path(name) if name else None for name in (trial.forces, trial.record))
 
     def judge(preview: Preview) -> _Notes:
         notes = _Notes()
         pose: Recording | None = preview.beginning
-        if static is not None:
-            there = study.path(static)
+        if person.static is not None:
+            there = study.path(person.static)
             pose = notes.of(
                 there.name, lambda: read_recording(there, file.axes, rename=file.rename)
             )
         _recorded(preview, rule, notes)
         if pose is not None:
-            _body(study, person, preview, pose, notes)
+            _body(study, person.person, preview, pose, notes)
         _moving(preview.beginning, laboratory, rule, notes)
         return notes
 
     notes = _Notes()
-    preview = notes.of(path.name, lambda: preview_recording(path, file.axes, rename=file.rename))
+    preview = notes.of(
+        path.name,
+        lambda: preview_recording(path, file.axes, forces, record=record, rename=file.rename),
+    )
     if preview is not None:
         notes = judge(preview)
         if not notes.faults:
             return notes
     whole = _Notes()
-    recording = whole.of(path.name, lambda: read_recording(path, file.axes, rename=file.rename))
+    recording = whole.of(
+        path.name,
+        lambda: read_recording(path, file.axes, forces, record=record, rename=file.rename),
+    )
     if recording is None:
         return whole
     missing = preview.missing if preview is not None else {}

@@ -83,7 +83,7 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
     person = study.subject(subject)
     trial = person.trials[condition]
     treadmill = study.file.treadmill
-    names = [trial.file, person.static, treadmill.calibration]
+    names = [trial.file, trial.forces, trial.record, person.static, treadmill.calibration]
     names += [treadmill.belt.calibration] if treadmill.belt is not None else []
     stated = {
         "files": [file_digest(study.path(name)) if name else None for name in names],

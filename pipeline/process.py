@@ -20,7 +20,7 @@ from pipeline.gait_events import gait_events
 from pipeline.laboratory import Laboratory, ground_wrenches, read_calibration
 from pipeline.motion_notes import motion_notes
 from pipeline.recording import Recording
-from pipeline.study import Condition, Settings, Study, Subject, Treadmill
+from pipeline.study import Condition, Settings, Study, Subject, Treadmill, Trial
 from pipeline.trial_result import TrialResult
 from pipeline.weighing import body_mass, stature
 from pipeline.windows import perturbation_onsets, select_cycles
@@ -186,7 +186,7 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
         else ()
     )
     return process_recording(
-        read_file(study, trial.file),
+        read_file(study, trial.file, trial),
         person.person,
         file.settings,
         static=read_file(study, person.static) if person.static else None,
@@ -197,9 +197,31 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
     )
 
 
-def read_file(study: Study, name: str) -> Recording:
-    """Read a file of a study with the axes and labels that the study states."""
-    return read_recording(study.path(name), study.file.axes, rename=study.file.rename)
+def read_file(study: Study, name: str, beside: Trial | None = None) -> Recording:
+    """Read a file of a study, with the axes and labels that the study states.
+
+    Parameters
+    ----------
+    study
+        The study.
+    name
+        The file.
+    beside
+        The trial whose file it is, for the forces or the record that belong to it.
+
+    Returns
+    -------
+    Recording
+        As `read_recording`.
+    """
+    trial = beside or Trial()
+    return read_recording(
+        study.path(name),
+        study.file.axes,
+        study.path(trial.forces) if trial.forces else None,
+        record=study.path(trial.record) if trial.record else None,
+        rename=study.file.rename,
+    )
 
 
 def feet_of(body: Body, motion: Motion) -> Array:

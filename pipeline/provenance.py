@@ -175,10 +175,11 @@ def input_digests(study: Study) -> dict[str, str]:
     names = {path.name for path in study.folder.glob("*.toml")}
     names |= {person.static for person in study.subjects.values() if person.static}
     names |= {
-        trial.file
+        name
         for person in study.subjects.values()
         for trial in person.trials.values()
-        if trial.file and trial.exclude is None
+        if trial.exclude is None
+        for name in trial.files
     }
     if study.file.treadmill.calibration:
         names.add(study.file.treadmill.calibration)

@@ -138,11 +138,12 @@ def write_view(
         )
     study: Study = read_study(where)
     result = process_trial(study, subject, condition)
-    file = study.subject(subject).trials[condition].file
-    assert file is not None
+    stated = study.subject(subject).trials[condition]
+    assert stated.file is not None
     spans = [(float(t), float(t) + PERTURBATION_S, "perturbation") for t in result.onsets]
     trial.parent.mkdir(parents=True, exist_ok=True)
-    write_recording(result, read_file(study, file), trial, perturbations=spans)
+    recording = read_file(study, stated.file, stated)
+    write_recording(result, recording, trial, perturbations=spans)
     if cycles is not None:
         write_cycles(result, cycles)
 

@@ -121,10 +121,17 @@ class Condition(Stated):
 
 
 class Trial(Stated):
-    """One recording, or the reason why there is none."""
+    """One recording with what belongs beside it, or the reason why there is none."""
 
     file: Text | None = None
+    forces: Text | None = None
+    record: Text | None = None
     exclude: Text | None = None
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the trial's files, those that are stated."""
+        return tuple(filter(None, (self.file, self.forces, self.record)))
 
 
 class StudyFile(Stated):

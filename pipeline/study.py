@@ -235,8 +235,9 @@ def _trial_faults(folder: Path, name: str, table: dict[str, Any], known: Any) ->
             continue
         if "file" not in trial:
             faults.append(f'{where}: needs a file, or exclude = "the reason why there is none"')
-        elif trial["file"] and isinstance(trial["file"], str):
-            faults += _missing(folder, f"{where}.file", trial["file"])
+        for key in ("file", "forces", "record"):
+            if trial.get(key) and isinstance(trial[key], str):
+                faults += _missing(folder, f"{where}.{key}", trial[key])
     if table.get("static") and isinstance(table["static"], str):
         faults += _missing(folder, f"{name}: static", table["static"])
     return faults

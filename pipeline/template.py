@@ -77,6 +77,9 @@ height_m = 1.70
 [trials.baseline]
 file = "sub01_baseline.c3d"
 
+# forces = "sub01_baseline.mot"    # where file is a .trc: the ground reaction forces
+# record = "sub01_record.txt"      # where file is D-Flow's mocap text: its record module's file
+
 [trials.sway]
 file = "sub01_sway.c3d"
 

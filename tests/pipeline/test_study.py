@@ -281,7 +281,7 @@ def test_the_template_with_every_comment_undone_is_valid(tmp_path):
         assert undone.count("#") < text.count("#")
         (tmp_path / name).write_text(undone, encoding="utf-8")
     faults = faults_of(tmp_path)
-    assert len(faults) == 5, faults
+    assert len(faults) == 7, faults
     assert all(": no file '" in fault for fault in faults)
 
 
