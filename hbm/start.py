@@ -17,7 +17,7 @@ from hbm.spatial import Array, Indices, Mask, fit_rotation, rotation_about, skew
 
 SWEEPS: Final = 4
 FOREARM_TURNS: Final = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
-NEUTRAL_PULL: Final = 1e-6
+NEUTRAL: Final = 1e-6 * np.eye(3)
 SHOW_TWIST: Final = 2
 BACKWARDS: Final = np.radians(-20.0)
 TWISTS: Final = tuple(np.radians(range(45, 360, 45)))
@@ -27,6 +27,18 @@ LIMBS: Final = {
     for side in ("right", "left")
     for first, *rest in (("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot", "toes"))
 }
+Poses = dict[str, tuple[Array, Array]]
+COFACTORS: Final = np.array(
+    [
+        (4, 5, 3, 7, 8, 6, 1, 2, 0),
+        (8, 6, 7, 2, 0, 1, 5, 3, 4),
+        (5, 3, 4, 8, 6, 7, 2, 0, 1),
+        (7, 8, 6, 1, 2, 0, 4, 5, 3),
+    ]
+)
+ROOT_STEPS: Final = 5
+ON_A_LINE: Final = 1e-2
+TINY: Final = 1e-300
 CYCLIC: Final = {(0, 1, 2), (1, 2, 0), (2, 0, 1)}
 
 
@@ -81,12 +93,13 @@ class _Start:
         self.turning = {
             s: [i for i in range(FIRST[s], LAST[s] + 1) if not TREE[i].translates] for s in SEGMENTS
         }
-        self.axis = [np.array(axes[c.name] if c.axis is None else c.axis, float) for c in TREE]
+        self.axis = np.array([axes[c.name] if c.axis is None else c.axis for c in TREE], float)
+        self.parts = _parts_of_turns(self.axis)
 
     def pose(self) -> Array:
         every = np.arange(len(self.position))
         R, o, solved = self.root()
-        q, miss = self.hang(every, R, o, np.zeros(len(every)), SEGMENTS[1:])
+        q, pose = self.hang(every, R, o, np.zeros(len(every)), SEGMENTS[1:])
         for first, limb in LIMBS.items():
             own = self.columns[first]
             hard = every[(self.weight[:, own] > 0).sum(axis=1) < SHOW_TWIST]
@@ -94,11 +107,11 @@ class _Start:
                 continue
             again, twist = np.tile(hard, len(TWISTS)), np.repeat(TWISTS, len(hard))
             way = [s for s in SEGMENTS[1:] if s in limb or FIRST[s] in support(FIRST[first])]
-            others, misses = self.hang(again, R[again], o[again], twist, way)
-            tried = _implausibility(others, limb, misses).reshape(len(TWISTS), len(hard))
-            best = np.ravel_multi_index((tried.argmin(axis=0), np.arange(len(hard))), tried.shape)
-            before = _implausibility(q[hard], limb, {s: miss[s][hard] for s in limb})
-            better = tried.min(axis=0) < before
+            others, tried = self.hang(again, R[again], o[again], twist, way)
+            before = self.implausibility(hard, limb, q[hard], pose, hard)
+            after = self.implausibility(again, limb, others, tried).reshape(len(TWISTS), -1)
+            best = after.argmin(axis=0) * len(hard) + np.arange(len(hard))
+            better = after.min(axis=0) < before
             chain = slice(FIRST[first], LAST[limb[-1]] + 1)
             q[hard[better], chain] = others[best[better], chain]
         q[~solved] = np.nan
@@ -123,14 +136,14 @@ class _Start:
             measured = self.position[todo][:, own]
             center, model_center = np.einsum("tk,tki->ti", w, measured), w @ model
             spread = model - model_center[:, None]
-            R[todo] = fit_rotation(_cross(w, measured - center[:, None], spread))
+            R[todo] = _nearest_rotation(_cross(w, measured - center[:, None], spread))
             o[todo] = center - (R[todo] @ model_center[..., None])[..., 0]
             solved |= todo
         return R, o, solved
 
     def hang(
         self, rows: Indices, R: Array, o: Array, twist: Array, segments: Iterable[str]
-    ) -> tuple[Array, dict[str, Array]]:
+    ) -> tuple[Array, Poses]:
         """Hang segments on a pelvis.
 
         Parameters
@@ -148,47 +161,98 @@ class _Start:
         -------
         q
             Coordinates, (F, 46).
-        miss
-            Segment -> weighted sum of squared distances of its markers, (F,).
+        pose
+            Segment -> its rotation, (F, 3, 3), and origin, (F, 3).
         """
         q = np.zeros((len(rows), N))
         q[:, :3], q[:, 3:6] = o, _three_angles(R, 3)
-        pose, miss = {"pelvis": (R, o)}, {}
+        pose = {"pelvis": (R, o)}
         for s in segments:
             R, o = pose[PARENT[s]]
             o = o + R @ self.offsets[s]
             own, back = self.columns[s], np.swapaxes(R, 1, 2)
-            w, away = self.weight[rows][:, own], self.position[rows][:, own] - o[:, None]
+            w, measured = self.weight[rows[:, None], own], self.position[rows[:, None], own]
+            away = measured - o[:, None]
             if self.turning[s] and len(own):
-                toward = back @ _cross(w, away, self.local[own]) + NEUTRAL_PULL * np.eye(3)
+                toward = back @ _cross(w, away, self.local[own]) + NEUTRAL
                 q[:, self.turning[s]], turn = self.turn(s, toward, twist)
                 R = R @ turn
             elif len(own):
                 slide = (back @ _mean(w, away)[..., None])[..., 0] - _mean(w, self.local[own])
-                q[:, FIRST[s] : LAST[s] + 1] = slide @ np.array(self.axis[FIRST[s] : LAST[s] + 1]).T
+                q[:, FIRST[s] : LAST[s] + 1] = slide @ self.axis[FIRST[s] : LAST[s] + 1].T
                 o = o + (R @ slide[..., None])[..., 0]
             pose[s] = R, o
-            left = self.position[rows][:, own] - o[:, None] - self.local[own] @ np.swapaxes(R, 1, 2)
-            miss[s] = np.einsum("tk,tki,tki->t", w, left, left)
-        return q, miss
+        return q, pose
+
+    def implausibility(
+        self, rows: Indices, limb: tuple[str, ...], q: Array, pose: Poses, at: Indices | None = None
+    ) -> Array:
+        """Sum squared distances of a limb's markers, and more where its hinge bends backwards.
+
+        Parameters
+        ----------
+        rows
+            Which frames, (F,).
+        limb
+            Its segments, the elbow or knee between the first two.
+        q
+            Coordinates in them, (F, 46).
+        pose
+            Poses of the segments, in these frames or, if ``at`` is given, there.
+        at
+            Which of the poses, (F,).
+
+        Returns
+        -------
+        Array
+            (F,).
+        """
+        total = (q[:, FIRST[limb[1]]] < BACKWARDS).astype(float)
+        for s in limb:
+            own, (R, o) = self.columns[s], (x if at is None else x[at] for x in pose[s])
+            model = self.local[own] @ np.swapaxes(R, 1, 2) + o[:, None]
+            away = self.position[rows[:, None], own] - model
+            total += np.einsum("tk,tki,tki->t", self.weight[rows[:, None], own], away, away)
+        return np.asarray(total)
 
     def turn(self, s: str, toward: Array, twist: Array) -> tuple[Array, Array]:
         """Turn a segment's joint onto its markers: angles, (F, n), and rotation, (F, 3, 3)."""
         joints = self.turning[s]
         if len(joints) < 3:
             begins = FOREARM_TURNS if s.endswith("forearm") else (0.0,)
-            return _hinge_angles(toward, [self.axis[i] for i in joints], begins)
-        turn = fit_rotation(toward)
+            return _hinge_angles(toward, self.parts[joints], begins)
+        turn = _nearest_rotation(toward)
         if s in LIMBS and twist.any():
             seen = np.swapaxes(turn, 1, 2) @ toward
             turn = turn @ rotation_about(_strongest(seen), twist)
         return _three_angles(turn, joints[0]), turn
 
 
-def _implausibility(q: Array, limb: tuple[str, ...], miss: Mapping[str, Array]) -> Array:
-    """Squared distances of a limb's markers, more where its elbow or knee bends backwards, (F,)."""
-    hinge = FIRST[limb[1]]
-    return np.asarray(sum(miss[s] for s in limb) + (q[:, hinge] < BACKWARDS))
+def _nearest_rotation(toward: Array) -> Array:
+    """Give the proper rotations nearest to cross-covariances, (F, 3, 3), as `fit_rotation` does.
+
+    In closed form but for a root of a quartic (Markley 1993, J Astronaut Sci 41:261), which is far
+    quicker for many; markers on one line, where that is singular, are left to `fit_rotation`.
+    """
+    flat = toward.reshape(-1, 9)
+    plus, minus = flat[:, COFACTORS[0]] * flat[:, COFACTORS[1]], flat[:, COFACTORS[2]]
+    cofactor = plus - minus * flat[:, COFACTORS[3]]
+    norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
+    determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
+    root = np.sqrt(norm + np.sqrt(3 * size))
+    for _ in range(ROOT_STEPS):
+        rest = root**2 - norm
+        slope = 4 * root * rest - 8 * determinant
+        root -= (rest**2 - 8 * determinant * root - size) / np.maximum(slope, TINY)
+    half = (root**2 - norm) / 2
+    scale = half * root - determinant
+    square = toward @ np.swapaxes(toward, 1, 2) @ toward
+    rotation = (half + norm)[:, None] * flat + root[:, None] * cofactor - square.reshape(-1, 9)
+    rotation = (rotation / np.maximum(scale, TINY)[:, None]).reshape(-1, 3, 3)
+    singular = scale <= ON_A_LINE * root**3
+    if singular.any():
+        rotation[singular] = fit_rotation(toward[singular])
+    return np.asarray(rotation)
 
 
 def _cross(w: Array, measured: Array, model: Array) -> Array:
@@ -221,47 +285,45 @@ def _strongest(spread: Array) -> Array:
     return np.asarray(np.linalg.eigh(spread + np.swapaxes(spread, 1, 2))[1][..., -1])
 
 
-def _hinge_angles(
-    toward: Array, hinges: list[Array], begins: tuple[float, ...]
-) -> tuple[Array, Array]:
+def _hinge_angles(toward: Array, parts: Array, begins: tuple[float, ...]) -> tuple[Array, Array]:
     """Turn one or two hinges in sequence onto the measured directions.
 
     What is to be made large, ``trace(Rᵀ toward)``, is linear in (1, cos, sin) of each angle, so
     each hinge has its best angle in closed form. Two hinges take turns, from one or more first
-    angles of the second; the best end is kept.
+    angles of the second; the best end is kept. ``parts`` are those of the hinges' turns, (n, 3, 9).
     """
-    parts = [_parts_of_turn(axis) for axis in hinges]
     flat = toward.reshape(-1, 9)
-    if len(hinges) == 1:
-        angle = _best_angle(flat @ parts[0].T)
-        return angle[:, None], (_waves(angle) @ parts[0]).reshape(-1, 3, 3)
-    first, second = (part.reshape(3, 3, 3) for part in parts)
+    if len(parts) == 1:
+        waves = _best_waves(flat @ parts[0].T)
+        return _angle(waves)[:, None], (waves @ parts[0]).reshape(-1, 3, 3)
+    first, second = parts.reshape(2, 3, 3, 3)
     met = (flat @ (first[:, None] @ second).reshape(9, 9).T).reshape(-1, 3, 3)
-    after = np.tile(begins, (len(toward), 1))
+    back = np.swapaxes(met, 1, 2)
+    after = np.stack([np.ones_like(begins), np.cos(begins), np.sin(begins)], axis=-1)
     for _ in range(SWEEPS):
-        before = _best_angle(_waves(after) @ np.swapaxes(met, 1, 2))
-        after = _best_angle(_waves(before) @ met)
-    ends = np.einsum("tbp,tpq,tbq->tb", _waves(before), met, _waves(after))
+        before = _best_waves(after @ back)
+        after = _best_waves(before @ met)
+    ends = np.vecdot(before @ met, after)
     best = np.arange(len(toward)), ends.argmax(axis=1)
-    angles = before[best], after[best]
-    one, two = ((_waves(x) @ part).reshape(-1, 3, 3) for x, part in zip(angles, parts, strict=True))
-    return np.stack(angles, axis=1), one @ two
+    before, after = before[best], after[best]
+    turns = (
+        (waves @ part).reshape(-1, 3, 3) for waves, part in ((before, parts[0]), (after, parts[1]))
+    )
+    return np.stack([_angle(before), _angle(after)], axis=1), np.matmul(*turns)
 
 
-def _parts_of_turn(axis: Array) -> Array:
-    """Give what 1, cos and sin of the angle multiply in the rotation about an axis, (3, 9)."""
-    along = np.outer(axis, axis)
-    return np.stack([along, np.eye(3) - along, skew(axis)]).reshape(3, 9)
+def _parts_of_turns(axes: Array) -> Array:
+    """Give what 1, cos and sin of the angle multiply in rotations about axes, (n, 3, 9)."""
+    along = axes[:, :, None] * axes[:, None]
+    return np.stack([along, np.eye(3) - along, skew(axes)], axis=1).reshape(-1, 3, 9)
 
 
-def _waves(angle: Array) -> Array:
-    """Give 1, cos and sin of angles, (..., 3)."""
-    waves = np.ones((*angle.shape, 3))
-    np.cos(angle, out=waves[..., 1])
-    np.sin(angle, out=waves[..., 2])
-    return waves
+def _best_waves(met: Array) -> Array:
+    """Give 1, cos and sin of the angles whose sum with these factors, (..., 3), is largest."""
+    waves = met / np.maximum(np.hypot(met[..., 1], met[..., 2]), TINY)[..., None]
+    waves[..., 0] = 1
+    return np.asarray(waves)
 
 
-def _best_angle(met: Array) -> Array:
-    """Give the angles at which sums of 1, cos and sin with these factors, (..., 3), are largest."""
-    return np.asarray(np.arctan2(met[..., 2], met[..., 1]))
+def _angle(waves: Array) -> Array:
+    return np.asarray(np.arctan2(waves[..., 2], waves[..., 1]))

@@ -27,6 +27,7 @@ KEY_EVERY: Final = 15
 CHUNK: Final = 4000
 LOCK: Final = 1e9
 LEAST_PIVOT: Final = 1e-6
+UNFELT: Final = 1e-8
 LEAST_SHARE: Final = 0.01
 FAR: Final = 0.5
 LEAST_KEYS: Final = 4
@@ -251,17 +252,19 @@ class Tracker:
         return replace(solved, q=np.clip(solved.q, self.lower, self.upper))
 
     def bridge(self, found: Solved, observed: Mask) -> None:
-        """Give coordinates that lost their markers the values between their neighbours in time."""
+        """Give coordinates that lost their markers the values between their neighbours in time.
+
+        Where a marker still feels them the other coordinates adapt.
+        """
         present = ~np.isnan(found.q[:, 0])
         lost = ~(observed | self.locked) & present[:, None]
-        rows = np.flatnonzero(lost.any(axis=1))
-        lost, value = lost[rows], np.zeros((len(rows), N))
+        felt = ~found.converged[:, None] | (found.pivots - self.pull > UNFELT)
+        rows = np.flatnonzero((lost & felt).any(axis=1))
         for i in np.flatnonzero(lost.any(axis=0)):
+            gone = np.flatnonzero(lost[:, i])
             known = np.flatnonzero(observed[:, i] & found.converged)
-            if len(known):
-                value[:, i] = np.interp(rows, known, found.q[known, i])
-        begin = np.where(lost, value, found.q[rows])
-        found.take(rows, self.newton(rows, begin, (lost, value)))
+            found.q[gone, i] = np.interp(gone, known, found.q[known, i]) if len(known) else 0.0
+        found.take(rows, self.newton(rows, found.q[rows], (lost[rows], found.q[rows])))
 
 
 def _shown(segments: set[str]) -> Mask:
