@@ -119,20 +119,21 @@ def static_figure(
         panels = figure.subplots(1, len(places), sharex=True, sharey=True, squeeze=False)[0]
         for panel, (belt, (plate, camera)) in zip(panels, places.items(), strict=True):
             found = alignments[belt]
-            for name, seen, size, colour in (
-                ("before", plate, found.rms_before, "measured"),
-                ("after", found.to_camera(plate), found.rms_after, "compensated"),
+            for name, seen, colour in (
+                ("before", plate, "measured"),
+                ("after", found.to_camera(plate), "compensated"),
             ):
                 along, across = 1000 * (seen - camera).T
-                label = f"{name}: {1000 * size:.1f} mm RMS"
-                panel.plot(along, across, "o", ms=3, color=COLOURS[colour], label=label)
+                panel.plot(along, across, "o", ms=3, color=COLOURS[colour], label=name)
             panel.axhline(0, color="black", lw=0.5)
             panel.axvline(0, color="black", lw=0.5)
             panel.set_aspect("equal", adjustable="box")
-            panel.set_title(f"{belt}: plate − marker", loc="left")
-            panel.set_xlabel("along the belt (mm)")
-            panel.legend(frameon=False, loc="upper right")
-        panels[0].set_ylabel("across (mm)")
+            before, after = 1000 * found.rms_before, 1000 * found.rms_after
+            panel.set_title(f"{belt}: {before:.2f} mm RMS, then {after:.2f}", loc="left")
+            panel.set_xlabel("plate − marker along the belt (mm)")
+        panels[0].set_ylabel("plate − marker across (mm)")
+        lines = panels[0].get_legend_handles_labels()
+        figure.legend(*lines, loc="outside lower center", ncols=2, title="alignment")
     return figure
 
 
