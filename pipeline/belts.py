@@ -61,8 +61,13 @@ def belt_axes(plate: Plate) -> Array:
     """Give the directions along a belt, to its side, and up; columns in the plate's axes, (3, 3).
 
     Along is the longer side of the surface, with the sign of the plate's own axis: whichever way
-    the lab's axes point, it is the same.
+    the lab's axes point, it is the same. A ValueError where the plate's corners are unknown.
     """
+    if not np.isfinite(plate.corners).all():
+        raise ValueError(
+            f"plate {plate.number}: its corners are unknown, and so is the direction of its belt; "
+            "use a C3D file, which holds them"
+        )
     corners = (plate.corners - plate.center) @ plate.rotation
     along = max(np.diff(corners[:3], axis=0), key=lambda side: float(np.linalg.norm(side)))
     along = along / np.linalg.norm(along)

@@ -14,23 +14,33 @@ from pipeline.accelerometers import find_accelerometers
 from pipeline.laboratory import Laboratory, fit_calibration, read_calibration, read_empty
 from pipeline.study import Platform, Treadmill
 from pipeline.trial_files import whole_file
+from pipeline.units import acceleration_in_mps2
 
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
-def fit(recording_file: Path, out: Path, *, axes: str | None, cutoff_hz: float) -> None:
+def fit(
+    recording_file: Path,
+    out: Path,
+    *,
+    axes: str | None,
+    cutoff_hz: float,
+    accelerometer_unit: str | None = None,
+) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill and write it as JSON.
 
     Parameters
     ----------
     recording_file
-        C3D file with plates and accelerometers.
+        File with plates and accelerometers.
     out
         JSON file to write.
     axes
         Where the file's axes point; not needed.
     cutoff_hz
         Low-pass on both signals before the fit [Hz].
+    accelerometer_unit
+        Of the accelerometers' channels, here and in trials; None for what the files say.
 
     Raises
     ------
@@ -40,17 +50,27 @@ def fit(recording_file: Path, out: Path, *, axes: str | None, cutoff_hz: float) 
     console = Console(highlight=False, markup=False)
     recording = read_empty(recording_file, axes)
     sensors = find_accelerometers(recording)
-    treadmill = Treadmill(accelerometers=sensors, cutoff_hz=cutoff_hz)
+    if accelerometer_unit is not None:
+        acceleration_in_mps2(accelerometer_unit)
+    treadmill = Treadmill(
+        accelerometers=sensors, accelerometer_unit=accelerometer_unit, cutoff_hz=cutoff_hz
+    )
     try:
         calibration = fit_calibration(recording, treadmill)
     except ValueError as error:
-        raise ValueError(f"{recording_file.name}: {error}") from error
+        text = str(error)
+        if "unknown acceleration unit" in text:
+            text += "; if that is not their unit, say --accelerometer-unit g"
+        raise ValueError(
+            text if recording_file.name in text else f"{recording_file.name}: {text}"
+        ) from error
     facts = {
         "recording": recording_file.name,
         "sha256": hashlib.sha256(recording_file.read_bytes()).hexdigest(),
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "program": f"hbm-residuals {version('hbm-residuals')}",
         "channels": json.dumps(sensors),
+        "accelerometer_unit": accelerometer_unit or "",
     }
     with whole_file(out) as temporary:
         temporary.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
@@ -59,8 +79,15 @@ def fit(recording_file: Path, out: Path, *, axes: str | None, cutoff_hz: float) 
     for name, model in calibration.plates.items():
         for warning in model.warnings:
             console.print(f"- {name}: {warning}", soft_wrap=True)
+    doubtful = any(model.warnings for model in calibration.plates.values())
     console.print(
-        f"written to {out}; next: hbm residuals TRIAL --calibration {out}", soft_wrap=True
+        f"written to {out}; "
+        + (
+            "do not use it before that is explained"
+            if doubtful
+            else f"next: hbm residuals TRIAL --calibration {out} --platform-markers M1,M2,M3"
+        ),
+        soft_wrap=True,
     )
 
 
@@ -106,6 +133,11 @@ def laboratory(file: Path, platform_markers: tuple[str, ...], axes: str | None) 
     ValueError
         If the file is not such a calibration.
     """
+    if file.suffix.lower() != ".json":
+        raise ValueError(
+            f"{file.name}: --calibration takes a fitted calibration; make one with "
+            f"'hbm calibration fit {file.name} -o lab.json'"
+        )
     calibration = read_calibration(file, Treadmill(), axes)
     try:
         channels = json.loads(calibration.provenance["channels"])
@@ -116,5 +148,10 @@ def laboratory(file: Path, platform_markers: tuple[str, ...], axes: str | None) 
         ) from error
     cutoff_hz = next(iter(calibration.plates.values())).setup.cutoff_hz  # type: ignore[union-attr]
     platform = Platform(markers=platform_markers) if platform_markers else None
-    treadmill = Treadmill(accelerometers=channels, cutoff_hz=cutoff_hz or 20.0, platform=platform)
+    treadmill = Treadmill(
+        accelerometers=channels,
+        accelerometer_unit=calibration.provenance.get("accelerometer_unit") or None,
+        cutoff_hz=cutoff_hz or 20.0,
+        platform=platform,
+    )
     return Laboratory(treadmill, calibration)

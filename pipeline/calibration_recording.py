@@ -8,7 +8,7 @@ import numpy as np
 
 from compensation import Calibration, Setup, fit_inertia, from_json
 from hbm.filtering import low_pass, resample
-from pipeline.c3d import read_c3d
+from pipeline.files import read_recording
 from pipeline.instruments import accelerations
 from pipeline.recording import Recording
 from pipeline.study import Treadmill
@@ -102,7 +102,7 @@ def read_empty(path: Path, axes: str | None) -> Recording:
     Parameters
     ----------
     path
-        C3D file.
+        The file, of any format that is read.
     axes
         Where the file's axes point; if None, any directions with the right vertical: nobody shows
         which way is forward, and a calibration in the plates' own axes does not need it.
@@ -118,13 +118,13 @@ def read_empty(path: Path, axes: str | None) -> Recording:
         If the file cannot be read.
     """
     if axes is not None:
-        return read_c3d(path, axes)
+        return read_recording(path, axes)
     try:
-        return read_c3d(path)
+        return read_recording(path)
     except ValueError as first:
         for guess in UPRIGHT:
             try:
-                return read_c3d(path, guess)
+                return read_recording(path, guess)
             except ValueError:
                 continue
         raise first

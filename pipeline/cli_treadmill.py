@@ -22,15 +22,22 @@ def calibration() -> None:
 
 @calibration_app.command()
 def fit(
-    recording: Annotated[Path, typer.Argument(help="The empty, moving treadmill (.c3d).")],
+    recording: Annotated[Path, typer.Argument(help="The empty, moving treadmill.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Calibration file to write (.json).")],
     axes: Axes = None,
-    cutoff_hz: Annotated[float, typer.Option(help="Low-pass before the fit.")] = 20.0,
+    cutoff_hz: Annotated[
+        float, typer.Option(min=0.1, max=100, help="Low-pass before the fit.")
+    ] = 20.0,
+    accelerometer_unit: Annotated[
+        str | None, typer.Option(help="g or m/s²; default: as the file says.")
+    ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from pipeline import calibration_commands
 
-    calibration_commands.fit(recording, out, axes=axes, cutoff_hz=cutoff_hz)
+    calibration_commands.fit(
+        recording, out, axes=axes, cutoff_hz=cutoff_hz, accelerometer_unit=accelerometer_unit
+    )
 
 
 @calibration_app.command()

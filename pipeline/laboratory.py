@@ -117,6 +117,11 @@ def ground_wrenches(
         notes.append(f"compensated by {len(names)} accelerometers: {', '.join(names)}")
     pose, said = platform_pose(recording, laboratory.treadmill.platform, time)
     notes += said
+    if pose is None and laboratory.calibration is not None:
+        notes.append(
+            "the platform is taken as level and where it was, since nothing says otherwise; if it "
+            "moved, name its markers (--platform-markers, or treadmill.platform in a study)"
+        )
     placed = {}
     for name, wrenches in variants.items():
         still = [
