@@ -3,7 +3,7 @@
 The pelvis is fitted rigidly; every further segment hangs at its joint and turns about it: by the
 nearest rotation where the joint has three axes, by turns about each hinge in closed form where it
 has one or two. Where so few markers of an upper arm or thigh are visible that nothing shows its
-twist, four twists are tried and the limb that meets its markers best is kept. A cold start from
+twist, several twists are tried and the limb that meets its markers best is kept. A cold start from
 zeros ends in wrong minima; this one does not.
 """
 
@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import FIRST, LAST, PARENT, SEGMENTS, TREE, N, support
-from hbm.spatial import Array, Indices, Mask, fit_rotation, rotation_about, skew
+from hbm.spatial import Array, Indices, Mask, rotation_about
+from hbm.turns import hinge_angles, nearest_rotation, parts_of_turns, three_angles
 
-SWEEPS: Final = 4
 FOREARM_TURNS: Final = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
 NEUTRAL: Final = 1e-6 * np.eye(3)
 SHOW_TWIST: Final = 2
@@ -28,18 +28,6 @@ LIMBS: Final = {
     for first, *rest in (("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot", "toes"))
 }
 Poses = dict[str, tuple[Array, Array]]
-COFACTORS: Final = np.array(
-    [
-        (4, 5, 3, 7, 8, 6, 1, 2, 0),
-        (8, 6, 7, 2, 0, 1, 5, 3, 4),
-        (5, 3, 4, 8, 6, 7, 2, 0, 1),
-        (7, 8, 6, 1, 2, 0, 4, 5, 3),
-    ]
-)
-ROOT_STEPS: Final = 5
-ON_A_LINE: Final = 1e-2
-TINY: Final = 1e-300
-CYCLIC: Final = {(0, 1, 2), (1, 2, 0), (2, 0, 1)}
 
 
 def starting_pose(
@@ -94,7 +82,7 @@ class _Start:
             s: [i for i in range(FIRST[s], LAST[s] + 1) if not TREE[i].translates] for s in SEGMENTS
         }
         self.axis = np.array([axes[c.name] if c.axis is None else c.axis for c in TREE], float)
-        self.parts = _parts_of_turns(self.axis)
+        self.parts = parts_of_turns(self.axis)
 
     def pose(self) -> Array:
         every = np.arange(len(self.position))
@@ -136,7 +124,7 @@ class _Start:
             measured = self.position[todo][:, own]
             center, model_center = np.einsum("tk,tki->ti", w, measured), w @ model
             spread = model - model_center[:, None]
-            R[todo] = _nearest_rotation(_cross(w, measured - center[:, None], spread))
+            R[todo] = nearest_rotation(_cross(w, measured - center[:, None], spread))
             o[todo] = center - (R[todo] @ model_center[..., None])[..., 0]
             solved |= todo
         return R, o, solved
@@ -165,7 +153,7 @@ class _Start:
             Segment -> its rotation, (F, 3, 3), and origin, (F, 3).
         """
         q = np.zeros((len(rows), N))
-        q[:, :3], q[:, 3:6] = o, _three_angles(R, 3)
+        q[:, :3], q[:, 3:6] = o, three_angles(R, 3)
         pose = {"pelvis": (R, o)}
         for s in segments:
             R, o = pose[PARENT[s]]
@@ -220,39 +208,12 @@ class _Start:
         joints = self.turning[s]
         if len(joints) < 3:
             begins = FOREARM_TURNS if s.endswith("forearm") else (0.0,)
-            return _hinge_angles(toward, self.parts[joints], begins)
-        turn = _nearest_rotation(toward)
+            return hinge_angles(toward, self.parts[joints], begins)
+        turn = nearest_rotation(toward)
         if s in LIMBS and twist.any():
             seen = np.swapaxes(turn, 1, 2) @ toward
             turn = turn @ rotation_about(_strongest(seen), twist)
-        return _three_angles(turn, joints[0]), turn
-
-
-def _nearest_rotation(toward: Array) -> Array:
-    """Give the proper rotations nearest to cross-covariances, (F, 3, 3), as `fit_rotation` does.
-
-    In closed form but for a root of a quartic (Markley 1993, J Astronaut Sci 41:261), which is far
-    quicker for many; markers on one line, where that is singular, are left to `fit_rotation`.
-    """
-    flat = toward.reshape(-1, 9)
-    plus, minus = flat[:, COFACTORS[0]] * flat[:, COFACTORS[1]], flat[:, COFACTORS[2]]
-    cofactor = plus - minus * flat[:, COFACTORS[3]]
-    norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
-    determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
-    root = np.sqrt(norm + np.sqrt(3 * size))
-    for _ in range(ROOT_STEPS):
-        rest = root**2 - norm
-        slope = 4 * root * rest - 8 * determinant
-        root -= (rest**2 - 8 * determinant * root - size) / np.maximum(slope, TINY)
-    half = (root**2 - norm) / 2
-    scale = half * root - determinant
-    square = toward @ np.swapaxes(toward, 1, 2) @ toward
-    rotation = (half + norm)[:, None] * flat + root[:, None] * cofactor - square.reshape(-1, 9)
-    rotation = (rotation / np.maximum(scale, TINY)[:, None]).reshape(-1, 3, 3)
-    singular = scale <= ON_A_LINE * root**3
-    if singular.any():
-        rotation[singular] = fit_rotation(toward[singular])
-    return np.asarray(rotation)
+        return three_angles(turn, joints[0]), turn
 
 
 def _cross(w: Array, measured: Array, model: Array) -> Array:
@@ -267,63 +228,6 @@ def _mean(w: Array, points: Array) -> Array:
     return np.asarray((share[:, None] @ points)[:, 0])
 
 
-def _three_angles(R: Array, first: int) -> Array:
-    """Split rotations into the angles of three consecutive coordinates with coordinate axes."""
-    axes = [np.array(TREE[i].axis, float) for i in range(first, first + 3)]
-    i, j, k = (int(np.argmax(np.abs(axis))) for axis in axes)
-    sign = 1.0 if (i, j, k) in CYCLIC else -1.0
-    angles = [
-        np.arctan2(-sign * R[..., j, k], R[..., k, k]),
-        np.arcsin(np.clip(sign * R[..., i, k], -1, 1)),
-        np.arctan2(-sign * R[..., i, j], R[..., i, i]),
-    ]
-    return np.stack([angle * axis.sum() for angle, axis in zip(angles, axes, strict=True)], -1)
-
-
 def _strongest(spread: Array) -> Array:
     """Give the direction in which a segment's markers lie from its joint, (F, 3)."""
     return np.asarray(np.linalg.eigh(spread + np.swapaxes(spread, 1, 2))[1][..., -1])
-
-
-def _hinge_angles(toward: Array, parts: Array, begins: tuple[float, ...]) -> tuple[Array, Array]:
-    """Turn one or two hinges in sequence onto the measured directions.
-
-    What is to be made large, ``trace(Rᵀ toward)``, is linear in (1, cos, sin) of each angle, so
-    each hinge has its best angle in closed form. Two hinges take turns, from one or more first
-    angles of the second; the best end is kept. ``parts`` are those of the hinges' turns, (n, 3, 9).
-    """
-    flat = toward.reshape(-1, 9)
-    if len(parts) == 1:
-        waves = _best_waves(flat @ parts[0].T)
-        return _angle(waves)[:, None], (waves @ parts[0]).reshape(-1, 3, 3)
-    first, second = parts.reshape(2, 3, 3, 3)
-    met = (flat @ (first[:, None] @ second).reshape(9, 9).T).reshape(-1, 3, 3)
-    back = np.swapaxes(met, 1, 2)
-    after = np.stack([np.ones_like(begins), np.cos(begins), np.sin(begins)], axis=-1)
-    for _ in range(SWEEPS):
-        before = _best_waves(after @ back)
-        after = _best_waves(before @ met)
-    ends = np.vecdot(before @ met, after)
-    best = np.arange(len(toward)), ends.argmax(axis=1)
-    before, after = before[best], after[best]
-    turns = (
-        (waves @ part).reshape(-1, 3, 3) for waves, part in ((before, parts[0]), (after, parts[1]))
-    )
-    return np.stack([_angle(before), _angle(after)], axis=1), np.matmul(*turns)
-
-
-def _parts_of_turns(axes: Array) -> Array:
-    """Give what 1, cos and sin of the angle multiply in rotations about axes, (n, 3, 9)."""
-    along = axes[:, :, None] * axes[:, None]
-    return np.stack([along, np.eye(3) - along, skew(axes)], axis=1).reshape(-1, 3, 9)
-
-
-def _best_waves(met: Array) -> Array:
-    """Give 1, cos and sin of the angles whose sum with these factors, (..., 3), is largest."""
-    waves = met / np.maximum(np.hypot(met[..., 1], met[..., 2]), TINY)[..., None]
-    waves[..., 0] = 1
-    return np.asarray(waves)
-
-
-def _angle(waves: Array) -> Array:
-    return np.asarray(np.arctan2(waves[..., 2], waves[..., 1]))
