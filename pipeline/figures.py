@@ -85,8 +85,9 @@ def name_panels(panels: Sequence[Axes]) -> None:
 
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure as PNG and SVG beside each other, each whole or not at all."""
+    bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
     with mpl.rc_context(STYLE):
         for suffix, undated in ((".png", None), (".svg", {"Date": None})):
-            with whole_file(path.with_suffix(suffix)) as temporary:
+            with whole_file(Path(f"{bare}{suffix}")) as temporary:
                 figure.savefig(temporary, format=suffix[1:], dpi=150, metadata=undated)
             figure.set_layout_engine("none")  # laid out once, alike in both

@@ -68,7 +68,7 @@ def run(request: Request, out: Path) -> TrialResult:
     result, _ = process(request, lambda sentence: console.print(sentence, style="dim"))
     print_result(result, console.print)
     stem = out / request.trial.stem
-    write_trial(result, request.trial.stem, "", stem.with_suffix(".parquet"))
+    write_trial(result, request.trial.stem, "", Path(f"{stem}.parquet"))
     write_csv(residual_table(result, request.trial.stem), Path(f"{stem}_residuals.csv"))
     save_figure(residual_figure(result), Path(f"{stem}_residuals"))
     console.print(

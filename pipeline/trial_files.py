@@ -1,5 +1,6 @@
 """What one processed trial leaves on disk: per-frame Parquet, CSV, provenance."""
 
+import errno
 import json
 import os
 import tempfile
@@ -159,6 +160,8 @@ def write_csv(table: pd.DataFrame, path: Path) -> None:
 def whole_file(path: Path) -> Iterator[Path]:
     """Give a temporary name beside a file; it takes the file's place once all is written."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder, not a file to write", str(path))
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PART)
     os.close(handle)
     temporary = Path(name)

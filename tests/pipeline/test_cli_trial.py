@@ -20,7 +20,7 @@ def processed(trial, out, *options):
         assert main(["residuals", str(trial), "--out", str(out), *options]) == 0
     stem = out / trial.stem
     frames = pd.read_parquet(f"{stem}.parquet")
-    return frames, read_facts(stem.with_suffix(".parquet")), pd.read_csv(f"{stem}_residuals.csv")
+    return frames, read_facts(Path(f"{stem}.parquet")), pd.read_csv(f"{stem}_residuals.csv")
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +82,19 @@ def test_nothing_else_and_nothing_half_written_is_left(result):
         "treadmill_events_residuals.csv",
         "treadmill_events_residuals.png",
         "treadmill_events_residuals.svg",
+    ]
+
+
+def test_a_name_with_dots_keeps_all_of_it(real_trial, tmp_path):
+    """Or the second of ``walk.1.c3d`` and ``walk.2.c3d`` would take the first one's place."""
+    trial = tmp_path / "walk.1.c3d"
+    trial.symlink_to(real_trial)
+    processed(trial, tmp_path / "out", "--mass-kg", "55.3")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "walk.1.parquet",
+        "walk.1_residuals.csv",
+        "walk.1_residuals.png",
+        "walk.1_residuals.svg",
     ]
 
 

@@ -158,3 +158,9 @@ def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path)
 
 def test_metadata_does_not_hide_the_frames_from_other_readers(written):
     assert pq.read_metadata(written).num_rows == 1200
+
+
+def test_a_folder_in_the_place_of_a_file_is_named_itself(tmp_path):
+    with pytest.raises(IsADirectoryError) as caught, whole_file(tmp_path):
+        pytest.fail("there is nothing to write to")
+    assert caught.value.filename == str(tmp_path)
