@@ -48,6 +48,8 @@ def fit(
         If the file cannot be used.
     """
     console = Console(highlight=False, markup=False)
+    if out.is_dir():
+        raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
     recording = read_empty(recording_file, axes)
     sensors = find_accelerometers(recording)
     if accelerometer_unit is not None:

@@ -140,7 +140,7 @@ def residuals(
             cutoff_hz=cutoff_hz,
             plate_delay_s=plate_delay_ms / 1000,
             calibration=calibration,
-            platform_markers=tuple(filter(None, platform_markers.split(","))),
+            platform_markers=tuple(filter(None, map(str.strip, platform_markers.split(",")))),
         ),
         out,
     )

@@ -113,6 +113,11 @@ def ground_wrenches(
                 models, variants.get("compensated", variants["measured"]), strict=True
             )
         ]
+        notes += [
+            f"warning: the calibration of plate {plate.number}: {warning}"
+            for plate, model in zip(plates, models, strict=True)
+            for warning in model.warnings
+        ]
         notes += check_trial(models[0], readings[np.isfinite(readings).all(axis=1)])
         notes.append(f"compensated by {len(names)} accelerometers: {', '.join(names)}")
     pose, said = platform_pose(recording, laboratory.treadmill.platform, time)
