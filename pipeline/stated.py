@@ -101,7 +101,10 @@ class Treadmill(Stated):
         if self.calibration and Path(self.calibration).suffix.lower() not in (".c3d", ".json"):
             raise ValueError(f"calibration must be a .c3d or .json file, got {self.calibration!r}")
         if self.calibration and not self.accelerometers:
-            raise ValueError("accelerometers: is missing; a calibration is of no use without")
+            raise ValueError(
+                "accelerometers: is missing; a calibration is of no use without; name the three "
+                "channels of each sensor, as in the example of 'hbm init'"
+            )
         return self
 
 
