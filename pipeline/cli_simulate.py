@@ -16,7 +16,7 @@ def simulate(
         int | None, typer.Option(min=1, max=9, help="How many of the nine people.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Equal seeds give equal files.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Trials side by side.")] = 2,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes side by side.")] = 2,
     ablation: Annotated[
         bool, typer.Option("--ablation", help="What each fault adds to each residual instead.")
     ] = False,
@@ -26,6 +26,6 @@ def simulate(
 
     stated = simulate_command.stated(setting, subjects=subjects, seed=seed, ablation=ablation)
     if ablation:
-        simulate_command.ablate(folder, stated, subjects=subjects or 3)
+        simulate_command.ablate(folder, stated, subjects=subjects or 3, jobs=jobs)
     else:
         simulate_command.simulate(folder, stated, jobs=jobs)

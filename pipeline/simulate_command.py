@@ -62,7 +62,7 @@ def simulate(folder: Path, setting: Setting, *, jobs: int) -> None:
     console.print(f"written to {folder}; next: hbm run {folder}", soft_wrap=True)
 
 
-def ablate(folder: Path, setting: Setting, *, subjects: int) -> None:
+def ablate(folder: Path, setting: Setting, *, subjects: int, jobs: int) -> None:
     """Switch one fault on at a time; write the table and its figure."""
     from pipeline.figures import save_figure
     from pipeline.virtual_lab.ablation import ablation
@@ -76,10 +76,11 @@ def ablate(folder: Path, setting: Setting, *, subjects: int) -> None:
             setting,
             subjects,
             progress=lambda name, done, total: progress.update(task, completed=done, total=total),
+            jobs=jobs,
         )
     folder.mkdir(parents=True, exist_ok=True)
     write_csv(table, folder / "ablation.csv")
-    save_figure(ablation_figure(table), folder / "ablation")
+    save_figure(ablation_figure(table, subjects), folder / "ablation")
     console.print(f"written to {folder}: ablation.csv, ablation.png, ablation.svg", soft_wrap=True)
 
 

@@ -7,14 +7,16 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
+from joblib import Parallel, delayed
 
 from compensation import InertiaModel
 from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.markers import did_you_mean
+from hbm.native import kernels
 from hbm.spatial import Array, Mask
 from pipeline.residuals import AXES, UNITS
 from pipeline.virtual_lab.assess import Case, fit_models, residual_of
-from pipeline.virtual_lab.bench import PER_FRAME, Bench, make_bench
+from pipeline.virtual_lab.bench import PER_FRAME, make_bench
 from pipeline.virtual_lab.course import Course
 from pipeline.virtual_lab.experiment import run_calibration, run_walk, walker_of
 from pipeline.virtual_lab.faults import BodyFaults, Faults
@@ -25,7 +27,7 @@ from pipeline.virtual_lab.walk import Walk
 CONDITIONS: Final[tuple[Condition, ...]] = ("baseline", "sway", "pitch")
 TRANSPARENT_HZ: Final = 30.0
 EDGE_S: Final = 1.0
-CALIBRATED: Final = "calibrated on "
+FILTER: Final = "filter"
 Progress = Callable[[str, int, int], None]
 
 
@@ -40,47 +42,68 @@ def _with(**parts: dict[str, float]) -> Faults:
     )
 
 
-def cases() -> dict[str, Case]:
-    """Give the cases in the order of the table; the sizes of faults are their defaults."""
+def cases() -> dict[str, dict[str, Case]]:
+    """Give the cases by group, in the order of the table; faults are as large as by default."""
     usual = Faults()
-    plates, sensors = usual.plates, usual.accelerometers
-    late = {
-        ms: _with(plates={"delay_s": ms / 1000}, accelerometers={"delay_s": ms / 1000})
-        for ms in (10, 30)
+    body, cameras, plates = usual.body, usual.cameras, usual.plates
+    noise = {"force_noise_n": plates.force_noise_n, "moment_noise_nm": plates.moment_noise_nm}
+    zero = {"offset_n": plates.offset_n, "drift_n_per_min": plates.drift_n_per_min}
+    gaps = {"gaps_per_minute": cameras.gaps_per_minute, "gap_s": cameras.gap_s}
+    late = {"delay_s": 0.010}, {"delay_s": 0.030}
+    low = {"pivot_error_m": 0.05}
+    return {
+        FILTER: {
+            f"zero phase, {TRANSPARENT_HZ:g} Hz": Case(cutoff_hz=TRANSPARENT_HZ),
+            "zero phase, 6 Hz": Case(),
+            "real time, 6 Hz": Case(method="realtime"),
+        },
+        "person and cameras": {
+            "body built from markers": Case(faults=_with(body=dict(body)), built_body=True),
+            "skin that moves": Case(faults=_with(cameras={"skin_scale": cameras.skin_scale})),
+            f"marker noise {1e3 * cameras.noise_m:g} mm": Case(
+                faults=_with(cameras={"noise_m": cameras.noise_m})
+            ),
+            f"{cameras.gaps_per_minute:g} marker gaps a minute": Case(faults=_with(cameras=gaps)),
+        },
+        "plates": {
+            f"noise {plates.force_noise_n:g} N": Case(faults=_with(plates=noise)),
+            f"cross-talk {plates.cross_talk:.1%}": Case(
+                faults=_with(plates={"cross_talk": plates.cross_talk})
+            ),
+            f"zero {plates.offset_n:g} N off, and drift": Case(faults=_with(plates=zero)),
+            "10 ms late": Case(faults=_with(plates=late[0], accelerometers=late[0])),
+            "30 ms late": Case(faults=_with(plates=late[1], accelerometers=late[1])),
+        },
+        "platform's pose": {
+            "pose 10 ms late": Case(faults=_with(platform=late[0]), told_pose=True),
+            "pose 30 ms late": Case(faults=_with(platform=late[1]), told_pose=True),
+            "pivot 5 cm off": Case(faults=_with(platform=low), told_pose=True),
+        },
+        "compensation, number of accelerometers": {
+            "1 accelerometer": _calibrated(sensors=1),
+            "2 accelerometers": _calibrated(sensors=2),
+            "4 accelerometers": _calibrated(sensors=4),
+        },
+        "compensation, calibrated on": {
+            f"{kind.replace('_', ' ')}, {seconds} s": _calibrated(f"{kind}_{seconds}s_3mps")
+            for seconds, kind in product(DURATIONS_S, PLATFORM_KINDS)
+        },
+        "all together": {
+            "no compensation, else perfect": Case(removal="none"),
+            "all faults, no compensation": Case(faults=usual, built_body=True, removal="none"),
+            "all faults, compensated": Case(faults=usual, built_body=True, removal="calibrated"),
+        },
     }
-    noisy = _with(
-        plates={"force_noise_n": plates.force_noise_n, "moment_noise_nm": plates.moment_noise_nm}
-    )
-    table = {
-        f"nothing, filter {TRANSPARENT_HZ:g} Hz": Case(cutoff_hz=TRANSPARENT_HZ),
-        "filter 6 Hz": Case(),
-        "filter 6 Hz, real time": Case(method="realtime"),
-        "body from markers": Case(faults=_with(body=dict(usual.body)), built_body=True),
-        "skin": Case(faults=_with(cameras={"skin_scale": usual.cameras.skin_scale})),
-        "camera noise": Case(faults=_with(cameras={"noise_m": usual.cameras.noise_m})),
-        "plate noise": Case(faults=noisy),
-        "plate cross-talk": Case(faults=_with(plates={"cross_talk": plates.cross_talk})),
-        "plate zero": Case(
-            faults=_with(
-                plates={"offset_n": plates.offset_n, "drift_n_per_min": plates.drift_n_per_min}
-            )
-        ),
-        "plates 10 ms late": Case(faults=late[10]),
-        "plates 30 ms late": Case(faults=late[30]),
-        "pose 10 ms late": Case(faults=_with(platform={"delay_s": 0.010}), told_pose=True),
-        "pose 30 ms late": Case(faults=_with(platform={"delay_s": 0.030}), told_pose=True),
-        "pivot 5 cm off": Case(faults=_with(platform={"pivot_error_m": 0.05}), told_pose=True),
-    }
-    accelerometer = dict(sensors) | {"delay_s": 0.0}
-    unsure = noisy.model_copy(update={"accelerometers": sensors.model_copy(update=accelerometer)})
-    for seconds, kind in product(DURATIONS_S, PLATFORM_KINDS):
-        name = f"{CALIBRATED}{kind}_{seconds}s_3mps"
-        table[name] = Case(faults=unsure, removal="calibrated")
-    return table | {
-        "no compensation": Case(removal="none"),
-        "all faults, compensated": Case(faults=usual, built_body=True, removal="calibrated"),
-        "all faults, no compensation": Case(faults=usual, built_body=True, removal="none"),
-    }
+
+
+def _calibrated(signal: str | None = None, sensors: int = 2) -> Case:
+    """Give a case with imperfect plates and accelerometers, and a compensation fitted to them."""
+    usual = Faults()
+    plates = {"force_noise_n": usual.plates.force_noise_n}
+    plates |= {"moment_noise_nm": usual.plates.moment_noise_nm}
+    accelerometers = dict(usual.accelerometers) | {"delay_s": 0.0, "sensors": sensors}
+    faults = _with(plates=plates, accelerometers=accelerometers)
+    return Case(faults=faults, removal="calibrated", calibration=signal)
 
 
 def ablation(
@@ -88,6 +111,7 @@ def ablation(
     subjects: int = 3,
     names: Sequence[str] | None = None,
     progress: Progress | None = None,
+    jobs: int = 1,
 ) -> pd.DataFrame:
     """Find what each fault adds to each residual in each condition.
 
@@ -102,14 +126,16 @@ def ablation(
         Which of the `cases`; by default all.
     progress
         Told the case, how many are done, and how many there are.
+    jobs
+        Processes.
 
     Returns
     -------
     pandas.DataFrame
-        Long: ``case, condition, axis, unit, rms, added``; both in N or N·m, root mean squares over
-        samples and subjects. ``added`` is the RMS of the difference from the residual of the same
-        walk in a perfect laboratory with the zero-phase filter at 6 Hz; for filters, with one that
-        passes all of walking.
+        Long: ``group, case, condition, axis, unit, rms, added``; both in N or N·m, root mean
+        squares over samples and subjects. ``added`` is the RMS of the difference from the residual
+        of the same walk in a perfect laboratory with the zero-phase filter at 6 Hz; for filters,
+        with one that passes all of walking.
 
     Raises
     ------
@@ -123,47 +149,55 @@ def ablation(
     """
     setting = setting or Setting(protocol=SHORT)
     table = _chosen(names)
-    squares: dict[tuple[str, str], list[tuple[Array, Array]]] = {}
-    for done, (name, case) in enumerate(table.items()):
-        for subject in range(subjects):
-            for condition, (rms, added) in _one(setting, name, case, subject).items():
-                key = name, condition
-                squares.setdefault(key, []).append((rms**2, added**2))
+    kernels()  # compiled once, before the processes start
+    tasks = [delayed(_squares)(setting, group, case, subjects) for group, _, case in table]
+    found = Parallel(n_jobs=jobs, return_as="generator")(tasks)
+    rows = []
+    for done, ((group, name, _), squares) in enumerate(zip(table, found, strict=True), start=1):
+        for condition, (rms, added) in squares.items():
+            for k, (axis, unit) in enumerate(zip(AXES, UNITS, strict=True)):
+                rows.append((group, name, condition, axis, unit, rms[k], added[k]))
         if progress is not None:
-            progress(name, done + 1, len(table))
-    rows = [
-        (name, condition, axis, unit, rms[k], added[k])
-        for (name, condition), found in squares.items()
-        for rms, added in [np.sqrt(np.mean(found, axis=0))]
-        for k, (axis, unit) in enumerate(zip(AXES, UNITS, strict=True))
-    ]
-    return pd.DataFrame(rows, columns=["case", "condition", "axis", "unit", "rms", "added"])
+            progress(name, done, len(table))
+    columns = ["group", "case", "condition", "axis", "unit", "rms", "added"]
+    return pd.DataFrame(rows, columns=columns)
 
 
-def _chosen(names: Sequence[str] | None) -> dict[str, Case]:
-    table = cases()
+def _chosen(names: Sequence[str] | None) -> list[tuple[str, str, Case]]:
+    table = [(group, name, case) for group, own in cases().items() for name, case in own.items()]
+    known = [name for _, name, _ in table]
     for name in names or ():
-        if name not in table:
-            raise ValueError(f"no case {name!r}{did_you_mean(name, table)}; {', '.join(table)}")
-    return {name: case for name, case in table.items() if names is None or name in names}
+        if name not in known:
+            raise ValueError(f"no case {name!r}{did_you_mean(name, known)}; {', '.join(known)}")
+    return [row for row in table if names is None or row[1] in names]
 
 
-def _one(setting: Setting, name: str, case: Case, subject: int) -> dict[str, tuple[Array, Array]]:
-    """Give RMS and added RMS of one case and person, by condition."""
+def _squares(
+    setting: Setting, group: str, case: Case, subjects: int
+) -> dict[str, tuple[Array, Array]]:
+    """Give a case's RMS and added RMS over all people, by condition."""
+    own = [_one(setting, group, case, subject) for subject in range(subjects)]
+    return {
+        condition: tuple(np.sqrt(np.mean([p[condition] for p in own], axis=0)))
+        for condition in CONDITIONS
+    }
+
+
+def _one(setting: Setting, group: str, case: Case, subject: int) -> dict[str, tuple[Array, Array]]:
+    """Give mean squares of one case and person, whole and added, by condition."""
     bench = make_bench(case.faults, setting.seed)
-    models = _models(setting, bench, name) if case.removal == "calibrated" else ()
-    of_filter = name.startswith(("nothing", "filter"))
-    reference = Case() if not of_filter else Case(cutoff_hz=TRANSPARENT_HZ)
+    models = _models(setting, case) if case.removal == "calibrated" else ()
+    reference = TRANSPARENT_HZ if group == FILTER else Case().cutoff_hz
     found: dict[str, tuple[Array, Array]] = {}
     for condition in CONDITIONS:
         who = _Who(setting.seed, setting.protocol, case.faults.body, subject, condition)
         walk, course = _walked(who)
         rng = np.random.default_rng((setting.seed, subject, 9))
         left = residual_of(case, walk, course, bench, rng, models)
-        ideal = _ideal(who, reference.cutoff_hz)
+        ideal = _ideal(who, reference)
         counts = _counted(setting.protocol, course, walk)
-        rms, added = (np.sqrt(np.nanmean(x[counts] ** 2, axis=0)) for x in (left, left - ideal))
-        found[condition] = np.asarray(rms), np.asarray(added)
+        whole, added = (np.nanmean(x[counts] ** 2, axis=0) for x in (left, left - ideal))
+        found[condition] = np.asarray(whole), np.asarray(added)
     return found
 
 
@@ -192,12 +226,13 @@ def _ideal(who: _Who, cutoff_hz: float) -> Array:
     return residual_of(Case(cutoff_hz=cutoff_hz), walk, course, perfect, np.random.default_rng(0))
 
 
-def _models(setting: Setting, bench: Bench, name: str) -> tuple[InertiaModel, ...]:
+@lru_cache(maxsize=1)
+def _models(setting: Setting, case: Case) -> tuple[InertiaModel, ...]:
     """Calibrate on the signal that the case names, or on the protocol's."""
-    if name.startswith(CALIBRATED):
-        named = {"calibration": name.removeprefix(CALIBRATED)}
-        protocol = setting.protocol.model_copy(update=named)
-        setting = setting.model_copy(update={"protocol": protocol})
+    if case.calibration is not None:
+        named = setting.protocol.model_copy(update={"calibration": case.calibration})
+        setting = setting.model_copy(update={"protocol": named})
+    bench = make_bench(case.faults, setting.seed)
     return fit_models(bench, run_calibration(setting, bench))
 
 

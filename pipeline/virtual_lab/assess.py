@@ -45,6 +45,8 @@ class Case:
         Whether the platform's pose is taken from its channels; else it is the true one.
     removal
         How the treadmill's own wrench is taken off the plates.
+    calibration
+        Signal that a compensation is calibrated on; None for the protocol's.
     """
 
     faults: Faults = field(default_factory=Faults.none)
@@ -53,6 +55,7 @@ class Case:
     built_body: bool = False
     told_pose: bool = False
     removal: Removal = "known"
+    calibration: str | None = None
 
 
 def residual_of(

@@ -1,5 +1,11 @@
-"""Whether the virtual walk looks like walking: published norms and real forces beside it."""
+"""Whether the virtual walk looks like walking: published norms and real forces beside it.
 
+Run as ``python -m pipeline.virtual_lab.realism NORMS.csv FOLDER OUT`` with the norms of Pinzone et
+al. (2014) as published, the folder of the treadmill recording of Moore, Hnat and van den Bogert
+(2015), and the figure's name without ending.
+"""
+
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +20,7 @@ from hbm.coordinates import INDEX
 from hbm.skeleton import GRAVITY
 from hbm.spatial import Array
 from pipeline.cycles import normalise
-from pipeline.figures import COLOURS, STYLE, draw_band
+from pipeline.figures import COLOURS, STYLE, draw_band, save_figure
 from pipeline.virtual_lab.experiment import run_walk, walker_of
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.ground import foot_wrenches
@@ -38,9 +44,11 @@ RECORDED_MPS: Final = 0.8
 STEADY_S: Final = 12.0
 PERCENT: Final = np.arange(101.0)
 SOURCES: Final = (
-    "grey: norms, mean ± SD of two centres (Pinzone et al. 2014, Gait Posture 40:286), level, "
-    "self-chosen speed; and one man on a split-belt treadmill at 0.8 m/s (Moore, Hnat and van den "
-    "Bogert 2015), mean ± SD of his strides. Blue: virtual people, mean ± SD between them."
+    "Blue: {subjects} virtual people, mean ± SD between them, at 1.3 m/s (angles) and 0.8 m/s "
+    "(forces). Grey: angles of healthy people on level ground at self-chosen speed, mean ± SD, two "
+    "centres' average (Pinzone et al. 2014, Gait Posture 40:286); forces under one man on a "
+    "split-belt treadmill at 0.8 m/s, mean ± SD of his strides (Moore, Hnat and van den Bogert "
+    "2015, PeerJ 3:e918)."
 )
 
 
@@ -156,7 +164,7 @@ def realism_figure(norms: Path | None, forces: Path | None, subjects: int = 9) -
         panels[-1].set_axis_off()
         for panel in panels[7:11]:
             panel.set_xlabel("% of gait cycle")
-        figure.supxlabel(SOURCES, fontsize=7, wrap=True)
+        figure.supxlabel(SOURCES.format(subjects=subjects), fontsize=7, wrap=True)
     return figure
 
 
@@ -166,7 +174,7 @@ def _draw(panel: Axes, title: str, curves: Array, band: Band | None) -> None:
     mean, sd = curves.mean(axis=0), curves.std(axis=0)
     draw_band(panel, PERCENT, mean, sd, COLOURS["compensated"])
     unit: Any = "BW" if title in FORCES else "°"
-    panel.set_title(f"{title} [{unit}]")
+    panel.set_title(f"{title.capitalize()}{' force' if title in FORCES else ''} [{unit}]")
 
 
 def _cycles(walk: Walk) -> Array:
@@ -175,3 +183,8 @@ def _cycles(walk: Walk) -> Array:
     inside = (contact > STEADY_S) & (contact < walk.motion.duration - 1)
     own = contact[inside]
     return np.column_stack([own[:-1], own[1:]])
+
+
+if __name__ == "__main__":
+    norms, forces, out = map(Path, sys.argv[1:])
+    save_figure(realism_figure(norms, forces), out)

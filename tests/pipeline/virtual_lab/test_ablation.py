@@ -1,0 +1,121 @@
+"""What each fault adds: the table, its figure, and the commands that make them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.virtual_lab.ablation import CONDITIONS, FILTER, ablation, cases
+from pipeline.virtual_lab.ablation_figure import ablation_figure
+from pipeline.virtual_lab.protocol import SHORT, Setting
+from pipeline.virtual_lab.realism import realism_figure
+from tests.pipeline.virtual_lab import conftest
+
+SMALL = Setting(
+    protocol=conftest.SHORT.model_copy(
+        update={"baseline_s": 5.0, "pitch_s": 10.0, "waits_s": (12.0,)}
+    )
+)
+ONE_EACH = (
+    "zero phase, 30 Hz",
+    "10 ms late",
+    "30 ms late",
+    "pivot 5 cm off",
+    "square sway, 60 s",
+    "no compensation, else perfect",
+)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return ablation(SMALL, subjects=1, names=ONE_EACH)
+
+
+def added(table, case, condition):
+    own = table[(table["case"] == case) & (table["condition"] == condition)]
+    return own.set_index("axis")["added"]
+
+
+def test_the_table_has_a_row_for_every_case_condition_and_axis(table):
+    assert len(table) == len(ONE_EACH) * len(CONDITIONS) * 6
+    assert tuple(dict.fromkeys(table["case"])) == ONE_EACH
+    assert np.isfinite(table["added"]).all()
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_nothing_wrong_adds_nothing(table, condition):
+    own = table[(table["case"] == "zero phase, 30 Hz") & (table["condition"] == condition)]
+    assert (own["added"] == 0).all()
+    assert (own["rms"] < 0.5).all()
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_later_plates_are_worse_in_proportion(table, condition):
+    """A residual from a small delay is the delay by the rate of change of the load."""
+    ratio = added(table, "30 ms late", condition) / added(table, "10 ms late", condition)
+    np.testing.assert_allclose(ratio, 3, rtol=0.15)
+
+
+def test_faults_of_the_platform_show_where_the_platform_moves(table):
+    assert added(table, "pivot 5 cm off", "baseline").max() < 1e-6
+    assert added(table, "pivot 5 cm off", "pitch")["My"] > 2
+    assert added(table, "no compensation, else perfect", "baseline").max() < 1e-6
+    assert added(table, "no compensation, else perfect", "pitch")["Fx"] > 300
+    assert added(table, "no compensation, else perfect", "sway")["Fy"] > 250
+    assert added(table, "square sway, 60 s", "pitch").max() < 5
+
+
+def test_every_case_has_a_name_of_its_own_and_every_signal_is_there():
+    names = [name for own in cases().values() for name in own]
+    assert len(names) == len(set(names))
+    assert len(cases()["compensation, calibrated on"]) == 14
+    assert next(iter(cases())) == FILTER
+
+
+def test_an_unknown_case_is_refused_with_the_nearest():
+    with pytest.raises(ValueError, match=r"no case 'skin that move'.*skin that moves"):
+        ablation(SMALL, names=("skin that move",))
+
+
+def test_the_figure_shows_every_number_of_the_table(table):
+    figure = ablation_figure(table, 1)
+    panels = figure.axes
+    assert [panel.get_title() for panel in panels] == list(CONDITIONS)
+    rows = [label.get_text() for label in panels[0].get_yticklabels()]
+    assert set(ONE_EACH) < set(rows)
+    for panel in panels:
+        assert len(panel.texts) == len(ONE_EACH) * 6
+
+
+def test_one_command_leaves_the_table_and_its_figure(tmp_path, monkeypatch, table):
+    asked = {}
+
+    def quick(setting, subjects, progress, jobs):
+        asked.update(setting=setting, subjects=subjects, jobs=jobs)
+        return table
+
+    monkeypatch.setattr("pipeline.virtual_lab.ablation.ablation", quick)
+    out = tmp_path / "out"
+    done = CliRunner().invoke(app, ["simulate", str(out), "--ablation", "--seed", "4"])
+    assert done.exit_code == 0, done.output
+    assert asked == {"setting": Setting(seed=4, protocol=SHORT), "subjects": 3, "jobs": 2}
+    assert sorted(p.name for p in out.iterdir()) == ["ablation.csv", "ablation.png", "ablation.svg"]
+    pd.testing.assert_frame_equal(
+        pd.read_csv(out / "ablation.csv")[["case", "axis"]], table[["case", "axis"]]
+    )
+
+
+def test_a_setting_that_is_wrong_is_one_line(tmp_path):
+    path = tmp_path / "setting.toml"
+    path.write_text("[faults.plates]\nnoise = 1.0", encoding="utf-8")
+    done = CliRunner().invoke(app, ["simulate", str(tmp_path / "out"), "--setting", str(path)])
+    assert done.exit_code != 0
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_realism_figure_names_its_sources_with_and_without_them():
+    figure = realism_figure(None, None, subjects=1)
+    assert "Pinzone et al. 2014" in figure.get_supxlabel()
+    assert "Moore, Hnat and van den Bogert 2015" in figure.get_supxlabel()
+    assert sum(panel.axison for panel in figure.axes) == 11
