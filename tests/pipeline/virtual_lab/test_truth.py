@@ -178,3 +178,23 @@ def test_compensation_brings_residuals_back_to_baseline(usual, condition):
     assert before[worst] > 10 * baseline[worst]
     assert after[worst] < before[worst] / 10
     assert (after < 1.6 * baseline + [3, 3, 3, 1, 1, 1]).all()
+
+
+def test_nine_people_leave_residuals_that_differ_as_people_do(walked):
+    """Same laboratory, nine people: as a statistician expects, neither copies nor strangers."""
+    bench = make_bench(Faults(), 1)
+    case = Case(Faults(), built_body=True)
+    found = []
+    for subject in range(9):
+        walk, course = walked(subject)
+        rng = np.random.default_rng((1, subject))
+        left = residual_of(case, walk, course, bench, rng)
+        found.append(rms(left[900:-100]))
+    spread = np.std(found, axis=0, ddof=1) / np.mean(found, axis=0)
+    assert (spread > 0.08).all()
+    assert (spread < 0.7).all()
+    force, moment = np.mean(found, axis=0)[:3], np.mean(found, axis=0)[3:]
+    weight = 74.6 * GRAVITY
+    assert (force < 0.05 * weight).all()  # Hicks et al. 2015: as good residuals are
+    assert (force > 3).all()
+    assert (moment > 1).all()
