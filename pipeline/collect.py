@@ -1,5 +1,6 @@
 """A study's trials gathered: the long residual table, the gait-cycle curves, what is missing."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,10 +69,56 @@ def collect(folder: Path) -> Results:
         facts[key] = fact
         curves.append(_curves(path, fact))
     residuals = pd.DataFrame([row for fact in facts.values() for row in fact["residuals"]])
+    cycles = pd.concat(curves, ignore_index=True)
+    return Results(folder, residuals, cycles, _subjects(facts), facts)
+
+
+def only(results: Results, wanted: Collection[tuple[str, str]]) -> Results:
+    """Leave out the results of trials that do not count.
+
+    Parameters
+    ----------
+    results
+        Everything.
+    wanted
+        (subject, condition) of the trials that count.
+
+    Returns
+    -------
+    Results
+        Of these alone.
+
+    Raises
+    ------
+    ValueError
+        If nothing is left.
+    """
+    facts = {key: fact for key, fact in results.facts.items() if key in wanted}
+    if len(facts) == len(results.facts):
+        return results
+    if not facts:
+        raise ValueError(
+            f"{results.folder}: every result here is of a trial that failed, is excluded or is no "
+            f"longer in the study; run 'hbm run STUDY --out {results.folder}'"
+        )
+    residuals, cycles = (_of(table, facts) for table in (results.residuals, results.cycles))
+    return Results(results.folder, residuals, cycles, _subjects(facts), facts)
+
+
+def _of(table: pd.DataFrame, wanted: Collection[tuple[str, str]]) -> pd.DataFrame:
+    """Give a table's rows of some trials."""
+    if table.empty:
+        return table
+    keys = pd.MultiIndex.from_frame(table[["subject", "condition"]])
+    return table[keys.isin(list(wanted))].reset_index(drop=True)
+
+
+def _subjects(facts: dict[tuple[str, str], dict[str, Any]]) -> pd.DataFrame:
+    """List who is in the results."""
     people: dict[str, list[dict[str, Any]]] = {}
     for (subject, _), fact in facts.items():
         people.setdefault(subject, []).append(fact)
-    subjects = pd.DataFrame(
+    return pd.DataFrame(
         {
             "subject": subject,
             "sex": trials[0]["subject"]["sex"],
@@ -81,7 +128,6 @@ def collect(folder: Path) -> Results:
         }
         for subject, trials in people.items()
     )
-    return Results(folder, residuals, pd.concat(curves, ignore_index=True), subjects, facts)
 
 
 def _curves(path: Path, fact: dict[str, Any]) -> pd.DataFrame:

@@ -33,7 +33,8 @@ class TrialState:
     reason
         Why it is not simply done.
     in_tables
-        Whether there is a result, which the tables and figures take.
+        Whether there is a result that the tables and figures take: not that of a trial which
+        failed since, is excluded by now, or is no longer in the study.
     """
 
     subject: str
@@ -108,13 +109,14 @@ def _state(
     if failure is not None:
         why_not = "failed", failure
     if why_not is not None:
-        older = "; an older result is in the tables" if fact is not None else ""
-        return TrialState(*key, why_not[0], why_not[1] + older, fact is not None)
+        older = "; an older result is left out of the tables" if fact is not None else ""
+        return TrialState(*key, why_not[0], why_not[1] + older, False)
     if fact is None:
         return TrialState(*key, "missing", "no result: hbm run has not done it", False)
     if study is not None:
         if key[0] not in study.subjects or key[1] not in study.file.conditions:
-            return TrialState(*key, "outdated", "no longer in the study", True)
+            said = "no longer in the study; its result is left out of the tables"
+            return TrialState(*key, "outdated", said, False)
         if fact["settings"] != study.file.settings.model_dump():
             said = "processed with other settings than the study states now; run it again"
             return TrialState(*key, "outdated", said, True)

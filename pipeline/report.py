@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from pipeline.collect import collect
+from pipeline.collect import collect, only
 from pipeline.figures import save_figure
 from pipeline.provenance import provenance, read_failures, trial_states
 from pipeline.report_page import Report, write_page
@@ -57,6 +57,7 @@ def write_report(
     announce("gathering the trials")
     results = collect(folder)
     states = trial_states(results, read_failures(folder), study)
+    results = only(results, {(s.subject, s.condition) for s in states if s.in_tables})
     announce("testing")
     tests = statistics(results.residuals, _everyone(results.subjects, study))
     layout = table_3(results.residuals, tests)

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from pipeline.collect import collect
+from pipeline.collect import collect, only
 from pipeline.provenance import (
     git_commit,
     input_digests,
@@ -57,10 +57,27 @@ def test_without_the_study_a_gap_is_missing(results):
     assert found["sub02", "sway"].state == "missing"
 
 
-def test_a_failed_trial_with_an_older_result_says_so(results, study):
+def test_the_older_result_of_a_failed_trial_is_told_and_left_out(results, study):
     found = states(results, {"sub01 pitch": "disk full"}, study)["sub01", "pitch"]
-    assert (found.state, found.in_tables) == ("failed", True)
-    assert "older result" in found.reason
+    assert (found.state, found.in_tables) == ("failed", False)
+    assert "an older result is left out" in found.reason
+
+
+def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, study):
+    everything = collect(write_fake_results(tmp_path, subjects=3, cycles=2))
+    found = states(everything, {}, study)
+    assert (found["sub03", "pitch"].state, found["sub03", "pitch"].in_tables) == ("excluded", False)
+    left = only(everything, {key for key, state in found.items() if state.in_tables})
+    assert set(everything.facts) - set(left.facts) == {("sub03", "pitch")}
+    for table in (left.residuals, left.cycles):
+        keys = set(table[["subject", "condition"]].drop_duplicates().itertuples(index=False))
+        assert keys == set(left.facts)
+    assert set(left.subjects["subject"]) == {"sub01", "sub02", "sub03"}
+
+
+def test_where_no_result_counts_it_is_one_line(results):
+    with pytest.raises(ValueError, match="every result here is of a trial that failed"):
+        only(results, set())
 
 
 def test_a_subject_who_only_ever_failed_is_named_without_the_study(results):
@@ -76,7 +93,8 @@ def test_results_of_other_settings_are_outdated(tmp_path, study):
 
 def test_results_that_the_study_no_longer_knows_are_outdated(tmp_path, study):
     folder = write_fake_results(tmp_path, subjects=1, conditions=("running",), cycles=2)
-    assert states(collect(folder), {}, study)["sub01", "running"].state == "outdated"
+    found = states(collect(folder), {}, study)["sub01", "running"]
+    assert (found.state, found.in_tables) == ("outdated", False)
 
 
 def test_no_failures_file_means_no_failures(tmp_path):

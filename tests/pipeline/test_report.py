@@ -222,6 +222,17 @@ def test_trials_of_different_settings_are_not_silently_mixed(tmp_path, quick):
     assert "processed with 2 different settings" in Page(write_report(tmp_path)).text
 
 
+def test_a_trial_excluded_after_it_was_processed_is_in_no_table(tmp_path, study, quick):
+    write_fake_results(tmp_path, subjects=4, cycles=2)
+    text = Page(write_report(tmp_path, study)).text
+    assert "LPSI lost; an older result is left out of the tables" in text
+    table = pd.read_csv(tmp_path / "residuals.csv")
+    left = set(table[["subject", "condition"]].drop_duplicates().itertuples(index=False))
+    assert ("sub04", "baseline") in left
+    assert ("sub04", "pitch") not in left
+    assert "pitch without sub04" in (tmp_path / "table_3.md").read_text(encoding="utf-8")
+
+
 def test_no_results_is_one_line_that_says_what_next(tmp_path):
     with pytest.raises(ValueError, match=r"no results of trials here; run 'hbm run STUDY"):
         write_report(tmp_path)
