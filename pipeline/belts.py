@@ -104,8 +104,7 @@ def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
     models = []
     for plate, (time, acceleration) in _accelerations(recording, belt):
         moment = plate.wrench_in_plate[:, 3:] @ _side(plate)
-        rate = (len(plate.time) - 1) / float(plate.time[-1] - plate.time[0])
-        slow = interpolate(plate.time, smooth(moment, rate, belt.cutoff_hz), time)
+        slow = interpolate(plate.time, smooth(moment, plate.rate_hz, belt.cutoff_hz), time)
         inside = (time > time[0] + EDGE_S) & (time < time[-1] - EDGE_S) & np.isfinite(slow)
         try:
             model = fit_belt(acceleration[inside], slow[inside] - slow[inside].mean())
@@ -185,8 +184,7 @@ def _accelerations(recording: Recording, belt: Belt) -> list[tuple[Plate, tuple[
     for plate, channel in zip(recording.plates, cycle(belt.speed_channels), strict=False):
         speed = belt_speed(recording, channel)
         assert recording.analog is not None
-        clock = recording.analog.time
-        rate = (len(clock) - 1) / float(clock[-1] - clock[0])
+        clock, rate = recording.analog.time, recording.analog.rate_hz
         at = np.arange(clock[0], clock[-1], 1 / RATE_HZ)
         slow = smooth(np.gradient(speed, 1 / rate), rate, belt.cutoff_hz)
         result.append((plate, (at, interpolate(clock, slow, at))))

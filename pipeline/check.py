@@ -168,8 +168,7 @@ def _recorded(preview: Preview, rule: Condition, notes: _Notes) -> None:
     plates, analog = recording.plates, recording.analog
     said = [f"{duration:.1f} s", f"{len(recording.markers.names)} markers at {rate_hz:g} Hz"]
     if plates:
-        samples = (len(plates[0].time) - 1) / (plates[0].time[-1] - plates[0].time[0])
-        said.append(f"{len(plates)} plates at {samples:.6g} Hz")
+        said.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
     if analog is not None:
         channels = zip(analog.names, analog.units, strict=True)
         said.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))

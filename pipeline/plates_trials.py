@@ -90,7 +90,7 @@ def read_weight(study: PlatesStudy, weight: Weight, alignment: PlateCalibration)
     """
     file = study.file
     _, plate, time, marker = _read(study, weight.file, weight.belt, file.marker)
-    clock, rate = plate.time, (len(plate.time) - 1) / float(plate.time[-1] - plate.time[0])
+    clock, rate = plate.time, plate.rate_hz
     held = (clock >= time[0]) & (clock <= time[-1])
     clock, raw = clock[held], _to_cameras(plate.wrench[held], alignment)
     if len(clock) < SHORTEST_S * rate:
@@ -163,8 +163,7 @@ def static_places(study: PlatesStudy, belt: Belt) -> tuple[Array, Array] | None:
     names = [s.file for s in study.file.static if s.belt == belt]
     for name in names:
         recording, plate, time, marker = _read(study, name, belt, study.file.marker)
-        rate = (len(plate.time) - 1) / float(plate.time[-1] - plate.time[0])
-        wrench = interpolate(plate.time, smooth(plate.wrench, rate, STILL_HZ), time)
+        wrench = interpolate(plate.time, smooth(plate.wrench, plate.rate_hz, STILL_HZ), time)
         threshold = 0.5 * float(np.nanpercentile(wrench[:, 2], 90))
         wrench = _without_drift(time, wrench, wrench[:, 2] < 0.2 * threshold)
         speed = np.linalg.norm(

@@ -64,6 +64,11 @@ class Plate:
             object.__setattr__(self, name, value)
 
     @property
+    def rate_hz(self) -> float:
+        """Sampling rate [Hz]."""
+        return _rate_hz(self.time)
+
+    @property
     def wrench(self) -> Array:
         """Action on the subject in lab axes about the lab origin, platform in neutral, (N, 6)."""
         return transform_wrench(self.wrench_in_plate, self.rotation, self.center)
@@ -105,6 +110,11 @@ class Analog:
                 f"analog values must have shape ({len(self.time)}, {len(self.names)}), "
                 f"got {self.values.shape}"
             )
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate [Hz]."""
+        return _rate_hz(self.time)
 
     def channel(self, name: str) -> Array:
         """Give one channel by name, (N,); a KeyError lists the channels that exist."""
@@ -155,3 +165,7 @@ class Recording:
         for name in ("metadata", "model_outputs"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         object.__setattr__(self, "events", tuple(sorted(self.events, key=lambda e: e.time)))
+
+
+def _rate_hz(time: Array) -> float:
+    return (len(time) - 1) / float(time[-1] - time[0])

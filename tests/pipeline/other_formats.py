@@ -1,14 +1,36 @@
 """One trial written as other laboratories' programs write it: for tests of the readers."""
 
+from dataclasses import replace
 from xml.sax.saxutils import escape
 
 import numpy as np
 
+from hbm.markers import Markers
 from hbm.spatial import rotate_wrench, shift_wrench
 from pipeline.axes import parse_axes
 from pipeline.opensim_tables import write_trc
 
 FRAME = ("X", "Y", "Z")
+
+
+def excerpt(walker, start, stop, *, first_frame=1):
+    """Give frames of a recording as one of its own, markers and plates only."""
+    markers, count = walker.markers, stop - start
+    return replace(
+        walker,
+        markers=Markers(np.arange(count) / 100, markers.names, markers.position[start:stop]),
+        plates=tuple(
+            replace(
+                plate,
+                time=np.arange(10 * count) / 1000,
+                wrench_in_plate=plate.wrench_in_plate[10 * start : 10 * stop],
+            )
+            for plate in walker.plates
+        ),
+        analog=None,
+        events=(),
+        first_frame=first_frame,
+    )
 
 
 def in_file(recording, axes, *, every=1, about=None):

@@ -3,11 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.markers import Markers
 from pipeline.dflow import read_dflow
 from pipeline.dflow_record import read_record
 from pipeline.files import read_recording
-from tests.pipeline.other_formats import write_dflow
+from tests.pipeline.other_formats import excerpt, write_dflow
 
 
 @pytest.fixture
@@ -18,17 +17,7 @@ def rng():
 @pytest.fixture(scope="module")
 def trial(walker):
     """Three seconds of walking without gaps."""
-    markers, plates = walker.markers, walker.plates
-    return replace(
-        walker,
-        markers=Markers(np.arange(300) / 100, markers.names, markers.position[500:800]),
-        plates=tuple(
-            replace(p, time=np.arange(3000) / 1000, wrench_in_plate=p.wrench_in_plate[5000:8000])
-            for p in plates
-        ),
-        analog=None,
-        events=(),
-    )
+    return excerpt(walker, 500, 800)
 
 
 RECORD = """Time\tLeftBelt.Speed\tRightBelt.Speed

@@ -4,32 +4,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.markers import Markers
 from pipeline.c3d_writer import write_c3d
 from pipeline.files import file_format, read_recording
 from pipeline.process import process_recording
 from pipeline.study import Settings, Subject
-from tests.pipeline.other_formats import write_dflow, write_mox, write_nexus, write_opensim
+from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
 
 
 @pytest.fixture(scope="session")
 def trial(walker):
     """Four seconds of walking with gaps, plates and markers only."""
-    position = walker.markers.position[400:800].copy()
+    whole = excerpt(walker, 400, 800, first_frame=17)
+    position = whole.markers.position.copy()
     position[30:42, 3] = np.nan
     position[100, [5, 7]] = np.nan
     position[-3:, 0] = np.nan
-    return replace(
-        walker,
-        markers=Markers(np.arange(400) / 100, walker.markers.names, position),
-        plates=tuple(
-            replace(p, time=np.arange(4000) / 1000, wrench_in_plate=p.wrench_in_plate[4000:8000])
-            for p in walker.plates
-        ),
-        analog=None,
-        events=(),
-        first_frame=17,
-    )
+    return replace(whole, markers=replace(whole.markers, position=position))
 
 
 @pytest.fixture(scope="session")

@@ -1,29 +1,14 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from hbm.markers import Markers
 from pipeline.files import read_recording
-from tests.pipeline.other_formats import write_mox, write_nexus
+from tests.pipeline.other_formats import excerpt, write_mox, write_nexus
 
 
 @pytest.fixture(scope="module")
 def trial(walker):
     """One second of walking that begins at frame 301."""
-    return replace(
-        walker,
-        markers=Markers(
-            np.arange(100) / 100, walker.markers.names, walker.markers.position[500:600]
-        ),
-        plates=tuple(
-            replace(p, time=np.arange(1000) / 1000, wrench_in_plate=p.wrench_in_plate[5000:6000])
-            for p in walker.plates
-        ),
-        analog=None,
-        events=(),
-        first_frame=301,
-    )
+    return excerpt(walker, 500, 600, first_frame=301)
 
 
 def changed(path, *pairs):
