@@ -52,8 +52,8 @@ static inline void three(const task *of, const double *table, long long first, l
 }
 
 /* Sum the markers of a block per segment: w, wp, wpp, wm, wmp, wmm (see hbm.skeleton). */
-static void sum_markers(const task *of, long long first, lanes *sums) {
-  lanes origin[3];
+static void sum_markers(const task *of, long long first, double waiting[LANES][SUMS * SEGMENTS]) {
+  lanes origin[3], sums[SUMS * SEGMENTS];
   three(of, of->start, first, origin);
   for (int i = 0; i < SUMS * SEGMENTS; ++i) sums[i] = zero;
   for (long long k = 0; k < of->markers; ++k) {
@@ -73,6 +73,8 @@ static void sum_markers(const task *of, long long first, lanes *sums) {
       s[22] += pick(seen, wm * m[i], zero);
     }
   }
+  for (int i = 0; i < SUMS * SEGMENTS; ++i)
+    for (int l = 0; l < LANES; ++l) waiting[l][i] = sums[i][l];
 }
 
 /* Distance of the markers from the model in a block of solved frames. */
@@ -100,7 +102,7 @@ static void measure_errors(const task *of, long long first, const lanes *shape) 
 }
 
 /* Put a frame into a lane. */
-static void enter(const task *of, walkers *all, const lanes *sums, long long t, int l) {
+static void enter(const task *of, walkers *all, const double *sums, long long t, int l) {
   all->frame[l] = t;
   for (int i = 0; i < N; ++i) {
     all->at[i][l] = of->start[N * t + i];
@@ -114,7 +116,7 @@ static void enter(const task *of, walkers *all, const lanes *sums, long long t, 
     all->at[i][l] = 0 * all->at[i][l];
   }
   for (int i = 0; i < N; ++i) all->best[i][l] = all->at[i][l];
-  for (int i = 0; i < SUMS * SEGMENTS; ++i) all->sums[i][l] = sums[i][t % LANES];
+  for (int i = 0; i < SUMS * SEGMENTS; ++i) all->sums[i][l] = sums[i];
   all->cost[l] = INFINITY;
   all->slope[l] = NAN;
   all->curvature[l] = 1;
@@ -171,7 +173,8 @@ static void advance(const task *of, walkers *all, const lanes *shape) {
 /* Solve frames: whenever one leaves its lane the next one takes it. */
 EXPORT
 void solve_frames(const task *of) {
-  lanes shape[GEOMETRY], sums[SUMS * SEGMENTS];
+  lanes shape[GEOMETRY];
+  double waiting[LANES][SUMS * SEGMENTS];
   walkers all = {.frame = {0}};
   for (int i = 0; i < GEOMETRY; ++i) shape[i] = broadcast(of->geometry[i]);
   for (int l = 0; l < LANES; ++l) all.frame[l] = -1;
@@ -179,8 +182,9 @@ void solve_frames(const task *of) {
     busy = 0;
     for (int l = 0; l < LANES; ++l) {
       if (all.frame[l] < 0 && next < of->frames) {
-        if (next % LANES == 0) sum_markers(of, next, sums);
-        enter(of, &all, sums, next++, l);
+        if (next % LANES == 0) sum_markers(of, next, waiting);
+        enter(of, &all, waiting[next % LANES], next, l);
+        ++next;
       }
       busy |= all.frame[l] >= 0;
     }

@@ -86,11 +86,6 @@ def _children_cpu() -> float:
     return used.children_user + used.children_system
 
 
-def _children_cpu() -> float:
-    used = os.times()
-    return used.children_user + used.children_system
-
-
 def _seconds(*arguments: str, **environment: str) -> float:
     start = time.perf_counter()
     _run(*arguments, **environment)

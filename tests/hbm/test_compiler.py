@@ -13,6 +13,7 @@ from hbm import compiler, native
 from hbm.compiler import cache_directory, compiled_library, compilers
 from hbm.native import kernels, load
 
+NAMES = ("newton_step", "segment_poses", "newton_euler")
 SMALL = "int answer(void) { return 42; }\n"
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="this machine has no C compiler")
@@ -38,6 +39,18 @@ def small(monkeypatch):
 @pytest.fixture
 def said():
     return []
+
+
+def agree(name, ours, theirs):
+    rng = np.random.default_rng(40)
+    inputs = [
+        rng.normal(size=n if i in ours.shared else (70, n)) for i, n in enumerate(ours.sizes_in)
+    ]
+    if name == "newton_step":
+        inputs[4] += 1e4  # far from singular, or the numbers are rounding blown up
+    for one, other in zip(ours(*inputs, jobs=2), theirs(*inputs, jobs=2), strict=True):
+        scale = np.abs(other).max()
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * scale)
 
 
 @needs_compiler
@@ -132,21 +145,12 @@ def test_the_virtual_machine_can_be_asked_for(monkeypatch, said):
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["newton_step", "segment_poses", "newton_euler"])
+@pytest.mark.parametrize("name", NAMES)
 def test_the_virtual_machine_and_the_compiled_kernels_give_the_same_numbers(name, monkeypatch):
     compiled = getattr(kernels(), name)
     monkeypatch.setenv("HBM_KERNELS", "virtual-machine")
     interpreted = getattr(load(lambda _: None), name)
-    rng = np.random.default_rng(40)
-    inputs = [
-        rng.normal(size=n if i in compiled.shared else (70, n))
-        for i, n in enumerate(compiled.sizes_in)
-    ]
-    if name == "newton_step":
-        inputs[4] += 1e4  # far from singular, or the numbers are rounding blown up
-    for ours, theirs in zip(compiled(*inputs, jobs=2), interpreted(*inputs, jobs=2), strict=True):
-        scale = np.abs(theirs).max()
-        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9 * scale)
+    agree(name, compiled, interpreted)
 
 
 @needs_compiler
@@ -176,11 +180,9 @@ def test_the_compiler_that_pip_brings_compiles_and_runs_the_kernels(cache, monke
     assert [name for name, _ in compilers()] == ["ziglang"]
     brought = load(said.append)
     assert brought.backend == "ziglang"
-    q = np.random.default_rng(42).normal(size=(9, 46))
-    geometry = np.random.default_rng(43).normal(size=brought.segment_poses.sizes_in[1])
-    np.testing.assert_allclose(
-        brought.segment_poses(q, geometry)[0], kernels().segment_poses(q, geometry)[0], atol=1e-12
-    )
+    assert brought.solve_frames is not None
+    for name in NAMES:
+        agree(name, getattr(brought, name), getattr(kernels(), name))
 
 
 @pytest.mark.parametrize(
@@ -192,3 +194,16 @@ def test_the_cache_is_the_user_s_own(monkeypatch, tmp_path, platform, variable, 
     monkeypatch.setattr(sys, "platform", platform)
     monkeypatch.setenv(variable, str(tmp_path))
     assert cache_directory() == tmp_path / tail
+
+
+@needs_compiler
+@pytest.mark.parametrize("turns", [0.5, 30.0, 1e5])
+def test_sines_of_lanes_are_those_of_the_library(turns):
+    """The yaw of the pelvis turns the x axis in the plane, once per two π, exactly."""
+    yaw = np.random.default_rng(44).uniform(-turns, turns, 400) * 2 * np.pi
+    q = np.zeros((len(yaw), 46))
+    q[:, 3] = yaw
+    kernel = kernels().segment_poses
+    pose = kernel(q, np.zeros(kernel.sizes_in[1]))[0]
+    np.testing.assert_allclose(pose[:, 0], np.cos(yaw), rtol=0, atol=4e-16)
+    np.testing.assert_allclose(pose[:, 1], np.sin(yaw), rtol=0, atol=4e-16)
