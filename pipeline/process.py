@@ -4,6 +4,7 @@ import numpy as np
 
 from hbm.body import Body, build_body
 from hbm.coordinates import SEGMENTS
+from hbm.describe import changed_distances, implausible
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.filtering import butterworth
 from hbm.kinematics import solve_ik
@@ -22,7 +23,7 @@ from pipeline.motion_notes import motion_notes
 from pipeline.recording import Recording
 from pipeline.study import Condition, Settings, Study, Subject, Treadmill, Trial
 from pipeline.trial_result import TrialResult
-from pipeline.weighing import body_mass, stature
+from pipeline.weighing import body_mass, carried_kg, stature
 from pipeline.windows import perturbation_onsets, select_cycles
 
 
@@ -114,6 +115,7 @@ def process_recording(
     onsets = perturbation_onsets(recording, rule, acted.pose) if rule.perturbed else np.empty(0)
     chosen, missing = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
     delay, uncertainty, said = _delay(dynamics[best], ground[best], motion)
+    vertical = np.sum([wrench[:, 2] for wrench in ground[best].values()], axis=0)
     return TrialResult(
         source=recording.source,
         subject=subject,
@@ -133,6 +135,8 @@ def process_recording(
         notes=(
             *recording.notes,
             weighed,
+            *implausible(body, weighed_kg=carried_kg(motion.time, vertical, cycles)),
+            *changed_distances(body, recording.markers),
             *body.notes,
             *motion_notes(body, raw),
             *acted.notes,

@@ -1,15 +1,18 @@
 """Body mass and stature: as stated, or as the plates weigh the subject and the file says."""
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from hbm.skeleton import GRAVITY
+from hbm.spatial import Array
 from pipeline.recording import Recording
 from pipeline.study import Subject
 
 WEIGHING_FRAMES: Final = 100
 STEADY_SHARE: Final = 0.02
+LEAST_SHARE: Final = 0.3
 
 
 def body_mass(subject: Subject, pose: Recording) -> tuple[float, str]:
@@ -53,6 +56,34 @@ def body_mass(subject: Subject, pose: Recording) -> tuple[float, str]:
         )
     mass = float(np.mean(weight)) / GRAVITY
     return mass, f"body mass {mass:.1f} kg by the plates, first {WEIGHING_FRAMES} frames of {name}"
+
+
+def carried_kg(time: Array, vertical: Array, cycles: Mapping[str, Array]) -> float | None:
+    """Give the mass that the plates carry over whole gait cycles, to hold a stated one against.
+
+    Parameters
+    ----------
+    time
+        (T,) [s].
+    vertical
+        Vertical force of all plates on the subject, filtered, (T,) [N].
+    cycles
+        Side -> start and stop of each gait cycle, (C, 2) [s].
+
+    Returns
+    -------
+    float or None
+        Mean vertical force over the cycles by gravity [kg], for over whole cycles a body gains no
+        vertical speed. None where the plates do not carry the subject throughout: without cycles,
+        in running, or where a foot lands beside them (less than 0.3 of that mean at some instant).
+    """
+    inside = np.zeros(len(time), bool)
+    for start, stop in max(cycles.values(), key=len, default=np.empty((0, 2))):
+        inside |= (time >= start) & (time < stop)
+    carried = vertical[inside & np.isfinite(vertical)]
+    if not len(carried) or carried.min() < LEAST_SHARE * carried.mean():
+        return None
+    return float(carried.mean()) / GRAVITY
 
 
 def stature(subject: Subject, pose: Recording) -> float | None:

@@ -1,5 +1,6 @@
 """One trial of a study, end to end on files: what compensation takes, and which cycles count."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from pipeline.process import process_recording, process_trial
 from pipeline.recording import Event
 from pipeline.residuals import residual_table
 from pipeline.study import Condition, Settings, Subject, read_study
-from pipeline.weighing import body_mass
+from pipeline.weighing import body_mass, carried_kg
 from tests.pipeline import lab
 
 PERSON = Subject(id="sub01", sex="male")
@@ -191,6 +192,37 @@ def test_mass_is_weighed_in_the_first_hundred_frames(walker, results):
     assert "by the plates, first 100 frames" in said
     assert results["pitch"].body.mass == pytest.approx(mass, rel=0.002)
     assert body_mass(Subject(mass_kg=70.0), walker)[0] == 70.0
+
+
+def warnings(result):
+    return [note for note in result.notes if note.startswith("warning")]
+
+
+def test_a_stated_mass_that_the_plates_deny_is_told(walker, results):
+    true = lab.PEOPLE[0].mass_kg
+    assert all(warnings(result) == [] for result in results.values())
+    assert warnings(process_recording(walker, Subject(mass_kg=1.04 * true), Settings())) == []
+    (said,) = warnings(process_recording(walker, Subject(mass_kg=1.1 * true), Settings()))
+    assert re.search(r"is \+(10|11) % off the 74\.\d kg that the plates say", said)
+
+
+def test_plates_that_do_not_carry_the_subject_throughout_do_not_weigh():
+    time = np.arange(300) / 100
+    vertical = 700 + 100 * np.sin(4 * np.pi * time)
+    cycles = {"left": np.array([[0.0, 1.0], [1.0, 2.0]]), "right": np.empty((0, 2))}
+    assert carried_kg(time, vertical, cycles) == pytest.approx(700 / 9.81)
+    beside = np.where((time > 0.5) & (time < 0.9), 0.0, vertical)
+    assert carried_kg(time, beside, cycles) is None
+    assert carried_kg(time, vertical, {"left": np.empty((0, 2))}) is None
+
+
+def test_a_marker_that_moved_since_the_calibration_pose_is_told(walker):
+    markers = walker.markers
+    position = markers.position.copy()
+    position[:, markers.names.index("LLTHI")] += [0.0, 0.0, 0.06]
+    moved = replace(walker, markers=replace(markers, position=position))
+    said = warnings(process_recording(moved, PERSON, Settings(), static=walker))
+    assert any("on the left_thigh markers are not as far apart" in line for line in said)
 
 
 def test_noisy_plates_weigh_as_well(walker):
