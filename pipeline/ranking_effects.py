@@ -81,6 +81,22 @@ def better_than_random(pairs: pd.DataFrame, kind: str) -> pd.DataFrame:
     return pd.concat([direct, inverse])[columns].reset_index(drop=True)
 
 
+def kinds_by_random(pairs: pd.DataFrame) -> pd.DataFrame:
+    """Give per kind of trial the RMS it leaves as a ratio of that left by random, least first.
+
+    Returns
+    -------
+    pandas.DataFrame
+        kind, one column per component, and their geometric mean "all".
+    """
+    ours = pairs[pairs["factor"] == "kind"]
+    rows = []
+    for kind in sorted({*ours["first"], *ours["second"]} - {REFERENCE}):
+        ratios = better_than_random(pairs, kind).set_index("component")["ratio"]
+        rows.append({"kind": kind, **ratios.to_dict(), "all": float(np.exp(np.log(ratios).mean()))})
+    return pd.DataFrame(rows).sort_values("all") if rows else pd.DataFrame()
+
+
 def _anova_columns(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     columns = ["component", "effect", "df", "f", "p", "partial_eta_squared"]
     return pd.concat(tables, ignore_index=True)[columns]

@@ -11,7 +11,7 @@ from compensation import BeltModel
 from pipeline.figures import save_figure
 from pipeline.ranking import Ranking, best_trials
 from pipeline.ranking_belt import Interaction
-from pipeline.ranking_effects import better_than_random, effects
+from pipeline.ranking_effects import better_than_random, effects, kinds_by_random
 from pipeline.ranking_figures import (
     belt_figure,
     compensation_figure,
@@ -184,6 +184,8 @@ def _platform(ranking: Ranking, validation: tuple[PlatformTrial, ...], out: Path
         "Effects on the RMS that is left (type III, main effects; Bonferroni between levels in "
         "effect_pairs.csv):",
         markdown(tests, 3),
+        "RMS left by each kind, by that of plain random motion (all: geometric mean):",
+        markdown(kinds_by_random(pairs)),
         squares_of_sway(squares),
     ]
 
@@ -256,5 +258,5 @@ def _interaction(found: Interaction, names: tuple[str, ...], out: Path) -> list[
         said += f"; while it accelerates, and half a second after, they shake more ({loud})"
     if np.isfinite(found.artefact).all():
         force, moment = found.artefact[:3].max(), found.artefact[3:].max()
-        said += f"; compensation makes up to {force:.2f} N and {moment:.2f} N·m RMS of it"
-    return [f"{said}.", markdown(found.table, 4)]
+        said += f"; compensation makes up to {force:.2f} N and {moment:.2f} N·m RMS of what follows"
+    return [f"{said[0].upper()}{said[1:]}.", markdown(found.table, 4)]

@@ -12,7 +12,7 @@ from compensation import low_pass as low_pass_causal
 from pipeline.cli import main
 from pipeline.ranking import best_trials, rank_platform, ranked
 from pipeline.ranking_belt import interaction, rank_belts
-from pipeline.ranking_effects import better_than_random, effects
+from pipeline.ranking_effects import better_than_random, effects, kinds_by_random
 from pipeline.ranking_report import recommendation, table_2
 from pipeline.ranking_trials import BeltTrial, Rules, factors, platform_trial
 from pipeline.virtual_lab import people, ranking_lab
@@ -148,6 +148,10 @@ def test_a_speed_that_halves_the_error_is_found_and_a_duration_without_effect_is
     assert ratio["ratio_low"] < 2 < ratio["ratio_high"]
     squares = better_than_random(pairs, "square_sway").iloc[0]
     assert squares["ratio_low"] < 1 < squares["ratio_high"]
+    kinds = kinds_by_random(pairs).set_index("kind")
+    assert kinds.loc["square_sway", "Fx"] == pytest.approx(squares["ratio"])
+    assert len(kinds) == 6
+    assert kinds["all"].is_monotonic_increasing
 
 
 def belt_trial(seed, name, leak=0.0):
