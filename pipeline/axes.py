@@ -99,7 +99,8 @@ def settle_axes(
     -----
     Up is where loaded plates push the subject and where the pelvis and shoulders lie from the
     feet; left is from right-side to left-side markers; forward is left × up, checked against heel
-    to toe. Stated axes are checked against up only: a subject may face either way in a lab.
+    to toe. Stated axes are refused by up only, for a subject may face either way in a lab; that
+    they let the subject face elsewhere than forward is said.
     """
     position = np.asarray(position, float)
     places = {name: k for k, name in enumerate(names)}
@@ -108,7 +109,7 @@ def settle_axes(
     if axes is not None:
         if rise is not None:
             _check_up(parse_axes(axes)[2], {"pelvis or shoulders above feet": rise, **loads})
-        return axes, _sentence(axes, "as stated")
+        return axes, _sentence(axes, "as stated") + _faces(axes, position, places)
     if not np.isfinite(position).any():
         raise ValueError(f"axes cannot be inferred: no marker is ever visible; {ASK}")
     up, why_up = _infer_up(rise, loads, plate_normals, screen_up)
@@ -126,6 +127,19 @@ def settle_axes(
     rotation = np.array([forward, left, up])
     axes = ",".join(_direction_name(column) for column in rotation.T)
     return axes, _sentence(axes, f"up by {why_up}; left by {why_left}{why_forward}")
+
+
+def _faces(axes: str, position: Array, places: dict[str, int]) -> str:
+    """Say where the subject faces by the stated axes, if that is one way and not forward."""
+    rotation = parse_axes(axes)
+    try:
+        left, why = _infer_left(position, places, rotation[2])
+    except ValueError:
+        return ""
+    facing = _direction_name(rotation @ np.cross(left, rotation[2]))
+    if facing == "forward":
+        return ""
+    return f" warning: by them the subject faces {facing}, for {why} tell left; are they right?"
 
 
 def _sentence(axes: str, why: str) -> str:

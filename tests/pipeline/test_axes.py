@@ -134,5 +134,14 @@ def test_stated_axes_of_an_empty_treadmill_stand(subject):
 
 
 def test_a_subject_may_face_back_in_stated_axes(subject):
-    axes, _ = settle_axes("back,right,up", subject.position, subject.names)
+    axes, sentence = settle_axes("back,right,up", subject.position, subject.names)
     assert axes == "back,right,up"
+    assert "warning: by them the subject faces back" in sentence
+
+
+def test_stated_axes_that_confuse_forward_and_sideways_are_told(subject):
+    """Or the residuals of x and y would change places in silence."""
+    for axes, facing in (("left,back,up", "left"), ("right,forward,up", "right")):
+        sentence = settle_axes(axes, subject.position, subject.names)[1]
+        assert f"warning: by them the subject faces {facing}, for the pairs" in sentence
+    assert "warning" not in settle_axes("forward,left,up", subject.position, subject.names)[1]
