@@ -1,5 +1,7 @@
 """A recording of the empty, moving treadmill -> the calibration of its plates."""
 
+import json
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -75,12 +77,36 @@ def read_calibration(path: Path, treadmill: Treadmill, axes: str | None) -> Cali
     """
     if path.suffix.lower() == ".json":
         try:
-            return from_json(path.read_text(encoding="utf-8"))
+            calibration = from_json(path.read_text(encoding="utf-8"))
+            _require_places(calibration, treadmill)
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error
+        return calibration
     written = path.stat()
     stated = treadmill.model_dump_json(exclude={"platform"})
     return _fitted(path, (written.st_mtime_ns, written.st_size), stated, axes)
+
+
+def _require_places(calibration: Calibration, treadmill: Treadmill) -> None:
+    """Refuse a channel stated as another axis or sensor than it was in the calibration."""
+    try:
+        known = _places(json.loads(calibration.provenance.get("channels", "{}")))
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ValueError("the calibration's channels are damaged; fit it again") from error
+    for channel, place in _places(treadmill.accelerometers).items():
+        if known.get(channel, place) != place:
+            raise ValueError(
+                f"the calibration was made with channel {channel!r} as {known[channel]}, "
+                f"but treadmill.accelerometers has it as {place}"
+            )
+
+
+def _places(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    return {
+        channel: f"{axis} of {sensor}"
+        for sensor, channels in sensors.items()
+        for axis, channel in zip("xyz", channels, strict=True)
+    }
 
 
 @lru_cache(maxsize=2)

@@ -1,12 +1,13 @@
 """What acts on the subject on a platform that moves: inertia off its plates, then into the lab."""
 
+import json
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from compensation import to_json
+from compensation import Calibration, to_json
 from hbm.filtering import butterworth, resample
 from pipeline import calibration_recording
 from pipeline.laboratory import (
@@ -243,6 +244,26 @@ def test_a_calibration_is_the_same_from_its_recording_and_from_its_file(tmp_path
     stored.write_text(to_json(fitted), encoding="utf-8")
     read = read_calibration(stored, TREADMILL, None)
     np.testing.assert_array_equal(read.plates["plate 1"].gain, fitted.plates["plate 1"].gain)
+
+
+def test_a_channel_in_another_place_than_in_the_calibration_is_refused(tmp_path, calibration):
+    """Nothing in a trial tells a sensor's x from its y, and what they compensate would be wrong."""
+    stored = tmp_path / "lab.json"
+    facts = {"channels": json.dumps(lab.CHANNELS)}
+    stored.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
+    read_calibration(stored, TREADMILL, None)
+    sensor = next(iter(lab.CHANNELS))
+    x, y, z = lab.CHANNELS[sensor]
+    exchanged = Treadmill(accelerometers=lab.CHANNELS | {sensor: (y, x, z)})
+    said = f"lab.json: the calibration was made with channel '{y}' as y of {sensor}, but "
+    with pytest.raises(ValueError, match=re.escape(said)):
+        read_calibration(stored, exchanged, None)
+    other_files = Treadmill(accelerometers=lab.CHANNELS | {sensor: ("A.1", "A.2", "A.3")})
+    read_calibration(stored, other_files, None)
+    facts = {"channels": "[1]"}
+    stored.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"lab\.json: the calibration's channels are damaged"):
+        read_calibration(stored, TREADMILL, None)
 
 
 def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path, monkeypatch):
