@@ -113,7 +113,7 @@ static void enter(const task *of, walkers *all, const double *sums, long long t,
   for (int i = 0; i < 3; ++i) {
     all->origin[i][l] = all->at[i][l];
     all->toward[i][l] -= all->at[i][l];
-    all->at[i][l] = 0 * all->at[i][l];
+    all->at[i][l] -= all->at[i][l]; /* nothing, or not a number */
   }
   for (int i = 0; i < N; ++i) all->best[i][l] = all->at[i][l];
   for (int i = 0; i < SUMS * SEGMENTS; ++i) all->sums[i][l] = sums[i];

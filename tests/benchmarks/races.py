@@ -83,6 +83,7 @@ def _row(entries: dict[str, Entry], name: str, trial: Trial) -> Row:
     return {
         "key": name,
         "name": entry.name,
+        "frames": frames,
         "frames_per_s": frames / entry.median("wall"),
         **{f"{clock}_us": 1e6 * entry.median(clock) / frames for clock in ("wall", "cpu", "user")},
         "cpu_ratio": ratio(entry, ours, "cpu"),

@@ -157,6 +157,9 @@ def show(found: dict[str, Any], reached: list[Target]) -> None:
 
 
 def _table(title: str, rows: list[dict[str, Any]], columns: dict[str, tuple]) -> Table:
+    lengths = {row["frames"] for row in rows if "frames" in row}
+    if len(lengths) == 1:
+        title += f", {lengths.pop():,} frames"
     table = Table(title=title, title_justify="left")
     table.add_column("", no_wrap=True)
     for name in columns:

@@ -13,7 +13,7 @@ from tests.benchmarks.trial import Trial, leave_trial
 from tests.benchmarks.walker import walk, with_dropouts, with_random_gaps
 from tests.synthetic import synthetic_body
 
-FRAMES = (1000, 4000, 16000, 72000)
+FRAMES = (1000, 6000, 30000, 72000)
 GAP_FRAMES = 8000
 ELSEWHERE = 1e-5
 LEG = ("thigh", "shank", "foot")

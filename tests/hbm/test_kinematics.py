@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from hbm import tracking
+from hbm import descent, tracking
 from hbm.coordinates import COORDINATES, INDEX, N
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
@@ -209,7 +209,8 @@ def test_workers_do_not_show_in_the_result(body, noisy, solved, jobs):
 
 @pytest.mark.parametrize("chunk", [1, 37, 100_000])
 def test_pieces_do_not_show_in_the_result(body, noisy, solved, chunk, monkeypatch):
-    monkeypatch.setattr(tracking, "CHUNK", chunk)
+    for module in (tracking, descent):
+        monkeypatch.setattr(module, "CHUNK", chunk)
     np.testing.assert_allclose(solve_ik(body, noisy).q, solved.q, atol=1e-9)
 
 
