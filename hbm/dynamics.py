@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from hbm.model import Body
 from hbm.motion import Motion
 from hbm.native import kernels
 from hbm.spatial import Array, shift_wrench
+
+CHUNK: Final = 2000
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,21 +153,26 @@ def inverse_dynamics_variants(
     if frames and np.isnan(motion.v).all() and not np.isnan(motion.q).all():
         raise ValueError("the motion has no velocities; filter it first with filter_motion")
 
-    tau, needed, subspace = kernels().newton_euler(
-        motion.q, motion.v, motion.a, body.geometry, body.inertia_vector, jobs=jobs
-    )
-    subspace = subspace.reshape(frames, N, 6)
-    pelvis = motion.q[:, :3]
-    results = []
-    for wrenches in variants:
-        outside = np.zeros((frames, 6))
-        force = tau.copy()
-        for segment, wrench in wrenches.items():
-            wrench = np.asarray(wrench, float)
-            outside += wrench
-            chain = np.array(support(LAST[segment]))
-            moment_first = np.concatenate([wrench[:, 3:], wrench[:, :3]], axis=1)
-            force[:, chain] -= np.einsum("tci,ti->tc", subspace[:, chain], moment_first)
-        residual = shift_wrench(needed - outside, pelvis)
-        results.append(Dynamics(motion.time, force, residual, force * motion.v))
-    return results
+    forces = [np.empty((frames, N)) for _ in variants]
+    residuals = [np.empty((frames, 6)) for _ in variants]
+    for first in range(0, frames, CHUNK):
+        some = slice(first, first + CHUNK)
+        rates = (x[some] for x in (motion.q, motion.v, motion.a))
+        tau, needed, subspace = kernels().newton_euler(
+            *rates, body.geometry, body.inertia_vector, jobs=jobs
+        )
+        subspace = subspace.reshape(-1, N, 6)
+        for wrenches, force, residual in zip(variants, forces, residuals, strict=True):
+            outside = np.zeros_like(needed)
+            force[some] = tau
+            for segment, wrench in wrenches.items():
+                own = np.asarray(wrench, float)[some]
+                outside += own
+                chain = np.array(support(LAST[segment]))
+                moment_first = np.concatenate([own[:, 3:], own[:, :3]], axis=1)
+                force[some, chain] -= np.einsum("tci,ti->tc", subspace[:, chain], moment_first)
+            residual[some] = shift_wrench(needed - outside, motion.q[some, :3])
+    return [
+        Dynamics(motion.time, force, residual, force * motion.v)
+        for force, residual in zip(forces, residuals, strict=True)
+    ]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hbm import dynamics
 from hbm.center_of_mass import center_of_mass
 from hbm.coordinates import INDEX, LAST, MOVING, SEGMENTS, TREE, support
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
@@ -252,6 +253,15 @@ def test_variants_in_one_pass_equal_each_alone(body, motion, wrenches):
         alone = inverse_dynamics(body, motion, given)
         np.testing.assert_array_equal(one.tau, alone.tau)
         np.testing.assert_array_equal(one.residual, alone.residual)
+
+
+@pytest.mark.parametrize("chunk", [1, 7])
+def test_pieces_do_not_show_in_the_forces(body, motion, wrenches, chunk, monkeypatch):
+    whole = inverse_dynamics(body, motion, wrenches)
+    monkeypatch.setattr(dynamics, "CHUNK", chunk)
+    pieces = inverse_dynamics(body, motion, wrenches)
+    np.testing.assert_array_equal(pieces.tau, whole.tau)
+    np.testing.assert_array_equal(pieces.residual, whole.residual)
 
 
 def test_frames_without_a_solution_or_a_wrench_are_undefined_and_no_others(body, motion, wrenches):
