@@ -32,9 +32,10 @@ def run(folder: Path, out: Path, *, simulate: bool = False, seed: int = 0) -> No
     """
     console = Console(highlight=False, markup=False)
     if simulate:
+        console.print("simulating recordings of known weights", style="dim")
         _simulate(folder, seed)
     study = read_plates_study(folder)
-    console.print(f"{len(study.file.weights)} recordings of known weights", style="dim")
+    console.print(f"reading {len(study.file.weights)} recordings of known weights", style="dim")
     found = check_plates(study)
     sentence = write_report(found, out)
     for one in found.estimates:

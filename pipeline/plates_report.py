@@ -33,7 +33,11 @@ COLUMNS: Final = {
     "Mz (Nm)": ("Mx", 1.0),
 }
 """The thesis' columns (x right, y up, z back) -> quantity in lab axes (x forward, y left, z up)."""
-
+TABLE_NOTE: Final = (
+    "Root mean square errors. Axes of the thesis: x to the right, y up, z back. "
+    "Without another word: orthogonal (TLLS), with supports where there are recordings."
+)
+LAB_NOTE: Final = "Lab axes: x forward, y left, z up."
 SHOWN_AS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
 
 
@@ -187,11 +191,7 @@ def write_report(found: Experiment1, out: Path) -> str:
         ]
     )
     write_csv(listed, out / "faults.csv")
-    note = (
-        "Root mean square errors. Axes of the thesis: x to the right, y up, z back. "
-        "Without another word: orthogonal (TLLS), with supports where there are recordings."
-    )
-    write_text(f"{note}\n\n{markdown(table, 1)}\n", out / "table_1.md")
+    write_text(f"{TABLE_NOTE}\n\n{markdown(table, 1)}\n", out / "table_1.md")
     if len(found.tests):
         write_csv(found.tests, out / "anova.csv")
         write_csv(found.pairs, out / "pairs.csv")
@@ -227,7 +227,7 @@ def _page(found: Experiment1, sentence: str, against: Sequence[str], correct: Se
         if items:
             lines.append(f"## {title}\n\n" + "\n".join(f"- {item}" for item in items))
     lines.append(
-        "## Faults different from zero beyond chance\n\n"
+        f"## Faults different from zero beyond chance\n\n{LAB_NOTE}\n\n"
         + ("\n".join(f"- {said(e)}" for e in faults) or "None.")
     )
     facts = [
@@ -260,10 +260,16 @@ def _page(found: Experiment1, sentence: str, against: Sequence[str], correct: Se
     lines += [
         "## Measured\n\n" + "\n".join(facts),
         "## Table I",
+        TABLE_NOTE,
         markdown(table_1(found.errors), 1),
     ]
     if len(found.tests):
-        lines += ["## Do speed, position and weight matter?", markdown(found.tests, 3)]
+        lines += [
+            "## Do speed, position and weight matter?",
+            f"{LAB_NOTE} Orthogonal errors after a Box–Cox transformation (exponent), analysis of "
+            "variance of type III, main effects; pairs of levels are in pairs.csv.",
+            markdown(found.tests, 3),
+        ]
     return "\n\n".join(lines) + "\n"
 
 

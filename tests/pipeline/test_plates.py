@@ -175,7 +175,10 @@ def test_one_command_leaves_table_figures_and_a_verdict(tmp_path, capsys):
     assert main(["plates", str(folder), "--out", str(out)]) == 0
     assert "Fit for inverse dynamics." in capsys.readouterr().out
     page = (out / "verdict.md").read_text(encoding="utf-8")
-    assert "Faults different from zero beyond chance\n\nNone." in page
+    assert (
+        "Faults different from zero beyond chance\n\nLab axes: x forward, y left, z up.\n\nNone."
+        in page
+    )
     assert len(pd.read_csv(out / "table_1.csv")) > 10
     assert len(list((out / "figures").glob("*.png"))) == 6
     assert {"speed_mps", "position_m", "mass_kg"} == set(pd.read_csv(out / "anova.csv")["effect"])
