@@ -61,7 +61,8 @@ def signals(out: Path, *, kind: str, rate_hz: float, seed: int, limits: Limits) 
         console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
     console.print(
         "columns: sway to the left, pitch (positive lowers the front), speed of both belts; next: "
-        "record them with the treadmill empty, then hbm calibration rank FOLDER",
+        "record one with the treadmill empty and fit it (hbm calibration fit), or several and rank "
+        "them (hbm calibration rank)",
         soft_wrap=True,
     )
 
