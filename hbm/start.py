@@ -115,7 +115,7 @@ class _Start:
             placed[s] = placed[PARENT[s]] + self.offsets[s]
         for chosen in (ROOT_SEGMENTS[:1], ROOT_SEGMENTS[:2], ROOT_SEGMENTS):
             own = np.concatenate([self.columns[s] for s in chosen])
-            if len(own) < 3:
+            if len(own) < 3 or solved.all():
                 continue
             model = np.concatenate([placed[s] + self.local[self.columns[s]] for s in chosen])
             todo = ~solved & ((self.weight[:, own] > 0).sum(axis=1) >= 3)

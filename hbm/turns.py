@@ -5,6 +5,7 @@ measured enters through the cross-covariance ``B = Σ w (measured) (model)ᵀ``;
 ``trace(Rᵀ B)`` largest.
 """
 
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,7 @@ COFACTORS: Final = np.array(
 )
 ROOT_STEPS: Final = 5
 FLAT: Final = 1e-9
+FEW: Final = 24
 ON_A_LINE: Final = 1e-2
 SETTLED: Final = 1e-6
 TINY: Final = 1e-300
@@ -45,9 +47,11 @@ def nearest_rotation(covariance: Array) -> Array:
     Notes
     -----
     In closed form but for a root of a quartic (Markley 1993, J Astronaut Sci 41:261), which is far
-    quicker for many frames than singular values. Where that is singular, as with markers on one
-    line, `fit_rotation` steps in.
+    quicker for many frames than singular values. For few, and where that is singular, as with
+    markers on one line, `fit_rotation` steps in.
     """
+    if len(covariance) < FEW:
+        return fit_rotation(covariance)
     flat = covariance.reshape(-1, 9)
     plus, minus = flat[:, COFACTORS[0]] * flat[:, COFACTORS[1]], flat[:, COFACTORS[2]]
     cofactor = plus - minus * flat[:, COFACTORS[3]]
@@ -86,15 +90,20 @@ def three_angles(R: Array, first: int) -> Array:
     Array
         Angles, (F, 3) [rad], the middle one within ±90°.
     """
-    axes = [np.array(TREE[i].axis, float) for i in range(first, first + 3)]
-    i, j, k = (int(np.argmax(np.abs(axis))) for axis in axes)
+    (i, j, k), (a, b, c) = _axes_and_senses(first)
     sign = 1.0 if (i, j, k) in CYCLIC else -1.0
-    angles = [
-        np.arctan2(-sign * R[..., j, k], R[..., k, k]),
-        np.arcsin(np.clip(sign * R[..., i, k], -1, 1)),
-        np.arctan2(-sign * R[..., i, j], R[..., i, i]),
-    ]
-    return np.stack([angle * axis.sum() for angle, axis in zip(angles, axes, strict=True)], -1)
+    angles = np.empty((len(R), 3))
+    angles[:, 0] = a * np.arctan2(-sign * R[:, j, k], R[:, k, k])
+    angles[:, 1] = b * np.arcsin(np.clip(sign * R[:, i, k], -1, 1))
+    angles[:, 2] = c * np.arctan2(-sign * R[:, i, j], R[:, i, i])
+    return angles
+
+
+@cache
+def _axes_and_senses(first: int) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Give the numbers of three coordinates' axes, and whether they point along or against."""
+    axes = [TREE[i].axis or () for i in range(first, first + 3)]
+    return tuple(axis.index(sum(axis)) for axis in axes), tuple(sum(axis) for axis in axes)
 
 
 def hinge_angles(covariance: Array, parts: Array, begins: tuple[float, ...]) -> tuple[Array, Array]:
