@@ -22,7 +22,7 @@ from pipeline.laboratory import (
 )
 from pipeline.recording import Recording
 from pipeline.study import Condition, Study, Subject, SubjectFile, Trial
-from pipeline.weighing import body_mass, stature
+from pipeline.weighing import body_mass, joint_widths, stature
 
 SHORTEST_S = 5.0
 SHORTEST_CYCLE_S = 0.8
@@ -194,6 +194,8 @@ def _body(study: Study, person: Subject, preview: Preview, pose: Recording, note
     if weighed is not None:
         notes.remarks.append(f"{name}: {weighed[1]}")
 
+    knee, ankle = joint_widths(person, pose)
+
     def build() -> Body:
         return build_body(
             pose.markers,
@@ -203,6 +205,8 @@ def _body(study: Study, person: Subject, preview: Preview, pose: Recording, note
             marker_set=study.marker_set or settings.marker_set,
             hip=settings.hip,
             marker_offset_m=settings.marker_offset_m,
+            knee_width_m=knee,
+            ankle_width_m=ankle,
         )
 
     body = notes.of(name, build)

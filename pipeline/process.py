@@ -23,7 +23,7 @@ from pipeline.motion_notes import motion_notes
 from pipeline.recording import Recording
 from pipeline.study import Condition, Settings, Study, Subject, Treadmill, Trial
 from pipeline.trial_result import TrialResult
-from pipeline.weighing import body_mass, carried_kg, stature
+from pipeline.weighing import body_mass, carried_kg, joint_widths, stature
 from pipeline.windows import perturbation_onsets, select_cycles
 
 
@@ -73,6 +73,7 @@ def process_recording(
     pose = static or recording
     _require_plates(recording)
     mass, weighed = body_mass(subject, pose)
+    knee, ankle = joint_widths(subject, pose)
     body = build_body(
         pose.markers,
         mass=mass,
@@ -82,6 +83,8 @@ def process_recording(
         window_s=static_window_s,
         hip=settings.hip,
         marker_offset_m=settings.marker_offset_m,
+        knee_width_m=knee,
+        ankle_width_m=ankle,
     )
     raw = solve_ik(body, recording.markers, jobs=jobs)
     motion = filter_motion(raw, cutoff=settings.cutoff_hz, method=settings.filter)

@@ -45,6 +45,8 @@ class Subject(Stated):
     mass_kg: Annotated[float, Field(ge=10, le=400)] | None = None
     height_m: Annotated[float, Field(ge=0.5, le=2.6)] | None = None
     age_years: Annotated[float, Field(ge=0, le=120)] | None = None
+    knee_width_m: Annotated[float, Field(ge=0.05, le=0.25)] | None = None
+    ankle_width_m: Annotated[float, Field(ge=0.03, le=0.2)] | None = None
 
 
 class Platform(Stated):

@@ -72,6 +72,8 @@ sex = "female"               # male, female or unspecified
 height_m = 1.70
 # mass_kg = 65.0             # default: weighed by the plates in the first 100 frames
 # age_years = 26
+# knee_width_m = 0.105       # these two stand in for medial markers that are not there; default:
+# ankle_width_m = 0.072      # the file's, or estimated from the shank
 # static = "sub01_static.c3d"      # calibration pose; default: the quietest second of each trial
 
 [trials.baseline]

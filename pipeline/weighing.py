@@ -58,6 +58,34 @@ def body_mass(subject: Subject, pose: Recording) -> tuple[float, str]:
     return mass, f"body mass {mass:.1f} kg by the plates, first {WEIGHING_FRAMES} frames of {name}"
 
 
+def joint_widths(subject: Subject, pose: Recording) -> tuple[float | None, float | None]:
+    """Give the widths that stand in for medial markers at knee and ankle.
+
+    Parameters
+    ----------
+    subject
+        Who.
+    pose
+        Recording of the calibration pose.
+
+    Returns
+    -------
+    knee, ankle
+        As stated, else the mean of both sides as the recording says; None where nobody says [m].
+    """
+
+    def recorded(joint: str) -> float | None:
+        sides = (pose.metadata.get(f"{side}_{joint}_width_m") for side in ("left", "right"))
+        known = [width for width in sides if isinstance(width, float)]
+        return float(np.mean(known)) if known else None
+
+    knee, ankle = subject.knee_width_m, subject.ankle_width_m
+    return (
+        recorded("knee") if knee is None else knee,
+        recorded("ankle") if ankle is None else ankle,
+    )
+
+
 def carried_kg(time: Array, vertical: Array, cycles: Mapping[str, Array]) -> float | None:
     """Give the mass that the plates carry over whole gait cycles, to hold a stated one against.
 

@@ -258,6 +258,23 @@ def test_stature_is_as_stated_else_as_recorded_else_from_the_legs(walker):
     assert any("stature estimated from the legs" in note for note in notes)
 
 
+def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded(walker):
+    markers = walker.markers
+    kept = [k for k, name in enumerate(markers.names) if name not in ("LMEK", "RMEK")]
+    names, position = tuple(markers.names[k] for k in kept), markers.position[:, kept]
+    bare = replace(walker, markers=replace(markers, names=names, position=position), metadata={})
+
+    def beside_the_knee(recording, **stated):
+        person = PERSON.model_copy(update=stated)
+        body = process_recording(recording, person, Settings()).body
+        lateral = body.marker_position[body.markers.index("LLEK")]
+        return np.linalg.norm(lateral - body.offsets["left_shank"]) - Settings().marker_offset_m
+
+    told = replace(bare, metadata={"left_knee_width_m": 0.13, "right_knee_width_m": 0.11})
+    assert beside_the_knee(told) == pytest.approx(0.06, abs=1e-3)
+    assert beside_the_knee(told, knee_width_m=0.1) == pytest.approx(0.05, abs=1e-3)
+
+
 def test_a_static_recording_shapes_the_body(walker):
     """Built from the first seconds alone, the body is the same as from all of the trial."""
     markers = walker.markers
