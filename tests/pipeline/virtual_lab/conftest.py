@@ -11,14 +11,15 @@ from pipeline.virtual_lab.machine import Machine
 from pipeline.virtual_lab.protocol import Protocol, Setting
 
 SHORT = Protocol(
-    baseline_s=20.0, pitch_s=31.0, waits_s=(12.0, 12.0), calibration="square_sway_60s_3mps"
+    baseline_s=20.0, pitch_s=24.0, waits_s=(12.0, 12.0), calibration="square_sway_60s_3mps"
 )
 
 
 @cache
 def _walk(subject, condition, usual_body):
     faults = Faults() if usual_body else Faults.none()
-    setting = Setting(protocol=SHORT, faults=faults)
+    waits = (12.0,) * (2 if subject == 0 else 1)
+    setting = Setting(protocol=SHORT.model_copy(update={"waits_s": waits}), faults=faults)
     return run_walk(setting, Machine(), walker_of(setting, subject), subject, condition)
 
 

@@ -13,7 +13,7 @@ from pipeline.virtual_lab.bench import PER_FRAME, make_bench
 from pipeline.virtual_lab.course import ANALOG_HZ
 from pipeline.virtual_lab.experiment import run_calibration, run_trial, walker_of
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.protocol import ONSET, PITCH_DEG, SWAY_MPS, Setting
+from pipeline.virtual_lab.protocol import ONSET, PITCH_DEG, PITCH_PERIOD_S, SWAY_MPS, Setting
 from tests.pipeline.virtual_lab.conftest import SHORT
 
 CONDITIONS = ("baseline", "sway", "pitch")
@@ -27,7 +27,7 @@ def rms(values):
 
 
 def steady(trial):
-    """Frames of walking at full speed: for pitch the platform's whole period."""
+    """Frames of walking at full speed."""
     time = trial.course.time[::PER_FRAME]
     return (time > SHORT.steady_s + 1) & (time < time[-1] - 1)
 
@@ -75,7 +75,7 @@ def test_a_filter_at_6_hz_leaves_newtons_because_it_does_not_commute_with_the_dy
 @pytest.mark.parametrize(("marker_set", "unseen"), [("hbm2", TOES), ("hbm1", set())])
 def test_inverse_kinematics_finds_the_true_coordinates(marker_set, unseen):
     """All 46 with HBM1; HBM2 has no marker on the toes, and says so."""
-    protocol = SHORT.model_copy(update={"marker_set": marker_set})
+    protocol = SHORT.model_copy(update={"marker_set": marker_set, "pitch_s": 8.0})
     setting = Setting(protocol=protocol, faults=Faults.none())
     bench = make_bench(setting.faults, setting.seed)
     trial = run_trial(setting, bench, walker_of(setting, 2), 2, "pitch")
@@ -92,12 +92,17 @@ def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(per
     """Fx = M g sin φ: plates that lean see the assemblies' weight in their own plane."""
     trial, bench = perfect("pitch")
     mass = sum(part.mass for part in bench.machine.assemblies)
-    angle = np.radians(PITCH_DEG) * np.sin(np.linspace(0, 2 * np.pi, 1000))
-    expected = mass * GRAVITY * rms(np.sin(angle))
     assert mass == 300.0
+    expected = mass * GRAVITY * rms(np.sin(pitch_angle(np.linspace(0, PITCH_PERIOD_S, 1000))))
     assert expected == pytest.approx(330, rel=0.15)
+    since = trial.course.time[::PER_FRAME][steady(trial)] - SHORT.steady_s
+    expected = mass * GRAVITY * rms(np.sin(pitch_angle(since)))
     found = rms(left_over(trial, bench, removal="none")[steady(trial)])
     assert found[FORWARD] == pytest.approx(expected, rel=0.1)
+
+
+def pitch_angle(since):
+    return np.radians(PITCH_DEG) * np.sin(2 * np.pi * since / PITCH_PERIOD_S)
 
 
 def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
