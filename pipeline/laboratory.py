@@ -93,7 +93,11 @@ def ground_wrenches(
     variants = {
         "measured": [resample(p.time, p.wrench_in_plate, time + plate_delay_s) for p in plates]
     }
-    notes: list[str] = []
+    notes = [
+        f"warning: plate {plate.number} is constant in all of the trial: it is dead, or not wired"
+        for plate in plates
+        if not np.ptp(plate.wrench_in_plate, axis=0).any()
+    ]
     belt = laboratory.treadmill.belt
     if laboratory.belts and belt is not None:
         added = belt_wrenches(recording, laboratory.belts, belt, time + plate_delay_s)

@@ -178,6 +178,15 @@ def test_a_platform_marker_that_is_lost_leaves_a_gap_only_below_three(walker, mo
     assert any("pose is unknown in 10 of 1200 frames" in note for note in ground.notes)
 
 
+def test_a_dead_plate_is_told(walker):
+    first, second = walker.plates
+    dead = replace(second, wrench_in_plate=np.full_like(second.wrench_in_plate, 3.0))
+    standing = Laboratory(Treadmill())
+    assert not acting(walker, standing)[1].notes
+    (note,) = acting(replace(walker, plates=(first, dead)), standing)[1].notes
+    assert note.startswith("warning: plate 2 is constant")
+
+
 def without(recording, *channels):
     analog = recording.analog
     kept = [k for k, name in enumerate(analog.names) if name not in channels]
