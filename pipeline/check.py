@@ -249,7 +249,8 @@ def _moving(recording: Recording, laboratory: Laboratory, rule: Condition, notes
     if pose is not None:
         notes.remarks += [f"{name}: {note}" for note in pose[1]]
     known = recording.analog.names if recording.analog is not None else ()
-    channel = rule.pulse_channel
-    if channel is not None and channel not in known:
-        hint = did_you_mean(channel, known)
-        notes.faults.append(f"{name}: no analog channel {channel!r}{hint}")
+    belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
+    for channel in filter(None, (*belts, rule.pulse_channel)):
+        if channel not in known:
+            hint = did_you_mean(channel, known)
+            notes.faults.append(f"{name}: no analog channel {channel!r}{hint}")

@@ -187,6 +187,12 @@ def test_what_a_run_would_refuse_is_a_fault(study, tmp_path, harm, said):
         assert [outcome.state for outcome in outcomes] == ["failed"]
 
 
+def test_a_trial_without_the_belts_speed_is_a_fault(study):
+    belt = '[treadmill.belt]\ncalibration = "empty.c3d"\nspeed_channels = ["Belt.L"]\n'
+    edit(study / "study.toml", "[treadmill.platform]", belt + "[treadmill.platform]")
+    assert any(f == "sub01_sway.c3d: no analog channel 'Belt.L'" for f in findings(study).faults)
+
+
 def test_faults_of_all_files_are_told_at_once(study):
     change(study, "sub01_sway", analog=without_channels("Pulse", "A2X"), plates=lambda r: ())
     change(study, "sub01_pitch", markers=without_markers("PF1", "PF2", "LASIS", "RASIS"))
