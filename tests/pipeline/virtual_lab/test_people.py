@@ -82,7 +82,7 @@ def test_a_varied_body_weighs_the_same_and_stands_at_the_same_markers():
 
 def test_joint_centres_move_as_far_as_the_literature_says():
     spread = []
-    for seed in range(40):
+    for seed in range(20):
         walker = make_walker(Person(), faults=BodyFaults(), rng=np.random.default_rng(seed))
         plain = make_walker(Person(), rng=np.random.default_rng(seed))
         spread.append(walker.body.offsets["right_thigh"] - plain.body.offsets["right_thigh"])

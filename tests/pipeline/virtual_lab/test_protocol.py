@@ -57,6 +57,17 @@ def test_the_twenty_waits_are_those_of_the_thesis(twenty):
     assert Protocol().duration("sway") * 100 > 65_535
 
 
+def test_conditions_last_as_long_as_in_the_thesis():
+    protocol = Protocol()
+    walking = {
+        name: protocol.duration(name) - protocol.steady_s
+        for name in ("familiarisation", "baseline", "sway", "pitch")
+    }
+    assert walking == {"familiarisation": 360, "baseline": 120, "sway": 724, "pitch": 120}
+    assert protocol.speed_mps == 1.3
+    assert protocol.conditions == ("baseline", "sway", "pitch")
+
+
 def test_half_of_the_perturbations_go_to_either_side(twenty):
     _, _, sides = twenty
     assert sorted(sides) == [-1.0] * 10 + [1.0] * 10

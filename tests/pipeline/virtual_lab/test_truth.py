@@ -26,34 +26,33 @@ def rms(values):
     return np.sqrt(np.nanmean(values**2, axis=0))
 
 
-def steady(trial):
+def steady(course):
     """Frames of walking at full speed."""
-    time = trial.course.time[::PER_FRAME]
+    time = course.time[::PER_FRAME]
     return (time > SHORT.steady_s + 1) & (time < time[-1] - 1)
 
 
-def perturbed(trial):
+def perturbed(walk, course):
     """Frames of the gait cycles that contain a perturbation."""
-    time, stride = trial.course.time[::PER_FRAME], 2 * trial.walk.footing.pace_s
-    since = time[:, None] - trial.course.onsets + ONSET * stride
+    time, stride = course.time[::PER_FRAME], 2 * walk.footing.pace_s
+    since = time[:, None] - course.onsets + ONSET * stride
     return ((since >= 0) & (since < stride)).any(axis=1)
 
 
-def counted(trial):
-    return perturbed(trial) if len(trial.course.onsets) else steady(trial)
+def counted(walk, course):
+    return perturbed(walk, course) if len(course.onsets) else steady(course)
 
 
-def left_over(trial, bench, models=(), **case):
+def left_over(trial, bench, **case):
     rng = np.random.default_rng(0)
-    faults = bench.faults
-    return residual_of(Case(faults, **case), trial.walk, trial.course, bench, rng, models)
+    return residual_of(Case(**case), trial.walk, trial.course, bench, rng)
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_perfect_instruments_and_the_true_body_leave_no_residual(perfect, condition):
     """The equations close to a quarter newton; only the filter and the splines are between."""
     trial, bench = perfect(condition)
-    left = left_over(trial, bench, cutoff_hz=TRANSPARENT_HZ)[steady(trial)]
+    left = left_over(trial, bench, cutoff_hz=TRANSPARENT_HZ)[steady(trial.course)]
     assert (rms(left) < 0.5).all()
 
 
@@ -65,7 +64,8 @@ def test_a_filter_at_6_hz_leaves_newtons_because_it_does_not_commute_with_the_dy
     what 6 Hz leaves with perfect instruments is the filter's own, and goes as the cut-off rises."""
     trial, bench = perfect(condition)
     low, high = (
-        rms(left_over(trial, bench, cutoff_hz=hz)[steady(trial)]) for hz in (6.0, TRANSPARENT_HZ)
+        rms(left_over(trial, bench, cutoff_hz=hz)[steady(trial.course)])
+        for hz in (6.0, TRANSPARENT_HZ)
     )
     assert (low > 5 * high).all()
     assert (low[:3] < 8).all()
@@ -95,9 +95,9 @@ def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(per
     assert mass == 300.0
     expected = mass * GRAVITY * rms(np.sin(pitch_angle(np.linspace(0, PITCH_PERIOD_S, 1000))))
     assert expected == pytest.approx(330, rel=0.15)
-    since = trial.course.time[::PER_FRAME][steady(trial)] - SHORT.steady_s
+    since = trial.course.time[::PER_FRAME][steady(trial.course)] - SHORT.steady_s
     expected = mass * GRAVITY * rms(np.sin(pitch_angle(since)))
-    found = rms(left_over(trial, bench, removal="none")[steady(trial)])
+    found = rms(left_over(trial, bench, removal="none")[steady(trial.course)])
     assert found[FORWARD] == pytest.approx(expected, rel=0.1)
 
 
@@ -121,7 +121,7 @@ def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
     force_x, force_z = -weight * sine, weight * (1 - cosine)
     expected = lever_z * force_x - lever_x * force_z
     found = left_over(trial, bench, removal="none")
-    inside = steady(trial)
+    inside = steady(trial.course)
     assert rms(found[inside, PITCHING]) == pytest.approx(rms(expected[inside]), rel=0.1)
     assert np.corrcoef(found[inside, PITCHING], expected[inside])[0, 1] ** 2 > 0.99
 
@@ -131,7 +131,7 @@ def test_sway_without_compensation_leaves_mass_times_acceleration(perfect):
     trial, bench = perfect("sway")
     mass = sum(part.mass for part in bench.machine.assemblies)
     push = mass * pulse_acceleration(bench.machine.sway_hz, trial.course.time, trial.course.onsets)
-    inside = perturbed(trial)
+    inside = perturbed(trial.walk, trial.course)
     expected = rms(push[::PER_FRAME][inside])
     found = rms(left_over(trial, bench, removal="none")[inside])
     assert found[LEFTWARD] == pytest.approx(expected, rel=0.1)
@@ -155,21 +155,18 @@ def pulse_acceleration(bandwidth_hz, time, onsets):
 
 
 @pytest.fixture(scope="module")
-def usual():
+def usual(walked):
     """Give a function of condition and removal: residuals of a laboratory with all its faults."""
     setting = Setting(protocol=SHORT)
     bench = make_bench(setting.faults, setting.seed)
     models = fit_models(bench, run_calibration(setting, bench))
-    walker = walker_of(setting, 3)
 
     @cache
-    def trial_of(condition):
-        return run_trial(setting, bench, walker, 3, condition)
-
     def left(condition, removal):
-        trial = trial_of(condition)
-        found = left_over(trial, bench, models, built_body=True, removal=removal)
-        return rms(found[counted(trial)])
+        walk, course = walked(3, condition)
+        case = Case(setting.faults, built_body=True, removal=removal)
+        found = residual_of(case, walk, course, bench, np.random.default_rng(0), models)
+        return rms(found[counted(walk, course)])
 
     return left
 
