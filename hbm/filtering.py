@@ -132,7 +132,10 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
     columns = signal.reshape(len(time), -1)
     results = np.full((3, *columns.shape), np.nan)
     for rows, alike in _stretches(columns, needed):
-        results[:, rows, alike] = kernel(columns[rows, alike], time[rows], cutoff_hz)
+        some = slice(None) if alike.all() else alike
+        found = kernel(columns[rows, some], time[rows], cutoff_hz)
+        for result, part in zip(results, found, strict=True):
+            result[rows, some] = part
     return Filtered(*results.reshape(3, *signal.shape))
 
 
