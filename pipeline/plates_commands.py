@@ -6,8 +6,9 @@ from pathlib import Path
 from rich.console import Console
 
 from pipeline.plates import check_plates
-from pipeline.plates_report import said, write_report
+from pipeline.plates_report import write_report
 from pipeline.plates_study import read_plates_study
+from pipeline.plates_verdict import said
 
 
 def run(folder: Path, out: Path, *, simulate: bool = False, seed: int = 0) -> None:

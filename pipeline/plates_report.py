@@ -1,6 +1,5 @@
 """Experiment 1 as Table I and a verdict on one page."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -10,7 +9,6 @@ import pandas as pd
 
 from pipeline.figures import save_figure
 from pipeline.plates import Experiment1
-from pipeline.plates_faults import Estimate
 from pipeline.plates_figures import (
     error_figure,
     hammer_figure,
@@ -18,6 +16,7 @@ from pipeline.plates_figures import (
     static_figure,
     vibration_figure,
 )
+from pipeline.plates_verdict import marker_share, said, sentence, unexamined, verdict
 from pipeline.ranking_report import markdown, write_text
 from pipeline.trial_files import write_csv
 
@@ -38,7 +37,6 @@ TABLE_NOTE: Final = (
     "Without another word: orthogonal (TLLS), with supports where there are recordings."
 )
 LAB_NOTE: Final = "Lab axes: x forward, y left, z up."
-SHOWN_AS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
 
 
 def table_1(errors: pd.DataFrame) -> pd.DataFrame:
@@ -58,10 +56,10 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
     whole = errors[errors["zone"] == "all"]
     rows = []
     for label, way in (("Normal error", "difference"), ("TLLS", "orthogonal")):
-        for supports, said in ((True, "support"), (False, "no support")):
+        for supports, words in ((True, "support"), (False, "no support")):
             part = whole[whole["supports"] == supports]
             if len(part):
-                rows.append(_row(f"{label} - {said}", part, way))
+                rows.append(_row(f"{label} - {words}", part, way))
     best = whole["supports"].any()
     chosen = whole[whole["supports"] == best]
     zones = errors[(errors["zone"] != "all") & (errors["supports"] == best)]
@@ -78,84 +76,6 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
             for level, group in part.groupby(factor, sort=factor != "zone")
         ]
     return pd.DataFrame(rows)
-
-
-def verdict(found: Experiment1) -> tuple[bool, list[str], list[str]]:
-    """Judge whether the plates are fit for inverse dynamics.
-
-    Returns
-    -------
-    fit
-        True if nothing that cannot be corrected exceeds its limit.
-    against
-        What exceeds its limit, as sentences.
-    correct
-        What must or may be corrected, and how.
-    """
-    limits, against, correct = found.study.file.limits, [], []
-    supported = any(t.weight.supports for t in found.trials)
-    in_use = f"vibration {'with' if supported else 'without'} supports"
-    for one in found.estimates:
-        if not one.found:
-            continue
-        size, name = abs(one.value), one.fault
-        if (name == "angle" and size > limits.angle_deg) or (
-            name.startswith("offset") and size > limits.offset_m
-        ):
-            correct.append(f"{said(one)}: align the {one.belt} plate with the cameras")
-        elif name == "delay" and size > limits.delay_s:
-            correct.append(f"{said(one)}: state plate_delay_s = {one.value:.4f} in study.toml")
-        elif name == in_use and size > limits.cop_m:
-            against.append(f"{said(one)}, more than {1000 * limits.cop_m:g} mm")
-        elif name.startswith("vibration") and size > limits.cop_m:
-            correct.append(f"{said(one)}: measure with the supports")
-    for belt, straight in found.linearities.items():
-        if straight.percent_of_full_scale > limits.nonlinearity_percent:
-            against.append(
-                f"{belt}: non-linearity {straight.nonlinearity:.1f} N, "
-                f"{straight.percent_of_full_scale:.1f} % of full scale, more than "
-                f"{limits.nonlinearity_percent:g} %"
-            )
-    whole = found.errors[found.errors["zone"] == "all"]
-    whole = whole[whole["supports"] == whole["supports"].any()]
-    means = whole.groupby(["belt", "quantity"])["orthogonal"].mean()
-    noise = marker_share(found)
-    for belt, quantity, value in means.reset_index().itertuples(index=False):
-        limit = limits.cop_m if quantity.startswith("COP") else limits.force_n
-        own = float(np.sqrt(max(value**2 - noise.get((belt, quantity), 0.0) ** 2, 0.0)))
-        if quantity[0] != "M" and own > limit:
-            shown = f"{1000 * own:.1f} mm" if quantity[0] == "C" else f"{own:.1f} N"
-            most = f"{1000 * limit:g} mm" if quantity[0] == "C" else f"{limit:g} N"
-            against.append(f"{belt}: {quantity} is off by {shown} RMS, more than {most}")
-    return not against, against, correct
-
-
-def marker_share(found: Experiment1) -> dict[tuple[str, str], float]:
-    """Give the part of each orthogonal error that the marker's own noise makes, per belt.
-
-    The weight does not leave the belt, so what its marker's vertical acceleration shows is noise;
-    along the belt it is taken to be as large.
-    """
-    share: dict[tuple[str, str], float] = {}
-    for belt in {t.weight.belt for t in found.trials}:
-        trials = [t for t in found.trials if t.weight.belt == belt]
-        force = float(np.mean([np.std(t.truth[t.used, 2]) for t in trials]))
-        lever = found.study.file.center_height_m
-        load = float(np.mean([np.mean(t.truth[t.used, 2]) for t in trials]))
-        share[belt, "Fx"] = share[belt, "Fz"] = share[belt, "Fy"] = force
-        share[belt, "COPx"] = share[belt, "COPy"] = lever * force / load
-    return share
-
-
-def said(one: Estimate) -> str:
-    """Say an estimate with its 95 % uncertainty."""
-    scale, unit = SHOWN_AS.get(one.unit, (1.0, one.unit))
-    error = scale * one.uncertainty
-    digits = max(1 - math.floor(math.log10(error)), 0) if error > 0 else 3
-    text = f"{one.belt}: {one.fault} {scale * one.value:.{digits}f} ± {error:.{digits}f} {unit}"
-    if np.isfinite(one.hz[0]):
-        text += f" at {one.hz[0]:.2f} Hz in the centre of pressure along the belt"
-    return text
 
 
 def write_report(found: Experiment1, out: Path) -> str:
@@ -207,22 +127,14 @@ def write_report(found: Experiment1, out: Path) -> str:
         if figure is not None:
             save_figure(figure, out / "figures" / f"{name}.png")
     fit, against, correct = verdict(found)
-    sentence = _sentence(fit, against, correct)
-    write_text(_page(found, sentence, against, correct), out / "verdict.md")
-    return sentence
+    said_so = sentence(fit, against, correct, unexamined(found))
+    write_text(_page(found, said_so, against, correct), out / "verdict.md")
+    return said_so
 
 
-def _sentence(fit: bool, against: Sequence[str], correct: Sequence[str]) -> str:
-    if not fit:
-        return f"Not fit for inverse dynamics: {'; '.join(against)}."
-    if correct:
-        return f"Fit for inverse dynamics once corrected: {'; '.join(correct)}."
-    return "Fit for inverse dynamics."
-
-
-def _page(found: Experiment1, sentence: str, against: Sequence[str], correct: Sequence[str]) -> str:
+def _page(found: Experiment1, said_so: str, against: Sequence[str], correct: Sequence[str]) -> str:
     faults = [e for e in found.estimates if e.found]
-    lines = [f"# {found.study.file.name}", f"**{sentence}**"]
+    lines = [f"# {found.study.file.name}", f"**{said_so}**"]
     for title, items in (("Against", against), ("To correct", correct)):
         if items:
             lines.append(f"## {title}\n\n" + "\n".join(f"- {item}" for item in items))

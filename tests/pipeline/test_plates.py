@@ -11,8 +11,9 @@ import pytest
 
 from pipeline.cli import main
 from pipeline.plates import check_plates
-from pipeline.plates_report import COLUMNS, table_1, verdict
+from pipeline.plates_report import COLUMNS, table_1
 from pipeline.plates_study import StudyFaults, read_plates_study
+from pipeline.plates_verdict import verdict
 from pipeline.virtual_lab import known_weights
 from pipeline.virtual_lab.known_weights import PlateErrors, simulate_plates
 
@@ -196,6 +197,20 @@ def test_one_command_simulates_and_checks(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
     assert main(["plates", str(folder), "--simulate"]) == 2
     assert "is not empty; simulate into a new folder" in capsys.readouterr().err
+
+
+def test_what_was_not_examined_is_not_called_fit(tmp_path, capsys):
+    one = {"speeds": (1.0,), "weights": (22.56,), "positions": (0.25,), "profiles": ("sine",)}
+    simulate_plates(tmp_path, **(FEW | one))
+    path = tmp_path / "plates.toml"
+    text = path.read_text(encoding="utf-8")
+    kept = text[: text.index("[[static]]")] + text[text.index("[[weights]]") :]
+    path.write_text(kept, encoding="utf-8")
+    assert main(["plates", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Fit for inverse dynamics, as far as was examined (not: alignment" in said
+    for lacking in ("delay (hammer blows) left", "linearity", "cross-talk and drift"):
+        assert lacking in said
 
 
 def test_all_faults_of_the_file_are_told_at_once(tmp_path):
