@@ -1,7 +1,7 @@
 """Kernels made ready to run: compiled once and cached, or on casadi's virtual machine.
 
 In order: a library from the user's cache; the system's C compiler; the ``ziglang`` package (extra
-``compiler``), which brings one (see `hbm.compiler`); else casadi's virtual machine, some twenty
+``compiler``), which brings one (see `hbm.compiler`); else casadi's virtual machine, some forty
 times slower but equal.
 
 The environment variable ``HBM_KERNELS`` set to ``virtual-machine`` skips compilation;
