@@ -18,7 +18,7 @@ PULL: Final = {  # towards the reference, m²/rad² per unit weight of a sole's 
     "HipFlexion": 3e-4,
     "HipAbduction": 3e-4,
     "HipInternalRotation": 1e-3,
-    "KneeFlexion": 3e-4,
+    "KneeFlexion": 1e-3,  # firm, for a leg that is nearly straight bends by jerks
     "AnklePlantarFlexion": 1e-4,
     "FootPronation": 1e-4,
 }
