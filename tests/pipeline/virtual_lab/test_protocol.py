@@ -1,5 +1,7 @@
 """The thesis' experiment: who does what and when, and a laboratory that is set in TOML."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -134,6 +136,15 @@ def test_a_pulse_marks_the_onset_of_every_perturbation(walked):
 def test_a_setting_is_the_same_after_being_written_and_read():
     for setting in (Setting(), Setting(seed=7, faults=Faults.none(), protocol=SHORT)):
         assert read_setting(setting_toml(setting)) == setting
+
+
+def test_the_example_of_the_documentation_is_a_setting():
+    page = Path(__file__).resolve().parents[3] / "docs" / "ablation.md"
+    example = page.read_text(encoding="utf-8").split("```toml\n")[1].split("```")[0]
+    setting = read_setting(example)
+    assert (setting.seed, setting.protocol.subjects, setting.protocol.pose) == (7, 3, "channels")
+    assert setting.faults.accelerometers.sensors == 4
+    assert setting.faults.platform.delay_s == 0.03
 
 
 def test_all_faults_can_be_switched_off_in_toml():

@@ -90,6 +90,8 @@ def test_two_independent_readers_read_the_same_from_every_file(study, name):
     np.testing.assert_array_equal(own[~missing], points[~missing])
     np.testing.assert_allclose(theirs["data"]["analogs"][0], analog, rtol=1e-6, atol=1e-9)
     assert parameters["FORCE_PLATFORM"]["USED"]["value"][0] == 2
+    assert parameters["FORCE_PLATFORM"]["CORNERS"]["value"].shape == (3, 4, 2)
+    assert (parameters["EVENT"]["USED"]["value"][0] > 0) == (name != "calibration")
 
 
 def test_a_long_trial_has_more_frames_than_16_bits_count():
