@@ -108,6 +108,8 @@ def build_body(
     if height_m is None:
         height_m = float(np.mean([_stature(a) for a in anatomies]))
         notes.append(f"stature estimated from the legs: {height_m:.2f} m")
+    if overrides:
+        notes.append(f"not by the table of inertias alone: {', '.join(overrides)}")
     shape = average(
         [
             shape_of(anatomy, table, height_m, at, chosen.segment)

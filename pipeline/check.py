@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from compensation import Calibration
-from hbm.body import Body, build_body
+from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST, support
 from hbm.markers import MarkerSet, did_you_mean
 from pipeline.belts import read_belts
@@ -20,9 +20,11 @@ from pipeline.laboratory import (
     platform_pose,
     read_calibration,
 )
+from pipeline.process import read_file
 from pipeline.recording import Recording
-from pipeline.study import Condition, Study, Subject, SubjectFile, Trial
-from pipeline.weighing import body_mass, joint_widths, stature
+from pipeline.study import Condition, Study, SubjectFile, Trial
+from pipeline.subject_body import read_segments, subject_body
+from pipeline.weighing import body_mass
 
 SHORTEST_S = 5.0
 SHORTEST_CYCLE_S = 0.8
@@ -136,7 +138,7 @@ def _look(
             )
         _recorded(preview, rule, notes)
         if pose is not None:
-            _body(study, person.person, preview, pose, notes)
+            _body(study, person, preview, pose, notes)
         _moving(preview.beginning, laboratory, rule, notes)
         return notes
 
@@ -187,26 +189,24 @@ def _recorded(preview: Preview, rule: Condition, notes: _Notes) -> None:
     notes.of(name, lambda: gait_events(recording))
 
 
-def _body(study: Study, person: Subject, preview: Preview, pose: Recording, notes: _Notes) -> None:
+def _body(
+    study: Study, person: SubjectFile, preview: Preview, pose: Recording, notes: _Notes
+) -> None:
     """Say what body will be built, what of it is locked, and which markers have gaps."""
     settings, name = study.file.settings, preview.beginning.source.name
-    weighed = notes.of(name, lambda: body_mass(person, pose)) if pose.plates else None
+    weighed = notes.of(name, lambda: body_mass(person.person, pose)) if pose.plates else None
     if weighed is not None:
         notes.remarks.append(f"{name}: {weighed[1]}")
 
-    knee, ankle = joint_widths(person, pose)
-
     def build() -> Body:
-        return build_body(
-            pose.markers,
-            mass=weighed[0] if weighed is not None else UNKNOWN_KG,
-            sex=person.sex,
-            height_m=stature(person, pose),
-            marker_set=study.marker_set or settings.marker_set,
-            hip=settings.hip,
-            marker_offset_m=settings.marker_offset_m,
-            knee_width_m=knee,
-            ankle_width_m=ankle,
+        return subject_body(
+            pose,
+            person.person,
+            settings,
+            weighed[0] if weighed is not None else UNKNOWN_KG,
+            marker_set=study.marker_set,
+            hip_trial=read_file(study, person.hip_trial) if person.hip_trial else None,
+            segments=read_segments(study.path(person.segments)) if person.segments else None,
         )
 
     body = notes.of(name, build)

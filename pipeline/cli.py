@@ -6,7 +6,7 @@ Whatever is heavy is imported inside the command that needs it, so that ``--help
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from typer.exceptions import TyperException
@@ -39,6 +39,13 @@ HeightM = Annotated[
 ]
 MarkerSetName = Annotated[
     str | None, typer.Option(help="Name of a marker set, or a TOML file with one's own.")
+]
+Hip = Annotated[str, typer.Option(help="Hip centres: harrington, bell or functional.")]
+HipTrial = Annotated[
+    Path | None, typer.Option(help="Recording in which the thighs swing, for --hip functional.")
+]
+Segments = Annotated[
+    Path | None, typer.Option(help="TOML with what is known of segments: prostheses, shoes, scans.")
 ]
 FilterMethod = Annotated[
     str, typer.Option("--filter", help="zero_phase, or realtime as in the lab.")
@@ -115,6 +122,9 @@ def residuals(
     height_m: HeightM = None,
     axes: Axes = None,
     marker_set: MarkerSetName = None,
+    hip: Hip = "harrington",
+    hip_trial: HipTrial = None,
+    segments: Segments = None,
     filter_method: FilterMethod = "zero_phase",
     cutoff_hz: CutoffHz = 6.0,
     plate_delay_ms: PlateDelayMs = 0.0,
@@ -136,6 +146,9 @@ def residuals(
             height_m=height_m,
             axes=axes,
             marker_set=marker_set,
+            hip=hip,
+            hip_trial=hip_trial,
+            segments=segments,
             filter=filter_method,
             cutoff_hz=cutoff_hz,
             plate_delay_s=plate_delay_ms / 1000,
@@ -157,13 +170,21 @@ def export(
     height_m: HeightM = None,
     axes: Axes = None,
     marker_set: MarkerSetName = None,
+    hip: Hip = "harrington",
+    hip_trial: HipTrial = None,
+    segments: Segments = None,
     osim: Annotated[Path | None, typer.Option(help="Write the body for OpenSim 4.")] = None,
     urdf: Annotated[
         Path | None, typer.Option(help="Write the body for Pinocchio, MuJoCo, ROS.")
     ] = None,
     tables: Annotated[
-        Path | None, typer.Option(help="Folder for the trial's .mot, .sto and .trc tables.")
+        Path | None,
+        typer.Option(help="Folder for the trial's .mot, .sto and .trc tables, and angles as .csv."),
     ] = None,
+    ankle_zero: Annotated[
+        Literal["right_angle", "in_line"],
+        typer.Option(help="Angles' neutral ankle: right_angle, or in_line as HBM has it."),
+    ] = "right_angle",
     bids: Annotated[
         Path | None, typer.Option(help="BIDS data set to add the recording to.")
     ] = None,
@@ -184,9 +205,12 @@ def export(
         height_m=height_m,
         axes=axes,
         marker_set=marker_set,
+        hip=hip,
+        hip_trial=hip_trial,
+        segments=segments,
     )
     target = out.BidsTarget(bids, subject, task) if bids else None
-    out.run(request, osim=osim, urdf=urdf, tables=tables, bids=target)
+    out.run(request, osim=osim, urdf=urdf, tables=tables, ankle_zero=ankle_zero, bids=target)
 
 
 @app.command()

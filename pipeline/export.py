@@ -3,6 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
+from hbm.clinical import AnkleZero, clinical_angles
+from hbm.coordinates import HBM_ORDER, INDEX, TREE
+from hbm.motion import Motion
 from pipeline.bids import write_bids
 from pipeline.one_trial import Request, process, read_asked
 from pipeline.opensim_model import write_osim
@@ -12,6 +18,7 @@ from pipeline.opensim_tables import (
     write_forces,
     write_trc,
 )
+from pipeline.trial_files import write_csv
 from pipeline.urdf import write_urdf
 
 
@@ -30,6 +37,7 @@ def run(
     osim: Path | None = None,
     urdf: Path | None = None,
     tables: Path | None = None,
+    ankle_zero: AnkleZero = "right_angle",
     bids: BidsTarget | None = None,
 ) -> None:
     """Write what was asked for; process the trial where that needs it.
@@ -41,8 +49,10 @@ def run(
     osim, urdf
         Model files; not written where None.
     tables
-        Folder for coordinates and external loads (.mot), generalized forces (.sto) and markers
-        (.trc), named after the trial; not written where None.
+        Folder for coordinates and external loads (.mot), generalized forces (.sto), markers (.trc)
+        and clinical angles (.csv), named after the trial; not written where None.
+    ankle_zero
+        Where the angles' ankle is zero, "right_angle" or "in_line" (`hbm.clinical`).
     bids
         Data set that the recording is added to, unprocessed; not written where None.
 
@@ -59,12 +69,47 @@ def run(
     if bids is not None:
         written += write_bids(read_asked(request), bids.folder, bids.subject, bids.task)
     if osim or urdf or tables:
-        written += _processed(request, osim, urdf, tables)
+        written += _processed(request, osim, urdf, tables, ankle_zero)
     print("written: " + ", ".join(str(path) for path in written))
 
 
+def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.DataFrame:
+    """Lay out the clinical angles of a motion with one row per frame.
+
+    Parameters
+    ----------
+    motion
+        The coordinates.
+    ankle_zero
+        See `hbm.clinical.clinical_angles`, which also gives the meaning of every sign.
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``time_s``, then every coordinate in the Human Body Model's order, named with its unit:
+        ``PelvisX_m``, ``RKneeFlexion_deg``.
+
+    Raises
+    ------
+    ValueError
+        If the ankle's zero is unknown.
+    """
+    columns: dict[str, object] = {"time_s": motion.time}
+    angles = clinical_angles(motion.q, ankle_zero=ankle_zero)
+    for name, value in zip(HBM_ORDER, angles.T, strict=True):
+        if TREE[INDEX[name]].translates:
+            columns[f"{name}_m"] = value
+        else:
+            columns[f"{name}_deg"] = np.degrees(value)
+    return pd.DataFrame(columns)
+
+
 def _processed(
-    request: Request, osim: Path | None, urdf: Path | None, tables: Path | None
+    request: Request,
+    osim: Path | None,
+    urdf: Path | None,
+    tables: Path | None,
+    ankle_zero: AnkleZero,
 ) -> list[Path]:
     """Process the trial and write the models and tables asked for."""
     result, recording = process(request)
@@ -78,6 +123,7 @@ def _processed(
         tables.mkdir(parents=True, exist_ok=True)
         stem = tables / request.trial.stem
         time = result.motion.time
+        write_csv(angle_table(result.motion, ankle_zero), Path(f"{stem}_angles.csv"))
         write_coordinates(result.motion, Path(f"{stem}_coordinates.mot"))
         write_forces(result.measured, Path(f"{stem}_forces.sto"))
         write_external_loads(time, result.ground["measured"], Path(f"{stem}_loads.mot"))

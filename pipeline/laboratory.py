@@ -1,10 +1,19 @@
 """A laboratory's treadmill in a trial: compensated plates, and where the platform was."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
-from compensation import BeltModel, Calibration, InertiaModel, PlatformPose, check_trial, to_lab
+from compensation import (
+    BeltModel,
+    Calibration,
+    InertiaModel,
+    PlatformPose,
+    check_trial,
+    moment_error_of_pivot,
+    to_lab,
+)
 from hbm.filtering import resample
 from hbm.spatial import Array, transform_wrench
 from pipeline.belts import belt_wrenches
@@ -29,6 +38,8 @@ __all__ = [
     "read_calibration",
     "read_empty",
 ]
+
+PIVOT_OFF_M: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,15 +133,20 @@ def ground_wrenches(
             for plate, model in zip(plates, models, strict=True)
             for warning in model.warnings
         ]
-        notes += check_trial(models[0], readings[np.isfinite(readings).all(axis=1)])
+        known = readings[np.isfinite(readings).all(axis=1)]
+        doubts = check_trial(models[0], known, laboratory.treadmill.accelerometer_range_g)
+        notes += [f"warning: {doubt}" for doubt in doubts]
         notes.append(f"compensated by {len(names)} accelerometers: {', '.join(names)}")
-    pose, said = platform_pose(recording, laboratory.treadmill.platform, time)
+    platform = laboratory.treadmill.platform
+    pose, said = platform_pose(recording, platform, time)
     notes += said
     if pose is None and laboratory.calibration is not None:
         notes.append(
             "the platform is taken as level and where it was, since nothing says otherwise; if it "
             "moved, name its markers (--platform-markers, or treadmill.platform in a study)"
         )
+    if pose is not None and platform is not None and platform.pitch_channel is not None:
+        notes.append(_pivot_budget(pose, np.sum(variants["measured"], axis=0)[:, :3]))
     placed = {}
     for name, wrenches in variants.items():
         still = [
@@ -139,6 +155,14 @@ def ground_wrenches(
         ]
         placed[name] = still if pose is None else [to_lab(wrench, pose) for wrench in still]
     return Ground(placed, pose, tuple(notes))
+
+
+def _pivot_budget(pose: PlatformPose, force: Array) -> str:
+    """Say what a stated pivot that is a little off would do to the moments."""
+    pitch = np.arctan2(pose.rotation[:, 0, 2], pose.rotation[:, 0, 0])
+    off = [moment_error_of_pivot(PIVOT_OFF_M * axis, pitch, force) for axis in np.eye(3)[[0, 2]]]
+    worst = np.nanmax(np.linalg.norm(off, axis=2))
+    return f"a pivot stated {100 * PIVOT_OFF_M:g} cm off would add up to {worst:.1f} N·m"
 
 
 def models_of(recording: Recording, laboratory: Laboratory) -> list[InertiaModel]:

@@ -13,8 +13,9 @@ from pipeline.study import Condition, Study, Treadmill
 from pipeline.verdict import MARGIN, listed
 
 HIP: Final = {
-    "harrington": ("Harrington et al. 2007", "harrington2007"),
-    "bell": ("Bell et al. 1990", "bell1990"),
+    "harrington": ("the regression of Harrington et al. 2007", "harrington2007"),
+    "bell": ("the regression of Bell et al. 1990", "bell1990"),
+    "functional": ("symmetrical centre of rotation estimation (Ehrig et al. 2006)", "ehrig2006"),
 }
 FILTERS: Final = {
     "zero_phase": "a second-order Butterworth filter run forward and backward (−3 dB at "
@@ -108,7 +109,7 @@ def _body(facts: list[dict[str, Any]]) -> str:
     return (
         "Motion was described by an open implementation of the Human Body Model (van den Bogert "
         "et al. 2013) with 46 coordinates. Each subject's body was built from a calibration pose "
-        f"with the marker set {sets}: hip joint centres by the regression of {hips}, marker "
+        f"with the marker set {sets}: hip joint centres by {hips}, marker "
         f"centres {offsets} mm from the skin, segment inertias from de Leva's table (1996) {table}."
         f"{kept if locked else ''} The coordinates of each frame minimised the sum of squared "
         "distances between measured and modelled markers (Lu and O'Connor 1999). Coordinates and "

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from pydantic import ValidationError
 from rich.console import Console
@@ -19,8 +20,11 @@ from pipeline.process import process_recording
 from pipeline.recording import Recording
 from pipeline.residuals import hicks_table, marker_table, residual_table
 from pipeline.study import Platform, Settings, Subject, Treadmill, describe_faults
+from pipeline.subject_body import read_segments
 from pipeline.trial_files import write_csv, write_trial
 from pipeline.trial_result import TrialResult
+
+WARNING: Final = "warning:"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +40,9 @@ class Request:
     height_m: float | None = None
     axes: str | None = None
     marker_set: str | None = None
+    hip: str = "harrington"
+    hip_trial: Path | None = None
+    segments: Path | None = None
     filter: str = "zero_phase"
     cutoff_hz: float = 6.0
     plate_delay_s: float = 0.0
@@ -108,6 +115,10 @@ def process(
             subject,
             settings,
             static=static,
+            hip_trial=read_recording(request.hip_trial, request.axes)
+            if request.hip_trial
+            else None,
+            segments=read_segments(request.segments) if request.segments else None,
             marker_set=own_set,
             laboratory=_laboratory(request),
         )
@@ -140,6 +151,7 @@ def _stated(request: Request) -> tuple[Settings, Subject, MarkerSet | None]:
         settings = Settings.model_validate(
             {
                 "marker_set": name,
+                "hip": request.hip,
                 "filter": request.filter,
                 "cutoff_hz": request.cutoff_hz,
                 "plate_delay_s": request.plate_delay_s,
@@ -201,8 +213,8 @@ def print_result(result: TrialResult, show: Callable[..., None]) -> None:
     ordered = single.sort_values("rms_mm", ascending=False).to_dict("records")
     listed = ", ".join(f"{row['marker']} {row['rms_mm']:.1f}" for row in ordered)
     show(f"marker error {every:.1f} mm RMS over {len(ordered)} markers: {listed}")
-    for note in result.notes:
-        show(f"- {note}", soft_wrap=True)
+    for note in sorted(result.notes, key=lambda note: not note.startswith(WARNING)):
+        show(f"- {note}", soft_wrap=True, style="bold" if note.startswith(WARNING) else None)
 
 
 def _plates(compensated: bool) -> str:

@@ -1,8 +1,10 @@
 """One trial, from what was recorded to the residuals: the whole method, top to bottom."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from hbm.body import Body, build_body
+from hbm.body import Body
 from hbm.coordinates import SEGMENTS
 from hbm.describe import changed_distances, implausible
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
@@ -10,6 +12,7 @@ from hbm.filtering import butterworth
 from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
+from hbm.overrides import SegmentOverride
 from hbm.poses import segment_frames
 from hbm.spatial import Array
 from pipeline.belts import read_belts
@@ -22,8 +25,9 @@ from pipeline.laboratory import Laboratory, ground_wrenches, read_calibration
 from pipeline.motion_notes import motion_notes
 from pipeline.recording import Recording
 from pipeline.study import Condition, Settings, Study, Subject, Treadmill, Trial
+from pipeline.subject_body import read_segments, subject_body
 from pipeline.trial_result import TrialResult
-from pipeline.weighing import body_mass, carried_kg, joint_widths, stature
+from pipeline.weighing import body_mass, carried_kg
 from pipeline.windows import perturbation_onsets, select_cycles
 
 
@@ -34,6 +38,8 @@ def process_recording(
     *,
     static: Recording | None = None,
     static_window_s: tuple[float, float] | None = None,
+    hip_trial: Recording | None = None,
+    segments: Mapping[str, SegmentOverride] | None = None,
     marker_set: MarkerSet | None = None,
     laboratory: Laboratory | None = None,
     condition: Condition | None = None,
@@ -51,6 +57,10 @@ def process_recording(
         Recording of the calibration pose; by default the trial itself.
     static_window_s
         Where the pose is in it [s]; by default its quietest second.
+    hip_trial
+        Recording in which the thighs swing, where ``settings.hip`` is "functional".
+    segments
+        Segment -> what is known better than the table of inertias.
     marker_set
         A marker set of one's own; by default recognised from the labels.
     laboratory
@@ -73,18 +83,15 @@ def process_recording(
     pose = static or recording
     _require_plates(recording)
     mass, weighed = body_mass(subject, pose)
-    knee, ankle = joint_widths(subject, pose)
-    body = build_body(
-        pose.markers,
-        mass=mass,
-        sex=subject.sex,
-        height_m=stature(subject, pose),
-        marker_set=marker_set or settings.marker_set,
+    body = subject_body(
+        pose,
+        subject,
+        settings,
+        mass,
         window_s=static_window_s,
-        hip=settings.hip,
-        marker_offset_m=settings.marker_offset_m,
-        knee_width_m=knee,
-        ankle_width_m=ankle,
+        marker_set=marker_set,
+        hip_trial=hip_trial,
+        segments=segments,
     )
     raw = solve_ik(body, recording.markers, jobs=jobs)
     motion = filter_motion(raw, cutoff=settings.cutoff_hz, method=settings.filter)
@@ -197,6 +204,8 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
         person.person,
         file.settings,
         static=read_file(study, person.static) if person.static else None,
+        hip_trial=read_file(study, person.hip_trial) if person.hip_trial else None,
+        segments=read_segments(study.path(person.segments)) if person.segments else None,
         marker_set=study.marker_set,
         laboratory=Laboratory(treadmill, calibration, belts),
         condition=rule,

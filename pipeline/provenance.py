@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from pipeline.collect import Results
-from pipeline.job import file_digest, program_digest
+from pipeline.job import file_digest, program_digest, trial_key
 from pipeline.study import Study, Trial
 from pipeline.trial_files import PACKAGES
 
@@ -120,6 +120,9 @@ def _state(
         if fact["settings"] != study.file.settings.model_dump():
             said = "processed with other settings than the study states now; run it again"
             return TrialState(*key, "outdated", said, True)
+        if fact["key"] != trial_key(study, *key):
+            said = "the program, a file of it or what is stated has changed since; run it again"
+            return TrialState(*key, "outdated", said, True)
     return TrialState(*key, "done", "", True)
 
 
@@ -175,7 +178,7 @@ def _each_once(values: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def input_digests(study: Study) -> dict[str, str]:
     """Give the SHA-256 of every file that a study is made of, in order of their names."""
     names = {path.name for path in study.folder.glob("*.toml")}
-    names |= {person.static for person in study.subjects.values() if person.static}
+    names |= {name for person in study.subjects.values() for name in person.files}
     names |= {
         name
         for person in study.subjects.values()

@@ -63,6 +63,13 @@ BIBTEX: Final = {
   volume  = {40}, number = {3}, pages = {595--602}, year = {2007},
   doi     = {10.1016/j.jbiomech.2006.02.003}
 }""",
+    "ehrig2006": """@article{ehrig2006,
+  author  = {Ehrig, Rainald M. and Taylor, William R. and Duda, Georg N. and Heller, Markus O.},
+  title   = {A survey of formal methods for determining the centre of rotation of ball joints},
+  journal = {Journal of Biomechanics},
+  volume  = {39}, number = {15}, pages = {2798--2809}, year = {2006},
+  doi     = {10.1016/j.jbiomech.2005.10.002}
+}""",
     "bell1990": """@article{bell1990,
   author  = {Bell, Alexander L. and Pedersen, Douglas R. and Brand, Richard A.},
   title   = {A comparison of the accuracy of several hip center location prediction methods},

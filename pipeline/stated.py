@@ -31,7 +31,7 @@ class Settings(Stated):
     cutoff_hz: Annotated[float, Field(gt=0, le=50)] = 6.0
     filter: Method = "zero_phase"
     marker_set: Text | None = None
-    hip: Literal["harrington", "bell"] = "harrington"
+    hip: Literal["harrington", "bell", "functional"] = "harrington"
     marker_offset_m: Annotated[float, Field(ge=0, le=0.05)] = 0.009
     plate_delay_s: Delay = 0.0
     contact_threshold_n: Annotated[float, Field(gt=0, le=200)] = 30.0
@@ -79,6 +79,7 @@ class Treadmill(Stated):
     accelerometers: dict[Name, Channels] = Field(default_factory=dict)
     accelerometer_unit: Text | None = None
     accelerometer_delay_s: Delay = 0.0
+    accelerometer_range_g: Annotated[float, Field(gt=0, le=200)] = 2.0
     cutoff_hz: Annotated[float, Field(gt=0, le=100)] = 20.0
     belt: Belt | None = None
     platform: Platform | None = None
@@ -162,7 +163,14 @@ class SubjectFile(Subject):
 
     id: Name
     static: Text | None = None
+    hip_trial: Text | None = None
+    segments: Text | None = None
     trials: dict[str, Trial]
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files about the subject's body, those that are stated."""
+        return tuple(filter(None, (self.static, self.hip_trial, self.segments)))
 
     @property
     def person(self) -> Subject:

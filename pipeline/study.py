@@ -12,6 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from hbm.coordinates import MOVING
 from hbm.markers import MarkerSet, did_you_mean, marker_sets, read_marker_set
 from pipeline.stated import (
     Condition,
@@ -25,6 +26,7 @@ from pipeline.stated import (
     Trial,
 )
 from pipeline.study_faults import StudyFaults, describe_faults
+from pipeline.subject_body import read_segments
 
 __all__ = [
     "Condition",
@@ -115,11 +117,12 @@ def read_study(folder: str | Path) -> Study:
     subjects: dict[str, SubjectFile] = {}
     for path in _subject_paths(folder):
         table = _load(path, faults)
-        if table is None or ("markers" in table and "trials" not in table):
+        if table is None or _no_subject(table):
             continue
         subject = _checked(path.name, table, SubjectFile, faults)
         faults += _trial_faults(folder, path.name, table, conditions)
         if subject is not None:
+            faults += _body_faults(folder, path.name, subject, file)
             if subject.id in subjects:
                 faults.append(f"{path.name}: id: {subject.id!r} is already taken by another file")
             subjects[subject.id] = subject
@@ -138,6 +141,34 @@ def read_study(folder: str | Path) -> Study:
 def _subject_paths(folder: Path) -> list[Path]:
     paths = sorted(folder.glob("*.toml"))
     return [path for path in paths if path.name != "study.toml" and path.name[0] != "."]
+
+
+def _no_subject(table: dict[str, Any]) -> bool:
+    """Tell a marker set or a table of segments beside the subjects."""
+    return "trials" not in table and not table.keys().isdisjoint(("markers", *MOVING))
+
+
+def _body_faults(
+    folder: Path, name: str, subject: SubjectFile, file: StudyFile | None
+) -> list[str]:
+    """Hold what is stated of a subject's body against the settings and the folder."""
+    faults = []
+    if subject.segments and (folder / subject.segments).is_file():
+        try:
+            read_segments(folder / subject.segments)
+        except ValueError as error:
+            faults.append(f"{name}: segments: {error}")
+    functional = file is not None and file.settings.hip == "functional"
+    if functional and subject.hip_trial is None:
+        faults.append(
+            f'{name}: hip_trial: is missing; study.toml says settings.hip = "functional", which '
+            "needs a recording in which the thighs swing"
+        )
+    if file is not None and not functional and subject.hip_trial is not None:
+        faults.append(
+            f'{name}: hip_trial: is of no use unless study.toml says settings.hip = "functional"'
+        )
+    return faults
 
 
 def _load(path: Path, faults: list[str]) -> dict[str, Any] | None:
@@ -238,8 +269,9 @@ def _trial_faults(folder: Path, name: str, table: dict[str, Any], known: Any) ->
         for key in ("file", "forces", "record"):
             if trial.get(key) and isinstance(trial[key], str):
                 faults += _missing(folder, f"{where}.{key}", trial[key])
-    if table.get("static") and isinstance(table["static"], str):
-        faults += _missing(folder, f"{name}: static", table["static"])
+    for key in ("static", "hip_trial", "segments"):
+        if table.get(key) and isinstance(table[key], str):
+            faults += _missing(folder, f"{name}: {key}", table[key])
     return faults
 
 

@@ -21,7 +21,7 @@ name = "My study"
 # marker_set = "hbm2"        # hbm2, hbm2_lower, hbm1, hbm1_lower or a TOML file of your own
 cutoff_hz = 6.0              # of the Butterworth filter, on coordinates and forces alike
 filter = "zero_phase"        # or "realtime", as the laboratory's own software does
-hip = "harrington"           # joint centres by Harrington (2007), or "bell" (1989)
+hip = "harrington"           # joint centres by Harrington (2007), "bell" (1990) or "functional"
 # marker_offset_m = 0.009    # from the skin to a marker's centre
 plate_delay_s = 0.0          # how much later the plates are stamped than the markers
 # contact_threshold_n = 30.0 # vertical force above which a foot is on a plate
@@ -30,6 +30,7 @@ plate_delay_s = 0.0          # how much later the plates are stamped than the ma
 # Recording of the empty, moving treadmill (.c3d), or a calibration fitted to one (.json).
 # calibration = "calibration.c3d"
 # accelerometer_unit = "g"   # if the files do not say it
+# accelerometer_range_g = 2.0  # where they clip
 # accelerometer_delay_s = 0.0  # how much later the accelerometers are stamped than the plates
 # cutoff_hz = 20.0           # low-pass for fitting the calibration
 
@@ -75,6 +76,8 @@ height_m = 1.70
 # knee_width_m = 0.105       # these two stand in for medial markers that are not there; default:
 # ankle_width_m = 0.072      # the file's, or estimated from the shank
 # static = "sub01_static.c3d"      # calibration pose; default: the quietest second of each trial
+# hip_trial = "sub01_star.c3d"     # where hip is "functional": both thighs swing in it
+# segments = "sub01_segments.toml" # what is known of segments: prostheses, braces, shoes, scans
 
 [trials.baseline]
 file = "sub01_baseline.c3d"

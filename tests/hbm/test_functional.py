@@ -15,7 +15,7 @@ RATE_HZ = 50.0
 HBM2 = marker_sets()["hbm2"]
 
 
-def star_arc(noise_m=0.0, swing=30.0, sideways=30.0):
+def swings(swing=30.0, sideways=30.0):
     """Each leg swings forward and back, sideways, and round, while the pelvis sways and turns."""
     time = np.arange(0, 12, 1 / RATE_HZ)
     q = np.zeros((len(time), N))
@@ -25,6 +25,11 @@ def star_arc(noise_m=0.0, swing=30.0, sideways=30.0):
     for side, late in (("R", 0.0), ("L", 0.4)):
         q[:, INDEX[f"{side}HipFlexion"]] = np.radians(swing) * np.sin(2 * time + late)
         q[:, INDEX[f"{side}HipAbduction"]] = np.radians(sideways) * np.sin(1.3 * time + late) ** 2
+    return time, q
+
+
+def star_arc(noise_m=0.0, swing=30.0, sideways=30.0):
+    time, q = swings(swing, sideways)
     exact = markers_of(synthetic_body(), motion_of(time, q, q, q))
     noise = np.random.default_rng(8).normal(scale=noise_m, size=exact.position.shape)
     return Markers(time, exact.names, exact.position + noise)

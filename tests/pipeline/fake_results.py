@@ -4,7 +4,7 @@ The walking, the artefacts and what compensation leaves of them are made of sine
 the tables look like those of a study. Nothing here is measured or simulated.
 """
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,6 +43,7 @@ def write_fake_results(
     without: Collection[tuple[str, str]] = (),
     settings: Settings | None = None,
     rest_s: float = 0.0,
+    key: Callable[[str, str], str] = "key of {} {}".format,
 ) -> Path:
     """Write the trials of a made-up study; ``without`` names cells that are missing."""
     for number in range(1, subjects + 1):
@@ -52,7 +53,7 @@ def write_fake_results(
                 continue
             result = fake_trial(number, condition, cycles, compensated, settings, rest_s)
             path = folder / "trials" / f"{subject}_{condition}.parquet"
-            write_trial(result, condition, f"key of {subject} {condition}", path)
+            write_trial(result, condition, key(subject, condition), path)
     return folder
 
 

@@ -95,7 +95,22 @@ def test_a_pose_as_commanded_does_what_markers_do(walker, calibration, motions):
     treadmill = TREADMILL.model_copy(update={"platform": COMMANDED})
     found, ground = acting(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < [2, 2, 2, 1, 1, 1]).all()
-    assert "platform's pose as commanded by Sway and Pitch" in ground.notes[-1]
+    assert "platform's pose as commanded by Sway and Pitch" in ground.notes[-2]
+    budget = re.fullmatch(r"a pivot stated 1 cm off would add up to (.*) N·m", ground.notes[-1])
+    # no more than 2 sin(φ/2) ε F: 10° and the vertical force, which peaks at some 1.4 body weights
+    assert 0.5 < float(budget[1]) < 2 * np.sin(np.radians(5.3)) * 0.01 * 1.6 * 74.6 * 9.81
+
+
+def test_sensors_that_clip_are_told_by_their_own_range(walker, calibration, motions):
+    recording = lab.on_platform(walker, motions["both"])
+    told = {}
+    for range_g in (1.05, 2.0):
+        treadmill = TREADMILL.model_copy(update={"accelerometer_range_g": range_g})
+        _, ground = acting(recording, Laboratory(treadmill, calibration))
+        told[range_g] = [note for note in ground.notes if "at its limit" in note]
+    assert told[2.0] == []
+    assert told[1.05]
+    assert all(note.startswith("warning: ") for note in told[1.05])
 
 
 @pytest.mark.parametrize("delay_s", [0.03, -0.03])

@@ -3,10 +3,12 @@
 import hashlib
 import json
 import re
+import shutil
 
 import pytest
 
 from pipeline.collect import collect, only
+from pipeline.job import trial_key
 from pipeline.provenance import (
     git_commit,
     input_digests,
@@ -28,10 +30,16 @@ def study(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    without = {("sub02", "sway"), ("sub03", "pitch")}
+def results(tmp_path_factory, study):
     folder = tmp_path_factory.mktemp("results")
-    return collect(write_fake_results(folder, subjects=3, cycles=2, without=without))
+    write_fake_results(
+        folder,
+        subjects=3,
+        cycles=2,
+        without={("sub02", "sway"), ("sub03", "pitch")},
+        key=lambda subject, condition: trial_key(study, subject, condition),
+    )
+    return collect(folder)
 
 
 def states(results, failures, study=None):
@@ -91,6 +99,26 @@ def test_results_of_other_settings_are_outdated(tmp_path, study):
     assert (found.state, found.in_tables) == ("outdated", True)
 
 
+@pytest.mark.parametrize(
+    ("name", "before", "after"),
+    [
+        ("sub01.toml", "id =", "mass_kg = 70.0\nid ="),
+        ("sub01_sway.c3d", "sub01", "another"),
+        ("empty.json", "", "other "),
+    ],
+)
+def test_results_of_what_was_there_before_are_outdated(
+    results, study, tmp_path, name, before, after
+):
+    folder = shutil.copytree(study.folder, tmp_path / "study")
+    changed = folder / name
+    changed.write_text(changed.read_text("utf-8").replace(before, after, 1), encoding="utf-8")
+    found = states(results, {}, read_study(folder))["sub01", "sway"]
+    assert found.state == "outdated"
+    assert "has changed since; run it again" in found.reason
+    assert found.in_tables
+
+
 def test_results_that_the_study_no_longer_knows_are_outdated(tmp_path, study):
     folder = write_fake_results(tmp_path, subjects=1, conditions=("running",), cycles=2)
     found = states(collect(folder), {}, study)["sub01", "running"]
@@ -123,7 +151,7 @@ def test_provenance_is_json_and_complete(results, study):
     assert said["treadmill"]["cutoff_hz"] == 20
     trial = next(t for t in said["trials"] if (t["subject"], t["condition"]) == ("sub01", "sway"))
     assert (trial["state"], trial["source"]) == ("done", "sub01_sway.c3d")
-    assert trial["key"] == "key of sub01 sway"
+    assert trial["key"] == trial_key(study, "sub01", "sway")
 
 
 def test_the_commit_is_that_of_the_sources():
