@@ -182,6 +182,15 @@ def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
         raise ValueError(
             f"the markers match no known set; nearest is {best.name!r} with {found[best.name]} of "
             f"{len(best.segment)} present (missing {', '.join(missing[:8])}"
-            f"{', …' if len(missing) > 8 else ''}); rename them or give a marker set of your own"
+            f"{', …' if len(missing) > 8 else ''}){_other_capitals(names)}; rename them or give a "
+            "marker set of your own"
         )
     return best
+
+
+def _other_capitals(names: Iterable[str]) -> str:
+    """Say which labels are known ones but for their capitals."""
+    known = {name.casefold(): name for each in marker_sets().values() for name in each.segment}
+    pairs = [(name, known[name.casefold()]) for name in names if name.casefold() in known]
+    differ = [f"{name!r} for {label}" for name, label in pairs if name != label]
+    return f"; {len(differ)} differ in capitals only, such as {differ[0]}" if differ else ""

@@ -93,6 +93,8 @@ def one_line(error: BaseException) -> str:
     """Say an error in one line, with the notes that were added on its way up."""
     if isinstance(error, TyperException):
         text = f"{error.format_message().rstrip('.')}; see 'hbm --help'"
+    elif isinstance(error, FileExistsError | NotADirectoryError) and error.filename:
+        text = f"{error.filename}: a file stands where a folder should be"
     elif isinstance(error, OSError) and error.strerror and error.filename:
         text = f"{error.filename}: {error.strerror.lower()}"
     elif isinstance(error, KeyError):

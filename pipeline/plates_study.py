@@ -116,7 +116,8 @@ def read_plates_study(folder: str | Path) -> PlatesStudy:
     except UnicodeDecodeError as error:
         raise StudyFaults([f"{FILE}: is not saved as UTF-8: {error.reason}"]) from error
     except OSError as error:
-        raise StudyFaults([f"{folder}: no {FILE} here: {error.strerror}"]) from error
+        why = "" if isinstance(error, FileNotFoundError) else f" that can be read: {error.strerror}"
+        raise StudyFaults([f"{folder}: no {FILE} here{why}"]) from error
     faults, file = [], None
     try:
         file = PlatesFile.model_validate(table)

@@ -1,6 +1,7 @@
 """One trial, from what was recorded to the residuals: the whole method, top to bottom."""
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
@@ -29,6 +30,11 @@ from pipeline.subject_body import read_segments, subject_body
 from pipeline.trial_result import TrialResult
 from pipeline.weighing import body_mass, carried_kg
 from pipeline.windows import perturbation_onsets, select_cycles
+
+NOT_CARRIED: Final = (
+    "warning: the plates do not carry the subject throughout the gait cycles: a foot beside them, "
+    "a dead plate, or running; in walking, what they miss is in the residuals"
+)
 
 
 def process_recording(
@@ -126,6 +132,7 @@ def process_recording(
     chosen, missing = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
     delay, uncertainty, said = _delay(dynamics[best], ground[best], motion)
     vertical = np.sum([wrench[:, 2] for wrench in ground[best].values()], axis=0)
+    carried = carried_kg(motion.time, vertical, cycles)
     return TrialResult(
         source=recording.source,
         subject=subject,
@@ -145,7 +152,8 @@ def process_recording(
         notes=(
             *recording.notes,
             weighed,
-            *implausible(body, weighed_kg=carried_kg(motion.time, vertical, cycles)),
+            *implausible(body, weighed_kg=carried),
+            *([NOT_CARRIED] if carried is None and any(map(len, cycles.values())) else []),
             *changed_distances(body, recording.markers),
             *body.notes,
             *motion_notes(body, raw),

@@ -108,6 +108,8 @@ def read_study(folder: str | Path) -> Study:
     folder = Path(folder)
     if folder.name == "study.toml":
         folder = folder.parent
+    if folder.is_file():
+        raise StudyFaults([f"{folder}: is a file; a study is a folder with study.toml in it"])
     if not (folder / "study.toml").is_file():
         raise StudyFaults([f"{folder}: no study.toml here; write one with 'hbm init {folder}'"])
     faults: list[str] = []

@@ -87,12 +87,17 @@ def run(
     Raises
     ------
     StudyFaults, ValueError
-        If the study or a name is at fault.
+        If the study or a name is at fault, or there is nothing to process.
     """
     console = Console(highlight=False, markup=False)
     study = read_study(folder)
     start = time.monotonic()
     planned = plan(study, out, subjects=subjects, conditions=conditions)
+    if not planned:
+        raise ValueError(
+            f"{folder}: nothing to process: all trials of these subjects and conditions are "
+            "excluded, or there are none"
+        )
     require_writable(out / "trials")
     remove_leftovers(out / "trials")
     remember_study(out, study.folder)

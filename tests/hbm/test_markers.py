@@ -58,6 +58,12 @@ def test_unknown_labels_are_refused_with_the_nearest_set():
         recognise_marker_set(labels)
 
 
+def test_labels_that_differ_in_capitals_only_are_told():
+    labels = [name.lower() for name in marker_sets()["hbm2"].segment]
+    with pytest.raises(ValueError, match=r"46 differ in capitals only, such as 'lasis' for LASIS"):
+        recognise_marker_set(labels)
+
+
 def test_a_set_of_one_s_own_is_a_table():
     own = read_marker_set(OWN, "lab")
     assert own.name == "lab"

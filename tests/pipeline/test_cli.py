@@ -184,3 +184,25 @@ def test_square_brackets_are_printed_as_they_are(capsys, monkeypatch):
     monkeypatch.setattr(doctor, "cache_directory", lambda: "data [bold] [2024]")
     assert main(["doctor"]) == 0
     assert "data [bold] [2024]" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "command", [["simulate", "{}"], ["demo", "--out", "{}"], ["init", "{}"], ["check", "{}"]]
+)
+def test_a_file_where_a_folder_should_be_is_one_line(tmp_path, capsys, command):
+    (tmp_path / "taken").touch()
+    assert main([part.format(tmp_path / "taken") for part in command]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert "taken" in lines[0]
+    assert "folder" in lines[0]
+
+
+def test_a_study_of_excluded_trials_only_has_nothing_to_process(tmp_path, capsys):
+    (tmp_path / "study.toml").write_text("[conditions.walk]")
+    (tmp_path / "a.toml").write_text('id = "a"\n[trials.walk]\nexclude = "ill"\n')
+    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "nothing to process" in capsys.readouterr().err
+    (tmp_path / "a.toml").write_text('id = "a"\n[trials]\n')
+    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "a.toml: trials" in capsys.readouterr().err

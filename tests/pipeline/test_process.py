@@ -200,7 +200,9 @@ def warnings(result):
 
 def test_a_stated_mass_that_the_plates_deny_is_told(walker, results):
     true = lab.PEOPLE[0].mass_kg
-    assert all(warnings(result) == [] for result in results.values())
+    assert warnings(results["baseline"]) == warnings(results["pitch"]) == []
+    (quick,) = warnings(results["sway"])
+    assert "leave the range of the calibration" in quick
     assert warnings(process_recording(walker, Subject(mass_kg=1.04 * true), Settings())) == []
     (said,) = warnings(process_recording(walker, Subject(mass_kg=1.1 * true), Settings()))
     assert re.search(r"is \+(10|11) % off the 74\.\d kg that the plates say", said)
@@ -318,3 +320,13 @@ def test_an_excluded_trial_is_refused_with_its_reason(study):
         process_trial(changed, "sub01", "sway")
     with pytest.raises(ValueError, match="sub01 has no trial 'pitch'"):
         process_trial(changed, "sub01", "pitch")
+
+
+def test_a_foot_beside_the_plates_is_told(walker, results):
+    assert not any("do not carry" in note for note in results["pitch"].notes)
+    plate = walker.plates[0]
+    beside = plate.wrench_in_plate.copy()
+    beside[(plate.time > 7) & (plate.time < 8)] = 0
+    plates = (replace(plate, wrench_in_plate=beside), *walker.plates[1:])
+    notes = process_recording(replace(walker, plates=plates), PERSON, Settings()).notes
+    assert sum("the plates do not carry the subject throughout" in note for note in notes) == 1

@@ -184,10 +184,16 @@ def test_a_condition_that_cannot_be_is_refused(write, conditions, said):
             ["trials.walk.file: string should have at least 1 character"],
         ),
         ('id = "s"\n[trials.walk]\nfile = 5\n', ["trials.walk.file: input should be a valid str"]),
-        ('id = "s"\nstatic = "no.c3d"\n[trials]\n', ["static: no file 'no.c3d'"]),
+        (
+            'id = "s"\nstatic = "no.c3d"\n[trials.walk]\nexclude = "ill"\n',
+            ["static: no file 'no.c3d'"],
+        ),
         ('id = "s"\ntrials = 3\n', ["trials: input should be a valid dict"]),
-        ('id = "s"\nid = "t"\n[trials]\n', ["not valid TOML: Cannot overwrite a value"]),
-        ('id = "../s"\n[trials]\n', ["id: must be letters, digits"]),
+        (
+            'id = "s"\nid = "t"\n[trials.walk]\nexclude = "ill"\n',
+            ["not valid TOML: Cannot overwrite a value"],
+        ),
+        ('id = "../s"\n[trials.walk]\nexclude = "ill"\n', ["id: must be letters, digits"]),
     ],
 )
 def test_a_subject_file_that_cannot_be_is_refused(write, person, said):
