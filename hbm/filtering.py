@@ -4,15 +4,22 @@ A gap (NaN) splits a signal: each stretch of finite samples is filtered on its o
 stays a gap. The same filter belongs on coordinates and on forces, or their phases disagree.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
-from scipy.signal import firwin, kaiserord, lfilter, oaconvolve
+from scipy.signal import lfilter
 
+from hbm.samples import (
+    extended,
+    mean_rate_hz,
+    require_equal_steps,
+    require_length,
+    sample_times,
+    stretches,
+)
 from hbm.spatial import Array
 
 Method = Literal["realtime", "zero_phase"]
@@ -22,9 +29,6 @@ TWO_PASSES = (np.sqrt(2) - 1) ** 0.25
 
 PADDING_PERIODS = 4
 """Extension beyond each end, in periods of the cut-off: a transient shrinks to 2e-10 in it."""
-
-STOPBAND_DB = 80.0
-"""How far :func:`resample` suppresses what would otherwise fold back below the new Nyquist."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,8 +117,8 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
     - Both restart after a gap.
     """
     signal = np.asarray(signal, float)
-    time = _sample_times(time, signal)
-    rate_hz = _rate_hz(time)
+    time = sample_times(time, signal)
+    rate_hz = mean_rate_hz(time)
     if not 0 < cutoff_hz < rate_hz / 2:
         raise ValueError(
             f"cut-off must lie between 0 and half the sampling rate ({rate_hz / 2:g} Hz), "
@@ -124,14 +128,14 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
         needed, kernel = 2, _realtime
     elif method == "zero_phase":
         needed, kernel = int(np.ceil(rate_hz / cutoff_hz)), _zero_phase
-        _require_equal_steps(time)
+        require_equal_steps(time)
     else:
         raise ValueError(f'filter method must be "realtime" or "zero_phase", got {method!r}')
-    _require_length(time, needed)
+    require_length(time, needed)
 
     columns = signal.reshape(len(time), -1)
     results = np.full((3, *columns.shape), np.nan)
-    for rows, alike in _stretches(columns, needed):
+    for rows, alike in stretches(columns, needed):
         some = slice(None) if alike.all() else alike
         found = kernel(columns[rows, some], time[rows], cutoff_hz)
         for result, part in zip(results, found, strict=True):
@@ -162,84 +166,6 @@ def low_pass(signal: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
         As :func:`butterworth`.
     """
     return butterworth(signal, rate_hz, cutoff_hz, "zero_phase").value
-
-
-def resample(
-    time: ArrayLike, values: ArrayLike, new_time: ArrayLike, *, delay_s: float = 0.0
-) -> Array:
-    """Bring a signal to other sample times without shifting it and without aliasing.
-
-    Parameters
-    ----------
-    time
-        Sample times, (N,) [s], increasing; equal steps where ``new_time`` is coarser.
-    values
-        Samples, (N, ...). Gaps (NaN) stay gaps.
-    new_time
-        Wanted times, (T,) [s], increasing.
-    delay_s
-        How much later than the clock of ``new_time`` the values were stamped [s]: the result at
-        ``t`` is the signal at ``t + delay_s``.
-
-    Returns
-    -------
-    Array
-        Values at ``new_time``, (T, ...); NaN outside the recorded time and inside gaps.
-
-    Raises
-    ------
-    ValueError
-        If times do not increase or do not fit the values, or if there are too few samples.
-
-    Notes
-    -----
-    Where ``new_time`` is coarser, a symmetric Kaiser-windowed FIR filter runs first: flat up to 0.4
-    of the new rate, ``STOPBAND_DB`` down from 0.6 of it, so that nothing folds back below 0.4 of
-    the new rate (40 Hz at 100 Hz). Being symmetric it delays nothing once its centre is taken as
-    its time. :func:`interpolate` follows.
-    """
-    values, new_time = np.asarray(values, float), np.asarray(new_time, float)
-    time = _sample_times(time, values)
-    new_rate_hz = _rate_hz(_sample_times(new_time, new_time))
-    if new_rate_hz < 0.99 * _rate_hz(time):
-        values = _without_aliases(values, time, new_rate_hz)
-    return interpolate(time, values, new_time + delay_s)
-
-
-def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
-    """Evaluate the cubic spline through samples, never across a gap and never beyond the ends.
-
-    Parameters
-    ----------
-    time
-        Sample times, (N,) [s], increasing.
-    values
-        Samples, (N, ...). Stretches of fewer than 4 samples between gaps (NaN) become gaps.
-    at
-        Wanted times in any order, any shape (S) [s].
-
-    Returns
-    -------
-    Array
-        Values there, (S, ...); NaN outside the recorded time and inside gaps.
-
-    Raises
-    ------
-    ValueError
-        If times do not increase or do not fit the values, or if there are fewer than 4 samples.
-    """
-    values, at = np.asarray(values, float), np.asarray(at, float)
-    time = _sample_times(time, values)
-    _require_length(time, 4)
-    wanted, rounding = at.ravel(), 1e-6 / _rate_hz(time)
-    columns = values.reshape(len(time), -1)
-    result = np.full((len(wanted), columns.shape[1]), np.nan)
-    for rows, alike in _stretches(columns, 4):
-        first, last = time[rows][[0, -1]]
-        inside = (wanted >= first - rounding) & (wanted <= last + rounding)
-        spline = make_interp_spline(time[rows], columns[rows, alike])
-        result[np.ix_(inside, alike)] = spline(wanted[inside])
-    return result.reshape(*at.shape, *values.shape[1:])
 
 
 def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
@@ -280,28 +206,12 @@ def _zero_phase(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Ar
         return np.flip(moved + samples[0], axis=0)
 
     padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
-    filtered = turned(turned(_extended(signal, padding)))
+    filtered = turned(turned(extended(signal, padding)))
     sample = np.arange(-padding, len(time) + padding)
     spline = make_interp_spline(sample * step, filtered, k=5)
     kept = slice(padding, padding + len(time))
     at = sample[kept] * step
     return filtered[kept], spline(at, 1), spline(at, 2)
-
-
-def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
-    """Take from (N, ...) samples what a lower sampling rate cannot show."""
-    _require_equal_steps(time)
-    rate_hz = _rate_hz(time)
-    length, beta = kaiserord(STOPBAND_DB, 0.2 * new_rate_hz / (rate_hz / 2))
-    reach = length // 2
-    _require_length(time, reach + 1)
-    taps = firwin(2 * reach + 1, new_rate_hz / 2, window=("kaiser", beta), fs=rate_hz)[:, None]
-    columns = signal.reshape(len(time), -1)
-    result = np.full(columns.shape, np.nan)
-    for rows, alike in _stretches(columns, reach + 1):
-        extended = _extended(columns[rows, alike], reach)
-        result[rows, alike] = oaconvolve(extended, taps, "valid", axes=0)
-    return np.reshape(result, signal.shape)
 
 
 def _section(omega: float, step: float) -> tuple[Array, Array, Array]:
@@ -312,57 +222,3 @@ def _section(omega: float, step: float) -> tuple[Array, Array, Array]:
     to_velocity = 2 * step * a * np.array([1.0, 0.0, -1.0]) / divisor
     feedback = np.array([divisor, 2 * step**2 * a - 8, 4 - 2 * step * b + step**2 * a]) / divisor
     return to_value, to_velocity, feedback
-
-
-def _extended(signal: Array, count: int) -> Array:
-    """Extend (T, K) samples at both ends by reflection through the end samples."""
-    return np.pad(signal, ((count, count), (0, 0)), mode="reflect", reflect_type="odd")
-
-
-def _stretches(columns: Array, needed: int) -> Iterator[tuple[slice, NDArray[np.bool_]]]:
-    """Find blocks without gaps in (T, K): at least ``needed`` rows, and the columns they are in."""
-    alike: dict[bytes, list[int]] = {}
-    known = np.ascontiguousarray(np.isfinite(columns).T)
-    for number, finite in enumerate(known):
-        alike.setdefault(finite.tobytes(), []).append(number)
-    for numbers in alike.values():
-        chosen = np.zeros(len(known), bool)
-        chosen[numbers] = True
-        edges = np.flatnonzero(np.diff(known[numbers[0]], prepend=False, append=False))
-        for start, stop in edges.reshape(-1, 2):
-            if stop - start >= needed:
-                yield slice(start, stop), chosen
-
-
-def _sample_times(time: ArrayLike, signal: Array) -> Array:
-    """Check sample times against the signal; a single number is a rate and becomes times."""
-    times = np.asarray(time, float)
-    if signal.ndim == 0 or len(signal) < 2:
-        raise ValueError(f"a signal needs at least 2 samples over time, got shape {signal.shape}")
-    if times.ndim == 0:
-        times = np.arange(len(signal)) / times
-    if times.shape != signal.shape[:1]:
-        raise ValueError(f"{len(signal)} samples need as many times, got shape {times.shape}")
-    if not np.all(np.diff(times) > 0):
-        raise ValueError("sample times must increase and be free of NaN")
-    return times
-
-
-def _rate_hz(time: Array) -> float:
-    return float((len(time) - 1) / (time[-1] - time[0]))
-
-
-def _require_equal_steps(time: Array) -> None:
-    step = np.diff(time)
-    if np.ptp(step) > 2e-3 * np.mean(step):
-        raise ValueError(
-            f"zero-phase filters need equal time steps, got {step.min():.6g} to {step.max():.6g} s;"
-            " bring the signal to even times at the same rate with resample() first"
-        )
-
-
-def _require_length(time: Array, needed: int) -> None:
-    if len(time) < needed:
-        raise ValueError(
-            f"this needs at least {needed} samples at {_rate_hz(time):g} Hz, got {len(time)}"
-        )

@@ -23,7 +23,8 @@ import numpy as np
 
 import hbm
 import pipeline
-from hbm.filtering import butterworth, resample
+from hbm.filtering import butterworth
+from hbm.resampling import resample
 from pipeline.contact import share_between_feet
 from pipeline.cycles import gait_cycles, normalise
 from pipeline.figures import COLOURS, draw_band, name_panels

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from compensation import BeltModel, fit_belt
-from hbm.filtering import interpolate
+from hbm.resampling import interpolate
 from hbm.spatial import Array
 from pipeline.calibration_recording import read_empty
 from pipeline.recording import Plate, Recording

@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 
 from compensation import Calibration, Setup, fit_inertia, from_json
-from hbm.filtering import low_pass, resample
+from hbm.filtering import low_pass
+from hbm.resampling import resample
 from pipeline.files import read_recording
 from pipeline.instruments import accelerations
 from pipeline.recording import Recording

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hbm.dynamics import Dynamics
-from hbm.filtering import interpolate
+from hbm.resampling import interpolate
 from hbm.spatial import Array
 from pipeline.gait_events import SIDES, event_times
 from pipeline.recording import Event

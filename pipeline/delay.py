@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
-from hbm.filtering import interpolate
+from hbm.resampling import interpolate
 from hbm.spatial import Array
 
 LONGEST_DELAY_S = 0.15

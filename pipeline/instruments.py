@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from compensation import PlatformPose, commanded_pose, fit_pose, neutral_markers
-from hbm.filtering import resample
+from hbm.resampling import resample
 from hbm.spatial import Array
 from pipeline.recording import Recording
 from pipeline.study import Platform, Treadmill

@@ -14,7 +14,7 @@ from compensation import (
     moment_error_of_pivot,
     to_lab,
 )
-from hbm.filtering import resample
+from hbm.resampling import resample
 from hbm.spatial import Array, transform_wrench
 from pipeline.belts import belt_wrenches
 from pipeline.calibration_recording import (

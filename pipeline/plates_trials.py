@@ -12,7 +12,7 @@ from compensation import (
     fit_plate_calibration,
     wrench_of_weight,
 )
-from hbm.filtering import interpolate
+from hbm.resampling import interpolate
 from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.c3d import read_c3d
 from pipeline.plates_study import Belt, PlatesFile, PlatesStudy, Weight

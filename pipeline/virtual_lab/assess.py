@@ -8,8 +8,9 @@ import numpy as np
 from compensation import InertiaModel, PlatformPose, commanded_pose, fit_inertia, to_lab
 from hbm.body import Body, build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.filtering import Method, butterworth, low_pass, resample
+from hbm.filtering import Method, butterworth, low_pass
 from hbm.kinematics import solve_ik
+from hbm.resampling import resample
 from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.recording import Recording
 from pipeline.virtual_lab.bench import (

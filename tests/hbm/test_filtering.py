@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import bilinear, freqz, lfilter, lfilter_zi
 
-from hbm.filtering import Filtered, butterworth, interpolate, low_pass, resample
+from hbm.filtering import Filtered, butterworth, low_pass
+from hbm.resampling import interpolate, resample
 
 METHODS = ("realtime", "zero_phase")
 time = np.arange(1000) / 100

@@ -7,9 +7,10 @@ import pytest
 
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.filtering import butterworth, resample
+from hbm.filtering import butterworth
 from hbm.kinematics import solve_ik
 from hbm.markers import read_marker_set
+from hbm.resampling import resample
 from pipeline.opensim_trial import read_opensim_trial
 from pipeline.sto import read_sto
 from pipeline.trc import read_trc

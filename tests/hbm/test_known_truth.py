@@ -9,12 +9,13 @@ import pytest
 from hbm.body import build_body
 from hbm.coordinates import SEGMENTS
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.filtering import butterworth, resample
+from hbm.filtering import butterworth
 from hbm.functional import functional_hips
 from hbm.kinematics import solve_ik
 from hbm.markers import read_marker_set
 from hbm.overrides import SegmentOverride
 from hbm.poses import segment_frames
+from hbm.resampling import resample
 from pipeline.opensim_trial import read_opensim_trial
 
 MARKER_SETS = Path(__file__).resolve().parents[2] / "subjects" / "marker_sets"

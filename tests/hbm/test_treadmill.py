@@ -5,8 +5,9 @@ import pytest
 
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.filtering import butterworth, resample
+from hbm.filtering import butterworth
 from hbm.kinematics import solve_ik
+from hbm.resampling import resample
 from hbm.skeleton import GRAVITY
 from pipeline.c3d import read_c3d
 

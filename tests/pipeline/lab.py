@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from hbm.filtering import interpolate
 from hbm.markers import Markers
+from hbm.resampling import interpolate
 from hbm.spatial import Array, rotation_about, transform_wrench
 from pipeline.c3d import read_c3d
 from pipeline.c3d_writer import write_c3d

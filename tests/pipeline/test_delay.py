@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hbm.filtering import butterworth, resample
+from hbm.filtering import butterworth
+from hbm.resampling import resample
 from pipeline.c3d import read_c3d
 from pipeline.delay import marker_plate_delay
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from compensation import Calibration, to_json
-from hbm.filtering import butterworth, resample
+from hbm.filtering import butterworth
+from hbm.resampling import resample
 from pipeline import calibration_recording
 from pipeline.laboratory import (
     Laboratory,

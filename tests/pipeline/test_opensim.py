@@ -12,11 +12,11 @@ import pytest
 from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics
-from hbm.filtering import interpolate
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.native import kernels
+from hbm.resampling import interpolate
 from hbm.skeleton import GRAVITY
 from hbm.spatial import Array, rotation_about
 from pipeline.c3d import read_c3d

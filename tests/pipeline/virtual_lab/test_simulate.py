@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from hbm.coordinates import COORDINATES
-from hbm.filtering import resample
+from hbm.resampling import resample
 from pipeline.c3d import read_c3d
 from pipeline.study import read_study
 from pipeline.virtual_lab.bench import PLATFORM_MARKERS, PULSE_CHANNEL, make_bench, record

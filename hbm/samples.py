@@ -1,0 +1,65 @@
+"""Samples over time: checks, and the stretches between gaps."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hbm.spatial import Array
+
+
+def sample_times(time: ArrayLike, signal: Array) -> Array:
+    """Check sample times against the signal; a single number is a rate and becomes times."""
+    times = np.asarray(time, float)
+    if signal.ndim == 0 or len(signal) < 2:
+        raise ValueError(f"a signal needs at least 2 samples over time, got shape {signal.shape}")
+    if times.ndim == 0:
+        times = np.arange(len(signal)) / times
+    if times.shape != signal.shape[:1]:
+        raise ValueError(f"{len(signal)} samples need as many times, got shape {times.shape}")
+    if not np.all(np.diff(times) > 0):
+        raise ValueError("sample times must increase and be free of NaN")
+    return times
+
+
+def mean_rate_hz(time: Array) -> float:
+    """Give the mean sampling rate of sample times (T,) [Hz]."""
+    return float((len(time) - 1) / (time[-1] - time[0]))
+
+
+def require_equal_steps(time: Array) -> None:
+    """Refuse sample times (T,) whose steps differ by more than 0.2 %."""
+    step = np.diff(time)
+    if np.ptp(step) > 2e-3 * np.mean(step):
+        raise ValueError(
+            f"zero-phase filters need equal time steps, got {step.min():.6g} to {step.max():.6g} s;"
+            " bring the signal to even times at the same rate with resample() first"
+        )
+
+
+def require_length(time: Array, needed: int) -> None:
+    """Refuse fewer samples than needed."""
+    if len(time) < needed:
+        raise ValueError(
+            f"this needs at least {needed} samples at {mean_rate_hz(time):g} Hz, got {len(time)}"
+        )
+
+
+def stretches(columns: Array, needed: int) -> Iterator[tuple[slice, NDArray[np.bool_]]]:
+    """Find blocks without gaps in (T, K): at least ``needed`` rows, and the columns they are in."""
+    alike: dict[bytes, list[int]] = {}
+    known = np.ascontiguousarray(np.isfinite(columns).T)
+    for number, finite in enumerate(known):
+        alike.setdefault(finite.tobytes(), []).append(number)
+    for numbers in alike.values():
+        chosen = np.zeros(len(known), bool)
+        chosen[numbers] = True
+        edges = np.flatnonzero(np.diff(known[numbers[0]], prepend=False, append=False))
+        for start, stop in edges.reshape(-1, 2):
+            if stop - start >= needed:
+                yield slice(start, stop), chosen
+
+
+def extended(signal: Array, count: int) -> Array:
+    """Extend (T, K) samples at both ends by reflection through the end samples."""
+    return np.pad(signal, ((count, count), (0, 0)), mode="reflect", reflect_type="odd")
