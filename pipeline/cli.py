@@ -11,8 +11,30 @@ from typing import Annotated, Literal
 import typer
 from typer.exceptions import TyperException
 
+from pipeline.cli_options import (
+    Axes,
+    CalibrationFile,
+    CutoffHz,
+    FilterMethod,
+    Forces,
+    HeightM,
+    Hip,
+    HipTrial,
+    MarkerSetName,
+    MassKg,
+    Out,
+    PlateDelayMs,
+    PlatformMarkers,
+    Record,
+    ResultsFolder,
+    Segments,
+    Sex,
+    Static,
+    StudyFolder,
+    TrialFile,
+)
 from pipeline.cli_simulate import simulate
-from pipeline.cli_treadmill import Axes, Out, calibration_app, plates
+from pipeline.cli_treadmill import calibration_app, plates
 
 USAGE = 2
 """Exit code for wrong usage or input."""
@@ -23,44 +45,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-
-ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote.")]
-StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and subject files.")]
-TrialFile = Annotated[
-    Path, typer.Argument(help="The trial: C3D, TRC, D-Flow, .mox or Nexus ASCII, told by content.")
-]
-Static = Annotated[Path | None, typer.Option(help="Calibration pose; default: the trial itself.")]
-Forces = Annotated[Path | None, typer.Option(help="Ground reaction forces (.mot) of a .trc trial.")]
-Record = Annotated[Path | None, typer.Option(help="D-Flow record file beside a D-Flow mocap file.")]
-MassKg = Annotated[float | None, typer.Option(help="Body mass; default: weighed by the plates.")]
-Sex = Annotated[str, typer.Option(help="male, female or unspecified.")]
-HeightM = Annotated[
-    float | None, typer.Option(help="Stature; default: the file's, or from the legs.")
-]
-MarkerSetName = Annotated[
-    str | None, typer.Option(help="Name of a marker set, or a TOML file with one's own.")
-]
-Hip = Annotated[str, typer.Option(help="Hip centres: harrington, bell or functional.")]
-HipTrial = Annotated[
-    Path | None, typer.Option(help="Recording in which the thighs swing, for --hip functional.")
-]
-Segments = Annotated[
-    Path | None, typer.Option(help="TOML with what is known of segments: prostheses, shoes, scans.")
-]
-FilterMethod = Annotated[
-    str, typer.Option("--filter", help="zero_phase, or realtime as in the lab.")
-]
-CutoffHz = Annotated[float, typer.Option(help="Cut-off of the filter.")]
-PlateDelayMs = Annotated[
-    float,
-    typer.Option(min=-500, max=500, help="How much later the plates are than the markers."),
-]
-CalibrationFile = Annotated[
-    Path | None, typer.Option(help="Calibration of the moving treadmill (hbm calibration fit).")
-]
-PlatformMarkers = Annotated[
-    str, typer.Option(help="Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3.")
-]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -5,12 +5,7 @@ from typing import Annotated
 
 import typer
 
-Out = Annotated[Path, typer.Option("--out", help="Folder for what it writes.")]
-Axes = Annotated[
-    str | None,
-    typer.Option(help="Where the file's x, y, z point, e.g. left,back,up; default: inferred."),
-]
-Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals and results.")]
+from pipeline.cli_options import Axes, Out, Seed
 
 calibration_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
