@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
@@ -184,17 +185,22 @@ def print_residuals(folder: Path) -> None:
         Results folder.
     """
     residuals = collect(folder).residuals
-    view = Table(title="Pelvis residuals, RMS, mean ± SD over subjects (x forward, y right, z up)")
+    view = Table(
+        title="Pelvis residuals, RMS, mean ± SD over subjects",
+        caption="x forward, y right, z up; IC: with inertia compensation",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 0),
+    )
     columns = residuals[["condition", "compensated"]].drop_duplicates()
     view.add_column("axis")
     for condition, compensated in columns.itertuples(index=False):
-        plates = "compensated" if compensated else "as measured"
-        view.add_column(f"{condition}, {plates}", justify="right")
+        plates = "IC" if compensated else "no IC"
+        view.add_column(f"{condition}\n{plates}", justify="right", no_wrap=True)
     cells = residuals.groupby(["axis", "condition", "compensated"])["rms"]
     mean, sd = cells.mean(), cells.std(ddof=1)
     for axis, unit in residuals[["axis", "unit"]].drop_duplicates().itertuples(index=False):
         keys = [(axis, *column) for column in columns.itertuples(index=False)]
-        view.add_row(f"{axis} {unit}", *(_cell(mean.get(k), sd.get(k)) for k in keys))
+        view.add_row(f"{axis}, {unit}", *(_cell(mean.get(k), sd.get(k)) for k in keys))
     Console(highlight=False, markup=False).print(view)
 
 

@@ -13,6 +13,7 @@ from pipeline.laboratory import Laboratory
 from pipeline.process import process_recording
 from pipeline.residuals import residual_table
 from pipeline.study import read_study
+from pipeline.study_commands import print_residuals
 from pipeline.virtual_lab.bench import artefacts, make_bench
 from pipeline.virtual_lab.experiment import run_trial, walker_of
 from pipeline.virtual_lab.protocol import Protocol, Setting
@@ -87,3 +88,13 @@ def test_compensated_residuals_are_what_they_would_be_without_a_moving_treadmill
     off = rms[True] - without_artefact
     assert off.abs().max() < CLOSE, off
     assert (rms[False] - without_artefact).abs().max() > 100 * CLOSE
+
+
+def test_the_table_fits_a_terminal_of_eighty_columns(out, rms, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    print_residuals(out / "results")
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 80
+    assert "…" not in shown
+    sway = rms[False].xs(("sway", "Fy"), level=("condition", "axis"))
+    assert f"{sway.mean():.1f} ± {sway.std(ddof=1):.1f}" in shown
