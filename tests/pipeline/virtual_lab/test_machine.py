@@ -48,8 +48,9 @@ def test_specific_force_is_the_second_derivative_of_the_place_minus_gravity(shak
 
 
 def test_an_assembly_is_the_sum_of_its_points(shaken):
-    """A belt assembly of eight point masses on a box gives the wrench of their specific forces."""
+    """A lopsided assembly of eight point masses gives the wrench of their specific forces."""
     corners = np.array([[x, y, z] for x in (-0.8, 0.9) for y in (0.1, 0.4) for z in (-0.2, 0.0)])
+    corners += np.random.default_rng(1).uniform(-0.1, 0.1, size=corners.shape)
     mass = 150 / 8
     center = corners.mean(axis=0)
     away = corners - center

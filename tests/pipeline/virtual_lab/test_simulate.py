@@ -171,13 +171,21 @@ def test_events_of_the_file_are_when_the_feet_take_and_leave_weight(study):
         assert load[1] > 200
 
 
-def test_channels_or_markers_tell_the_platforms_pose_as_the_protocol_says(tmp_path):
+def test_the_study_states_pose_and_sensors_as_the_setting_says(tmp_path):
     faults = Setting().faults
     wrong = faults.model_copy(
-        update={"platform": faults.platform.model_copy(update={"pivot_error_m": 0.05})}
+        update={
+            "platform": faults.platform.model_copy(update={"pivot_error_m": 0.05}),
+            "accelerometers": faults.accelerometers.model_copy(update={"sensors": 4}),
+        }
     )
     protocol = TINY.model_copy(update={"pose": "channels"})
     folder = simulated(tmp_path / "lab", protocol=protocol, faults=wrong)
-    platform = read_study(folder).file.treadmill.platform
+    treadmill = read_study(folder).file.treadmill
+    platform = treadmill.platform
+    assert len(treadmill.accelerometers) == 4
+    assert set(read_c3d(folder / "sub01_baseline.c3d").analog.names) > {
+        channel for three in treadmill.accelerometers.values() for channel in three
+    }
     assert platform.channels == ("Platform.Sway", "Platform.Pitch")
     assert platform.pivot_m == pytest.approx((0, 0, -0.20))
