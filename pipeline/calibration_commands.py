@@ -13,6 +13,7 @@ from compensation import Calibration, to_json
 from pipeline.accelerometers import find_accelerometers
 from pipeline.laboratory import Laboratory, fit_calibration, read_calibration, read_empty
 from pipeline.study import Platform, Treadmill
+from pipeline.study_faults import check_options
 from pipeline.trial_files import whole_file
 from pipeline.units import acceleration_in_mps2
 
@@ -54,9 +55,8 @@ def fit(
     sensors = find_accelerometers(recording)
     if accelerometer_unit is not None:
         acceleration_in_mps2(accelerometer_unit)
-    treadmill = Treadmill(
-        accelerometers=sensors, accelerometer_unit=accelerometer_unit, cutoff_hz=cutoff_hz
-    )
+    stated = {"accelerometer_unit": accelerometer_unit, "cutoff_hz": cutoff_hz}
+    treadmill = check_options(Treadmill, {"accelerometers": sensors, **stated})
     try:
         calibration = fit_calibration(recording, treadmill)
     except ValueError as error:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pydantic import ValidationError
 from rich.console import Console
 from rich.table import Table
 
@@ -19,7 +18,8 @@ from pipeline.laboratory import Laboratory
 from pipeline.process import process_recording
 from pipeline.recording import Recording
 from pipeline.residuals import hicks_table, marker_table, residual_table
-from pipeline.study import Platform, Settings, Subject, Treadmill, describe_faults
+from pipeline.study import Platform, Settings, Subject, Treadmill
+from pipeline.study_faults import check_options
 from pipeline.subject_body import read_segments
 from pipeline.trial_files import write_csv, write_trial
 from pipeline.trial_result import TrialResult
@@ -142,28 +142,24 @@ def _laboratory(request: Request) -> Laboratory:
 
 
 def _stated(request: Request) -> tuple[Settings, Subject, MarkerSet | None]:
-    """Check what was typed, all faults at once."""
+    """Check what was typed."""
     own_set, name = None, request.marker_set
     if name is not None and (name.endswith(".toml") or Path(name).is_file()):
         own_set = read_marker_set(Path(name).read_text(encoding="utf-8"), Path(name).stem)
         name = None
-    try:
-        settings = Settings.model_validate(
-            {
-                "marker_set": name,
-                "hip": request.hip,
-                "filter": request.filter,
-                "cutoff_hz": request.cutoff_hz,
-                "plate_delay_s": request.plate_delay_s,
-            }
-        )
-        subject = Subject.model_validate(
-            {"sex": request.sex, "mass_kg": request.mass_kg, "height_m": request.height_m}
-        )
-    except ValidationError as error:
-        faults = [fault.partition(":") for fault in describe_faults(error, Settings)]
-        said = [f"--{key.replace('_', '-')}:{fault}" for key, _, fault in faults]
-        raise ValueError("; ".join(said)) from error
+    settings = check_options(
+        Settings,
+        {
+            "marker_set": name,
+            "hip": request.hip,
+            "filter": request.filter,
+            "cutoff_hz": request.cutoff_hz,
+            "plate_delay_s": request.plate_delay_s,
+        },
+    )
+    subject = check_options(
+        Subject, {"sex": request.sex, "mass_kg": request.mass_kg, "height_m": request.height_m}
+    )
     return settings, subject, own_set
 
 

@@ -165,7 +165,7 @@ class SubjectFile(Subject):
     static: Text | None = None
     hip_trial: Text | None = None
     segments: Text | None = None
-    trials: Annotated[dict[str, Trial], Field(min_length=1)]
+    trials: dict[str, Trial]
 
     @property
     def files(self) -> tuple[str, ...]:

@@ -130,6 +130,8 @@ def read_study(folder: str | Path) -> Study:
             subjects[subject.id] = subject
     if not subjects and not faults:
         faults.append(f"{folder}: no subject files (one TOML per subject beside study.toml)")
+    elif not faults and not any(person.trials for person in subjects.values()):
+        faults.append(f"{folder}: no subject has a trial; state them as [trials.CONDITION]")
     faults += _same_names(subjects)
     own_set = None
     if file is not None:

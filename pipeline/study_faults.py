@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -14,6 +14,7 @@ SMALLER_UNITS: Final = {
     "_m": {100: "centimetres", 1000: "millimetres"},
     "_s": {1000: "milliseconds"},
 }
+Model = TypeVar("Model", bound=BaseModel)
 UNIT_NAMES: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
 
 
@@ -41,6 +42,34 @@ def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:
         "key: what is wrong", with the value and the nearest known word where there is one.
     """
     return [_line(fault, kind) for fault in error.errors()]
+
+
+def check_options(kind: type[Model], options: Mapping[str, Any]) -> Model:
+    """Check what was typed as options of the command line.
+
+    Parameters
+    ----------
+    kind
+        The model that they state.
+    options
+        Its keys and values; an option is called as its key, ``--cutoff-hz`` for ``cutoff_hz``.
+
+    Returns
+    -------
+    Model
+        The model.
+
+    Raises
+    ------
+    ValueError
+        If anything is wrong: all of it, with the options' names.
+    """
+    try:
+        return kind.model_validate(options)
+    except ValidationError as error:
+        faults = [fault.partition(":") for fault in describe_faults(error, kind)]
+        said = [f"--{key.replace('_', '-')}:{fault}" for key, _, fault in faults]
+        raise ValueError("; ".join(said)) from error
 
 
 def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:

@@ -205,4 +205,4 @@ def test_a_study_of_excluded_trials_only_has_nothing_to_process(tmp_path, capsys
     assert "nothing to process" in capsys.readouterr().err
     (tmp_path / "a.toml").write_text('id = "a"\n[trials]\n')
     assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
-    assert "a.toml: trials" in capsys.readouterr().err
+    assert "no subject has a trial" in capsys.readouterr().err

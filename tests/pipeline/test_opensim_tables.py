@@ -28,6 +28,11 @@ def rng():
     return np.random.default_rng(11)
 
 
+def assert_same(back, written):
+    """Equal but for the last bits, which pandas before 3.1 does not read."""
+    np.testing.assert_allclose(back, written, rtol=1e-14, atol=1e-15)
+
+
 def test_coordinates_come_back_in_degrees_and_metres_in_the_original_order(rng, tmp_path):
     q = rng.normal(size=(20, N))
     q[7] = np.nan
@@ -39,9 +44,9 @@ def test_coordinates_come_back_in_degrees_and_metres_in_the_original_order(rng, 
     assert table.names == HBM_ORDER
     assert table.in_degrees
     np.testing.assert_array_equal(table.time, TIME)
-    np.testing.assert_array_equal(table.column("PelvisZ"), motion.coordinate("PelvisZ"))
+    assert_same(table.column("PelvisZ"), motion.coordinate("PelvisZ"))
     knee = np.degrees(motion.coordinate("LKneeFlexion"))
-    np.testing.assert_array_equal(table.column("LKneeFlexion"), knee)
+    assert_same(table.column("LKneeFlexion"), knee)
 
 
 def test_forces_come_back_under_the_names_that_opensim_gives_them(rng, tmp_path):
@@ -53,7 +58,7 @@ def test_forces_come_back_under_the_names_that_opensim_gives_them(rng, tmp_path)
     assert len(table.names) == N
     for name in HBM_ORDER:
         kind = "force" if TREE[INDEX[name]].translates else "moment"
-        np.testing.assert_array_equal(table.column(f"{name}_{kind}"), dynamics.force(name))
+        assert_same(table.column(f"{name}_{kind}"), dynamics.force(name))
 
 
 def test_markers_and_loads_come_back_as_one_trial(rng, tmp_path):
@@ -66,10 +71,10 @@ def test_markers_and_loads_come_back_as_one_trial(rng, tmp_path):
     write_external_loads(TIME, wrenches, tmp_path / "trial_grf.mot")
     back = read_opensim_trial(tmp_path / "trial.trc", tmp_path / "trial_grf.mot", "forward,left,up")
     assert back.markers.names == markers.names
-    np.testing.assert_array_equal(back.markers.position, markers.position)
+    assert_same(back.markers.position, markers.position)
     np.testing.assert_allclose(back.markers.time, TIME - TIME[0], rtol=0, atol=1e-12)
     for plate, wrench in zip(back.plates, wrenches.values(), strict=True):
-        np.testing.assert_array_equal(plate.wrench, wrench)
+        assert_same(plate.wrench, wrench)
 
 
 def test_the_axes_of_exported_markers_are_recognised_as_the_labs(tmp_path):
