@@ -155,7 +155,9 @@ def compiled_library(name: str, command: list[str], tell: Callable[[str], None])
         tell(f"compiling the kernels with {name} (once on this machine, about ten seconds)")
         _build(command, folder / file)
     except (OSError, subprocess.SubprocessError) as error:
-        said = getattr(error, "stderr", None) or str(error)
+        said = str(error)
+        if isinstance(error, subprocess.CalledProcessError) and error.stderr:
+            said = error.stderr
         reason = (said.splitlines() or [type(error).__name__])[0]
         tell(f"compiling with {name} failed ({reason}); trying the next way")
         return None
@@ -189,6 +191,7 @@ def _build(command: list[str], library: Path) -> None:
             check=True,
             capture_output=True,
             text=True,
+            errors="replace",
             timeout=TIMEOUT_S,
         )
         _checksum(built).write_text(_sha256(built))
@@ -200,8 +203,11 @@ def _build(command: list[str], library: Path) -> None:
 
 
 def _sound(library: Path) -> bool:
-    checksum = _checksum(library)
-    return library.is_file() and checksum.is_file() and checksum.read_text() == _sha256(library)
+    """Whether a library is there, can be read and is whole."""
+    try:
+        return _checksum(library).read_text("ascii", "replace") == _sha256(library)
+    except OSError:
+        return False
 
 
 def _checksum(library: Path) -> Path:
@@ -219,7 +225,12 @@ def _libm() -> list[str]:
 def _key(command: list[str]) -> str:
     """Hash all that a library depends on."""
     version = subprocess.run(
-        [*command, "--version"], capture_output=True, text=True, check=True, timeout=TIMEOUT_S
+        [*command, "--version"],
+        check=True,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=TIMEOUT_S,
     ).stdout
     this = sys.modules[__name__]
     sources = [inspect.getsource(module) for module in (coordinates, skeleton, this)]

@@ -21,8 +21,8 @@ static inline lanes casadi_sq(lanes x) { return x * x; }
 /* sin(x + quarters π/2): less the nearest multiple of π/2, which is held in three parts so that
  * taking it off is exact up to a million turns, then Taylor's series on ±π/4. */
 __attribute__((noinline)) static lanes sin_after(long long quarters, lanes x) {
-  const double whole = 0x1.8p52, per_turn = 0x1.45f306dc9c883p-1;
-  const lanes nearest = x * per_turn + whole, k = nearest - whole;
+  const double whole = 0x1.8p52, quarters_per_radian = 0x1.45f306dc9c883p-1;
+  const lanes nearest = x * quarters_per_radian + whole, k = nearest - whole;
   const lanes r = x - k * 0x1.921fb544p0 - k * 0x1.0b4611a6p-34 - k * 0x1.3198a2e037073p-69;
   const lanes s = r * r;
   lanes sine = broadcast(0), cosine = broadcast(0);

@@ -12,6 +12,8 @@ from hbm.markers import did_you_mean
 from hbm.segments import Inertia
 from hbm.spatial import Array, read_only
 
+LONGEST_M: Final = 1.0
+MOST_KG_M2: Final = 10.0
 COUNTS: Final = {"mass_kg": (1,), "center_m": (3,), "inertia_kg_m2": (3, 6)}
 
 
@@ -47,6 +49,11 @@ class SegmentOverride:
                 continue
             if np.shape(value) != shape or not np.isfinite(value).all():
                 raise ValueError(f"{name} must be {shape} finite numbers, got {value}")
+            if name == "center_m" and np.abs(value).max() > LONGEST_M:
+                raise ValueError(
+                    f"center_m must be within {LONGEST_M:g} m of the joint, got {list(value)}; "
+                    "that looks like millimetres"
+                )
             object.__setattr__(self, name, read_only(value))
         for tensor in (self.inertia_kg_m2, self.worn.tensor if self.worn else None):
             if tensor is not None:
@@ -59,6 +66,11 @@ def _require_physical(tensor: Array) -> None:
     slack = 1e-9 * max(1e-12, float(moments[2]))
     if not np.allclose(tensor, tensor.T) or moments[0] < -slack:
         raise ValueError("inertia_kg_m2 must be symmetric with no negative principal moment")
+    if moments[2] > MOST_KG_M2:
+        raise ValueError(
+            f"inertia_kg_m2 must be at most {MOST_KG_M2:g} kg·m², got {moments[2]:g}; no segment "
+            "of a person has more"
+        )
     if moments[2] > moments[0] + moments[1] + slack:
         raise ValueError("inertia_kg_m2 has a principal moment greater than the other two together")
 

@@ -193,7 +193,7 @@ class _Start:
         Returns
         -------
         Array
-            (F,).
+            (F,) [m² times the weights], and 1 more where the hinge bends backwards.
         """
         total = (q[:, FIRST[limb[1]]] < BACKWARDS).astype(float)
         for s in limb:

@@ -194,7 +194,11 @@ def _body(
 ) -> None:
     """Say what body will be built, what of it is locked, and which markers have gaps."""
     settings, name = study.file.settings, preview.beginning.source.name
-    weighed = notes.of(name, lambda: body_mass(person.person, pose)) if pose.plates else None
+    weighed = (
+        notes.of(name, lambda: body_mass(person.person, pose))
+        if pose.plates or person.static
+        else None
+    )
     if weighed is not None:
         notes.remarks.append(f"{name}: {weighed[1]}")
 

@@ -32,6 +32,7 @@ from pipeline.cli_options import (
     Static,
     StudyFolder,
     TrialFile,
+    listed,
 )
 from pipeline.cli_simulate import simulate
 from pipeline.cli_treadmill import calibration_app, plates
@@ -139,7 +140,7 @@ def residuals(
             cutoff_hz=cutoff_hz,
             plate_delay_s=plate_delay_ms / 1000,
             calibration=calibration,
-            platform_markers=tuple(filter(None, map(str.strip, platform_markers.split(",")))),
+            platform_markers=listed(platform_markers),
         ),
         out,
     )
@@ -159,6 +160,11 @@ def export(
     hip: Hip = "harrington",
     hip_trial: HipTrial = None,
     segments: Segments = None,
+    filter_method: FilterMethod = "zero_phase",
+    cutoff_hz: CutoffHz = 6.0,
+    plate_delay_ms: PlateDelayMs = 0.0,
+    calibration: CalibrationFile = None,
+    platform_markers: PlatformMarkers = "",
     osim: Annotated[Path | None, typer.Option(help="Write the body for OpenSim 4.")] = None,
     urdf: Annotated[
         Path | None, typer.Option(help="Write the body for Pinocchio, MuJoCo, ROS.")
@@ -194,6 +200,11 @@ def export(
         hip=hip,
         hip_trial=hip_trial,
         segments=segments,
+        filter=filter_method,
+        cutoff_hz=cutoff_hz,
+        plate_delay_s=plate_delay_ms / 1000,
+        calibration=calibration,
+        platform_markers=listed(platform_markers),
     )
     target = out.BidsTarget(bids, subject, task) if bids else None
     out.run(request, osim=osim, urdf=urdf, tables=tables, ankle_zero=ankle_zero, bids=target)

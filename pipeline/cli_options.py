@@ -48,3 +48,8 @@ CalibrationFile = Annotated[
 PlatformMarkers = Annotated[
     str, typer.Option(help="Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3.")
 ]
+
+
+def listed(names: str) -> tuple[str, ...]:
+    """Split names that were typed with commas between them."""
+    return tuple(filter(None, map(str.strip, names.split(","))))

@@ -26,6 +26,6 @@ def simulate(
 
     stated = simulate_command.stated(setting, subjects=subjects, seed=seed, ablation=ablation)
     if ablation:
-        simulate_command.ablate(folder, stated, subjects=subjects or 3, jobs=jobs)
+        simulate_command.ablate(folder, stated, jobs=jobs)
     else:
         simulate_command.simulate(folder, stated, jobs=jobs)

@@ -1,12 +1,12 @@
 """How far two ways of finding gait events agree."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.gait_events import LABELS, SIDES, event_times
+from pipeline.gait_events import LABELS, SIDES, event_times, force_events
 from pipeline.recording import Event
 
 
@@ -70,6 +70,33 @@ def compare_events(
         for label in LABELS
         for side in SIDES
     )
+
+
+def agreement_with_plates(
+    events: Iterable[Event], feet: Mapping[str, Array], time: Array, threshold_n: float
+) -> str:
+    """Say how far gait events are from those of the forces under the feet.
+
+    Parameters
+    ----------
+    events
+        Gait events.
+    feet
+        "left_foot" and "right_foot" -> action on that foot in lab axes, unfiltered, (T, 6).
+    time
+        (T,) [s].
+    threshold_n
+        Vertical force of contact [N].
+
+    Returns
+    -------
+    str
+        One sentence.
+    """
+    sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
+    found = compare_events(events, force_events(sides, time, threshold_n))
+    matched = "; ".join(str(kind) for kind in found if kind.matched)
+    return f"gait events by those of the plates: {matched or 'none is near any'}"
 
 
 def _agreement(

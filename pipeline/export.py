@@ -87,7 +87,7 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
     -------
     pandas.DataFrame
         ``time_s``, then every coordinate in the Human Body Model's order, named with its unit:
-        ``PelvisX_m``, ``RKneeFlexion_deg``.
+        ``PelvisX_m``, ``RKneeFlexion_deg``; NaN where no marker ever shows it.
 
     Raises
     ------
@@ -95,7 +95,8 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
         If the ankle's zero is unknown.
     """
     columns: dict[str, object] = {"time_s": motion.time}
-    angles = clinical_angles(motion.q, ankle_zero=ankle_zero)
+    seen = motion.observed.any(axis=0)
+    angles = clinical_angles(np.where(seen, motion.q, np.nan), ankle_zero=ankle_zero)
     for name, value in zip(HBM_ORDER, angles.T, strict=True):
         if TREE[INDEX[name]].translates:
             columns[f"{name}_m"] = value
@@ -122,11 +123,18 @@ def _processed(
     if tables is not None:
         tables.mkdir(parents=True, exist_ok=True)
         stem = tables / request.trial.stem
-        time = result.motion.time
-        write_csv(angle_table(result.motion, ankle_zero), Path(f"{stem}_angles.csv"))
-        write_coordinates(result.motion, Path(f"{stem}_coordinates.mot"))
-        write_forces(result.measured, Path(f"{stem}_forces.sto"))
-        write_external_loads(time, result.ground["measured"], Path(f"{stem}_loads.mot"))
-        write_trc(recording.markers, Path(f"{stem}.trc"))
-        written += sorted(tables.glob(f"{request.trial.stem}*"))
+        angles, coordinates, forces, loads, markers = made = [
+            Path(f"{stem}{suffix}")
+            for suffix in ("_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc")
+        ]
+        best = "measured" if result.compensated is None else "compensated"
+        write_csv(angle_table(result.motion, ankle_zero), angles)
+        write_coordinates(result.motion, coordinates)
+        write_forces(result.compensated or result.measured, forces)
+        write_external_loads(result.motion.time, result.ground[best], loads)
+        write_trc(recording.markers, markers)
+        written += made
+        print(f"forces and loads are of the plates as {best}")
+    for note in result.notes:
+        print(f"- {note}")
     return written

@@ -105,12 +105,15 @@ def _body(facts: list[dict[str, Any]]) -> str:
         list(dict.fromkeys(FILTERS[f["settings"]["filter"]].format(**f["settings"]) for f in facts))
     )
     locked = sorted({name for fact in facts for name in fact["locked"]})
+    known = {f"{f['subject']['id']}: {listed(f['segments'])}" for f in facts if f["segments"]}
+    own = f", but for those stated of single segments ({'; '.join(sorted(known))})" if known else ""
     kept = f" Coordinates that no marker shows were kept at neutral ({listed(locked)})."
     return (
         "Motion was described by an open implementation of the Human Body Model (van den Bogert "
         "et al. 2013) with 46 coordinates. Each subject's body was built from a calibration pose "
         f"with the marker set {sets}: hip joint centres by {hips}, marker "
-        f"centres {offsets} mm from the skin, segment inertias from de Leva's table (1996) {table}."
+        f"centres {offsets} mm from the skin, segment inertias from de Leva's table (1996) "
+        f"{table}{own}."
         f"{kept if locked else ''} The coordinates of each frame minimised the sum of squared "
         "distances between measured and modelled markers (Lu and O'Connor 1999). Coordinates and "
         f"the forces on the feet were low-passed alike by {filters} before velocities, "

@@ -105,9 +105,6 @@ def process(
     settings, subject, own_set = _stated(request)
     recording = read_asked(request)
     static = read_recording(request.static, request.axes) if request.static else None
-    known = recording.metadata.get("height_m")
-    if subject.height_m is None and isinstance(known, float) and 0.5 <= known <= 2.6:
-        subject = subject.model_copy(update={"height_m": known})
     kernels(announce)
     try:
         result = process_recording(
@@ -145,7 +142,7 @@ def _stated(request: Request) -> tuple[Settings, Subject, MarkerSet | None]:
     """Check what was typed."""
     own_set, name = None, request.marker_set
     if name is not None and (name.endswith(".toml") or Path(name).is_file()):
-        own_set = read_marker_set(Path(name).read_text(encoding="utf-8"), Path(name).stem)
+        own_set = read_marker_set(Path(name).read_text(encoding="utf-8-sig"), Path(name).stem)
         name = None
     settings = check_options(
         Settings,

@@ -20,6 +20,7 @@ from pipeline.belts import read_belts
 from pipeline.contact import share_between_feet
 from pipeline.cycles import cut_cycles
 from pipeline.delay import marker_plate_delay
+from pipeline.event_agreement import agreement_with_plates
 from pipeline.files import read_recording
 from pipeline.gait_events import gait_events
 from pipeline.laboratory import Laboratory, ground_wrenches, read_calibration
@@ -142,6 +143,7 @@ def process_recording(
         measured=dynamics["measured"],
         compensated=dynamics.get("compensated"),
         ground=ground,
+        segments=tuple(segments or ()),
         platform=acted.pose,
         events=events,
         cycles=chosen,
@@ -159,6 +161,7 @@ def process_recording(
             *motion_notes(body, raw),
             *acted.notes,
             which,
+            agreement_with_plates(events, shared[best][0], motion.time, threshold),
             *rejected,
             *missing,
             said,

@@ -134,9 +134,9 @@ def interaction(
             "rms": readings.std(axis=0),
             "rms_of_belt": np.sqrt(np.mean(explained**2, axis=0)),
             "share": share,
-            "p": (1 + np.sum(by_chance >= share, axis=0)) / (1 + SHIFTS),
+            "p": _chance(share, by_chance),
             "louder": louder,
-            "p_louder": (1 + np.sum(loud_by_chance >= louder, axis=0)) / (1 + SHIFTS),
+            "p_louder": _chance(louder, loud_by_chance),
         }
     )
     artefact = np.full(6, np.nan)
@@ -148,7 +148,7 @@ def interaction(
 def _share(basis: Array, readings: Array) -> Array:
     """Give the share of the readings' variance that lies in the span of a basis, (k,)."""
     inside = np.sum((basis.T @ readings) ** 2, axis=0)
-    return np.asarray(inside / np.sum(readings**2, axis=0))
+    return _ratio(inside, np.sum(readings**2, axis=0))
 
 
 def _louder(acceleration: Array, readings: Array) -> Array:
@@ -161,7 +161,19 @@ def _louder(acceleration: Array, readings: Array) -> Array:
     mean_squares = [
         np.mean(readings[rows] ** 2, axis=0) for rows in (while_it_does, ~while_it_does)
     ]
-    return np.asarray(np.sqrt(mean_squares[0] / mean_squares[1]))
+    return np.sqrt(_ratio(mean_squares[0], mean_squares[1]))
+
+
+def _ratio(part: Array, whole: Array) -> Array:
+    """Divide; NaN where there is nothing to divide by, as of a dead channel."""
+    ratio = np.full(len(whole), np.nan)
+    return np.asarray(np.divide(part, whole, out=ratio, where=whole > 0))
+
+
+def _chance(found: Array, by_chance: Array) -> Array:
+    """Give the share of random shifts that give as much, (k,); NaN where nothing was found."""
+    p = (1 + np.sum(by_chance >= found, axis=0)) / (1 + SHIFTS)
+    return np.where(np.isfinite(found), p, np.nan)
 
 
 def _about_mean(signal: Array) -> Array:

@@ -157,5 +157,7 @@ def _chosen(folder: Path, subject: str | None, condition: str | None) -> tuple[s
     for trial in there:
         if subject in (None, trial[0]) and condition in (None, trial[1]):
             return trial
-    known = ", ".join(" ".join(trial) for trial in there) or "none"
+    if not there:
+        raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
+    known = ", ".join(" ".join(trial) for trial in there)
     raise ValueError(f"{folder}: no such trial; there are: {known}")

@@ -48,7 +48,9 @@ def stated(
 
 
 def simulate(folder: Path, setting: Setting, *, jobs: int) -> None:
-    """Simulate a study with progress and say where it is."""
+    """Simulate a study with progress and say where it is; nothing is written over."""
+    if folder.is_dir() and any(folder.iterdir()):
+        raise ValueError(f"{folder}: is not empty; name a new folder, nothing is written over")
     console = Console(highlight=False, markup=False)
     kernels(lambda sentence: console.print(sentence, style="dim"))
     with _progress(console) as progress:
@@ -62,13 +64,15 @@ def simulate(folder: Path, setting: Setting, *, jobs: int) -> None:
     console.print(f"written to {folder}; next: hbm run {folder}", soft_wrap=True)
 
 
-def ablate(folder: Path, setting: Setting, *, subjects: int, jobs: int) -> None:
+def ablate(folder: Path, setting: Setting, *, jobs: int) -> None:
     """Switch one fault on at a time; write the table and its figure."""
     from pipeline.figures import save_figure
     from pipeline.virtual_lab.ablation import ablation
     from pipeline.virtual_lab.ablation_figure import ablation_figure
 
     console = Console(highlight=False, markup=False)
+    folder.mkdir(parents=True, exist_ok=True)
+    subjects = setting.protocol.subjects
     kernels(lambda sentence: console.print(sentence, style="dim"))
     with _progress(console) as progress:
         task = progress.add_task("one fault at a time", total=None)
@@ -78,7 +82,6 @@ def ablate(folder: Path, setting: Setting, *, subjects: int, jobs: int) -> None:
             progress=lambda name, done, total: progress.update(task, completed=done, total=total),
             jobs=jobs,
         )
-    folder.mkdir(parents=True, exist_ok=True)
     write_csv(table, folder / "ablation.csv")
     save_figure(ablation_figure(table, subjects), folder / "ablation")
     console.print(f"written to {folder}: ablation.csv, ablation.png, ablation.svg", soft_wrap=True)

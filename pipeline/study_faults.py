@@ -96,6 +96,8 @@ def _hint(fault: ErrorDetails, key: str) -> str:
     allowed, value = fault.get("ctx", {}), fault["input"]
     if fault["type"] == "literal_error":
         return did_you_mean(value, re.findall(r"'(.*?)'", allowed["expected"]))
+    if isinstance(value, int | float) and value < 0 <= allowed.get("ge", -1):
+        return ""
     bound = abs(allowed.get("le", allowed.get("ge", 0)))
     suffix = next((s for s in SMALLER_UNITS if key.endswith(s)), None)
     if suffix is None or not isinstance(value, int | float) or abs(value) <= bound:

@@ -1,7 +1,11 @@
 """A subject's body from what is stated, recorded and known of it."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Final
+
+import numpy as np
 
 from hbm.anatomy import HipRule
 from hbm.body import Body, build_body
@@ -12,6 +16,9 @@ from hbm.spatial import Array
 from pipeline.recording import Recording
 from pipeline.stated import Settings, Subject
 from pipeline.weighing import joint_widths, stature
+
+DOUBTFUL_M: Final = 0.03
+IMPOSSIBLE_M: Final = 0.05
 
 
 def subject_body(
@@ -52,33 +59,58 @@ def subject_body(
     Raises
     ------
     ValueError
-        As `build_body` and `functional_hips`, or if functional hips have no recording, or a
-        recording for them is of no use.
+        As `build_body` and `functional_hips`, or if functional hips have no recording, are where
+        no pelvis has them, or a recording for them is of no use.
     """
-    named = marker_sets().get(settings.marker_set or "")
     knee, ankle = joint_widths(subject, pose)
-    hip: HipRule | dict[str, Array]
+
+    def built(hip: HipRule | dict[str, Array]) -> Body:
+        return build_body(
+            pose.markers,
+            mass=mass,
+            sex=subject.sex,
+            height_m=stature(subject, pose),
+            marker_set=marker_set or settings.marker_set,
+            window_s=window_s,
+            hip=hip,
+            marker_offset_m=settings.marker_offset_m,
+            knee_width_m=knee,
+            ankle_width_m=ankle,
+            overrides=segments,
+        )
+
     if settings.hip != "functional":
         if hip_trial is not None:
             raise ValueError('a recording for functional hips is of no use without "functional"')
-        hip = settings.hip
-    elif hip_trial is None:
+        return built(settings.hip)
+    if hip_trial is None:
         raise ValueError("functional hips need a recording in which the thighs swing (hip_trial)")
-    else:
-        hip = functional_hips(hip_trial.markers, marker_set or named)
-    return build_body(
-        pose.markers,
-        mass=mass,
-        sex=subject.sex,
-        height_m=stature(subject, pose),
-        marker_set=marker_set or settings.marker_set,
-        window_s=window_s,
-        hip=hip,
-        marker_offset_m=settings.marker_offset_m,
-        knee_width_m=knee,
-        ankle_width_m=ankle,
-        overrides=segments,
-    )
+    named = marker_sets().get(settings.marker_set or "")
+    body = built(functional_hips(hip_trial.markers, marker_set or named))
+    said = _beside_regression(body, built("harrington"), hip_trial.source.name)
+    return replace(body, notes=(*body.notes, said))
+
+
+def _beside_regression(body: Body, usual: Body, name: str) -> str:
+    """Say how far functional hips are from the regression's; refuse what no pelvis has."""
+    off = {}
+    for side in ("right", "left"):
+        hip, expected = (each.offsets[f"{side}_thigh"] - _pelvis(each) for each in (body, usual))
+        off[side] = float(np.linalg.norm(hip - expected))
+    said = ", ".join(f"{side} {1000 * distance:.0f} mm" for side, distance in off.items())
+    if max(off.values()) > IMPOSSIBLE_M:
+        raise ValueError(
+            f"{name}: the functional hips are {said} from Harrington's regression, which no pelvis "
+            "has: swing both thighs forward, back and sideways by 30° and more"
+        )
+    doubt = "warning: " if max(off.values()) > DOUBTFUL_M else ""
+    return f"{doubt}functional hips from {name}: {said} from Harrington's regression"
+
+
+def _pelvis(body: Body) -> Array:
+    """Give the middle of the pelvis' markers in its own frame, (3,) [m]."""
+    own = [segment == "pelvis" for segment in body.marker_segment]
+    return np.asarray(body.marker_position[own].mean(axis=0))
 
 
 def read_segments(path: Path) -> dict[str, SegmentOverride]:

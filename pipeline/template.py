@@ -79,6 +79,11 @@ height_m = 1.70
 # hip_trial = "sub01_star.c3d"     # where hip is "functional": both thighs swing in it
 # segments = "sub01_segments.toml" # what is known of segments: prostheses, braces, shoes, scans
 
+# A file of segments holds a table for each, such as [left_shank], with any of mass_kg = 1.9, of
+# the centre of mass from the proximal joint, center_m = [0.0, 0.0, -0.11] (forward, left, up when
+# standing), and of inertia_kg_m2 = [0.021, 0.021, 0.002] about it; [right_foot.worn], with mass_kg
+# and center_m, adds what the segment carries, such as a shoe.
+
 [trials.baseline]
 file = "sub01_baseline.c3d"
 

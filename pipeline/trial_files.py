@@ -99,6 +99,7 @@ def trial_facts(result: TrialResult, condition: str, key: str) -> dict[str, Any]
         "height_m": result.body.height_m,
         "marker_set": result.body.marker_set.name,
         "locked": list(result.body.locked),
+        "segments": list(result.segments),
         "notes": list(result.notes),
         "delay_s": result.delay_s if np.isfinite(result.delay_s) else None,
         "delay_uncertainty_s": (

@@ -47,6 +47,8 @@ class TrialResult:
         Frames in which the split of a plate between the feet is uncertain, (T,).
     onsets
         When the perturbations of a perturbed condition began, (P,) [s].
+    segments
+        Segments whose inertia is not by the table alone.
     notes
         Whatever was inferred, locked, filled or refused, as sentences.
     """
@@ -66,4 +68,5 @@ class TrialResult:
     delay_uncertainty_s: float
     ambiguous: Mask
     notes: tuple[str, ...]
+    segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))

@@ -8,7 +8,7 @@ import numpy as np
 from hbm.skeleton import GRAVITY
 from hbm.spatial import Array
 from pipeline.recording import Recording
-from pipeline.study import Subject
+from pipeline.stated import Subject
 
 WEIGHING_FRAMES: Final = 100
 STEADY_SHARE: Final = 0.02

@@ -134,8 +134,9 @@ def pulse_onsets(recording: Recording, channel: str) -> Array:
     Returns
     -------
     Array
-        Onsets, (P,) [s]: where the signal first rises through the middle of its range; what follows
-        within a second belongs to the same pulse. Empty where the signal never pulses.
+        Onsets, (P,) [s]: where the signal first leaves its median, up or down, by half of the
+        largest excursion; what follows within a second belongs to the same pulse. Empty where the
+        signal never pulses.
 
     Raises
     ------

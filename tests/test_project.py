@@ -149,3 +149,32 @@ def test_brackets_in_what_is_printed_are_never_taken_for_markup():
     for path in (ROOT / "pipeline").rglob("*.py"):
         for arguments in re.findall(r"\bConsole\(([^)]*)\)", path.read_text(encoding="utf-8")):
             assert "markup=False" in arguments, path
+
+
+MODULES = sorted(
+    ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    for package in ("hbm", "compensation", "pipeline")
+    for path in (ROOT / package).rglob("*.py")
+    if path.name != "__init__.py"
+)
+
+
+def test_every_module_imports_by_itself():
+    """In a fresh process each time: an import that leads back to itself shows only there."""
+    code = (
+        "import importlib, sys\n"
+        "kept = set(sys.modules)\n"
+        "for name in sys.argv[1:]:\n"
+        "    for other in [m for m in sys.modules if m.split('.')[0] in "
+        "('hbm', 'compensation', 'pipeline')]:\n"
+        "        del sys.modules[other]\n"
+        "    try:\n"
+        "        importlib.import_module(name)\n"
+        "    except ImportError as error:\n"
+        "        print(name, error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, *MODULES], capture_output=True, text=True, cwd=ROOT
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""

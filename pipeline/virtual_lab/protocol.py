@@ -93,7 +93,7 @@ class Protocol(Stated):
         return self.steady_s + walking[condition]
 
 
-SHORT: Final = Protocol(baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
+SHORT: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
 """Enough of every condition to see what an instrument does to it."""
 
 

@@ -207,3 +207,16 @@ def test_sines_of_lanes_are_those_of_the_library(turns):
     pose = kernel(q, np.zeros(kernel.sizes_in[1]))[0]
     np.testing.assert_allclose(pose[:, 0], np.cos(yaw), rtol=0, atol=4e-16)
     np.testing.assert_allclose(pose[:, 1], np.sin(yaw), rtol=0, atol=4e-16)
+
+
+def test_a_cache_that_cannot_be_read_is_no_cache(tmp_path, monkeypatch):
+    library = tmp_path / "skeleton.so"
+    library.write_bytes(b"library")
+    compiler._checksum(library).write_text(compiler._sha256(library))
+    assert compiler._sound(library)
+
+    def refused(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(type(library), "read_bytes", refused)
+    assert not compiler._sound(library)

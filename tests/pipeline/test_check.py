@@ -11,6 +11,7 @@ from hbm.markers import Markers
 from pipeline import c3d_data
 from pipeline.c3d import read_c3d
 from pipeline.c3d_preview import preview_c3d
+from pipeline.c3d_writer import write_c3d
 from pipeline.check import check_study
 from pipeline.cli import main
 from pipeline.process import process_trial
@@ -315,3 +316,12 @@ def test_missing_shares_are_estimated_from_frames_over_all_of_the_file(study):
     assert missing[names[0]] == pytest.approx(0.5, abs=0.01)
     assert missing[names[1]] == 1.0
     assert missing[names[2]] == 0.0
+
+
+def test_a_static_pose_without_plates_cannot_weigh(study):
+    pose = read_c3d(study / "sub01_baseline.c3d")
+    write_c3d(study / "pose.c3d", pose.markers)
+    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
+    assert any("no plates to weigh by" in fault for fault in findings(study).faults)
+    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nmass_kg = 74.6')
+    assert findings(study).faults == ()

@@ -206,3 +206,10 @@ def test_a_study_of_excluded_trials_only_has_nothing_to_process(tmp_path, capsys
     (tmp_path / "a.toml").write_text('id = "a"\n[trials]\n')
     assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
     assert "no subject has a trial" in capsys.readouterr().err
+
+
+def test_simulating_writes_over_nothing(tmp_path, capsys):
+    (tmp_path / "sub01_baseline.c3d").write_text("a year's work")
+    assert main(["simulate", str(tmp_path)]) == 2
+    assert "is not empty" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["sub01_baseline.c3d"]

@@ -1,6 +1,7 @@
 """The Methods say what was done, for these settings and no others."""
 
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -46,6 +47,17 @@ def test_the_study_is_told_as_it_was(usual):
         "pingouin",
     ):
         assert said in text
+
+
+def test_segments_that_are_known_better_are_named(usual):
+    text, results = usual
+    assert "but for those stated" not in text
+    facts = {key: fact | {"segments": []} for key, fact in results.facts.items()}
+    facts["sub01", "sway"]["segments"] = ["left_shank", "right_foot"]
+    found = replace(results, facts=facts)
+    tests = statistics(found.residuals, found.subjects)
+    told = " ".join(methods(found, tests, None))
+    assert "stated of single segments (sub01: left_shank and right_foot)" in told
 
 
 @pytest.mark.parametrize(

@@ -330,3 +330,10 @@ def test_a_foot_beside_the_plates_is_told(walker, results):
     plates = (replace(plate, wrench_in_plate=beside), *walker.plates[1:])
     notes = process_recording(replace(walker, plates=plates), PERSON, Settings()).notes
     assert sum("the plates do not carry the subject throughout" in note for note in notes) == 1
+
+
+def test_events_are_held_against_the_forces_under_the_feet(results):
+    (said,) = [n for n in results["baseline"].notes if n.startswith("gait events by those")]
+    assert said.count("matched") == 4
+    late = [float(x) for x in re.findall(r"([+-]\d+) ± ", said)]
+    assert np.abs(late).max() < 60

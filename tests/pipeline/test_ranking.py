@@ -301,3 +301,12 @@ def test_held_pitch_helps_in_every_experiment_and_square_waves_of_sway_less(repe
     for ranking in repeated:
         assert left(ranking, "constant_pitch") < 0.95
         assert left(ranking, "constant_pitch") < left(ranking, "square_sway")
+
+
+def test_a_dead_channel_follows_nothing():
+    trial = belt_trial(1, "belt")
+    readings = trial.readings.copy()
+    readings[:, 0] = 0
+    table = interaction(replace(trial, readings=readings), ("quiet", "shaken")).table
+    assert table.loc[0, ["share", "p", "louder", "p_louder"]].isna().all()
+    assert table.loc[1, ["share", "p", "louder", "p_louder"]].notna().all()

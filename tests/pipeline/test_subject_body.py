@@ -1,6 +1,8 @@
 """What is stated of a subject's body, through files: functional hips, segments, angles."""
 
+import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -15,9 +17,11 @@ from pipeline.cli import main
 from pipeline.job import trial_key
 from pipeline.process import process_trial
 from pipeline.stated import Settings, Subject
+from pipeline.sto import read_sto
 from pipeline.study import StudyFaults, read_study
-from pipeline.subject_body import subject_body
+from pipeline.subject_body import read_segments, subject_body
 from tests.hbm.test_functional import swings
+from tests.pipeline import lab
 
 SEGMENTS = """\
 [left_shank]
@@ -135,5 +139,51 @@ def test_clinical_angles_are_exported_with_either_zero_of_the_ankle(walker, tmp_
     shift = original["RAnklePlantarFlexion_deg"] - usual["RAnklePlantarFlexion_deg"]
     np.testing.assert_allclose(shift, np.degrees(ANKLE_IN_LINE_RAD), atol=1e-3)
     assert usual["RKneeFlexion_deg"].max() > 50
+    assert usual["RToeFlexion_deg"].isna().all()  # no marker shows it
     changed = (original - usual).abs().max() > 1e-3
     assert set(changed.index[changed]) == {"RAnklePlantarFlexion_deg", "LAnklePlantarFlexion_deg"}
+
+
+def test_functional_hips_where_no_pelvis_has_them_are_refused(walker, tmp_path):
+    body = subject_body(walker, Subject(), Settings(), 74.6)
+    functional = Settings(hip="functional")
+    stray = swinging(body)
+    thigh = [segment == "right_thigh" for segment in body.marker_segment]
+    position = stray.position.copy()
+    position[:, thigh] += 0.1 * np.sin(np.arange(len(stray.time)) / 25)[:, None, None]
+    loose = replace(walker, markers=Markers(stray.time, stray.names, position))
+    with pytest.raises(ValueError, match="which no pelvis has: swing both thighs"):
+        subject_body(walker, Subject(), functional, 74.6, hip_trial=loose)
+    sound = replace(walker, markers=stray)
+    found = subject_body(walker, Subject(), functional, 74.6, hip_trial=sound)
+    (said,) = [note for note in found.notes if "functional hips from" in note]
+    assert all(int(mm) <= 2 for mm in re.findall(r"(\d+) mm", said))
+
+
+def test_segments_that_cannot_be_are_refused(tmp_path):
+    for line, said in (
+        ("center_m = [0.0, 0.0, -150.0]", "looks like millimetres"),
+        ("inertia_kg_m2 = [300.0, 300.0, 20.0]", "no segment of a person has more"),
+    ):
+        (tmp_path / "legs.toml").write_text(f"[left_shank]\n{line}\n", encoding="utf-8")
+        with pytest.raises(ValueError, match=said):
+            read_segments(tmp_path / "legs.toml")
+
+
+def test_exported_forces_are_compensated_where_a_calibration_is_given(study, tmp_path, capsys):
+    asked = ["export", str(study / "sub01_pitch.c3d"), "--mass-kg", "74.6", "--tables"]
+    assert main([*asked, str(tmp_path / "measured")]) == 0
+    assert "plates as measured" in capsys.readouterr().out
+    calibration = tmp_path / "lab.json"
+    assert main(["calibration", "fit", str(study / "empty.c3d"), "-o", str(calibration)]) == 0
+    markers = ",".join(lab.PLATFORM_MARKERS_M)
+    asked += [str(tmp_path / "compensated"), "--calibration", str(calibration)]
+    assert main([*asked, "--platform-markers", markers]) == 0
+    said = capsys.readouterr().out
+    assert "plates as compensated" in said
+    assert "- compensated by" in said
+    spread = {
+        kind: read_sto(tmp_path / kind / "sub01_pitch_forces.sto").column("PelvisX_force")
+        for kind in ("measured", "compensated")
+    }
+    assert np.nanstd(spread["compensated"]) < 0.2 * np.nanstd(spread["measured"])
