@@ -11,7 +11,6 @@ from hbm.coordinates import COORDINATES, LAST, support
 from hbm.markers import MarkerSet, did_you_mean
 from pipeline.belts import read_belts
 from pipeline.c3d_preview import Preview, preview_recording
-from pipeline.files import read_recording
 from pipeline.gait_events import gait_events
 from pipeline.laboratory import (
     Laboratory,
@@ -125,17 +124,16 @@ def _look(
     """Look at one trial: at its beginning, and if that has a fault, at all of it."""
     file, rule = study.file, study.file.conditions[condition]
     laboratory = Laboratory(file.treadmill, calibration)
-    path, *_ = (study.path(name) for name in trial.files)
+    name, *_ = trial.files
+    path = study.path(name)
     forces, record = (study.path(name) if name else None for name in (trial.forces, trial.record))
 
     def judge(preview: Preview) -> _Notes:
         notes = _Notes()
         pose: Recording | None = preview.beginning
-        if person.static is not None:
-            there = study.path(person.static)
-            pose = notes.of(
-                there.name, lambda: read_recording(there, file.axes, rename=file.rename)
-            )
+        static = person.static
+        if static is not None:
+            pose = notes.of(study.path(static).name, lambda: read_file(study, static))
         _recorded(preview, rule, notes)
         if pose is not None:
             _body(study, person, preview, pose, notes)
@@ -152,10 +150,7 @@ def _look(
         if not notes.faults:
             return notes
     whole = _Notes()
-    recording = whole.of(
-        path.name,
-        lambda: read_recording(path, file.axes, forces, record=record, rename=file.rename),
-    )
+    recording = whole.of(path.name, lambda: read_file(study, name, trial))
     if recording is None:
         return whole
     missing = preview.missing if preview is not None else {}

@@ -1,12 +1,10 @@
 """What can be wrong in a laboratory: every fault with its size, set or switched off in TOML."""
 
-import tomllib
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from pipeline.stated import Stated
-from pipeline.study import describe_faults
 
 Size = Annotated[float, Field(ge=0)]
 Delay = Annotated[float, Field(ge=-0.2, le=0.2)]
@@ -91,29 +89,3 @@ class Faults(Stated):
             ),
             platform=PlatformFaults(marker_noise_m=0),
         )
-
-
-def read_faults(text: str) -> Faults:
-    """Read faults from TOML; what is not named keeps its default.
-
-    Parameters
-    ----------
-    text
-        Tables ``[body]``, ``[cameras]``, ``[plates]``, ``[accelerometers]``, ``[platform]``.
-
-    Returns
-    -------
-    Faults
-        Checked.
-
-    Raises
-    ------
-    ValueError
-        If the text is not TOML, or a key or value is wrong; all findings in one line.
-    """
-    try:
-        return Faults.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"faults: not valid TOML: {error}") from error
-    except ValidationError as error:
-        raise ValueError("faults: " + "; ".join(describe_faults(error, Faults))) from error

@@ -8,7 +8,7 @@ import pytest
 from hbm.coordinates import INDEX
 from pipeline.virtual_lab.bench import PULSE_CHANNEL, SENSORS, make_bench, record
 from pipeline.virtual_lab.experiment import run_walk, walker_of
-from pipeline.virtual_lab.faults import Faults, read_faults
+from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.protocol import (
     ONSET,
     PITCH_PERIOD_S,
@@ -160,8 +160,8 @@ def test_every_fault_that_is_set_shows(brief, table, name, value):
     """One fault in a perfect laboratory changes what is recorded; for bodies, who walks."""
     sizes = NEEDS.get(name, {name: SIZE.get(f"{table}.{name}", SIZE.get(name, value))})
     perfect, changed = Faults.none(), dict(getattr(Faults.none(), table)) | sizes
-    text = f"[{table}]\n" + "\n".join(f"{k} = {v}" for k, v in changed.items())
-    faults = perfect.model_copy(update={table: getattr(read_faults(text), table)})
+    text = f"[faults.{table}]\n" + "\n".join(f"{k} = {v}" for k, v in changed.items())
+    faults = perfect.model_copy(update={table: getattr(read_setting(text).faults, table)})
     assert faults != perfect
     if table == "body":
         with_it, without = (walker_of(Setting(faults=f), 0).body for f in (faults, perfect))
