@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hbm.body import Body, build_body
+    from hbm.calibration_pose.functional import functional_hips
     from hbm.coordinates import COORDINATES, HBM_ORDER
     from hbm.describe import changed_distances, describe, implausible
     from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
-    from hbm.functional import functional_hips
     from hbm.kinematics import solve_ik
     from hbm.markers import Markers, MarkerSet, marker_sets, read_marker_set
     from hbm.motion import Motion
@@ -24,7 +24,7 @@ _HOME = {
     "implausible": "describe",
     "Dynamics": "dynamics",
     "filter_motion": "dynamics",
-    "functional_hips": "functional",
+    "functional_hips": "calibration_pose.functional",
     "inverse_dynamics": "dynamics",
     "inverse_dynamics_variants": "dynamics",
     "solve_ik": "kinematics",

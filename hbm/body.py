@@ -6,17 +6,17 @@ from typing import Final
 
 import numpy as np
 
-from hbm.anatomy import SIDES, Anatomy, HipRule, Measures, distance
-from hbm.calibration import calibrate
+from hbm.calibration_pose.anatomy import SIDES, Anatomy, HipRule, Measures, distance
+from hbm.calibration_pose.instants import calibrate
+from hbm.calibration_pose.landmarks import locate_anatomy
+from hbm.calibration_pose.shape import Shape, average, shape_of
 from hbm.coordinates import COORDINATES, LAST, MOVING, SEGMENTS, support
 from hbm.kinematics import solve_ik
-from hbm.landmarks import locate_anatomy
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body
 from hbm.overrides import SegmentOverride, apply_overrides
 from hbm.poses import segment_frames
 from hbm.segments import NOTHING, Inertia, Proportions, Sex, proportions, segment_inertia
-from hbm.shape import Shape, average, shape_of
 from hbm.spatial import Array, Indices
 
 __all__ = ["Body", "build_body"]
@@ -67,9 +67,9 @@ def build_body(
         Start and end of the calibration pose [s]; by default the quietest second, or the whole
         recording where nobody stands still.
     hip
-        "harrington", "bell", or functional centres (see `hbm.anatomy.Measures`).
+        "harrington", "bell", or functional centres (see `hbm.calibration_pose.anatomy.Measures`).
     knee_width_m, ankle_width_m, marker_offset_m
-        See `hbm.anatomy.Measures`.
+        See `hbm.calibration_pose.anatomy.Measures`.
     overrides
         Segment -> what is known better than de Leva's table; the whole still weighs ``mass``.
 

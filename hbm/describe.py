@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hbm.anatomy import SIDES, distance
+from hbm.calibration_pose.anatomy import SIDES, distance
 from hbm.coordinates import MOVING, PARENT, SEGMENTS
 from hbm.markers import Markers
 from hbm.spatial import Array

@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, LAST, SEGMENTS, N, support
-from hbm.filtering import Method, butterworth
+from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.motion import Motion
-from hbm.native import kernels
+from hbm.signals.filtering import Method, butterworth
 from hbm.spatial import Array, shift_wrench
 
 CHUNK: Final = 2000
@@ -66,7 +66,8 @@ def filter_motion(motion: Motion, *, cutoff: float = 6.0, method: Method = "zero
     cutoff
         Cut-off frequency [Hz].
     method
-        "realtime" or "zero_phase" (see `hbm.filtering.butterworth`); use the same for the forces.
+        "realtime" or "zero_phase" (see `hbm.signals.filtering.butterworth`); use the same for the
+        forces.
 
     Returns
     -------

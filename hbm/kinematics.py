@@ -1,8 +1,8 @@
 """Inverse kinematics: all coordinates of all frames from all markers at once.
 
 Every frame is its own least-squares problem (Lu and O'Connor 1999, J Biomech 32:129), solved by
-Newton's method until the step is below the tolerance (`hbm.descent`), from starting points that
-`hbm.tracking` finds.
+Newton's method until the step is below the tolerance (`hbm.ik.descent`), from starting points that
+`hbm.ik.tracking` finds.
 """
 
 from collections.abc import Mapping
@@ -10,10 +10,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from hbm.coordinates import INDEX
+from hbm.ik.tracking import Tracker
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.motion import Motion
-from hbm.tracking import Tracker
 
 
 def solve_ik(

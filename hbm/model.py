@@ -9,9 +9,9 @@ import numpy as np
 
 from hbm.coordinates import COORDINATES, FIRST, LAST, MOVING, SEGMENTS, TREE
 from hbm.describe import describe
+from hbm.kernels.skeleton import OFFSETS, OWN_AXES
 from hbm.markers import MarkerSet
 from hbm.segments import Inertia, Sex
-from hbm.skeleton import OFFSETS, OWN_AXES
 from hbm.spatial import Array, read_only
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from hbm.coordinates import SEGMENTS
+from hbm.kernels.native import kernels
 from hbm.model import Body
-from hbm.native import kernels
 from hbm.spatial import Array
 
 

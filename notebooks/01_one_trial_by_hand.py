@@ -23,15 +23,16 @@ import numpy as np
 
 import hbm
 import pipeline
-from hbm.filtering import butterworth
-from hbm.resampling import resample
-from pipeline.contact import share_between_feet
-from pipeline.cycles import gait_cycles, normalise
-from pipeline.figures import COLOURS, draw_band, name_panels
-from pipeline.gait_events import gait_events
-from pipeline.process import feet_of
-from pipeline.residuals import AXES, reported
-from pipeline.virtual_lab.trial import simulate_trial
+from hbm.signals.filtering import butterworth
+from hbm.signals.resampling import resample
+from pipeline.figures.residuals import name_panels
+from pipeline.figures.style import COLOURS, draw_band
+from pipeline.trial.gait.contact import share_between_feet
+from pipeline.trial.gait.cycles import gait_cycles, normalise
+from pipeline.trial.gait.events import gait_events
+from pipeline.trial.process import feet_of
+from pipeline.trial.residuals import AXES, reported
+from pipeline.virtual_lab.protocol.trial import simulate_trial
 
 # %% [markdown]
 # ## 1. A recording

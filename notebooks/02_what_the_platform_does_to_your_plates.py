@@ -18,13 +18,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from compensation import fit_inertia, pitch_and_sway_signals, validation_signals
-from hbm.filtering import low_pass
-from pipeline.figures import COLOURS
-from pipeline.laboratory import accelerations, setup_of
-from pipeline.study import Treadmill
-from pipeline.virtual_lab.bench import make_bench
-from pipeline.virtual_lab.experiment import run_signal
+from hbm.signals.filtering import low_pass
+from pipeline.config.study import Treadmill
+from pipeline.figures.style import COLOURS
+from pipeline.trial.ground.laboratory import accelerations, setup_of
 from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.protocol.bench import make_bench
+from pipeline.virtual_lab.protocol.experiment import run_signal
 
 # %% [markdown]
 # ## The laboratory

@@ -27,13 +27,13 @@ from compensation import (
     pitch_and_sway_signals,
     validation_signals,
 )
-from hbm.filtering import low_pass
-from pipeline.figures import COLOURS
-from pipeline.laboratory import accelerations, fit_calibration
-from pipeline.study import Treadmill
-from pipeline.virtual_lab.bench import SENSORS, make_bench
-from pipeline.virtual_lab.experiment import run_signal
+from hbm.signals.filtering import low_pass
+from pipeline.config.study import Treadmill
+from pipeline.figures.style import COLOURS
+from pipeline.trial.ground.laboratory import accelerations, fit_calibration
 from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
+from pipeline.virtual_lab.protocol.bench import SENSORS, make_bench
+from pipeline.virtual_lab.protocol.experiment import run_signal
 
 components = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 cutoff_hz = 20.0

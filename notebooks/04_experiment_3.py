@@ -19,14 +19,14 @@
 # %%
 from pathlib import Path
 
-from pipeline.collect import collect
-from pipeline.run import run_study
-from pipeline.stats import statistics
-from pipeline.study import read_study
-from pipeline.study_figures import marginal_means_figure
-from pipeline.table_3 import table_3, table_3_markdown
-from pipeline.virtual_lab.protocol import Protocol, Setting
-from pipeline.virtual_lab.simulate import simulate_study
+from pipeline.config.study import read_study
+from pipeline.report.figures import marginal_means_figure
+from pipeline.run.load import collect
+from pipeline.run.run import run_study
+from pipeline.statistics.comparison import statistics
+from pipeline.statistics.table_3 import table_3, table_3_markdown
+from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.simulate import simulate_study
 
 # %% [markdown]
 # ## 1. A study is a folder

@@ -22,10 +22,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from hbm.markers import Markers
-from pipeline.figures import COLOURS, axis_name
-from pipeline.laboratory import Laboratory, fit_calibration
-from pipeline.process import process_recording
-from pipeline.residuals import (
+from pipeline.config.study import Condition, Platform, Settings, Subject, Treadmill
+from pipeline.figures.residuals import axis_name
+from pipeline.figures.style import COLOURS
+from pipeline.trial.ground.laboratory import Laboratory, fit_calibration
+from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import (
     AXES,
     UNITS,
     cycle_residuals,
@@ -33,11 +35,10 @@ from pipeline.residuals import (
     marker_table,
     residual_table,
 )
-from pipeline.study import Condition, Platform, Settings, Subject, Treadmill
-from pipeline.viewer import write_recording
-from pipeline.virtual_lab.bench import PLATFORM_MARKERS, make_bench
-from pipeline.virtual_lab.experiment import run_calibration, run_trial, walker_of
-from pipeline.virtual_lab.protocol import Protocol, Setting
+from pipeline.viewer.trial import write_recording
+from pipeline.virtual_lab.protocol.bench import PLATFORM_MARKERS, make_bench
+from pipeline.virtual_lab.protocol.experiment import run_calibration, run_trial, walker_of
+from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
 
 # %% [markdown]
 # ## The trial, in order

@@ -4,30 +4,30 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pipeline.c3d import read_c3d
-    from pipeline.files import read_recording
-    from pipeline.opensim_trial import read_opensim_trial
-    from pipeline.process import process_recording, process_trial
-    from pipeline.recording import Recording
-    from pipeline.residuals import residual_table
-    from pipeline.study import Settings, Study, Subject, read_study
-    from pipeline.trc import read_trc
-    from pipeline.trial_result import TrialResult
+    from pipeline.config.study import Settings, Study, Subject, read_study
+    from pipeline.io.c3d.read import read_c3d
+    from pipeline.io.opensim.trc import read_trc
+    from pipeline.io.opensim.trial import read_opensim_trial
+    from pipeline.io.read import read_recording
+    from pipeline.io.recording import Recording
+    from pipeline.trial.process import process_recording, process_trial
+    from pipeline.trial.residuals import residual_table
+    from pipeline.trial.result import TrialResult
 
 _HOME = {
-    "read_c3d": "c3d",
-    "read_opensim_trial": "opensim_trial",
-    "read_recording": "files",
-    "TrialResult": "trial_result",
-    "process_recording": "process",
-    "process_trial": "process",
-    "Recording": "recording",
-    "residual_table": "residuals",
-    "Settings": "study",
-    "Study": "study",
-    "Subject": "study",
-    "read_study": "study",
-    "read_trc": "trc",
+    "read_c3d": "io.c3d.read",
+    "read_opensim_trial": "io.opensim.trial",
+    "read_recording": "io.read",
+    "TrialResult": "trial.result",
+    "process_recording": "trial.process",
+    "process_trial": "trial.process",
+    "Recording": "io.recording",
+    "residual_table": "trial.residuals",
+    "Settings": "config.study",
+    "Study": "config.study",
+    "Subject": "config.study",
+    "read_study": "config.study",
+    "read_trc": "io.opensim.trc",
 }
 
 __all__ = [

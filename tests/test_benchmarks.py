@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.kinematics import solve_ik
-from pipeline.c3d import read_c3d
+from pipeline.io.c3d.read import read_c3d
 from tests.benchmarks import commands, report
 from tests.benchmarks.accuracy import check_optimum, force_error, kinematic_error
 from tests.benchmarks.races import COMPILED, MACHINE, contestants

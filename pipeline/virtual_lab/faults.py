@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipeline.stated import Stated
+from pipeline.config.schema import Stated
 
 Size = Annotated[float, Field(ge=0)]
 Delay = Annotated[float, Field(ge=-0.2, le=0.2)]

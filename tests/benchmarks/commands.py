@@ -10,8 +10,8 @@ from statistics import median
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.c3d_writer import write_c3d
-from pipeline.recording import Analog, Plate
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.recording import Analog, Plate
 from tests.benchmarks.contestant import ONE_THREAD, ROOT
 from tests.benchmarks.walker import Walk, walk
 from tests.synthetic import MASS_KG, synthetic_t_pose
@@ -26,14 +26,14 @@ Row = dict[str, float | str]
 
 def help_time() -> float:
     """Give the median wall time of ``hbm --help`` [s]."""
-    return median(_seconds("-m", "pipeline.cli", "--help") for _ in range(HELP_RUNS))
+    return median(_seconds("-m", "pipeline.cli.app", "--help") for _ in range(HELP_RUNS))
 
 
 def first_use(folder: Path, frames: int) -> Row:
     """Time ``hbm residuals`` on a short trial [s], with nothing in the cache and once more."""
     write_trial(walk(frames), folder / "trial.c3d")
     write_c3d(folder / "static.c3d", synthetic_t_pose())
-    command = ("-m", "pipeline.cli", "residuals", str(folder / "trial.c3d"))
+    command = ("-m", "pipeline.cli.app", "residuals", str(folder / "trial.c3d"))
     command += ("--static", str(folder / "static.c3d"), "--mass-kg", str(MASS_KG))
     command += ("--out", str(folder / "results"))
     cache = {"HBM_CACHE_DIR": str(folder / "cache")}

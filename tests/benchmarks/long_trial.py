@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.c3d import read_c3d
-from pipeline.process import process_recording
-from pipeline.study import Settings, Subject
+from pipeline.config.study import Settings, Subject
+from pipeline.io.c3d.read import read_c3d
+from pipeline.trial.process import process_recording
 from tests.synthetic import MASS_KG
 
 

@@ -13,9 +13,9 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.poses import marker_positions
 from hbm.spatial import Array
-from pipeline.opensim_model import write_osim
-from pipeline.opensim_tables import write_coordinates, write_external_loads, write_trc
-from pipeline.urdf import write_urdf
+from pipeline.export.opensim_model import write_osim
+from pipeline.export.opensim_tables import write_coordinates, write_external_loads, write_trc
+from pipeline.export.urdf import write_urdf
 from tests.benchmarks.walker import SLIDES, Walk
 from tests.synthetic import synthetic_body
 

@@ -9,7 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from pipeline.viewer import write_cycles, write_recording
+from pipeline.viewer.trial import write_cycles, write_recording
 from tests.pipeline.viewer_trial import viewer_trial
 
 FRAMES = 72000

@@ -6,10 +6,10 @@ import numpy as np
 
 from hbm.coordinates import INDEX, TREE, N
 from hbm.dynamics import filter_motion
+from hbm.kernels.native import kernels
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.motion import Motion
-from hbm.native import kernels
 from hbm.poses import marker_positions
 from hbm.spatial import Array
 from tests.synthetic import RATE_HZ, synthetic_body

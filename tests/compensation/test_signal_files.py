@@ -11,7 +11,7 @@ from compensation import (
     resample_signal,
     validation_signals,
 )
-from pipeline.signal_files import signal_figure, write_signals
+from pipeline.calibration_ranking.signal_files import signal_figure, write_signals
 
 
 def test_files_hold_the_signal_at_the_rate_asked_for(tmp_path):

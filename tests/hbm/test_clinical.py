@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hbm.clinical import clinical_angles
 from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, SEGMENTS, TREE, N
-from hbm.native import kernels
+from hbm.kernels.native import kernels
 from hbm.spatial import rotation_about
 from tests.synthetic import synthetic_body
 

@@ -9,8 +9,8 @@ from hbm import dynamics
 from hbm.center_of_mass import center_of_mass
 from hbm.coordinates import INDEX, LAST, MOVING, SEGMENTS, TREE, support
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
+from hbm.kernels.skeleton import GRAVITY
 from hbm.poses import segment_frames
-from hbm.skeleton import GRAVITY
 from hbm.spatial import rotation_about, shift_wrench, transform_wrench
 from tests.hbm.motions import motion_of, swinging
 from tests.synthetic import MASS_KG, synthetic_body

@@ -7,13 +7,13 @@ import pytest
 
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.filtering import butterworth
 from hbm.kinematics import solve_ik
 from hbm.markers import read_marker_set
-from hbm.resampling import resample
-from pipeline.opensim_trial import read_opensim_trial
-from pipeline.sto import read_sto
-from pipeline.trc import read_trc
+from hbm.signals.filtering import butterworth
+from hbm.signals.resampling import resample
+from pipeline.io.opensim.sto import read_sto
+from pipeline.io.opensim.trc import read_trc
+from pipeline.io.opensim.trial import read_opensim_trial
 
 MARKER_SETS = Path(__file__).resolve().parents[2] / "subjects" / "marker_sets"
 AXES = "forward,up,right"

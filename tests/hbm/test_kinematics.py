@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from hbm import descent, tracking
 from hbm.coordinates import COORDINATES, INDEX, N
+from hbm.ik import descent, tracking
+from hbm.ik.tracking import Tracker
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
-from hbm.tracking import Tracker
 from tests.hbm.motions import (
     SLIDES,
     any_pose,

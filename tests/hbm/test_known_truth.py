@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
+from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import SEGMENTS
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.filtering import butterworth
-from hbm.functional import functional_hips
 from hbm.kinematics import solve_ik
 from hbm.markers import read_marker_set
 from hbm.overrides import SegmentOverride
 from hbm.poses import segment_frames
-from hbm.resampling import resample
-from pipeline.opensim_trial import read_opensim_trial
+from hbm.signals.filtering import butterworth
+from hbm.signals.resampling import resample
+from pipeline.io.opensim.trial import read_opensim_trial
 
 MARKER_SETS = Path(__file__).resolve().parents[2] / "subjects" / "marker_sets"
 MASS_KG = 72.84

@@ -5,11 +5,11 @@ import pytest
 
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.filtering import butterworth
+from hbm.kernels.skeleton import GRAVITY
 from hbm.kinematics import solve_ik
-from hbm.resampling import resample
-from hbm.skeleton import GRAVITY
-from pipeline.c3d import read_c3d
+from hbm.signals.filtering import butterworth
+from hbm.signals.resampling import resample
+from pipeline.io.c3d.read import read_c3d
 
 FEET = ("left_foot", "right_foot")
 EDGE = slice(50, -50)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from hbm.markers import Markers
-from pipeline.c3d_encoding import parameter_section
-from pipeline.process import process_trial
-from pipeline.recording import Plate
-from pipeline.run import run_study
-from pipeline.study import read_study
+from pipeline.config.study import read_study
+from pipeline.io.c3d.encoding import parameter_section
+from pipeline.io.recording import Plate
+from pipeline.run.run import run_study
+from pipeline.trial.process import process_trial
 from tests.pipeline import lab
 
 BLOCK = 512

@@ -13,11 +13,11 @@ import numpy as np
 from hbm.coordinates import INDEX
 from hbm.dynamics import Dynamics
 from hbm.motion import Motion
-from pipeline.recording import Event
-from pipeline.residuals import reported
-from pipeline.study import Settings, Subject
-from pipeline.trial_files import write_trial
-from pipeline.trial_result import TrialResult
+from pipeline.config.study import Settings, Subject
+from pipeline.io.recording import Event
+from pipeline.run.store import write_trial
+from pipeline.trial.residuals import reported
+from pipeline.trial.result import TrialResult
 from tests.synthetic import synthetic_body
 
 RATE_HZ = 100.0

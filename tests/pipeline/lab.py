@@ -13,14 +13,14 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from hbm.markers import Markers
-from hbm.resampling import interpolate
+from hbm.signals.resampling import interpolate
 from hbm.spatial import Array, rotation_about, transform_wrench
-from pipeline.c3d import read_c3d
-from pipeline.c3d_writer import write_c3d
-from pipeline.force_plates import plate_axes
-from pipeline.recording import Analog, Plate, Recording
-from pipeline.virtual_lab.trial import simulate_trial
-from pipeline.virtual_lab.walker import Person
+from pipeline.io.c3d.force_plates import plate_axes
+from pipeline.io.c3d.read import read_c3d
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.recording import Analog, Plate, Recording
+from pipeline.virtual_lab.person.walker import Person
+from pipeline.virtual_lab.protocol.trial import simulate_trial
 
 GRAVITY = 9.81
 LEFT = np.array([0.0, 1.0, 0.0])

@@ -11,10 +11,10 @@ from compensation.platform import PlatformPose, commanded_pose
 from hbm.dynamics import inverse_dynamics_variants
 from hbm.motion import Motion
 from hbm.poses import marker_positions
-from pipeline.cycles import cut_cycles
-from pipeline.recording import Event, Plate, Recording
-from pipeline.study import Settings, Subject
-from pipeline.trial_result import TrialResult
+from pipeline.config.study import Settings, Subject
+from pipeline.io.recording import Event, Plate, Recording
+from pipeline.trial.gait.cycles import cut_cycles
+from pipeline.trial.result import TrialResult
 from tests.benchmarks.walker import STRIDE_HZ, Walk, walk
 from tests.synthetic import synthetic_body
 

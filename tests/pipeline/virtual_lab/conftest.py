@@ -4,11 +4,11 @@ from functools import cache
 
 import pytest
 
-from pipeline.virtual_lab.bench import make_bench
-from pipeline.virtual_lab.experiment import run_trial, run_walk, walker_of
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine import Machine
-from pipeline.virtual_lab.protocol import Protocol, Setting
+from pipeline.virtual_lab.machine.machine import Machine
+from pipeline.virtual_lab.protocol.bench import make_bench
+from pipeline.virtual_lab.protocol.experiment import run_trial, run_walk, walker_of
+from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
 
 SHORT = Protocol(
     baseline_s=20.0, pitch_s=24.0, waits_s=(12.0, 12.0), calibration="square_sway_60s_3mps"

@@ -5,12 +5,12 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.cli import app
-from pipeline.virtual_lab.ablation import CONDITIONS, FILTER, ablation, cases
-from pipeline.virtual_lab.ablation_figure import ablation_figure
-from pipeline.virtual_lab.protocol import SHORT, Setting
-from pipeline.virtual_lab.realism import realism_figure
+from pipeline.cli.app import app
+from pipeline.virtual_lab.analysis.ablation import CONDITIONS, FILTER, ablation, cases
+from pipeline.virtual_lab.analysis.ablation_figure import ablation_figure
+from pipeline.virtual_lab.protocol.protocol import SHORT, Setting
 from tests.pipeline.virtual_lab import conftest
+from tests.virtual_gait.realism import realism_figure
 
 SMALL = Setting(
     protocol=conftest.SHORT.model_copy(
@@ -93,7 +93,7 @@ def test_one_command_leaves_the_table_and_its_figure(tmp_path, monkeypatch, tabl
         asked.update(setting=setting, subjects=subjects, jobs=jobs)
         return table
 
-    monkeypatch.setattr("pipeline.virtual_lab.ablation.ablation", quick)
+    monkeypatch.setattr("pipeline.virtual_lab.analysis.ablation.ablation", quick)
     out = tmp_path / "out"
     done = CliRunner().invoke(app, ["simulate", str(out), "--ablation", "--seed", "4"])
     assert done.exit_code == 0, done.output
@@ -114,7 +114,7 @@ def test_a_setting_that_is_wrong_is_one_line(tmp_path):
 
 def test_the_realism_figure_names_its_sources_with_and_without_them(monkeypatch, walked):
     walks = [walked(subject)[0] for subject in (0, 1)]
-    monkeypatch.setattr("pipeline.virtual_lab.realism.virtual_walks", lambda *asked: walks)
+    monkeypatch.setattr("tests.virtual_gait.realism.virtual_walks", lambda *asked: walks)
     figure = realism_figure(None, None, subjects=2)
     assert "Pinzone et al. 2014" in figure.get_supxlabel()
     assert "Moore, Hnat and van den Bogert 2015" in figure.get_supxlabel()

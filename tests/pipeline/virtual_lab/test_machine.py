@@ -3,17 +3,16 @@
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.bench import PLATFORM_MARKERS, artefacts, make_bench, record
-from pipeline.virtual_lab.cameras import SKIN_M, move_skin, see
-from pipeline.virtual_lab.course import Course
 from pipeline.virtual_lab.faults import (
     AccelerometerFaults,
     CameraFaults,
     Faults,
     PlateFaults,
 )
-from pipeline.virtual_lab.instruments import make_accelerometers, make_load_cells
-from pipeline.virtual_lab.machine import (
+from pipeline.virtual_lab.machine.cameras import SKIN_M, move_skin, see
+from pipeline.virtual_lab.machine.course import Course
+from pipeline.virtual_lab.machine.instruments import make_accelerometers, make_load_cells
+from pipeline.virtual_lab.machine.machine import (
     LEFT_ASSEMBLY,
     Machine,
     assembly_wrench,
@@ -22,8 +21,9 @@ from pipeline.virtual_lab.machine import (
     move_platform,
     specific_force,
 )
-from pipeline.virtual_lab.protocol import PITCH_DEG, SWAY_MPS, sway_command
-from pipeline.virtual_lab.stance import smooth_step
+from pipeline.virtual_lab.person.stance import smooth_step
+from pipeline.virtual_lab.protocol.bench import PLATFORM_MARKERS, artefacts, make_bench, record
+from pipeline.virtual_lab.protocol.protocol import PITCH_DEG, SWAY_MPS, sway_command
 
 RATE = 1000.0
 UPWARD = np.array([0, 0, 9.81])

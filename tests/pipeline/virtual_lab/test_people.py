@@ -7,10 +7,10 @@ from hbm.body import build_body
 from hbm.markers import Markers, marker_sets
 from hbm.poses import marker_positions
 from hbm.segments import SEXES
-from pipeline.virtual_lab.anatomy import Build, t_pose
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.protocol import PERSONS
-from pipeline.virtual_lab.walker import Person, make_walker
+from pipeline.virtual_lab.person.anatomy import Build, t_pose
+from pipeline.virtual_lab.person.walker import Person, make_walker
+from pipeline.virtual_lab.protocol.protocol import PERSONS
 
 NAMES = tuple(marker_sets()["hbm2"].segment)
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import INDEX
-from pipeline.virtual_lab.bench import PULSE_CHANNEL, SENSORS, make_bench, record
-from pipeline.virtual_lab.experiment import run_walk, walker_of
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.protocol import (
+from pipeline.virtual_lab.person.steps import Habits, schedule
+from pipeline.virtual_lab.protocol.bench import PULSE_CHANNEL, SENSORS, make_bench, record
+from pipeline.virtual_lab.protocol.experiment import run_walk, walker_of
+from pipeline.virtual_lab.protocol.protocol import (
     ONSET,
     PITCH_PERIOD_S,
     SWAY_M,
@@ -18,8 +19,7 @@ from pipeline.virtual_lab.protocol import (
     perturbations,
     sway_command,
 )
-from pipeline.virtual_lab.setting import read_setting, setting_toml
-from pipeline.virtual_lab.steps import Habits, schedule
+from pipeline.virtual_lab.protocol.setting import read_setting, setting_toml
 from tests.pipeline.virtual_lab.conftest import SHORT
 
 THESIS_WAITS_S = (

@@ -7,13 +7,13 @@ import pandas as pd
 import pytest
 
 from hbm.coordinates import COORDINATES
-from hbm.resampling import resample
-from pipeline.c3d import read_c3d
-from pipeline.study import read_study
-from pipeline.virtual_lab.bench import PLATFORM_MARKERS, PULSE_CHANNEL, make_bench, record
-from pipeline.virtual_lab.experiment import run_walk, walker_of
-from pipeline.virtual_lab.protocol import PERSONS, Protocol, Setting
-from pipeline.virtual_lab.simulate import WRENCH, simulate_study
+from hbm.signals.resampling import resample
+from pipeline.config.study import read_study
+from pipeline.io.c3d.read import read_c3d
+from pipeline.virtual_lab.protocol.bench import PLATFORM_MARKERS, PULSE_CHANNEL, make_bench, record
+from pipeline.virtual_lab.protocol.experiment import run_walk, walker_of
+from pipeline.virtual_lab.protocol.protocol import PERSONS, Protocol, Setting
+from pipeline.virtual_lab.protocol.simulate import WRENCH, simulate_study
 
 SMALL = Protocol(
     conditions=("baseline", "sway"),

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.c3d import read_c3d
-from pipeline.virtual_lab.trial import simulate_trial
+from pipeline.io.c3d.read import read_c3d
+from pipeline.virtual_lab.protocol.trial import simulate_trial
 
 
 @pytest.fixture(scope="module")

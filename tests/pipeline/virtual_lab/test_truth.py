@@ -6,14 +6,20 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import COORDINATES
+from hbm.kernels.skeleton import GRAVITY
 from hbm.kinematics import solve_ik
-from hbm.skeleton import GRAVITY
-from pipeline.virtual_lab.assess import Case, fit_models, residual_of
-from pipeline.virtual_lab.bench import PER_FRAME, make_bench
-from pipeline.virtual_lab.course import ANALOG_HZ
-from pipeline.virtual_lab.experiment import run_calibration, run_trial, walker_of
+from pipeline.virtual_lab.analysis.assess import Case, fit_models, residual_of
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.protocol import ONSET, PITCH_DEG, PITCH_PERIOD_S, SWAY_MPS, Setting
+from pipeline.virtual_lab.machine.course import ANALOG_HZ
+from pipeline.virtual_lab.protocol.bench import PER_FRAME, make_bench
+from pipeline.virtual_lab.protocol.experiment import run_calibration, run_trial, walker_of
+from pipeline.virtual_lab.protocol.protocol import (
+    ONSET,
+    PITCH_DEG,
+    PITCH_PERIOD_S,
+    SWAY_MPS,
+    Setting,
+)
 from tests.pipeline.virtual_lab.conftest import SHORT
 
 CONDITIONS = ("baseline", "sway", "pitch")

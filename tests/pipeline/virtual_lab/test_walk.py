@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import COORDINATES, INDEX
-from hbm.skeleton import GRAVITY
+from hbm.kernels.skeleton import GRAVITY
 from hbm.spatial import shift_wrench
-from pipeline.virtual_lab import fit_gait, gait_optimum
-from pipeline.virtual_lab.balance import balanced, in_lab, pressure_on_platform
-from pipeline.virtual_lab.feet import SIDES, orientation, rolled
-from pipeline.virtual_lab.gait import posture
-from pipeline.virtual_lab.ground import foot_wrenches
-from pipeline.virtual_lab.plates import on_plates
-from pipeline.virtual_lab.realism import ANGLES, angle_curves, force_curves, read_norms
-from pipeline.virtual_lab.walk import ground_wrench, segment_poses
-from pipeline.virtual_lab.walker import Person, make_walker
+from pipeline.virtual_lab.person.balance import balanced, in_lab, pressure_on_platform
+from pipeline.virtual_lab.person.feet import SIDES, orientation, rolled
+from pipeline.virtual_lab.person.gait import posture
+from pipeline.virtual_lab.person.ground import foot_wrenches
+from pipeline.virtual_lab.person.walk import ground_wrench, segment_poses
+from pipeline.virtual_lab.person.walker import Person, make_walker
+from pipeline.virtual_lab.protocol.plates import on_plates
+from tests.virtual_gait import fit_gait, gait_optimum
+from tests.virtual_gait.realism import ANGLES, angle_curves, force_curves, read_norms
 
 PEOPLE = range(9)
 

@@ -1,0 +1,1 @@
+"""From the markers of a calibration pose to joint centres and axes."""

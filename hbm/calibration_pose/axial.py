@@ -1,0 +1,217 @@
+"""Pelvis, trunk and head from their landmarks."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hbm.calibration_pose.anatomy import (
+    SIDES,
+    TO_LEFT,
+    Anatomy,
+    Measures,
+    distance,
+    frame,
+    need,
+    perpendicular,
+    unit,
+)
+from hbm.spatial import Array
+
+
+def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Measures) -> None:
+    """Find the pelvis frame, both hip centres (the body's origin is midway) and the lumbar joint.
+
+    The frame is that of ASIS and PSIS. A single missing spine is the mirror image of its opposite;
+    the sacrum marker stands in for both PSIS. Hip centres: `hip_centers`. Lumbar joint (L5/S1) by
+    pelvic width: Reed et al. 1999 (SAE 1999-01-0959), as adapted to ASIS and PSIS by Dumas et al.
+    2007 (J Biomech 40:543).
+    """
+    R, origin, back, notes = pelvis_frame(landmarks)
+    anatomy.notes += notes
+    anatomy.frames["pelvis"] = R
+    anatomy.points |= {"mid_asis": origin, "mid_psis": back}
+    spines = _spines(landmarks)[0]
+    width, depth = distance(spines["LASIS"], spines["RASIS"]), distance(origin, back)
+    for side, letter in SIDES.items():
+        leg = _leg_length(landmarks, letter, spines[letter + "ASIS"])
+        anatomy.points[f"{side}_hip"] = origin + R @ hip_center(side, width, depth, leg, measures)
+        if leg is None and measures.hip == "harrington":
+            anatomy.notes.append(f"{side} hip by Harrington's rule without leg length")
+    anatomy.points["pelvis"] = (anatomy.points["right_hip"] + anatomy.points["left_hip"]) / 2
+    share = {"male": (-0.264, 0.126), "female": (-0.289, 0.172), "unspecified": (-0.2765, 0.149)}
+    back_share, up_share = share[measures.sex]
+    anatomy.points["lumbar"] = origin + R @ (width * np.array([back_share, 0.0, up_share]))
+
+
+def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, list[str]]:
+    """Give the pelvis frame.
+
+    Parameters
+    ----------
+    landmarks
+        Landmark -> position, (3,) [m].
+
+    Returns
+    -------
+    tuple
+        Orientation (columns: forward, left, up), (3, 3); mid-ASIS and mid-PSIS, (3,) [m]; which
+        rules stood in.
+
+    Raises
+    ------
+    ValueError
+        If ASIS or PSIS are missing and nothing can stand in for them.
+    """
+    at, notes = _spines(landmarks)
+    left, right = need(
+        at, "LASIS", "RASIS", purpose="the pelvis", instead="one ASIS with both PSIS"
+    )
+    if "LPSIS" in at and "RPSIS" in at:
+        back = (at["LPSIS"] + at["RPSIS"]) / 2
+    else:
+        (back,) = need(at, "SACR", purpose="the pelvis", instead="LPSIS with RPSIS")
+        notes.append("PSIS are missing: the sacrum marker stands for their middle")
+    origin, across = (left + right) / 2, left - right
+    return frame(across, np.cross(origin - back, across), exact="left"), origin, back, notes
+
+
+def _spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:
+    """Give the landmarks with a single missing spine mirrored from its opposite."""
+    at, notes = dict(landmarks), []
+    for a, b in (("ASIS", "PSIS"), ("PSIS", "ASIS")):
+        if "L" + b in landmarks and "R" + b in landmarks:
+            for side, other in ("LR", "RL"):
+                if side + a not in at and other + a in at:
+                    normal = unit(at["R" + b] - at["L" + b])
+                    middle = (at["L" + b] + at["R" + b]) / 2
+                    point = at[other + a]
+                    at[side + a] = point - 2 * ((point - middle) @ normal) * normal
+                    notes.append(f"{side + a} is missing: taken as mirror of {other + a}")
+    return at, notes
+
+
+def hip_center(
+    side: str, width: float, depth: float, leg: float | None, measures: Measures
+) -> Array:
+    """Give a hip centre in the pelvis frame.
+
+    Parameters
+    ----------
+    side
+        "right" or "left".
+    width, depth
+        Between the ASIS; from their middle to that of the PSIS [m].
+    leg
+        Leg length from ASIS to medial malleolus [m]; None where unknown.
+    measures
+        Which rule.
+
+    Returns
+    -------
+    Array
+        From mid-ASIS: forward, left, up, (3,) [m].
+
+    Raises
+    ------
+    ValueError
+        If there is no such rule, or a functional centre is missing.
+
+    Notes
+    -----
+    Harrington et al. 2007 (J Biomech 40:595), Table 3: by width, depth and leg length, or by the
+    best single measures where leg length is unknown. Bell et al. 1990 (J Biomech 23:617). Both
+    refer to bone: a marker's radius and base plate are taken off its distance forward.
+    """
+    outward = -TO_LEFT[side]
+    if isinstance(measures.hip, Mapping):
+        if side not in measures.hip:
+            raise ValueError(f"functional hip centres must name right and left, {side} is missing")
+        return np.array(measures.hip[side], float)
+    if measures.hip == "bell":
+        ahead, out, up = -0.19 * width, 0.36 * width, -0.30 * width
+    elif measures.hip == "harrington":
+        ahead = -0.24 * depth - 0.0099
+        if leg is None:
+            out, up = 0.33 * width + 0.0073, -0.30 * width - 0.0109
+        else:
+            out = 0.28 * depth + 0.16 * width + 0.0079
+            up = -0.16 * width - 0.04 * leg - 0.0071
+    else:
+        raise ValueError(f"hip must be 'harrington' or 'bell', got {measures.hip!r}")
+    return np.array([ahead - measures.marker_offset_m, outward * out, up])
+
+
+def _leg_length(landmarks: Mapping[str, Array], letter: str, spine: Array) -> float | None:
+    """Leg length ASIS to medial malleolus, over the knee so that a bent leg is as long."""
+    knee = landmarks.get(letter + "MEK", landmarks.get(letter + "LEK"))
+    ankle = landmarks.get(letter + "MM", landmarks.get(letter + "LM"))
+    if knee is None or ankle is None:
+        return None
+    return distance(spine, knee) + distance(knee, ankle)
+
+
+def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) -> None:
+    """Find the trunk's frame, its upper end and the neck.
+
+    The axis runs from the middle of T10 and xiphoid (without both: the lumbar joint) to the middle
+    of C7 and jugular notch. Without C7 or jugular notch the acromions stand in: their middle is the
+    top of the axis. Without an acromion as well, the axis runs from the lumbar joint through the
+    middle of T10 and xiphoid up to the level of the jugular notch. In both cases the neck is the
+    axis' upper end; else it (C7/T1) is 0.55 (women 0.53) of the distance from C7 to jugular notch
+    away from C7, 8° (14°) above that line (Reed et al. 1999; Dumas et al. 2007).
+    """
+    low = "T10" in at and "XIPH" in at
+    bottom = (at["T10"] + at["XIPH"]) / 2 if low else anatomy.points["lumbar"]
+    if low:
+        anatomy.points["xiphoid_level"] = bottom
+    else:
+        anatomy.notes.append("T10 or XIPH is missing: the trunk's axis starts at the lumbar joint")
+    if "C7" in at and "JN" in at:
+        top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
+        R = frame(np.cross(top - bottom, forward), top - bottom, exact="up")
+        anatomy.points["neck"] = at["C7"] + _neck(forward, R[:, 2], measures)
+        anatomy.points["cervicale"] = at["C7"]
+    elif "LSHO" in at and "RSHO" in at:
+        top = (at["LSHO"] + at["RSHO"]) / 2
+        R = frame(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
+        anatomy.points["neck"] = top
+        anatomy.notes.append("C7 or JN is missing: the trunk's axis ends between the acromions")
+    else:
+        front, back, notch = need(
+            at, "XIPH", "T10", "JN", purpose="the trunk", instead="C7 with JN, or LSHO with RSHO,"
+        )
+        root = anatomy.points["lumbar"]
+        up = unit(bottom - root)
+        top = root + ((notch - root) @ up) * up
+        R = frame(np.cross(up, front - back), up, exact="up")
+        anatomy.points["neck"] = top
+        anatomy.notes.append(
+            "C7 is missing: the trunk's axis starts at the lumbar joint, ends at JN's level"
+        )
+    pelvis = anatomy.frames["pelvis"]
+    if R[:, 0] @ pelvis[:, 0] < 0 or R[:, 2] @ pelvis[:, 2] < 0:
+        raise ValueError(
+            "trunk and pelvis face opposite ways; front and back markers (C7, T10 against JN, "
+            "XIPH; ASIS against PSIS) or left and right are probably swapped"
+        )
+    anatomy.frames["trunk"] = R
+    anatomy.points["trunk_top"] = top
+
+
+def _neck(forward: Array, up: Array, measures: Measures) -> Array:
+    """Give the neck's place from C7, (3,) [m]."""
+    rules = {"male": (0.55, 8.0), "female": (0.53, 14.0), "unspecified": (0.54, 11.0)}
+    share, lift = rules[measures.sex]
+    ahead, above = unit(forward), perpendicular(up, forward)
+    reach = share * float(np.linalg.norm(forward))
+    angle = np.radians(lift)
+    return np.asarray(reach * (np.cos(angle) * ahead + np.sin(angle) * above))
+
+
+def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:
+    """Find the head's frame from its left, right and top markers; absent if one of them is."""
+    if not {"LHEAD", "RHEAD", "THEAD"} <= set(at):
+        return
+    across, middle = at["LHEAD"] - at["RHEAD"], (at["LHEAD"] + at["RHEAD"]) / 2
+    anatomy.frames["head"] = frame(across, at["THEAD"] - middle, exact="left")
+    anatomy.points["vertex"] = at["THEAD"]

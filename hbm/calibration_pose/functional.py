@@ -1,0 +1,93 @@
+"""Hip centres from a trial in which the thighs swing: functional calibration."""
+
+from typing import Final
+
+import numpy as np
+
+from hbm.calibration_pose.axial import pelvis_frame
+from hbm.markers import Markers, MarkerSet, recognise_marker_set
+from hbm.spatial import Array, fit_rotation
+
+LEAST_SPREAD: Final = 0.04
+PASSES: Final = 3
+
+
+def functional_hips(markers: Markers, marker_set: MarkerSet | None = None) -> dict[str, Array]:
+    """Find the hip centres about which the thighs turn.
+
+    Parameters
+    ----------
+    markers
+        A trial in which each thigh swings in more than one plane: star and arc movements, or a
+        walk with enough ab-/adduction. Frames with gaps in a cluster are left out.
+    marker_set
+        Which marker rides on pelvis and thighs; by default recognised from the labels.
+
+    Returns
+    -------
+    dict[str, Array]
+        "right" and "left" -> centre in the pelvis frame (origin mid-ASIS, forward, left, up),
+        (3,) [m], as `build_body` takes it for ``hip``.
+
+    Raises
+    ------
+    ValueError
+        If a cluster has fewer than three markers, or a thigh turns too little or in one plane.
+
+    Notes
+    -----
+    Symmetrical centre of rotation estimation (Ehrig et al. 2006, J Biomech 39:2798): pelvis and
+    thigh are rigid clusters with poses (R, o) and (S, p), and the centre is fixed in both: the
+    least-squares solution of R c + o = S d + p. The result is the mean of both clusters' centres.
+    """
+    chosen = marker_set or recognise_marker_set(markers.names)
+    hips = {}
+    for side in ("right", "left"):
+        pelvis, thigh = (_cluster(markers, chosen, s) for s in ("pelvis", f"{side}_thigh"))
+        seen = ~np.isnan(pelvis[1]).any(axis=(1, 2)) & ~np.isnan(thigh[1]).any(axis=(1, 2))
+        if seen.sum() < 3:
+            raise ValueError(
+                f"functional hips: no three frames show all of {', '.join(pelvis[0] + thigh[0])}"
+            )
+        shape, R, o = _poses(pelvis[1][seen])
+        _, S, p = _poses(thigh[1][seen])
+        own = dict(zip(pelvis[0], shape, strict=True))
+        at = {mark: own[name] for mark, name in chosen.landmark.items() if name in own}
+        axes, origin, _, _ = pelvis_frame(at)
+        hips[side] = axes.T @ (_center(R, o, S, p, side) - origin)
+    return hips
+
+
+def _cluster(markers: Markers, chosen: MarkerSet, segment: str) -> tuple[list[str], Array]:
+    names = [n for n in markers.names if chosen.segment.get(n) == segment]
+    if len(names) < 3:
+        raise ValueError(
+            f"functional hips need three markers on the {segment}, got {', '.join(names) or 'none'}"
+        )
+    return names, markers.position[:, [markers.names.index(n) for n in names]]
+
+
+def _poses(position: Array) -> tuple[Array, Array, Array]:
+    """Give a cluster's mean shape about its centroid, and its orientation and place over time."""
+    place = position.mean(axis=1)
+    centred = position - place[:, None]
+    shape = centred[0]
+    for _ in range(PASSES):
+        R = fit_rotation(np.einsum("tki,kj->tij", centred, shape))
+        shape = np.einsum("tij,tki->kj", R, centred) / len(R)
+    return shape, R, place
+
+
+def _center(R: Array, o: Array, S: Array, p: Array, side: str) -> Array:
+    """Give the centre of rotation in the first cluster's frame."""
+    system = np.concatenate([R, -S], axis=2).reshape(-1, 6)
+    spread = np.linalg.svd(system, compute_uv=False)[-1] / np.sqrt(len(R))
+    if spread < LEAST_SPREAD:
+        raise ValueError(
+            f"the {side} thigh turns too little, or in one plane only, to show its hip centre; "
+            "swing it forward, back and sideways by 30° and more"
+        )
+    both = np.linalg.lstsq(system, (p - o).ravel(), rcond=None)[0]
+    c, d = both[:3], both[3:]
+    from_thigh = np.einsum("tji,tj->ti", R, (S @ d) + p - o).mean(axis=0)
+    return np.asarray((c + from_thigh) / 2)

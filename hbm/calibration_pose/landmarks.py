@@ -1,0 +1,45 @@
+"""Joint centres and axes from anatomical landmarks in a calibration pose.
+
+Every rule names its source; where a landmark is missing the next documented rule is taken and said
+so, and where none is left the error says which marker would do. All positions are in lab axes;
+whichever way the subject faces makes no difference.
+"""
+
+from collections.abc import Mapping
+
+from hbm.calibration_pose.anatomy import SIDES, Anatomy, Measures
+from hbm.calibration_pose.axial import locate_head, locate_pelvis, locate_trunk
+from hbm.calibration_pose.limbs import locate_arm, locate_leg
+from hbm.spatial import Array
+
+
+def locate_anatomy(landmarks: Mapping[str, Array], measures: Measures) -> Anatomy:
+    """Find all joint centres and axes.
+
+    Parameters
+    ----------
+    landmarks
+        Landmark -> position in the calibration pose, (3,) [m], lab axes; missing ones absent.
+    measures
+        What is known of the subject beyond the markers.
+
+    Returns
+    -------
+    Anatomy
+        In the lab, in the calibration pose.
+
+    Raises
+    ------
+    ValueError
+        If a pelvis, leg or trunk landmark is missing and no rule can stand in for it, or sides
+        are swapped.
+    """
+    anatomy = Anatomy()
+    locate_pelvis(anatomy, landmarks, measures)
+    for side in SIDES:
+        locate_leg(anatomy, landmarks, measures, side)
+    locate_trunk(anatomy, landmarks, measures)
+    locate_head(anatomy, landmarks)
+    for side in SIDES:
+        locate_arm(anatomy, landmarks, side)
+    return anatomy

@@ -1,0 +1,226 @@
+"""A subject's shape: segment frames hung on the joint centres and axes of a calibration pose.
+
+In every segment's frame the shape is what stays the same when the subject moves: where the next
+joint is, how its hinges run, where the markers and the ends of its inertias are. Shapes of several
+instants can therefore be averaged, whether the subject stood still or walked.
+
+Zero of the hinges: knee and elbow straight, foot at a right angle to the shank, forearm supinated
+(wrist axis along the elbow's), hand in line with the forearm; foot pronation and toes as in the
+calibration pose.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from hbm.calibration_pose.anatomy import SIDES, Anatomy, frame, perpendicular, unit
+from hbm.coordinates import DOWN, FORWARD, LEFT, PARENT
+from hbm.segments import Proportions
+from hbm.spatial import Array, rotation_about
+
+INCLINATION: Final = np.radians(42.0)
+DEVIATION: Final = np.radians(16.0)
+
+
+@dataclass(slots=True)
+class Shape:
+    """What stays the same while the subject moves, each in its segment's frame.
+
+    Attributes
+    ----------
+    offsets
+        Segment -> its proximal joint in the parent segment's frame, (3,) [m].
+    axes
+        Coordinate -> hinge axis in the frame before it turns, unit vector (3,).
+    ends
+        Inertial part -> its proximal and distal end and a lateral direction, (3, 3).
+    markers
+        Marker -> position, (3,) [m].
+    """
+
+    offsets: dict[str, Array] = field(default_factory=dict)
+    axes: dict[str, Array] = field(default_factory=dict)
+    ends: dict[str, Array] = field(default_factory=dict)
+    markers: dict[str, Array] = field(default_factory=dict)
+
+
+def shape_of(
+    anatomy: Anatomy,
+    table: Mapping[str, Proportions],
+    height_m: float,
+    markers: Mapping[str, Array],
+    segment: Mapping[str, str],
+) -> Shape:
+    """Describe the subject at one instant.
+
+    Parameters
+    ----------
+    anatomy
+        Joint centres and axes at that instant, lab axes.
+    table
+        Segment proportions, for the parts that no marker shows.
+    height_m
+        Stature, for the same [m].
+    markers
+        Marker -> position at that instant, (3,) [m], lab axes.
+    segment
+        Marker -> segment.
+
+    Returns
+    -------
+    Shape
+        In segment frames. Head and arms that no marker shows hang neutrally from the trunk.
+
+    Notes
+    -----
+    Unseen parts take de Leva's (1996) mean lengths as shares of stature; unseen shoulders lie
+    0.129 of stature beside the trunk's axis (Drillis and Contini 1966, as in Winter 2009, Fig. 4.1)
+    and 0.009 of stature below the level of the jugular notch (de Leva 1996: the trunk from mid
+    shoulders to mid hips is 16 mm shorter than from the notch, in men of 1.741 m).
+    """
+    build = _Builder(anatomy, table, height_m)
+    build.trunk_and_head()
+    for side in SIDES:
+        build.arm(side)
+        build.leg(side)
+    shape = build.shape
+    for s, parent in PARENT.items():
+        R, o = build.frames[parent]
+        shape.offsets[s] = R.T @ (build.frames[s][1] - o)
+    for name, position in markers.items():
+        R, o = build.frames[segment[name]]
+        shape.markers[name] = R.T @ (position - o)
+    return shape
+
+
+def average(shapes: list[Shape]) -> Shape:
+    """Average shapes of several instants; axes stay unit vectors."""
+
+    def mean(kind: str) -> dict[str, Array]:
+        parts = [getattr(shape, kind) for shape in shapes]
+        names = dict.fromkeys(name for part in parts for name in part)
+        return {n: np.mean([part[n] for part in parts if n in part], axis=0) for n in names}
+
+    axes = {name: unit(axis) for name, axis in mean("axes").items()}
+    return Shape(mean("offsets"), axes, mean("ends"), mean("markers"))
+
+
+def _swing(axis: Array, zero: Array, direction: Array) -> float:
+    """Angle about an axis that turns one direction into another, both seen along the axis."""
+    across = axis @ np.cross(zero, direction)
+    return float(np.arctan2(across, zero @ direction - (axis @ zero) * (axis @ direction)))
+
+
+def _subtalar(along: Array, medial: float) -> Array:
+    """Give the subtalar axis, forward, in a foot whose long axis is ``along``.
+
+    It rises 42° from the sole and deviates 16° to the medial side (Manter 1941, Anat Rec 80:397),
+    so that pronation of the standing foot turns the shank inwards; about the foot's long axis it
+    would not, and the feet would drag the pelvis sideways.
+    """
+    left = perpendicular(np.array(LEFT), along)
+    level = np.cos(DEVIATION) * along + medial * np.sin(DEVIATION) * left
+    return np.asarray(np.cos(INCLINATION) * level + np.sin(INCLINATION) * np.cross(along, left))
+
+
+class _Builder:
+    """Hangs frames on an anatomy, from the pelvis outward."""
+
+    def __init__(self, anatomy: Anatomy, table: Mapping[str, Proportions], height_m: float) -> None:
+        self.at, self.axes = anatomy.points, anatomy.axes
+        self.length = {name: part.length * height_m for name, part in table.items()}
+        self.shoulder_width = 0.129 * height_m
+        self.shoulder_drop = 0.009 * height_m
+        self.frames = {"pelvis": (anatomy.frames["pelvis"], self.at["pelvis"])}
+        self.frames["trunk"] = anatomy.frames["trunk"], self.at["lumbar"]
+        head = anatomy.frames.get("head", anatomy.frames["trunk"])
+        self.frames["head"] = head, self.at["neck"]
+        self.shape = Shape()
+
+    def ends(self, part: str, segment: str, proximal: Array, distal: Array, left: Array) -> None:
+        """Note a part's ends in its segment's frame."""
+        R, o = self.frames[segment]
+        self.shape.ends[part] = np.stack([R.T @ (proximal - o), R.T @ (distal - o), R.T @ left])
+
+    def trunk_and_head(self) -> None:
+        at, length = self.at, self.length
+        hips, top = at["pelvis"], at["trunk_top"]
+        lower, middle, upper = (length[s] for s in ("lower_trunk", "mid_trunk", "upper_trunk"))
+        share = (lower + middle) / (lower + middle + upper)
+        xiphoid = at.get("xiphoid_level", hips + share * (top - hips))
+        navel = xiphoid + middle / (middle + lower) * (hips - xiphoid)
+        pelvis_left, trunk, head = (self.frames[s][0] for s in ("pelvis", "trunk", "head"))
+        self.ends("lower_trunk", "pelvis", navel, hips, pelvis_left[:, 1])
+        self.ends("mid_trunk", "trunk", xiphoid, navel, trunk[:, 1])
+        self.ends("upper_trunk", "trunk", top, xiphoid, trunk[:, 1])
+        cervicale = at.get("cervicale", at["neck"])
+        vertex = at.get("vertex", at["neck"] + length["head"] * head[:, 2])
+        self.ends("head", "head", vertex, cervicale, head[:, 1])
+
+    def arm(self, side: str) -> None:
+        at, s, axes = self.at, SIDES[side], self.shape.axes
+        trunk, _ = self.frames["trunk"]
+        sign = 1.0 if side == "right" else -1.0
+        arm, forearm, hand = (f"{side}_{x}" for x in ("upper_arm", "forearm", "hand"))
+        if f"{side}_elbow" in at:
+            shoulder, elbow, wrist = (at[f"{side}_{x}"] for x in ("shoulder", "elbow", "wrist"))
+            elbow_axis, wrist_axis = self.axes[f"{side}_elbow"], self.axes[f"{side}_wrist"]
+        else:
+            beside = np.array([0.0, -sign * self.shoulder_width, -self.shoulder_drop])
+            shoulder = at["trunk_top"] + trunk @ beside
+            elbow = shoulder - self.length["upper_arm"] * trunk[:, 2]
+            wrist = elbow - self.length["forearm"] * trunk[:, 2]
+            elbow_axis = wrist_axis = trunk[:, 1]
+        knuckle = at.get(f"{side}_knuckle")
+
+        R = frame(elbow_axis, shoulder - elbow, exact="up")
+        self.frames[f"{side}_shoulder"] = trunk, shoulder
+        self.frames[arm] = R, shoulder
+
+        bend = -R.T @ elbow_axis
+        R = R @ rotation_about(bend, _swing(bend, np.array(DOWN), R.T @ unit(wrist - elbow)))
+        up = R.T @ unit(elbow - wrist)
+        R = R @ rotation_about(up, _swing(up, R.T @ elbow_axis, R.T @ wrist_axis))
+        self.frames[forearm] = R, elbow
+        axes[f"{s}ElbowFlexion"], axes[f"{s}ForeArmPronation"] = bend, sign * up
+
+        left = perpendicular(R.T @ wrist_axis, up)
+        ahead = np.cross(left, up)
+        axes[f"{s}WristFlexion"], axes[f"{s}HandAbduction"] = -left, -sign * ahead
+        along = wrist - self.length["hand"] * (R @ up) if knuckle is None else knuckle
+        x, y, z = np.stack([ahead, left, up]) @ R.T @ unit(along - wrist)
+        R = R @ rotation_about(-left, np.arctan2(x, -z))
+        R = R @ rotation_about(-sign * ahead, sign * np.arcsin(-y))
+        self.frames[hand] = R, wrist
+
+        self.ends(arm, arm, shoulder, elbow, elbow_axis)
+        self.ends(forearm, forearm, elbow, wrist, wrist_axis)
+        self.ends(hand, hand, wrist, along, wrist_axis)
+
+    def leg(self, side: str) -> None:
+        at, s, axes = self.at, SIDES[side], self.shape.axes
+        sign = 1.0 if side == "right" else -1.0
+        thigh, shank, foot, toes = (f"{side}_{x}" for x in ("thigh", "shank", "foot", "toes"))
+        hip, knee, ankle = (at[f"{side}_{x}"] for x in ("hip", "knee", "ankle"))
+        knee_axis, ankle_axis = self.axes[f"{side}_knee"], self.axes[f"{side}_ankle"]
+
+        R = frame(knee_axis, hip - knee, exact="up")
+        self.frames[thigh] = R, hip
+        bend = R.T @ knee_axis
+        R = R @ rotation_about(bend, _swing(bend, np.array(DOWN), R.T @ unit(ankle - knee)))
+        self.frames[shank] = R, knee
+        axes[f"{s}KneeFlexion"] = bend
+
+        bend, along = R.T @ ankle_axis, self.axes[f"{side}_foot"]
+        R = R @ rotation_about(bend, _swing(bend, np.array(FORWARD), R.T @ along))
+        self.frames[foot] = R, ankle
+        self.frames[toes] = R, at[f"{side}_toes"]
+        axes[f"{s}AnklePlantarFlexion"] = bend
+        axes[f"{s}FootPronation"] = -sign * _subtalar(R.T @ along, sign)
+        axes[f"{s}ToeFlexion"] = R.T @ self.axes[f"{side}_toes"]
+
+        self.ends(f"{side}_thigh", thigh, hip, knee, knee_axis)
+        self.ends(f"{side}_shank", shank, knee, ankle, knee_axis)
+        self.ends(f"{side}_foot", foot, at[f"{side}_heel"], at[f"{side}_toe_tip"], ankle_axis)

@@ -1,0 +1,1 @@
+"""The skeleton in symbols, and the compiled functions made from it."""

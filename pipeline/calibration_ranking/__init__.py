@@ -1,0 +1,1 @@
+"""Experiment 2: which calibration trial is the best."""

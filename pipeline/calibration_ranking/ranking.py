@@ -1,0 +1,235 @@
+"""Experiment 2: which calibration trial makes the best compensation, and how sure that is."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import pandas as pd
+from scipy.stats import rankdata
+
+from compensation import InertiaModel, fit_inertia
+from hbm.spatial import Array
+from pipeline.calibration_ranking.trials import RATE_HZ, PlatformTrial
+from pipeline.statistics.nonparametric import kendalls_w
+
+COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+BLOCK_S: Final = 5.0
+RESAMPLES: Final = 1000
+ALIKE: Final = 0.01
+"""Share of the resamples that a trial must win to count as possibly the best.
+
+One in twenty would be too few: the resamples do not draw another random signal, which changes the
+order too. Of ten simulated experiments that differ in everything random, 88 % of the winners of
+another are possibly the best by this share, and 64 % by one in twenty.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Ranking:
+    """Calibration trials in their order.
+
+    Attributes
+    ----------
+    table
+        One row per calibration trial, best first: trial, mean_rank, firsts (columns in which it is
+        the best), wins (share of the resamples in which its mean rank is the lowest), rank_low and
+        rank_high (95 % of its resampled mean ranks).
+    scores
+        One row per calibration trial, validation trial and component: rms_raw, rms_after [N, N·m],
+        reduction [%], rank.
+    concordance
+        Kendall's W of the columns and its p; NaN for one column.
+    models
+        Name -> fitted model.
+    """
+
+    table: pd.DataFrame
+    scores: pd.DataFrame
+    concordance: tuple[float, float] = (np.nan, np.nan)
+    models: dict[str, InertiaModel] = field(default_factory=dict)
+
+    @property
+    def winner(self) -> str:
+        """Name of the best calibration trial."""
+        return str(self.table["trial"].iloc[0])
+
+    @property
+    def alike(self) -> list[str]:
+        """Trials that may be the best: the winner, and those that win some resamples."""
+        rows = self.table["trial"][(self.table["wins"] >= ALIKE) | (self.table.index == 0)]
+        return list(rows)
+
+
+def rank_platform(
+    calibration: Sequence[PlatformTrial], validation: Sequence[PlatformTrial], *, seed: int = 0
+) -> Ranking:
+    """Fit a model to every calibration trial, score it on every validation trial, and rank.
+
+    Parameters
+    ----------
+    calibration, validation
+        The trials, equally recorded and filtered.
+    seed
+        Of the bootstrap.
+
+    Returns
+    -------
+    Ranking
+        Ranks are by reduction of the RMS in every column (validation trial × component).
+
+    Raises
+    ------
+    ValueError
+        If a trial cannot be fitted, was recorded otherwise, or there are fewer than two
+        calibration trials.
+
+    Notes
+    -----
+    Source: van de Loosdrecht (2018), II.B and D.4.
+
+    Beyond the original: the bootstrap. Each resample draws blocks of 5 s of the validation trials
+    with replacement, and for each calibration a gain from its covariance and a zero of the plate
+    anew. The zero differs from trial to trial (its spread shows in the calibrations' mean errors)
+    and would be other if the experiment were repeated; blocks of time do not show that.
+    """
+    if len(calibration) < 2:
+        raise ValueError(f"a ranking needs at least 2 calibration trials, got {len(calibration)}")
+    models = {}
+    for trial in calibration:
+        _require_alike(trial, calibration[0])
+        try:
+            models[trial.name] = fit_inertia(trial.accelerations, trial.wrench, trial.setup)
+        except ValueError as error:
+            raise ValueError(f"{trial.name}: {error}") from error
+    rows = []
+    for trial in validation:
+        _require_alike(trial, calibration[0])
+        raw = _rms(trial.wrench)
+        if not raw.all():
+            silent = ", ".join(c for c, size in zip(COMPONENTS, raw, strict=True) if size == 0)
+            raise ValueError(
+                f"{trial.name}: the plate's {silent} is 0 throughout; is it connected?"
+            )
+        for name, model in models.items():
+            after = _rms(trial.wrench - model.predict(trial.accelerations))
+            rows += [
+                (name, trial.name, c, *v) for c, *v in zip(COMPONENTS, raw, after, strict=True)
+            ]
+    scores = pd.DataFrame(
+        rows, columns=["trial", "validation", "component", "rms_raw", "rms_after"]
+    )
+    resampled = _resampled(list(models.values()), validation, np.random.default_rng(seed))
+    ranking = ranked(scores, resampled)
+    return Ranking(ranking.table, ranking.scores, ranking.concordance, models)
+
+
+def ranked(scores: pd.DataFrame, resampled: Array) -> Ranking:
+    """Rank trials by how much they reduce the RMS in every column.
+
+    Parameters
+    ----------
+    scores
+        As in `Ranking`, without reduction and rank; trials in the same order in each column.
+    resampled
+        RMS after compensation by RMS raw in every resample, (resamples, trials, columns).
+
+    Returns
+    -------
+    Ranking
+        Without models.
+    """
+    scores = scores.assign(reduction=100 * (1 - scores["rms_after"] / scores["rms_raw"]))
+    columns = scores.groupby(["validation", "component"], sort=False)["reduction"]
+    scores["rank"] = columns.rank(ascending=False)
+    means = scores.groupby("trial", sort=False)["rank"].mean()
+    best = scores["rank"] == columns.transform(lambda x: x.rank(ascending=False).min()).to_numpy()
+    again = rankdata(resampled, axis=1).mean(axis=2)
+    low, high = np.percentile(again, [2.5, 97.5], axis=0)
+    table = pd.DataFrame(
+        {
+            "trial": means.index,
+            "mean_rank": means.to_numpy(),
+            "firsts": best.groupby(scores["trial"], sort=False).sum().to_numpy(),
+            "wins": np.bincount(again.argmin(axis=1), minlength=len(means)) / len(again),
+            "rank_low": low,
+            "rank_high": high,
+        }
+    )
+    table = table.sort_values(["mean_rank", "firsts"], ascending=[True, False], ignore_index=True)
+    wide = scores.pivot(index=["validation", "component"], columns="trial", values="reduction")
+    agreement = (np.nan, np.nan)
+    if wide.shape[0] > 1 and wide.shape[1] > 2:
+        w, _, p = kendalls_w(wide.to_numpy())
+        agreement = (w, p)
+    return Ranking(table, scores, agreement)
+
+
+def best_trials(ranking: Ranking) -> pd.DataFrame:
+    """Give the best calibration trial of every column, as the thesis' Fig. F.7.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per validation trial, one column per component.
+    """
+    best = ranking.scores.loc[
+        ranking.scores.groupby(["validation", "component"], sort=False)["rank"].idxmin()
+    ]
+    wide = best.pivot(index="validation", columns="component", values="trial")
+    return wide[[c for c in COMPONENTS if c in wide.columns]]
+
+
+def blocks(count: int) -> list[slice]:
+    """Cut samples at 100 Hz into blocks of about 5 s, at least two."""
+    edges = np.linspace(0, count, max(round(count / (BLOCK_S * RATE_HZ)), 2) + 1).astype(int)
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def _resampled(
+    models: list[InertiaModel], validation: Sequence[PlatformTrial], rng: np.random.Generator
+) -> Array:
+    """RMS after by RMS raw of every resample, (resamples, models, columns)."""
+    errors = [[v.wrench - model.predict(v.accelerations) for model in models] for v in validation]
+    mean_error = np.mean([[e.mean(axis=0) for e in row] for row in errors], axis=0)
+    own_zero = mean_error - mean_error.mean(axis=0)
+    zero_sd = own_zero.std(axis=0, ddof=1)
+    change = np.stack([_other_gains(model, zero_sd, rng) for model in models], axis=1)
+    change[:, :, -1] -= own_zero  # the zero of this one time gives way to the one drawn
+    columns = []
+    for trial, row in zip(validation, errors, strict=True):
+        design = np.column_stack([trial.accelerations, np.ones(len(trial.wrench))])
+        cut = blocks(len(design))
+        drawn = rng.multinomial(len(cut), np.full(len(cut), 1 / len(cut)), RESAMPLES).astype(float)
+        gram = np.tensordot(drawn, [design[b].T @ design[b] for b in cut], 1)
+        cross = np.tensordot(drawn, [[design[b].T @ e[b] for e in row] for b in cut], 1)
+        plain = np.tensordot(drawn, [[(e[b] ** 2).sum(axis=0) for e in row] for b in cut], 1)
+        raw = np.tensordot(drawn, [(trial.wrench[b] ** 2).sum(axis=0) for b in cut], 1)
+        moved = np.einsum("rij,rmjc->rmic", gram, change) - 2 * cross
+        left = plain + np.einsum("rmic,rmic->rmc", change, moved)
+        columns.append(np.sqrt(np.maximum(left, 0) / raw[:, None]))
+    return np.concatenate(columns, axis=2)
+
+
+def _other_gains(model: InertiaModel, zero_sd: Array, rng: np.random.Generator) -> Array:
+    """Draw by how much gain and zero might have been other, (resamples, k + 1, 6)."""
+    draws = np.empty((RESAMPLES, *model.gain.shape))
+    for c, covariance in enumerate(model.covariance):
+        variance, directions = np.linalg.eigh(covariance)
+        root = directions * np.sqrt(np.maximum(variance, 0))
+        draws[..., c] = rng.normal(size=(RESAMPLES, len(variance))) @ root.T
+    draws[:, -1] += rng.normal(0, zero_sd, (RESAMPLES, 6))
+    return draws
+
+
+def _require_alike(trial: PlatformTrial, first: PlatformTrial) -> None:
+    if trial.setup != first.setup:
+        raise ValueError(
+            f"{trial.name} was recorded with {', '.join(trial.setup.sensors)}, "
+            f"{first.name} with {', '.join(first.setup.sensors)}"
+        )
+
+
+def _rms(wrench: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(wrench**2, axis=0)))

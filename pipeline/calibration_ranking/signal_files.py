@@ -1,0 +1,138 @@
+"""Signals for the machine as files: the course as CSV, course and spectra as a picture."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from compensation import (
+    Limits,
+    Signal,
+    acceleration_spectrum,
+    check_signal,
+    resample_signal,
+)
+from pipeline.figures.style import COLOURS, STYLE
+from pipeline.io.write import whole_file
+
+HEADER = "time_s,sway_m,pitch_deg,belt_speed_m_per_s"
+FASTEST_HZ = 50.0
+FAINTEST = 1e-6
+"""Share of a spectrum's peak below which it is not drawn."""
+ROUNDING = 1e-12
+
+
+def write_signals(
+    signals: Iterable[Signal], folder: Path, rate_hz: float, limits: Limits
+) -> list[Path]:
+    """Write signals for a machine, each as CSV and PNG.
+
+    Parameters
+    ----------
+    signals
+        What the machine is to do.
+    folder
+        Where to write ``<name>.csv`` and ``<name>.png``; made where it does not exist.
+    rate_hz
+        Samples per second in the files [Hz].
+    limits
+        Of the machine.
+
+    Returns
+    -------
+    list[pathlib.Path]
+        The CSV files.
+
+    Raises
+    ------
+    ValueError
+        If a signal exceeds the machine's limits, or the rate is below the signals'; nothing is
+        written then.
+    OSError
+        If a file cannot be written.
+    """
+    resampled = [resample_signal(signal, rate_hz) for signal in signals]
+    beyond = [sentence for signal in resampled for sentence in check_signal(signal, limits)]
+    if beyond:
+        raise ValueError(f"the machine cannot do this: {'; '.join(beyond)}")
+    written = []
+    for signal in resampled:
+        table = folder / f"{signal.name}.csv"
+        write_signal(signal, table)
+        with mpl.rc_context(STYLE), whole_file(table.with_suffix(".png")) as temporary:
+            signal_figure(signal, limits).savefig(temporary, format="png", dpi=150)
+        written.append(table)
+    return written
+
+
+def write_signal(signal: Signal, path: Path) -> None:
+    """Write one signal as CSV: time, sway to the left, pitch (positive lowers the front), belts."""
+    columns = [signal.time, signal.sway, np.degrees(signal.pitch), signal.belt_speed]
+    with whole_file(path) as temporary:
+        np.savetxt(
+            temporary,
+            np.column_stack(columns),
+            fmt="%.6f",
+            delimiter=",",
+            header=HEADER,
+            comments="",
+            encoding="utf-8",
+        )
+
+
+def signal_figure(signal: Signal, limits: Limits) -> Figure:
+    """Draw a signal's courses and the spectra of its accelerations, with the machine's limits.
+
+    Parameters
+    ----------
+    signal
+        What the machine is to do.
+    limits
+        Of the machine; dashed.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Sway, pitch and belts from top to bottom; over time on the left, over frequency on the
+        right.
+    """
+    spectrum = acceleration_spectrum(signal)
+    to_degrees = np.degrees(1.0)
+    rows = (
+        ("sway (m)", signal.sway, limits.sway_m, spectrum.sway, "(m/s²)²/Hz"),
+        (
+            "pitch (°)",
+            np.degrees(signal.pitch),
+            limits.pitch_deg,
+            spectrum.pitch * to_degrees**2,
+            "(°/s²)²/Hz",
+        ),
+        ("belts (m/s)", signal.belt_speed, limits.belt_m_per_s, spectrum.belt, "(m/s²)²/Hz"),
+    )
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9, 6), layout="constrained")
+        panels = figure.subplots(3, 2, width_ratios=(2, 1), sharex="col")
+        for (course, density), (name, values, limit, power, unit) in zip(panels, rows, strict=True):
+            course.plot(signal.time, values, color=COLOURS["compensated"], linewidth=0.6)
+            for level in (-limit, limit):
+                course.axhline(level, color=COLOURS["measured"], linestyle="--", linewidth=1)
+            course.set_ylabel(name)
+            moves = power > max(FAINTEST * power.max(), ROUNDING)
+            shown = np.where(moves, power, np.nan)
+            density.plot(spectrum.frequency, shown, color=COLOURS["compensated"], linewidth=1)
+            density.set_ylabel(unit)
+            if moves.any():
+                density.set_yscale("log")
+                density.yaxis.set_major_formatter("{x:g}")
+            else:
+                density.text(0.5, 0.5, "no acceleration", transform=density.transAxes, ha="center")
+                density.set_yticks([])
+        panels[0, 0].set_title("course, and limits of the machine (dashed)")
+        panels[0, 1].set_title("spectrum of the acceleration")
+        panels[2, 0].set_xlabel("time (s)")
+        panels[2, 1].set_xlabel("frequency (Hz)")
+        panels[2, 1].set_xlim(0, FASTEST_HZ)
+        figure.suptitle(signal.name, fontsize=10)
+    return figure

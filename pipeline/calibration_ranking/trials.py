@@ -1,0 +1,232 @@
+"""The recordings of experiment 2: which are there, and what of them is compared."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from compensation import (
+    Setup,
+    belt_acceleration,
+    cutoff_of_spline,
+    low_pass,
+    spline_smoothing,
+)
+from hbm.spatial import Array, rotate_wrench
+from pipeline.config.study import Treadmill
+from pipeline.io.recording import Recording
+from pipeline.smoothing import smooth
+from pipeline.trial.ground.accelerometers import find_accelerometers
+from pipeline.trial.ground.belts import belt_axes, belt_speed
+from pipeline.trial.ground.laboratory import accelerations, read_empty
+
+RATE_HZ: Final = 100.0
+EDGE_S: Final = 0.5
+FOLDERS: Final = ("calibration", "validation", "belt_calibration", "belt_validation", "belt_person")
+NAME: Final = re.compile(r"(?P<kind>.+)_(?P<duration_s>\d+)s_(?P<speed_mps>[\d.]+)mps")
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What of a recording is compared, and how it is filtered.
+
+    Attributes
+    ----------
+    plate
+        Number of the empty plate that is scored.
+    cutoff_hz
+        Second-order Butterworth low-pass, forward and backward, on plate and accelerometers [Hz].
+    belt_channel
+        Analog channel with the belt's speed.
+    belt_cutoff_hz
+        Causal low-pass on pitch moment and belt acceleration [Hz].
+    axes
+        Where the files' axes point; None to infer.
+    """
+
+    plate: int = 1
+    cutoff_hz: float = 20.0
+    belt_channel: str = "BeltSpeed"
+    belt_cutoff_hz: float = 10.0
+    axes: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlatformTrial:
+    """An empty plate and the accelerometers, filtered alike, at 100 Hz.
+
+    Attributes
+    ----------
+    name
+        Of the file.
+    accelerations
+        (N, k) [m/s²].
+    wrench
+        Along the belt, to its left and up, about the middle of the plate's surface,
+        (N, 6) [N, N·m]. Which end is the front an empty plate does not show; no RMS depends on it.
+    setup
+        Sensors, rate and filter.
+    """
+
+    name: str
+    accelerations: Array
+    wrench: Array
+    setup: Setup
+
+
+@dataclass(frozen=True, slots=True)
+class BeltTrial:
+    """An empty plate's pitch moment and the belt's acceleration, filtered alike, at 100 Hz.
+
+    Attributes
+    ----------
+    name
+        Of the file.
+    acceleration
+        Of the belt, (N,) [m/s²].
+    moment
+        About the axis across the belt, through the middle of the plate, (N,) [N·m].
+    readings
+        The accelerometers through the same filter, (N, k) [m/s²].
+    channels
+        Names of their k channels.
+    spline_cutoff_hz
+        Of the smoothing spline that fits the belt's speed best; 50 where it smooths nothing [Hz].
+    """
+
+    name: str
+    acceleration: Array
+    moment: Array
+    readings: Array
+    channels: tuple[str, ...]
+    spline_cutoff_hz: float = np.nan
+
+
+def trial_files(folder: Path) -> dict[str, list[Path]]:
+    """List the recordings of an experiment.
+
+    Parameters
+    ----------
+    folder
+        With the sub-folders `FOLDERS`; platform or belt pairs may be absent.
+
+    Returns
+    -------
+    dict
+        Sub-folder -> its C3D files by name.
+
+    Raises
+    ------
+    ValueError
+        If there is nothing to rank.
+    """
+    files = {name: sorted((folder / name).glob("*.[cC]3[dD]")) for name in FOLDERS}
+    pairs = (("calibration", "validation"), ("belt_calibration", "belt_validation"))
+    if not any(all(files[name] for name in pair) for pair in pairs):
+        raise ValueError(
+            f"{folder}: nothing to rank; put C3D files into its sub-folders calibration and "
+            "validation (pitch and sway), or belt_calibration and belt_validation"
+        )
+    for first, second in pairs:
+        if bool(files[first]) != bool(files[second]):
+            have, lack = (first, second) if files[first] else (second, first)
+            raise ValueError(f"{folder / have} has recordings, but {folder / lack} has none")
+    return files
+
+
+def read_trial(path: Path, rules: Rules) -> Recording:
+    """Read one of them."""
+    return read_empty(path, rules.axes)
+
+
+def platform_trial(recording: Recording, rules: Rules) -> PlatformTrial:
+    """Filter plate and accelerometers of a recording alike and thin them out.
+
+    Raises
+    ------
+    ValueError
+        If the plate or the accelerometers are missing, or the rate is not a multiple of 100 Hz.
+    """
+    name = recording.source.stem
+    sensors = find_accelerometers(recording)
+    time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
+    rate, step = _rate(time, name)
+    wrench = _wrench(recording, rules.plate)
+    inside = _inside(len(time), rate, step)
+    return PlatformTrial(
+        name,
+        smooth(readings, rate, rules.cutoff_hz)[inside],
+        smooth(wrench, rate, rules.cutoff_hz)[inside],
+        Setup(tuple(sensors), RATE_HZ, rules.cutoff_hz),
+    )
+
+
+def belt_trial(recording: Recording, rules: Rules) -> BeltTrial:
+    """Filter pitch moment, belt speed and accelerometers of a recording alike and thin them out.
+
+    Raises
+    ------
+    ValueError
+        If plate, accelerometers or belt speed are missing, or the rate is not a multiple of 100 Hz.
+    """
+    name = recording.source.stem
+    sensors = find_accelerometers(recording)
+    time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
+    rate, step = _rate(time, name)
+    cutoff = rules.belt_cutoff_hz
+    inside = _inside(len(time), rate, step)
+    speed = belt_speed(recording, rules.belt_channel)
+    return BeltTrial(
+        name,
+        belt_acceleration(speed, rate, cutoff)[inside],
+        low_pass(_wrench(recording, rules.plate)[:, 4], rate, cutoff)[inside],
+        np.column_stack([low_pass(c, rate, cutoff) for c in readings.T])[inside],
+        tuple(channel for three in sensors.values() for channel in three),
+        _spline_cutoff(speed[inside]),
+    )
+
+
+def _spline_cutoff(speed: Array) -> float:
+    """Give the cut-off [Hz] that a belt's speed at 100 Hz asks for (van de Loosdrecht 2018, D.8).
+
+    A belt at one speed, without any noise, asks for none.
+    """
+    if np.ptp(speed) == 0:
+        return RATE_HZ / 2
+    return min(cutoff_of_spline(spline_smoothing(speed, RATE_HZ), 1 / RATE_HZ), RATE_HZ / 2)
+
+
+def factors(name: str) -> dict[str, str | float]:
+    """Give kind, duration and belt speed that a trial's name states; empty where it does not."""
+    match = NAME.fullmatch(name)
+    if match is None:
+        return {}
+    return {
+        "kind": match["kind"],
+        "duration_s": float(match["duration_s"]),
+        "speed_mps": float(match["speed_mps"]),
+    }
+
+
+def _wrench(recording: Recording, number: int) -> Array:
+    for plate in recording.plates:
+        if plate.number == number:
+            return rotate_wrench(plate.wrench_in_plate, belt_axes(plate).T)
+    there = ", ".join(str(plate.number) for plate in recording.plates) or "none"
+    raise ValueError(f"{recording.source.name}: no plate {number}; plates there: {there}")
+
+
+def _rate(time: Array, name: str) -> tuple[float, int]:
+    rate = (len(time) - 1) / float(time[-1] - time[0])
+    step = round(rate / RATE_HZ)
+    if step < 1 or abs(rate / step - RATE_HZ) > 0.01:
+        raise ValueError(f"{name}: analog rate {rate:g} Hz, expected a multiple of {RATE_HZ:g} Hz")
+    return rate, step
+
+
+def _inside(count: int, rate: float, step: int) -> slice:
+    """Every sample at 100 Hz without the edges that a filter spoils."""
+    edge = round(EDGE_S * rate)
+    return slice(edge, count - edge, step)

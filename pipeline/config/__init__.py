@@ -1,0 +1,1 @@
+"""What people type: studies, subjects, settings, checked."""

@@ -1,0 +1,1 @@
+"""A trial's body and results in the files of other programs."""

@@ -1,0 +1,212 @@
+"""A recording as a BIDS data set (Motion-BIDS): what other laboratories and repositories read."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from hbm.spatial import Array
+from pipeline.io.recording import Recording
+
+BIDS_VERSION: Final = "1.10.0"
+FRAME: Final = "lab"
+AXES: Final = "ALS"
+README: Final = """Marker trajectories and ground reactions of people on an instrumented treadmill.
+
+Frame `lab`: right-handed, x forward, y left, z up. Plates (tracksys-plates): force on the subject
+and moment about the origin of the lab. Gaps are n/a. Times start at 0 at the first sample.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Channel:
+    name: str
+    component: str
+    kind: str
+    point: str
+    unit: str
+
+
+def write_bids(recording: Recording, folder: str | Path, subject: str, task: str) -> list[Path]:
+    """Add a recording to a BIDS data set, which is begun where there is none.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    folder
+        The data set's folder.
+    subject, task
+        Labels, of letters and digits only.
+
+    Returns
+    -------
+    list[Path]
+        The files written: one tracking system for markers, one for plates, one for other
+        channels, each on its own clock; and events.
+
+    Raises
+    ------
+    ValueError
+        A label is not letters and digits, or a clock has fewer than two samples or is uneven.
+    OSError
+        The folder cannot be written.
+    """
+    for name, label in (("subject", subject), ("task", task)):
+        if not re.fullmatch(r"[0-9a-zA-Z]+", label):
+            raise ValueError(f"{name} {label!r}: BIDS allows letters and digits only")
+    systems = _systems(recording)
+    clocks = {name: _rate(recording, name, time) for name, (time, _, _) in systems.items()}
+    folder = Path(folder)
+    place = folder / f"sub-{subject}" / "motion"
+    place.mkdir(parents=True, exist_ok=True)
+    written = _data_set(folder, subject)
+    for name, (_, channels, values) in systems.items():
+        stem = place / f"sub-{subject}_task-{task}_tracksys-{name}"
+        written += _system(stem, recording, task, clocks[name], channels, values)
+    if recording.events:
+        stem = place / f"sub-{subject}_task-{task}"
+        kinds = [f"{event.side}_{event.label}" for event in recording.events]
+        table = pd.DataFrame(
+            {
+                "onset": [event.time for event in recording.events],
+                "duration": 0,
+                "trial_type": kinds,
+            }
+        )
+        written.append(_tsv(Path(f"{stem}_events.tsv"), table))
+        levels = {kind: kind.replace("_", " ") for kind in dict.fromkeys(kinds)}
+        meaning = {"trial_type": {"Description": "gait event", "Levels": levels}}
+        written.append(_json(Path(f"{stem}_events.json"), meaning))
+    return written
+
+
+def _systems(recording: Recording) -> dict[str, tuple[Array, list[_Channel], Array]]:
+    """Give time, channels and samples of each tracking system."""
+    markers = recording.markers
+    points = [_Channel(f"{n}_{a}", a, "POS", n, "m") for n in markers.names for a in "xyz"]
+    found = {"optical": (markers.time, points, markers.position.reshape(len(markers.time), -1))}
+    if recording.plates:
+        channels = [
+            _Channel(f"plate{plate.number}_{what}_{a}", a, "MISC", f"plate{plate.number}", unit)
+            for plate in recording.plates
+            for what, unit in (("force", "N"), ("moment", "N m"))
+            for a in "xyz"
+        ]
+        time = recording.plates[0].time
+        wrenches = [plate.wrench for plate in recording.plates]
+        if any(not np.array_equal(plate.time, time) for plate in recording.plates):
+            raise ValueError(f"{recording.source.name}: the plates have different clocks")
+        found["plates"] = (time, channels, np.hstack(wrenches))
+    if (analog := recording.analog) is not None:
+        channels = [
+            _Channel(name, "n/a", "MISC", "n/a", unit or "n/a")
+            for name, unit in zip(analog.names, analog.units, strict=True)
+        ]
+        found["analog"] = (analog.time, channels, analog.values)
+    return found
+
+
+def _rate(recording: Recording, name: str, time: Array) -> float:
+    steps = np.diff(time)
+    if not len(steps) or np.ptp(steps) > 0.1 * steps.mean():
+        raise ValueError(
+            f"{recording.source.name}: BIDS needs two or more samples, evenly spaced ({name})"
+        )
+    return float(1 / steps.mean())
+
+
+def _system(
+    stem: Path,
+    recording: Recording,
+    task: str,
+    rate_hz: float,
+    channels: Sequence[_Channel],
+    values: Array,
+) -> list[Path]:
+    optical = any(channel.kind == "POS" for channel in channels)
+    points = {channel.point for channel in channels} - {"n/a"}
+    frames = [FRAME if channel.component != "n/a" else "n/a" for channel in channels]
+    table = pd.DataFrame(
+        {
+            "name": [channel.name for channel in channels],
+            "component": [channel.component for channel in channels],
+            "type": [channel.kind for channel in channels],
+            "tracked_point": [channel.point for channel in channels],
+            "units": [channel.unit for channel in channels],
+            "reference_frame": frames,
+        }
+    )
+    facts = {
+        "TaskName": task,
+        "TaskDescription": f"recorded as {recording.source.name}",
+        "SamplingFrequency": rate_hz,
+        "TrackedPointsCount": len(points) if optical else 0,
+        "MotionChannelCount": len(channels),
+        ("POSChannelCount" if optical else "MISCChannelCount"): len(channels),
+        "RecordingDuration": len(values) / rate_hz,
+        "RecordingType": "continuous",
+        "MissingValues": "n/a",
+        "TrackingSystemName": stem.name.rpartition("-")[2],
+        "SoftwareVersions": str(recording.metadata.get("software") or "n/a"),
+    }
+    space = {
+        "reference_frame": {
+            "Levels": {FRAME: {"SpatialAxes": AXES, "RotationOrder": "n/a", "RotationRule": "n/a"}}
+        }
+    }
+    samples = _tsv(Path(f"{stem}_motion.tsv"), pd.DataFrame(values), header=False)
+    return [
+        samples,
+        _json(Path(f"{stem}_motion.json"), facts),
+        _tsv(Path(f"{stem}_channels.tsv"), table),
+        _json(Path(f"{stem}_channels.json"), space),
+    ]
+
+
+def _data_set(folder: Path, subject: str) -> list[Path]:
+    """Write what a data set needs once, and list the subject."""
+    written = []
+    description, readme = folder / "dataset_description.json", folder / "README.md"
+    if not description.exists():
+        facts = {"Name": folder.resolve().name, "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
+        written.append(_json(description, facts))
+    if not readme.exists() and not (folder / "README").exists():
+        readme.write_text(README, encoding="utf-8")
+        written.append(readme)
+    people = folder / "participants.tsv"
+    known = (
+        pd.read_csv(people, sep="\t", dtype=str, keep_default_na=False)
+        if people.exists()
+        else pd.DataFrame({"participant_id": []}, dtype=str)
+    )
+    if "participant_id" not in known:
+        raise ValueError(f"{people}: no column participant_id")
+    if f"sub-{subject}" not in set(known["participant_id"]):
+        row = pd.DataFrame({"participant_id": [f"sub-{subject}"]})
+        written.append(_tsv(people, pd.concat([known, row])))
+    return written
+
+
+def _tsv(path: Path, table: pd.DataFrame, *, header: bool = True) -> Path:
+    table.to_csv(
+        path,
+        sep="\t",
+        index=False,
+        header=header,
+        na_rep="n/a",
+        float_format="%.9g",
+        lineterminator="\n",
+        encoding="utf-8",
+    )
+    return path
+
+
+def _json(path: Path, content: Mapping[str, object]) -> Path:
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return path

@@ -1,0 +1,118 @@
+"""Body -> OpenSim 4 model."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from hbm.body import Body
+from hbm.coordinates import MASSLESS, PARENT, SEGMENTS, TREE, Coordinate
+from hbm.kernels.skeleton import GRAVITY
+from hbm.segments import NOTHING
+
+FORMAT: Final = "40000"
+RANGE: Final = {True: "-10 10", False: "-6.2831853 6.2831853"}
+
+
+def write_osim(body: Body, path: str | Path) -> None:
+    """Write a body as an OpenSim 4 model.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    path
+        Where to write; by custom it ends in ``.osim``.
+
+    Notes
+    -----
+    Same joints, axes, inertias and markers, and the same 46 coordinates by name, sign and zero, so
+    results go from one program to the other unchanged:
+
+    * Ground is the lab: z up, gravity along -z. (OpenSim's own models have y up; a program that
+      draws y up shows the subject lying on the right side.)
+    * Each segment hangs on one CustomJoint: slides along axes of the parent, then turns, each about
+      an axis of the frame that the turns before it left. Turns that a joint lacks are constant.
+    * The shoulder points, which slide on the trunk and carry the acromion markers, are bodies
+      without mass.
+    * All coordinates are free, start at zero and are not clamped; their ranges are only as wide as
+      a slider needs. Those that no marker shows are free as well.
+    """
+    document = ET.Element("OpenSimDocument", Version=FORMAT)
+    model = _add(document, "Model", name=body.model.name)
+    _add(model, "gravity", _numbers([0, 0, -GRAVITY]))
+    _add(model, "length_units", "meters")
+    _add(model, "force_units", "N")
+    bodies = _add(_add(model, "BodySet", name="bodyset"), "objects")
+    joints = _add(_add(model, "JointSet", name="jointset"), "objects")
+    markers = _add(_add(model, "MarkerSet", name="markerset"), "objects")
+    for segment in SEGMENTS:
+        _body(bodies, body, segment)
+        _joint(joints, body, segment)
+    for name, segment, place in zip(
+        body.markers, body.marker_segment, body.marker_position, strict=True
+    ):
+        marker = _add(markers, "Marker", name=name)
+        _add(marker, "socket_parent_frame", f"/bodyset/{segment}")
+        _add(marker, "location", _numbers(place))
+        _add(marker, "fixed", "true")
+    ET.indent(document)
+    ET.ElementTree(document).write(Path(path), encoding="UTF-8", xml_declaration=True)
+
+
+def _add(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> ET.Element:
+    element = ET.SubElement(parent, tag, attributes)
+    element.text = text or None
+    return element
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(repr(float(x)) for x in values)
+
+
+def _body(bodies: ET.Element, body: Body, segment: str) -> None:
+    inertia = NOTHING if segment in MASSLESS else body.inertias[segment]
+    t = inertia.tensor
+    element = _add(bodies, "Body", name=segment)
+    _add(element, "mass", _numbers([inertia.mass]))
+    _add(element, "mass_center", _numbers(inertia.center))
+    _add(element, "inertia", _numbers([*np.diag(t), t[0, 1], t[0, 2], t[1, 2]]))
+
+
+def _joint(joints: ET.Element, body: Body, segment: str) -> None:
+    """Hang a segment on its parent."""
+    own = [c for c in TREE if c.segment == segment]
+    joint = _add(joints, "CustomJoint", name=f"{segment}_joint")
+    _add(joint, "socket_parent_frame", "before")
+    _add(joint, "socket_child_frame", f"/bodyset/{segment}")
+    frame = _add(_add(joint, "frames"), "PhysicalOffsetFrame", name="before")
+    parent = f"/bodyset/{PARENT[segment]}" if segment in PARENT else "/ground"
+    _add(frame, "socket_parent", parent)
+    _add(frame, "translation", _numbers(body.offsets.get(segment, np.zeros(3))))
+    coordinates = _add(joint, "coordinates")
+    for c in own:
+        coordinate = _add(coordinates, "Coordinate", name=c.name)
+        for name, value in (("default_value", "0"), ("range", RANGE[c.translates])):
+            _add(coordinate, name, value)
+        for name in ("clamped", "locked"):
+            _add(coordinate, name, "false")
+    transform = _add(joint, "SpatialTransform")
+    _axes(transform, body, "rotation", [c for c in own if not c.translates])
+    _axes(transform, body, "translation", [c for c in own if c.translates])
+
+
+def _axes(transform: ET.Element, body: Body, kind: str, own: list[Coordinate]) -> None:
+    """Write three axes: the joint's own, then constant ones that complete them."""
+    axes = np.array([body.axes[c.name] if c.axis is None else c.axis for c in own]).reshape(-1, 3)
+    _, _, basis = np.linalg.svd(axes)
+    axes = np.vstack([axes, basis[len(own) :]])
+    for k, axis in enumerate(axes):
+        element = _add(transform, "TransformAxis", name=f"{kind}{k + 1}")
+        _add(element, "coordinates", own[k].name if k < len(own) else "")
+        _add(element, "axis", _numbers(axis))
+        if k < len(own):
+            _add(_add(element, "LinearFunction", name="function"), "coefficients", "1 0")
+        else:
+            _add(_add(element, "Constant", name="function"), "value", "0")

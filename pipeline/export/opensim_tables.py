@@ -1,0 +1,195 @@
+"""Results -> the tables that OpenSim's tools open: MOT, STO, TRC and external loads.
+
+All are in the lab's axes (x forward, y left, z up), which are the ground axes of the model that
+`pipeline.export.opensim_model.write_osim` writes, and in SI units but for angles in degrees where
+the header says so. A gap stays a gap: NaN in MOT and STO, empty fields in TRC. OpenSim's tools
+spline whole columns, so give them a stretch without gaps.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from hbm.coordinates import HBM_ORDER, INDEX, SEGMENTS, TREE
+from hbm.dynamics import Dynamics
+from hbm.markers import Markers
+from hbm.motion import Motion
+from hbm.spatial import Array
+
+
+def write_coordinates(motion: Motion, path: str | Path) -> None:
+    """Write a motion's coordinates, for example as ``trial.mot``.
+
+    Parameters
+    ----------
+    motion
+        The motion.
+    path
+        Where to write.
+
+    Notes
+    -----
+    Columns in the Human Body Model's order, turns in degrees, slides in metres. They are the
+    model's coordinates; `hbm.clinical` has the shoulder angles of the original's export.
+    """
+    columns = {}
+    for name in HBM_ORDER:
+        value = motion.coordinate(name)
+        columns[name] = value if TREE[INDEX[name]].translates else np.degrees(value)
+    _write_table(path, motion.time, columns, in_degrees=True)
+
+
+def write_forces(dynamics: Dynamics, path: str | Path) -> None:
+    """Write generalized forces as OpenSim's inverse dynamics does, for example as ``trial_id.sto``.
+
+    Parameters
+    ----------
+    dynamics
+        The forces.
+    path
+        Where to write.
+
+    Notes
+    -----
+    Columns ``<coordinate>_force`` [N] for slides and ``<coordinate>_moment`` [N·m] for turns, in
+    the Human Body Model's order. The six of the pelvis are the residual: forces along lab axes,
+    moments about the axes of yaw, pitch and roll through the pelvis origin (mid-hip).
+    """
+    columns = {
+        f"{name}_{'force' if TREE[INDEX[name]].translates else 'moment'}": dynamics.force(name)
+        for name in HBM_ORDER
+    }
+    _write_table(path, dynamics.time, columns, in_degrees=False)
+
+
+def write_external_loads(time: Array, wrenches: Mapping[str, Array], path: str | Path) -> None:
+    """Write what acts on the subject from outside: a table, and beside it OpenSim's description.
+
+    Parameters
+    ----------
+    time
+        (T,) [s].
+    wrenches
+        Segment -> wrench acting on it, (T, 6) [N, N·m], lab axes about the lab origin.
+    path
+        Where to write the table, for example ``trial_grf.mot``. The description goes to the same
+        name with the ending ``.xml`` and names the table without its folder.
+
+    Raises
+    ------
+    ValueError
+        If a segment is unknown, a wrench's shape is wrong, or ``path`` ends in ``.xml``.
+
+    Notes
+    -----
+    The point of application is the lab origin throughout and the torque the whole moment about it,
+    so no point runs away while a plate is unloaded. OpenSim takes points as given; only its arrows
+    are drawn at the origin.
+    """
+    path = Path(path)
+    if path.suffix == ".xml":
+        raise ValueError(f"{path.name}: name the table (.mot); the .xml is written beside it")
+    columns: dict[str, Array] = {}
+    for segment, wrench in wrenches.items():
+        if segment not in SEGMENTS:
+            raise ValueError(f"no segment {segment!r}; there are: {', '.join(SEGMENTS)}")
+        if np.shape(wrench) != (len(time), 6):
+            raise ValueError(
+                f"wrench on {segment} must have shape ({len(time)}, 6), got {np.shape(wrench)}"
+            )
+        parts = wrench[:, :3], np.zeros((len(time), 3)), wrench[:, 3:]
+        for stem, part in zip(_stems(segment).values(), parts, strict=True):
+            columns |= {f"{stem}{axis}": part[:, k] for k, axis in enumerate("xyz")}
+    _write_table(path, time, columns, in_degrees=False)
+    _write_description(path, list(wrenches))
+
+
+def _stems(segment: str) -> dict[str, str]:
+    """Name the columns of one load: OpenSim's property -> what its three columns begin with."""
+    return {
+        "force_identifier": f"{segment}_force_v",
+        "point_identifier": f"{segment}_force_p",
+        "torque_identifier": f"{segment}_torque_",
+    }
+
+
+def _write_description(table: Path, segments: list[str]) -> None:
+    document = ET.Element("OpenSimDocument", Version="40000")
+    loads = ET.SubElement(document, "ExternalLoads", name=table.stem)
+    objects = ET.SubElement(loads, "objects")
+    for segment in segments:
+        force = ET.SubElement(objects, "ExternalForce", name=segment)
+        ET.SubElement(force, "applied_to_body").text = segment
+        ET.SubElement(force, "force_expressed_in_body").text = "ground"
+        ET.SubElement(force, "point_expressed_in_body").text = "ground"
+        for tag, stem in _stems(segment).items():
+            ET.SubElement(force, tag).text = stem
+    ET.SubElement(loads, "datafile").text = table.name
+    ET.indent(document)
+    target = table.with_suffix(".xml")
+    ET.ElementTree(document).write(target, encoding="UTF-8", xml_declaration=True)
+
+
+def write_trc(markers: Markers, path: str | Path) -> None:
+    """Write marker trajectories as TRC, in metres.
+
+    Parameters
+    ----------
+    markers
+        The markers; samples must be evenly spaced in time, since the format has one rate.
+    path
+        Where to write.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two samples or they are not evenly spaced.
+    """
+    frames, names = len(markers.time), markers.names
+    rate = markers.rate_hz if frames > 1 else np.nan
+    regular = markers.time[:1] + np.arange(frames) / rate
+    if not np.abs(markers.time - regular).max(initial=0) < 0.1 / rate:
+        raise ValueError("TRC needs two or more samples, evenly spaced in time")
+    facts = {
+        "DataRate": f"{rate:.10g}",
+        "CameraRate": f"{rate:.10g}",
+        "NumFrames": frames,
+        "NumMarkers": len(names),
+        "Units": "m",
+        "OrigDataRate": f"{rate:.10g}",
+        "OrigDataStartFrame": 1,
+        "OrigNumFrames": frames,
+    }
+    axes = [f"{axis}{k + 1}" for k in range(len(names)) for axis in "XYZ"]
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
+        "\t".join(facts),
+        "\t".join(str(value) for value in facts.values()),
+        "\t".join(["Frame#", "Time", "\t\t\t".join(names)]),
+        "\t".join(["", "", *axes]),
+        "",
+    ]
+    rows = markers.position.reshape(frames, -1)
+    for k, (time, row) in enumerate(zip(markers.time, rows, strict=True), start=1):
+        fields = ["" if np.isnan(x) else repr(float(x)) for x in row]
+        lines.append("\t".join([str(k), repr(float(time)), *fields]))
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _write_table(
+    path: str | Path, time: Array, columns: Mapping[str, Array], *, in_degrees: bool
+) -> None:
+    path = Path(path)
+    header = [
+        path.stem,
+        "version=1",
+        f"nRows={len(time)}",
+        f"nColumns={len(columns) + 1}",
+        f"inDegrees={'yes' if in_degrees else 'no'}",
+        "endheader",
+        "\t".join(["time", *columns]),
+    ]
+    values = np.column_stack([time, *columns.values()])
+    np.savetxt(path, values, "%.17g", "\t", header="\n".join(header), comments="", encoding="utf-8")

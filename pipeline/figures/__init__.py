@@ -1,0 +1,1 @@
+"""How figures look, and the figure of residuals that several rooms show."""

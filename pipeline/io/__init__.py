@@ -1,0 +1,1 @@
+"""Files: every format -> `Recording`, and files written whole."""

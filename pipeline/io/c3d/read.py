@@ -1,0 +1,237 @@
+"""C3D files -> Recording: units, axes, labels and plates are settled here, once.
+
+The file is parsed by this package itself (`c3d_header`, `c3d_data`): every count and offset is
+checked against the file's size before it is used, so that a damaged file ends in one line. The
+native library ezc3d 1.7.2 is the oracle of the tests and not on this path. Of the sample files it
+refuses the SGI ones and takes 34 s and 12.6 GB to refuse one with a broken parameter section; it
+reads a truncated file short without a word, and one in 400 files with random damage ends the
+interpreter. A pre-check that prevents all this has to read all that a reader reads; a process of
+its own for each file would still need the memory.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from hbm.markers import Markers
+from hbm.spatial import Array
+from pipeline.io.axes import parse_axes, settle_axes
+from pipeline.io.c3d.data import Samples, read_samples
+from pipeline.io.c3d.force_plates import MeasuredPlate, measured_plates
+from pipeline.io.c3d.header import Header, Parameters, read_header
+from pipeline.io.labels import PointLabels, sort_labels
+from pipeline.io.recording import Analog, Event, Plate, Recording
+from pipeline.io.units import check_span, length_in_m
+
+EVENT_LABELS = {
+    "foot strike": "foot_strike",
+    "heel strike": "foot_strike",
+    "initial contact": "foot_strike",
+    "foot off": "foot_off",
+    "toe off": "foot_off",
+}
+OLD_EVENT_LABELS = {
+    "RHS": ("foot_strike", "right"),
+    "LHS": ("foot_strike", "left"),
+    "RTO": ("foot_off", "right"),
+    "LTO": ("foot_off", "left"),
+}
+PROCESSING = {
+    "BODYMASS": ("mass_kg", 1.0, 5.0, 500.0),
+    "HEIGHT": ("height_m", 1e-3, 0.3, 2.7),
+    "LLEGLENGTH": ("left_leg_length_m", 1e-3, 0.1, 1.5),
+    "RLEGLENGTH": ("right_leg_length_m", 1e-3, 0.1, 1.5),
+    "LKNEEWIDTH": ("left_knee_width_m", 1e-3, 0.01, 0.5),
+    "RKNEEWIDTH": ("right_knee_width_m", 1e-3, 0.01, 0.5),
+    "LANKLEWIDTH": ("left_ankle_width_m", 1e-3, 0.01, 0.5),
+    "RANKLEWIDTH": ("right_ankle_width_m", 1e-3, 0.01, 0.5),
+}
+
+
+def read_c3d(
+    path: str | Path,
+    axes: str | None = None,
+    *,
+    rename: Mapping[str, str] | None = None,
+    subject: str | None = None,
+    most_frames: int | None = None,
+) -> Recording:
+    """Read a C3D file.
+
+    Parameters
+    ----------
+    path
+        The file, of any maker and byte order.
+    axes
+        Lab directions of the file's x, y and z axis, such as ``"left,back,up"``; up is checked
+        against markers and plates. Where absent they are inferred, and the notes state them.
+    rename
+        Label in the file (without subject prefix) -> label wanted.
+    subject
+        Label prefix of the subject wanted, needed only where two subjects carry the same labels.
+    most_frames
+        Read no more than these first frames; by default all.
+
+    Returns
+    -------
+    Recording
+        SI units, lab axes (X forward, Y left, Z up), the file's own origin. Times start at 0 at
+        the first frame. Plate wrenches are the action on the subject, about the centre of the
+        plate's surface in the plate's axes. Mass and lengths in the metadata are those of the
+        PROCESSING group (kg and mm in the file) where they are plausible in those units.
+
+    Raises
+    ------
+    ValueError
+        The file is not C3D, damaged, truncated, or says something that this reader will not guess:
+        unknown units, plate types, contradictory axes, ambiguous subjects. One line.
+    OSError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    try:
+        return _read(path, axes, rename, subject, most_frames)
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+
+
+def _read(
+    path: Path,
+    axes: str | None,
+    rename: Mapping[str, str] | None,
+    subject: str | None,
+    most_frames: int | None,
+) -> Recording:
+    header, parameters = read_header(path)
+    samples = read_samples(path, header, parameters, most_frames)
+    labels = sort_labels(parameters, header.n_points, subject=subject, rename=rename)
+    unit = parameters.text("POINT", "UNITS")
+    metre = length_in_m(unit)
+    names, units = _channels(parameters, samples.analog.shape[1])
+    measured = measured_plates(parameters, samples.analog, names, units)
+
+    position = samples.points[:, list(labels.markers.values())] * metre
+    check_span(position, unit)
+    axes, axes_note = settle_axes(
+        axes,
+        position,
+        tuple(labels.markers),
+        plate_normals=[plate.rotation[:, 2] for plate in measured],
+        plate_forces=[plate.mean_force for plate in measured],
+        screen_up=parameters.text("POINT", "Y_SCREEN"),
+    )
+    to_lab = parse_axes(axes)
+    time = np.arange(len(position)) / samples.rate_hz
+    analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
+    events, event_notes = _events(header, parameters, samples.rate_hz)
+    return Recording(
+        source=path,
+        markers=Markers(time, tuple(labels.markers), position @ to_lab.T),
+        plates=tuple(_plate(k + 1, plate, analog_time, to_lab) for k, plate in enumerate(measured)),
+        analog=_other_channels(samples, names, units, measured, analog_time),
+        events=events,
+        first_frame=_first_frame(header, parameters),
+        metadata=_metadata(parameters, labels),
+        model_outputs={name: samples.points[:, k] for name, k in labels.outputs.items()},
+        notes=(
+            axes_note,
+            *labels.notes,
+            *event_notes,
+            *_plate_notes(parameters, measured),
+        ),
+    )
+
+
+def _plate(number: int, plate: MeasuredPlate, time: Array, to_lab: Array) -> Plate:
+    corners = plate.corners @ to_lab.T
+    return Plate(
+        number=number,
+        time=time,
+        wrench_in_plate=plate.wrench_in_plate,
+        rotation=to_lab @ plate.rotation,
+        center=corners.mean(axis=0),
+        corners=corners,
+    )
+
+
+def _channels(parameters: Parameters, count: int) -> tuple[list[str], list[str]]:
+    names = parameters.texts("ANALOG", "LABELS")[:count]
+    units = parameters.texts("ANALOG", "UNITS")[:count]
+    names += [f"channel_{k + 1}" for k in range(len(names), count)]
+    return names, units + [""] * (count - len(units))
+
+
+def _other_channels(
+    samples: Samples, names: list[str], units: list[str], plates: list[MeasuredPlate], time: Array
+) -> Analog | None:
+    taken = {channel for plate in plates for channel in plate.channels}
+    rest = [k for k in range(len(names)) if k not in taken]
+    if not rest:
+        return None
+    return Analog(
+        time,
+        tuple(names[k] for k in rest),
+        tuple(units[k] for k in rest),
+        samples.analog[:, rest],
+    )
+
+
+def _first_frame(header: Header, parameters: Parameters) -> int:
+    start = parameters.integers("TRIAL", "ACTUAL_START_FIELD").ravel()
+    full = int(start[0] + 65536 * start[1]) if start.size == 2 else header.first_frame
+    return full if header.first_frame in (full % 65536, min(full, 65535)) else header.first_frame
+
+
+def _events(
+    header: Header, parameters: Parameters, rate_hz: float
+) -> tuple[tuple[Event, ...], list[str]]:
+    start = (_first_frame(header, parameters) - 1) / rate_hz
+    times = parameters.numbers("EVENT", "TIMES")
+    if times.size:
+        if times.ndim != 2 or len(times) != 2:
+            raise ValueError("EVENT:TIMES does not hold minutes and seconds")
+        seconds = 60 * times[0] + times[1]
+        kinds = [EVENT_LABELS.get(label.lower()) for label in parameters.texts("EVENT", "LABELS")]
+        sides = [side.lower() for side in parameters.texts("EVENT", "CONTEXTS")]
+        found = list(zip(seconds, kinds, sides, strict=False))
+        total = seconds.size
+    else:
+        found = [(time, *OLD_EVENT_LABELS.get(label, (None, ""))) for label, time in header.events]
+        total = len(found)
+    events = tuple(
+        Event(float(time - start), kind, side)
+        for time, kind, side in found
+        if kind and side in ("left", "right") and np.isfinite(time)
+    )
+    other = total - len(events)
+    note = f"Events other than a foot strike or foot off of either side were left out: {other}."
+    return events, [note] if other else []
+
+
+def _metadata(parameters: Parameters, labels: PointLabels) -> dict[str, object]:
+    found: dict[str, object] = {
+        "subject": parameters.text("SUBJECTS", "NAMES") or labels.subject,
+        "marker_set": parameters.text("SUBJECTS", "MARKER_SETS"),
+        "manufacturer": parameters.text("MANUFACTURER", "COMPANY"),
+        "software": " ".join(
+            parameters.texts("MANUFACTURER", "SOFTWARE")
+            + parameters.texts("MANUFACTURER", "VERSION_LABEL")
+        ),
+    }
+    for name, (key, scale, lowest, highest) in PROCESSING.items():
+        for value in parameters.numbers("PROCESSING", name).flat:
+            if lowest < value * scale < highest:
+                found[key] = float(value * scale)
+    return {key: value for key, value in found.items() if value}
+
+
+def _plate_notes(parameters: Parameters, plates: list[MeasuredPlate]) -> list[str]:
+    notes = []
+    zero = parameters.integers("FORCE_PLATFORM", "ZERO").ravel()
+    if plates and zero.size == 2 and 0 < zero[0] < zero[1]:
+        notes.append(
+            f"FORCE_PLATFORM:ZERO names frames {zero[0]} to {zero[1]} as the plates' baseline; "
+            "it was not subtracted."
+        )
+    return notes

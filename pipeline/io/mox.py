@@ -1,0 +1,204 @@
+"""Motek's .mox files (XML) -> Recording."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+from xml.etree import ElementTree
+
+import numpy as np
+
+from hbm.markers import Markers
+from hbm.spatial import Array, rotate_wrench
+from pipeline.io.axes import parse_axes, settle_axes
+from pipeline.io.dflow import plate_at_origin
+from pipeline.io.labels import renamed
+from pipeline.io.moment_reference import wrench_about_origin
+from pipeline.io.recording import Analog, Plate, Recording
+from pipeline.io.text_table import decoded, read_number
+from pipeline.io.units import check_span
+
+ROOT: Final = "moxie_viewer_datafile"
+HEADER: Final = {"patient_id": "subject", "trial_date": "date", "comments": "comments"}
+MARKER: Final = re.compile(
+    r"(?:(?:Marker|Position)[ -]+(?P<a>\S+) |(?P<b>\S+)\.Pos)(?P<axis>[XYZ])"
+)
+PLATE: Final = re.compile(
+    r"FP(?P<number>\d*)(?: - |\.)(?P<what>For|Mom|Cop)(?:ce|ent|)? ?(?P<axis>[XYZ])", re.IGNORECASE
+)
+
+
+def read_mox(
+    path: str | Path, axes: str | None = None, *, rename: Mapping[str, str] | None = None
+) -> Recording:
+    """Read a .mox file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    axes
+        Lab directions of the file's x, y and z axis; inferred where absent.
+    rename
+        Label in the file -> label wanted.
+
+    Returns
+    -------
+    Recording
+        Channels named ``LASIS.PosX``, ``Marker LASIS X`` or ``Position LASIS X`` are markers [m];
+        ``FP - Force X`` or ``FP1.ForX``, with Moment and Cop, are plates [N, N·m, m]. All others
+        are analog channels without a unit, since the format states none. Times start at 0.
+
+    Raises
+    ------
+    ValueError
+        The file is damaged, holds no markers, or contradicts itself or the axes. One line.
+    OSError
+        The file cannot be opened.
+
+    Notes
+    -----
+    No sample of the format is public; the structure is that of two programs which read it. They
+    do not agree on the sign of horizontal forces. Here force acts on the subject and the moment is
+    about the origin of the file's axes, checked against Cop channels where there are any; the
+    notes of the recording say that this stands unconfirmed.
+    """
+    path = Path(path)
+    try:
+        return _read(path, axes, rename or {})
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+
+
+def _read(path: Path, axes: str | None, rename: Mapping[str, str]) -> Recording:
+    header, channels, rates = _channels(path.read_bytes())
+    marked = {k: m for k in channels if (m := MARKER.fullmatch(k))}
+    stems = dict.fromkeys(m["a"] or m["b"] for m in marked.values())
+    if not stems:
+        raise ValueError("no markers: no channel such as LASIS.PosX")
+    rate, position = _vectors(
+        {(m["a"] or m["b"], m["axis"]): k for k, m in marked.items()}, [*stems], channels, rates
+    )
+    position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
+    check_span(position, "m")
+    on_plates = {k: m for k in channels if (m := PLATE.fullmatch(k))}
+    numbers = dict.fromkeys(int(m["number"] or 1) for m in on_plates.values())
+    parts = {
+        (f"{int(m['number'] or 1)} {m['what'].lower()}", m["axis"].upper()): k
+        for k, m in on_plates.items()
+    }
+    loads = [
+        np.nan_to_num(_vectors(parts, [f"{n} for"], channels, rates)[1][:, 0]).mean(axis=0)
+        for n in numbers
+    ]
+    names = tuple(renamed(dict.fromkeys(stems, 0), rename))
+    settled, note = settle_axes(axes, position, names, plate_forces=loads)
+    to_lab = parse_axes(settled)
+    plates = [_plate(n, parts, channels, rates, to_lab) for n in numbers]
+    rest = [k for k in channels if k not in marked and k not in on_plates]
+    analog, said = _analog(rest, channels, rates, rate, len(position))
+    doubt = "The sign of this .mox file's forces is taken as acting on the subject, unconfirmed."
+    return Recording(
+        source=path,
+        markers=Markers(np.arange(len(position)) / rate, names, position @ to_lab.T),
+        plates=tuple(plate for plate, _ in plates),
+        analog=analog,
+        metadata=header,
+        notes=(note, *(text for _, text in plates), *([doubt] if plates else []), *said),
+    )
+
+
+def _channels(content: bytes) -> tuple[dict[str, object], dict[str, Array], dict[str, float]]:
+    """Give the header, and each channel's samples and rate [Hz]."""
+    decoded(content)
+    try:
+        root = ElementTree.fromstring(content)
+    except (ElementTree.ParseError, LookupError) as error:
+        raise ValueError(f"the XML is broken or truncated: {error}") from error
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    if root.tag != ROOT:
+        raise ValueError(f"not a .mox file: its root is {root.tag!r}, expected {ROOT!r}")
+    stated = {key: root.findtext(f"viewer_header/{tag}", "") for tag, key in HEADER.items()}
+    header: dict[str, object] = {key: text.strip() for key, text in stated.items() if text.strip()}
+    count = root.findtext("viewer_header/nr_of_samples", "").strip()
+    channels: dict[str, Array] = {}
+    rates: dict[str, float] = {}
+    for element in root.iterfind("viewer_data/viewer_channel"):
+        name = element.findtext("channel_label", "").strip()
+        if name in channels:
+            raise ValueError(f"several channels have the label {name!r}")
+        words = element.findtext("raw_channel_data/channel_data", "").split()
+        rate = element.findtext("raw_channel_data/sampling_frequency", "")
+        rates[name] = read_number(rate, f"sampling_frequency of channel {name!r}")
+        try:
+            channels[name] = np.array(words, float)
+        except ValueError:
+            channels[name] = np.array([read_number(word, f"channel {name!r}") for word in words])
+        if not 0 < rates[name] < 1e6 or not (np.abs(channels[name]) < 1e9).all():
+            raise ValueError(f"channel {name!r} holds a rate or value that was never measured")
+    if not channels:
+        raise ValueError("it holds no channels (viewer_data/viewer_channel)")
+    if count and all(str(len(samples)) != count for samples in channels.values()):
+        raise ValueError(f"its header says nr_of_samples {count}, but no channel holds as many")
+    return header, channels, rates
+
+
+def _vectors(
+    parts: Mapping[tuple[str, str], str],
+    stems: list[str],
+    channels: Mapping[str, Array],
+    rates: Mapping[str, float],
+) -> tuple[float, Array]:
+    """Stack channels of one clock: rate, and (samples, stems, 3)."""
+    if absent := [f"{s} {a}" for s in stems for a in "XYZ" if (s, a) not in parts]:
+        raise ValueError(f"there is no channel for {absent[0]}")
+    used = [parts[stem, axis] for stem in stems for axis in "XYZ"]
+    if len(clocks := {(rates[k], len(channels[k])) for k in used}) > 1:
+        raise ValueError(
+            f"the channels of {stems[0]} and the like differ in rate or number of samples; "
+            "the file is truncated or mixed"
+        )
+    ((rate, count),) = clocks
+    if count < 2:
+        raise ValueError(f"{used[0]!r} holds {count} samples, expected at least 2")
+    stacked = np.stack([channels[k] for k in used], axis=1)
+    return rate, stacked.reshape(count, len(stems), 3)
+
+
+def _plate(
+    number: int,
+    parts: Mapping[tuple[str, str], str],
+    channels: Mapping[str, Array],
+    rates: Mapping[str, float],
+    to_lab: Array,
+) -> tuple[Plate, str]:
+    pressed = (f"{number} cop", "X") in parts
+    stems = [f"{number} {what}" for what in ("for", "mom", *(["cop"] if pressed else []))]
+    rate, vectors = _vectors(parts, stems, channels, rates)
+    force, moment, *pressure = vectors.transpose(1, 0, 2)
+    wrench, note = wrench_about_origin(
+        force, moment, pressure[0] if pressed else None, to_lab[2], f"plate {number}"
+    )
+    time = np.arange(len(force)) / rate
+    return plate_at_origin(number, time, rotate_wrench(wrench, to_lab)), note
+
+
+def _analog(
+    names: list[str],
+    channels: Mapping[str, Array],
+    rates: Mapping[str, float],
+    marker_rate: float,
+    frames: int,
+) -> tuple[Analog | None, list[str]]:
+    """Give the channels of the commonest clock but the markers'; say what is left out."""
+    clocks = [(rates[k], len(channels[k])) for k in names]
+    if not clocks:
+        return None, []
+    clock = max(sorted(set(clocks)), key=lambda c: (clocks.count(c), c == (marker_rate, frames)))
+    kept = [k for k, its in zip(names, clocks, strict=True) if its == clock]
+    left = [k for k in names if k not in kept]
+    time = np.arange(clock[1]) / clock[0]
+    values = np.column_stack([channels[k] for k in kept])
+    notes = [f"Channels of another rate were left out: {', '.join(left)}."] if left else []
+    return Analog(time, tuple(kept), ("",) * len(kept), values), notes

@@ -1,0 +1,1 @@
+"""OpenSim's files: TRC, MOT and STO -> `Recording`."""

@@ -1,0 +1,100 @@
+"""OpenSim's MOT and STO tables."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hbm.spatial import Array
+from pipeline.io.recording import frozen
+from pipeline.io.text_table import parse_rows, read_lines
+
+TRANSLATIONS = ("_tx", "_ty", "_tz")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table over time.
+
+    Attributes
+    ----------
+    time
+        Times, (N,) [s].
+    names
+        Column names without ``time``.
+    values
+        Values as the file holds them, (N, K).
+    in_degrees
+        Whether the file says that its rotational coordinates are in degrees.
+    """
+
+    time: Array
+    names: tuple[str, ...]
+    values: Array
+    in_degrees: bool
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", frozen(self.time))
+        object.__setattr__(self, "values", frozen(self.values))
+
+    def column(self, name: str) -> Array:
+        """Give one column as the file holds it, (N,); a KeyError lists the columns that exist."""
+        if name not in self.names:
+            raise KeyError(f"no column {name!r}; present: {', '.join(self.names)}")
+        return self.values[:, self.names.index(name)]
+
+    def coordinate(self, name: str) -> Array:
+        """Give one coordinate, (N,): in rad, or in m where its name ends in _tx, _ty or _tz."""
+        column = self.column(name)
+        rotational = not name.endswith(TRANSLATIONS)
+        return np.deg2rad(column) if self.in_degrees and rotational else column
+
+
+def read_sto(path: str | Path) -> Table:
+    """Read a MOT or STO file of any version.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Table
+        Its columns; nothing is converted. Without ``inDegrees`` in the header angles are radians,
+        as in OpenSim.
+
+    Raises
+    ------
+    ValueError
+        The file has no header or time column, is truncated, or holds something that is no number.
+    OSError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    try:
+        return _parse(read_lines(path))
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+
+
+read_mot = read_sto
+
+
+def _parse(lines: list[str]) -> Table:
+    ends = [k for k, line in enumerate(lines) if line.strip().lower() == "endheader"]
+    if not ends:
+        raise ValueError("not a MOT or STO file: it has no line 'endheader'")
+    pairs = (line.partition("=") for line in lines[: ends[0]] if "=" in line)
+    header = {key.strip().lower(): value.strip().lower() for key, _, value in pairs}
+    body = [(k, line) for k, line in enumerate(lines, start=1) if k > ends[0] + 1 and line.strip()]
+    names = body[0][1].split() if body else []
+    if not names or names[0].lower() != "time":
+        raise ValueError(f"its first column is {names[:1]}, expected 'time'")
+    rows = ["\t".join(line.split()) for _, line in body[1:]]
+    values = parse_rows(rows, "\t", names, [k for k, _ in body[1:]])
+    for key, count in (("nrows", values.shape[0]), ("ncolumns", values.shape[1])):
+        if key in header and header[key] != str(count):
+            raise ValueError(f"its header says {key}={header[key]} but it holds {count}")
+    in_degrees = header.get("indegrees", "no") == "yes"
+    return Table(values[:, 0], tuple(names[1:]), values[:, 1:], in_degrees)

@@ -1,0 +1,151 @@
+"""TRC files (marker trajectories as text) -> Recording."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hbm.markers import Markers
+from hbm.spatial import Array
+from pipeline.io.axes import parse_axes, settle_axes
+from pipeline.io.labels import renamed
+from pipeline.io.recording import Recording
+from pipeline.io.text_table import parse_rows, read_lines, read_number
+from pipeline.io.units import check_span, length_in_m
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectories:
+    """What a TRC file holds, in SI units and the file's own axes and clock.
+
+    Attributes
+    ----------
+    time
+        Times, (T,) [s].
+    names
+        Marker labels.
+    position
+        Positions in the file's axes, (T, M, 3) [m]; gaps are NaN.
+    first_frame
+        Number of the first frame.
+    """
+
+    time: Array
+    names: tuple[str, ...]
+    position: Array
+    first_frame: int
+
+
+def read_trc(
+    path: str | Path, axes: str | None = None, *, rename: Mapping[str, str] | None = None
+) -> Recording:
+    """Read a TRC file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    axes
+        Lab directions of the file's x, y and z axis, such as ``"forward,up,right"``; up is checked
+        against the markers. Where absent they are inferred, and the notes state them.
+    rename
+        Label in the file -> label wanted.
+
+    Returns
+    -------
+    Recording
+        Markers in lab axes; times start at 0 at the first frame.
+
+    Raises
+    ------
+    ValueError
+        The file is damaged or truncated, its unit is unknown or contradicts the markers' extent,
+        or its axes cannot be inferred. One line.
+    OSError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    found = read_trajectories(path)
+    try:
+        names = tuple(renamed(dict.fromkeys(found.names, 0), rename or {}))
+        axes, note = settle_axes(axes, found.position, names)
+        markers = Markers(found.time - found.time[0], names, found.position @ parse_axes(axes).T)
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+    return Recording(source=path, markers=markers, first_frame=found.first_frame, notes=(note,))
+
+
+def read_trajectories(path: Path) -> Trajectories:
+    """Read a TRC file without turning its axes.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Trajectories
+        Positions in metres; empty fields and points at exactly zero are gaps. Times are regular
+        from the first one at the file's rate, since files round them.
+
+    Raises
+    ------
+    ValueError
+        The file is damaged or truncated, or its unit is unknown or contradicts the markers'
+        extent. One line.
+    OSError
+        The file cannot be opened.
+    """
+    try:
+        return _parse(read_lines(path))
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}") from error
+
+
+def _parse(lines: list[str]) -> Trajectories:
+    if len(lines) < 6 or not lines[0].startswith("PathFileType"):
+        raise ValueError("not a TRC file: it does not begin with 'PathFileType'")
+    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    if missing := {"DataRate", "NumFrames", "NumMarkers", "Units"} - set(header):
+        raise ValueError(f"its header does not say {', '.join(sorted(missing))}")
+    metre = length_in_m(header["Units"])
+    names = tuple(name.strip() for name in lines[3].split("\t")[2:] if name.strip())
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise ValueError(f"several markers have the same label: {', '.join(twice)}")
+    columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
+    rows = [(k, line) for k, line in enumerate(lines[5:], start=6) if line.strip()]
+    for key, count in (("NumFrames", len(rows)), ("NumMarkers", len(names))):
+        if _stated(header, key) != count:
+            raise ValueError(f"its header says {key} {header[key]}, but it holds {count}")
+    if not rows or not names:
+        raise ValueError("it holds no frames")
+    filled = [_with_last_gaps(line, len(columns)) for _, line in rows]
+    values = parse_rows(filled, "\t", columns, [k for k, _ in rows])
+    if not np.isfinite(values[:, :2]).all():
+        raise ValueError("a frame has no number or no time")
+    position = values[:, 2:].reshape(len(rows), len(names), 3) * metre
+    time = _regular(values[:, 1], _stated(header, "DataRate"))
+    position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
+    check_span(position, header["Units"])
+    return Trajectories(time, names, position, int(values[0, 0]))
+
+
+def _regular(stated: Array, rate_hz: float) -> Array:
+    if not 0 < rate_hz < np.inf:
+        raise ValueError(f"its header says {rate_hz:g} Hz, expected a positive rate")
+    time: Array = stated[0] + np.arange(len(stated)) / rate_hz
+    if not np.abs(stated - time).max() < 0.1 / rate_hz:
+        raise ValueError(f"its times are not the regular times of its rate of {rate_hz:g} Hz")
+    return time
+
+
+def _stated(header: Mapping[str, str], key: str) -> float:
+    return read_number(header[key], f"{key} in the header")
+
+
+def _with_last_gaps(line: str, count: int) -> str:
+    """Add the tabs that some programs leave out where a frame's last markers are missing."""
+    missing = count - line.count("\t") - 1
+    return line + "\t" * missing if missing > 0 and missing % 3 == 0 else line

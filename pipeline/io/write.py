@@ -1,0 +1,80 @@
+"""Files written whole or not at all: tables, text, and whatever else takes a path."""
+
+import errno
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Final
+
+import pandas as pd
+
+PART: Final = ".part"
+
+
+LEFT_OVER_S: Final = 3600.0
+
+
+def write_csv(table: pd.DataFrame, path: Path) -> None:
+    """Write a table as CSV, whole or not at all."""
+    with whole_file(path) as temporary:
+        table.to_csv(temporary, index=False, float_format="%.6g", encoding="utf-8")
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a temporary name beside a file; it takes the file's place once all is written."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder, not a file to write", str(path))
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PART)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove temporary files of runs that were killed: those nobody has written to for an hour."""
+    for path in folder.glob(f".*.????????{PART}"):
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime > LEFT_OVER_S:
+                path.unlink()
+
+
+def require_writable(out: Path) -> None:
+    """Make a folder and write to it, before minutes are spent on what would go into it.
+
+    Raises
+    ------
+    ValueError
+        If that fails: the folder is read-only or a file, or the disk is full.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out) as file:
+            file.write(bytes(4096))
+    except OSError as error:
+        raise ValueError(f"--out {out}: cannot write there: {error.strerror}") from error
+
+
+def markdown(table: pd.DataFrame, digits: int = 2) -> str:
+    """Give a table as Markdown, numbers with so many digits after the point."""
+    cells = [
+        [f"{v:.{digits}f}" if isinstance(v, float) else str(v) for v in row]
+        for row in table.itertuples(index=False)
+    ]
+    lines = [list(map(str, table.columns)), ["---"] * len(table.columns), *cells]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write text, whole or not at all."""
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

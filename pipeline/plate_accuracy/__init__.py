@@ -1,0 +1,1 @@
+"""Experiment 1: force plates against known weights."""

@@ -1,0 +1,258 @@
+"""The Methods of a study in words, true for its settings, with the works they cite."""
+
+import platform
+from importlib.metadata import version
+from typing import Any, Final
+
+import pandas as pd
+
+from pipeline.config.study import Condition, Study, Treadmill
+from pipeline.report.references import BIBTEX
+from pipeline.run.load import Results
+from pipeline.statistics.design import PAIRS, in_order
+from pipeline.statistics.verdict import MARGIN, listed
+
+HIP: Final = {
+    "harrington": ("the regression of Harrington et al. 2007", "harrington2007"),
+    "bell": ("the regression of Bell et al. 1990", "bell1990"),
+    "functional": ("symmetrical centre of rotation estimation (Ehrig et al. 2006)", "ehrig2006"),
+}
+FILTERS: Final = {
+    "zero_phase": "a second-order Butterworth filter run forward and backward (−3 dB at "
+    "{cutoff_hz:g} Hz after both passes)",
+    "realtime": "a causal second-order Butterworth filter (cut-off {cutoff_hz:g} Hz, as in the "
+    "Human Body Model's real-time filter)",
+}
+
+
+def methods(results: Results, statistics: pd.DataFrame, study: Study | None = None) -> list[str]:
+    """Write the Methods.
+
+    Parameters
+    ----------
+    results
+        What `hbm run` left; the settings are those of its trials.
+    statistics
+        What `pipeline.statistics.comparison.statistics` made of it; only tests that could be done
+        are told.
+    study
+        The study, if it is at hand: without it, nothing is said of platform and sensors.
+
+    Returns
+    -------
+    list of str
+        Paragraphs, for a person to paste and shorten.
+    """
+    facts = list(results.facts.values())
+    return [
+        _subjects(results),
+        _body(facts),
+        _forces(facts, study),
+        _cycles(facts, study),
+        *_tests(statistics),
+        _software(facts, statistics),
+    ]
+
+
+def cited(results: Results) -> list[str]:
+    """Give the keys of the works that the Methods cite, and of the thesis, in order."""
+    hips = {HIP[fact["settings"]["hip"]][1] for fact in results.facts.values()}
+    unused = {key for _, key in HIP.values()} - hips
+    return [key for key in BIBTEX if key not in unused]
+
+
+def _subjects(results: Results) -> str:
+    people = results.subjects
+    sexes = people["sex"].value_counts()
+    said = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
+    counts = [f"{sexes[sex]} {words}" for sex, words in said.items() if sex in sexes]
+    measures = [
+        f"{name} {_mean_sd(people[column], form)} {unit}"
+        for name, column, form, unit in (
+            ("age", "age_years", ".0f", "years"),
+            ("stature", "height_m", ".2f", "m"),
+            ("body mass", "mass_kg", ".1f", "kg"),
+        )
+        if people[column].notna().all()
+    ]
+    conditions = in_order(condition for _, condition in results.facts)
+    stated = [fact["subject"] for fact in results.facts.values()]
+    mass = _origin(
+        "Body mass",
+        [person["mass_kg"] is not None for person in stated],
+        "weighed by the plates over the first 100 frames of the calibration pose",
+    )
+    height = _origin(
+        "stature",
+        [person["height_m"] is not None for person in stated],
+        "estimated from the length of the legs",
+    )
+    return (
+        f"The analysis covers {len(people)} subject{'s' * (len(people) > 1)} "
+        f"({'; '.join([*counts, *measures])}) in the condition{'s' * (len(conditions) > 1)} "
+        f"{listed(conditions)}. {mass}; {height}."
+    )
+
+
+def _body(facts: list[dict[str, Any]]) -> str:
+    sets = listed(sorted({fact["marker_set"] for fact in facts}))
+    hips = listed(sorted({HIP[fact["settings"]["hip"]][0] for fact in facts}))
+    offsets = listed(sorted({f"{fact['settings']['marker_offset_m'] * 1000:g}" for fact in facts}))
+    sexes = {fact["subject"]["sex"] for fact in facts}
+    table = "of the subject's sex" if "unspecified" not in sexes else "(the mean of both sexes)"
+    if len(sexes) > 1 and "unspecified" in sexes:
+        table = "of the subject's sex (the mean of both where it was not stated)"
+    filters = listed(
+        list(dict.fromkeys(FILTERS[f["settings"]["filter"]].format(**f["settings"]) for f in facts))
+    )
+    locked = sorted({name for fact in facts for name in fact["locked"]})
+    known = {f"{f['subject']['id']}: {listed(f['segments'])}" for f in facts if f["segments"]}
+    own = f", but for those stated of single segments ({'; '.join(sorted(known))})" if known else ""
+    kept = f" Coordinates that no marker shows were kept at neutral ({listed(locked)})."
+    return (
+        "Motion was described by an open implementation of the Human Body Model (van den Bogert "
+        "et al. 2013) with 46 coordinates. Each subject's body was built from a calibration pose "
+        f"with the marker set {sets}: hip joint centres by {hips}, marker "
+        f"centres {offsets} mm from the skin, segment inertias from de Leva's table (1996) "
+        f"{table}{own}."
+        f"{kept if locked else ''} The coordinates of each frame minimised the sum of squared "
+        "distances between measured and modelled markers (Lu and O'Connor 1999). Coordinates and "
+        f"the forces on the feet were low-passed alike by {filters} before velocities, "
+        "accelerations and inverse dynamics were computed."
+    )
+
+
+def _forces(facts: list[dict[str, Any]], study: Study | None) -> str:
+    delays = {fact["settings"]["plate_delay_s"] for fact in facts}
+    shifted = listed(sorted(f"{1000 * delay:g}" for delay in delays))
+    taken = f" {shifted} ms later than the markers" if delays != {0.0} else ""
+    thresholds = listed(sorted({f"{f['settings']['contact_threshold_n']:g}" for f in facts}))
+    text = (
+        f"The plates' wrenches were resampled to the markers' times{taken}"
+        f"{_moved(study.file.treadmill) if study else ''} and given to the foot that stood there "
+        f"(contact above {thresholds} N). The residual is the wrench that would have to act on the "
+        "pelvis to close the equations of motion, about the middle of the hip joints, in lab axes "
+        "(x forward, y right, z up)."
+    )
+    if not any(row["compensated"] for fact in facts for row in fact["residuals"]):
+        return text + " No compensation for the treadmill's own inertia was applied."
+    text += (
+        " Every trial was processed twice from the same motion, with the plates as measured (no IC)"
+        " and after inertia compensation (IC): each plate's wrench due to the treadmill's own "
+        "motion was predicted by a linear model of accelerometer signals and subtracted in the "
+        "plate's frame (Hnat et al. 2018)."
+    )
+    if study and study.file.treadmill.accelerometers:
+        treadmill = study.file.treadmill
+        count = len(treadmill.accelerometers)
+        text += (
+            f" The model used {count} triaxial accelerometer{'s' * (count > 1)} and was fitted to "
+            "a recording of the empty, moving treadmill, low-passed at "
+            f"{treadmill.cutoff_hz:g} Hz."
+        )
+    return text
+
+
+def _moved(treadmill: Treadmill) -> str:
+    platform_ = treadmill.platform
+    if platform_ is None:
+        return ""
+    if platform_.markers:
+        return (
+            f", moved into the lab with the platform's pose from {len(platform_.markers)} markers,"
+        )
+    return ", moved into the lab with the platform's pose as commanded,"
+
+
+def _cycles(facts: list[dict[str, Any]], study: Study | None) -> str:
+    text = (
+        "Gait cycles ran from foot strike to foot strike of one foot. Gait events were the "
+        "recordings' own or, where these had none, found from heel, toe and sacrum markers (Zeni "
+        "et al. 2008)."
+    )
+    if study:
+        rules = [_rule(name, rule) for name, rule in study.file.conditions.items()]
+        text += f" Counted were {'; '.join(rules)}."
+    numbers: dict[str, list[int]] = {}
+    for fact in facts:
+        count = sum(len(spans) for spans in fact["cycles"].values())
+        numbers.setdefault(fact["condition"], []).append(count)
+    found = [f"{name} {_range(counts)}" for name, counts in numbers.items()]
+    return (
+        f"{text} Cycles per trial: {', '.join(found)}. Each residual was summarised by its root "
+        "mean square (RMS) over all samples of a trial's cycles; curves are normalised to 0–100 % "
+        "of the cycle."
+    )
+
+
+def _rule(name: str, rule: Condition) -> str:
+    if rule.perturbed:
+        first = f"the first {rule.cycles} cycles" if rule.cycles else "the cycles"
+        source = "the pulse channel" if rule.pulse_channel else "the platform's motion"
+        return f"in {name} {first} of either foot that contain a perturbation (onset from {source})"
+    first = f"the first {rule.cycles}" if rule.cycles else "all"
+    after = f" after {rule.skip_s:g} s" if rule.skip_s else ""
+    return f"in {name} {first} cycles of the right foot{after}"
+
+
+def _tests(statistics: pd.DataFrame) -> list[str]:
+    done = set(statistics.loc[statistics["p_corrected"].notna(), "test"])
+    parts = []
+    if "RM-ANOVA" in done:
+        parts.append(
+            "RMS residuals were compared by a repeated-measures analysis of variance, compensation "
+            "(IC, no IC) × condition (baseline, sway, pitch), with the Greenhouse–Geisser "
+            "correction where Mauchly's test rejected sphericity or could not be done."
+        )
+    if "paired t" in done:
+        parts.append(
+            f"The {len(PAIRS)} planned pairs (IC against no IC in every condition; sway IC and "
+            "pitch IC against baseline without IC) were compared by paired t-tests and exact "
+            "Wilcoxon signed-rank tests with Bonferroni correction. A residual counted as back at "
+            "baseline if the upper end of the simultaneous 95 % confidence interval of its "
+            f"difference from the baseline without IC was at most {100 * MARGIN:g} % of that "
+            "baseline (non-inferiority; Schuirmann 1987)."
+        )
+    checks = [
+        said
+        for test, said in (
+            ("sign-flip permutation", "sign-flip permutation tests"),
+            ("aligned-rank RM-ANOVA", "an aligned-rank analysis of variance"),
+            ("Friedman", "Friedman's test"),
+        )
+        if test in done
+    ]
+    if checks:
+        parts.append(f"Results were checked by {listed(checks)}.")
+    for name in sorted(test for test in done if test.startswith("RM-ANOVA with ")):
+        covariates = name.removeprefix("RM-ANOVA with ").replace("height_m", "stature")
+        parts.append(f"The influence of {covariates} was tested by adding them as covariates.")
+    return [" ".join([*parts, "The level of significance was 0.05."])] if parts else []
+
+
+def _software(facts: list[dict[str, Any]], statistics: pd.DataFrame) -> str:
+    versions = facts[0]["versions"]
+    own = listed(sorted({fact["versions"]["hbm-residuals"] for fact in facts}))
+    others = [f"{name} {versions[name.lower()]}" for name in ("CasADi", "NumPy", "SciPy")]
+    if statistics["p_corrected"].notna().any():
+        others.append(f"pingouin {version('pingouin')}")
+    return (
+        f"All was computed with hbm-residuals {own} on Python {platform.python_version()} with "
+        f"{listed(others)}."
+    )
+
+
+def _origin(what: str, stated: list[bool], otherwise: str) -> str:
+    if all(stated):
+        return f"{what} was as stated"
+    return f"{what} was {'as stated or, where it was not, ' * any(stated)}{otherwise}"
+
+
+def _mean_sd(values: pd.Series, form: str) -> str:
+    spread = f" ± {values.std():{form}}" if len(values) > 1 else ""
+    return f"{values.mean():{form}}{spread}"
+
+
+def _range(counts: list[int]) -> str:
+    low, high = min(counts), max(counts)
+    return str(low) if low == high else f"{low} to {high}"

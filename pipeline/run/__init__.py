@@ -1,0 +1,1 @@
+"""Many trials: jobs, results on disk, where they come from."""

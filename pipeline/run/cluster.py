@@ -1,0 +1,86 @@
+"""A study's trials on a Dask cluster."""
+
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib import import_module
+from typing import Any, Final
+
+from pipeline.run.job import DIED, Job, Outcome, process_job, said, stored_key
+
+LOOK_S: Final = 10.0
+UNMANNED_S: Final = 300.0
+
+
+def on_cluster(todo: list[Job], scheduler: str) -> Iterator[Outcome]:
+    """Process trials on a Dask cluster, whose workers may come late and die early.
+
+    Parameters
+    ----------
+    todo
+        The trials, in this order.
+    scheduler
+        Address of the cluster's scheduler.
+
+    Yields
+    ------
+    Outcome
+        As trials finish.
+
+    Raises
+    ------
+    ValueError
+        If Dask is not installed.
+    OSError
+        If the scheduler does not answer.
+
+    Notes
+    -----
+    No more trials are sent than the workers have threads: Dask blames the death of a worker on all
+    that waits for it. A cluster that has no workers yet is waited for; one that has lost all for
+    ``UNMANNED_S``, or its scheduler, is given up, and what is left fails with that reason.
+    """
+    try:
+        dask: Any = import_module("dask.distributed")
+    except ImportError as missing:
+        raise ValueError(
+            "--scheduler needs Dask: pip install 'hbm-residuals[cluster]'"
+        ) from missing
+    waiting, sent = todo[::-1], dict[Any, Job]()
+    with dask.Client(scheduler, timeout="10s") as client:
+        for threads in _manned(client):
+            while waiting and len(sent) < max(1, threads):
+                job = waiting.pop()
+                sent[client.submit(process_job, job, pure=False)] = job
+            if not sent:
+                return
+            with suppress(TimeoutError, dask.CancelledError):
+                dask.wait(list(sent), timeout=LOOK_S, return_when="FIRST_COMPLETED")
+            for future in [future for future in sent if future.status != "pending"]:
+                yield _gathered(future, sent.pop(future), dask)
+    for job in [*sent.values(), *waiting]:
+        yield Outcome(job, "failed", "the cluster is gone; run it again")
+
+
+def _manned(client: Any) -> Iterator[int]:
+    """Count the workers' threads again and again, until the cluster is given up."""
+    manned_at = float("inf")
+    while time.monotonic() - manned_at < UNMANNED_S:
+        try:
+            threads = sum(client.nthreads().values())
+        except OSError:
+            return
+        manned_at = time.monotonic() if threads else manned_at
+        yield threads
+
+
+def _gathered(future: Any, job: Job, dask: Any) -> Outcome:
+    try:
+        outcome: Outcome = future.result(timeout=LOOK_S)
+    except dask.KilledWorker:
+        return Outcome(job, "failed", DIED)
+    except Exception as error:
+        if stored_key(job.target) == job.key:
+            return Outcome(job, "done")
+        return Outcome(job, "failed", f"on the cluster: {said(error)}")
+    return outcome

@@ -1,0 +1,140 @@
+"""Tests of compensation, condition and their interaction as rows of the table of statistics."""
+
+from collections.abc import Iterator
+from math import isnan
+
+import pandas as pd
+
+from pipeline.statistics.design import (
+    CELLS,
+    CONDITIONS,
+    FACTORS,
+    Row,
+    as_note,
+    complete_subjects,
+    not_computed,
+    smallest_p,
+)
+from pipeline.statistics.nonparametric import aligned_ranks, sign_flip
+from pipeline.statistics.rm_glm import GlmTerm, repeated_measures_glm
+
+LEVELS = (2, len(CONDITIONS))
+
+
+def factorial_rows(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
+    """Test both factors and their interaction: analysis of variance, sign flips, aligned ranks.
+
+    Parameters
+    ----------
+    cells
+        One row per subject, one column per cell in the order of `CELLS`; NaN is missing.
+    alpha
+        Level of significance for Mauchly's test and the observed power.
+    """
+    complete, missing = complete_subjects(cells)
+    n = len(complete)
+    if n < 2:
+        yield not_computed("RM-ANOVA", "", n, 2, missing)
+        return
+    values = complete.to_numpy().reshape(n, *LEVELS)
+    for term in repeated_measures_glm(values, FACTORS, alpha=alpha):
+        effect = ":".join(term.within)
+        tested = [factor in term.within for factor in FACTORS]
+        yield from _mauchly("RM-ANOVA", effect, term, n, missing)
+        yield _f_test("RM-ANOVA", effect, term, n, missing, alpha)
+
+        flips = sign_flip(values, tested)
+        patterns = f"{'all' if flips.exact else 'random'} {flips.patterns} sign patterns"
+        yield Row(
+            *("sign-flip permutation", effect, "F", term.f, term.df1, term.df2),
+            p_uncorrected=flips.p,
+            p_corrected=flips.p,
+            correction="none",
+            n=n,
+            note=as_note(patterns, smallest_p(n, 1, alpha), missing),
+        )
+
+        ranked = repeated_measures_glm(aligned_ranks(values, tested), FACTORS, alpha=alpha)
+        own = next(other for other in ranked if other.within == term.within)
+        yield _f_test("aligned-rank RM-ANOVA", effect, own, n, missing, alpha)
+
+
+def covariate_rows(
+    cells: pd.DataFrame, covariates: pd.DataFrame, *, centre: bool, alpha: float
+) -> Iterator[Row]:
+    """Test both factors beside subject-level variables, and the interactions with them.
+
+    Parameters
+    ----------
+    cells
+        As in `factorial_rows`.
+    covariates
+        One row per subject, indexed as `cells`: texts are groups, numbers are slopes.
+    centre, alpha
+        As in `repeated_measures_glm`.
+    """
+    complete, missing = complete_subjects(cells.join(covariates))
+    n = len(complete)
+    names = [str(name) for name in covariates]
+    varying = [name for name in names if complete[name].nunique() > 1]
+    same = [f"{name} left out: the same for all" for name in names if name not in varying]
+    test = f"RM-ANOVA with {' and '.join(varying or names)}"
+    notes = (*same, "" if centre else "covariates not centred", missing)
+    if not varying:
+        yield Row(test, "", n=n, note=as_note("not computed", *notes))
+        return
+    try:
+        terms = repeated_measures_glm(
+            complete[list(CELLS)].to_numpy().reshape(n, *LEVELS),
+            FACTORS,
+            {name: complete[name].to_numpy() for name in varying},
+            centre=centre,
+            alpha=alpha,
+        )
+    except ValueError as error:
+        yield Row(test, "", n=n, note=as_note(f"not computed: {error}", *notes))
+        return
+    for term in terms:
+        effect = ":".join(filter(None, (*term.within, term.between)))
+        yield from _mauchly(test, effect, term, n, as_note(*notes))
+        yield _f_test(test, effect, term, n, as_note(*notes), alpha)
+
+
+def _f_test(test: str, effect: str, term: GlmTerm, n: int, note: str, alpha: float) -> Row:
+    if isnan(term.f):
+        reason = "not computed: the effect is the same for every subject, there is no error term"
+        return Row(test, effect, n=n, note=as_note(reason, note))
+    spherical = "condition" not in term.within or term.mauchly_p >= alpha
+    sphericity = ""
+    if "condition" in term.within:
+        if isnan(term.mauchly_p):
+            sphericity = "sphericity cannot be tested with so few subjects"
+        elif spherical:
+            sphericity = f"sphericity not rejected; Greenhouse-Geisser p = {term.p_gg:.3g}"
+        else:
+            sphericity = f"sphericity rejected, Mauchly p = {term.mauchly_p:.3g}"
+    return Row(
+        *(test, effect, "F", term.f, term.df1, term.df2),
+        p_uncorrected=term.p,
+        p_corrected=term.p if spherical else term.p_gg,
+        correction="none" if spherical else "Greenhouse-Geisser",
+        epsilon=term.epsilon,
+        effect_size_name="partial eta squared",
+        effect_size=term.partial_eta_squared,
+        power=term.power if spherical else term.power_gg,
+        n=n,
+        note=as_note(sphericity, note),
+    )
+
+
+def _mauchly(test: str, effect: str, term: GlmTerm, n: int, note: str) -> Iterator[Row]:
+    """Give Mauchly's test of a within effect, if it has sphericity to test and subjects for it."""
+    if not term.between and not isnan(term.mauchly_p):
+        yield Row(
+            *(f"Mauchly, {test}", effect, "W", term.mauchly_w),
+            p_uncorrected=term.mauchly_p,
+            p_corrected=term.mauchly_p,
+            correction="none",
+            n=n,
+            note=note,
+        )

@@ -1,0 +1,1 @@
+"""Gait: contact, events, cycles."""

@@ -1,0 +1,185 @@
+"""Which gait cycles of a trial count: so many of walking, or those that were perturbed."""
+
+import numpy as np
+
+from compensation.platform import PlatformPose
+from hbm.signals.filtering import low_pass
+from hbm.spatial import Array
+from pipeline.config.study import Condition
+from pipeline.io.recording import Recording
+
+COUNTED_SIDE = "right"
+LONGEST_PULSE_GAP_S = 1.0
+SWAY_SPEED_MPS = 0.1
+SWAY_CUTOFF_HZ = 6.0
+
+
+def select_cycles(
+    cycles: dict[str, Array], condition: Condition, onsets: Array | None
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Choose the gait cycles of a condition.
+
+    Parameters
+    ----------
+    cycles
+        Side -> start and stop of each cycle, (C, 2) [s].
+    condition
+        How many, from when (cycles or perturbations before ``skip_s`` do not count), and whether
+        only perturbed ones.
+    onsets
+        Perturbation onsets, (P,) [s]; needed where the condition is perturbed.
+
+    Returns
+    -------
+    chosen
+        Side -> cycles. Walking counts cycles of the right foot, the first ones there are. A
+        perturbation counts the cycle whose initial contact came last before it, of either foot;
+        two perturbations within one cycle count it once.
+    notes
+        What is missing, as sentences.
+    """
+    if condition.perturbed:
+        onsets = np.empty(0) if onsets is None else onsets
+        chosen, notes = _perturbed(cycles, onsets[onsets >= condition.skip_s])
+    else:
+        spans = cycles[COUNTED_SIDE]
+        chosen = {COUNTED_SIDE: spans[spans[:, 0] >= condition.skip_s]}
+        notes = ()
+    found = sum(len(spans) for spans in chosen.values())
+    wanted = condition.cycles
+    if wanted is None:
+        return chosen, notes
+    if found < wanted:
+        notes = (*notes, f"only {found} of the {wanted} gait cycles wanted are there")
+    return _first(chosen, wanted), notes
+
+
+def _perturbed(cycles: dict[str, Array], onsets: Array) -> tuple[dict[str, Array], tuple[str, ...]]:
+    chosen: dict[str, list[Array]] = {side: [] for side in cycles}
+    notes = []
+    for onset in onsets:
+        hits = [
+            (span[0], side, span)
+            for side, spans in cycles.items()
+            for span in spans
+            if span[0] <= onset < span[1]
+        ]
+        if hits:
+            _, side, span = max(hits, key=lambda hit: hit[0])
+            chosen[side].append(span)
+        else:
+            notes.append(f"no gait cycle contains the perturbation at {onset:.2f} s")
+    spans = {side: np.unique(np.reshape(found, (-1, 2)), axis=0) for side, found in chosen.items()}
+    return spans, tuple(notes)
+
+
+def _first(cycles: dict[str, Array], count: int) -> dict[str, Array]:
+    """Keep the earliest cycles of both sides together."""
+    starts = np.sort(np.concatenate([spans[:, 0] for spans in cycles.values()]))
+    if len(starts) <= count:
+        return cycles
+    last = starts[count - 1]
+    return {side: spans[spans[:, 0] <= last] for side, spans in cycles.items()}
+
+
+def perturbation_onsets(
+    recording: Recording, condition: Condition, platform: PlatformPose | None
+) -> Array:
+    """Find the perturbations of a trial: from the pulse channel, else from the platform's motion.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    condition
+        Names the pulse channel, if there is one.
+    platform
+        The platform's pose at the markers' times.
+
+    Returns
+    -------
+    Array
+        Onsets, (P,) [s].
+
+    Raises
+    ------
+    ValueError
+        If there is neither a pulse channel nor a pose, or no perturbation.
+    """
+    name = recording.source.name
+    if condition.pulse_channel is not None:
+        onsets, where = pulse_onsets(recording, condition.pulse_channel), condition.pulse_channel
+    elif platform is not None:
+        onsets = sway_onsets(recording.markers.time, platform.position[:, 1])
+        where = "the platform's motion"
+    else:
+        raise ValueError(
+            f"{name}: a perturbed condition needs a pulse_channel, or the platform's pose"
+        )
+    if not len(onsets):
+        raise ValueError(f"{name}: {where} shows no perturbation, but the condition is perturbed")
+    return onsets
+
+
+def pulse_onsets(recording: Recording, channel: str) -> Array:
+    """Find perturbation onsets in a pulse channel, at the channel's own rate.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    channel
+        Name of the analog channel that rises when a perturbation starts.
+
+    Returns
+    -------
+    Array
+        Onsets, (P,) [s]: where the signal first leaves its median, up or down, by half of the
+        largest excursion; what follows within a second belongs to the same pulse. Empty where the
+        signal never pulses.
+
+    Raises
+    ------
+    ValueError
+        If the channel is not there.
+    """
+    if recording.analog is None:
+        raise ValueError(f"{recording.source.name}: no analog channels, so no {channel!r}")
+    try:
+        signal = recording.analog.channel(channel)
+    except KeyError as error:
+        raise ValueError(f"{recording.source.name}: {error.args[0]}") from error
+    rest = float(np.nanmedian(signal))
+    height = np.abs(signal - rest)
+    peak = float(np.nanmax(height, initial=0.0))
+    noise = float(np.nanmedian(height))
+    if peak <= 10 * noise or peak == 0:
+        return np.empty(0)
+    high = height > peak / 2
+    return _first_of_each(recording.analog.time[1:][high[1:] & ~high[:-1]])
+
+
+def sway_onsets(time: Array, lateral: Array) -> Array:
+    """Find perturbation onsets from the platform's lateral position.
+
+    Parameters
+    ----------
+    time
+        (T,) [s].
+    lateral
+        Lateral position of the platform, (T,) [m].
+
+    Returns
+    -------
+    Array
+        Where its speed, low-passed at 6 Hz, first exceeds 0.1 m/s, (P,) [s]: some 0.05 s after the
+        platform starts to move 5 cm at 0.3 m/s. A slow return does not count.
+    """
+    smooth = low_pass(lateral, 1 / np.median(np.diff(time)), SWAY_CUTOFF_HZ)
+    fast = np.abs(np.gradient(smooth, time)) > SWAY_SPEED_MPS
+    return _first_of_each(time[1:][fast[1:] & ~fast[:-1]])
+
+
+def _first_of_each(times: Array) -> Array:
+    """Keep the first of times that follow one another closely."""
+    return times[np.diff(times, prepend=-np.inf) > LONGEST_PULSE_GAP_S]

@@ -1,0 +1,119 @@
+"""How far two ways of finding gait events agree."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.spatial import Array
+from pipeline.io.recording import Event
+from pipeline.trial.gait.events import LABELS, SIDES, event_times, force_events
+
+
+@dataclass(frozen=True, slots=True)
+class EventAgreement:
+    """How far two ways of finding one kind of event agree.
+
+    Attributes
+    ----------
+    label, side
+        The kind of event.
+    mean_ms, sd_ms
+        Mean and standard deviation of first minus second [ms]; NaN where too few match.
+    matched, only_in_first, only_in_second
+        Numbers of events.
+    """
+
+    label: str
+    side: str
+    mean_ms: float
+    sd_ms: float
+    matched: int
+    only_in_first: int
+    only_in_second: int
+
+    def __str__(self) -> str:
+        """Say it in one line."""
+        return (
+            f"{self.side} {self.label.replace('_', ' ')}: {self.mean_ms:+.0f} ± {self.sd_ms:.0f} ms"
+            f" ({self.matched} matched, {self.only_in_first} and {self.only_in_second} alone)"
+        )
+
+
+def compare_events(
+    first: Iterable[Event], second: Iterable[Event], tolerance_s: float = 0.2
+) -> tuple[EventAgreement, ...]:
+    """Match the events of two methods and give their differences per kind and side.
+
+    Parameters
+    ----------
+    first, second
+        Events of the same trial.
+    tolerance_s
+        Largest difference of two events that may be the same [s].
+
+    Returns
+    -------
+    tuple of EventAgreement
+        Left and right foot strikes, left and right foot offs. Two events match when each is the
+        other's nearest.
+    """
+    first, second = tuple(first), tuple(second)
+    return tuple(
+        _agreement(
+            event_times(first, label, side),
+            event_times(second, label, side),
+            label,
+            side,
+            tolerance_s,
+        )
+        for label in LABELS
+        for side in SIDES
+    )
+
+
+def agreement_with_plates(
+    events: Iterable[Event], feet: Mapping[str, Array], time: Array, threshold_n: float
+) -> str:
+    """Say how far gait events are from those of the forces under the feet.
+
+    Parameters
+    ----------
+    events
+        Gait events.
+    feet
+        "left_foot" and "right_foot" -> action on that foot in lab axes, unfiltered, (T, 6).
+    time
+        (T,) [s].
+    threshold_n
+        Vertical force of contact [N].
+
+    Returns
+    -------
+    str
+        One sentence.
+    """
+    sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
+    found = compare_events(events, force_events(sides, time, threshold_n))
+    matched = "; ".join(str(kind) for kind in found if kind.matched)
+    return f"gait events by those of the plates: {matched or 'none is near any'}"
+
+
+def _agreement(
+    first: Array, second: Array, label: str, side: str, tolerance_s: float
+) -> EventAgreement:
+    difference = first[:, None] - second
+    if difference.size:
+        row = np.arange(len(first))
+        nearest, back = abs(difference).argmin(axis=1), abs(difference).argmin(axis=0)
+        difference = difference[row, nearest][back[nearest] == row]
+    matched = 1000 * difference[abs(difference) <= tolerance_s]
+    return EventAgreement(
+        label,
+        side,
+        mean_ms=float(matched.mean()) if matched.size else np.nan,
+        sd_ms=float(matched.std(ddof=1)) if matched.size > 1 else np.nan,
+        matched=matched.size,
+        only_in_first=len(first) - matched.size,
+        only_in_second=len(second) - matched.size,
+    )

@@ -1,0 +1,196 @@
+"""Gait events: foot strike and foot off, from the file, from markers or from forces."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.signal import find_peaks
+
+from hbm.markers import Markers
+from hbm.signals.filtering import butterworth
+from hbm.spatial import Array
+from pipeline.io.recording import Event, Recording
+
+SIDES = ("left", "right")
+LABELS = ("foot_strike", "foot_off")
+
+EVENT_CUTOFF_HZ = 6.0
+MINIMUM_STRIDE_S = 0.4
+"""Two strikes of one foot closer than this are one (running at 4 m/s takes about 0.7 s)."""
+MINIMUM_EXCURSION_M = 0.1
+"""Foot against sacrum along the walk: less than the slowest stride, more than standing sway."""
+MINIMUM_CONTACT_S = 0.1
+"""Shorter contacts and shorter losses of contact are chatter at the threshold, not steps."""
+
+SACRUM = (("SACR",), ("LPSIS", "RPSIS"), ("LPSI", "RPSI"), ("V.Sacral",))
+HEEL = ("{}HEE", "{}HEEL", "{}CAL", "{}.Heel")
+TOE = ("{}MT2", "{}TOE", "{}.Toe.Tip")
+
+
+def gait_events(recording: Recording) -> tuple[tuple[Event, ...], str]:
+    """Give the gait events of a recording: the file's own where it has them, else Zeni's.
+
+    Parameters
+    ----------
+    recording
+        The trial. Its events are used when some foot strikes at least twice in them.
+
+    Returns
+    -------
+    events
+        In order of time.
+    sentence
+        Which events these are and how many, for a person.
+
+    Raises
+    ------
+    ValueError
+        As :func:`zeni_events`, where the file has no events.
+    """
+    strikes = [e.side for e in recording.events if e.label == "foot_strike"]
+    if any(strikes.count(side) >= 2 for side in SIDES):
+        events, origin = recording.events, "as the file has them"
+    else:
+        events = zeni_events(recording.markers)
+        origin = "from heel, toe and sacrum markers (Zeni 2008), for the file has none"
+    counts = (f"{event_times(events, 'foot_strike', side).size} {side}" for side in SIDES)
+    return events, f"gait events {origin}: {' and '.join(counts)} foot strikes"
+
+
+def zeni_events(markers: Markers) -> tuple[Event, ...]:
+    """Find gait events by the coordinate method of Zeni et al. (2008).
+
+    Parameters
+    ----------
+    markers
+        Trajectories in lab axes, or in those of a treadmill that pitches: the X axis has to be the
+        walking direction. Needed are a sacrum (SACR, or the mid-point of both PSIS) and per foot a
+        heel and a toe marker (HEE, and MT2 or TOE).
+
+    Returns
+    -------
+    tuple of Event
+        Foot strikes where the heel, foot offs where the toe turns round against the sacrum, in
+        order of time and to a fraction of a frame. In a gap there are none.
+
+    Raises
+    ------
+    ValueError
+        If a marker is missing, or if the trial is shorter than the filter needs.
+
+    Notes
+    -----
+    Zeni, Richards and Higginson 2008, Gait Posture 27:710. A foot strikes where heel − sacrum is
+    largest along the walking direction and leaves where toe − sacrum is smallest. Trajectories pass
+    the zero-phase Butterworth filter at ``EVENT_CUTOFF_HZ`` first. Of two turning points closer
+    than ``MINIMUM_STRIDE_S`` the more extreme counts. A turn counts only where the foot is seen to
+    travel ``MINIMUM_EXCURSION_M`` before and after it, so one at the very ends may be left out.
+
+    Deviations from the original
+    ----------------------------
+    - The instant is the zero of the filtered velocity, not the nearest frame.
+    - Without a toe marker (Human Body Model 2), the second metatarsal head stands in for it.
+    """
+    sacrum = _first_present(markers, SACRUM, "sacrum")
+    events = []
+    for side, letter in (("left", "L"), ("right", "R")):
+        for label, names, sign in (("foot_strike", HEEL, 1), ("foot_off", TOE, -1)):
+            choices = [(name.format(letter),) for name in names]
+            foot = _first_present(markers, choices, f"{side} {'heel' if sign > 0 else 'toe'}")
+            times = _turning_points(markers.time, sign * (foot - sacrum))
+            events += [Event(float(t), label, side) for t in times]
+    return _in_order(events)
+
+
+def force_events(
+    wrenches: Mapping[str, ArrayLike], time: ArrayLike, threshold_n: float
+) -> tuple[Event, ...]:
+    """Find gait events where the vertical force crosses a threshold: a check on the markers'.
+
+    Parameters
+    ----------
+    wrenches
+        Side ("left", "right") -> action on that foot in lab axes, (N, 6) [N, N·m], not filtered:
+        a filter at 6 Hz begins contact early.
+    time
+        Sample times, (N,) [s].
+    threshold_n
+        Vertical force of contact [N], usually 20 to 50.
+
+    Returns
+    -------
+    tuple of Event
+        In order of time, to a fraction of a sample. Contacts and losses of contact shorter than
+        ``MINIMUM_CONTACT_S`` are chatter and do not count.
+
+    Raises
+    ------
+    ValueError
+        If a side is not "left" or "right", or wrenches do not fit the times.
+    """
+    time, events = np.asarray(time, float), []
+    for side, wrench in wrenches.items():
+        wrench = np.asarray(wrench, float)
+        if side not in SIDES or wrench.shape != (len(time), 6):
+            raise ValueError(
+                f'wrenches must be ({len(time)}, 6) for "left" and "right", '
+                f"got {wrench.shape} for {side!r}"
+            )
+        starts, stops = _contacts(time, wrench[:, 2] - threshold_n)
+        events += [Event(float(t), "foot_strike", side) for t in starts]
+        events += [Event(float(t), "foot_off", side) for t in stops]
+    return _in_order(events)
+
+
+def event_times(events: Iterable[Event], label: str, side: str) -> Array:
+    """Give the times of one kind of event, in order, (E,) [s]."""
+    times = [event.time for event in events if (event.label, event.side) == (label, side)]
+    return np.array(sorted(times), float)
+
+
+def _turning_points(time: Array, distance: Array) -> Array:
+    """Find when a distance (T,) is largest; a gap hides what happens in it."""
+    filtered = butterworth(distance, time, EVENT_CUTOFF_HZ, "zero_phase")
+    apart = max(1, round(MINIMUM_STRIDE_S / np.median(np.diff(time))))
+    known = np.isfinite(filtered.value)
+    frames = [np.zeros(0, int)]
+    for start, stop in np.flatnonzero(np.diff(known, prepend=False, append=False)).reshape(-1, 2):
+        peaks, _ = find_peaks(
+            filtered.value[start:stop], distance=apart, prominence=MINIMUM_EXCURSION_M
+        )
+        frames.append(start + peaks)
+    frame = np.concatenate(frames)
+    return np.asarray(time[frame] - filtered.velocity[frame] / filtered.acceleration[frame])
+
+
+def _contacts(time: Array, excess: Array) -> tuple[Array, Array]:
+    """Find when contacts start and stop from the force above the threshold, (N,)."""
+    before, after = excess[:-1], excess[1:]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        crossing = time[:-1] + np.diff(time) * before / (before - after)
+    starts, stops = crossing[(before <= 0) & (after > 0)], crossing[(before > 0) & (after <= 0)]
+    stops, starts = _without_brief(stops, starts)
+    return _without_brief(starts, stops)
+
+
+def _without_brief(begin: Array, end: Array) -> tuple[Array, Array]:
+    """Drop the pairs of times that enclose less than the shortest contact."""
+    following = np.searchsorted(end, begin)
+    brief = np.append(end, np.inf)[following] - begin < MINIMUM_CONTACT_S
+    return begin[~brief], np.delete(end, following[brief])
+
+
+def _in_order(events: Iterable[Event]) -> tuple[Event, ...]:
+    return tuple(sorted(events, key=lambda event: event.time))
+
+
+def _first_present(markers: Markers, choices: Sequence[Sequence[str]], what: str) -> Array:
+    """Give the forward coordinate (T,) of the first choice that the trial has, in its middle."""
+    for names in choices:
+        if set(names) <= set(markers.names):
+            columns = [markers.names.index(name) for name in names]
+            return np.asarray(markers.position[:, columns, 0].mean(axis=1))
+    wanted = " or ".join(" with ".join(names) for names in choices)
+    raise ValueError(
+        f"gait events need a {what} marker: {wanted}; present: {', '.join(markers.names)}"
+    )

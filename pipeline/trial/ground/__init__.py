@@ -1,0 +1,1 @@
+"""The ground: plates as measured and compensated, in the lab, at the markers' times."""

@@ -1,0 +1,191 @@
+"""Belts: their speed in a recording, and the pitch moment that their acceleration leaves in plates.
+
+The model is fitted and used without delay: acceleration and moment go through the same zero-phase
+filter, so that its estimate can be taken off a plate's own samples.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from itertools import cycle
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from compensation import BeltModel, fit_belt
+from hbm.signals.resampling import interpolate
+from hbm.spatial import Array
+from pipeline.config.schema import Belt
+from pipeline.io.recording import Plate, Recording
+from pipeline.io.units import length_in_m
+from pipeline.smoothing import smooth
+from pipeline.trial.ground.calibration_recording import read_empty
+
+RATE_HZ: Final = 100.0
+EDGE_S: Final = 0.5
+
+
+def belt_speed(recording: Recording, channel: str) -> Array:
+    """Give a belt's speed.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    channel
+        Name of the analog channel, in a unit of speed such as m/s.
+
+    Returns
+    -------
+    Array
+        (N,) [m/s].
+
+    Raises
+    ------
+    ValueError
+        If there is no such channel, or its unit is none of speed.
+    """
+    where = recording.source.name
+    analog = recording.analog
+    if analog is None or channel not in analog.names:
+        there = ", ".join(analog.names) if analog is not None else "none"
+        raise ValueError(f"{where}: no analog channel {channel!r} with belt speed; there: {there}")
+    unit = analog.units[analog.names.index(channel)].strip()
+    length, per_second, _ = unit.partition("/s")
+    if not per_second:
+        raise ValueError(f"{where}: {channel} is in {unit!r}, expected a speed such as m/s")
+    return analog.channel(channel) * length_in_m(length)
+
+
+def belt_axes(plate: Plate) -> Array:
+    """Give the directions along a belt, to its side, and up; columns in the plate's axes, (3, 3).
+
+    Along is the longer side of the surface, with the sign of the plate's own axis: whichever way
+    the lab's axes point, it is the same. A ValueError where the plate's corners are unknown.
+    """
+    if not np.isfinite(plate.corners).all():
+        raise ValueError(
+            f"plate {plate.number}: its corners are unknown, and so is the direction of its belt; "
+            "use a C3D file, which holds them"
+        )
+    corners = (plate.corners - plate.center) @ plate.rotation
+    along = max(np.diff(corners[:3], axis=0), key=lambda side: float(np.linalg.norm(side)))
+    along = along / np.linalg.norm(along)
+    if along[np.argmax(np.abs(along))] < 0:
+        along = -along
+    up = plate.rotation[2]
+    side = np.cross(up, along)
+    side /= np.linalg.norm(side)
+    return np.column_stack([along, side, np.cross(along, side)])
+
+
+def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
+    """Learn what accelerating belts leave in their empty plates.
+
+    Parameters
+    ----------
+    recording
+        Belts accelerating at random, nobody on them, the platform at rest.
+    belt
+        As stated.
+
+    Returns
+    -------
+    tuple[BeltModel, ...]
+        One model per plate, at 100 Hz.
+
+    Raises
+    ------
+    ValueError
+        If a channel is missing or the fit is not possible.
+    """
+    if not recording.plates:
+        raise ValueError(f"{recording.source.name}: the belt calibration has no force plates")
+    models = []
+    for plate, (time, acceleration) in _accelerations(recording, belt):
+        moment = plate.wrench_in_plate[:, 3:] @ _side(plate)
+        slow = interpolate(plate.time, smooth(moment, plate.rate_hz, belt.cutoff_hz), time)
+        inside = (time > time[0] + EDGE_S) & (time < time[-1] - EDGE_S) & np.isfinite(slow)
+        try:
+            model = fit_belt(acceleration[inside], slow[inside] - slow[inside].mean())
+        except ValueError as error:
+            raise ValueError(f"{recording.source.name}: plate {plate.number}: {error}") from error
+        models.append(model)
+    return tuple(models)
+
+
+def belt_wrenches(
+    recording: Recording, models: Sequence[BeltModel], belt: Belt, time: Array
+) -> list[Array]:
+    """Give what accelerating belts add to each plate of a trial.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    models
+        One per plate.
+    belt
+        As stated.
+    time
+        When, on the plates' clock, (T,) [s].
+
+    Returns
+    -------
+    list of Array
+        Per plate its wrench in the plate's own axes, (T, 6) [N, N·m]; NaN outside the recording.
+
+    Raises
+    ------
+    ValueError
+        If there are other plates than models, or a channel is missing.
+    """
+    if len(models) != len(recording.plates):
+        raise ValueError(
+            f"{recording.source.name}: {len(recording.plates)} plates, but the belt calibration "
+            f"has {len(models)}"
+        )
+    wrenches = []
+    for model, (plate, (at, acceleration)) in zip(
+        models, _accelerations(recording, belt), strict=True
+    ):
+        moment = interpolate(at, model.predict(acceleration), time)
+        wrenches.append(np.hstack([np.zeros((len(time), 3)), moment[:, None] * _side(plate)]))
+    return wrenches
+
+
+def read_belts(path: Path, belt: Belt, axes: str | None) -> tuple[BeltModel, ...]:
+    """Fit the belts of a recording of the empty treadmill; fitted once in a process.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the file cannot be read or used.
+    """
+    written = path.stat()
+    return _fitted(path, (written.st_mtime_ns, written.st_size), belt, axes)
+
+
+@lru_cache(maxsize=2)
+def _fitted(
+    path: Path, version: tuple[int, int], belt: Belt, axes: str | None
+) -> tuple[BeltModel, ...]:
+    del version  # tells a file written anew
+    return fit_belts(read_empty(path, axes), belt)
+
+
+def _side(plate: Plate) -> Array:
+    return belt_axes(plate)[:, 1]
+
+
+def _accelerations(recording: Recording, belt: Belt) -> list[tuple[Plate, tuple[Array, Array]]]:
+    """Give each plate with the times [s] and accelerations [m/s²] of its belt at 100 Hz."""
+    result = []
+    for plate, channel in zip(recording.plates, cycle(belt.speed_channels), strict=False):
+        speed = belt_speed(recording, channel)
+        assert recording.analog is not None
+        clock, rate = recording.analog.time, recording.analog.rate_hz
+        at = np.arange(clock[0], clock[-1], 1 / RATE_HZ)
+        slow = smooth(np.gradient(speed, 1 / rate), rate, belt.cutoff_hz)
+        result.append((plate, (at, interpolate(clock, slow, at))))
+    return result

@@ -1,0 +1,163 @@
+"""A recording of the empty, moving treadmill -> the calibration of its plates."""
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from compensation import Calibration, Setup, fit_inertia, from_json
+from hbm.signals.filtering import low_pass
+from hbm.signals.resampling import resample
+from pipeline.config.study import Treadmill
+from pipeline.io.read import read_recording
+from pipeline.io.recording import Recording
+from pipeline.trial.ground.instruments import accelerations
+
+UPRIGHT: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
+
+
+def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
+    """Learn what the empty plates of a moving treadmill measure.
+
+    Parameters
+    ----------
+    recording
+        The empty treadmill, moving.
+    treadmill
+        Names of its accelerometers' channels and the cut-off for the fit.
+
+    Returns
+    -------
+    Calibration
+        One model per plate, named "plate 1", "plate 2", ….
+
+    Raises
+    ------
+    ValueError
+        If there are no plates or accelerometers, or the fit is not possible.
+    """
+    if not recording.plates:
+        raise ValueError(f"{recording.source.name}: the calibration recording has no force plates")
+    clock, readings = accelerations(recording, treadmill)
+    setup = setup_of(recording, treadmill)
+    smooth = low_pass(readings, setup.rate_hz, treadmill.cutoff_hz)
+    models = {}
+    for plate in recording.plates:
+        wrench = low_pass(plate.wrench_in_plate, setup.rate_hz, treadmill.cutoff_hz)
+        at = plate.time + treadmill.accelerometer_delay_s
+        felt = smooth if at is clock else resample(clock, smooth, at)
+        inside = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
+        models[f"plate {plate.number}"] = fit_inertia(felt[inside], wrench[inside], setup)
+    return Calibration(models, {"recording": recording.source.name})
+
+
+def read_calibration(path: Path, treadmill: Treadmill, axes: str | None) -> Calibration:
+    """Read a fitted calibration (JSON), or fit one to a recording of the empty treadmill (C3D).
+
+    Parameters
+    ----------
+    path
+        ``.json`` or ``.c3d``.
+    treadmill
+        Names of the accelerometers' channels.
+    axes
+        Lab directions of the file's axes; an empty treadmill shows nobody to infer them from.
+
+    Returns
+    -------
+    Calibration
+        One model per plate. A recording is fitted once in a process, however often it is asked for.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the file cannot be read or used.
+    """
+    if path.suffix.lower() == ".json":
+        try:
+            calibration = from_json(path.read_text(encoding="utf-8"))
+            _require_places(calibration, treadmill)
+        except ValueError as error:
+            raise ValueError(f"{path.name}: {error}") from error
+        return calibration
+    written = path.stat()
+    stated = treadmill.model_dump_json(exclude={"platform"})
+    return _fitted(path, (written.st_mtime_ns, written.st_size), stated, axes)
+
+
+def _require_places(calibration: Calibration, treadmill: Treadmill) -> None:
+    """Refuse a channel stated as another axis or sensor than it was in the calibration."""
+    try:
+        known = _places(json.loads(calibration.provenance.get("channels", "{}")))
+    except (AttributeError, TypeError, ValueError) as error:
+        raise ValueError("the calibration's channels are damaged; fit it again") from error
+    for channel, place in _places(treadmill.accelerometers).items():
+        if known.get(channel, place) != place:
+            raise ValueError(
+                f"the calibration was made with channel {channel!r} as {known[channel]}, "
+                f"but treadmill.accelerometers has it as {place}"
+            )
+
+
+def _places(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    return {
+        channel: f"{axis} of {sensor}"
+        for sensor, channels in sensors.items()
+        for axis, channel in zip("xyz", channels, strict=True)
+    }
+
+
+@lru_cache(maxsize=2)
+def _fitted(
+    path: Path, version: tuple[int, int], treadmill_json: str, axes: str | None
+) -> Calibration:
+    """Fit once what every trial of a study needs; ``version`` tells a file written anew."""
+    recording = read_empty(path, axes)
+    try:
+        return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json))
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if path.name in text else f"{path.name}: {text}") from error
+
+
+def read_empty(path: Path, axes: str | None) -> Recording:
+    """Read a recording of the empty treadmill.
+
+    Parameters
+    ----------
+    path
+        The file, of any format that is read.
+    axes
+        Where the file's axes point; if None, any directions with the right vertical: nobody shows
+        which way is forward, and a calibration in the plates' own axes does not need it.
+
+    Returns
+    -------
+    Recording
+        The trial.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the file cannot be read.
+    """
+    if axes is not None:
+        return read_recording(path, axes)
+    try:
+        return read_recording(path)
+    except ValueError as first:
+        for guess in UPRIGHT:
+            try:
+                return read_recording(path, guess)
+            except ValueError:
+                continue
+        raise first
+
+
+def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
+    """Say how a recording's plates and accelerometers were recorded, for `Setup`'s comparison."""
+    rate = float(1 / np.median(np.diff(recording.plates[0].time)))
+    return Setup(tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz)

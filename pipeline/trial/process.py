@@ -1,0 +1,294 @@
+"""One trial, from what was recorded to the residuals: the whole method, top to bottom."""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from hbm.body import Body
+from hbm.coordinates import SEGMENTS
+from hbm.describe import changed_distances, implausible
+from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
+from hbm.kinematics import solve_ik
+from hbm.markers import MarkerSet
+from hbm.motion import Motion
+from hbm.overrides import SegmentOverride
+from hbm.poses import segment_frames
+from hbm.signals.filtering import butterworth
+from hbm.spatial import Array
+from pipeline.config.study import (
+    Condition,
+    Settings,
+    Study,
+    Subject,
+    Treadmill,
+    Trial,
+    read_segments,
+)
+from pipeline.io.read import read_recording
+from pipeline.io.recording import Recording
+from pipeline.trial.delay import marker_plate_delay
+from pipeline.trial.gait.contact import share_between_feet
+from pipeline.trial.gait.cycle_selection import perturbation_onsets, select_cycles
+from pipeline.trial.gait.cycles import cut_cycles
+from pipeline.trial.gait.event_agreement import agreement_with_plates
+from pipeline.trial.gait.events import gait_events
+from pipeline.trial.ground.belts import read_belts
+from pipeline.trial.ground.laboratory import Laboratory, ground_wrenches, read_calibration
+from pipeline.trial.motion_notes import motion_notes
+from pipeline.trial.result import TrialResult
+from pipeline.trial.subject_body import subject_body
+from pipeline.trial.weighing import body_mass, carried_kg
+
+NOT_CARRIED: Final = (
+    "warning: the plates do not carry the subject throughout the gait cycles: a foot beside them, "
+    "a dead plate, or running; in walking, what they miss is in the residuals"
+)
+
+
+def process_recording(
+    recording: Recording,
+    subject: Subject,
+    settings: Settings,
+    *,
+    static: Recording | None = None,
+    static_window_s: tuple[float, float] | None = None,
+    hip_trial: Recording | None = None,
+    segments: Mapping[str, SegmentOverride] | None = None,
+    marker_set: MarkerSet | None = None,
+    laboratory: Laboratory | None = None,
+    condition: Condition | None = None,
+    jobs: int = 1,
+) -> TrialResult:
+    """Process one trial.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    subject, settings
+        Who walked, and how to process.
+    static
+        Recording of the calibration pose; by default the trial itself.
+    static_window_s
+        Where the pose is in it [s]; by default its quietest second.
+    hip_trial
+        Recording in which the thighs swing, where ``settings.hip`` is "functional".
+    segments
+        Segment -> what is known better than the table of inertias.
+    marker_set
+        A marker set of one's own; by default recognised from the labels.
+    laboratory
+        The treadmill and its calibration; by default one that stands still.
+    condition
+        Which gait cycles count; by default all.
+    jobs
+        Threads.
+
+    Returns
+    -------
+    TrialResult
+        With the plates as measured and, given a calibration, compensated; both from one motion.
+
+    Raises
+    ------
+    ValueError
+        If the trial has no plates, no known markers, no usable mass, or is too short.
+    """
+    pose = static or recording
+    _require_plates(recording)
+    mass, weighed = body_mass(subject, pose)
+    body = subject_body(
+        pose,
+        subject,
+        settings,
+        mass,
+        window_s=static_window_s,
+        marker_set=marker_set,
+        hip_trial=hip_trial,
+        segments=segments,
+    )
+    raw = solve_ik(body, recording.markers, jobs=jobs)
+    motion = filter_motion(raw, cutoff=settings.cutoff_hz, method=settings.filter)
+
+    lab = laboratory or Laboratory(Treadmill())
+    acted = ground_wrenches(recording, lab, motion.time, settings.plate_delay_s)
+    best = "compensated" if "compensated" in acted.variants else "measured"
+    feet, threshold = feet_of(body, raw), settings.contact_threshold_n
+    shared = {
+        name: share_between_feet(plates, feet, threshold, judged_by=acted.variants[best])
+        for name, plates in acted.variants.items()
+    }
+    ground = {
+        name: {
+            foot: butterworth(wrench, motion.time, settings.cutoff_hz, settings.filter).value
+            for foot, wrench in by_foot.items()
+        }
+        for name, (by_foot, _) in shared.items()
+    }
+    dynamics = dict(
+        zip(
+            ground,
+            inverse_dynamics_variants(body, motion, [*ground.values()], jobs=jobs),
+            strict=True,
+        )
+    )
+
+    events, which = gait_events(recording)
+    cycles, rejected = cut_cycles(events, dynamics.values())
+    rule = condition or Condition()
+    onsets = perturbation_onsets(recording, rule, acted.pose) if rule.perturbed else np.empty(0)
+    chosen, missing = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
+    delay, uncertainty, said = _delay(dynamics[best], ground[best], motion)
+    vertical = np.sum([wrench[:, 2] for wrench in ground[best].values()], axis=0)
+    carried = carried_kg(motion.time, vertical, cycles)
+    return TrialResult(
+        source=recording.source,
+        subject=subject,
+        settings=settings,
+        body=body,
+        motion=motion,
+        measured=dynamics["measured"],
+        compensated=dynamics.get("compensated"),
+        ground=ground,
+        segments=tuple(segments or ()),
+        platform=acted.pose,
+        events=events,
+        cycles=chosen,
+        onsets=onsets,
+        delay_s=delay,
+        delay_uncertainty_s=uncertainty,
+        ambiguous=shared[best][1],
+        notes=(
+            *recording.notes,
+            weighed,
+            *implausible(body, weighed_kg=carried),
+            *([NOT_CARRIED] if carried is None and any(map(len, cycles.values())) else []),
+            *changed_distances(body, recording.markers),
+            *body.notes,
+            *motion_notes(body, raw),
+            *acted.notes,
+            which,
+            agreement_with_plates(events, shared[best][0], motion.time, threshold),
+            *rejected,
+            *missing,
+            said,
+        ),
+    )
+
+
+def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) -> TrialResult:
+    """Process one trial of a study.
+
+    Parameters
+    ----------
+    study
+        The study.
+    subject, condition
+        Which trial.
+    jobs
+        Threads.
+
+    Returns
+    -------
+    TrialResult
+        With and without compensation if the study has a calibration.
+
+    Raises
+    ------
+    ValueError
+        If there is no such trial, or it cannot be processed.
+    """
+    person, file = study.subject(subject), study.file
+    rule = study.condition(condition)
+    if condition not in person.trials:
+        raise ValueError(f"subject {subject} has no trial {condition!r}")
+    trial = person.trials[condition]
+    if trial.file is None or trial.exclude is not None:
+        raise ValueError(f"{subject} {condition} is excluded: {trial.exclude}")
+
+    treadmill = file.treadmill
+    calibration = (
+        read_calibration(study.path(treadmill.calibration), treadmill, file.axes)
+        if treadmill.calibration
+        else None
+    )
+    belts = (
+        read_belts(study.path(treadmill.belt.calibration), treadmill.belt, file.axes)
+        if treadmill.belt is not None
+        else ()
+    )
+    return process_recording(
+        read_file(study, trial.file, trial),
+        person.person,
+        file.settings,
+        static=read_file(study, person.static) if person.static else None,
+        hip_trial=read_file(study, person.hip_trial) if person.hip_trial else None,
+        segments=read_segments(study.path(person.segments)) if person.segments else None,
+        marker_set=study.marker_set,
+        laboratory=Laboratory(treadmill, calibration, belts),
+        condition=rule,
+        jobs=jobs,
+    )
+
+
+def read_file(study: Study, name: str, beside: Trial | None = None) -> Recording:
+    """Read a file of a study, with the axes and labels that the study states.
+
+    Parameters
+    ----------
+    study
+        The study.
+    name
+        The file.
+    beside
+        The trial whose file it is, for the forces or the record that belong to it.
+
+    Returns
+    -------
+    Recording
+        As `read_recording`.
+    """
+    trial = beside or Trial()
+    return read_recording(
+        study.path(name),
+        study.file.axes,
+        study.path(trial.forces) if trial.forces else None,
+        record=study.path(trial.record) if trial.record else None,
+        rename=study.file.rename,
+    )
+
+
+def feet_of(body: Body, motion: Motion) -> Array:
+    """Give the middle of the left and right foot, ankle to toes, in the lab, (T, 2, 3) [m]."""
+    _, origin = segment_frames(body, motion.q)
+    ends = [
+        [SEGMENTS.index(f"{side}_{part}") for part in ("foot", "toes")]
+        for side in ("left", "right")
+    ]
+    return np.asarray(origin[:, ends].mean(axis=2))
+
+
+def _require_plates(recording: Recording) -> None:
+    if not recording.plates:
+        raise ValueError(
+            f"{recording.source.name}: the file has no force plates; residuals need the ground "
+            "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
+        )
+
+
+def _delay(
+    dynamics: Dynamics, ground: dict[str, Array], motion: Motion
+) -> tuple[float, float, str]:
+    """Estimate how much later the plates are than the markers."""
+    plates = np.sum([wrench[:, :3] for wrench in ground.values()], axis=0)
+    needed = dynamics.residual[:, :3] + plates
+    try:
+        delay, uncertainty = marker_plate_delay(plates, needed, motion.time)
+    except ValueError as error:
+        return np.nan, np.nan, f"delay of the plates unknown: {error}"
+    return (
+        delay,
+        uncertainty,
+        f"plates are {delay * 1000:.1f} ± {uncertainty * 1000:.1f} ms later than the markers",
+    )

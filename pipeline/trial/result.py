@@ -1,0 +1,72 @@
+"""What is known of a trial once it has been processed: a type only."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from compensation.platform import PlatformPose
+from hbm.body import Body
+from hbm.dynamics import Dynamics
+from hbm.motion import Motion
+from hbm.spatial import Array, Mask
+from pipeline.config.study import Settings, Subject
+from pipeline.io.recording import Event
+
+
+@dataclass(frozen=True, slots=True)
+class TrialResult:
+    """Everything that is known of a trial once it has been processed.
+
+    Attributes
+    ----------
+    source
+        The recording's file.
+    subject, settings
+        As stated.
+    body
+        The subject's body.
+    motion
+        Filtered motion with marker errors.
+    measured
+        Dynamics with the plates as measured.
+    compensated
+        Dynamics with the platform's artefacts removed; None without a calibration.
+    ground
+        Per variant ("measured", "compensated") the filtered wrench on each foot, (T, 6), lab axes
+        about the lab origin.
+    events
+        Gait events.
+    cycles
+        Side -> start and stop of each gait cycle, (C, 2) [s].
+    delay_s, delay_uncertainty_s
+        How much later the plates are than the markers, and its standard error; NaN where unknown.
+    platform
+        The platform's pose, (T,) frames; None for a treadmill that stands still.
+    ambiguous
+        Frames in which the split of a plate between the feet is uncertain, (T,).
+    onsets
+        When the perturbations of a perturbed condition began, (P,) [s].
+    segments
+        Segments whose inertia is not by the table alone.
+    notes
+        Whatever was inferred, locked, filled or refused, as sentences.
+    """
+
+    source: Path
+    subject: Subject
+    settings: Settings
+    body: Body
+    motion: Motion
+    measured: Dynamics
+    compensated: Dynamics | None
+    ground: dict[str, dict[str, Array]]
+    platform: PlatformPose | None
+    events: tuple[Event, ...]
+    cycles: dict[str, Array]
+    delay_s: float
+    delay_uncertainty_s: float
+    ambiguous: Mask
+    notes: tuple[str, ...]
+    segments: tuple[str, ...] = ()
+    onsets: Array = field(default_factory=lambda: np.empty(0))

@@ -1,0 +1,112 @@
+"""A subject's body from what is stated, recorded and known of it."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from hbm.body import Body, build_body
+from hbm.calibration_pose.anatomy import HipRule
+from hbm.calibration_pose.functional import functional_hips
+from hbm.markers import MarkerSet, marker_sets
+from hbm.overrides import SegmentOverride
+from hbm.spatial import Array
+from pipeline.config.schema import Settings, Subject
+from pipeline.io.recording import Recording
+from pipeline.trial.weighing import joint_widths, stature
+
+DOUBTFUL_M: Final = 0.03
+IMPOSSIBLE_M: Final = 0.05
+
+
+def subject_body(
+    pose: Recording,
+    subject: Subject,
+    settings: Settings,
+    mass: float,
+    *,
+    window_s: tuple[float, float] | None = None,
+    marker_set: MarkerSet | None = None,
+    hip_trial: Recording | None = None,
+    segments: Mapping[str, SegmentOverride] | None = None,
+) -> Body:
+    """Build a subject's body.
+
+    Parameters
+    ----------
+    pose
+        Recording of the calibration pose.
+    subject, settings
+        Who, and by which rules.
+    mass
+        Body mass [kg].
+    window_s
+        Where the pose is in its recording [s]; by default its quietest second.
+    marker_set
+        A marker set of one's own; by default the stated one, or recognised from the labels.
+    hip_trial
+        Recording in which the thighs swing, where ``settings.hip`` is "functional".
+    segments
+        Segment -> what is known better than the table of inertias.
+
+    Returns
+    -------
+    Body
+        See `hbm.body.build_body`.
+
+    Raises
+    ------
+    ValueError
+        As `build_body` and `functional_hips`, or if functional hips have no recording, are where
+        no pelvis has them, or a recording for them is of no use.
+    """
+    knee, ankle = joint_widths(subject, pose)
+
+    def built(hip: HipRule | dict[str, Array]) -> Body:
+        return build_body(
+            pose.markers,
+            mass=mass,
+            sex=subject.sex,
+            height_m=stature(subject, pose),
+            marker_set=marker_set or settings.marker_set,
+            window_s=window_s,
+            hip=hip,
+            marker_offset_m=settings.marker_offset_m,
+            knee_width_m=knee,
+            ankle_width_m=ankle,
+            overrides=segments,
+        )
+
+    if settings.hip != "functional":
+        if hip_trial is not None:
+            raise ValueError('a recording for functional hips is of no use without "functional"')
+        return built(settings.hip)
+    if hip_trial is None:
+        raise ValueError("functional hips need a recording in which the thighs swing (hip_trial)")
+    named = marker_sets().get(settings.marker_set or "")
+    body = built(functional_hips(hip_trial.markers, marker_set or named))
+    said = _beside_regression(body, built("harrington"), hip_trial.source.name)
+    return replace(body, notes=(*body.notes, said))
+
+
+def _beside_regression(body: Body, usual: Body, name: str) -> str:
+    """Say how far functional hips are from the regression's; refuse what no pelvis has."""
+    off = {}
+    for side in ("right", "left"):
+        hip, expected = (each.offsets[f"{side}_thigh"] - _pelvis(each) for each in (body, usual))
+        off[side] = float(np.linalg.norm(hip - expected))
+    said = ", ".join(f"{side} {1000 * distance:.0f} mm" for side, distance in off.items())
+    if max(off.values()) > IMPOSSIBLE_M:
+        raise ValueError(
+            f"{name}: the functional hips are {said} from Harrington's regression, which no pelvis "
+            "has: swing both thighs forward, back and sideways by 30° and more"
+        )
+    doubt = "warning: " if max(off.values()) > DOUBTFUL_M else ""
+    return f"{doubt}functional hips from {name}: {said} from Harrington's regression"
+
+
+def _pelvis(body: Body) -> Array:
+    """Give the middle of the pelvis' markers in its own frame, (3,) [m]."""
+    own = [segment == "pelvis" for segment in body.marker_segment]
+    return np.asarray(body.marker_position[own].mean(axis=0))

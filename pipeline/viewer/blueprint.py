@@ -1,0 +1,131 @@
+"""Layouts that are saved with a recording: what stands where when it is opened."""
+
+from typing import Final
+
+import numpy as np
+import rerun.blueprint as rrb
+
+from hbm.spatial import Array
+from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
+from pipeline.viewer.scene import GROUND_SCALE, RESIDUAL_SCALES
+
+WINDOW_S: Final = 2.0
+CYCLE_CURVES: Final = (
+    "Mean (thick) ± SD (thin) over the gait cycle: measured vermilion, compensated blue"
+)
+EYE_FROM_TARGET: Final = np.array([1.5, -1.9, 0.35])
+WAY_IN_VIEW_M: Final = 2.5
+"""The camera stands off once more for every such way that the pelvis goes."""
+
+
+def trial_layout(pelvis: Array, *, lanes: bool, figure: bool) -> rrb.Blueprint:
+    """Lay out a trial: scene and gait phases, residuals over time, summary.
+
+    Parameters
+    ----------
+    pelvis
+        The pelvis origin over time, (T, 3) [m]; the camera looks at its middle.
+    lanes
+        Whether there are gait phases or other lanes.
+    figure
+        Whether there is a figure over the gait cycle.
+    """
+    window = rrb.VisibleTimeRange(
+        "time",
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-WINDOW_S),
+        end=rrb.TimeRangeBoundary.cursor_relative(seconds=WINDOW_S),
+    )
+    whole = rrb.VisibleTimeRange(
+        "time", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()
+    )
+    phases = rrb.StateTimelineView(
+        name="Gait phases",
+        origin="phases",
+        time_view=rrb.archetypes.TimeAxis(view_range=window.range),
+    )
+    errors = rrb.TimeSeriesView(
+        name="Marker errors (mm)",
+        origin="marker_error_mm",
+        time_ranges=whole,
+        axis_x=rrb.archetypes.TimeAxis(view_range=whole.range),
+    )
+    summary = rrb.TextDocumentView(name="Summary", origin="summary")
+    legend = rrb.TextDocumentView(name="Legend", origin="legend")
+    cycle = rrb.Spatial2DView(name="Over the gait cycle", origin="gait_cycle")
+    return _with_panels(
+        rrb.Horizontal(
+            rrb.Vertical(
+                _scene(pelvis, f"{GROUND_SCALE}, {RESIDUAL_SCALES}"),
+                *([phases] if lanes else []),
+                row_shares=[3, 1][: 1 + lanes],
+            ),
+            rrb.Tabs(
+                _residuals("Residuals around the cursor", window),
+                _residuals("Residuals, whole trial", whole),
+                errors,
+            ),
+            rrb.Tabs(summary, legend, *([cycle] if figure else [])),
+            column_shares=[4, 4, 3],
+        ),
+        "time",
+    )
+
+
+def cycle_layout(pelvis: Array) -> rrb.Blueprint:
+    """Lay out the mean gait cycle: mean stick figure and residuals, mean ± SD.
+
+    Parameters
+    ----------
+    pelvis
+        The mean pelvis origin over the cycle, (101, 3) [m].
+    """
+    every = rrb.VisibleTimeRange(
+        "gait_cycle_percent",
+        start=rrb.TimeRangeBoundary.infinite(),
+        end=rrb.TimeRangeBoundary.infinite(),
+    )
+    return _with_panels(
+        rrb.Horizontal(
+            _scene(pelvis, RESIDUAL_SCALES),
+            rrb.Tabs(_residuals(CYCLE_CURVES, every, legend=False)),
+            column_shares=[1, 2],
+        ),
+        "gait_cycle_percent",
+    )
+
+
+def _scene(pelvis: Array, scales: str) -> rrb.Spatial3DView:
+    middle = np.nanmedian(pelvis, axis=0)
+    way = float(np.max(np.nanmax(pelvis, axis=0) - np.nanmin(pelvis, axis=0)))
+    eye = middle + (1 + way / WAY_IN_VIEW_M) * EYE_FROM_TARGET
+    return rrb.Spatial3DView(
+        name=f"Arrows: {scales}",
+        origin="lab",
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.25),
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0, 0, 1)),
+    )
+
+
+def _residuals(name: str, shown: rrb.VisibleTimeRange, *, legend: bool = True) -> rrb.Grid:
+    """Give six panels, forces on the left and moments on the right."""
+    panels = [
+        rrb.TimeSeriesView(
+            name=f"{AXES[k]} {'about ' if k > 2 else ''}{DIRECTIONS[k]} ({UNITS[k]})",
+            origin=f"residual/{AXES[k]}",
+            time_ranges=shown,
+            axis_x=rrb.archetypes.TimeAxis(view_range=shown.range),
+            plot_legend=rrb.PlotLegend(visible=legend and k == 0),
+        )
+        for k in (0, 3, 1, 4, 2, 5)
+    ]
+    return rrb.Grid(*panels, grid_columns=2, name=name)
+
+
+def _with_panels(content: rrb.Container, timeline: str) -> rrb.Blueprint:
+    return rrb.Blueprint(
+        content,
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused"),
+        auto_views=False,
+    )

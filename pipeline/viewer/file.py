@@ -1,0 +1,115 @@
+"""Recordings for Rerun on disk: opened, filled column by column, closed whole or not at all."""
+
+import hashlib
+import re
+import unicodedata
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from hbm.spatial import Array, Mask
+from pipeline.io.write import whole_file
+
+CHUNK_ROWS: Final = 6000
+"""Rows that are sent at once: about a minute, which the viewer digests fastest."""
+
+_NOT_IN_FONT: Final = re.compile(
+    "[^\n -~\u00a0-\u0148\u014a-\u017f"  # Latin
+    "\u0391-\u03a1\u03a3-\u03c9\u0410-\u044f"  # Greek, Cyrillic
+    "–—‘’“”„•…‰′″←↑→↓−≈≠≤≥√]"
+)
+Timelines = Mapping[str, np.ndarray]
+"""Timeline -> its value in each row: seconds if the name is "time", else whole numbers."""
+Clock = Callable[[Array], Timelines]
+"""Gives the timelines of any instants [s]."""
+
+
+@contextmanager
+def recording_file(
+    path: Path, application: str, title: str, blueprint: rrb.Blueprint
+) -> Iterator[rr.RecordingStream]:
+    """Open a recording; the file appears when it is complete.
+
+    Parameters
+    ----------
+    path
+        The file; its folder is made if need be.
+    application
+        Kind of recording; recordings of one kind share a layout in the viewer.
+    title
+        What a person reads; it stays in the file. The identifier, which the viewer's usage
+        statistics would see hashed, is a pseudonym of it and the place of the file.
+    blueprint
+        Layout to save with it.
+
+    Yields
+    ------
+    rerun.RecordingStream
+        To be filled.
+    """
+    rr.set_strict_mode(True)
+    pseudonym = hashlib.sha256(f"{title} {path.resolve()}".encode()).hexdigest()[:16]
+    stream = rr.RecordingStream(application, recording_id=pseudonym, send_properties=False)
+    with whole_file(path) as temporary:
+        stream.save(temporary, default_blueprint=blueprint)
+        try:
+            stream.send_recording_name(printable(title))
+            yield stream
+            stream.flush()
+        finally:
+            stream.disconnect()
+
+
+def send(
+    stream: rr.RecordingStream,
+    entity: str,
+    timelines: Timelines,
+    archetype: Any,
+    present: Mask,
+    **fields: Array,
+) -> None:
+    """Send an archetype's fields for all rows.
+
+    Parameters
+    ----------
+    stream
+        Where to.
+    entity
+        Path of the entity.
+    timelines
+        When.
+    archetype
+        A class of `rerun.archetypes` with several instances a row.
+    present
+        Which instances exist, (T, K); the others are left out.
+    fields
+        Fields of the archetype, (T, K, ...).
+    """
+    for start in range(0, len(present), CHUNK_ROWS):
+        rows = slice(start, start + CHUNK_ROWS)
+        chosen = {name: value[rows][present[rows]] for name, value in fields.items()}
+        stream.send_columns(
+            entity,
+            [_time_column(name, value[rows]) for name, value in timelines.items()],
+            archetype.columns(**chosen).partition(present[rows].sum(axis=1)),
+            strict=True,
+        )
+
+
+def rgba(*colours: str) -> np.ndarray:
+    """Give hexadecimal colours, "#rrggbb" or "#rrggbbaa", as bytes, (K, 4)."""
+    return np.array([list(bytes.fromhex(f"{colour[1:]}ff"[:8])) for colour in colours], np.uint8)
+
+
+def printable(text: str) -> str:
+    """Give a text with "?" for what the viewer's font lacks, for such a letter would end it."""
+    return _NOT_IN_FONT.sub("?", unicodedata.normalize("NFC", text))
+
+
+def _time_column(name: str, value: np.ndarray) -> rr.TimeColumn:
+    return rr.TimeColumn(name, **{"duration" if name == "time" else "sequence": value})

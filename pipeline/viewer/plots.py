@@ -1,0 +1,175 @@
+"""Curves and lanes: residuals and marker errors over time, gait phases and perturbations."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+import rerun as rr
+
+from hbm.spatial import Array, Mask
+from pipeline.figures.style import COLOURS
+from pipeline.io.recording import Event
+from pipeline.trial.residuals import AXES
+from pipeline.viewer.file import Clock, Timelines, printable, rgba, send
+
+Interval = tuple[float, float, str]
+"""Start and stop [s], and what happened between them."""
+
+PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
+PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
+PERTURBATION_COLOUR: Final = "#E69F00"
+UNSURE_COLOUR: Final = "#CC79A7"
+WORST_COLOURS: Final = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#CC79A7")
+OTHER_COLOUR: Final = "#4A4F57"
+
+
+def log_curves(
+    stream: rr.RecordingStream,
+    timelines: Timelines,
+    entity: str,
+    curves: Array,
+    names: Sequence[str],
+    colours: Sequence[str],
+    width: float | Sequence[float] = 1.5,
+) -> None:
+    """Log several curves as one entity; zoomed out they keep their extremes.
+
+    Parameters
+    ----------
+    stream, timelines
+        Where to and when.
+    entity
+        Path of the entity.
+    curves
+        (T, K); NaN breaks a curve.
+    names, colours
+        One per curve.
+    width
+        Of the lines, for all or one each.
+    """
+    send(stream, entity, timelines, rr.Scalars, np.ones(curves.shape, bool), scalars=curves)
+    stream.log(
+        entity,
+        rr.SeriesLines(
+            names=[printable(name) for name in names],
+            colors=rgba(*colours),
+            widths=width,
+            aggregation_policy="minmax",
+        ),
+        static=True,
+    )
+
+
+def log_residual_curves(
+    stream: rr.RecordingStream, timelines: Timelines, residuals: dict[str, Array]
+) -> None:
+    """Log one entity per axis, one curve per variant.
+
+    Parameters
+    ----------
+    stream, timelines
+        Where to and when.
+    residuals
+        Variant -> residuals in the reported axes, (T, 6) [N, N·m].
+    """
+    colours = [COLOURS[variant] for variant in residuals]
+    for k, axis in enumerate(AXES):
+        curves = np.column_stack([value[:, k] for value in residuals.values()])
+        log_curves(stream, timelines, f"residual/{axis}", curves, list(residuals), colours)
+
+
+def log_marker_errors(
+    stream: rr.RecordingStream, timelines: Timelines, names: Sequence[str], error_mm: Array
+) -> None:
+    """Log each marker's distance from the model, the worst first and in colour.
+
+    Parameters
+    ----------
+    stream, timelines
+        Where to and when.
+    names
+        Of the markers.
+    error_mm
+        (T, K) [mm]; NaN where a marker is missing.
+    """
+    order = np.argsort(-np.nansum(error_mm**2, axis=0), kind="stable")
+    colours = [*WORST_COLOURS, *[OTHER_COLOUR] * len(names)][: len(names)]
+    log_curves(
+        stream,
+        timelines,
+        "marker_error_mm",
+        error_mm[:, order],
+        [names[k] for k in order],
+        colours,
+        1.0,
+    )
+
+
+def log_phases(stream: rr.RecordingStream, clock: Clock, events: Iterable[Event]) -> None:
+    """Log stance and swing of each foot, from its first event on."""
+    events = list(events)
+    for side in ("left", "right"):
+        mine = [event for event in events if event.side == side]
+        changes = [(event.time, PHASES[event.label]) for event in mine]
+        _log_lane(stream, clock, f"phases/foot_{side}", changes, PHASE_COLOURS)
+
+
+def log_intervals(
+    stream: rr.RecordingStream,
+    clock: Clock,
+    lane: str,
+    intervals: Iterable[Interval],
+    colour: str,
+) -> None:
+    """Log what happened when as one lane; nothing is shown in between.
+
+    Parameters
+    ----------
+    stream, clock
+        Where to and when.
+    lane
+        Name of the lane.
+    intervals
+        What happened when; they do not overlap.
+    colour
+        Of all intervals.
+    """
+    changes: list[tuple[float, str | None]] = []
+    for start, stop, label in sorted(intervals):
+        if changes and changes[-1][0] == start:
+            changes.pop()
+        changes += [(start, printable(label)), (stop, None)]
+    colours = {label: colour for _, label in changes if label is not None}
+    _log_lane(stream, clock, f"phases/{lane}", changes, colours)
+
+
+def _log_lane(
+    stream: rr.RecordingStream,
+    clock: Clock,
+    entity: str,
+    changes: Sequence[tuple[float, str | None]],
+    colours: Mapping[str, str],
+) -> None:
+    if not changes:
+        return
+    times = np.array([time for time, _ in changes])
+    known = np.array([[state is not None] for _, state in changes])
+    states = np.array([[state or ""] for _, state in changes])
+    send(stream, entity, clock(times), rr.StateChange, known, state=states)
+    stream.log(
+        entity,
+        rr.StateConfiguration(
+            values=list(colours), labels=list(colours), colors=rgba(*colours.values())
+        ),
+        static=True,
+    )
+
+
+def stretches(mask: Mask, time: Array, label: str) -> list[Interval]:
+    """Give the stretches of time in which a mask holds."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    last = len(time) - 1
+    return [
+        (float(time[a]), float(time[min(b, last)]), label)
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]

@@ -1,0 +1,100 @@
+"""What the viewer says beside the pictures, in Markdown."""
+
+from pipeline.trial.residuals import (
+    DIRECTIONS,
+    hicks_table,
+    in_cycles,
+    marker_table,
+    residual_table,
+    variants,
+)
+from pipeline.trial.result import TrialResult
+
+WORST_MARKERS = 8
+
+
+def trial_summary(result: TrialResult) -> str:
+    """Summarise a trial for a person.
+
+    Parameters
+    ----------
+    result
+        The trial.
+
+    Returns
+    -------
+    str
+        Markdown: residuals, thresholds, marker errors, notes.
+    """
+    parts = [f"# {result.subject.id} · {result.source.stem}", _circumstances(result)]
+    if in_cycles(result).any():
+        parts += [_residuals(result), _thresholds(result)]
+    else:
+        parts.append("No gait cycle was found, so there is no table of residuals.")
+    parts += [_markers(result), _notes(result)]
+    return "\n\n".join(parts)
+
+
+def _circumstances(result: TrialResult) -> str:
+    settings, body = result.settings, result.body
+    cycles = ", ".join(f"{len(spans)} {side}" for side, spans in result.cycles.items())
+    return (
+        f"{body.mass:.1f} kg, {body.height_m:.2f} m; marker set {body.marker_set.name}; "
+        f"{settings.filter.replace('_', ' ')} filter, {settings.cutoff_hz:g} Hz; "
+        f"gait cycles: {cycles}"
+    )
+
+
+def _residuals(result: TrialResult) -> str:
+    names = list(variants(result))
+    table = residual_table(result, result.source.stem)
+    lines = [
+        "## Pelvis residuals (RMS)",
+        "|  | towards | " + " | ".join(f"{name} | %" for name in names) + " |",
+        "|---|---|" + "---:|---:|" * len(names),
+    ]
+    for (axis, group), direction in zip(table.groupby("axis", sort=False), DIRECTIONS, strict=True):
+        cells = [
+            f"{row['rms']:.1f} {row['unit']} | {row['rms_percent']:.2f}"
+            for row in group.to_dict("records")
+        ]
+        lines.append(f"| {axis} | {direction} | {' | '.join(cells)} |")
+    return "\n".join([*lines, "", "% of body weight, or of body weight × stature."])
+
+
+def _thresholds(result: TrialResult) -> str:
+    lines = [
+        "## Peaks against Hicks et al. 2015",
+        "| plates | residual | peak | limit |  |",
+        "|---|---|---:|---:|---|",
+    ]
+    for row in hicks_table(result).to_dict("records"):
+        plates = "compensated" if row["compensated"] else "measured"
+        verdict = "passes" if row["passed"] else "**fails**"
+        lines.append(
+            f"| {plates} | {row['quantity']} | {row['peak']:.1f} {row['unit']} "
+            f"| {row['limit']:.1f} {row['unit']} | {verdict} |"
+        )
+    return "\n".join(lines)
+
+
+def _markers(result: TrialResult) -> str:
+    table = marker_table(result)
+    single = table.iloc[:-1].sort_values("rms_mm", ascending=False)
+    lines = [
+        "## Distance of markers from the model",
+        f"The {min(WORST_MARKERS, len(single))} farthest of {len(single)}, and all together.",
+        "",
+        "| marker | RMS (mm) | peak (mm) | missing (%) |",
+        "|---|---:|---:|---:|",
+    ]
+    for row in [*single.head(WORST_MARKERS).to_dict("records"), table.iloc[-1].to_dict()]:
+        lines.append(
+            f"| {row['marker']} | {row['rms_mm']:.1f} | {row['peak_mm']:.1f} "
+            f"| {row['missing_percent']:.1f} |"
+        )
+    return "\n".join(lines)
+
+
+def _notes(result: TrialResult) -> str:
+    return "\n".join(["## Notes", *(f"- {note}" for note in result.notes)])

@@ -1,0 +1,229 @@
+"""Recordings of a trial for the Rerun viewer.
+
+Only this module and those named ``viewer_*`` know Rerun.
+"""
+
+from collections.abc import Iterable
+from io import BytesIO
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import rerun as rr
+
+from compensation.platform import PlatformPose
+from hbm.coordinates import SEGMENTS
+from hbm.markers import Markers
+from hbm.poses import segment_frames
+from hbm.spatial import Array
+from pipeline.figures.residuals import residual_figure
+from pipeline.figures.style import COLOURS
+from pipeline.io.recording import Recording
+from pipeline.trial.gait.cycles import normalise
+from pipeline.trial.residuals import AXES, cycle_residuals, reported, variants
+from pipeline.trial.result import TrialResult
+from pipeline.viewer.blueprint import cycle_layout, trial_layout
+from pipeline.viewer.body import log_body
+from pipeline.viewer.file import Timelines, printable, recording_file
+from pipeline.viewer.plots import (
+    PERTURBATION_COLOUR,
+    UNSURE_COLOUR,
+    Interval,
+    log_curves,
+    log_intervals,
+    log_marker_errors,
+    log_phases,
+    log_residual_curves,
+    stretches,
+)
+from pipeline.viewer.scene import (
+    GROUND_SCALE,
+    LONG_ERROR_M,
+    RESIDUAL_SCALES,
+    log_ground,
+    log_markers,
+    log_plates,
+    log_residual,
+)
+from pipeline.viewer.summary import trial_summary
+
+TRIAL_APPLICATION: Final = "hbm_residuals_trial"
+CYCLE_APPLICATION: Final = "hbm_residuals_gait_cycle"
+PELVIS: Final = SEGMENTS.index("pelvis")
+LEGEND: Final = f"""# Legend
+| arrow | plates as measured | compensated |
+|---|---|---|
+| ground reaction, at the centre of pressure | vermilion | blue |
+| residual force, at the pelvis | vermilion | blue |
+| residual moment, at the pelvis | orange | sky blue |
+
+Arrows: {GROUND_SCALE}, {RESIDUAL_SCALES}.
+
+| shape | meaning |
+|---|---|
+| green points | markers as measured |
+| yellow points | the same markers on the model, after filtering |
+| purple lines | from one to the other where they are over {LONG_ERROR_M * 1000:.0f} mm apart |
+| triads | axes of segments and lab: x red, y green, z blue |
+| warm, cool, grey | right, left, middle of the body |
+| grey panes | force plates, on the platform |
+
+Forces and moments act on the subject. **Arrows** are in lab axes: x forward, y left, z up. \
+**Curves and tables** are in the reported axes: x forward, y right, z up. Residual moments are \
+about mid-hip. A foot with less than the contact threshold of vertical force has no arrow; a frame \
+that could not be solved has no body.
+"""
+
+
+def write_recording(
+    result: TrialResult,
+    recording: Recording,
+    path: Path,
+    *,
+    perturbations: Iterable[Interval] = (),
+    view_hz: float = 50.0,
+) -> None:
+    """Write a trial for the viewer, with its layout.
+
+    Parameters
+    ----------
+    result
+        The processed trial.
+    recording
+        What it was made from.
+    path
+        The file, ``.rrd``.
+    perturbations
+        Start and stop [s] and label of each.
+    view_hz
+        Rate of the scene and of the marker errors; residual curves keep the full rate.
+
+    Raises
+    ------
+    ValueError
+        If the recording has another number of frames, or the rate is not positive.
+    """
+    motion, markers, body = result.motion, recording.markers, result.body
+    _check(result, recording, view_hz)
+    seen = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
+    rotation, origin = segment_frames(body, motion.q[seen])
+    pelvis = origin[:, PELVIS]
+    pose = result.platform and PlatformPose(
+        result.platform.rotation[seen], result.platform.position[seen]
+    )
+    surface = float(np.mean([plate.center[2] for plate in recording.plates]))
+
+    def clock(time: Array) -> Timelines:
+        frame = np.rint((time - motion.time[0]) * markers.rate_hz).astype(int)
+        return {"time": time, "frame": frame + recording.first_frame}
+
+    whole, view = clock(motion.time), clock(motion.time[seen])
+    perturbed, unsure = list(perturbations), stretches(result.ambiguous, motion.time, "uncertain")
+    has_cycles = any(len(spans) for spans in result.cycles.values())
+    has_lanes = bool(result.events or unsure or perturbed)
+    layout = trial_layout(pelvis, lanes=has_lanes, figure=has_cycles)
+    with recording_file(path, TRIAL_APPLICATION, _title(result), layout) as stream:
+        stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        stream.log("lab/axes", rr.TransformAxes3D(0.2), static=True)
+        log_body(stream, view, body, rotation, origin)
+        shown = Markers(markers.time[seen], markers.names, markers.position[seen])
+        log_markers(stream, view, shown, body, rotation, origin)
+        log_plates(stream, view, recording.plates, pose)
+        for name, dynamics in variants(result).items():
+            log_ground(
+                stream,
+                view,
+                name,
+                {foot: wrench[seen] for foot, wrench in result.ground[name].items()},
+                surface_m=surface,
+                platform=pose,
+                threshold_n=result.settings.contact_threshold_n,
+            )
+            log_residual(stream, view, name, dynamics.residual[seen], pelvis)
+        log_residual_curves(
+            stream, whole, {n: reported(d.residual) for n, d in variants(result).items()}
+        )
+        log_marker_errors(stream, view, motion.markers, motion.marker_error[seen] * 1000)
+        log_phases(stream, clock, result.events)
+        log_intervals(stream, clock, "perturbation", perturbed, PERTURBATION_COLOUR)
+        log_intervals(stream, clock, "plate_split", unsure, UNSURE_COLOUR)
+        summary = printable(trial_summary(result))
+        stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
+        stream.log("legend", rr.TextDocument(LEGEND, media_type="text/markdown"), static=True)
+        if has_cycles:
+            stream.log("gait_cycle", _figure(result), static=True)
+
+
+def write_cycles(result: TrialResult, path: Path) -> None:
+    """Write a trial's mean gait cycle for the viewer: mean stick figure, residuals mean ± SD.
+
+    Parameters
+    ----------
+    result
+        The processed trial. Its right cycles are shown; left ones stand in where there are none.
+    path
+        The file, ``.rrd``.
+
+    Raises
+    ------
+    ValueError
+        If the trial has no gait cycle.
+    """
+    side, spans = next(
+        ((s, result.cycles[s]) for s in ("right", "left") if len(result.cycles.get(s, ()))),
+        ("", np.empty((0, 2))),
+    )
+    if not side:
+        raise ValueError(
+            f"{result.source.name}: no gait cycle was found, so there is no mean one to show"
+        )
+    motion = result.motion
+    q = np.nanmean(normalise(motion.time, motion.q, spans), axis=0)
+    rotation, origin = segment_frames(result.body, q)
+    when = {"gait_cycle_percent": np.arange(len(q))}
+    title = f"{_title(result)}, mean of {len(spans)} {side} gait cycles"
+    with recording_file(path, CYCLE_APPLICATION, title, cycle_layout(origin[:, PELVIS])) as stream:
+        stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        log_body(stream, when, result.body, rotation, origin)
+        curves: dict[str, Array] = {}
+        for name, dynamics in variants(result).items():
+            mean = np.nanmean(normalise(motion.time, dynamics.residual, spans), axis=0)
+            log_residual(stream, when, name, mean, origin[:, PELVIS])
+            cycles = cycle_residuals(result, name)[side]
+            middle, spread = np.nanmean(cycles, axis=0), np.nanstd(cycles, axis=0)
+            curves |= {
+                f"{name}, mean": middle,
+                f"{name}, +SD": middle + spread,
+                f"{name}, −SD": middle - spread,
+            }
+        for k, axis in enumerate(AXES):
+            log_curves(
+                stream,
+                when,
+                f"residual/{axis}",
+                np.column_stack([curve[:, k] for curve in curves.values()]),
+                list(curves),
+                [COLOURS[name.partition(",")[0]] for name in curves],
+                [2.5 if name.endswith("mean") else 0.75 for name in curves],
+            )
+
+
+def _title(result: TrialResult) -> str:
+    return f"{result.subject.id} · {result.source.stem}"
+
+
+def _check(result: TrialResult, recording: Recording, view_hz: float) -> None:
+    frames, recorded = len(result.motion.time), len(recording.markers.time)
+    if recorded != frames:
+        raise ValueError(
+            f"{result.source.name}: the recording has {recorded} frames, the result {frames}; "
+            "give the recording that was processed"
+        )
+    if not view_hz > 0:
+        raise ValueError(f"view_hz must be positive, got {view_hz}")
+
+
+def _figure(result: TrialResult) -> rr.EncodedImage:
+    picture = BytesIO()
+    residual_figure(result).savefig(picture, format="png", dpi=150)
+    return rr.EncodedImage(contents=picture.getvalue(), media_type="image/png")

@@ -1,0 +1,1 @@
+"""What each fault of a laboratory adds to each residual."""

@@ -1,0 +1,247 @@
+"""What each fault of a laboratory adds to each residual, one fault at a time."""
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+
+from compensation import InertiaModel
+from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
+from hbm.kernels.native import kernels
+from hbm.markers import did_you_mean
+from hbm.spatial import Array, Mask
+from pipeline.trial.residuals import AXES, UNITS
+from pipeline.virtual_lab.analysis.assess import Case, fit_models, residual_of
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.machine.course import Course
+from pipeline.virtual_lab.machine.machine import Machine
+from pipeline.virtual_lab.person.walk import Walk
+from pipeline.virtual_lab.protocol.bench import PER_FRAME, make_bench
+from pipeline.virtual_lab.protocol.experiment import run_calibration, run_walk, walker_of
+from pipeline.virtual_lab.protocol.protocol import ONSET, SHORT, Condition, Protocol, Setting
+
+CONDITIONS: Final[tuple[Condition, ...]] = ("baseline", "sway", "pitch")
+TRANSPARENT_HZ: Final = 30.0
+EDGE_S: Final = 1.0
+FILTER: Final = "filter"
+Progress = Callable[[str, int, int], None]
+
+
+def _with(**parts: dict[str, float]) -> Faults:
+    """Give a perfect laboratory but for the values named, table by table."""
+    perfect = Faults.none()
+    return perfect.model_copy(
+        update={
+            table: getattr(perfect, table).model_copy(update=values)
+            for table, values in parts.items()
+        }
+    )
+
+
+def cases() -> dict[str, dict[str, Case]]:
+    """Give the cases by group, in the order of the table; faults are as large as by default."""
+    usual = Faults()
+    body, cameras, plates = usual.body, usual.cameras, usual.plates
+    noise = {"force_noise_n": plates.force_noise_n, "moment_noise_nm": plates.moment_noise_nm}
+    zero = {"offset_n": plates.offset_n, "drift_n_per_min": plates.drift_n_per_min}
+    gaps = {"gaps_per_minute": cameras.gaps_per_minute, "gap_s": cameras.gap_s}
+    late = {"delay_s": 0.010}, {"delay_s": 0.030}
+    low = {"pivot_error_m": 0.05}
+    return {
+        FILTER: {
+            f"zero phase, {TRANSPARENT_HZ:g} Hz": Case(cutoff_hz=TRANSPARENT_HZ),
+            "zero phase, 6 Hz": Case(),
+            "real time, 6 Hz": Case(method="realtime"),
+        },
+        "person and cameras": {
+            "body built from markers": Case(faults=_with(body=dict(body)), built_body=True),
+            "skin that moves": Case(faults=_with(cameras={"skin_scale": cameras.skin_scale})),
+            f"marker noise {1e3 * cameras.noise_m:g} mm": Case(
+                faults=_with(cameras={"noise_m": cameras.noise_m})
+            ),
+            f"{cameras.gaps_per_minute:g} marker gaps a minute": Case(faults=_with(cameras=gaps)),
+        },
+        "plates": {
+            f"noise {plates.force_noise_n:g} N": Case(faults=_with(plates=noise)),
+            f"cross-talk {plates.cross_talk:.1%}": Case(
+                faults=_with(plates={"cross_talk": plates.cross_talk})
+            ),
+            f"zero {plates.offset_n:g} N off, and drift": Case(faults=_with(plates=zero)),
+            "10 ms late": Case(faults=_with(plates=late[0], accelerometers=late[0])),
+            "30 ms late": Case(faults=_with(plates=late[1], accelerometers=late[1])),
+        },
+        "platform's pose": {
+            "pose 10 ms late": Case(faults=_with(platform=late[0]), told_pose=True),
+            "pose 30 ms late": Case(faults=_with(platform=late[1]), told_pose=True),
+            "pivot 5 cm off": Case(faults=_with(platform=low), told_pose=True),
+        },
+        "compensation, number of accelerometers": {
+            "1 accelerometer": _calibrated(sensors=1),
+            "2 accelerometers": _calibrated(sensors=2),
+            "4 accelerometers": _calibrated(sensors=4),
+        },
+        "compensation, calibrated on": {
+            f"{kind.replace('_', ' ')}, {seconds} s": _calibrated(f"{kind}_{seconds}s_3mps")
+            for seconds, kind in product(DURATIONS_S, PLATFORM_KINDS)
+        },
+        "all together": {
+            "no compensation, else perfect": Case(removal="none"),
+            "all faults, no compensation": Case(faults=usual, built_body=True, removal="none"),
+            "all faults, compensated": Case(faults=usual, built_body=True, removal="calibrated"),
+        },
+    }
+
+
+def _calibrated(signal: str | None = None, sensors: int = 2) -> Case:
+    """Give a case with imperfect plates and accelerometers, and a compensation fitted to them."""
+    usual = Faults()
+    plates = {"force_noise_n": usual.plates.force_noise_n}
+    plates |= {"moment_noise_nm": usual.plates.moment_noise_nm}
+    accelerometers = dict(usual.accelerometers) | {"delay_s": 0.0, "sensors": sensors}
+    faults = _with(plates=plates, accelerometers=accelerometers)
+    return Case(faults=faults, removal="calibrated", calibration=signal)
+
+
+def ablation(
+    setting: Setting | None = None,
+    subjects: int = 3,
+    names: Sequence[str] | None = None,
+    progress: Progress | None = None,
+    jobs: int = 1,
+) -> pd.DataFrame:
+    """Find what each fault adds to each residual in each condition.
+
+    Parameters
+    ----------
+    setting
+        Protocol and seed; by default short trials of the thesis' protocol. Its faults are not
+        used: every case has its own.
+    subjects
+        How many people walk.
+    names
+        Which of the `cases`; by default all.
+    progress
+        Told the case, how many are done, and how many there are.
+    jobs
+        Processes.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Long: ``group, case, condition, axis, unit, rms, added``; both in N or N·m, root mean
+        squares over samples and subjects. ``added`` is the RMS of the difference from the residual
+        of the same walk in a perfect laboratory with the zero-phase filter at 6 Hz; for filters,
+        with one that passes all of walking.
+
+    Raises
+    ------
+    ValueError
+        If a name is none of the cases.
+
+    Notes
+    -----
+    In every case but the named one the true body, the true pose and the true wrench of the
+    treadmill are known. Sway counts the gait cycles of the perturbations.
+    """
+    setting = setting or Setting(protocol=SHORT)
+    table = _chosen(names)
+    kernels()  # compiled once, before the processes start
+    tasks = [delayed(_squares)(setting, group, case, subjects) for group, _, case in table]
+    found = Parallel(n_jobs=jobs, return_as="generator")(tasks)
+    rows = []
+    for done, ((group, name, _), squares) in enumerate(zip(table, found, strict=True), start=1):
+        for condition, (rms, added) in squares.items():
+            for k, (axis, unit) in enumerate(zip(AXES, UNITS, strict=True)):
+                rows.append((group, name, condition, axis, unit, rms[k], added[k]))
+        if progress is not None:
+            progress(name, done, len(table))
+    columns = ["group", "case", "condition", "axis", "unit", "rms", "added"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _chosen(names: Sequence[str] | None) -> list[tuple[str, str, Case]]:
+    table = [(group, name, case) for group, own in cases().items() for name, case in own.items()]
+    known = [name for _, name, _ in table]
+    for name in names or ():
+        if name not in known:
+            raise ValueError(f"no case {name!r}{did_you_mean(name, known)}; {', '.join(known)}")
+    return [row for row in table if names is None or row[1] in names]
+
+
+def _squares(
+    setting: Setting, group: str, case: Case, subjects: int
+) -> dict[str, tuple[Array, Array]]:
+    """Give a case's RMS and added RMS over all people, by condition."""
+    own = [_one(setting, group, case, subject) for subject in range(subjects)]
+    return {
+        condition: tuple(np.sqrt(np.mean([p[condition] for p in own], axis=0)))
+        for condition in CONDITIONS
+    }
+
+
+def _one(setting: Setting, group: str, case: Case, subject: int) -> dict[str, tuple[Array, Array]]:
+    """Give mean squares of one case and person, whole and added, by condition."""
+    bench = make_bench(case.faults, setting.seed)
+    models = _models(setting, case) if case.removal == "calibrated" else ()
+    reference = TRANSPARENT_HZ if group == FILTER else Case().cutoff_hz
+    found: dict[str, tuple[Array, Array]] = {}
+    for condition in CONDITIONS:
+        who = _Who(setting.seed, setting.protocol, case.faults.body, subject, condition)
+        walk, course = _walked(who)
+        rng = np.random.default_rng((setting.seed, subject, 9))
+        left = residual_of(case, walk, course, bench, rng, models)
+        ideal = _ideal(who, reference)
+        counts = _counted(setting.protocol, course, walk)
+        whole, added = (np.nanmean(x[counts] ** 2, axis=0) for x in (left, left - ideal))
+        found[condition] = np.asarray(whole), np.asarray(added)
+    return found
+
+
+class _Who(NamedTuple):
+    """Who walks: only the body's faults change the walk itself."""
+
+    seed: int
+    protocol: Protocol
+    body: BodyFaults
+    subject: int
+    condition: Condition
+
+
+@lru_cache(maxsize=64)
+def _walked(who: _Who) -> tuple[Walk, Course]:
+    faults = Faults.none().model_copy(update={"body": who.body})
+    setting = Setting(seed=who.seed, protocol=who.protocol, faults=faults)
+    return run_walk(setting, Machine(), walker_of(setting, who.subject), who.subject, who.condition)
+
+
+@lru_cache(maxsize=64)
+def _ideal(who: _Who, cutoff_hz: float) -> Array:
+    """Give the residual of a walk in a perfect laboratory."""
+    walk, course = _walked(who)
+    perfect = make_bench(Faults.none(), who.seed)
+    return residual_of(Case(cutoff_hz=cutoff_hz), walk, course, perfect, np.random.default_rng(0))
+
+
+@lru_cache(maxsize=1)
+def _models(setting: Setting, case: Case) -> tuple[InertiaModel, ...]:
+    """Calibrate on the signal that the case names, or on the protocol's."""
+    if case.calibration is not None:
+        named = setting.protocol.model_copy(update={"calibration": case.calibration})
+        setting = setting.model_copy(update={"protocol": named})
+    bench = make_bench(case.faults, setting.seed)
+    return fit_models(bench, run_calibration(setting, bench))
+
+
+def _counted(protocol: Protocol, course: Course, walk: Walk) -> Mask:
+    """Tell which frames count: steady walking, or the perturbed gait cycles, (T,)."""
+    time = course.time[::PER_FRAME]
+    inside = (time > protocol.steady_s + EDGE_S) & (time < time[-1] - EDGE_S)
+    if len(course.onsets):
+        stride = 2 * walk.footing.pace_s
+        since = time[:, None] - course.onsets + ONSET * stride
+        inside = inside & ((since >= 0) & (since < stride)).any(axis=1)
+    return np.asarray(inside, bool)

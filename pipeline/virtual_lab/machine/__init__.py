@@ -1,0 +1,1 @@
+"""The virtual treadmill: its motion and its instruments."""

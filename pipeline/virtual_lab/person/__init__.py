@@ -1,0 +1,1 @@
+"""The virtual person: body, walk and the ground's forces."""

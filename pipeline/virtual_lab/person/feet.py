@@ -1,0 +1,183 @@
+"""Feet: where the sole is on the foot segment, and how it rolls over the belt."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from hbm.body import Body
+from hbm.coordinates import SEGMENTS
+from hbm.kernels.native import kernels
+from hbm.spatial import Array, rotation_about
+
+SIDES: Final = ("left", "right")
+OUTWARD: Final = {"left": 1.0, "right": -1.0}
+UP: Final = np.array([0.0, 0.0, 1.0])
+LEFT: Final = np.array([0.0, 1.0, 0.0])
+TIP: Final = 1.25  # toe tip from heel, in distances from heel to second metatarsal head
+SOLE_MARGIN_M: Final = 0.012  # how far the sole reaches beyond the markers' centres
+FLAT_DEG: Final = 1.0, 3.0  # pitch at which a rolling foot passes from heel to ball, and spread
+TOES_DEG: Final = 50.0, 12.0  # the same for ball to toes
+TOE_ROLL: Final = 0.5  # share of the toes' length that it rolls over before it leaves
+
+_PITCH: Final = np.radians(np.linspace(-90.0, 110.0, 2001))
+
+
+@dataclass(frozen=True, slots=True)
+class Sole:
+    """One foot's sole.
+
+    Its frame lies on the floor under the ankle of a flat foot: x along the foot, y left, z up.
+
+    Attributes
+    ----------
+    segment
+        Name of the foot's segment.
+    rotation, origin
+        The foot segment's frame in the sole's, (3, 3) and (3,) [m].
+    toe_out
+        How far a standing person's foot turns to its left [rad].
+    standing
+        Where it stands, (3,) [m].
+    heel, ball, toe
+        Places along x: heel, heads of the metatarsals, tip of the toes [m].
+    outline
+        The sole's polygon, (5, 2) [m].
+    """
+
+    segment: str
+    rotation: Array
+    origin: Array
+    toe_out: float
+    standing: Array
+    heel: float
+    ball: float
+    toe: float
+    outline: Array
+
+    def foot_pose(self, rotation: Array, position: Array) -> tuple[Array, Array]:
+        """Give the foot segment's pose from the sole's, both (T, 3, 3) and (T, 3) [m]."""
+        return rotation @ self.rotation, position + rotation @ self.origin
+
+    def from_foot(self, rotation: Array, position: Array) -> tuple[Array, Array]:
+        """Give the sole's pose from the foot segment's."""
+        own = rotation @ self.rotation.T
+        return own, position - own @ self.origin
+
+
+def sole_of(body: Body, standing: Array, side: str) -> Sole:
+    """Find the sole of a person who stands flat on the floor.
+
+    Parameters
+    ----------
+    body
+        The person's body.
+    standing
+        Coordinates of standing on the floor z = 0, (46,).
+    side
+        "left" or "right".
+
+    Returns
+    -------
+    Sole
+        The foot's sole.
+    """
+    poses = kernels().segment_poses(standing[None], body.geometry)[0].reshape(len(SEGMENTS), 4, 3)
+    pose = poses[SEGMENTS.index(f"{side}_foot")]
+    R, ankle = pose[:3].T, pose[3]
+    letter = side[0].upper()
+    landmark = body.marker_set.landmark
+
+    def place(mark: str) -> Array:
+        k = body.markers.index(landmark[letter + mark])
+        segment = poses[SEGMENTS.index(body.marker_segment[k])]
+        return np.asarray(segment[3] + segment[:3].T @ body.marker_position[k])
+
+    heel, outer = place("HEE"), place("MT5")
+    inner = place("MT2") if letter + "MT2" in landmark else place("TOE")
+    along = inner - heel
+    toe_out = float(np.arctan2(along[1], along[0]))
+    turn = rotation_about(UP, toe_out)
+    under = np.array([ankle[0], ankle[1], 0.0])
+    h, i, o = ((p - under) @ turn for p in (heel, inner, outer))
+    reach = TIP if letter + "MT2" in landmark else 1.0
+    toe = h[0] + reach * (i[0] - h[0])
+    ball = (h[0] + (toe - h[0]) / TIP + o[0]) / 2
+    m, medial = SOLE_MARGIN_M, -OUTWARD[side]
+    broad = 0.35 * abs(i[1] - o[1])
+    outline = np.array(
+        [
+            [h[0] - m, h[1] + broad + m],
+            [toe + m, i[1] + medial * broad],
+            [h[0] - m, h[1] - broad - m],
+            [o[0] + m, o[1] - medial * m],
+            [ball, i[1] + medial * (broad + 2 * m)],
+        ]
+    )
+    return Sole(
+        f"{side}_foot",
+        turn.T @ R,
+        turn.T @ (ankle - under),
+        toe_out,
+        under,
+        float(h[0]),
+        float(ball),
+        float(toe),
+        _ordered(outline),
+    )
+
+
+def _ordered(points: Array) -> Array:
+    """Order a convex polygon's corners counter-clockwise."""
+    away = points - points.mean(axis=0)
+    return points[np.argsort(np.arctan2(away[:, 1], away[:, 0]))]
+
+
+def orientation(pitch: Array, heading: Array) -> Array:
+    """Give the orientation of soles that point down by a pitch and to the left by a heading."""
+    return rotation_about(UP, heading) @ rotation_about(LEFT, pitch)
+
+
+def rolled(sole: Sole, pitch: Array, heading: Array) -> Array:
+    """Give where the sole's frame is while the foot rolls without slipping over the floor.
+
+    Parameters
+    ----------
+    sole
+        The sole.
+    pitch
+        How far the foot points down, (T,) [rad]: on the heel where negative, flat at zero, on the
+        ball and then the toes where positive.
+    heading
+        How far it points to the left, (T,) [rad].
+
+    Returns
+    -------
+    Array
+        The frame's origin from where it is when flat, (T, 3) [m].
+
+    Notes
+    -----
+    A convex sole whose radius of curvature is concentrated where the foot is flat (heel to ball)
+    and where the toes bend: rolling by the angle θ moves the contact by ``∫ρ dθ`` over the floor
+    and to ``∫ρ (cos θ, sin θ) dθ`` on the sole.
+    """
+    center, spread = np.radians(FLAT_DEG)
+    radius = (sole.ball - sole.heel) * _bell((_PITCH - center) / spread) / spread
+    center, spread = np.radians(TOES_DEG)
+    radius += TOE_ROLL * (sole.toe - sole.ball) * _bell((_PITCH - center) / spread) / spread
+    step = _PITCH[1] - _PITCH[0]
+    path = np.cumsum(radius[:, None] * np.stack([np.ones_like(_PITCH), np.cos(_PITCH)], 1), 0)
+    rise = np.cumsum(radius * np.sin(_PITCH))
+    path = sole.heel + step * np.column_stack([path, rise])
+    flat = [np.interp(0.0, _PITCH, column) for column in path.T]
+    flat[1], flat[2] = flat[1] - flat[0], flat[2]
+    travelled, x, z = (np.interp(pitch, _PITCH, c) for c in path.T)
+    on_sole = np.stack([x - flat[1], 0 * x, z - flat[2]], -1)
+    ahead = travelled[:, None] * np.array([1.0, 0.0, 0.0])
+    turned = (rotation_about(UP, heading) @ ahead[..., None])[..., 0]
+    return np.asarray(turned - (orientation(pitch, heading) @ on_sole[..., None])[..., 0])
+
+
+def _bell(x: Array) -> Array:
+    return np.asarray(np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi))

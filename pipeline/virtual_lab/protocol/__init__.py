@@ -1,0 +1,1 @@
+"""What the virtual laboratory records."""

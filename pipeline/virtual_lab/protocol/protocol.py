@@ -1,0 +1,154 @@
+"""The thesis' third experiment: who walked, and what the treadmill did to them.
+
+Source: van de Loosdrecht (2018), II.C and D.5.
+"""
+
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from pydantic import Field
+
+from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
+from hbm.spatial import Array
+from pipeline.config.schema import Stated
+from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.person.stance import smooth_step
+from pipeline.virtual_lab.person.steps import Steps
+from pipeline.virtual_lab.person.walker import Person
+
+Condition = Literal["familiarisation", "baseline", "sway", "pitch"]
+Seconds = Annotated[float, Field(gt=0)]
+Wait = Annotated[float, Field(ge=12.0)]  # the platform has to be back before it sways again
+
+_SIGNALS: Final = rf"^({'|'.join(PLATFORM_KINDS)})_({'|'.join(map(str, DURATIONS_S))})s_[03]mps$"
+CalibrationSignal = Annotated[str, Field(pattern=_SIGNALS)]
+
+PERSONS: Final = (  # six men, three women; 26 ± 3.8 y, 1.78 ± 0.13 m, 74.6 ± 11.45 kg
+    Person("sub01", "male", 83.0, 1.85, 22),
+    Person("sub02", "female", 58.9, 1.64, 27),
+    Person("sub03", "male", 74.7, 1.77, 26),
+    Person("sub04", "male", 89.9, 1.97, 26),
+    Person("sub05", "female", 64.6, 1.66, 22),
+    Person("sub06", "male", 75.5, 1.80, 34),
+    Person("sub07", "male", 82.3, 1.81, 25),
+    Person("sub08", "female", 58.7, 1.59, 23),
+    Person("sub09", "male", 83.8, 1.93, 29),
+)
+WAITS_S: Final = (
+    *(17.0, 58.0, 37.0, 17.0, 23.0, 52.0, 22.0, 51.0, 22.0, 57.0),
+    *(27.0, 20.0, 22.0, 41.0, 34.0, 27.0, 52.0, 39.0, 38.0, 56.0),
+)
+SWAY_M: Final = 0.05
+SWAY_MPS: Final = 0.30
+RETURN_AFTER_S: Final = 7.0
+RETURN_S: Final = 3.0
+ONSET: Final = 0.10  # of the gait cycle, after initial contact: the time to notice it
+PITCH_DEG: Final = 10.0
+PITCH_PERIOD_S: Final = 30.0
+FADE_S: Final = 2.0
+AFTER_S: Final = 12.0  # of walking on after the last perturbation
+
+
+class Protocol(Stated):
+    """What every person does; the defaults are the thesis'.
+
+    The belts start after ``standing_s`` of T-pose and lowering the arms and reach their speed
+    within ``starting_s``; durations of the conditions count from then. ``calibration`` is one of
+    the signals of `compensation.protocol`, by belts at 0 or 3 m/s; ``pose`` says whether the
+    study's files take the platform's pose from its markers or from its channels.
+    """
+
+    conditions: Annotated[tuple[Condition, ...], Field(strict=False)] = (
+        "baseline",
+        "sway",
+        "pitch",
+    )
+    subjects: Annotated[int, Field(ge=1, le=len(PERSONS))] = len(PERSONS)
+    speed_mps: Annotated[float, Field(ge=0.5, le=1.8)] = 1.3
+    standing_s: Seconds = 4.0
+    starting_s: Seconds = 4.0
+    familiarisation_s: Seconds = 360.0
+    baseline_s: Seconds = 120.0
+    pitch_s: Seconds = 120.0
+    waits_s: Annotated[tuple[Wait, ...], Field(strict=False)] = WAITS_S
+    marker_set: Literal["hbm2", "hbm1"] = "hbm2"
+    pose: Literal["markers", "channels"] = "markers"
+    calibration: CalibrationSignal = "square_sway_300s_3mps"
+    individuality: Annotated[float, Field(ge=0, le=2)] = 1.0
+    variability: Annotated[float, Field(ge=0, le=2)] = 1.0
+
+    @property
+    def steady_s(self) -> float:
+        """When the belts have their speed [s]."""
+        return self.standing_s + self.starting_s
+
+    def duration(self, condition: Condition) -> float:
+        """Give how long a trial is [s]."""
+        walking = {
+            "familiarisation": self.familiarisation_s,
+            "baseline": self.baseline_s,
+            "sway": sum(self.waits_s) + AFTER_S,
+            "pitch": self.pitch_s,
+        }
+        return self.steady_s + walking[condition]
+
+
+SHORT: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
+"""Enough of every condition to see what an instrument does to it."""
+
+
+class Setting(Stated):
+    """A laboratory and what happens in it: protocol, faults and the seed of all chance."""
+
+    seed: int = 1
+    protocol: Protocol = Protocol()
+    faults: Faults = Faults()
+
+
+def perturbations(protocol: Protocol, steps: Steps, seed: int) -> tuple[Array, Array]:
+    """Decide when the platform sways, and to which side.
+
+    Parameters
+    ----------
+    protocol
+        The waits between perturbations.
+    steps
+        When the person's feet come down: a perturbation starts at 10 % of a gait cycle.
+    seed
+        The order of sides, the same for all subjects: half of them at right initial contacts.
+
+    Returns
+    -------
+    onsets
+        (P,) [s].
+    sides
+        +1 to the left, at a right initial contact; -1 to the right, (P,).
+    """
+    count = len(protocol.waits_s)
+    sides = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
+    np.random.default_rng((seed, count)).shuffle(sides)
+    wanted = protocol.steady_s + np.cumsum(protocol.waits_s)
+    right = np.arange(len(steps.contact)) % 2 == 1
+    onsets = []
+    for time, side in zip(wanted, sides, strict=True):
+        own = steps.contact[right == (side > 0)]
+        k = int(np.searchsorted(own, time))
+        onsets.append(own[k] + ONSET * (own[k + 1] - own[k]))
+    return np.array(onsets), sides
+
+
+def sway_command(onsets: Array, sides: Array, time: Array) -> Array:
+    """Give the commanded sway: out at constant speed, back slowly after seven seconds, (N,) [m]."""
+    sway = np.zeros(len(time))
+    for onset, side in zip(onsets, sides, strict=True):
+        since = time - onset
+        out = np.clip(since * SWAY_MPS / SWAY_M, 0, 1)
+        sway += side * SWAY_M * (out - smooth_step((since - RETURN_AFTER_S) / RETURN_S))
+    return sway
+
+
+def pitch_command(protocol: Protocol, time: Array) -> Array:
+    """Give the commanded pitch: a sine that grows within two seconds, (N,) [rad]."""
+    since = time - protocol.steady_s
+    sine = np.sin(2 * np.pi * since / PITCH_PERIOD_S)
+    return np.asarray(-np.radians(PITCH_DEG) * smooth_step(since / FADE_S) * sine)

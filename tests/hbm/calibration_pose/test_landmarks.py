@@ -1,0 +1,351 @@
+"""Joint centres and axes: each rule by hand, each stand-in, and the error where none is left."""
+
+import numpy as np
+import pytest
+
+from hbm.calibration_pose.anatomy import Measures
+from hbm.calibration_pose.axial import hip_center, pelvis_frame
+from hbm.calibration_pose.landmarks import locate_anatomy
+from hbm.markers import marker_sets
+from tests.hbm.people import hbm1_person
+from tests.synthetic import T_POSE_MM
+
+MEN = Measures("male")
+
+
+def landmarks(*missing, **moved_mm):
+    """The synthetic person's landmarks in metres."""
+    points = {**T_POSE_MM, **moved_mm}
+    return {
+        mark: np.array(points[name]) / 1000
+        for mark, name in marker_sets()["hbm2"].landmark.items()
+        if mark not in missing
+    }
+
+
+def hbm1_landmarks(name, *missing):
+    chosen = marker_sets()[name]
+    worn = hbm1_person(chosen.segment)
+    at = dict(zip(worn.names, worn.position[0], strict=True))
+    return {mark: at[n] for mark, n in chosen.landmark.items() if mark not in missing}
+
+
+def located(*missing, measures=MEN, **moved_mm):
+    return locate_anatomy(landmarks(*missing, **moved_mm), measures)
+
+
+def middle(*names):
+    return np.mean([landmarks()[name] for name in names], axis=0)
+
+
+# -- pelvis and hips ------------------------------------------------------------------------------
+
+
+def test_harrington_s_hip_of_a_pelvis_24_cm_wide_and_15_cm_deep_with_legs_of_90_cm():
+    """In mm: 0.24·150 + 9.9 back, 0.28·150 + 0.16·240 + 7.9 out, 0.16·240 + 0.04·900 + 7.1 down."""
+    bare = Measures(marker_offset_m=0.0)
+    expected = np.array([-45.9, 88.3, -81.5]) / 1000
+    np.testing.assert_allclose(hip_center("left", 0.24, 0.15, 0.9, bare), expected)
+    np.testing.assert_allclose(hip_center("right", 0.24, 0.15, 0.9, bare), expected * [1, -1, 1])
+
+
+def test_harrington_s_hip_without_leg_length():
+    """In mm: 0.33·240 + 7.3 out and 0.30·240 + 10.9 down."""
+    found = hip_center("left", 0.24, 0.15, None, Measures(marker_offset_m=0.0))
+    np.testing.assert_allclose(found, np.array([-45.9, 86.5, -82.9]) / 1000)
+
+
+def test_bell_s_hip_is_a_share_of_the_pelvis_width():
+    found = hip_center("left", 0.24, 0.15, 0.9, Measures(hip="bell", marker_offset_m=0.0))
+    np.testing.assert_allclose(found, 0.24 * np.array([-0.19, 0.36, -0.30]))
+
+
+@pytest.mark.parametrize("rule", ["harrington", "bell"])
+def test_the_marker_s_radius_moves_the_hip_back(rule):
+    thin, thick = (
+        hip_center("left", 0.24, 0.15, 0.9, Measures(hip=rule, marker_offset_m=m))
+        for m in (0, 0.009)
+    )
+    np.testing.assert_allclose(thick - thin, [-0.009, 0, 0], atol=1e-15)
+
+
+def test_the_body_s_hips_follow_from_its_own_measures():
+    at = landmarks()
+    R, origin, back, _ = pelvis_frame(at)
+    width = np.linalg.norm(at["LASIS"] - at["RASIS"])
+    depth = np.linalg.norm(origin - back)
+    leg = np.linalg.norm(at["RASIS"] - at["RMEK"]) + np.linalg.norm(at["RMEK"] - at["RMM"])
+    expected = origin + R @ hip_center("right", width, depth, leg, MEN)
+    np.testing.assert_allclose(located().points["right_hip"], expected)
+
+
+def test_the_pelvis_frame_lies_in_the_plane_of_the_spines():
+    at = landmarks()
+    R, origin, back, _ = pelvis_frame(at)
+    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-15)
+    assert np.linalg.det(R) == pytest.approx(1)
+    left = (at["LASIS"] - at["RASIS"]) / np.linalg.norm(at["LASIS"] - at["RASIS"])
+    np.testing.assert_allclose(R[:, 1], left)
+    assert R[:, 2] @ (origin - back) == pytest.approx(0, abs=1e-12)
+    assert R[2, 2] > 0.9
+
+
+@pytest.mark.parametrize("name", ["LASIS", "RASIS", "LPSIS", "RPSIS"])
+def test_a_single_missing_spine_is_the_mirror_image_of_its_opposite(name):
+    """As far from the right as its opposite is from the left, and straight across."""
+    found, at = located(name), landmarks()
+    side, kind, other = name[0], name[1:], ("R" if name[0] == "L" else "L")
+    assert f"{name} is missing: taken as mirror of {other}{kind}" in found.notes
+    image = 2 * found.points["mid_asis" if kind == "ASIS" else "mid_psis"] - at[other + kind]
+    pair = "PSIS" if kind == "ASIS" else "ASIS"
+    for a, b in ((side, other), (other, side)):
+        distance = np.linalg.norm(image - at[a + pair])
+        assert distance == pytest.approx(np.linalg.norm(at[other + kind] - at[b + pair]))
+    across = np.cross(image - at[other + kind], at[side + pair] - at[other + pair])
+    np.testing.assert_allclose(across, 0, atol=1e-12)
+
+
+def test_the_sacrum_stands_in_for_both_posterior_spines():
+    at = landmarks("LPSIS", "RPSIS") | {"SACR": middle("LPSIS", "RPSIS")}
+    found = locate_anatomy(at, MEN)
+    assert "PSIS are missing: the sacrum marker stands for their middle" in found.notes
+    np.testing.assert_allclose(found.points["left_hip"], located().points["left_hip"])
+
+
+def test_functional_hips_are_taken_in_the_pelvis_frame():
+    hips = {"right": np.array([-0.05, -0.08, -0.09]), "left": np.array([-0.04, 0.09, -0.1])}
+    found = located(measures=Measures("male", hip=hips))
+    R, origin, _, _ = pelvis_frame(landmarks())
+    for side, local in hips.items():
+        np.testing.assert_allclose(found.points[f"{side}_hip"], origin + R @ local)
+
+
+def test_the_lumbar_joint_is_a_share_of_the_pelvis_width():
+    R, origin, _, _ = pelvis_frame(landmarks())
+    width = np.linalg.norm(landmarks()["LASIS"] - landmarks()["RASIS"])
+    for sex, share in (("male", (-0.264, 0, 0.126)), ("female", (-0.289, 0, 0.172))):
+        found = located(measures=Measures(sex)).points["lumbar"]
+        np.testing.assert_allclose(found, origin + R @ (width * np.array(share)))
+
+
+# -- legs -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("s", "LR")
+def test_knees_and_ankles_are_midway_and_their_axes_point_left(s):
+    side = {"L": "left", "R": "right"}[s]
+    found, at = located(), landmarks()
+    np.testing.assert_allclose(found.points[f"{side}_knee"], middle(s + "LEK", s + "MEK"))
+    np.testing.assert_allclose(found.points[f"{side}_ankle"], middle(s + "LM", s + "MM"))
+    for joint, (a, b) in {"knee": ("LEK", "MEK"), "ankle": ("LM", "MM")}.items():
+        across = at[s + a] - at[s + b] if s == "L" else at[s + b] - at[s + a]
+        axis = found.axes[f"{side}_{joint}"]
+        np.testing.assert_allclose(axis, across / np.linalg.norm(across))
+        assert axis[1] > 0.8
+
+
+@pytest.mark.parametrize(
+    ("missing", "joint", "lateral", "share"),
+    [("RMEK", "knee", "RLEK", 0.118), ("RMM", "ankle", "RLM", 0.085)],
+)
+def test_without_a_medial_marker_the_centre_is_a_share_of_the_shank_away(
+    missing, joint, lateral, share
+):
+    found, at = located(missing), landmarks()
+    center = found.points[f"right_{joint}"]
+    shank = np.linalg.norm(at["RLEK"] - at["RLM"])
+    assert np.linalg.norm(center - at[lateral]) == pytest.approx(share * shank)
+    proximal = found.points["right_hip" if joint == "knee" else "right_knee"]
+    assert (center - at[lateral]) @ (center - proximal) == pytest.approx(0, abs=1e-12)
+    assert np.linalg.norm(center - located().points[f"right_{joint}"]) < 0.02
+    assert any(note.startswith(f"{missing} is missing") for note in found.notes)
+
+
+def test_widths_and_marker_radius_say_how_far_the_centre_is_from_the_lateral_marker():
+    measures = Measures("male", knee_width_m=0.10, ankle_width_m=0.07, marker_offset_m=0.012)
+    found, at = located("LMEK", "LMM", measures=measures), landmarks()
+    assert np.linalg.norm(found.points["left_knee"] - at["LLEK"]) == pytest.approx(0.062)
+    assert np.linalg.norm(found.points["left_ankle"] - at["LLM"]) == pytest.approx(0.047)
+
+
+def test_a_trochanter_gives_the_frontal_plane_of_the_thigh():
+    hbm1 = hbm1_landmarks("hbm1")
+    found = locate_anatomy(hbm1, MEN)
+    normal = np.cross(
+        found.points["left_hip"] - hbm1["LGTRO"], found.points["left_hip"] - hbm1["LLEK"]
+    )
+    center = found.points["left_knee"] - found.points["left_hip"]
+    assert normal @ center / np.linalg.norm(normal) == pytest.approx(0, abs=1e-12)
+
+
+def test_the_foot_runs_from_heel_past_the_second_toe():
+    found, at = located(), landmarks()
+    along = at["LMT2"] - at["LHEE"]
+    np.testing.assert_allclose(found.points["left_toe_tip"], at["LHEE"] + 1.25 * along)
+    np.testing.assert_allclose(found.points["left_toes"], middle("LMT2", "LMT5"))
+
+
+def test_a_toe_marker_is_the_tip_of_the_foot():
+    at = hbm1_landmarks("hbm1")
+    found = locate_anatomy(at, MEN)
+    np.testing.assert_allclose(found.points["left_toe_tip"], at["LTOE"])
+    along = (at["LTOE"] - at["LHEE"]) / np.linalg.norm(at["LTOE"] - at["LHEE"])
+    ball = at["LHEE"] + ((at["LMT5"] - at["LHEE"]) @ along) * along
+    np.testing.assert_allclose(found.points["left_toes"], ball)
+
+
+def test_without_the_fifth_metatarsal_the_ball_is_73_percent_along():
+    found, at = located("LMT5"), landmarks()
+    tip = at["LHEE"] + 1.25 * (at["LMT2"] - at["LHEE"])
+    np.testing.assert_allclose(found.points["left_toes"], at["LHEE"] + 0.73 * (tip - at["LHEE"]))
+
+
+# -- trunk, head, arms ----------------------------------------------------------------------------
+
+
+def test_the_neck_is_55_percent_of_the_way_from_c7_to_the_notch_8_degrees_up():
+    found, at = located(), landmarks()
+    forward, neck = at["JN"] - at["C7"], found.points["neck"] - at["C7"]
+    assert np.linalg.norm(neck) == pytest.approx(0.55 * np.linalg.norm(forward))
+    cosine = neck @ forward / np.linalg.norm(neck) / np.linalg.norm(forward)
+    assert np.degrees(np.arccos(cosine)) == pytest.approx(8)
+    assert neck @ found.frames["trunk"][:, 2] > forward @ found.frames["trunk"][:, 2] * 0.55
+
+
+def test_the_trunk_axis_runs_from_lower_to_upper_ribcage():
+    found = located()
+    up = middle("C7", "JN") - middle("T10", "XIPH")
+    np.testing.assert_allclose(found.frames["trunk"][:, 2], up / np.linalg.norm(up))
+
+
+@pytest.mark.parametrize(
+    ("missing", "note"),
+    [
+        (("C7",), "C7 or JN is missing: the trunk's axis ends between the acromions"),
+        (("JN",), "C7 or JN is missing: the trunk's axis ends between the acromions"),
+        (("T10",), "T10 or XIPH is missing: the trunk's axis starts at the lumbar joint"),
+        (("C7", "LSHO"), "C7 is missing: the trunk's axis starts at the lumbar joint"),
+    ],
+)
+def test_the_trunk_stands_without_some_of_its_markers(missing, note):
+    found = located(*missing)
+    assert any(said.startswith(note) for said in found.notes)
+    turned = found.frames["trunk"].T @ located().frames["trunk"]
+    assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 15
+    assert np.linalg.norm(found.points["neck"] - located().points["neck"]) < 0.08
+
+
+def test_shoulders_are_17_percent_of_their_distance_below_the_acromions():
+    found, at = located(), landmarks()
+    drop = at["LSHO"] - found.points["left_shoulder"]
+    np.testing.assert_allclose(
+        drop, 0.17 * np.linalg.norm(at["LSHO"] - at["RSHO"]) * found.frames["trunk"][:, 2]
+    )
+
+
+def test_without_a_medial_epicondyle_the_elbow_is_beside_the_lateral_one():
+    found, at = located("LMEE"), landmarks()
+    wrist = middle("LLW", "LMW")
+    away = np.linalg.norm(found.points["left_elbow"] - at["LLEE"])
+    assert away == pytest.approx(0.155 * np.linalg.norm(at["LLEE"] - wrist))
+
+
+def test_a_wrist_of_one_marker_turns_about_the_elbow_s_axis():
+    found = located("LMW")
+    np.testing.assert_allclose(found.points["left_wrist"], landmarks()["LLW"])
+    np.testing.assert_allclose(found.axes["left_wrist"], found.axes["left_elbow"])
+    assert "left wrist has one marker: its axis is taken as the elbow's" in found.notes
+
+
+def test_an_arm_does_without_the_other_acromion():
+    """Its width is then twice from the middle; the person is nearly symmetric."""
+    found = located("RSHO")
+    assert "right_shoulder" not in found.points
+    away = found.points["left_shoulder"] - located().points["left_shoulder"]
+    assert np.linalg.norm(away) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("missing", "said"), [(("LLEE",), "need LLEE"), (("LLW", "LMW"), "need LLW or LMW")]
+)
+def test_an_arm_without_elbow_or_wrist_is_left_out_and_said_so(missing, said):
+    found = located(*missing)
+    assert "left_elbow" not in found.points
+    assert "right_elbow" in found.points
+    assert any(f"the left arm's joints {said}" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("name", ["LHEAD", "RHEAD", "THEAD"])
+def test_a_head_without_one_of_three_markers_has_no_frame_of_its_own(name):
+    assert "head" not in located(name).frames
+    assert "head" in located().frames
+
+
+# -- errors ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("missing", "message"),
+    [
+        (("LASIS", "RASIS"), "the pelvis needs the landmarks LASIS, RASIS, which no marker shows"),
+        (
+            ("LASIS", "LPSIS"),
+            "the pelvis needs the landmark LASIS.*one ASIS with both PSIS would do",
+        ),
+        (("LPSIS", "RPSIS"), "the pelvis needs the landmark SACR.*LPSIS with RPSIS would do"),
+        (("LLEK",), "the left_knee needs the landmark LLEK.*LLEK with knee_width_m would do"),
+        (("RLM",), "the right_ankle needs the landmark RLM"),
+        (("LHEE",), "the left foot needs the landmark LHEE"),
+        (("RMT2",), "the right foot needs the landmark RTOE.*RMT2 would do instead"),
+        (
+            ("C7", "LSHO", "XIPH"),
+            "the trunk needs the landmark XIPH.*C7 with JN, or LSHO with RSHO",
+        ),
+    ],
+)
+def test_a_landmark_that_nothing_stands_in_for_is_named(missing, message):
+    with pytest.raises(ValueError, match=message):
+        located(*missing)
+
+
+def test_front_and_back_of_the_trunk_swapped_is_noticed():
+    swapped = {
+        "C7": T_POSE_MM["JN"], "JN": T_POSE_MM["C7"],
+        "T10": T_POSE_MM["XIPH"], "XIPH": T_POSE_MM["T10"],
+    }  # fmt: skip
+    with pytest.raises(ValueError, match="trunk and pelvis face opposite ways"):
+        located(**swapped)
+
+
+def test_left_and_right_of_the_pelvis_swapped_is_noticed():
+    swapped = {
+        n: T_POSE_MM[("R" if n[0] == "L" else "L") + n[1:]]
+        for n in ("LASIS", "RASIS", "LPSIS", "RPSIS")
+    }
+    with pytest.raises(ValueError, match="probably swapped"):
+        located(**swapped)
+
+
+@pytest.mark.parametrize(("a", "b", "joint"), [("LLEK", "LMEK", "knee"), ("RLM", "RMM", "ankle")])
+def test_lateral_and_medial_swapped_is_noticed(a, b, joint):
+    swapped = {a: T_POSE_MM[b], b: T_POSE_MM[a]}
+    with pytest.raises(ValueError, match=f"{joint}'s lateral marker lies on its medial side"):
+        located(**swapped)
+
+
+def test_a_joint_wider_than_its_bone_is_refused():
+    with pytest.raises(ValueError, match="the left_knee would be 600 mm from its lateral marker"):
+        located("LMEK", measures=Measures(knee_width_m=1.2, marker_offset_m=0.0))
+
+
+def test_an_unknown_rule_for_the_hip_is_refused():
+    with pytest.raises(ValueError, match="hip must be 'harrington' or 'bell', got 'davis'"):
+        located(measures=Measures(hip="davis"))
+
+
+@pytest.mark.parametrize("name", ["hbm1", "hbm1_lower"])
+def test_model_1_s_sets_suffice(name):
+    found = locate_anatomy(hbm1_landmarks(name), MEN)
+    for point in ("left_hip", "right_knee", "left_ankle", "neck", "lumbar"):
+        assert np.linalg.norm(found.points[point] - located().points[point]) < 0.1
+    assert ("left_elbow" in found.points) == (name == "hbm1")

@@ -1,0 +1,125 @@
+"""Newton's method: one optimum however its input lies in memory and wherever it stands."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.body import build_body
+from hbm.coordinates import COORDINATES, SEGMENTS, N
+from hbm.ik import descent
+from hbm.kernels.native import kernels
+from hbm.poses import marker_positions
+from tests.synthetic import synthetic_t_pose
+
+FRAMES = 21
+TIGHT = 1e-9
+
+
+@pytest.fixture(scope="module")
+def problem():
+    body = build_body(synthetic_t_pose(), mass=70.0)
+    random = np.random.default_rng(3)
+    locked = np.array([name in body.locked for name in COORDINATES])
+    q = np.where(locked, 0, random.normal(0, 0.2, (FRAMES, N)))
+    measured = marker_positions(body, q)
+    measured += random.normal(0, 0.003, measured.shape)
+    measured[4, 7] = np.nan
+    segment = np.array([SEGMENTS.index(s) for s in body.marker_segment])
+    worn = descent.Wearing(
+        segment,
+        body.marker_position,
+        np.ones(len(segment)),
+        body.geometry,
+        measured,
+        np.arange(len(segment)),
+    )
+    prior = np.tile(np.where(locked, 1e9, 0.0), (FRAMES, 1))
+    return worn, q + np.where(locked, 0, 0.03), prior
+
+
+def solve(problem, **changed):
+    worn, start, prior = problem
+    markers = {name: changed.pop(name) for name in ("position", "weight") if name in changed}
+    given = {
+        "rows": np.arange(len(start)),
+        "start": start,
+        "prior": prior,
+        "reference": np.zeros_like(prior),
+        "tolerance": 1e-6,
+    }
+    return descent.solve_frames(replace(worn, **markers), **(given | changed))
+
+
+def test_all_frames_converge_and_the_next_step_would_be_nothing(problem):
+    solved = solve(problem)
+    assert solved.converged.all()
+    again = solve(problem, start=solved.q)
+    np.testing.assert_allclose(again.q, solved.q, atol=TIGHT)
+    assert np.all(again.gradient < 1e-12)
+
+
+def test_the_memory_layout_of_the_markers_does_not_matter(problem):
+    measured = problem[0].position
+    turned = np.asfortranarray(measured)
+    mixed = np.ascontiguousarray(measured.transpose(1, 0, 2)).transpose(1, 0, 2)
+    expected = solve(problem)
+    for layout in (turned, mixed):
+        assert not layout.flags.c_contiguous
+        np.testing.assert_array_equal(solve(problem, position=layout).q, expected.q)
+
+
+def test_a_kilometre_from_the_origin_the_pose_is_the_same(problem):
+    worn, start, _ = problem
+    far = np.array([1000.0, -700.0, 300.0])
+    there = start.copy()
+    there[:, :3] += far
+    here, away = solve(problem), solve(problem, position=worn.position + far, start=there)
+    assert away.converged.all()
+    np.testing.assert_allclose(away.q[:, 3:], here.q[:, 3:], atol=1e-7)  # markers round to 1e-13 m
+    np.testing.assert_allclose(away.q[:, :3] - far, here.q[:, :3], atol=1e-7)
+
+
+def test_without_a_compiler_the_numbers_are_the_same(problem, monkeypatch):
+    ready = kernels()
+    if ready.solve_frames is None:
+        pytest.skip("no compiler here: there is only one way")
+    compiled = solve(problem)
+    monkeypatch.setattr(descent, "kernels", lambda: replace(ready, solve_frames=None))
+    interpreted = solve(problem)
+    np.testing.assert_allclose(interpreted.q, compiled.q, atol=TIGHT)
+    np.testing.assert_allclose(interpreted.error, compiled.error, atol=TIGHT)
+    np.testing.assert_array_equal(interpreted.converged, compiled.converged)
+
+
+@pytest.mark.parametrize("jobs", [2, 7])
+def test_workers_do_not_show_in_the_result(problem, jobs):
+    many = {
+        "rows": np.tile(np.arange(FRAMES), 20),
+        "start": np.tile(problem[1], (20, 1)),
+        "prior": problem[2][0],
+        "reference": np.zeros(N),
+    }
+    np.testing.assert_array_equal(solve(problem, **many, jobs=jobs).q, solve(problem, **many).q)
+
+
+def test_frames_are_solved_in_any_order_and_those_without_a_start_not_at_all(problem):
+    _, start, prior = problem
+    rows = np.array([9, 3, 3, 20])
+    begin = start[rows]
+    begin[1] = np.nan
+    solved = solve(problem, rows=rows, start=begin, prior=prior[rows], reference=np.zeros(N))
+    expected = solve(problem).q[rows]
+    np.testing.assert_array_equal(solved.converged, [True, False, True, True])
+    np.testing.assert_allclose(solved.q[[0, 2, 3]], expected[[0, 2, 3]], atol=TIGHT)
+    assert np.isnan(solved.q[1]).all()
+
+
+def test_a_missing_marker_has_no_error_and_no_say(problem):
+    worn = problem[0]
+    solved = solve(problem)
+    assert np.isnan(solved.error[4, 7])
+    assert np.isfinite(np.delete(solved.error[4], 7)).all()
+    weight = np.where(np.arange(len(worn.weight)) == 7, 0, 1.0)
+    shown = solve(problem, weight=weight, position=np.nan_to_num(worn.position, nan=5.0))
+    np.testing.assert_allclose(shown.q[4], solved.q[4], atol=TIGHT)

@@ -1,0 +1,280 @@
+"""The Butterworth filter: frequency response, derivatives, gaps, resampling."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import bilinear, freqz, lfilter, lfilter_zi
+
+from hbm.signals.filtering import Filtered, butterworth, low_pass
+from hbm.signals.resampling import interpolate, resample
+
+METHODS = ("realtime", "zero_phase")
+time = np.arange(1000) / 100
+middle = slice(200, -200)  # away from the ends, where a filter has to guess what came next
+
+
+def walk_like(shape=(), seed=1):
+    return np.random.default_rng(seed).normal(size=(1000, *shape)).cumsum(axis=0)
+
+
+def amplitude(signal, frequency_hz):
+    """Amplitude of one frequency in the middle of a signal, by least squares."""
+    phase = 2 * np.pi * frequency_hz * time[middle]
+    basis = np.column_stack([np.cos(phase), np.sin(phase)])
+    return np.hypot(*np.linalg.lstsq(basis, signal[middle])[0])
+
+
+def test_realtime_value_is_tustins_rule_applied_to_the_analog_filter():
+    omega = 2 * np.pi * 6
+    b, a = bilinear([omega**2], [1, np.sqrt(2) * omega, omega**2], fs=100)
+    signal = walk_like()
+    expected, _ = lfilter(b, a, signal, zi=lfilter_zi(b, a) * signal[0])
+    np.testing.assert_allclose(
+        butterworth(signal, 100, 6, "realtime").value, expected, rtol=0, atol=1e-11
+    )
+
+
+def test_realtime_obeys_the_mid_point_rule_sample_by_sample():
+    signal, h, omega = walk_like(), 0.01, 2 * np.pi * 6
+    filtered = butterworth(signal, time, 6, "realtime")
+    y, v, a = filtered.value, filtered.velocity, filtered.acceleration
+    mean = lambda x: (x[1:] + x[:-1]) / 2  # noqa: E731
+    np.testing.assert_allclose(np.diff(y) / h, mean(v), rtol=0, atol=1e-9)
+    forces = omega**2 * (mean(signal) - mean(y)) - np.sqrt(2) * omega * mean(v)
+    np.testing.assert_allclose(a[1:], forces, rtol=0, atol=1e-8)
+    np.testing.assert_array_equal([y[0], v[0], a[0]], [signal[0], 0, 0])
+
+
+def test_realtime_recursion_over_unequal_steps_equals_the_difference_equation_when_steps_agree():
+    signal = walk_like((3,))
+    jitter = time + 1e-9 * np.sin(np.arange(1000))  # enough to take the recursion
+    even, uneven = (butterworth(signal, t, 6, "realtime") for t in (time, jitter))
+    np.testing.assert_allclose(uneven.value, even.value, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(uneven.velocity, even.velocity, rtol=0, atol=1e-5)
+
+
+def test_realtime_keeps_its_answer_when_the_time_steps_vary():
+    even = np.arange(10000) / 1000
+    uneven = even + np.random.default_rng(0).uniform(-4e-4, 4e-4, len(even))
+    filtered = [butterworth(np.sin(2 * np.pi * t), t, 6, "realtime").value for t in (even, uneven)]
+    settled = slice(1000, -1)  # they start from different first samples
+    np.testing.assert_allclose(
+        filtered[1][settled], np.interp(uneven, even, filtered[0])[settled], rtol=0, atol=1e-5
+    )
+
+
+def test_realtime_delay_at_rest_is_37_5_ms_at_6_hz():
+    ramp = butterworth(2 * time, time, 6, "realtime")
+    assert (2 * time - ramp.value)[-1] / 2 == pytest.approx(np.sqrt(2) / (2 * np.pi * 6), rel=1e-6)
+    assert np.sqrt(2) / (2 * np.pi * 6) == pytest.approx(0.0375, abs=5e-5)
+    assert ramp.velocity[-1] == pytest.approx(2)
+
+
+def test_realtime_reaches_minus_3_db_at_5_93_hz_for_6_hz_at_100_hz():
+    impulse = np.zeros(4000)
+    impulse[1] = 1.0  # the first sample is the state of rest
+    response = butterworth(impulse, 100, 6, "realtime").value[1:]
+    frequency, gain = freqz(response, worN=np.linspace(5, 7, 20001), fs=100)
+    half_power = frequency[np.argmin(abs(abs(gain) - np.sqrt(0.5)))]
+    assert half_power == pytest.approx(5.93, abs=0.005)
+
+
+@pytest.mark.parametrize("cutoff_hz", [3, 6, 10, 20])
+def test_zero_phase_reaches_minus_3_db_exactly_at_the_cutoff(cutoff_hz):
+    filtered = butterworth(np.sin(2 * np.pi * cutoff_hz * time), time, cutoff_hz, "zero_phase")
+    assert amplitude(filtered.value, cutoff_hz) == pytest.approx(np.sqrt(0.5), rel=1e-6)
+
+
+@pytest.mark.parametrize("frequency_hz", [0.5, 1, 2, 4, 6])
+def test_zero_phase_derivatives_are_those_of_the_filtered_sine(frequency_hz):
+    phase, omega = 2 * np.pi * frequency_hz * time + 0.3, 2 * np.pi * frequency_hz
+    filtered = butterworth(np.sin(phase), time, 6, "zero_phase")
+    warped = np.tan(omega / 200) / np.tan(np.pi * 6 / 100)  # the gain the design promises
+    gain = 1 / (1 + (np.sqrt(2) - 1) * warped**4)
+    np.testing.assert_allclose(filtered.value[middle], gain * np.sin(phase)[middle], atol=1e-9)
+    np.testing.assert_allclose(
+        filtered.velocity[middle], gain * omega * np.cos(phase)[middle], atol=1e-6 * gain * omega
+    )
+    np.testing.assert_allclose(
+        filtered.acceleration[middle],
+        -gain * omega**2 * np.sin(phase)[middle],
+        atol=4e-5 * gain * omega**2,
+    )
+
+
+def test_zero_phase_is_the_same_in_both_directions_of_time():
+    signal = walk_like()
+    there = butterworth(signal, time, 6, "zero_phase")
+    back = butterworth(signal[::-1], time, 6, "zero_phase")
+    np.testing.assert_allclose(back.value[::-1][middle], there.value[middle], atol=1e-9)
+    np.testing.assert_allclose(-back.velocity[::-1][middle], there.velocity[middle], atol=1e-7)
+
+
+@pytest.mark.parametrize("length", [17, 30, 1000])
+def test_zero_phase_leaves_a_straight_line_straight_to_its_ends(length):
+    line = butterworth(3 + 2 * time[:length], 100, 6, "zero_phase")
+    np.testing.assert_allclose(line.value, 3 + 2 * time[:length], atol=1e-9)
+    np.testing.assert_allclose(line.velocity, 2, atol=1e-7)
+    np.testing.assert_allclose(line.acceleration, 0, atol=1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_constant_stays_itself_and_at_rest(method):
+    filtered = butterworth(np.full((100, 2), 55.3), 100, 6, method)
+    np.testing.assert_allclose(filtered.value, 55.3, rtol=1e-13)
+    np.testing.assert_allclose(filtered.velocity, 0, atol=1e-9)
+    np.testing.assert_allclose(filtered.acceleration, 0, atol=1e-7)
+
+
+@settings(deadline=None, max_examples=15)
+@given(gain=st.floats(-100, 100), offset=st.floats(-1e3, 1e3), method=st.sampled_from(METHODS))
+def test_filter_is_linear_and_passes_offsets(gain, offset, method):
+    signal = walk_like()
+    plain = butterworth(signal, time, 6, method)
+    changed = butterworth(gain * signal + offset, time, 6, method)
+    np.testing.assert_allclose(changed.value, gain * plain.value + offset, atol=1e-8)
+    np.testing.assert_allclose(changed.velocity, gain * plain.velocity, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_each_channel_is_filtered_alone_whatever_the_trailing_shape(method):
+    signal = walk_like((4, 3))
+    together = butterworth(signal, time, 6, method)
+    assert together.acceleration.shape == signal.shape
+    alone = butterworth(signal[:, 2, 1], time, 6, method)
+    np.testing.assert_allclose(together.acceleration[:, 2, 1], alone.acceleration, atol=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_gap_splits_the_signal_and_poisons_nothing_else(method):
+    signal = walk_like((3,))
+    signal[400:450, 1] = np.nan
+    filtered = butterworth(signal, time, 6, method)
+    for name in ("value", "velocity", "acceleration"):
+        result = getattr(filtered, name)
+        np.testing.assert_array_equal(np.isnan(result), np.isnan(signal))
+        for rows in (slice(0, 400), slice(450, None)):
+            alone = getattr(butterworth(signal[rows, 1], time[rows], 6, method), name)
+            np.testing.assert_allclose(result[rows, 1], alone, atol=1e-6)
+
+
+def test_a_stretch_shorter_than_one_period_of_the_cutoff_becomes_a_gap():
+    signal = walk_like()
+    signal[[300, 316, 400, 417]] = np.nan  # 15 samples between the first two: too few; 16 then
+    filtered = butterworth(signal, time, 6, "zero_phase").value
+    assert np.isnan(filtered[300:317]).all()
+    assert np.isnan(filtered[400:418]).all()
+    signal[[417, 418]] = 0.0, np.nan  # 17 samples: enough
+    assert np.isfinite(butterworth(signal, time, 6, "zero_phase").value[401:418]).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_signal_that_is_one_gap_stays_one(method):
+    assert np.isnan(butterworth(np.full((100, 2), np.nan), 100, 6, method).value).all()
+
+
+@pytest.mark.parametrize(
+    ("signal", "times", "cutoff_hz", "method", "message"),
+    [
+        (np.zeros(16), 100, 6, "zero_phase", "at least 17 samples at 100 Hz, got 16"),
+        (np.zeros(1), 100, 6, "realtime", "at least 2 samples"),
+        (np.zeros(100), np.zeros(100), 6, "realtime", "must increase"),
+        (np.zeros(100), np.arange(99.0), 6, "realtime", "100 samples need as many times"),
+        (np.zeros(100), 100, 50, "realtime", r"half the sampling rate \(50 Hz\), got 50"),
+        (np.zeros(100), 100, 0, "realtime", "got 0 Hz"),
+        (np.zeros(100), np.arange(100.0) ** 1.01, 0.1, "zero_phase", "equal time steps"),
+        (np.zeros(100), 100, 6, "bessel", "got 'bessel'"),
+    ],
+)
+def test_what_cannot_be_filtered_is_refused_with_the_reason(
+    signal, times, cutoff_hz, method, message
+):
+    with pytest.raises(ValueError, match=message):
+        butterworth(signal, times, cutoff_hz, method)
+
+
+def test_results_are_read_only_and_of_one_shape():
+    filtered = butterworth(walk_like(), 100, 6, "realtime")
+    with pytest.raises(ValueError, match="read-only"):
+        filtered.value[0] = 1
+    with pytest.raises(ValueError, match="velocity must have the value's shape"):
+        Filtered(np.zeros(3), np.zeros(2), np.zeros(3))
+
+
+def test_low_pass_is_the_zero_phase_value():
+    signal = walk_like((2,))
+    np.testing.assert_array_equal(
+        low_pass(signal, 100, 20), butterworth(signal, 100, 20, "zero_phase").value
+    )
+
+
+plate_time = np.arange(10000) / 1000
+
+
+@pytest.mark.parametrize("frequency_hz", [0.3, 5, 20, 40])
+def test_resampling_from_1000_to_100_hz_neither_shifts_nor_shrinks_what_both_can_show(frequency_hz):
+    sine = lambda t: np.sin(2 * np.pi * frequency_hz * t + 0.4)  # noqa: E731
+    resampled = resample(plate_time, sine(plate_time), time)
+    np.testing.assert_allclose(resampled[20:-20], sine(time)[20:-20], atol=2e-4)
+
+
+@pytest.mark.parametrize("frequency_hz", [60, 100, 101, 230])
+def test_resampling_folds_nothing_back_into_the_band(frequency_hz):
+    hum = np.sin(2 * np.pi * frequency_hz * plate_time)
+    assert abs(resample(plate_time, hum, time)[20:-20]).max() < 2e-4  # −80 dB and interpolation
+
+
+def test_resampling_takes_a_known_delay_out():
+    force = lambda t: np.sin(2 * np.pi * 1.3 * t)  # noqa: E731
+    late = force(plate_time - 0.0071)
+    prompt = resample(plate_time, late, time, delay_s=0.0071)
+    np.testing.assert_allclose(prompt[20:-20], force(time)[20:-20], atol=1e-4)
+    assert np.isnan(prompt[-1]) == (time[-1] + 0.0071 > plate_time[-1])
+
+
+def test_resampling_never_extrapolates():
+    line = resample(time, np.column_stack([time, 2 * time]), np.arange(-0.5, 11, 0.004))
+    wanted = np.arange(-0.5, 11, 0.004)
+    recorded = (wanted > -1e-9) & (wanted < time[-1] + 1e-9)
+    np.testing.assert_array_equal(np.isfinite(line[:, 0]), recorded)
+    np.testing.assert_allclose(line[recorded, 1], 2 * wanted[recorded], atol=1e-12)
+
+
+def test_resampling_keeps_gaps():
+    force = np.ones((10000, 6))
+    force[4000:5000, 2] = np.nan
+    resampled = resample(plate_time, force, time)
+    np.testing.assert_array_equal(np.isnan(resampled[:, 2]), (time >= 4.0) & (time < 5.0))
+    np.testing.assert_allclose(np.delete(resampled, 2, axis=1), 1, rtol=1e-9)
+
+
+def test_uneven_samples_can_be_made_even_and_then_filtered():
+    jittered = time + np.random.default_rng(0).uniform(-1e-3, 1e-3, 1000)
+    sine = lambda t: np.sin(2 * np.pi * 1.5 * t)  # noqa: E731
+    with pytest.raises(ValueError, match=r"resample\(\)"):
+        butterworth(sine(jittered), jittered, 6, "zero_phase")
+    even = resample(jittered, sine(jittered), time[1:-1])
+    np.testing.assert_allclose(even, sine(time[1:-1]), atol=1e-5)
+    assert np.isfinite(butterworth(even, time[1:-1], 6, "zero_phase").value).all()
+
+
+def test_too_short_a_recording_cannot_be_resampled():
+    with pytest.raises(ValueError, match=r"needs at least \d+ samples at 1000 Hz"):
+        resample(plate_time[:50], np.zeros(50), time[:5])
+
+
+def test_interpolation_passes_cubics_in_any_order_and_shape_of_times():
+    cubic = lambda t: 1 + t - t**2 + 0.1 * t**3  # noqa: E731
+    at = np.array([[3.14159, 0.5], [9.99, 7.7], [2.5, 2.5]])
+    values = np.stack([cubic(time), -cubic(time)], axis=-1)
+    interpolated = interpolate(time, values, at)
+    assert interpolated.shape == (3, 2, 2)
+    np.testing.assert_allclose(interpolated[..., 1], -cubic(at), atol=1e-10)
+
+
+def test_interpolation_does_not_bridge_gaps():
+    values = np.ones(1000)
+    values[[500, 503]] = np.nan  # between them two samples: too few for a cubic
+    interpolated = interpolate(time, values, [4.99, 4.995, 5.0, 5.015, 5.035, 5.04])
+    np.testing.assert_array_equal(np.isnan(interpolated), [0, 1, 1, 1, 1, 0])

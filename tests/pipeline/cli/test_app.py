@@ -1,0 +1,216 @@
+"""The command line: what it loads, which code it leaves, and its one line for every mistake."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import typer
+
+from hbm.markers import Markers
+from pipeline.cli import doctor
+from pipeline.cli.app import app, main
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.recording import Plate
+from pipeline.run import one_trial
+from tests.synthetic import synthetic_t_pose
+
+HEAVY = ("casadi", "matplotlib", "pandas", "pinocchio", "pingouin", "rerun", "scipy")
+COMMANDS = typer.main.get_command(app).commands
+MASS = ("--mass-kg", "74.6")
+LAB_AXES = ("--axes", "left,back,up")
+
+
+def plate(number, vertical):
+    """A plate under one foot that carries a vertical force, (N,), at 1000 Hz."""
+    y = 0.25 if number == 1 else -0.25
+    wrench = np.zeros((len(vertical), 6))
+    wrench[:, 2] = -vertical
+    surface = [(x, y + dy, 0) for x, dy in ((0.9, -0.25), (-0.9, -0.25), (-0.9, 0.25), (0.9, 0.25))]
+    time = np.arange(len(vertical)) / 1000
+    return Plate(number, time, wrench, np.diag([1.0, -1.0, -1.0]), (0, y, 0), surface)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A person who stands in a T-pose for a second, and what people take for a trial."""
+    folder = tmp_path_factory.mktemp("trials")
+    person = synthetic_t_pose()
+    half = np.full(1000, 74.6 * 9.81 / 2)
+    still = [plate(1, half), plate(2, half)]
+    write_c3d(folder / "still.c3d", person, still)
+    write_c3d(folder / "no_plates.c3d", person)
+    foreign = tuple(f"M{k}" for k in range(len(person.names)))
+    write_c3d(folder / "foreign.c3d", Markers(person.time, foreign, person.position), still)
+    short = Markers(person.time[:5], person.names, person.position[:5])
+    write_c3d(folder / "short.c3d", short, [plate(1, half[:50]), plate(2, half[:50])])
+    bouncing = half * (1 + 0.2 * np.sin(12 * still[0].time))
+    write_c3d(folder / "bouncing.c3d", person, [plate(1, bouncing), plate(2, bouncing)])
+    (folder / "renamed.c3d").write_text("time\tLASIS\n0.0\t1.0\n" * 100)
+    (folder / "nothing.c3d").touch()
+    (folder / "still.txt").write_text("a person stands still")
+    return folder
+
+
+def refused(capsys, *arguments):
+    """The single line that a command ends with."""
+    code = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    assert code == 2
+    assert "Pelvis residuals" not in out
+    assert err.startswith("hbm: error: ")
+    assert err.count("\n") == 1
+    return err
+
+
+@pytest.mark.parametrize(
+    ("file", "options", "said"),
+    [
+        ("absent.c3d", MASS, ["absent.c3d", "no such file"]),
+        ("renamed.c3d", MASS, ["renamed.c3d", "not a C3D file"]),
+        ("nothing.c3d", MASS, ["nothing.c3d", "empty"]),
+        ("still.txt", MASS, ["still.txt", "C3D", "TRC", "D-Flow", ".mox", "Nexus"]),
+        ("no_plates.c3d", MASS, ["no_plates.c3d", "no force plates"]),
+        ("foreign.c3d", [*MASS, *LAB_AXES], ["foreign.c3d", "match no known set", "rename"]),
+        ("foreign.c3d", MASS, ["foreign.c3d", "axes cannot be inferred", "state the axes"]),
+        ("short.c3d", MASS, ["short.c3d", "at least 17 samples", "got 5"]),
+        ("bouncing.c3d", [], ["bouncing.c3d", "mass missing", "state the mass", "kg"]),
+        ("still.c3d", MASS, ["still.c3d", "no gait cycle"]),
+        ("still.c3d", ["--mass-kg", "74600"], ["--mass-kg", "400", "grams", "kilograms"]),
+        ("still.c3d", ["--height-m", "178"], ["--height-m", "centimetres", "metres"]),
+        ("still.c3d", ["--sex", "m"], ["--sex", "'male', 'female' or 'unspecified'"]),
+        ("still.c3d", ["--filter", "butter"], ["--filter", "'realtime' or 'zero_phase'"]),
+        ("still.c3d", ["--marker-set", "hbm3"], ["'hbm3'", "hbm2"]),
+        ("still.c3d", ["--axes", "left,up"], ["still.c3d", "'left,up'", "three of"]),
+        ("still.c3d", ["--static", "pose.c3d"], ["pose.c3d", "no such file"]),
+        ("still.c3d", ["--plate-delay-ms", "5000"], ["--plate-delay-ms", "500"]),
+        ("still.c3d", ["--mass-kg", "heavy"], ["--mass-kg"]),
+        ("still.c3d", ["--colour", "red"], ["--colour", "--help"]),
+    ],
+)
+def test_a_mistake_is_one_line_with_what_is_wrong(folder, tmp_path, capsys, file, options, said):
+    line = refused(capsys, "residuals", folder / file, "--out", tmp_path / "out", *options)
+    for words in said:
+        assert words in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_all_faults_of_the_options_are_listed_at_once(folder, capsys):
+    line = refused(capsys, "residuals", folder / "still.c3d", "--mass-kg", 2, "--height-m", 178)
+    assert "--mass-kg" in line
+    assert "--height-m" in line
+
+
+def test_an_unknown_command_is_one_line(capsys):
+    line = refused(capsys, "residual", "still.c3d")
+    assert "residual" in line
+    assert "--help" in line
+
+
+def test_a_command_without_its_argument_is_one_line(capsys):
+    assert "trial" in refused(capsys, "residuals").lower()
+
+
+def test_a_file_in_the_place_of_the_output_folder_is_noticed_before_the_work(
+    folder, capsys, monkeypatch
+):
+    monkeypatch.setattr(one_trial, "process", lambda *_: pytest.fail("it began to work"))
+    for out in (folder / "still.txt", folder / "still.txt" / "deeper"):
+        line = refused(capsys, "residuals", folder / "still.c3d", "--out", out)
+        assert "still.txt is a file, not a folder" in line
+
+
+def test_a_folder_without_permission_is_noticed_before_the_work(
+    folder, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
+    monkeypatch.setattr(one_trial, "process", lambda *_: pytest.fail("it began to work"))
+    line = refused(capsys, "residuals", folder / "still.c3d", "--out", tmp_path / "results")
+    assert f"no permission to write into {tmp_path}" in line
+
+
+def test_debug_shows_where_an_error_arose(folder):
+    with pytest.raises(ValueError, match="not a C3D file") as caught:
+        main(["residuals", str(folder / "renamed.c3d"), "--debug"])
+    assert caught.traceback[-1].path.name != "cli.py"
+
+
+def test_the_help_of_every_command_loads_nothing_heavy():
+    """Which is why it answers at once."""
+    code = (
+        "import sys\n"
+        "from pipeline.cli.app import main\n"
+        f"for command in {['', *COMMANDS]!r}:\n"
+        "    assert main([command, '--help'] if command else ['--help']) == 0\n"
+        f"print('loaded:', *(name for name in {HEAVY!r} if name in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1].strip() == "loaded:"
+
+
+def test_hbm_alone_prints_its_help(capsys):
+    assert main([]) == 0
+    out, err = capsys.readouterr()
+    assert "residuals" in out
+    assert err == ""
+
+
+def test_main_returns_the_code_that_a_command_ends_with(monkeypatch):
+    def some_failed():
+        raise typer.Exit(1)
+
+    monkeypatch.setattr(doctor, "run", some_failed)
+    assert main(["doctor"]) == 1
+
+
+def test_an_interrupt_ends_with_the_customary_code(monkeypatch):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(doctor, "run", interrupted)
+    assert main(["doctor"]) == 130
+
+
+def test_doctor_names_versions_the_backend_and_its_speed(capsys):
+    assert main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    for words in ("Python 3.", "pin ", "casadi ", "kernels: ", "newton_step: ", "frames/s"):
+        assert words in out
+    assert "missing" not in out
+
+
+def test_square_brackets_are_printed_as_they_are(capsys, monkeypatch):
+    """They are no markup: folders, extras, channel names and units may have them."""
+    monkeypatch.setattr(doctor, "cache_directory", lambda: "data [bold] [2024]")
+    assert main(["doctor"]) == 0
+    assert "data [bold] [2024]" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "command", [["simulate", "{}"], ["demo", "--out", "{}"], ["init", "{}"], ["check", "{}"]]
+)
+def test_a_file_where_a_folder_should_be_is_one_line(tmp_path, capsys, command):
+    (tmp_path / "taken").touch()
+    assert main([part.format(tmp_path / "taken") for part in command]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert "taken" in lines[0]
+    assert "folder" in lines[0]
+
+
+def test_a_study_of_excluded_trials_only_has_nothing_to_process(tmp_path, capsys):
+    (tmp_path / "study.toml").write_text("[conditions.walk]")
+    (tmp_path / "a.toml").write_text('id = "a"\n[trials.walk]\nexclude = "ill"\n')
+    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "nothing to process" in capsys.readouterr().err
+    (tmp_path / "a.toml").write_text('id = "a"\n[trials]\n')
+    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "no subject has a trial" in capsys.readouterr().err
+
+
+def test_simulating_writes_over_nothing(tmp_path, capsys):
+    (tmp_path / "sub01_baseline.c3d").write_text("a year's work")
+    assert main(["simulate", str(tmp_path)]) == 2
+    assert "is not empty" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["sub01_baseline.c3d"]

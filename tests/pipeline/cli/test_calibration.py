@@ -1,0 +1,97 @@
+"""From a recording of the empty treadmill to compensated residuals, on the command line alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.config.study import read_study
+from pipeline.io.c3d.read import read_c3d
+from tests.pipeline import lab
+
+
+@pytest.fixture(scope="module")
+def fitted(moving_study, tmp_path_factory):
+    """Calibration fitted to a file of another name than the study's."""
+    out = tmp_path_factory.mktemp("fitted") / "lab.json"
+    assert main(["calibration", "fit", str(moving_study / "empty.c3d"), "-o", str(out)]) == 0
+    return out
+
+
+def residuals(moving_study, out, *options):
+    trial = str(moving_study / "sub01_pitch.c3d")
+    code = main(["residuals", trial, "--mass-kg", "75", *map(str, options), "--out", str(out)])
+    if code:
+        return None
+    table = pd.read_csv(out / "sub01_pitch_residuals.csv")
+    return table.pivot_table("rms", index="axis", columns="compensated")
+
+
+def test_a_treadmill_of_ones_own_is_calibrated_and_its_trials_compensated(
+    moving_study, fitted, tmp_path, capsys
+):
+    platform = read_study(moving_study).file.treadmill.platform
+    markers = ",".join(platform.markers)
+    rms = residuals(moving_study, tmp_path, "--calibration", fitted, "--platform-markers", markers)
+    assert rms.loc["Fx", True] < 0.2 * rms.loc["Fx", False]
+    assert rms.loc["My", True] < 0.2 * rms.loc["My", False]
+    assert "taken as level" not in capsys.readouterr().out
+
+
+def test_a_platform_whose_pose_nobody_states_is_told_to_stand_still(
+    moving_study, fitted, tmp_path, capsys
+):
+    assert residuals(moving_study, tmp_path, "--calibration", fitted) is not None
+    assert "the platform is taken as level" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_recording_in_the_place_of_a_calibration_says_how_to_fit_it(
+    moving_study, tmp_path, capsys
+):
+    assert residuals(moving_study, tmp_path, "--calibration", moving_study / "empty.c3d") is None
+    assert "make one with 'hbm calibration fit empty.c3d" in capsys.readouterr().err
+
+
+def changed(moving_study, path, **parts):
+    recording = read_c3d(moving_study / "empty.c3d", "left,back,up")
+    return lab.save(
+        replace(recording, **{name: make(recording) for name, make in parts.items()}), path
+    )
+
+
+def in_volts(recording):
+    analog = recording.analog
+    units = tuple("V" if unit == "g" else unit for unit in analog.units)
+    return replace(analog, units=units)
+
+
+def test_a_unit_that_the_file_states_wrongly_is_stated_once(moving_study, fitted, tmp_path, capsys):
+    path = changed(moving_study, tmp_path / "volts.c3d", analog=in_volts)
+    out = tmp_path / "lab.json"
+    command = ["calibration", "fit", str(path), "-o", str(out)]
+    assert main(command) == 2
+    assert "say --accelerometer-unit g" in capsys.readouterr().err
+    assert main([*command, "--accelerometer-unit", "stones"]) == 2
+    assert "unknown acceleration unit 'stones'" in capsys.readouterr().err
+    assert not out.exists()
+    assert main([*command, "--accelerometer-unit", "g"]) == 0
+    assert '"accelerometer_unit": "g"' in out.read_text(encoding="utf-8")
+
+
+def test_a_calibration_with_someone_on_the_treadmill_is_not_recommended(
+    moving_study, tmp_path, capsys
+):
+    def stood_on(recording):
+        steps = 400 * (1 + np.sin(11 * recording.plates[0].time))
+        return tuple(
+            replace(p, wrench_in_plate=p.wrench_in_plate + steps[:, None] * [0, 0, 1, 0, 0, 0])
+            for p in recording.plates
+        )
+
+    path = changed(moving_study, tmp_path / "person.c3d", plates=stood_on)
+    assert main(["calibration", "fit", str(path), "-o", str(tmp_path / "lab.json")]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "someone stood on the treadmill" in out
+    assert "do not use it before that is explained" in out

@@ -1,0 +1,100 @@
+"""The demonstration, start to end: what it promises is there, and what it says is true."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hbm.spatial import shift_wrench
+from pipeline.cli import demo as demonstration
+from pipeline.cli.study import print_residuals
+from pipeline.config.study import read_study
+from pipeline.run.load import collect
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import residual_table
+from pipeline.virtual_lab.protocol.bench import artefacts, make_bench
+from pipeline.virtual_lab.protocol.experiment import run_trial, walker_of
+from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
+
+PROTOCOL = Protocol(subjects=2, baseline_s=20.0, pitch_s=35.0, waits_s=(12.0, 14.0))
+ARTEFACTS = {"sway": ["Fy", "Mx", "Mz"], "pitch": ["Fx", "My"]}
+CLOSE = 2.0  # N and N·m: half a percent of the largest artefact; plates have offsets of that size
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("demo")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demonstration, "SMALL", PROTOCOL)
+        assert demonstration.demo(folder, jobs=2) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def rms(out):
+    """RMS residuals, a column for each kind of plates: by subject, condition and axis."""
+    table = collect(out / "results").residuals
+    return table.pivot(index=["subject", "condition", "axis"], columns="compensated", values="rms")
+
+
+@pytest.fixture(scope="module")
+def without_artefact(out):
+    """RMS residuals of the same recordings when what the treadmill adds is known and removed."""
+    study, setting = read_study(out / "study"), Setting(protocol=PROTOCOL)
+    bench = make_bench(setting.faults, setting.seed)
+    late = setting.faults.plates.delay_s
+    lab = Laboratory(study.file.treadmill.model_copy(update={"calibration": None}))
+    tables = []
+    for number, (name, subject) in enumerate(study.subjects.items()):
+        walker = walker_of(setting, number)
+        for condition in PROTOCOL.conditions:
+            trial = run_trial(setting, bench, walker, number, condition)
+            plates = []
+            for plate, added in zip(
+                trial.recording.plates, artefacts(bench, trial.course), strict=True
+            ):
+                seen = [np.interp(plate.time - late, plate.time, column) for column in added.T]
+                wrench = plate.wrench_in_plate - shift_wrench(np.transpose(seen), plate.center)
+                plates.append(replace(plate, wrench_in_plate=wrench))
+            result = process_recording(
+                replace(trial.recording, plates=tuple(plates)),
+                subject.person,
+                study.file.settings,
+                laboratory=lab,
+                condition=study.condition(condition),
+            )
+            tables.append(residual_table(result, condition).assign(subject=name))
+    return pd.concat(tables).set_index(["subject", "condition", "axis"])["rms"]
+
+
+def test_everything_promised_is_there(out):
+    results = out / "results"
+    for name in ("report.html", "table_3.md", "statistics.csv", "viewer/sub01_sway.rrd"):
+        assert (results / name).stat().st_size > 0
+    assert len(list((results / "trials").glob("*.parquet"))) == 6
+
+
+@pytest.mark.parametrize("condition", ARTEFACTS)
+def test_compensation_takes_nine_tenths_of_every_artefact_away(rms, condition):
+    table = rms.query("condition == @condition and axis in @ARTEFACTS[@condition]")
+    assert (table[True] < 0.1 * table[False]).all(), table
+
+
+def test_compensated_residuals_are_what_they_would_be_without_a_moving_treadmill(
+    rms, without_artefact
+):
+    off = rms[True] - without_artefact
+    assert off.abs().max() < CLOSE, off
+    assert (rms[False] - without_artefact).abs().max() > 100 * CLOSE
+
+
+def test_the_table_fits_a_terminal_of_eighty_columns(out, rms, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    print_residuals(out / "results")
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 80
+    assert "…" not in shown
+    sway = rms[False].xs(("sway", "Fy"), level=("condition", "axis"))
+    assert f"{sway.mean():.1f} ± {sway.std(ddof=1):.1f}" in shown

@@ -1,0 +1,320 @@
+"""Study files: what a person types, and everything that can be wrong with it, said at once."""
+
+import re
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+import pipeline
+from pipeline.config.schema import StudyFile, SubjectFile
+from pipeline.config.study import StudyFaults, read_study
+from pipeline.config.templates import STUDY, SUBJECT, write_template
+
+PLAIN = "[conditions.walk]\n"
+PERSON = 'id = "sub01"\n[trials.walk]\nfile = "walk.c3d"\n'
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write a study's files; gives its folder. File names without a suffix are recordings."""
+
+    def write(study=PLAIN, **subjects):
+        (tmp_path / "walk.c3d").touch()
+        (tmp_path / "study.toml").write_text(study, encoding="utf-8")
+        for name, text in (subjects or {"sub01": PERSON}).items():
+            (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+        return tmp_path
+
+    return write
+
+
+def faults_of(folder):
+    with pytest.raises(StudyFaults) as caught:
+        read_study(folder)
+    return caught.value.faults
+
+
+def only_fault_of(folder):
+    faults = faults_of(folder)
+    assert len(faults) == 1, faults
+    return faults[0]
+
+
+def test_a_study_is_read_from_its_folder_or_its_study_toml(write):
+    folder = write()
+    assert read_study(folder) == read_study(folder / "study.toml")
+    assert list(read_study(folder).subjects) == ["sub01"]
+
+
+def test_all_faults_of_all_files_are_told_at_once(write):
+    faults = faults_of(
+        write(
+            '[settings]\ncutof_hz = 6.0\nfilter = "zerophase"\n[conditions.walk]\ncycles = 0\n',
+            a='id = "a"\nsex = "femal"\nheight_m = 178\n[trials.wak]\nfile = "wlk.c3d"\n',
+            b="mass_kg = 70\nid = \n",
+            c='id = "c"\nmass_kg = "70"\n',
+        )
+    )
+    expected = [
+        "study.toml: settings.cutof_hz: unknown key, did you mean 'cutoff_hz'?",
+        "study.toml: settings.filter: input should be 'realtime' or 'zero_phase', "
+        "got 'zerophase', did you mean 'zero_phase'?",
+        "study.toml: conditions.walk.cycles: input should be greater than or equal to 1, got 0",
+        "a.toml: sex: input should be 'male', 'female' or 'unspecified', got 'femal', "
+        "did you mean 'female'?",
+        "a.toml: height_m: input should be less than or equal to 2.6, got 178 "
+        "(that looks like centimetres; give metres)",
+        "a.toml: trials.wak: no such condition in study.toml, did you mean 'walk'?",
+        "a.toml: trials.wak.file: no file 'wlk.c3d' in",
+        "b.toml: not valid TOML: Invalid value (at line 2, column 6)",
+        "c.toml: mass_kg: input should be a valid number, got '70'",
+        "c.toml: trials: is missing",
+    ]
+    assert len(faults) == len(expected), faults
+    for line in expected:
+        assert any(fault.startswith(line) for fault in faults), (line, faults)
+    assert any("did you mean 'walk.c3d'?" in fault for fault in faults)
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("mass_kg = 74600", "grams; give kilograms"),
+        ("height_m = 1780", "millimetres; give metres"),
+        ("height_m = 178.0", "centimetres; give metres"),
+    ],
+)
+def test_a_number_in_another_unit_is_recognised(write, typed, said):
+    assert f"that looks like {said}" in only_fault_of(write(sub01=f"{typed}\n{PERSON}"))
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ("plate_delay_s = 4.0", "(that looks like milliseconds; give seconds)"),
+        ("plate_delay_s = -20", "(that looks like milliseconds; give seconds)"),
+        ("marker_offset_m = 9", "(that looks like millimetres; give metres)"),
+        ("cutoff_hz = nan", "finite"),
+        ("cutoff_hz = true", "valid number, got True"),
+        ("cutoff_hz = [6.0]", "valid number, got [6.0]"),
+        ("hip = 'bel'", "did you mean 'bell'?"),
+        ("marker_set = 'hbm3'", "neither a file here nor one of hbm2"),
+        ("marker_set = ''", "at least 1 character"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused_with_its_value(write, typed, said):
+    fault = only_fault_of(write(f"[settings]\n{typed}\n{PLAIN}"))
+    assert fault.startswith(f"study.toml: settings.{typed.split()[0]}: ")
+    assert said in fault
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        ('axes = "left,up,up"', "axes: axes 'left,up,up' are not right-handed"),
+        ('axes = "lft,back,up"', "axes: axes 'lft,back,up' must be three of forward"),
+        ('[treadmill]\naccelerometer_unit = "V"', "treadmill.accelerometer_unit: unknown acc"),
+        ('[treadmill]\ncalibration = "a.c3d"', "treadmill: accelerometers: is missing"),
+        ('[treadmill.accelerometers]\na = ["x", "y"]', "treadmill.accelerometers.a.2: is missing"),
+        (
+            '[treadmill.accelerometers]\na = ["x", "y", "z"]\nb = ["u", "v", "x"]',
+            "treadmill.accelerometers: each channel belongs to one axis, but x is twice",
+        ),
+        (
+            '[treadmill]\ncalibration = "a.csv"\naccelerometers.a = ["x", "y", "z"]',
+            "treadmill: calibration must be a .c3d or .json file, got 'a.csv'",
+        ),
+        (
+            '[treadmill]\ncalibration = "a.c3d"\naccelerometers.a = ["x", "y", "z"]',
+            "treadmill.calibration: no file 'a.c3d'",
+        ),
+        ("[treadmill.platform]", "treadmill.platform: give its markers, or its sway_channel"),
+        (
+            '[treadmill.platform]\nmarkers = ["A", "B"]',
+            "treadmill.platform.markers: three different ones at least, got A, B",
+        ),
+        (
+            '[treadmill.platform]\nmarkers = ["A", "B", "C"]\nsway_channel = "S"',
+            "treadmill.platform: give either markers or channels, not both",
+        ),
+        (
+            '[treadmill.platform]\nsway_channel = "S"\npivot_m = [0, 0, -300]',
+            "treadmill.platform.pivot_m.2: input should be greater than or equal to -2, got -300 "
+            "(that looks like millimetres; give metres)",
+        ),
+        ('[treadmill.platform]\nmarker = ["A"]', "treadmill.platform.marker: unknown key, did you"),
+    ],
+)
+def test_a_laboratory_that_cannot_be_is_refused(write, typed, said):
+    assert only_fault_of(write(f"{typed}\n{PLAIN}")).startswith(f"study.toml: {said}")
+
+
+@pytest.mark.parametrize(
+    ("conditions", "said"),
+    [
+        ("[conditions]", "conditions: dictionary should have at least 1 item"),
+        ("", "conditions: is missing"),
+        ('[conditions."a b"]', "conditions.a b: must be letters, digits"),
+        ("[conditions.walk]\nperturbed = true", "conditions.walk: perturbed needs a pulse_channel"),
+        (
+            '[conditions.walk]\npulse_channel = "P"',
+            "conditions.walk: pulse_channel is of no use without perturbed = true",
+        ),
+        ("[conditions.walk]\ncycles = '50'", "conditions.walk.cycles: input should be a valid int"),
+        ("[conditions.walk]\ncycle = 50", "conditions.walk.cycle: unknown key, did you mean 'cyc"),
+    ],
+)
+def test_a_condition_that_cannot_be_is_refused(write, conditions, said):
+    faults = faults_of(write(conditions))
+    assert faults[0].startswith(f"study.toml: {said}"), faults
+
+
+@pytest.mark.parametrize(
+    ("person", "said"),
+    [
+        ("", ["sub01.toml: id: is missing", "sub01.toml: trials: is missing"]),
+        ('id = "s"\n[trials.walk]\n', ["trials.walk: needs a file, or exclude ="]),
+        (
+            'id = "s"\n[trials.walk]\nexclude = ""\n',
+            ["trials.walk.exclude: string should have at least 1 character"],
+        ),
+        (
+            'id = "s"\n[trials.walk]\nfile = ""\n',
+            ["trials.walk.file: string should have at least 1 character"],
+        ),
+        ('id = "s"\n[trials.walk]\nfile = 5\n', ["trials.walk.file: input should be a valid str"]),
+        (
+            'id = "s"\nstatic = "no.c3d"\n[trials.walk]\nexclude = "ill"\n',
+            ["static: no file 'no.c3d'"],
+        ),
+        ('id = "s"\ntrials = 3\n', ["trials: input should be a valid dict"]),
+        (
+            'id = "s"\nid = "t"\n[trials.walk]\nexclude = "ill"\n',
+            ["not valid TOML: Cannot overwrite a value"],
+        ),
+        ('id = "../s"\n[trials.walk]\nexclude = "ill"\n', ["id: must be letters, digits"]),
+    ],
+)
+def test_a_subject_file_that_cannot_be_is_refused(write, person, said):
+    faults = faults_of(write(sub01=person))
+    assert len(faults) == len(said), faults
+    assert all(line in fault for line, fault in zip(said, faults, strict=True)), faults
+
+
+def test_two_files_with_one_subject_are_refused(write):
+    fault = only_fault_of(write(a=PERSON, b=PERSON))
+    assert fault == "b.toml: id: 'sub01' is already taken by another file"
+
+
+def test_two_trials_whose_results_would_share_a_file_are_refused(write):
+    study = "[conditions.c]\n[conditions.b_c]\n"
+    one = 'id = "a_b"\n[trials.c]\nfile = "walk.c3d"\n'
+    other = 'id = "A"\n[trials.b_c]\nfile = "walk.c3d"\n'
+    assert "would both be called" in only_fault_of(write(study, one=one, other=other))
+
+
+def test_a_byte_order_mark_is_no_fault(write):
+    folder = write()
+    for name in ("study.toml", "sub01.toml"):
+        path = folder / name
+        path.write_text(path.read_text(encoding="utf-8"), encoding="utf-8-sig")
+    assert read_study(folder).subjects["sub01"].trials["walk"].file == "walk.c3d"
+
+
+def test_another_encoding_is_told(write):
+    folder = write()
+    (folder / "sub01.toml").write_bytes(PERSON.encode("utf-16"))
+    assert "sub01.toml: is not saved as UTF-8" in only_fault_of(folder)
+
+
+def test_a_folder_without_a_study_says_how_to_start_one(tmp_path):
+    assert "no study.toml here; write one with 'hbm init" in only_fault_of(tmp_path)
+    assert "no study.toml here" in only_fault_of(tmp_path / "nowhere")
+
+
+def test_a_study_without_subjects_is_refused(tmp_path):
+    (tmp_path / "study.toml").write_text(PLAIN, encoding="utf-8")
+    (tmp_path / "._sub01.toml").write_text("\0", encoding="utf-8")
+    assert "no subject files" in only_fault_of(tmp_path)
+
+
+def test_a_marker_set_of_ones_own_is_no_subject_and_its_faults_are_told(write):
+    folder = write(f'[settings]\nmarker_set = "own.toml"\n{PLAIN}')
+    (folder / "own.toml").write_text('[markers]\nHEEL = ["left_foot", "LHEE"]\n', encoding="utf-8")
+    assert read_study(folder).marker_set.landmark == {"LHEE": "HEEL"}
+    (folder / "own.toml").write_text('[markers]\nHEEL = ["left_fot"]\n', encoding="utf-8")
+    assert "own.toml: marker set 'own': HEEL: no segment 'left_fot', did you" in only_fault_of(
+        folder
+    )
+
+
+def test_unknown_subjects_and_conditions_are_told_with_the_nearest(write):
+    study = read_study(write())
+    with pytest.raises(ValueError, match="no subject 'sub1', did you mean 'sub01'"):
+        study.subject("sub1")
+    with pytest.raises(ValueError, match="no condition 'wlk', did you mean 'walk'"):
+        study.condition("wlk")
+
+
+def test_the_template_reads_and_says_exactly_what_is_missing(tmp_path):
+    write_template(tmp_path)
+    assert faults_of(tmp_path) == (
+        f"sub01.toml: trials.baseline.file: no file 'sub01_baseline.c3d' in {tmp_path}",
+        f"sub01.toml: trials.sway.file: no file 'sub01_sway.c3d' in {tmp_path}",
+    )
+    for name in ("sub01_baseline.c3d", "sub01_sway.c3d"):
+        (tmp_path / name).touch()
+    study = read_study(tmp_path)
+    assert study.file.conditions["sway"].perturbed
+    assert study.subjects["sub01"].trials["pitch"].exclude == "not recorded yet"
+
+
+def test_the_template_is_never_written_over_a_study(tmp_path):
+    write_template(tmp_path)
+    (tmp_path / "study.toml").unlink()
+    with pytest.raises(ValueError, match=r"sub01.toml is already there; nothing was written"):
+        write_template(tmp_path)
+    assert not (tmp_path / "study.toml").exists()
+
+
+def test_the_template_with_every_comment_undone_is_valid(tmp_path):
+    write_template(tmp_path)
+    for name in ("study.toml", "sub01.toml"):
+        text = (tmp_path / name).read_text(encoding="utf-8")
+        undone = re.sub(r"^# (?=\w+ = |\[)", "", text, flags=re.MULTILINE)
+        undone = re.sub(r"^(sway_channel|pitch_channel).*\n", "", undone, flags=re.MULTILINE)
+        undone = undone.replace('hip = "harrington"', 'hip = "functional"')
+        assert undone.count("#") < text.count("#")
+        (tmp_path / name).write_text(undone, encoding="utf-8")
+    faults = faults_of(tmp_path)
+    assert len(faults) == 9, faults
+    assert all(": no file '" in fault for fault in faults)
+
+
+def keys_of(model):
+    """Every key that a model lets a person type, at any depth, with the model it is in."""
+    for name, field in model.model_fields.items():
+        yield model, name
+        for inner in models_in(field.annotation):
+            yield from keys_of(inner)
+
+
+def models_in(annotation):
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [m for inner in getattr(annotation, "__args__", ()) for m in models_in(inner)]
+
+
+KEYS = sorted(
+    {(m.__name__, name) for kind in (StudyFile, SubjectFile) for m, name in keys_of(kind)}
+)
+
+
+@pytest.mark.parametrize(("model", "key"), KEYS)
+def test_every_key_is_in_the_template_and_used_by_some_code(model, key):
+    template = SUBJECT if model in ("SubjectFile", "Trial") else STUDY
+    assert re.search(rf"^(# )?(\[.*\b{key}\b.*\]|{key} =)", template, re.MULTILINE)
+    sources = Path(pipeline.__file__).parent.rglob("*.py")
+    code = "".join(p.read_text("utf-8") for p in sources if p.stem not in ("schema", "templates"))
+    assert re.search(rf"\.{key}\b|\[\"{key}\"\]", code), f"nothing uses {model}.{key}"

@@ -1,0 +1,117 @@
+"""The exported URDF is the same body in Pinocchio and in MuJoCo."""
+
+import numpy as np
+import pytest
+
+from hbm.coordinates import COORDINATES, MOVING, SEGMENTS, TREE, N
+from hbm.kernels.native import kernels
+from pipeline.export.urdf import SPECK, write_urdf
+from tests.synthetic import synthetic_body
+
+pin = pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
+
+SLIDES = np.array([c.translates for c in TREE])
+POSES = 20
+
+
+@pytest.fixture(scope="module")
+def body():
+    return synthetic_body()
+
+
+@pytest.fixture(scope="module")
+def path(body, tmp_path_factory):
+    path = tmp_path_factory.mktemp("urdf") / "body.urdf"
+    write_urdf(body, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def q():
+    rng = np.random.default_rng(5)
+    return rng.uniform(-1, 1, (POSES, N)) * np.where(SLIDES, 0.5, np.pi)
+
+
+@pytest.fixture(scope="module")
+def poses(body, q):
+    return kernels().segment_poses(q, body.geometry)[0].reshape(POSES, len(SEGMENTS), 4, 3)
+
+
+@pytest.fixture(scope="module")
+def marker_positions(body, poses):
+    own = [SEGMENTS.index(s) for s in body.marker_segment]
+    local = np.column_stack([body.marker_position, np.ones(len(own))])
+    return np.einsum("tkai,ka->tki", poses[:, own], local)
+
+
+def test_pinocchio_puts_segments_and_markers_where_we_do(body, path, q, poses, marker_positions):
+    model = pin.buildModelFromUrdf(str(path))
+    assert model.nq == model.nv == N
+    assert set(model.names) - {"universe"} == set(COORDINATES)
+    data = model.createData()
+    order = order_in(model)
+    for k in range(POSES):
+        pin.framesForwardKinematics(model, data, q[k, order])
+        for j, segment in enumerate(SEGMENTS):
+            frame = data.oMf[model.getFrameId(segment)]
+            np.testing.assert_allclose(frame.rotation, poses[k, j, :3].T, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(frame.translation, poses[k, j, 3], rtol=0, atol=1e-12)
+        theirs = [data.oMf[model.getFrameId(name)].translation for name in body.markers]
+        np.testing.assert_allclose(theirs, marker_positions[k], rtol=0, atol=1e-12)
+
+
+def test_pinocchio_finds_our_generalized_forces(body, path, q):
+    rng = np.random.default_rng(6)
+    v, a = rng.normal(size=(2, POSES, N))
+    ours, _, _ = kernels().newton_euler(q, v, a, body.geometry, body.inertia_vector)
+    model = pin.buildModelFromUrdf(str(path))
+    data, order = model.createData(), order_in(model)
+    for k in range(POSES):
+        theirs = pin.rnea(model, data, q[k, order], v[k, order], a[k, order])
+        np.testing.assert_allclose(theirs, ours[k, order], rtol=0, atol=1e-9)
+
+
+def test_mujoco_puts_segments_and_markers_where_we_do(body, path, q, poses, marker_positions):
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert model.nq == model.nv == N
+    state = mujoco.MjData(model)
+    for k in range(POSES):
+        for name, value in zip(COORDINATES, q[k], strict=True):
+            state.joint(name).qpos = value
+        mujoco.mj_kinematics(model, state)
+        for j, segment in enumerate(SEGMENTS):
+            link = state.body(segment)
+            np.testing.assert_allclose(
+                link.xmat.reshape(3, 3), poses[k, j, :3].T, rtol=0, atol=1e-12
+            )
+            np.testing.assert_allclose(link.xpos, poses[k, j, 3], rtol=0, atol=1e-12)
+        theirs = [state.body(name).xpos for name in body.markers]
+        np.testing.assert_allclose(theirs, marker_positions[k], rtol=0, atol=1e-12)
+
+
+def test_mujoco_finds_our_generalized_forces(body, path, q):
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    rng = np.random.default_rng(7)
+    v, a = rng.normal(size=(2, POSES, N))
+    ours, _, _ = kernels().newton_euler(q, v, a, body.geometry, body.inertia_vector)
+    model = mujoco.MjModel.from_xml_path(str(path))
+    state = mujoco.MjData(model)
+    at = [model.joint(name).dofadr[0] for name in COORDINATES]
+    for k in range(POSES):
+        state.qpos[at], state.qvel[at], state.qacc[at] = q[k], v[k], a[k]
+        mujoco.mj_inverse(model, state)
+        np.testing.assert_allclose(state.qfrc_inverse[at], ours[k], rtol=0, atol=1e-9)
+
+
+def test_links_between_coordinates_weigh_nothing_that_matters(body, path):
+    model = pin.buildModelFromUrdf(str(path))
+    total = sum(inertia.mass for inertia in model.inertias)
+    specks = N - len(MOVING)
+    segments = sum(part.mass for part in body.inertias.values())
+    np.testing.assert_allclose(total, segments + specks * SPECK.mass, rtol=1e-14)
+
+
+def order_in(model):
+    """Our number of each of the model's coordinates."""
+    return [COORDINATES.index(name) for name in model.names[1:]]

@@ -1,0 +1,230 @@
+import numpy as np
+import pytest
+
+from pipeline.io.c3d.read import read_c3d
+
+ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
+
+N_SAMPLES = 40
+CORNERS = np.array([[464.0, 3, 1], [0, 0, 0], [-2, 508, 0], [462, 509, 2]])
+CORNERS_Y_UP = np.array([[-11.0, 2, 1], [589, 0.5, 5], [586, -1, 405], [-14, 1, 401]])
+FORCE_UNITS = ["N"] * 3 + ["Nmm"] * 3
+AXES = "forward,left,up"  # the file's axes are the lab's
+
+
+@pytest.fixture
+def plate_file(raw_c3d):
+    """Write a file with plates of one type and random channels."""
+
+    def write(kind, *, origin, corners=CORNERS, units=FORCE_UNITS, n_channels=6, **extra):
+        rng = np.random.default_rng(kind)
+        origin, corners = np.atleast_2d(origin), np.reshape(corners, (-1, 4, 3))
+        n_plates = len(corners)
+        channels = n_channels * n_plates
+        analog = rng.normal(200, 50, size=(N_SAMPLES // 4, 4, channels))
+        points = np.ones((N_SAMPLES // 4, 1, 4))
+        return raw_c3d(
+            points,
+            analog,
+            POINT={"LABELS": ["MARKER"]},
+            ANALOG={"UNITS": units * n_plates},
+            FORCE_PLATFORM={
+                "USED": np.array([n_plates]),
+                "TYPE": np.full(n_plates, kind),
+                "ZERO": np.array([1, 0]),
+                "CORNERS": corners.T.astype(float),
+                "ORIGIN": origin.T.astype(float),
+                "CHANNEL": np.arange(1, channels + 1).reshape(n_plates, -1).T,
+                **extra,
+            },
+        )
+
+    return write
+
+
+def ezc3d_plates(path):
+    return ezc3d.c3d(str(path), extract_forceplat_data=True)["data"]["platform"]
+
+
+def about_centre_in_file_axes(plate):
+    """Give force [N] and moment [N·m] about the surface's centre, in the file's axes."""
+    force = plate.wrench_in_plate[:, :3] @ plate.rotation.T
+    return force, plate.wrench_in_plate[:, 3:] @ plate.rotation.T
+
+
+def assert_equals_ezc3d(path, moment_sign=1):
+    recording = read_c3d(path, AXES)
+    expected = ezc3d_plates(path)
+    assert len(recording.plates) == len(expected) > 0
+    for plate, oracle in zip(recording.plates, expected, strict=True):
+        force, moment = about_centre_in_file_axes(plate)
+        scale = {"mm": 1e-3, "m": 1.0}[oracle["unit_position"]]
+        np.testing.assert_allclose(force, oracle["force"].T, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            moment, moment_sign * scale * oracle["moment"].T, rtol=1e-9, atol=1e-7
+        )
+        np.testing.assert_allclose(plate.corners, scale * oracle["corners"].T, atol=1e-12)
+
+
+@pytest.mark.parametrize("corners", [CORNERS, CORNERS_Y_UP, [CORNERS, CORNERS + 600]])
+@pytest.mark.parametrize("origin", [[1.5, -0.7, -37.5], [-1.5, 0.7, 37.5], [250, 0, 0.001]])
+def test_type_2_wrenches_equal_ezc3d(plate_file, corners, origin):
+    n_plates = len(np.reshape(corners, (-1, 4, 3)))
+    assert_equals_ezc3d(plate_file(2, origin=[origin] * n_plates, corners=corners))
+
+
+def test_type_4_with_cross_talk_equals_ezc3d(plate_file):
+    rng = np.random.default_rng(4)
+    calibration = np.diag([1.5, 1.5, 6, 700, 700, 350]) + rng.normal(0, 0.1, (2, 6, 6))
+    path = plate_file(
+        4,
+        origin=[[1, 2, -40]] * 2,
+        corners=[CORNERS, CORNERS + 600],
+        units=["V"] * 6,
+        CAL_MATRIX=calibration.transpose(2, 1, 0),
+    )
+    assert_equals_ezc3d(path)
+
+
+def test_type_3_wrenches_equal_ezc3d(plate_file):
+    path = plate_file(3, origin=[120, 200, -54], units=["N"] * 8, n_channels=8)
+    assert_equals_ezc3d(path)
+
+
+def test_type_1_equals_ezc3d_but_for_the_sign_of_its_moment(plate_file):
+    """ezc3d's own TYPE 1 moment contradicts its free moment: M − CoP × F gives −Tz there."""
+    path = plate_file(
+        1, origin=[0, 0, 0], corners=CORNERS_Y_UP, units=["N"] * 3 + ["mm"] * 2 + ["Nmm"]
+    )
+    assert_equals_ezc3d(path, moment_sign=-1)
+    (oracle,) = ezc3d_plates(path)
+    arm = oracle["center_of_pressure"].T - oracle["corners"].mean(axis=1)
+    (plate,) = read_c3d(path, AXES).plates
+    _, moment = about_centre_in_file_axes(plate)
+    free = moment * 1e3 - np.cross(arm, oracle["force"].T)
+    np.testing.assert_allclose(free, oracle["Tz"].T, atol=1e-6 * np.abs(oracle["moment"]).max())
+
+
+def test_a_known_force_at_a_known_point_gives_its_wrench(plate_file, raw_c3d):
+    """The transducer lies 40 mm below a surface centred at (0.5, 0.2, 0) m; z points down."""
+    corners = np.array([[900.0, -50, 0], [100, -50, 0], [100, 450, 0], [900, 450, 0]])
+    force, point, twist = np.array([20.0, -30, 700]), np.array([0.6, 0.1, 0]), 5.0
+    to_plate = np.diag([1.0, -1.0, -1.0])
+    arm = point - np.array([0.5, 0.2, -0.04])
+    moment = np.cross(arm, force) + np.array([0, 0, twist])
+    channels = np.hstack([to_plate @ force, to_plate @ moment * 1e3])
+    path = raw_c3d(
+        np.ones((5, 1, 4)),
+        np.tile(channels, (5, 2, 1)),
+        POINT={"LABELS": ["MARKER"]},
+        ANALOG={"UNITS": FORCE_UNITS},
+        FORCE_PLATFORM={
+            "USED": np.array([1]),
+            "TYPE": np.array([2]),
+            "CORNERS": corners.T[..., None],
+            "ORIGIN": np.array([[0.0], [0], [-40]]),
+            "CHANNEL": np.arange(1, 7)[:, None],
+        },
+    )
+    (plate,) = read_c3d(path, AXES).plates
+    expected = np.hstack([force, np.cross(point, force) + np.array([0, 0, twist])])
+    np.testing.assert_allclose(plate.wrench, np.tile(expected, (10, 1)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [5, 6, 7, 11, 12, 21, 0, 99])
+def test_unsupported_plate_types_are_refused_in_one_line(plate_file, kind):
+    path = plate_file(kind, origin=[0, 0, -40])
+    with pytest.raises(ValueError, match=rf"force plate 1: plates of TYPE {kind}") as caught:
+        read_c3d(path, AXES)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_empty_plate_stays_finite_and_missing_samples_stay_missing(plate_file):
+    path = plate_file(2, origin=[0, 0, -40])
+    content = bytearray(path.read_bytes())
+    content[-24 * 4 :] = np.zeros(24, "<f4").tobytes()
+    content[-52 * 4 : -28 * 4] = np.full(24, np.nan, "<f4").tobytes()
+    path.write_bytes(content)
+    (plate,) = read_c3d(path, AXES).plates
+    assert (plate.wrench[-4:] == 0).all()
+    assert np.isnan(plate.wrench[-8:-4]).all()
+    assert np.isfinite(plate.wrench[:-8]).all()
+
+
+def test_force_and_moment_units_come_from_the_channels(plate_file):
+    newton_mm = read_c3d(plate_file(2, origin=[0, 0, -40]), AXES).plates[0].wrench
+    newton_m = read_c3d(
+        plate_file(2, origin=[0, 0, 0], units=["kN"] * 3 + ["N*m"] * 3), AXES
+    ).plates[0]
+    centre_only = read_c3d(plate_file(2, origin=[0, 0, 0]), AXES).plates[0]
+    np.testing.assert_allclose(
+        newton_m.wrench_in_plate, centre_only.wrench_in_plate * np.repeat([1e3, 1e3], 3)
+    )
+    assert newton_mm.shape == (N_SAMPLES, 6)
+
+
+@pytest.mark.parametrize("unit", ["lbf", "V", ""])
+def test_unknown_force_units_are_refused(plate_file, unit):
+    path = plate_file(2, origin=[0, 0, -40], units=[unit] * 3 + ["Nmm"] * 3)
+    with pytest.raises(ValueError, match=r"force plate 1: channel A0: .*force unit.*expected N"):
+        read_c3d(path, AXES)
+
+
+@pytest.mark.parametrize(
+    ("extra", "message"),
+    [
+        ({"TYPE": np.array([], int)}, "TYPE names 0 of 1 plates"),
+        ({"CORNERS": np.zeros((3, 4, 1))}, "corners do not span a surface"),
+        ({"CORNERS": np.zeros((3, 3, 1))}, "CORNERS does not describe it"),
+        ({"ORIGIN": np.full((3, 1), np.nan)}, "ORIGIN holds something that is not a number"),
+        ({"CHANNEL": np.arange(2, 8)[:, None]}, "channels outside the file's 6 analog channels"),
+    ],
+)
+def test_broken_plate_parameters_are_refused(plate_file, extra, message):
+    with pytest.raises(ValueError, match=message):
+        read_c3d(plate_file(2, origin=[0, 0, -40], **extra), AXES)
+
+
+def test_type_4_without_its_matrix_is_refused(plate_file):
+    with pytest.raises(ValueError, match="CAL_MATRIX does not describe it"):
+        read_c3d(plate_file(4, origin=[0, 0, -40], units=["V"] * 6), AXES)
+
+
+def test_a_baseline_in_the_file_is_named_but_not_subtracted(plate_file):
+    plain = read_c3d(plate_file(2, origin=[0, 0, -40]), AXES)
+    zeroed = read_c3d(plate_file(2, origin=[0, 0, -40], ZERO=np.array([1, 10])), AXES)
+    np.testing.assert_array_equal(plain.plates[0].wrench, zeroed.plates[0].wrench)
+    assert any("ZERO names frames 1 to 10" in note for note in zeroed.notes)
+    assert not any("ZERO" in note for note in plain.notes)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "c3d_samples/DEC_INT.C3D",
+        "c3d_samples/Gait.c3d",
+        "c3d_samples/TYPE-2.C3D",
+        "c3d_samples/TYPE-4.C3D",
+        "c3d_samples/parameterOverflow.c3d",
+        "c3d_samples/pc_int.c3d",
+        "treadmill_hbm2/treadmill_events.c3d",
+    ],
+)
+def test_plates_of_real_files_equal_ezc3d(shared_data, name):
+    assert_equals_ezc3d(shared_data / name)
+
+
+def test_the_real_treadmill_carries_the_subject_under_the_feet(shared_data):
+    recording = read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+    weight = sum(plate.wrench[:, 2].mean() for plate in recording.plates)
+    assert weight == pytest.approx(548.4, abs=0.2)
+    markers = recording.markers
+    for plate, side in zip(recording.plates, "LR", strict=True):
+        wrench = plate.wrench[::10]
+        loaded = wrench[:, 2] > 300
+        cop = np.column_stack([-wrench[:, 4], wrench[:, 3]])[loaded] / wrench[loaded, 2:3]
+        heel, toe = (
+            markers.position[loaded][:, markers.names.index(side + site), :2]
+            for site in ("HEE", "MT2")
+        )
+        assert np.median(np.linalg.norm(cop - (heel + toe) / 2, axis=1)) < 0.1

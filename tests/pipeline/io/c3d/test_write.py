@@ -1,0 +1,229 @@
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hbm.markers import Markers
+from pipeline.io.c3d.read import read_c3d
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.recording import Analog, Event, Plate
+
+ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
+
+AXES = ["left,back,up", "forward,left,up", "forward,up,right", "back,right,up"]
+FLOAT32 = 2.0**-23
+
+
+@pytest.fixture
+def analog(plates):
+    rng = np.random.default_rng(5)
+    time = plates[0].time
+    return Analog(time, ("Acc.1X", "Belt"), ("g", "m/s"), rng.normal(size=(len(time), 2)))
+
+
+def assert_same_to_float32(found, expected, unit=1.0):
+    """Numbers on disk have 24 bits; a wrench needs a few operations more."""
+    largest = max(np.nanmax(np.abs(expected)), unit)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=4 * FLOAT32 * largest)
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_a_trial_comes_back_from_disk_as_it_was(tmp_path, subject, plates, analog, axes):
+    position = subject.position.copy()
+    position[3, 1] = np.nan
+    markers = Markers(subject.time, subject.names, position)
+    events = (Event(0.1, "foot_strike", "left"), Event(0.3, "foot_off", "right"))
+    metadata = {
+        "subject": "sub-01",
+        "marker_set": "hbm2",
+        "mass_kg": 74.6,
+        "height_m": 1.78,
+        "manufacturer": "A laboratory",
+        "software": "in software",
+    }
+    path = tmp_path / "trial.c3d"
+    write_c3d(
+        path,
+        markers,
+        plates,
+        analog=analog,
+        events=events,
+        axes=axes,
+        first_frame=12,
+        metadata=metadata,
+    )
+    found = read_c3d(path)
+    assert found.notes[0].startswith(f"The file's x, y, z axes point {axes.replace(',', ', ')}")
+    assert found.markers.names == markers.names
+    assert found.first_frame == 12
+    np.testing.assert_allclose(found.markers.time, markers.time, atol=1e-12)
+    np.testing.assert_array_equal(np.isnan(found.markers.position), np.isnan(position))
+    seen = ~np.isnan(position)
+    assert_same_to_float32(found.markers.position[seen], position[seen])
+    assert len(found.plates) == 2
+    for plate, expected in zip(found.plates, plates, strict=True):
+        assert_same_to_float32(plate.wrench, expected.wrench)
+        assert_same_to_float32(plate.wrench_in_plate, expected.wrench_in_plate)
+        np.testing.assert_allclose(plate.rotation, expected.rotation, atol=1e-9)
+        np.testing.assert_allclose(plate.center, expected.center, atol=1e-9)
+        np.testing.assert_allclose(plate.corners, expected.corners, atol=1e-7)
+        np.testing.assert_allclose(plate.time, expected.time, atol=1e-12)
+    assert found.analog.names == analog.names
+    assert found.analog.units == analog.units
+    assert_same_to_float32(found.analog.values, analog.values)
+    assert [(e.label, e.side) for e in found.events] == [(e.label, e.side) for e in events]
+    np.testing.assert_allclose([e.time for e in found.events], [0.1, 0.3], atol=1e-6)
+    assert found.metadata == pytest.approx(metadata)
+
+
+def test_what_was_read_is_written_and_read_again_without_change(tmp_path, shared_data):
+    first = read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+    path = tmp_path / "again.c3d"
+    write_c3d(
+        path,
+        first.markers,
+        first.plates,
+        analog=first.analog,
+        events=first.events,
+        first_frame=first.first_frame,
+        metadata=first.metadata,
+    )
+    again = read_c3d(path)
+    np.testing.assert_array_equal(again.markers.position, first.markers.position)
+    np.testing.assert_array_equal(again.analog.values, first.analog.values)
+    for plate, expected in zip(again.plates, first.plates, strict=True):
+        assert_same_to_float32(plate.wrench, expected.wrench)
+    np.testing.assert_allclose(
+        [e.time for e in again.events], [e.time for e in first.events], atol=1e-6
+    )
+
+
+def test_ezc3d_reads_the_same_from_the_written_file(tmp_path, subject, plates, analog):
+    path = tmp_path / "trial.c3d"
+    write_c3d(path, subject, plates, analog=analog, axes="left,back,up", first_frame=12)
+    theirs = ezc3d.c3d(str(path), extract_forceplat_data=True)
+    assert theirs["header"]["points"]["first_frame"] == 11
+    assert theirs["parameters"]["POINT"]["LABELS"]["value"] == list(subject.names)
+    lab = subject.position @ np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]])
+    np.testing.assert_allclose(
+        theirs["data"]["points"][:3].transpose(2, 1, 0), lab * 1e3, rtol=1e-6, atol=1e-4
+    )
+    ours = read_c3d(path, "forward,left,up").plates
+    for plate, oracle in zip(ours, theirs["data"]["platform"], strict=True):
+        force = plate.wrench_in_plate[:, :3] @ plate.rotation.T
+        np.testing.assert_allclose(force, oracle["force"].T, rtol=1e-9)
+        np.testing.assert_allclose(oracle["force"][2].mean(), 350, atol=1)
+    np.testing.assert_allclose(theirs["data"]["analogs"][0, -2:].T, analog.values, rtol=1e-6)
+
+
+def test_an_independent_reader_reads_the_same_from_the_written_file(tmp_path, subject, plates):
+    c3d = pytest.importorskip("c3d")
+    path = tmp_path / "trial.c3d"
+    write_c3d(path, subject, plates, first_frame=12)
+    with path.open("rb") as file:
+        reader = c3d.Reader(file)
+        frames = list(reader.read_frames(copy=True))
+        assert [label.strip() for label in reader.point_labels] == list(subject.names)
+        assert reader.point_rate == 100
+        assert reader.analog_rate == 1000
+    assert [number for number, _, _ in frames] == list(range(12, 62))
+    heights = np.array([points[:, 2] for _, points, _ in frames])
+    np.testing.assert_allclose(heights, subject.position[..., 2] * 1e3, rtol=1e-6)
+    vertical = np.concatenate([analog[2] for _, _, analog in frames])
+    np.testing.assert_allclose(vertical, plates[0].wrench_in_plate[:, 2], rtol=1e-6)
+
+
+def test_twelve_minutes_are_written_and_read_whole(tmp_path):
+    n_frames, n_markers = 72_000, 33
+    time = np.arange(n_frames) / 100
+    position = np.random.default_rng(3).normal(1, 0.5, size=(n_frames, n_markers, 3))
+    markers = Markers(time, tuple(f"M{k}" for k in range(n_markers)), position)
+    belt = Analog(time, ("Belt",), ("m/s",), time[:, None])
+    path = tmp_path / "long.c3d"
+    strikes = [Event(t, "foot_strike", "left") for t in np.arange(1, 720, 1.1)]
+    write_c3d(path, markers, analog=belt, events=strikes)
+    found = read_c3d(path, "left,back,up")
+    assert found.markers.position.shape == position.shape
+    assert_same_to_float32(found.markers.position, position)
+    assert_same_to_float32(found.analog.channel("Belt"), time)
+    np.testing.assert_allclose([e.time for e in found.events], [e.time for e in strikes], atol=1e-4)
+    assert ezc3d.c3d(str(path))["data"]["points"].shape == (4, n_markers, n_frames)
+
+
+def test_more_than_255_labels_and_channels_are_written_and_read(tmp_path):
+    rng = np.random.default_rng(2)
+    time = np.arange(5) / 100
+    names = tuple(f"MARKER_NUMBER_{k}" for k in range(600))
+    markers = Markers(time, names, rng.normal(size=(5, 600, 3)))
+    channels = tuple(f"Emg.{k}" for k in range(300))
+    analog = Analog(time, channels, ("V",) * 300, rng.normal(size=(5, 300)))
+    path = tmp_path / "many.c3d"
+    write_c3d(path, markers, analog=analog)
+    found = read_c3d(path, "left,back,up")
+    assert found.markers.names == names
+    assert found.analog.names == channels
+    assert_same_to_float32(found.analog.values, analog.values)
+
+
+@given(
+    n_frames=st.integers(2, 30),
+    n_markers=st.integers(1, 5),
+    per_frame=st.integers(1, 4),
+    n_channels=st.integers(0, 3),
+    first_frame=st.integers(1, 70_000),
+)
+@settings(
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_any_shape_of_trial_round_trips(
+    tmp_path, n_frames, n_markers, per_frame, n_channels, first_frame
+):
+    rng = np.random.default_rng(n_frames)
+    markers = Markers(
+        np.arange(n_frames) / 50,
+        tuple(f"M{k}" for k in range(n_markers)),
+        rng.normal(1, 0.5, size=(n_frames, n_markers, 3)),
+    )
+    samples = np.arange(n_frames * per_frame)
+    values = rng.normal(size=(len(samples), n_channels))
+    names = tuple(f"A{k}" for k in range(n_channels))
+    analog = Analog(samples / (50 * per_frame), names, ("V",) * n_channels, values)
+    path = tmp_path / "any.c3d"
+    write_c3d(path, markers, analog=analog, first_frame=first_frame)
+    found = read_c3d(path, "left,back,up")
+    assert_same_to_float32(found.markers.position, markers.position)
+    np.testing.assert_allclose(found.markers.time, markers.time, atol=1e-12)
+    assert found.first_frame == first_frame
+    if n_channels:
+        assert_same_to_float32(found.analog.values, values)
+
+
+def test_samples_that_do_not_fit_the_frames_are_refused(tmp_path, subject, plates):
+    short = Analog(np.arange(499) / 1000, ("A",), ("V",), np.zeros((499, 1)))
+    with pytest.raises(ValueError, match="analog has 499 samples, expected"):
+        write_c3d(tmp_path / "x.c3d", subject, plates, analog=short)
+
+
+def test_a_single_frame_has_no_rate_to_write(tmp_path):
+    markers = Markers([0.0], ("A",), np.ones((1, 1, 3)))
+    with pytest.raises(ValueError, match="at least two frames"):
+        write_c3d(tmp_path / "x.c3d", markers)
+
+
+def test_a_plate_without_a_surface_is_refused(tmp_path, subject, plates):
+    first = plates[0]
+    nowhere = Plate(
+        1, first.time, first.wrench_in_plate, np.eye(3), np.zeros(3), np.full((4, 3), np.nan)
+    )
+    with pytest.raises(ValueError, match="plate 1: its corners do not span a surface"):
+        write_c3d(tmp_path / "x.c3d", subject, [nowhere])
+
+
+def test_what_does_not_fit_the_format_is_refused(tmp_path):
+    time = np.arange(2) / 100
+    markers = Markers(time, ("A" * 300,), np.ones((2, 1, 3)))
+    with pytest.raises(ValueError, match="POINT:LABELS has a dimension of 300"):
+        write_c3d(tmp_path / "x.c3d", markers)
+    many = [Event(k / 100, "foot_strike", "left") for k in range(20_000)]
+    with pytest.raises(ValueError, match="room for 255: write fewer events"):
+        write_c3d(tmp_path / "x.c3d", Markers(time, ("A",), np.ones((2, 1, 3))), events=many)

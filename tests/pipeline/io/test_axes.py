@@ -1,0 +1,147 @@
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+
+from pipeline.io.axes import DIRECTIONS, parse_axes, settle_axes
+
+OPPOSITES = (("forward", "back"), ("left", "right"), ("up", "down"))
+ALL_AXES = [
+    ",".join(words)
+    for order in permutations(OPPOSITES)
+    for words in product(*order)
+    if round(np.linalg.det(np.array([DIRECTIONS[word] for word in words]))) == 1
+]
+
+
+def in_file_axes(vectors, axes):
+    """Turn vectors in lab axes, (..., 3), into the axes of a file."""
+    return np.asarray(vectors) @ parse_axes(axes)
+
+
+def test_there_are_24_right_handed_axes():
+    assert len(set(ALL_AXES)) == 24
+
+
+@pytest.mark.parametrize("axes", ALL_AXES)
+def test_any_axes_of_a_file_are_inferred_from_who_stands_in_it(subject, axes):
+    position = in_file_axes(subject.position, axes)
+    found, sentence = settle_axes(
+        None, position, subject.names, plate_forces=in_file_axes([[20, 5, 400]], axes)
+    )
+    assert found == axes
+    assert axes.replace(",", ", ") in sentence
+    assert "the load on plate 1" in sentence
+    assert "LASIS/RASIS" in sentence
+    assert "the toes point forward" in sentence
+    np.testing.assert_allclose(position @ parse_axes(found).T, subject.position, atol=1e-12)
+
+
+def test_stated_axes_turn_a_file_into_the_lab():
+    rotation = parse_axes("left, back, up")
+    np.testing.assert_array_equal(rotation @ [1, 0, 0], [0, 1, 0])
+    np.testing.assert_array_equal(rotation @ [0, 1, 0], [-1, 0, 0])
+
+
+@pytest.mark.parametrize("axes", ["", "left,back", "left,back,upwards", "x,y,z"])
+def test_words_that_are_no_directions_are_refused(axes):
+    with pytest.raises(ValueError, match="must be three of forward, back"):
+        parse_axes(axes)
+
+
+@pytest.mark.parametrize("axes", ["forward,right,up", "left,left,up", "up,down,left"])
+def test_axes_that_are_not_right_handed_are_refused(axes):
+    with pytest.raises(ValueError, match="not right-handed axes"):
+        parse_axes(axes)
+
+
+def test_gaps_do_not_hide_the_axes(subject):
+    position = subject.position.copy()
+    position[::2, :3] = np.nan
+    position[1, 4] = np.nan
+    assert settle_axes(None, position, subject.names)[0] == "forward,left,up"
+
+
+def test_a_loaded_plate_tells_up_where_no_marker_is_known():
+    position = np.tile([[0.0, 0.1, 1], [0, -0.1, 1]], (5, 1, 1))
+    names = ("LF", "RF")
+    found, _ = settle_axes(None, position, names, plate_forces=[[0, 0, 300.0]])
+    assert found == "forward,left,up"
+    with pytest.raises(ValueError, match="no loaded plate, no known markers; state the axes"):
+        settle_axes(None, position, names, plate_forces=[[0, 0, 20.0]])
+
+
+@pytest.mark.parametrize(
+    ("evidence", "complaint"),
+    [
+        ({"plate_forces": [[0, 0, -400.0]]}, "the load on plate 1 says that -z is up"),
+        ({"plate_forces": [[0, 0, 400.0], [400.0, 0, 0]]}, "the load on plate 2"),
+        ({"plate_normals": [[0, 0, -1.0], [0, 1.0, 0]]}, "the surface of plate 2 says otherwise"),
+        ({"screen_up": "+Y"}, "Y_SCREEN says otherwise"),
+    ],
+)
+def test_contradicting_evidence_of_up_asks_for_the_axes(subject, evidence, complaint):
+    with pytest.raises(ValueError, match=complaint) as caught:
+        settle_axes(None, subject.position, subject.names, **evidence)
+    assert "state the axes" in str(caught.value)
+
+
+def test_toes_that_point_backwards_ask_for_the_axes(subject):
+    swapped = tuple({"L": "R", "R": "L"}[name[0]] + name[1:] for name in subject.names)
+    with pytest.raises(ValueError, match=r"toes point the other way; state the axes"):
+        settle_axes(None, subject.position, swapped)
+
+
+def test_a_subject_who_turns_around_asks_for_the_axes(subject):
+    position = subject.position - [0, 0.1, 0]
+    position[35:, :, :2] *= -1
+    with pytest.raises(ValueError, match="the subject turns around"):
+        settle_axes(None, position, subject.names)
+
+
+def test_a_subject_askew_to_every_axis_asks_for_the_axes(subject):
+    askew = np.array([[1, -1, 0], [1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2)
+    with pytest.raises(ValueError, match="more than 30° away from every axis"):
+        settle_axes(None, subject.position @ askew.T, subject.names)
+
+
+def test_markers_without_sides_ask_for_the_axes():
+    position = np.tile([[0.0, 0, 1], [0, 0, 0]], (5, 1, 1))
+    with pytest.raises(ValueError, match="no marker pair such as LASIS and RASIS"):
+        settle_axes(None, position, ("C7", "SACR"), plate_forces=[[0, 0, 300.0]])
+
+
+def test_stated_axes_that_stand_the_subject_on_the_head_are_refused(subject):
+    with pytest.raises(ValueError, match=r"\+z is up.*pelvis or shoulders.*says the opposite"):
+        settle_axes("forward,left,up", subject.position * [1, 1, -1], subject.names)
+
+
+def test_plates_that_pull_the_subject_down_are_refused(subject):
+    with pytest.raises(ValueError, match="or the plate stores the force that acts on itself"):
+        settle_axes(
+            "forward,left,up", subject.position, subject.names, plate_forces=[[0, 0, -400.0]]
+        )
+
+
+def test_stated_axes_of_an_empty_treadmill_stand(subject):
+    axes, sentence = settle_axes(
+        "left,back,up", np.empty((5, 0, 3)), (), plate_forces=[[0, 0, -80.0]]
+    )
+    assert (axes, sentence) == (
+        "left,back,up",
+        "The file's x, y, z axes point left, back, up: as stated.",
+    )
+
+
+def test_a_subject_may_face_back_in_stated_axes(subject):
+    axes, sentence = settle_axes("back,right,up", subject.position, subject.names)
+    assert axes == "back,right,up"
+    assert "warning: by them the subject faces back" in sentence
+
+
+def test_stated_axes_that_confuse_forward_and_sideways_are_told(subject):
+    """Or the residuals of x and y would change places in silence."""
+    for axes, facing in (("left,back,up", "left"), ("right,forward,up", "right")):
+        sentence = settle_axes(axes, subject.position, subject.names)[1]
+        assert f"warning: by them the subject faces {facing}, for the pairs" in sentence
+    assert "warning" not in settle_axes("forward,left,up", subject.position, subject.names)[1]

@@ -1,0 +1,227 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.io.dflow import read_dflow
+from pipeline.io.dflow_record import read_record
+from pipeline.io.read import read_recording
+from tests.pipeline.other_formats import excerpt, write_dflow
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(4)
+
+
+@pytest.fixture(scope="module")
+def trial(walker):
+    """Three seconds of walking without gaps."""
+    return excerpt(walker, 500, 800)
+
+
+RECORD = """Time\tLeftBelt.Speed\tRightBelt.Speed
+{rows}# EVENT A occured 2 time
+# EVENT B occured 1 time
+"""
+
+
+def record_rows(time, events):
+    """Rows at uneven times, and events between them: the row after which, and the letter."""
+    lines, counts = [], {}
+    for k, t in enumerate(time):
+        lines.append(f"{t:.6f}\t{1 + 0.1 * t:.6f}\t{2 - 0.1 * t:.6f}\n")
+        if k in events:
+            letter = events[k]
+            counts[letter] = counts.get(letter, 0) + 1
+            lines.append(f"#\n# EVENT {letter} - COUNT {counts[letter]}\n#\n")
+    return "".join(lines)
+
+
+def test_the_frame_number_drives_time_whatever_the_stamps_do(trial, tmp_path, rng):
+    late = np.abs(rng.normal(0, 0.002, 300))
+    late[100:110] += np.linspace(0.1, 0.01, 10)
+    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", stamps=np.arange(300) / 100 + late))
+    np.testing.assert_allclose(read.markers.time, np.arange(300) / 100, atol=1e-12)
+    assert any("drives time at 100 Hz" in note for note in read.notes)
+
+
+def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path):
+    def drop(lines):
+        return [line for k, line in enumerate(lines) if k not in (51, 52, 200)]
+
+    channel = {"Channel13.Anlg": np.sin(np.arange(300))}
+    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", edit=[drop], extra=channel))
+    gone = [50, 51, 199]
+    empty = np.isnan(read.markers.position).all(axis=(1, 2))
+    assert np.flatnonzero(empty).tolist() == gone
+    assert np.flatnonzero(np.isnan(read.plates[0].wrench).all(axis=1)).tolist() == gone
+    assert np.flatnonzero(np.isnan(read.analog.channel("Channel13.Anlg"))).tolist() == gone
+    assert "3 of 300 frames were dropped; they are gaps." in read.notes
+    kept = np.delete(np.arange(300), gone)
+    np.testing.assert_allclose(read.markers.position[kept], trial.markers.position[kept], atol=1e-6)
+
+
+def test_rows_that_repeat_a_frame_count_once(trial, tmp_path):
+    def twice(lines):
+        return [*lines[:80], lines[79], *lines[80:]]
+
+    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", edit=[twice]))
+    assert len(read.markers.time) == 300
+    assert "1 rows repeat a frame and were left out." in read.notes
+
+
+@pytest.mark.parametrize("way", ["zero", "held"])
+def test_markers_that_no_camera_saw_are_gaps_with_their_count(trial, tmp_path, way):
+    position = trial.markers.position.copy()
+    position[20:27, 4] = np.nan
+    position[90, 0] = np.nan
+    gappy = replace(trial, markers=replace(trial.markers, position=position))
+    path = write_dflow(gappy, tmp_path / "t.txt", missing=way)
+    read = read_dflow(path)
+    assert np.array_equal(np.isnan(read.markers.position), np.isnan(position))
+    names = trial.markers.names
+    how = "written as zero" if way == "zero" else "held in place"
+    assert f"8 marker samples {how} are gaps ({names[0]}, {names[4]})." in read.notes
+    other = read_dflow(path, missing="held" if way == "zero" else "zero")
+    assert not np.isnan(other.markers.position).any()
+
+
+def test_minus_zero_is_zero(trial, tmp_path):
+    def minus(lines):
+        fields = lines[10].split("\t")
+        fields[2:5] = ["-0.000000", "0.000000", "-0.000000"]
+        return [*lines[:10], "\t".join(fields), *lines[11:]]
+
+    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", edit=[minus]))
+    assert np.argwhere(np.isnan(read.markers.position[..., 0])).tolist() == [[9, 0]]
+
+
+def test_moments_about_another_point_are_found_out_from_the_centres_of_pressure(trial, tmp_path):
+    """Without being told where the plates' centres are."""
+    at_centres = write_dflow(trial, tmp_path / "c.txt", about=lambda plate: plate.center)
+    read = read_dflow(at_centres)
+    for ours, true in zip(read.plates, trial.plates, strict=True):
+        np.testing.assert_allclose(ours.wrench, true.wrench[::10], atol=0.01)
+        assert f"plate {true.number}: moments are about the point" in " ".join(read.notes)
+
+
+def test_moments_that_no_centre_of_pressure_explains_are_refused(trial, tmp_path):
+    def doubled(lines):
+        header = lines[0].split("\t")
+        wrong = [header.index(f"FP1.Mom{a}") for a in "XZ"]
+        rows = [line.split("\t") for line in lines[1:]]
+        for row in rows:
+            for k in wrong:
+                row[k] = f"{2 * float(row[k]):.6f}"
+        return [lines[0], *("\t".join(row) for row in rows)]
+
+    path = write_dflow(trial, tmp_path / "t.txt", edit=[doubled])
+    with pytest.raises(ValueError, match=r"plate 1: moments and centres of pressure disagree by"):
+        read_dflow(path)
+
+
+def test_a_vertical_moment_that_was_not_exported_is_no_zero(trial, tmp_path):
+    zero = {"FP1.MomY": np.zeros(300)}
+    path = write_dflow(trial, tmp_path / "t.txt", extra=zero)
+    with pytest.raises(ValueError, match="plate 1: the vertical moment is zero"):
+        read_dflow(path)
+
+
+def test_other_columns_are_channels_and_the_failed_body_model_is_a_gap(trial, tmp_path):
+    angle, moment = np.linspace(1, 2, 300), np.linspace(3, 4, 300)
+    angle[7] = moment[7] = -0.0
+    extra = {
+        "Channel1.Anlg": np.linspace(0, 5, 300),
+        "LHipFlex.Ang": angle,
+        "LHipFlex.Mom": moment,
+        "HBM.COM.X": np.ones(300),
+        "pelvis.PosX": np.ones(300),
+    }
+    read = read_dflow(write_dflow(trial, tmp_path / "t.txt", extra=extra))
+    assert read.analog.names == tuple(extra)
+    assert read.analog.units == ("V", "deg", "N·m", "", "")
+    assert np.flatnonzero(np.isnan(read.analog.channel("LHipFlex.Ang"))).tolist() == [7]
+    assert read.markers.names == trial.markers.names
+
+
+def test_a_record_comes_onto_the_markers_clock(trial, tmp_path, rng):
+    stamps = np.arange(300) / 100 + 208.1 + rng.uniform(-0.002, 0.002, 300)
+    mocap = write_dflow(trial, tmp_path / "t.txt", stamps=stamps)
+    time = 208.5 + np.cumsum(rng.uniform(0.003, 0.02, 150))
+    events = {10: "A", 60: "B", 100: "A"}
+    record = tmp_path / "record.txt"
+    record.write_text(RECORD.format(rows=record_rows(time, events)))
+    read = read_dflow(mocap, record=record)
+    speed = read.analog.channel("LeftBelt.Speed")
+    clock = read.markers.time + 208.1
+    inside = (clock > time[0] + 0.005) & (clock < time[-1] - 0.005)
+    np.testing.assert_allclose(speed[inside], 1 + 0.1 * clock[inside], atol=2e-4)
+    assert np.isnan(speed[(clock < time[0] - 0.01) | (clock > time[-1] + 0.01)]).all()
+    found = read.metadata["dflow_events"]
+    middle = {k: (time[k] + time[k + 1]) / 2 - 208.1 for k in events}
+    np.testing.assert_allclose(found["A"], [middle[10], middle[100]], atol=2e-3)
+    np.testing.assert_allclose(found["B"], [middle[60]], atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda text: text.replace("# EVENT A occured 2", "# EVENT A occured 3"), "counts 3"),
+        (lambda text: text.replace("\t1.", "\t1,", 1), "decimal comma"),
+        (lambda text: text[:80], "truncated"),
+        (lambda text: text.replace("Time", "Date", 1), "not a D-Flow record file"),
+        (lambda text: text.replace("0.05", "9.05", 1), "do not increase"),
+    ],
+)
+def test_a_broken_record_is_one_line(tmp_path, change, said):
+    rows = record_rows(np.arange(12) / 100, {3: "A", 5: "A", 7: "B"})
+    path = tmp_path / "record.txt"
+    path.write_text(change(RECORD.format(rows=rows)))
+    with pytest.raises(ValueError, match=rf"^record\.txt: .*{said}"):
+        read_record(path)
+
+
+def test_a_record_of_another_hour_is_refused(trial, tmp_path):
+    mocap = write_dflow(trial, tmp_path / "t.txt")
+    record = tmp_path / "record.txt"
+    rows = record_rows(3600 + np.arange(12) / 100, {3: "A", 5: "A", 7: "B"})
+    record.write_text(RECORD.format(rows=rows))
+    with pytest.raises(ValueError, match=r"^record\.txt: its times .* do not overlap"):
+        read_dflow(mocap, record=record)
+
+
+def millimetres(lines):
+    header = lines[0].split("\t")
+    scale = [1000 if ".Pos" in name else 1 for name in header]
+    rows = (
+        "\t".join(f"{s * float(x):.6f}" for s, x in zip(scale, line.split("\t"), strict=True))
+        for line in lines[1:]
+    )
+    return [lines[0], *rows]
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        (millimetres, "correct the unit"),
+        (lambda lines: [lines[0].replace("FrameNumber", "Frame"), *lines[1:]], "Nexus"),
+        (lambda lines: [lines[0].replace(".PosY", ".PosQ", 1), *lines[1:]], "PosY is absent"),
+        (lambda lines: [*lines[:9], lines[9].rpartition("\t")[0], *lines[10:]], "line 10 holds"),
+        (lambda lines: [*lines[:9], lines[9] + "\t1", *lines[10:]], "line 10 holds"),
+        (lambda lines: [*lines[:9], lines[9].replace(".", ",", 1), *lines[10:]], "line 10.*comma"),
+        (lambda lines: [*lines[:9], *lines[2:9]], "does not count upward"),
+        (lambda lines: lines[:2], "1 frames"),
+        (lambda lines: [lines[0], *lines[1::9]], "FrameNumber spans"),
+    ],
+)
+def test_a_broken_mocap_file_is_one_line(trial, tmp_path, edit, said):
+    path = write_dflow(trial, tmp_path / "t.txt", edit=[edit])
+    with pytest.raises(ValueError, match=rf"^t\.txt: .*{said}"):
+        read_recording(path)
+
+
+def test_axes_that_contradict_the_markers_are_refused(trial, tmp_path):
+    path = write_dflow(trial, tmp_path / "t.txt")
+    with pytest.raises(ValueError, match="says the opposite"):
+        read_dflow(path, "forward,down,left")

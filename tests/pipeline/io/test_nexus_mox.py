@@ -1,0 +1,101 @@
+import numpy as np
+import pytest
+
+from pipeline.io.read import read_recording
+from tests.pipeline.other_formats import excerpt, write_mox, write_nexus
+
+
+@pytest.fixture(scope="module")
+def trial(walker):
+    """One second of walking that begins at frame 301."""
+    return excerpt(walker, 500, 600, first_frame=301)
+
+
+def changed(path, *pairs):
+    text = path.read_text(encoding="utf-8")
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new, 1)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+OUTPUTS = """
+Model Outputs
+100
+,,S01:LHipAngles,,,S01:LKneeAngles,,
+Frame,Sub Frame,X,Y,Z,X,Y,Z
+,,deg,deg,deg,deg,deg,deg
+"""
+
+
+def test_nexus_says_whose_and_which_frames_and_keeps_its_model_outputs(trial, tmp_path):
+    path = write_nexus(trial, tmp_path / "t.csv")
+    rows = "".join(f"{301 + k},0,{k},1,2,3,4,5\n" for k in range(100))
+    path.write_text(path.read_text(encoding="utf-8") + OUTPUTS + rows, encoding="utf-8")
+    read = read_recording(path)
+    assert read.first_frame == 301
+    assert read.metadata["subject"] == "S01"
+    np.testing.assert_array_equal(read.model_outputs["LHipAngles"][:, 0], np.arange(100))
+    assert "their sign was changed" in " ".join(read.notes)
+
+
+def test_other_devices_are_analog_channels(trial, tmp_path):
+    path = changed(
+        write_nexus(trial, tmp_path / "t.csv"),
+        ("Imported AMTI #2 - CoP", "EMG - Voltage"),
+        ("Imported AMTI #2 - Force", "Left - Volts"),
+        ("Imported AMTI #2 - Moment", "Right - Volts"),
+    )
+    read = read_recording(path)
+    assert len(read.plates) == 1
+    assert "EMG - Voltage Cx" in read.analog.names
+    assert read.analog.values.shape == (1000, 9)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "said"),
+    [
+        ([("S01:", "S02:"), ("\n302,0,", "\n303,0,")], "upward"),
+        ([("N.mm", "lbf")], "unknown moment unit 'lbf'"),
+        ([("Imported AMTI #2 - CoP", "Pressure")], "export Force, Moment and CoP"),
+        ([("Trajectories\n100", "Trajectories\nfast")], "expected a rate"),
+        ([("Devices\n1000", "Devices\n900")], "do not"),
+        ([("Trajectories", "Points")], "no Trajectories block"),
+        ([("Frame,Sub Frame,X,Y,Z", "Frame,Sub Frame,X,Y,Q,X")], "columns"),
+    ],
+)
+def test_a_broken_nexus_export_is_one_line(trial, tmp_path, pairs, said):
+    path = changed(write_nexus(trial, tmp_path / "t.csv"), *pairs)
+    with pytest.raises(ValueError, match=rf"^t\.csv: .*{said}"):
+        read_recording(path)
+
+
+def test_millimetres_that_say_metres_are_refused(trial, tmp_path):
+    path = write_nexus(trial, tmp_path / "t.csv", unit=("m", 1000.0))
+    with pytest.raises(ValueError, match=r"^t\.csv: the markers spread over .* correct the unit"):
+        read_recording(path)
+
+
+def test_mox_keeps_unknown_channels_and_says_that_its_signs_are_unconfirmed(trial, tmp_path):
+    read = read_recording(write_mox(trial, tmp_path / "t.mox"))
+    assert read.analog.names == ("Rotation LHipFlex",)
+    assert read.metadata["subject"] == "P7"
+    assert any("unconfirmed" in note for note in read.notes)
+
+
+@pytest.mark.parametrize(
+    ("pairs", "said"),
+    [
+        ([("</viewer_data>", "")], "broken or truncated"),
+        ([("<nr_of_samples>100", "<nr_of_samples>250")], "nr_of_samples 250"),
+        ([("<sampling_frequency>100<", "<sampling_frequency>50<")], "differ in rate"),
+        ([("<channel_data>", "<channel_data>x ")], "no number"),
+        ([(".PosX", ".PosQ")], "no channel for"),
+        ([("FP1 - Moment Y", "FP1 - Torque Y")], "no channel for 1 mom Y"),
+    ],
+)
+def test_a_broken_mox_file_is_one_line(trial, tmp_path, pairs, said):
+    path = changed(write_mox(trial, tmp_path / "t.mox"), *pairs)
+    with pytest.raises(ValueError, match=rf"^t\.mox: .*{said}"):
+        read_recording(path)

@@ -1,0 +1,243 @@
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.config.study import Settings, Subject
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.read import file_format, read_recording
+from pipeline.trial.process import process_recording
+from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus, write_opensim
+
+
+@pytest.fixture(scope="session")
+def trial(walker):
+    """Four seconds of walking with gaps, plates and markers only."""
+    whole = excerpt(walker, 400, 800, first_frame=17)
+    position = whole.markers.position.copy()
+    position[30:42, 3] = np.nan
+    position[100, [5, 7]] = np.nan
+    position[-3:, 0] = np.nan
+    return replace(whole, markers=replace(whole.markers, position=position))
+
+
+@pytest.fixture(scope="session")
+def formats(trial, tmp_path_factory):
+    """Format -> the arguments that read the trial from it; the suffixes tell nothing."""
+    folder = tmp_path_factory.mktemp("formats")
+    write_c3d(folder / "a.dat", trial.markers, trial.plates, first_frame=17)
+    write_opensim(trial, folder / "b.dat", folder / "b_forces.dat")
+    write_dflow(trial, folder / "c.dat")
+    write_dflow(trial, folder / "d.dat", missing="held")
+    write_mox(trial, folder / "e.dat")
+    write_nexus(trial, folder / "f.dat")
+    write_nexus(trial, folder / "g.dat", separator="\t", sign=1, unit=("m", 1.0), subject="")
+    return {
+        "C3D": {"path": folder / "a.dat"},
+        "TRC": {"path": folder / "b.dat", "forces": folder / "b_forces.dat"},
+        "D-Flow": {"path": folder / "c.dat"},
+        "D-Flow held": {"path": folder / "d.dat"},
+        "MOX": {"path": folder / "e.dat"},
+        "Nexus": {"path": folder / "f.dat"},
+        "Nexus tabs": {"path": folder / "g.dat"},
+    }
+
+
+NAMES = ["C3D", "TRC", "D-Flow", "D-Flow held", "MOX", "Nexus", "Nexus tabs"]
+PLACES_M = {"C3D": 1e-6, "D-Flow": 1e-6, "D-Flow held": 1e-6}
+WRENCHES = {"C3D": 1e-3, "D-Flow": 2e-6, "D-Flow held": 2e-6, "TRC": 1e-5}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_trial_in_each_format_is_the_same_recording(formats, trial, name):
+    read = read_recording(**formats[name])
+    assert read.markers.names == trial.markers.names
+    np.testing.assert_allclose(read.markers.time, trial.markers.time, atol=1e-9)
+    places = PLACES_M.get(name, 1e-8)
+    np.testing.assert_allclose(read.markers.position, trial.markers.position, atol=places)
+    assert len(read.plates) == len(trial.plates) == 2
+    for ours, true in zip(read.plates, trial.plates, strict=True):
+        step = round(len(true.time) / len(ours.time))
+        assert step == (10 if name.startswith("D-Flow") else 1)
+        np.testing.assert_allclose(ours.time, true.time[::step], atol=1e-9)
+        atol = WRENCHES.get(name, 1e-4)
+        np.testing.assert_allclose(ours.wrench, true.wrench[::step], atol=atol)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_formats_are_told_by_content(formats, name):
+    assert file_format(formats[name]["path"]) == name.split(maxsplit=1)[0]
+
+
+def one_line(error):
+    text = str(error.value)
+    assert "\n" not in text
+    assert len(text) < 500
+    return text
+
+
+def fault_of(path):
+    try:
+        read_recording(path)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def test_an_unknown_content_names_the_formats_that_are_read(tmp_path):
+    for content in (b"time\tLASIS\n0\t1\n", bytes(range(256)) * 40, b"hello", b"\0" * 999, b"{}"):
+        path = tmp_path / "trial.c3d"
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match="trial") as error:
+            read_recording(path)
+        for word in ("trial.c3d", "not a C3D file", "TRC", "D-Flow", ".mox", "Nexus"):
+            assert word in one_line(error)
+
+
+def test_half_a_trial_says_which_half_is_missing(formats, tmp_path):
+    with pytest.raises(ValueError, match="no markers; give it beside a TRC file"):
+        read_recording(formats["TRC"]["forces"])
+    path = tmp_path / "record.txt"
+    path.write_text("Time\tBelt\n0.0\t1.0\n0.1\t1.0\n")
+    with pytest.raises(ValueError, match="no markers; give it beside a D-Flow mocap file"):
+        read_recording(path)
+    path.write_bytes(b"")
+    with pytest.raises(ValueError, match=r"record\.txt: the file is empty"):
+        read_recording(path)
+
+
+def test_a_second_file_that_does_not_belong_is_refused(formats):
+    for key, its in (("forces", "TRC"), ("record", "D-Flow")):
+        with pytest.raises(ValueError, match=f"goes with a {its} file, this is MOX"):
+            read_recording(formats["MOX"]["path"], **{key: formats["TRC"]["forces"]})
+
+
+@pytest.mark.parametrize("name", ["D-Flow", "MOX", "Nexus", "TRC"])
+def test_line_ends_and_byte_order_marks_change_nothing(formats, tmp_path, name):
+    plain = read_recording(formats[name]["path"])
+    text = formats[name]["path"].read_text(encoding="utf-8")
+    lines = text.splitlines()
+    mixed = "".join(line + ("\r\n" if k % 3 else "\n") for k, line in enumerate(lines))
+    variants = {"crlf": "\r\n".join(lines).encode(), "mixed": mixed.encode()}
+    variants["bom"] = b"\xef\xbb\xbf" + text.encode()
+    variants["utf16"] = text.encode("utf-16") if name != "MOX" else variants["bom"]
+    for variant, content in variants.items():
+        path = tmp_path / f"{variant}.x"
+        path.write_bytes(content)
+        again = read_recording(path)
+        np.testing.assert_array_equal(again.markers.position, plain.markers.position)
+
+
+def test_line_ends_and_byte_order_marks_of_forces_change_nothing(formats, tmp_path):
+    markers, forces = formats["TRC"].values()
+    plain = read_recording(markers, forces=forces).plates
+    text = forces.read_text(encoding="utf-8")
+    mixed = "".join(line + ("\r\n" if k % 3 else "\n") for k, line in enumerate(text.splitlines()))
+    for content in (mixed.encode(), b"\xef\xbb\xbf" + text.encode(), text.encode("utf-16")):
+        path = tmp_path / "forces.mot"
+        path.write_bytes(content)
+        for ours, theirs in zip(read_recording(markers, forces=path).plates, plain, strict=True):
+            np.testing.assert_array_equal(ours.wrench, theirs.wrench)
+
+
+@pytest.mark.parametrize("name", ["D-Flow", "MOX", "Nexus", "TRC"])
+def test_decimal_commas_are_refused_as_such(formats, tmp_path, name):
+    text = formats[name]["path"].read_text(encoding="utf-8")
+    head, body = text[: text.index("0.")], text[text.index("0.") :]
+    if name == "Nexus":
+        text = text.replace(",", ";").replace(".", ",").replace("N,mm", "N.mm")
+    else:
+        text = head + body.replace(".", ",")
+    path = tmp_path / "comma.txt"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match="decimal comma") as error:
+        read_recording(path)
+    assert one_line(error).startswith("comma.txt: ")
+
+
+@pytest.mark.parametrize(("name", "separator"), [("D-Flow", "\t"), ("Nexus", ","), ("TRC", "\t")])
+@pytest.mark.parametrize("how", ["less", "more"])
+def test_a_row_of_other_columns_is_refused_with_its_line(formats, tmp_path, name, separator, how):
+    lines = formats[name]["path"].read_text(encoding="utf-8").splitlines()
+    fields = lines[200].split(separator)
+    fields[5:6] = [] if how == "less" else [fields[5], "0.5"]
+    lines[200] = separator.join(fields)
+    path = tmp_path / "columns.txt"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"line 201 holds .* fields for") as error:
+        read_recording(path)
+    assert one_line(error).startswith("columns.txt: ")
+
+
+WRITERS = {
+    "C3D": lambda trial, path: write_c3d(path, trial.markers, trial.plates),
+    "TRC": lambda trial, path: write_opensim(trial, path, path.with_suffix(".mot")),
+    "D-Flow": write_dflow,
+    "MOX": write_mox,
+    "Nexus": write_nexus,
+}
+
+
+@pytest.mark.parametrize("scale", [1000.0, 0.001], ids=["a walker of a mile", "a walker of an ant"])
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_length_unit_that_cannot_be_is_refused(trial, tmp_path, name, scale):
+    markers = replace(trial.markers, position=scale * trial.markers.position)
+    path = tmp_path / "unit.dat"
+    WRITERS[name](replace(trial, markers=markers), path)
+    with pytest.raises(ValueError, match="correct the unit in the file") as error:
+        read_recording(path)
+    assert one_line(error).startswith("unit.dat: ")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_file_that_was_cut_off_is_refused(formats, tmp_path, name):
+    content = formats[name]["path"].read_bytes()
+    for share in (0.9, 0.5, 0.2, 0.01):
+        cut = content[: int(share * len(content)) - 3]
+        path = tmp_path / "cut.txt"
+        path.write_bytes(cut[: cut.rindex(b"\n") + 9] if b"\n" in cut else cut)
+        with pytest.raises(ValueError, match=r"cut\.txt: "):
+            read_recording(path)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_random_damage_ends_in_one_line_or_in_a_recording(formats, tmp_path, name):
+    """Never another exception, and no warning: those are errors in tests."""
+    content = formats[name]["path"].read_bytes()[:40_000]
+    tail = formats[name]["path"].read_bytes()[-20_000:]
+    rng = random.Random(name)
+    for _ in range(25):
+        damaged = bytearray(content + tail if rng.random() < 0.5 else content)
+        for _ in range(rng.choice([1, 3, 30])):
+            place = rng.randrange(len(damaged) if rng.random() < 0.5 else 600)
+            how = rng.random()
+            if how < 0.5:
+                damaged[place] = rng.randrange(256)
+            elif how < 0.8:
+                del damaged[place : place + rng.randrange(1, 50)]
+            else:
+                damaged[place:place] = rng.choice([b"\t", b",", b"\n", b"1e300", b"-", b"\0", b"9"])
+        path = tmp_path / "damaged.bin"
+        path.write_bytes(damaged)
+        fault = fault_of(path)
+        assert fault is None or fault.startswith("damaged.bin: ")
+        assert "\n" not in (fault or "")
+
+
+def test_residuals_do_not_depend_on_the_format(walker, tmp_path):
+    """D-Flow keeps the plates at the markers' rate only, so a filtered newton may differ."""
+    whole = replace(walker, analog=None, events=())
+    settings = Settings(marker_set="hbm2")
+    forces = {}
+    for name, path in {
+        "Nexus": write_nexus(whole, tmp_path / "walk.csv"),
+        "D-Flow": write_dflow(whole, tmp_path / "walk.txt"),
+    }.items():
+        result = process_recording(read_recording(path), Subject(mass_kg=75), settings)
+        forces[name] = result.measured.residual[100:-100]
+    true = process_recording(whole, Subject(mass_kg=75), settings).measured.residual[100:-100]
+    size = np.sqrt(np.nanmean(true**2, axis=0))
+    for name, residual in forces.items():
+        away = np.sqrt(np.nanmean((residual - true) ** 2, axis=0))
+        assert (away < (0.001 if name == "Nexus" else 0.1) * size + 0.01).all(), (name, away, size)

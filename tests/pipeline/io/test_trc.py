@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+
+from pipeline.io.opensim.trc import read_trc
+
+
+@pytest.fixture
+def trc_file(tmp_path, subject):
+    """Write the standing subject as a TRC file, x forward, y up, z right, with any faults."""
+
+    def write(unit="mm", per_metre=1000.0, *, edit=lambda text: text, position=None):
+        lab = subject.position if position is None else position
+        placed = lab[..., [0, 2, 1]] * [1, 1, -1] * per_metre
+        n_frames, n_markers, _ = placed.shape
+        lines = [
+            "PathFileType\t4\t(X/Y/Z)\tsubject.trc",
+            "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate",
+            f"100.00\t100.00\t{n_frames}\t{n_markers}\t{unit}\t100.00",
+            "Frame#\tTime\t" + "\t\t\t".join(subject.names) + "\t\t",
+            "\t\t" + "\t".join(f"{a}{k + 1}" for k in range(n_markers) for a in "XYZ"),
+            "",
+        ]
+        for k, frame in enumerate(placed):
+            fields = ["" if np.isnan(value) else f"{value:.6f}" for value in frame.ravel()]
+            lines.append("\t".join([str(k + 7), f"{2 + k / 100:.3f}", *fields]))
+        path = tmp_path / "subject.trc"
+        path.write_text(edit("\n".join(lines)), encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(("unit", "per_metre"), [("mm", 1e3), ("m", 1.0), ("cm", 1e2)])
+def test_markers_arrive_in_metres_and_lab_axes(trc_file, subject, unit, per_metre):
+    recording = read_trc(trc_file(unit, per_metre))
+    assert recording.markers.names == subject.names
+    np.testing.assert_allclose(recording.markers.position, subject.position, atol=1e-6)
+    np.testing.assert_allclose(recording.markers.time, subject.time, atol=1e-12)
+    assert recording.first_frame == 7
+    assert "point forward, up, right" in recording.notes[0]
+
+
+def test_empty_fields_and_zeros_are_gaps(trc_file, subject):
+    position = subject.position.copy()
+    position[3, 2] = np.nan
+    position[4, 1] = 0
+    gaps = np.isnan(read_trc(trc_file(position=position)).markers.position).all(axis=-1)
+    assert np.argwhere(gaps).tolist() == [[3, 2], [4, 1]]
+
+
+def test_millimetres_that_are_metres_are_refused(trc_file):
+    with pytest.raises(ValueError, match=r"subject\.trc: the markers spread over 0.000.*'mm'"):
+        read_trc(trc_file("mm", 1.0))
+
+
+def test_labels_are_renamed_before_the_axes_are_inferred(trc_file):
+    path = trc_file(edit=lambda text: text.replace("ASIS", "PELVIS_FRONT"))
+    rename = {"LPELVIS_FRONT": "LASIS", "RPELVIS_FRONT": "RASIS"}
+    recording = read_trc(path, rename=rename)
+    assert recording.markers.names[:2] == ("LASIS", "RASIS")
+    assert "LASIS/RASIS" in recording.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda text: "", "the file is empty"),
+        (lambda text: text.replace("PathFileType", "Something"), "not a TRC file"),
+        (lambda text: text.replace("\tmm\t", "\tfurlong\t"), "unknown length unit 'furlong'"),
+        (lambda text: text.replace("Units", "Unit"), "header does not say Units"),
+        (lambda text: text[: len(text) // 2].rpartition("\n")[0], "says NumFrames 50, but"),
+        (lambda text: text.replace("\t6\tmm", "\t7\tmm"), "says NumMarkers 7, but it holds 6"),
+        (lambda text: text.replace("\n100.00", "\n0.00"), "header says 0 Hz"),
+        (lambda text: text.replace("RASIS", "LASIS"), "same label: LASIS"),
+        (
+            lambda text: text.replace("2.030", "2.0x0"),
+            r"line 10, column 'Time': '2.0x0' is no number",
+        ),
+        (lambda text: text.replace("2.030", "2.040"), "not the regular times of its rate"),
+        (lambda text: text.replace("2.030", ""), "a frame has no number or no time"),
+    ],
+)
+def test_a_damaged_file_is_refused_in_one_line(trc_file, edit, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        read_trc(trc_file(edit=edit))
+    assert str(caught.value).startswith("subject.trc: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_real_static_trial_stands_upright_for_five_seconds(shared_data):
+    recording = read_trc(shared_data / "opensim_subject01" / "subject01_static.trc")
+    markers = recording.markers
+    assert markers.position.shape == (300, 49, 3)
+    assert markers.time[-1] == pytest.approx(299 / 60)
+    place = dict(zip(markers.names, np.nanmean(markers.position, axis=0), strict=True))
+    assert place["Top.Head"][2] > 1.6
+    assert place["L.ASIS"][1] > place["R.ASIS"][1]
+    assert place["L.Toe.Tip"][0] > place["L.Heel"][0]

@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+
+from pipeline.io.units import check_span, force_in_n, length_in_m, moment_in_nm
+
+
+@pytest.mark.parametrize(
+    ("unit", "metre"),
+    [("mm", 1e-3), ("MM", 1e-3), ("cm", 1e-2), ("m", 1), ("meters", 1), ("millimetre", 1e-3)],
+)
+def test_lengths(unit, metre):
+    assert length_in_m(unit) == metre
+
+
+@pytest.mark.parametrize(("unit", "newton"), [("N", 1), ("nt", 1), ("Newtons", 1), ("kN", 1e3)])
+def test_forces(unit, newton):
+    assert force_in_n(unit) == newton
+
+
+@pytest.mark.parametrize(
+    ("unit", "newton_metre"),
+    [
+        ("Nmm", 1e-3),
+        ("ntmm", 1e-3),
+        ("N.mm", 1e-3),
+        ("N*mm", 1e-3),
+        ("N·mm", 1e-3),
+        ("N-mm", 1e-3),
+        ("N mm", 1e-3),
+        ("Nm", 1),
+        ("Newton-meters", 1),
+        ("Ncm", 1e-2),
+        ("kNm", 1e3),
+    ],
+)
+def test_moments(unit, newton_metre):
+    assert moment_in_nm(unit) == newton_metre
+
+
+@pytest.mark.parametrize("convert", [length_in_m, force_in_n, moment_in_nm])
+@pytest.mark.parametrize("unit", ["", "  ", "V", "lb", "in", "mmm", "deg"])
+def test_unknown_units_are_refused_with_what_is_expected(convert, unit):
+    with pytest.raises(ValueError, match=r"unit.*expected"):
+        convert(unit)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_markers_of_a_person_span_neither_millimetres_nor_kilometres(subject, scale):
+    check_span(subject.position, "m")
+    with pytest.raises(ValueError, match="correct the unit in the file"):
+        check_span(subject.position * scale, "mm")
+
+
+def test_a_single_marker_or_none_has_no_span_to_judge():
+    check_span(np.ones((5, 1, 3)), "mm")
+    check_span(np.full((5, 3, 3), np.nan), "mm")
+    check_span(np.empty((5, 0, 3)), "mm")

@@ -1,0 +1,238 @@
+"""Experiment 1: every error of a plate is found within its uncertainty, and none in a good plate.
+
+Estimates are held to four standard errors: forty of them are looked at.
+"""
+
+from functools import partial
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.config.plate_study import StudyFaults, read_plates_study
+from pipeline.plate_accuracy.accuracy import check_plates
+from pipeline.plate_accuracy.report import COLUMNS, table_1
+from pipeline.plate_accuracy.verdict import verdict
+from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
+from pipeline.virtual_lab.protocol.protocol import known_weights
+
+FEW = {
+    "speeds": (0.7, 1.0),
+    "weights": (13.44, 22.56, 45.08),
+    "positions": (0.15, 0.35),
+    "belts": ("left",),
+    "supports": (True,),
+}
+CROSS = {(0, 2): 0.01, (2, 0): 0.02, (5, 0): 0.01}
+ERRORS = PlateErrors(
+    cross_talk=CROSS,
+    angle_rad=np.radians(0.8),
+    offset_m=(0.004, -0.005),
+    delay_s=0.006,
+    curvature=0.02,
+    drift_n_per_s=0.05,
+)
+
+
+@pytest.fixture(scope="module")
+def faultless(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("faultless")
+    simulate_plates(folder, seed=1, **FEW)
+    return check_plates(read_plates_study(folder))
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("faulty")
+    simulate_plates(folder, ERRORS, seed=2, **FEW)
+    return check_plates(read_plates_study(folder))
+
+
+@pytest.fixture(scope="module")
+def shaking(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("shaking")
+    errors = PlateErrors(vibration_m=0.03, vibration_hz=3.2)
+    simulate_plates(folder, errors, seed=3, **(FEW | {"supports": (True, False)}))
+    return check_plates(read_plates_study(folder))
+
+
+def estimate(found, fault):
+    return next(one for one in found.estimates if one.fault == fault)
+
+
+def test_a_faultless_plate_is_found_faultless(faultless):
+    assert [one for one in faultless.estimates if one.found] == []
+    assert verdict(faultless) == (True, [], [])
+    assert faultless.linearities["left"].percent_of_full_scale < 0.2
+
+
+@pytest.mark.parametrize(
+    ("fault", "truth"),
+    [
+        ("angle", 0.8),
+        ("delay", 0.006),
+        ("delay in motion", 0.006),
+        ("curvature", 0.02 * 510),
+        ("drift", 0.05),
+        ("Fz in Fx", 0.01),
+        ("Fx in Fz", 0.02),
+    ],
+)
+def test_every_error_is_found_within_its_uncertainty(faulty, fault, truth):
+    one = estimate(faulty, fault)
+    assert one.found
+    assert abs(one.value - truth) < 4 * one.error + 0.02 * abs(truth)  # errors act on each other
+    assert one.error < 0.1 * abs(truth)
+
+
+@pytest.mark.parametrize(
+    ("error", "truth"),
+    [
+        ({"angle_rad": np.radians(0.19)}, {"angle": 0.19}),
+        ({"delay_s": 0.004}, {"delay": 0.004, "delay in motion": 0.004}),
+        ({"curvature": 0.02}, {"curvature": 0.02 * 510}),
+        ({"drift_n_per_s": 0.05}, {"drift": 0.05}),
+        ({"cross_talk": CROSS}, {"Fz in Fx": 0.01, "Fx in Fz": 0.02, "Fx in Mz": 0.01}),
+        ({"cross_talk": {(2, 2): 0.01}}, {"gain of Fz": 0.01}),
+    ],
+)
+def test_a_single_error_is_found_within_its_uncertainty_and_no_other(tmp_path, error, truth):
+    """Ten estimates are held to twice their 95 %: one in ten thousand is farther by chance."""
+    simulate_plates(tmp_path, PlateErrors(**error), seed=10, **FEW)
+    found = check_plates(read_plates_study(tmp_path))
+    assert {one.fault for one in found.estimates if one.found} == set(truth)
+    for fault, value in truth.items():
+        one = estimate(found, fault)
+        assert abs(one.value - value) < 2 * one.uncertainty
+
+
+def test_the_offset_of_the_plate_is_found_alone(tmp_path):
+    simulate_plates(
+        tmp_path,
+        PlateErrors(angle_rad=np.radians(0.19), offset_m=(0.0015, -0.0018)),
+        seed=4,
+        **(FEW | {"speeds": (1.0,), "weights": (22.56, 45.08)}),
+    )
+    found = check_plates(read_plates_study(tmp_path))
+    for fault, truth in (
+        ("angle", 0.19),
+        ("offset along", 0.0015),
+        ("offset across", -0.0018),
+    ):
+        one = estimate(found, fault)
+        assert one.found
+        assert abs(one.value - truth) < 4 * one.error
+
+
+def test_a_vibration_is_found_and_named_with_and_without_supports(shaking, tmp_path):
+    free = estimate(shaking, "vibration without supports")
+    held = estimate(shaking, "vibration with supports")
+    for one, truth in ((free, 0.03), (held, 0.0075)):
+        assert one.hz[0] == pytest.approx(3.2, abs=0.01)
+        assert abs(one.value - truth) < 4 * one.error + 0.01 * truth
+    fit, against, correct = verdict(shaking)
+    assert not fit
+    assert any("vibration with supports" in line and "3.20 Hz" in line for line in against)
+    assert any("measure with the supports" in line for line in correct)
+
+
+def test_a_delay_is_to_be_stated_and_a_turned_plate_to_be_aligned(faulty):
+    _, _, correct = verdict(faulty)
+    assert any("plate_delay_s = 0.006" in line for line in correct)
+    assert any("align the left plate" in line for line in correct)
+
+
+def test_orthogonal_errors_leave_out_what_a_line_explains(faultless, faulty):
+    for found in (faultless, faulty):
+        whole = found.errors[found.errors["zone"] == "all"]
+        means = whole.groupby("quantity")[["difference", "orthogonal"]].mean()
+        assert (means["orthogonal"] <= means["difference"] + 1e-12).all()
+    across = faulty.errors.query("zone == 'all' and quantity == 'COPy'")["difference"].mean()
+    plain = faultless.errors.query("zone == 'all' and quantity == 'COPy'")["difference"].mean()
+    assert across == pytest.approx(plain, rel=0.2)  # the alignment was taken off
+
+
+def test_table_1_has_the_thesis_rows_and_columns(shaking):
+    table = table_1(shaking.errors)
+    assert list(table.columns) == ["condition", *COLUMNS]
+    assert list(table["condition"][:4]) == [
+        "Normal error - support",
+        "Normal error - no support",
+        "TLLS - support",
+        "TLLS - no support",
+    ]
+    assert {"speed = 0.7 m/s", "startpos = 0.15 m", "AP = middle", "weight = 13.44 kg"} <= set(
+        table["condition"]
+    )
+    assert (table["COPy (mm)"] == "-").all()
+    held, free = table["COPz (mm)"][2:4]
+    assert free > 2 * held > 0
+
+
+def test_one_command_leaves_table_figures_and_a_verdict(tmp_path, capsys):
+    folder, out = tmp_path / "study", tmp_path / "out"
+    simulate_plates(folder, **(FEW | {"speeds": (0.7, 1.0), "positions": (0.15, 0.35)}))
+    assert main(["plates", str(folder), "--out", str(out)]) == 0
+    assert "Fit for inverse dynamics." in capsys.readouterr().out
+    page = (out / "verdict.md").read_text(encoding="utf-8")
+    assert (
+        "Faults different from zero beyond chance\n\nLab axes: x forward, y left, z up.\n\nNone."
+        in page
+    )
+    assert len(pd.read_csv(out / "table_1.csv")) > 10
+    assert len(list((out / "figures").glob("*.png"))) == 6
+    assert {"speed_mps", "position_m", "mass_kg"} == set(pd.read_csv(out / "anova.csv")["effect"])
+
+
+def test_one_command_simulates_and_checks(tmp_path, monkeypatch, capsys):
+    few = FEW | {"belts": ("left", "right"), "positions": (0.25,)}
+    monkeypatch.setattr(known_weights, "simulate_plates", partial(simulate_plates, **few))
+    folder, out = tmp_path / "study", tmp_path / "out"
+    assert main(["plates", str(folder), "--simulate", "--out", str(out)]) == 0
+    faults = pd.read_csv(out / "faults.csv").set_index(["belt", "fault"])
+    for belt in ("left", "right"):
+        for fault, truth in (("angle", 0.19), ("delay", 0.004)):
+            assert faults.loc[(belt, fault), "value"] == pytest.approx(truth, rel=0.1)
+    capsys.readouterr()
+    assert main(["plates", str(folder), "--simulate"]) == 2
+    assert "is not empty; simulate into a new folder" in capsys.readouterr().err
+
+
+def test_what_was_not_examined_is_not_called_fit(tmp_path, capsys):
+    one = {"speeds": (1.0,), "weights": (22.56,), "positions": (0.25,), "profiles": ("sine",)}
+    simulate_plates(tmp_path, **(FEW | one))
+    path = tmp_path / "plates.toml"
+    text = path.read_text(encoding="utf-8")
+    kept = text[: text.index("[[static]]")] + text[text.index("[[weights]]") :]
+    path.write_text(kept, encoding="utf-8")
+    assert main(["plates", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Fit for inverse dynamics, as far as was examined (not: alignment" in said
+    for lacking in ("delay (hammer blows) left", "linearity", "cross-talk and drift"):
+        assert lacking in said
+
+
+def test_all_faults_of_the_file_are_told_at_once(tmp_path):
+    (tmp_path / "plates.toml").write_text(
+        'axes = "left,back,up"\nmakrer = "W"\n[[weights]]\nfile = "a.c3d"\nmass_kg = -3\n'
+        'speed_mps = 1.0\nprofile = "sinus"\nposition_m = 0.1\nbelt = "left"\n',
+        encoding="utf-8",
+    )
+    with pytest.raises(StudyFaults) as caught:
+        read_plates_study(tmp_path)
+    text = "\n".join(caught.value.faults)
+    assert "makrer: unknown key" in text
+    assert "mass_kg" in text
+    assert "profile" in text
+    assert "no file 'a.c3d'" in text
+
+
+def test_a_marker_that_is_not_there_is_one_line(tmp_path, capsys):
+    simulate_plates(
+        tmp_path, **(FEW | {"speeds": (1.0,), "weights": (22.56,), "positions": (0.25,)})
+    )
+    path = tmp_path / "plates.toml"
+    path.write_text('marker = "TOP"\n' + path.read_text(encoding="utf-8"), encoding="utf-8")
+    assert main(["plates", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
+    assert "no marker 'TOP'; there: WEIGHT" in capsys.readouterr().err

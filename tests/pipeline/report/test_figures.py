@@ -1,0 +1,141 @@
+"""Figures of a study: the lines are the numbers, and every axis says what it is."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from pipeline.figures.style import COLOURS, save_figure
+from pipeline.report.figures import (
+    drawn_conditions,
+    gait_cycle_figure,
+    marginal_means_figure,
+    raw_figure,
+    study_figures,
+)
+from pipeline.run.load import collect
+from pipeline.statistics.comparison import statistics
+from pipeline.trial.residuals import AXES
+from tests.pipeline.fake_results import SWAY, write_fake_results
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    return collect(write_fake_results(tmp_path_factory.mktemp("three"), subjects=3, cycles=4))
+
+
+@pytest.fixture(scope="module")
+def tests(results):
+    return statistics(results.residuals, results.subjects)
+
+
+def line(panel, label):
+    return next(drawn for drawn in panel.get_lines() if drawn.get_label() == label)
+
+
+def test_a_gait_cycle_is_the_mean_over_subjects_of_their_mean_cycles(results):
+    figure = gait_cycle_figure(results.cycles, "pitch")
+    cells = results.cycles.query("condition == 'pitch' and compensated and axis == 'My'")
+    by_subject = [
+        own["value"].to_numpy().reshape(-1, 101).mean(0) for _, own in cells.groupby("subject")
+    ]
+    panel = figure.axes[AXES.index("My")]
+    np.testing.assert_allclose(line(panel, "pitch, IC").get_ydata(), np.mean(by_subject, axis=0))
+    band = panel.collections[-1].get_paths()[0].vertices
+    spread = np.mean(by_subject, axis=0) + np.std(by_subject, axis=0, ddof=1)
+    assert band[:, 1].max() == pytest.approx(spread.max())
+
+
+def test_perturbations_to_both_sides_do_not_cancel(results):
+    assert {"left", "right"} <= set(results.cycles.query("condition == 'sway'")["side"])
+    panel = gait_cycle_figure(results.cycles, "sway").axes[AXES.index("Fy")]
+    assert line(panel, "sway, no IC").get_ydata().max() == pytest.approx(SWAY[1], rel=0.15)
+
+
+def test_baseline_no_ic_and_ic_stand_beside_each_other_in_colour_and_style(results):
+    figure = gait_cycle_figure(results.cycles, "sway")
+    drawn = {d.get_label(): d for d in figure.axes[0].get_lines()}
+    labels = ("sway, no IC", "sway, IC", "baseline, no IC", "baseline, IC")
+    assert set(labels) <= set(drawn)
+    assert drawn["sway, no IC"].get_color() == COLOURS["measured"]
+    assert drawn["sway, IC"].get_color() == COLOURS["compensated"]
+    assert len({(drawn[n].get_color(), drawn[n].get_linestyle()) for n in labels}) == 4
+    assert drawn["sway, no IC"].get_linestyle() != drawn["sway, IC"].get_linestyle()
+
+
+def test_one_subjects_band_is_over_the_cycles(results):
+    own = results.cycles[results.cycles["subject"] == "sub01"]
+    figure = gait_cycle_figure(own, "pitch")
+    assert "gait cycles of one subject" in figure.get_suptitle()
+    values = own.query("condition == 'pitch' and compensated and axis == 'Fx'")["value"]
+    curves = values.to_numpy().reshape(-1, 101)
+    top = (curves.mean(0) + curves.std(0, ddof=1)).max()
+    assert figure.axes[0].collections[-1].get_paths()[0].vertices[:, 1].max() == pytest.approx(top)
+
+
+def test_marginal_means_are_means_with_their_intervals(results, tests):
+    panel = marginal_means_figure(results.residuals, tests).axes[AXES.index("Mz")]
+    rms = results.residuals.query("axis == 'Mz' and compensated and condition == 'sway'")["rms"]
+    points, _, (bars,) = panel.containers[1]
+    assert points.get_ydata()[1] == pytest.approx(rms.mean())
+    low, high = np.array(bars.get_segments())[1, :, 1]
+    expected = stats.t.interval(0.95, len(rms) - 1, rms.mean(), stats.sem(rms))
+    assert (low, high) == pytest.approx(expected)
+    assert "interaction p" in panel.get_title(loc="right")
+
+
+def test_marginal_means_are_over_the_same_subjects_in_all_cells(results, tests):
+    incomplete = results.residuals.query("not (subject == 'sub03' and condition == 'sway')")
+    figure = marginal_means_figure(incomplete, tests)
+    assert "2 subjects" in figure.get_suptitle()
+    whole = incomplete.query("subject != 'sub03'")
+    mean = whole.query("axis == 'Fx' and condition == 'baseline' and compensated")["rms"].mean()
+    assert figure.axes[0].containers[1][0].get_ydata()[0] == pytest.approx(mean)
+
+
+def test_raw_residuals_follow_one_another_as_they_were_walked(results):
+    own = results.cycles[results.cycles["subject"] == "sub02"]
+    spans = {c: fact["cycles"] for (s, c), fact in results.facts.items() if s == "sub02"}
+    panel = raw_figure(own, spans, "Fy").axes[1]
+    assert panel.get_title(loc="left") == "sway"
+    peaks = line(panel, "no IC").get_ydata().reshape(-1, 101)
+    signs = np.sign(peaks[np.arange(4), np.abs(peaks).argmax(axis=1)])
+    assert signs.tolist() == [1, -1, 1, -1]  # right, left, right, left: nothing mirrored
+
+
+def test_every_axis_names_unit_and_direction(results, tests):
+    directions = ("forward", "right", "up", "about forward", "about right", "about up")
+    for name, figure in study_figures(results, tests):
+        said = [figure.get_suptitle(), *(panel.get_title(loc="left") for panel in figure.axes)]
+        for k, axis in enumerate(AXES):
+            if not name.startswith("raw_") or name == f"raw_{axis}":
+                assert any(f"{axis} ({directions[k]})" in text for text in said), name
+        for panel in figure.axes:
+            assert panel.get_ylabel() in ("N", "N·m", "RMS (N)", "RMS (N·m)")
+        lowest = figure.axes[-1]
+        assert lowest.get_xlabel() or [t.get_text() for t in lowest.get_xticklabels()]
+
+
+def test_the_names_are_those_of_the_thesis_figures(results, tests):
+    names = [name for name, _ in study_figures(results, tests)]
+    raw = [f"raw_{axis}" for axis in AXES]
+    assert names == ["gait_cycle_sway", "gait_cycle_pitch", "marginal_means", *raw]
+
+
+def test_a_baseline_alone_is_drawn_itself():
+    assert drawn_conditions(pd.DataFrame({"condition": ["baseline"]})) == ["baseline"]
+    assert drawn_conditions(pd.DataFrame({"condition": ["b", "a"]})) == ["a", "b"]
+
+
+def test_names_are_text_not_formulas(results, tmp_path):
+    renamed = results.cycles.replace({"condition": {"sway": "$\\frac"}})
+    save_figure(gait_cycle_figure(renamed, "$\\frac"), tmp_path / "odd")
+    assert "$\\frac, IC" in (tmp_path / "odd.svg").read_text(encoding="utf-8")
+
+
+def test_equal_figures_give_equal_files(results, tmp_path):
+    for name in ("a", "b"):
+        save_figure(gait_cycle_figure(results.cycles, "sway"), tmp_path / name)
+    for suffix in (".svg", ".png"):
+        a, b = (tmp_path / f"{name}{suffix}" for name in ("a", "b"))
+        assert a.read_bytes() == b.read_bytes()

@@ -1,0 +1,247 @@
+"""The report: every file of the contract, one page that needs nothing else, nothing left unsaid."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import pandas as pd
+import pytest
+
+from pipeline.config.study import Subject
+from pipeline.report import write as report
+from pipeline.report.write import write_report
+from pipeline.run import provenance
+from pipeline.run.store import write_trial
+from pipeline.trial.residuals import AXES
+from tests.pipeline.fake_results import fake_trial, write_fake_results, write_fake_study
+
+FIGURES = ("gait_cycle_sway", "gait_cycle_pitch", "marginal_means", *(f"raw_{a}" for a in AXES))
+
+
+class Page(HTMLParser):
+    """What a page consists of."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.open, self.tags, self.attributes, self.text = [], [], [], ""
+        self.source = path.read_text(encoding="utf-8")
+        self.feed(self.source)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += attrs
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.text += data
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = write_fake_study(tmp_path_factory.mktemp("study") / "study", subjects=4)
+    subject = folder / "sub04.toml"
+    text = subject.read_text().replace('file = "sub04_pitch.c3d"', 'exclude = "LPSI lost"')
+    subject.write_text(text)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, study):
+    """A report of four subjects, of whom one failed and one is excluded in one condition each."""
+    folder = tmp_path_factory.mktemp("results")
+    without = {("sub02", "sway"), ("sub04", "pitch")}
+    write_fake_results(folder, subjects=4, cycles=3, without=without)
+    failures = {"sub02 sway": "sub02_sway.c3d: marker <b>LHEE</b> & others are missing"}
+    (folder / "failures.json").write_text(json.dumps(failures))
+    write_report(folder, study)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    return Page(folder / "report.html")
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Figures are drawn, but saved as empty files: their looks are not what is tested."""
+
+    def save(figure, path):
+        path.parent.mkdir(exist_ok=True)
+        for suffix in (".png", ".svg"):
+            path.with_suffix(suffix).write_bytes(b"")
+
+    monkeypatch.setattr(report, "save_figure", save)
+
+
+def test_every_file_of_the_contract_is_there(folder):
+    names = (
+        "report.html study.json residuals.csv cycles.parquet statistics.csv table_3.csv table_3.md"
+    )
+    figures = [f"figures/{name}{suffix}" for name in FIGURES for suffix in (".png", ".svg")]
+    for name in (*names.split(), *figures):
+        assert (folder / name).stat().st_size > 0, name
+    assert not [path for path in folder.rglob(".*")]  # nothing half-written is left
+
+
+def test_tables_on_disk_are_the_trials(folder):
+    residuals = pd.read_csv(folder / "residuals.csv")
+    assert len(residuals) == 10 * 2 * 6
+    cycles = pd.read_parquet(folder / "cycles.parquet")
+    assert list(cycles) == [
+        *("subject", "condition", "compensated", "side", "cycle", "percent", "axis", "value")
+    ]
+    assert len(cycles) == 10 * 3 * 101 * 2 * 6
+    assert "sub02 (no sway no IC" in pd.read_csv(folder / "statistics.csv")["note"].str.cat()
+
+
+def test_the_page_is_well_formed_and_needs_nothing_else(page):
+    assert page.open == []
+    assert "script" not in page.tags
+    assert "link" not in page.tags
+    for name, value in page.attributes:
+        if name in ("src", "href"):
+            assert value.startswith(("data:image/", "#")), value
+        assert not name.startswith("on")
+    style = re.search(r"<style>(.*)</style>", page.source, re.DOTALL)[1]
+    assert "url(" not in style
+    assert "@import" not in style
+    assert "default-src 'none'" in page.source
+
+
+def test_links_lead_somewhere_and_pictures_say_what_they_show(page):
+    found = page.attributes
+    assert {v[1:] for n, v in found if n == "href"} <= {v for n, v in found if n == "id"}
+    assert page.tags.count("img") == len(FIGURES)
+    assert sum(name == "alt" and len(value) > 20 for name, value in found) == len(FIGURES)
+    assert ("lang", "en") in found
+
+
+def test_the_verdict_comes_first_with_sizes_and_uncertainty(page):
+    after = page.text.index("RMS residuals, mean ± SD")
+    verdict = page.text[:after]
+    assert re.search(r"In sway, \d of 6 residuals are back at baseline with compensation", verdict)
+    assert re.search(r"\d+\.\d → \d+\.\d N \(−\d\d %\)", verdict)
+    assert re.search(r"from baseline [+−]\d+\.\d N \([+−]\d+ %\)CI [+−]\d+\.\d to", verdict)
+    assert any(sign in verdict for sign in ("✔ back", "✖ above", "? cannot"))
+
+
+def test_table_3_on_the_page_is_that_on_disk(page, folder):
+    table = pd.read_csv(folder / "table_3.csv")
+    row = table[(table["axis"] == "Fy") & (table["condition"] == "sway")].iloc[0]
+    for mean, sd in (("mean_no_ic", "sd_no_ic"), ("mean_ic", "sd_ic")):
+        assert f"{row[mean]:.1f} ± {row[sd]:.1f}" in page.text
+    assert "sway without sub02" in page.text
+
+
+def test_failed_and_excluded_trials_are_named_before_the_numbers(page):
+    banner = page.text[: page.text.index("✔ ")]
+    assert "2 of 12 trials are not in the tables" in banner
+    assert "sub02 sway failed: sub02_sway.c3d: marker <b>LHEE</b> & others" in banner
+    assert "sub04 pitch excluded: LPSI lost" in banner
+    assert "<b>" not in page.source
+
+
+def test_every_trial_shows_its_quality(page):
+    assert page.text.count("mm") > 10
+    assert "✔ 5.0 mm" in page.text
+    assert re.search(r"▲ 1of \d+", page.text)  # a frame without a solution
+    assert re.search(r"✖ no IC \d+ of \d+ N✖ IC \d+ of \d+ N", page.text)
+    assert "4.0 ± 1.0 ms" in page.text
+    assert "made up for a test" in page.text
+
+
+def test_sources_are_on_the_page_and_in_study_json(page, folder):
+    said = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+    assert said["name"] == "A study that never took place"
+    for digest in (said["program"]["sha256"], *said["inputs"].values()):
+        assert digest in page.text
+    assert len(said["trials"]) == 12
+    assert "@software{hbm_residuals" in page.text
+    assert "10.1007/s11517-013-1076-z" in page.text
+
+
+def test_equal_results_give_an_equal_report(tmp_path, study, quick, monkeypatch):
+    monkeypatch.setattr(provenance, "git_commit", lambda: "a commit")
+    folder = write_fake_results(tmp_path, subjects=2, cycles=2)
+    before = {}
+    for _ in range(2):
+        write_report(folder, study)
+        found = {path: path.read_bytes() for path in folder.glob("*.*")}
+        assert before in ({}, found)
+        before = found
+    assert len(before) == 7
+
+
+def test_a_subject_with_a_hostile_name_breaks_nothing(tmp_path, quick):
+    name = "<b>$x$\"'&"
+    for condition in ("baseline", "sway"):
+        result = fake_trial(1, condition, cycles=2)
+        odd = Subject.model_construct(**(result.subject.model_dump() | {"id": name}))
+        changed = {field: getattr(result, field) for field in result.__dataclass_fields__}
+        made = type(result)(**(changed | {"subject": odd}))
+        write_trial(made, condition, "key", tmp_path / "trials" / f"odd_{condition}.parquet")
+    found = Page(write_report(tmp_path))
+    assert found.open == []
+    assert "b" not in found.tags
+    assert f"{name} sway" in found.text
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        ({"subjects": 1}, "One subject shows sizes, but not how certain they are."),
+        ({"subjects": 2, "compensated": False}, "There is no compensation to judge"),
+        (
+            {"subjects": 2, "conditions": ("walking", "lateral")},
+            "here are lateral, walking. The table of means stands for itself",
+        ),
+        ({"subjects": 2, "conditions": ("baseline",)}, "6 of 6 residuals are left alone"),
+        ({"subjects": 3, "without": {("sub01", "baseline")}}, "sub01 baseline missing"),
+        ({"subjects": 2, "conditions": ("baseline", "sway", "extra")}, "extra"),
+    ],
+    ids=["one subject", "measured only", "other names", "baseline only", "gap", "one more"],
+)
+def test_whatever_there_is_gets_an_honest_report(tmp_path, quick, made, said):
+    found = Page(write_report(write_fake_results(tmp_path, cycles=2, **made)))
+    assert found.open == []
+    assert said in found.text
+    assert "nan" not in re.sub(r"[a-z]+nan|nan[a-z]+", "", found.text.lower())
+
+
+def test_trials_of_different_settings_are_not_silently_mixed(tmp_path, quick):
+    from pipeline.config.study import Settings
+
+    write_fake_results(tmp_path, subjects=2, conditions=("baseline",), cycles=2)
+    result = fake_trial(1, "baseline", cycles=2, settings=Settings(cutoff_hz=12))
+    write_trial(result, "baseline", "key", tmp_path / "trials" / "sub01_baseline.parquet")
+    assert "processed with 2 different settings" in Page(write_report(tmp_path)).text
+
+
+def test_a_trial_excluded_after_it_was_processed_is_in_no_table(tmp_path, study, quick):
+    write_fake_results(tmp_path, subjects=4, cycles=2)
+    text = Page(write_report(tmp_path, study)).text
+    assert "LPSI lost; an older result is left out of the tables" in text
+    table = pd.read_csv(tmp_path / "residuals.csv")
+    left = set(table[["subject", "condition"]].drop_duplicates().itertuples(index=False))
+    assert ("sub04", "baseline") in left
+    assert ("sub04", "pitch") not in left
+    assert "pitch without sub04" in (tmp_path / "table_3.md").read_text(encoding="utf-8")
+
+
+def test_no_results_is_one_line_that_says_what_next(tmp_path):
+    with pytest.raises(ValueError, match=r"no results of trials here; run 'hbm run STUDY"):
+        write_report(tmp_path)
+
+
+def test_progress_is_announced(tmp_path, quick):
+    sentences = []
+    folder = write_fake_results(tmp_path, subjects=1, conditions=("baseline",), cycles=2)
+    write_report(folder, announce=sentences.append)
+    assert sentences[0] == "gathering the trials"
+    assert "drawing marginal_means" in sentences

@@ -1,0 +1,327 @@
+"""``hbm check``: what a run will use, lock, fill or refuse, told before it."""
+
+import re
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.markers import Markers
+from pipeline.cli.app import main
+from pipeline.config.study import read_study
+from pipeline.io.c3d import data as c3d_data
+from pipeline.io.c3d.read import read_c3d
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.preview import preview_c3d
+from pipeline.run.check import check_study
+from pipeline.run.run import run_study
+from pipeline.trial.process import process_trial
+from tests.pipeline import lab
+
+TRIALS = ("sub01_baseline", "sub01_pitch", "sub01_sway")
+
+
+@pytest.fixture
+def study(moving_study, tmp_path):
+    """A copy of the study with one subject, that may be changed."""
+    folder = shutil.copytree(moving_study, tmp_path / "study")
+    for path in folder.glob("sub02*"):
+        path.unlink()
+    return folder
+
+
+def findings(folder):
+    return check_study(read_study(folder))
+
+
+def edit(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def change(folder, name, **parts):
+    """Write a recording of the study anew with other parts."""
+    path = folder / f"{name}.c3d"
+    recording = read_c3d(path)
+    lab.save(replace(recording, **{k: make(recording) for k, make in parts.items()}), path)
+
+
+def without_markers(*names):
+    def markers(recording):
+        kept = [k for k, name in enumerate(recording.markers.names) if name not in names]
+        names_kept = tuple(recording.markers.names[k] for k in kept)
+        return Markers(recording.markers.time, names_kept, recording.markers.position[:, kept])
+
+    return markers
+
+
+def without_channels(*names):
+    def analog(recording):
+        kept = [k for k, name in enumerate(recording.analog.names) if name not in names]
+        return replace(
+            recording.analog,
+            names=tuple(recording.analog.names[k] for k in kept),
+            units=tuple(recording.analog.units[k] for k in kept),
+            values=recording.analog.values[:, kept],
+        )
+
+    return analog
+
+
+def shorter(seconds):
+    def cut(folder, name):
+        path = folder / f"{name}.c3d"
+        recording = read_c3d(path)
+        frames, samples = round(100 * seconds), round(1000 * seconds)
+        markers = recording.markers
+        markers = Markers(markers.time[:frames], markers.names, markers.position[:frames])
+        plates = tuple(
+            replace(p, time=p.time[:samples], wrench_in_plate=p.wrench_in_plate[:samples])
+            for p in recording.plates
+        )
+        analog = recording.analog
+        analog = replace(analog, time=analog.time[:samples], values=analog.values[:samples])
+        lab.save(replace(recording, markers=markers, plates=plates, analog=analog), path)
+
+    return cut
+
+
+def test_a_sound_study_has_no_fault_and_says_what_it_will_use(moving_study):
+    found = findings(moving_study)
+    assert found.faults == ()
+    for name in TRIALS:
+        said = [r.removeprefix(f"{name}.c3d: ") for r in found.remarks if r.startswith(name)]
+        assert said[0].startswith("12.0 s, 50 markers at 100 Hz, 2 plates at 1000 Hz, channels ")
+        assert "Acc1.X [g]" in said[0]
+        assert "Pulse [V]" in said[0]
+        assert said[0].endswith("no gait events")
+        assert any("axes point left, back, up" in line for line in said)
+        assert any(re.fullmatch(r"body mass 74\.\d kg by the plates, .*", line) for line in said)
+        assert "46 of the 46 markers of hbm2" in said
+        assert "will be locked at neutral: RToeFlexion, LToeFlexion" in said
+        assert "platform's pose from 4 markers" in said
+    assert "empty.c3d: compensates plate 1, plate 2" in found.remarks
+
+
+def test_what_is_predicted_comes_true(study, tmp_path):
+    """Locked coordinates, mass and body as check says them, and as the run then notes them."""
+    arm = [f"R{name}" for name in ("LEE", "MEE", "FRM", "LW", "MW", "FIN")]
+    change(study, "sub01_pitch", markers=without_markers(*arm))
+    found = findings(study)
+    assert found.faults == ()
+    notes = process_trial(read_study(study), "sub01", "pitch").notes
+    said = [r.removeprefix("sub01_pitch.c3d: ") for r in found.remarks]
+    locked = next(note for note in notes if note.startswith("locked at neutral"))
+    predicted = next(r for r in said if r.startswith("will be locked") and "RElbow" in r)
+    assert predicted.split(": ")[1] == locked.split(": ")[1]
+    assert "RElbowFlexion" in locked
+    weighed = next(note for note in notes if note.startswith("body mass"))
+    assert weighed in said
+    assert any(line.endswith(f"missing: {', '.join(arm)}") for line in said)
+
+
+def test_gaps_are_told_with_the_markers_that_are_often_missing(study):
+    def gaps(recording):
+        position = recording.markers.position.copy()
+        position[600:, recording.markers.names.index("LHEAD")] = np.nan
+        position[700:760, recording.markers.names.index("RHEAD")] = np.nan
+        return replace(recording.markers, position=position)
+
+    change(study, "sub01_sway", markers=gaps)
+    found = findings(study)
+    assert found.faults == ()
+    line = next(r for r in found.remarks if "have gaps" in r)
+    assert line.startswith("sub01_sway.c3d: 2 markers have gaps, and will be left out of the fit")
+    assert line.endswith("often missing: LHEAD 50 %")
+
+
+@pytest.mark.parametrize(
+    ("harm", "said"),
+    [
+        (
+            lambda f: change(f, "sub01_sway", plates=lambda r: ()),
+            "sub01_sway.c3d: no force plates",
+        ),
+        (
+            lambda f: change(f, "sub01_sway", analog=without_channels("Pulse")),
+            "sub01_sway.c3d: no analog channel 'Pulse'",
+        ),
+        (
+            lambda f: change(f, "sub01_sway", analog=without_channels("Acc1.X")),
+            "sub01_sway.c3d: no analog channel 'Acc1.X'; present: Acc1.Y",
+        ),
+        (
+            lambda f: change(f, "sub01_sway", markers=without_markers("PF1", "PF2")),
+            "sub01_sway.c3d: platform markers PF1, PF2 are not in the file",
+        ),
+        (
+            lambda f: change(f, "sub01_sway", markers=without_markers("LHEE")),
+            "sub01_sway.c3d: gait events need a left heel marker",
+        ),
+        (
+            lambda f: edit(f / "study.toml", "front_right = ['A2X'", "front_right = ['A2Q'"),
+            "empty.c3d: no analog channel 'A2Q'; present: Acc1.X",
+        ),
+        (
+            lambda f: (f / "sub01_sway.c3d").write_bytes(b"no c3d"),
+            "sub01_sway.c3d: not a C3D file",
+        ),
+        (
+            lambda f: (f / "empty.c3d").write_bytes(b""),
+            "empty.c3d: the file is empty",
+        ),
+        (
+            lambda f: edit(f / "study.toml", "[treadmill]", '[rename]\nA = "B"\n[treadmill]'),
+            "sub01_sway.c3d: no marker A to rename",
+        ),
+        (lambda f: shorter(4.0)(f, "sub01_sway"), "sub01_sway.c3d: lasts 4.0 s; a trial needs 5 s"),
+    ],
+)
+def test_what_a_run_would_refuse_is_a_fault(study, tmp_path, harm, said):
+    harm(study)
+    found = findings(study)
+    assert any(fault.startswith(said) for fault in found.faults), found.faults
+    if "lasts" not in said:
+        outcomes = list(run_study(read_study(study), tmp_path / "out", conditions=["sway"]))
+        assert [outcome.state for outcome in outcomes] == ["failed"]
+
+
+def test_a_trial_without_the_belts_speed_is_a_fault(study):
+    belt = '[treadmill.belt]\ncalibration = "empty.c3d"\nspeed_channels = ["Belt.L"]\n'
+    edit(study / "study.toml", "[treadmill.platform]", belt + "[treadmill.platform]")
+    assert any(f == "sub01_sway.c3d: no analog channel 'Belt.L'" for f in findings(study).faults)
+
+
+def test_faults_of_all_files_are_told_at_once(study):
+    change(study, "sub01_sway", analog=without_channels("Pulse", "A2X"), plates=lambda r: ())
+    change(study, "sub01_pitch", markers=without_markers("PF1", "PF2", "LASIS", "RASIS"))
+    found = findings(study)
+    told = "\n".join(found.faults)
+    assert main(["check", str(study)]) == 2
+    assert "sub01_sway.c3d: no force plates" in told
+    assert "sub01_sway.c3d: no analog channel 'Pulse'" in told
+    assert "sub01_pitch.c3d: platform markers PF1, PF2" in told
+    assert len([f for f in found.faults if f.startswith("sub01_pitch")]) == 2, told
+
+
+def test_a_mass_that_cannot_be_weighed_is_asked_for(study):
+    def restless(recording):
+        plates = []
+        for plate in recording.plates:
+            wrench = plate.wrench_in_plate.copy()
+            wrench[:1000] *= np.linspace(0.5, 1.5, 1000)[:, None]
+            plates.append(replace(plate, wrench_in_plate=wrench))
+        return tuple(plates)
+
+    change(study, "sub01_sway", plates=restless)
+    assert any("mass missing: nobody stands still" in fault for fault in findings(study).faults)
+    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nmass_kg = 74.6')
+    assert findings(study).faults == ()
+
+
+def test_a_trial_too_short_for_its_cycles_is_remarked(study):
+    edit(study / "study.toml", "cycles = 4", "cycles = 50")
+    said = "sub01_pitch.c3d: too short for 50 gait cycles after 6 s"
+    assert said in findings(study).remarks
+
+
+def test_what_is_excluded_missing_or_twice_is_remarked(study):
+    edit(study / "sub01.toml", 'file = "sub01_pitch.c3d"', 'exclude = "fell"')
+    edit(study / "sub01.toml", "sub01_baseline.c3d", "sub01_sway.c3d")
+    (study / "sub03.toml").write_text('id = "sub03"\n[trials]\n', encoding="utf-8")
+    remarks = findings(study).remarks
+    assert "sub01 pitch: excluded: fell" in remarks
+    assert "sub01 sway: the same recording as sub01 baseline" in remarks
+    assert "sub03: no trial for baseline, sway, pitch" in remarks
+
+
+def test_a_study_without_calibration_is_told_that_nothing_is_compensated(study):
+    edit(study / "study.toml", 'calibration = "empty.c3d"', "")
+    found = findings(study)
+    assert found.faults == ()
+    assert "study.toml: no treadmill.calibration, so nothing will be compensated" in found.remarks
+
+
+def test_a_static_recording_is_looked_at_too(study):
+    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
+    shutil.copy(study / "sub01_baseline.c3d", study / "pose.c3d")
+    found = findings(study)
+    assert found.faults == ()
+    assert any("first 100 frames of pose.c3d" in remark for remark in found.remarks)
+    (study / "pose.c3d").write_bytes(b"no c3d")
+    (fault,) = findings(study).faults
+    assert fault.startswith("pose.c3d: not a C3D file, nor ")
+
+
+def test_a_pose_after_the_beginning_is_found(study, monkeypatch):
+    """A fault of the beginning alone is none: here a marker that is covered for the first 3 s."""
+    monkeypatch.setattr("pipeline.io.preview.BEGINNING_FRAMES", 300)
+
+    def covered(recording):
+        position = recording.markers.position.copy()
+        position[:300, recording.markers.names.index("LASIS")] = np.nan
+        return replace(recording.markers, position=position)
+
+    change(study, "sub01_sway", markers=covered)
+    assert findings(study).faults == ()
+
+
+def test_hbm_check_prints_everything_and_what_to_do_next(moving_study, capsys):
+    assert main(["check", str(moving_study)]) == 0
+    said = capsys.readouterr().out
+    assert "Acc1.X [g]" in said
+    assert said.splitlines()[-1] == f"2 subjects, 6 trials, 0 faults; next: hbm run {moving_study}"
+
+
+def test_the_template_checks_to_what_is_missing(tmp_path, capsys):
+    assert main(["init", str(tmp_path)]) == 0
+    capsys.readouterr()
+    assert main(["check", str(tmp_path)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert all("no file 'sub01_" in line for line in lines)
+
+
+def test_a_preview_reads_little_of_a_long_file(moving_study, monkeypatch):
+    path = moving_study / "sub01_sway.c3d"
+    whole = read_c3d(path)
+    read = []
+    real = c3d_data._decode
+    monkeypatch.setattr(
+        c3d_data, "_decode", lambda data, *rest: read.append(len(data)) or real(data, *rest)
+    )
+    monkeypatch.setattr("pipeline.io.preview.BEGINNING_FRAMES", 100)
+    monkeypatch.setattr("pipeline.io.preview.LOOKS", 50)
+    preview = preview_c3d(path)
+    assert sum(read) < 0.15 * path.stat().st_size
+    assert preview.frames == len(whole.markers.time)
+    beginning = preview.beginning
+    np.testing.assert_array_equal(beginning.markers.position, whole.markers.position[:100])
+    assert len(beginning.plates[0].time) == 1000
+    np.testing.assert_array_equal(beginning.analog.values, whole.analog.values[:1000])
+
+
+def test_missing_shares_are_estimated_from_frames_over_all_of_the_file(study):
+    def gaps(recording):
+        position = recording.markers.position.copy()
+        position[300:900, 0] = np.nan
+        position[:, 1] = np.nan
+        return replace(recording.markers, position=position)
+
+    change(study, "sub01_sway", markers=gaps)
+    names = read_c3d(study / "sub01_sway.c3d").markers.names
+    missing = preview_c3d(study / "sub01_sway.c3d").missing
+    assert missing[names[0]] == pytest.approx(0.5, abs=0.01)
+    assert missing[names[1]] == 1.0
+    assert missing[names[2]] == 0.0
+
+
+def test_a_static_pose_without_plates_cannot_weigh(study):
+    pose = read_c3d(study / "sub01_baseline.c3d")
+    write_c3d(study / "pose.c3d", pose.markers)
+    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
+    assert any("no plates to weigh by" in fault for fault in findings(study).faults)
+    edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nmass_kg = 74.6')
+    assert findings(study).faults == ()

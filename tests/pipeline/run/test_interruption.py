@@ -1,0 +1,205 @@
+"""What may happen to a run from outside: killed, doubled, out of disk, without permission."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pipeline.cli.app import main
+
+ROOT = Path(__file__).resolve().parents[3]
+COMMAND = [sys.executable, "-c", "import sys; from pipeline.cli.app import main; sys.exit(main())"]
+KILLS = 20
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="process groups and signals")
+
+FORKING = """
+import os, random, signal, sys, time
+from pathlib import Path
+from hbm.kernels.native import kernels
+import pipeline.trial.process, pipeline.run.store
+from pipeline.run.job import program_digest
+from pipeline.cli.study import run
+
+study, out, kills, seed = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
+kernels()
+program_digest()
+chance = random.Random(seed)
+
+def there():
+    return {path: path.stat().st_mtime_ns for path in (out / "trials").glob("*.parquet")}
+
+while kills:
+    before = there()
+    child = os.fork()
+    if child == 0:
+        os.setsid()
+        os._exit(run(study, out))
+    time.sleep(chance.uniform(0.0, 1.5))
+    if os.waitpid(child, os.WNOHANG)[0]:
+        for path in before:
+            path.unlink()
+        continue
+    os.killpg(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    kills -= 1
+    after = there()
+    harmed = [path.name for path in before if after.get(path) != before[path]]
+    print(f"killed: {len(after)} there, harmed {harmed}", flush=True)
+"""
+
+
+def environment():
+    paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
+    return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+
+
+def hbm(*arguments, **named):
+    return subprocess.Popen(
+        [*COMMAND, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+        start_new_session=True,
+        **named,
+    )
+
+
+def results(out):
+    return {path.name: path.read_bytes() for path in (out / "trials").glob("*.parquet")}
+
+
+def test_killed_twenty_times_at_random_it_still_ends_with_the_same(
+    moving_study, finished, tmp_path
+):
+    """Every kill hits the whole process group; what was finished before is never redone."""
+    seed = random.randrange(10**6)
+    script = [sys.executable, "-c", FORKING, moving_study, tmp_path, KILLS, seed]
+    done = subprocess.run(
+        [*map(str, script)], capture_output=True, text=True, env=environment(), check=False
+    )
+    killed = [line for line in done.stdout.splitlines() if line.startswith("killed:")]
+    assert len(killed) == KILLS, (seed, done.stderr)
+    assert all(line.endswith("harmed []") for line in killed), (seed, killed)
+
+    assert main(["run", str(moving_study), "--out", str(tmp_path)]) == 0
+    assert results(tmp_path) == results(finished)
+    assert json.loads((tmp_path / "failures.json").read_text("utf-8")) == {}
+
+
+def test_killed_with_all_its_workers_it_still_ends_with_the_same(moving_study, finished, tmp_path):
+    for patience in (3.0, 4.5, 6.0):
+        running = hbm("run", moving_study, "--out", tmp_path, "--jobs", 2)
+        time.sleep(patience)
+        os.killpg(running.pid, signal.SIGKILL)
+        running.communicate()
+    assert main(["run", str(moving_study), "--out", str(tmp_path), "--jobs", "2"]) == 0
+    assert results(tmp_path) == results(finished)
+
+
+def test_two_runs_at_once_do_not_harm_each_other(moving_study, finished, tmp_path):
+    both = [hbm("run", moving_study, "--out", tmp_path) for _ in range(2)]
+    said = [running.communicate()[0] for running in both]
+    assert [running.returncode for running in both] == [0, 0], said
+    assert all("0 failed" in text for text in said)
+    assert results(tmp_path) == results(finished)
+    assert not list((tmp_path / "trials").glob(".*"))
+
+
+def test_runs_of_different_subjects_at_once_keep_all_failures(moving_study, tmp_path):
+    study = shutil.copytree(moving_study, tmp_path / "study")
+    for name in ("sub01_sway.c3d", "sub02_pitch.c3d"):
+        (study / name).write_bytes(b"damaged")
+    out = tmp_path / "out"
+    chosen = ("--condition", "sway", "--condition", "pitch")
+    both = [hbm("run", study, "--out", out, "--subject", s, *chosen) for s in ("sub01", "sub02")]
+    for running in both:
+        running.communicate()
+    assert [running.returncode for running in both] == [1, 1]
+    assert sorted(json.loads((out / "failures.json").read_text("utf-8"))) == [
+        "sub01 sway",
+        "sub02 pitch",
+    ]
+
+
+def test_interrupted_it_stops_with_130_and_leaves_nothing_half_written(moving_study, tmp_path):
+    running = hbm("run", moving_study, "--out", tmp_path, "--jobs", 2)
+    while not (tmp_path / "run.json").exists():
+        time.sleep(0.05)
+    time.sleep(1.0)
+    running.send_signal(signal.SIGINT)
+    _, said = running.communicate(timeout=20)
+    assert running.returncode == 130
+    assert "Traceback" not in said
+
+
+def test_files_that_may_not_grow_fail_with_one_line_each(moving_study, tmp_path):
+    resource = pytest.importorskip("resource")
+    limit = 400_000
+
+    def restrict():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+
+    running = hbm("run", moving_study, "--out", tmp_path, "--subject", "sub01", preexec_fn=restrict)
+    said, _ = running.communicate()
+    assert running.returncode == 1
+    failed = [line for line in said.splitlines() if line.startswith("FAILED")]
+    assert len(failed) == 3
+    assert all("File too large" in line for line in failed), failed
+    assert not results(tmp_path)
+    assert not list((tmp_path / "trials").glob(".*"))
+    failures = json.loads((tmp_path / "failures.json").read_text("utf-8"))
+    assert len(failures) == 3
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk that holds one result and not two."""
+    mounted = tmp_path / "disk"
+    mounted.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(mounted)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no permission to mount a small disk")
+    yield mounted
+    subprocess.run(["umount", str(mounted)], check=True)
+
+
+def test_a_full_disk_is_one_clear_line(moving_study, finished, small_disk, capsys):
+    assert main(["run", str(moving_study), "--out", str(small_disk)]) == 1
+    said = capsys.readouterr().out
+    failed = [line for line in said.splitlines() if line.startswith("FAILED")]
+    assert failed
+    assert all("No space left on device" in line for line in failed), failed
+    written, whole = results(small_disk), results(finished)
+    assert written == {name: whole[name] for name in written}
+    assert not list((small_disk / "trials").glob(".*.part"))
+
+    with (small_disk / "filler").open("wb", buffering=0) as filler:
+        try:
+            while True:
+                filler.write(bytes(1024))
+        except OSError:
+            pass
+    assert main(["run", str(moving_study), "--out", str(small_disk)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].endswith("cannot write there: No space left on device")
+
+
+def test_a_folder_without_permission_is_one_clear_line(moving_study, tmp_path, capsys):
+    forbidden = tmp_path / "read_only"
+    forbidden.mkdir(mode=0o555)
+    if os.access(forbidden, os.W_OK):
+        forbidden = Path("/proc")
+    assert main(["run", str(moving_study), "--out", str(forbidden / "results")]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert "cannot write there" in lines[0]

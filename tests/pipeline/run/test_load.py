@@ -1,0 +1,85 @@
+"""A study's trials gathered: the same numbers as in the trials, none lost, none twice."""
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.run.load import collect
+from pipeline.run.store import read_facts
+from pipeline.trial.gait.cycles import normalise
+from pipeline.trial.residuals import AXES
+from tests.pipeline import lab
+
+
+@pytest.fixture(scope="module")
+def gathered(finished):
+    return collect(finished)
+
+
+def test_residuals_of_every_trial_are_in_one_table(finished, gathered):
+    assert len(gathered.residuals) == 2 * 3 * 2 * 6
+    for path in (finished / "trials").glob("*.parquet"):
+        facts = read_facts(path)
+        rows = gathered.residuals[
+            (gathered.residuals["subject"] == facts["subject"]["id"])
+            & (gathered.residuals["condition"] == facts["condition"])
+        ]
+        expected = pd.DataFrame(facts["residuals"])
+        pd.testing.assert_frame_equal(rows.reset_index(drop=True), expected)
+
+
+def test_curves_are_the_cycles_of_the_frames(finished, gathered):
+    path = finished / "trials" / "sub02_sway.parquet"
+    facts, frames = read_facts(path), pd.read_parquet(path)
+    curves = gathered.cycles.query("subject == 'sub02' and condition == 'sway'")
+    count = sum(len(spans) for spans in facts["cycles"].values())
+    assert len(curves) == count * 101 * 2 * 6
+    for side, spans in facts["cycles"].items():
+        for compensated, name in ((False, "measured"), (True, "compensated")):
+            for axis in AXES:
+                values = frames[f"residual.{name}.{axis}"]
+                expected = normalise(frames["time_s"], values, np.reshape(spans, (-1, 2)))
+                chosen = (curves["side"] == side) & (curves["compensated"] == compensated)
+                found = curves[chosen & (curves["axis"] == axis)]["value"]
+                np.testing.assert_allclose(found, expected.ravel(), atol=1e-9)
+
+
+def test_every_cycle_runs_from_0_to_100_percent(gathered):
+    names = ["subject", "condition", "compensated", "side", "cycle", "axis"]
+    percent = gathered.cycles.groupby(names)["percent"]
+    assert (percent.min() == 0).all()
+    assert (percent.max() == 100).all()
+    assert (percent.nunique() == 101).all()
+
+
+def test_subjects_are_listed_once_with_what_was_weighed_and_stated(gathered):
+    people = gathered.subjects.set_index("subject")
+    assert list(people.index) == [person.name for person in lab.PEOPLE]
+    for person in lab.PEOPLE:
+        row = people.loc[person.name]
+        assert row["sex"] == person.sex
+        assert row["age_years"] == person.age
+        assert row["mass_kg"] == pytest.approx(person.mass_kg, rel=0.002)
+        assert row["height_m"] == pytest.approx(person.height_m)
+
+
+def test_a_folder_without_results_says_what_to_run(tmp_path):
+    with pytest.raises(ValueError, match=r"no results of trials here; run 'hbm run STUDY --out"):
+        collect(tmp_path)
+
+
+def test_a_damaged_result_is_named(finished, tmp_path):
+    out = shutil.copytree(finished, tmp_path / "out")
+    path = out / "trials" / "sub01_sway.parquet"
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(ValueError, match=r"sub01_sway\.parquet is damaged"):
+        collect(out)
+
+
+def test_what_is_no_result_is_not_gathered(finished, tmp_path):
+    out = shutil.copytree(finished, tmp_path / "out")
+    for name in (".sub03_sway.parquet.deadbeef.part", "sub03_sway.failed.json", "notes.txt"):
+        (out / "trials" / name).write_text("{}", encoding="utf-8")
+    assert len(collect(out).facts) == 6

@@ -1,0 +1,159 @@
+"""What became of every trial, and where the numbers come from."""
+
+import hashlib
+import json
+import re
+import shutil
+
+import pytest
+
+from pipeline.config.study import Settings, read_study
+from pipeline.run.job import trial_key
+from pipeline.run.load import collect, only
+from pipeline.run.provenance import (
+    git_commit,
+    input_digests,
+    provenance,
+    read_failures,
+    trial_states,
+)
+from tests.pipeline.fake_results import write_fake_results, write_fake_study
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = write_fake_study(tmp_path_factory.mktemp("study") / "study", subjects=3)
+    subject = folder / "sub03.toml"
+    text = subject.read_text().replace('file = "sub03_pitch.c3d"', 'exclude = "LPSI lost"')
+    subject.write_text(text)
+    return read_study(folder)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory, study):
+    folder = tmp_path_factory.mktemp("results")
+    write_fake_results(
+        folder,
+        subjects=3,
+        cycles=2,
+        without={("sub02", "sway"), ("sub03", "pitch")},
+        key=lambda subject, condition: trial_key(study, subject, condition),
+    )
+    return collect(folder)
+
+
+def states(results, failures, study=None):
+    return {(s.subject, s.condition): s for s in trial_states(results, failures, study)}
+
+
+def test_every_trial_of_the_study_has_a_state_and_a_reason(results, study):
+    found = states(results, {"sub02 sway": "marker LHEE is missing"}, study)
+    assert len(found) == 9
+    assert found["sub01", "sway"].state == "done"
+    assert found["sub02", "sway"].state == "failed"
+    assert found["sub02", "sway"].reason == "marker LHEE is missing"
+    assert not found["sub02", "sway"].in_tables
+    assert (found["sub03", "pitch"].state, found["sub03", "pitch"].reason) == (
+        "excluded",
+        "LPSI lost",
+    )
+
+
+def test_without_the_study_a_gap_is_missing(results):
+    found = states(results, {})
+    assert len(found) == 9
+    assert found["sub02", "sway"].state == "missing"
+
+
+def test_the_older_result_of_a_failed_trial_is_told_and_left_out(results, study):
+    found = states(results, {"sub01 pitch": "disk full"}, study)["sub01", "pitch"]
+    assert (found.state, found.in_tables) == ("failed", False)
+    assert "an older result is left out" in found.reason
+
+
+def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, study):
+    everything = collect(write_fake_results(tmp_path, subjects=3, cycles=2))
+    found = states(everything, {}, study)
+    assert (found["sub03", "pitch"].state, found["sub03", "pitch"].in_tables) == ("excluded", False)
+    left = only(everything, {key for key, state in found.items() if state.in_tables})
+    assert set(everything.facts) - set(left.facts) == {("sub03", "pitch")}
+    for table in (left.residuals, left.cycles):
+        keys = set(table[["subject", "condition"]].drop_duplicates().itertuples(index=False))
+        assert keys == set(left.facts)
+    assert set(left.subjects["subject"]) == {"sub01", "sub02", "sub03"}
+
+
+def test_where_no_result_counts_it_is_one_line(results):
+    with pytest.raises(ValueError, match="every result here is of a trial that failed"):
+        only(results, set())
+
+
+def test_a_subject_who_only_ever_failed_is_named_without_the_study(results):
+    assert states(results, {"sub09 sway": "no plates"})["sub09", "sway"].state == "failed"
+
+
+def test_results_of_other_settings_are_outdated(tmp_path, study):
+    settings = Settings(cutoff_hz=12)
+    folder = write_fake_results(tmp_path, subjects=1, cycles=2, settings=settings)
+    found = states(collect(folder), {}, study)["sub01", "sway"]
+    assert (found.state, found.in_tables) == ("outdated", True)
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after"),
+    [
+        ("sub01.toml", "id =", "mass_kg = 70.0\nid ="),
+        ("sub01_sway.c3d", "sub01", "another"),
+        ("empty.json", "", "other "),
+    ],
+)
+def test_results_of_what_was_there_before_are_outdated(
+    results, study, tmp_path, name, before, after
+):
+    folder = shutil.copytree(study.folder, tmp_path / "study")
+    changed = folder / name
+    changed.write_text(changed.read_text("utf-8").replace(before, after, 1), encoding="utf-8")
+    found = states(results, {}, read_study(folder))["sub01", "sway"]
+    assert found.state == "outdated"
+    assert "has changed since; run it again" in found.reason
+    assert found.in_tables
+
+
+def test_results_that_the_study_no_longer_knows_are_outdated(tmp_path, study):
+    folder = write_fake_results(tmp_path, subjects=1, conditions=("running",), cycles=2)
+    found = states(collect(folder), {}, study)["sub01", "running"]
+    assert (found.state, found.in_tables) == ("outdated", False)
+
+
+def test_no_failures_file_means_no_failures(tmp_path):
+    assert read_failures(tmp_path) == {}
+
+
+def test_a_damaged_failures_file_is_one_line(tmp_path):
+    (tmp_path / "failures.json").write_text("{")
+    with pytest.raises(ValueError, match=r"failures\.json is damaged .*hbm run"):
+        read_failures(tmp_path)
+
+
+def test_every_file_of_the_study_is_hashed(study):
+    found = input_digests(study)
+    assert {"study.toml", "sub01.toml", "empty.json", "sub01_sway.c3d"} <= set(found)
+    assert "sub03_pitch.c3d" not in found  # excluded
+    assert found["sub01_sway.c3d"] == hashlib.sha256(b"sub01_sway.c3d").hexdigest()
+
+
+def test_provenance_is_json_and_complete(results, study):
+    said = provenance(results, trial_states(results, {}, study), study)
+    assert json.loads(json.dumps(said)) == said
+    assert said["settings"] == [Settings().model_dump()]
+    assert said["versions"][0]["hbm-residuals"]
+    assert re.fullmatch(r"[0-9a-f]{64}", said["program"]["sha256"])
+    assert said["treadmill"]["cutoff_hz"] == 20
+    trial = next(t for t in said["trials"] if (t["subject"], t["condition"]) == ("sub01", "sway"))
+    assert (trial["state"], trial["source"]) == ("done", "sub01_sway.c3d")
+    assert trial["key"] == trial_key(study, "sub01", "sway")
+
+
+def test_the_commit_is_that_of_the_sources():
+    commit = git_commit()
+    assert commit is None or re.fullmatch(r"[0-9a-f]{40}( with changes)?", commit)

@@ -1,0 +1,417 @@
+"""A study's run: every trial once, nothing redone, nothing lost, a failure stops no other."""
+
+import importlib
+import json
+import os
+import pickle
+import shutil
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.config.study import Study, read_study
+from pipeline.run import cluster, run
+from pipeline.run import job as work
+from pipeline.run.job import process_job
+from pipeline.run.run import plan, run_jobs, run_study
+from pipeline.run.store import read_facts
+from pipeline.trial import process
+
+TRIALS = [f"sub0{n}_{c}" for n in (1, 2) for c in ("baseline", "pitch", "sway")]
+
+
+@pytest.fixture
+def study(moving_study, tmp_path):
+    """A copy of the study that may be changed."""
+    return shutil.copytree(moving_study, tmp_path / "study")
+
+
+@pytest.fixture
+def out(finished, tmp_path):
+    """A copy of its finished results."""
+    return shutil.copytree(finished, tmp_path / "out")
+
+
+def contents(out):
+    return {path.name: path.read_bytes() for path in (out / "trials").iterdir()}
+
+
+def edit(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def states(outcomes):
+    return {f"{o.job.subject}_{o.job.condition}": o.state for o in outcomes}
+
+
+def only(outcomes, state):
+    return {o.job.target.stem: o.reason for o in outcomes if o.state == state}
+
+
+def forget(out, *names):
+    for name in names:
+        (out / "trials" / f"{name}.parquet").unlink()
+
+
+def test_every_trial_has_a_result_with_the_key_of_all_that_went_into_it(moving_study, finished):
+    planned = plan(read_study(moving_study), finished)
+    assert sorted(contents(finished)) == [f"{name}.parquet" for name in TRIALS]
+    for job in planned:
+        facts = read_facts(job.target)
+        assert (facts["key"], facts["subject"]["id"]) == (job.key, job.subject)
+        assert facts["condition"] == job.condition
+
+
+def test_what_is_there_is_kept_untouched(moving_study, out, monkeypatch):
+    monkeypatch.setattr(process, "process_trial", None)
+    before = {path: path.stat().st_mtime_ns for path in (out / "trials").iterdir()}
+    outcomes = list(run_study(read_study(moving_study), out, jobs=2))
+    assert set(states(outcomes).values()) == {"kept"}
+    assert {path: path.stat().st_mtime_ns for path in (out / "trials").iterdir()} == before
+
+
+def rewrite(name):
+    def change(folder):
+        path = folder / name
+        content = bytearray(path.read_bytes())
+        content[-1] ^= 1
+        path.write_bytes(content)
+
+    return change
+
+
+def retype(name, old, new):
+    return lambda folder: edit(folder / name, old, new)
+
+
+def add_axes(folder):
+    edit(folder / "study.toml", 'name = "Moving numbers"', 'axes = "left,back,up"')
+
+
+@pytest.mark.parametrize(
+    ("change", "redone"),
+    [
+        (lambda folder: None, []),
+        (retype("study.toml", "Moving numbers", "Numbers that move"), []),
+        (rewrite("sub01_sway.c3d"), ["sub01_sway"]),
+        (rewrite("empty.c3d"), TRIALS),
+        (retype("study.toml", "skip_s = 6.0\n[", "skip_s = 5.0\n["), ["baseline"]),
+        (retype("study.toml", "cycles = 2", "cycles = 1"), ["sway"]),
+        (retype("study.toml", "[treadmill]", "[settings]\ncutoff_hz = 8.0\n[treadmill]"), TRIALS),
+        (retype("study.toml", "[treadmill]", "[treadmill]\ncutoff_hz = 10.0"), TRIALS),
+        (add_axes, TRIALS),
+        (retype("sub02.toml", 'sex = "female"', 'sex = "male"'), ["sub02"]),
+        (
+            retype("sub02.toml", 'sex = "female"', 'static = "sub02_sway.c3d"\nsex = "female"'),
+            ["sub02"],
+        ),
+    ],
+)
+def test_what_changed_is_redone_and_nothing_else(study, out, change, redone):
+    before = {job.target.stem: job.key for job in plan(read_study(study), out)}
+    change(study)
+    after = {job.target.stem: job.key for job in plan(read_study(study), out)}
+    changed = {name for name in TRIALS if before[name] != after[name]}
+    assert changed == {name for name in TRIALS if any(part in name for part in redone)}
+
+
+def test_another_program_or_library_redoes_everything(moving_study, out, monkeypatch):
+    before = [job.key for job in plan(read_study(moving_study), out)]
+    work.program_digest.cache_clear()
+    real = work.version
+    monkeypatch.setattr(work, "version", lambda name: real(name) + ("1" if name == "scipy" else ""))
+    after = [job.key for job in plan(read_study(moving_study), out)]
+    work.program_digest.cache_clear()
+    assert not set(before) & set(after)
+
+
+def test_a_result_that_is_missing_or_damaged_is_made_again_and_the_same(study, out, finished):
+    forget(out, "sub01_sway")
+    damaged = out / "trials" / "sub02_pitch.parquet"
+    damaged.write_bytes(damaged.read_bytes()[:-1000])
+    outcomes = list(run_study(read_study(study), out))
+    assert sorted(only(outcomes, "done")) == ["sub01_sway", "sub02_pitch"]
+    assert contents(out) == contents(finished)
+
+
+def test_two_side_by_side_give_what_one_after_another_gives(moving_study, finished, tmp_path):
+    outcomes = list(run_study(read_study(moving_study), tmp_path, jobs=2))
+    assert set(states(outcomes).values()) == {"done"}
+    assert contents(tmp_path) == contents(finished)
+
+
+def test_a_dask_cluster_gives_the_same(moving_study, finished, tmp_path):
+    distributed = pytest.importorskip("dask.distributed", reason="the extra 'cluster' is not here")
+    patience = importlib.import_module("dask").config.set(
+        {"distributed.comm.timeouts.connect": "120s"}
+    )
+    with (
+        patience,
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as local,
+    ):
+        study = read_study(moving_study)
+        address = local.scheduler_address
+        outcomes = list(run_study(study, tmp_path, subjects=["sub01"], scheduler=address))
+    assert sorted(states(outcomes).values()) == ["done"] * 3
+    whole = contents(finished)
+    assert contents(tmp_path) == {name: whole[name] for name in contents(tmp_path)}
+
+
+def test_a_cluster_that_is_not_there_is_one_line(moving_study, tmp_path, capsys, monkeypatch):
+    pytest.importorskip("dask.distributed", reason="the extra 'cluster' is not here")
+    real = cluster.import_module
+
+    def impatient(name):
+        module = real(name)
+        client = module.Client
+        monkeypatch.setattr(module, "Client", lambda at, timeout: client(at, timeout="0.2s"))
+        return module
+
+    monkeypatch.setattr(cluster, "import_module", impatient)
+    arguments = ["--scheduler", "tcp://127.0.0.1:1", "--out", str(tmp_path)]
+    assert main(["run", str(moving_study), *arguments]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert "127.0.0.1:1" in lines[0]
+
+
+class VanishingCluster:
+    """A stand-in for dask.distributed whose workers, or scheduler, go and never come back."""
+
+    CancelledError = KilledWorker = RuntimeError
+
+    def __init__(self, answers):
+        self.answers = iter(answers)
+        self.status = "pending"
+
+    def Client(self, *_, **__):
+        return self
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def nthreads(self):
+        answer = next(self.answers)
+        if isinstance(answer, Exception):
+            raise answer
+        return {"worker": answer} if answer else {}
+
+    def submit(self, *_, **__):
+        return VanishingCluster(())
+
+    def wait(self, *_, **__):
+        raise TimeoutError
+
+
+@pytest.mark.parametrize(
+    "answers", [[1, 0], [0, 1, 2, 0], [1, OSError("connection lost")], [OSError("no scheduler")]]
+)
+def test_a_cluster_that_goes_away_is_given_up(moving_study, tmp_path, monkeypatch, answers):
+    monkeypatch.setattr(cluster, "import_module", lambda _: VanishingCluster([*answers, 0, 0]))
+    monkeypatch.setattr(cluster, "UNMANNED_S", 1e-9)
+    outcomes = list(run_study(read_study(moving_study), tmp_path, scheduler="tcp://somewhere:1"))
+    assert only(outcomes, "failed") == dict.fromkeys(TRIALS, "the cluster is gone; run it again")
+
+
+def test_without_dask_a_scheduler_is_refused_with_what_to_install(
+    moving_study, tmp_path, monkeypatch
+):
+    def absent(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(cluster, "import_module", absent)
+    with pytest.raises(ValueError, match=r"pip install 'hbm-residuals\[cluster\]'"):
+        list(run_study(read_study(moving_study), tmp_path, scheduler="tcp://nowhere:1"))
+
+
+def test_only_what_is_asked_for_is_planned(moving_study, out):
+    study = read_study(moving_study)
+    planned = plan(study, out, subjects=["sub02", "sub02"], conditions=["sway", "pitch"])
+    assert [job.target.stem for job in planned] == ["sub02_sway", "sub02_pitch"]
+
+
+def test_a_worker_may_run_in_another_folder(moving_study, tmp_path, monkeypatch):
+    monkeypatch.chdir(moving_study.parent)
+    job = plan(read_study(moving_study.name), Path("out"))[0]
+    monkeypatch.chdir(tmp_path)
+    assert job.target.parent == moving_study.parent.resolve() / "out" / "trials"
+    assert job.study.path("empty.c3d").is_file()
+    assert job.key == plan(read_study(moving_study), tmp_path)[0].key
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (["--subject", "sub3"], "no subject 'sub3', did you mean 'sub0"),
+        (["--condition", "swy"], "no condition 'swy', did you mean 'sway'?; there are baseline"),
+    ],
+)
+def test_an_unknown_subject_or_condition_is_wrong_usage(
+    moving_study, tmp_path, capsys, option, said
+):
+    assert main(["run", str(moving_study), *option, "--out", str(tmp_path / "new")]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_failing_trial_is_listed_with_its_reason_and_stops_no_other(study, out, capsys):
+    forget(out, "sub01_sway", "sub02_pitch")
+    sound = (study / "sub01_sway.c3d").read_bytes()
+    (study / "sub01_sway.c3d").write_bytes(sound[:100_000])
+    assert main(["run", str(study), "--out", str(out)]) == 1
+    said = capsys.readouterr().out
+    line = next(line for line in said.splitlines() if line.startswith("FAILED"))
+    assert line.startswith("FAILED sub01 sway: sub01_sway.c3d: the file says it has")
+    assert "1 trials processed, 4 were there already, 1 failed" in said
+    failures = json.loads((out / "failures.json").read_text(encoding="utf-8"))
+    assert list(failures) == ["sub01 sway"]
+    assert failures["sub01 sway"] in line
+
+    assert main(["run", str(study), "--out", str(out), "--subject", "sub02"]) == 0
+    assert list(json.loads((out / "failures.json").read_text("utf-8"))) == ["sub01 sway"]
+    (study / "sub01_sway.c3d").write_bytes(sound)
+    assert main(["run", str(study), "--out", str(out)]) == 0
+    assert json.loads((out / "failures.json").read_text("utf-8")) == {}
+
+
+def test_a_trial_that_is_excluded_has_no_longer_failed(study, out):
+    forget(out, "sub01_sway")
+    (study / "sub01_sway.c3d").write_bytes(b"no trial")
+    assert main(["run", str(study), "--out", str(out)]) == 1
+    edit(study / "sub01.toml", 'file = "sub01_sway.c3d"', 'exclude = "file lost"')
+    assert main(["run", str(study), "--out", str(out)]) == 0
+    assert json.loads((out / "failures.json").read_text("utf-8")) == {}
+
+
+def test_a_file_that_disappears_midway_fails_its_own_trial_only(study, out, finished):
+    forget(out, "sub01_sway", "sub02_pitch")
+    planned = plan(read_study(study), out)
+    (study / "sub01_sway.c3d").unlink()
+    outcomes = list(run_jobs(planned))
+    failed = only(outcomes, "failed")
+    assert list(failed) == ["sub01_sway"]
+    assert failed["sub01_sway"] == f"{study / 'sub01_sway.c3d'}: No such file or directory"
+    assert list(only(outcomes, "done")) == ["sub02_pitch"]
+    whole = contents(finished)
+    del whole["sub01_sway.parquet"]
+    assert contents(out) == whole
+
+
+def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out, monkeypatch):
+    forget(out, "sub01_sway")
+    real = process.process_trial
+
+    def changing(*given, **named):
+        result = real(*given, **named)
+        rewrite("sub01_sway.c3d")(study)
+        return result
+
+    monkeypatch.setattr(process, "process_trial", changing)
+    outcomes = list(run_jobs(plan(read_study(study), out)))
+    assert "changed while it was being processed" in only(outcomes, "failed")["sub01_sway"]
+    assert not (out / "trials" / "sub01_sway.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ValueError("no markers\nat all"), "no markers at all"),
+        (ValueError(), "ValueError:  (test_run.py, line "),
+        (IndexError("index 7 is out of bounds"), "IndexError: index 7 is out of bounds (test_run"),
+        (KeyError("LASIS"), "KeyError: 'LASIS' (test_run.py, line "),
+        (AssertionError(), "AssertionError:  (test_run.py, line "),
+        (MemoryError(), "MemoryError:  (test_run.py, line "),
+        (RecursionError("too deep"), "RecursionError: too deep (test_run.py, line "),
+        (OSError(28, "No space left on device", "/x/y"), "/x/y: No space left on device"),
+    ],
+)
+def test_whatever_goes_wrong_in_a_trial_is_a_failure_of_that_trial(
+    moving_study, out, monkeypatch, error, said
+):
+    def broken(*given, **named):
+        raise error
+
+    forget(out, "sub01_sway")
+    monkeypatch.setattr(process, "process_trial", broken)
+    failed = only(run_study(read_study(moving_study), out), "failed")
+    assert list(failed) == ["sub01_sway"]
+    assert failed["sub01_sway"].startswith(said)
+    assert "\n" not in failed["sub01_sway"]
+
+
+class DeadlyStudy(Study):
+    """A study one of whose trials ends the process that works on it, as want of memory does."""
+
+    __slots__ = ()
+
+    def path(self, name):
+        ours = (self.folder / "process_of_the_test").read_text()
+        if name == "sub01_sway.c3d" and str(os.getpid()) != ours:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return self.folder / name
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_a_worker_that_dies_takes_its_own_trial_only(study, out, finished):
+    (study / "process_of_the_test").write_text(str(os.getpid()))
+    forget(out, "sub01_sway", "sub02_pitch", "sub02_sway")
+    read = read_study(study)
+    deadly = DeadlyStudy(read.folder, read.file, read.subjects, read.marker_set)
+    outcomes = list(run_study(deadly, out, jobs=2))
+    failed = only(outcomes, "failed")
+    assert list(failed) == ["sub01_sway"]
+    assert "the process that worked on it died" in failed["sub01_sway"]
+    assert sorted(only(outcomes, "done")) == ["sub02_pitch", "sub02_sway"]
+    whole = contents(finished)
+    del whole["sub01_sway.parquet"]
+    assert contents(out) == whole
+
+
+def test_no_results_travel_between_processes(moving_study, out):
+    forget(out, "sub01_sway")
+    job = plan(read_study(moving_study), out, subjects=["sub01"], conditions=["sway"])[0]
+    outcome = process_job(job)
+    assert outcome.state == "done"
+    assert len(pickle.dumps(outcome)) < 20_000
+
+
+def test_what_another_run_finished_meanwhile_is_kept(moving_study, out, monkeypatch):
+    job = plan(read_study(moving_study), out)[0]
+    monkeypatch.setattr(process, "process_trial", None)
+    assert process_job(job).state == "kept"
+    assert process_job(replace(job, key="another")).state == "failed"
+
+
+def test_the_biggest_recordings_come_first(moving_study, tmp_path, monkeypatch):
+    monkeypatch.setattr(run, "process_job", lambda job: work.Outcome(job, "done"))
+    study = read_study(moving_study)
+    monkeypatch.setattr(work.Job, "size", property(lambda job: TRIALS.index(job.target.stem)))
+    order = [outcome.job.target.stem for outcome in run_study(study, tmp_path)]
+    assert order == TRIALS[::-1]
+
+
+def test_progress_tells_the_time_left_and_leftovers_are_removed(moving_study, out, capsys):
+    forget(out, "sub01_sway", "sub02_pitch")
+    dead = out / "trials" / ".sub01_sway.parquet.deadbeef.part"
+    dead.write_bytes(b"half")
+    os.utime(dead, (0, 0))
+    assert main(["run", str(moving_study), "--out", str(out)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[3].endswith("; 4 of 6 trials")
+    assert lines[4].split(";")[1].startswith(" 5 of 6 trials, ")
+    assert lines[4].endswith(" s left")
+    assert lines[5].endswith("; 6 of 6 trials")
+    assert not dead.exists()
+    assert Path(json.loads((out / "run.json").read_text("utf-8"))["study"]).name == (
+        moving_study.name
+    )

@@ -1,0 +1,303 @@
+"""The table of statistics of experiment 3: its numbers, its corrections, and whom it names."""
+
+import ast
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.statistics.comparison import statistics
+
+ROOT = Path(__file__).resolve().parents[3]
+FIXTURES = Path(__file__).parents[1] / "fixtures" / "statistics"
+ORACLE = json.loads((FIXTURES / "oracle.json").read_text())
+STUDY = pd.read_csv(FIXTURES / "study.csv")
+SUBJECTS = STUDY[["subject", "sex", "height_m"]]
+IN_R = {"IC": "a", "condition": "b", "sex": "sex", "height_m": "height"}
+
+
+def long_table(study=STUDY, axes=("Fx",)):
+    cells = study.drop(columns=["sex", "height_m"]).melt("subject", value_name="rms")
+    compensation, condition = zip(*cells["variable"].str.rsplit("_", n=1), strict=True)
+    cells["condition"] = condition
+    cells["compensated"] = [name == "ic" for name in compensation]
+    tables = [cells.assign(axis=axis, unit="N", n_cycles=50) for axis in axes]
+    return pd.concat(tables, ignore_index=True).drop(columns="variable")
+
+
+@pytest.fixture(scope="module")
+def table():
+    return statistics(long_table(), SUBJECTS)
+
+
+def rows(table, test):
+    return table[table["test"] == test].set_index("effect")
+
+
+@pytest.mark.parametrize(
+    ("test", "key"),
+    [("RM-ANOVA", "study"), ("RM-ANOVA with sex and height_m", "study_covariates")],
+)
+def test_the_analyses_of_variance_are_those_of_r(table, test, key):
+    found = rows(table, test)
+    expected = {frozenset(row["term"].split(":")): row for row in ORACLE[key]}
+    assert len(found) == len(expected) - 1  # R tests the intercept too
+    for effect, row in found.iterrows():
+        r = expected[frozenset(IN_R[name] for name in effect.split(":"))]
+        own = row[["statistic", "df1", "df2", "p_uncorrected"]].astype(float)
+        np.testing.assert_allclose(own, [r["f"], r["df1"], r["df2"], r["p"]], rtol=1e-9)
+        eta = r["ss"] / (r["ss"] + r["ss_error"])
+        assert row["effect_size"] == pytest.approx(eta)
+        rejected = r["mauchly_p"] is not None and r["mauchly_p"] < 0.05
+        assert row["correction"] == ("Greenhouse-Geisser" if rejected else "none")
+        assert row["p_corrected"] == pytest.approx(r["p_gg"] if rejected else r["p"])
+        assert 0.05 <= row["power"] <= 1
+
+
+def test_mauchly_is_reported_where_there_is_sphericity_to_test(table):
+    found = rows(table, "Mauchly, RM-ANOVA")
+    assert list(found.index) == ["condition", "IC:condition"]
+    expected = [row["mauchly_p"] for row in ORACLE["study"] if row["mauchly_p"] is not None]
+    np.testing.assert_allclose(found["p_corrected"], expected, rtol=1e-9)
+
+
+def test_sphericity_that_holds_leaves_p_alone_and_tells_the_other_one():
+    tooth = pd.read_csv(FIXTURES / "toothgrowth.csv").set_axis(STUDY.columns[3:], axis=1)
+    tooth = tooth.assign(subject=range(10), sex="", height_m=0.0)
+    row = rows(statistics(long_table(tooth)), "RM-ANOVA").loc["IC:condition"]
+    assert round(row["statistic"], 3) == 2.534  # as rstatix prints it
+    assert (row["correction"], round(row["p_corrected"], 3)) == ("none", 0.107)
+    assert row["note"] == "sphericity not rejected; Greenhouse-Geisser p = 0.112"
+
+
+@pytest.mark.parametrize(
+    ("effect", "key"),
+    [
+        ("six cells", "friedman_cells"),
+        ("condition, no IC", "friedman_no_ic"),
+        ("condition, IC", "friedman_ic"),
+    ],
+)
+def test_friedman_is_that_of_r_and_says_what_it_cannot_separate(table, effect, key):
+    row, r = rows(table, "Friedman").loc[effect], ORACLE[key]
+    own = row[["statistic", "df1", "p_corrected", "effect_size"]].astype(float)
+    np.testing.assert_allclose(own, [r["chi2"], r["df"], r["p"], r["w"]], rtol=1e-9)
+    assert ("one-way" in row["note"]) == (effect == "six cells")
+
+
+def test_the_five_planned_pairs_carry_bonferroni_and_holm(table):
+    pairs = list(ORACLE["pairs"].values())  # in the same order
+    tests = {
+        "paired t": "p_t",
+        "Wilcoxon exact": "p_wilcoxon_exact",
+        "Wilcoxon asymptotic": "p_wilcoxon_asymptotic",
+    }
+    for test, name in tests.items():
+        p = np.array([pair[name] for pair in pairs])
+        found = rows(table, test)
+        bonferroni = found[found["correction"] == "Bonferroni x5"]
+        holm = found[found["correction"] == "Holm x5"]
+        np.testing.assert_allclose(bonferroni["p_uncorrected"], p, rtol=1e-9)
+        np.testing.assert_allclose(bonferroni["p_corrected"], np.minimum(1, 5 * p), rtol=1e-9)
+        assert (holm["p_corrected"] <= bonferroni["p_corrected"]).all()
+        if test == "paired t":
+            expected = list(ORACLE["holm_t"].values())
+            np.testing.assert_allclose(holm["p_corrected"], expected, rtol=1e-9)
+
+
+def test_normality_is_asked_of_the_differences(table):
+    found = rows(table, "Shapiro-Wilk of the differences")
+    expected = [(pair["shapiro_w"], pair["shapiro_p"]) for pair in ORACLE["pairs"].values()]
+    own = found[["statistic", "p_corrected"]].to_numpy(float)
+    np.testing.assert_allclose(own, expected, rtol=1e-5)  # R and SciPy: two codes of AS R94
+
+
+def test_every_pair_has_its_effect_sizes_with_intervals(table):
+    for pair, r in zip(
+        table.loc[table["test"] == "estimate", "effect"].unique(),
+        ORACLE["pairs"].values(),
+        strict=True,
+    ):
+        estimates = rows(table, "estimate").loc[pair].set_index("effect_size_name")
+        interval = estimates.loc["mean difference", ["effect_size", "ci_low", "ci_high"]]
+        np.testing.assert_allclose(interval.astype(float), [r["mean"], *r["mean_ci"]], rtol=1e-9)
+        assert {"Cohen's dz", "Hodges-Lehmann shift"} < set(estimates.index)
+        for name in estimates.index:
+            low, value, high = estimates.loc[name, ["ci_low", "effect_size", "ci_high"]]
+            assert low < value < high
+    sizes = table.groupby("test")["effect_size_name"].unique()
+    assert list(sizes["paired t"]) == ["Hedges' g"]
+    assert list(sizes["Wilcoxon exact"]) == ["rank-biserial"]
+
+
+def test_sign_flips_and_aligned_ranks_stand_beside_every_effect(table):
+    for test in ("sign-flip permutation", "aligned-rank RM-ANOVA"):
+        assert list(rows(table, test).index) == ["IC", "condition", "IC:condition"]
+    assert (rows(table, "sign-flip permutation")["p_corrected"] == 1 / 256).all()
+
+
+def test_an_incomplete_subject_is_named_and_left_out_only_where_needed():
+    residuals = long_table()
+    gap = (residuals["subject"] == "sub03") & (residuals["condition"] == "sway")
+    gap &= residuals["compensated"]
+    dropped = statistics(residuals[~gap], SUBJECTS)
+    blank = statistics(residuals.assign(rms=residuals["rms"].mask(gap)), SUBJECTS)
+    pd.testing.assert_frame_equal(dropped, blank)
+    needs_sway = dropped["note"].str.contains(r"without sub03 \(no sway IC\)")
+    assert (dropped["n"] == np.where(needs_sway, 8, 9)).all()
+    assert needs_sway[dropped["test"].str.startswith("RM-ANOVA")].all()
+    assert not needs_sway[dropped["effect"] == "pitch IC - pitch no IC"].any()
+    complete = statistics(residuals[residuals["subject"] != "sub03"], SUBJECTS)
+    np.testing.assert_allclose(
+        rows(dropped, "RM-ANOVA")["statistic"], rows(complete, "RM-ANOVA")["statistic"]
+    )
+
+
+def test_a_subject_of_the_study_without_any_residual_is_named():
+    residuals = long_table()
+    found = statistics(residuals[residuals["subject"] != "sub05"], SUBJECTS)
+    assert found["note"].str.contains("sub05").all()
+
+
+def test_a_subject_without_a_covariate_is_named_in_that_model_only():
+    subjects = SUBJECTS.assign(height_m=SUBJECTS["height_m"].where(SUBJECTS.index != 1))
+    found = statistics(long_table(), subjects)
+    named = found["note"].str.contains(r"sub02 \(no height_m\)")
+    assert (named == found["test"].str.contains("with sex")).all()
+
+
+def test_the_thesis_other_choice_of_covariates_and_spss_centring_are_at_hand():
+    subjects = SUBJECTS.assign(mass_kg=np.linspace(55, 95, 9))
+    found = statistics(long_table(), subjects, covariates=["height_m", "mass_kg"], centre=False)
+    model = rows(found, "RM-ANOVA with height_m and mass_kg")
+    assert (model.loc[["IC:height_m", "IC:mass_kg"], "df2"] == 6).all()
+    assert model["note"].str.contains("not centred").all()
+
+
+def test_a_covariate_that_does_not_vary_is_left_out_by_name():
+    found = statistics(long_table(), SUBJECTS.assign(sex="female"))
+    model = rows(found, "RM-ANOVA with height_m")
+    assert model["note"].str.contains("sex left out: the same for all").all()
+    alone = statistics(long_table(), SUBJECTS.assign(sex="female"), covariates=["sex"])
+    assert rows(alone, "RM-ANOVA with sex")["note"].str.startswith("not computed").all()
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 5])
+def test_few_subjects_give_what_exists_and_a_note_for_the_rest(n):
+    found = statistics(long_table(STUDY[:n]), SUBJECTS[:n])
+    nothing = found["statistic"].isna() & found["effect_size"].isna()
+    assert found.loc[nothing, "note"].str.startswith("not computed").all()
+    assert not found.loc[~nothing, "note"].str.startswith("not computed").any()
+    exact = found["test"].isin(["sign-flip permutation", "Wilcoxon exact"])
+    assert found.loc[exact, "note"].str.contains(f"with {n} subjects never below").all()
+
+
+def test_one_subject_gives_one_note_for_each_residual():
+    found = statistics(long_table(STUDY[:1], axes=("Fx", "Fy")), SUBJECTS)
+    assert list(found["axis"]) == ["Fx", "Fy"]
+    assert found["note"].str.startswith("not computed: needs at least 2 complete subjects").all()
+
+
+def test_no_residuals_give_an_empty_table_with_its_columns():
+    found = statistics(long_table()[:0])
+    assert len(found) == 0
+    assert {"axis", "test", "p_corrected"} < set(found.columns)
+
+
+def test_compensation_that_changes_nothing_is_not_given_a_p_value():
+    study = STUDY.copy()
+    for condition in ("baseline", "sway", "pitch"):
+        study[f"ic_{condition}"] = study[f"no_ic_{condition}"]
+    found = statistics(long_table(study))
+    for test in ("RM-ANOVA", "paired t", "Wilcoxon exact", "Shapiro-Wilk of the differences"):
+        pair = rows(found, test).filter(regex="^IC|sway IC - sway no IC", axis=0)
+        assert len(pair)
+        assert pair["p_corrected"].isna().all()
+        assert pair["note"].str.contains("not computed").all()
+    flips = rows(found, "sign-flip permutation")
+    assert list(flips["p_corrected"] == 1) == [True, False, True]
+    others = found["effect"] == "pitch IC - baseline no IC"
+    assert found.loc[others & (found["test"] == "paired t"), "p_corrected"].notna().all()
+
+
+@pytest.mark.parametrize("value", [0.0, 3.3])
+def test_residuals_that_are_all_the_same_show_no_effect(value):
+    found = statistics(long_table().assign(rms=value), SUBJECTS)
+    assert not (found["p_corrected"] < 1).any()
+
+
+def test_one_condition_that_compensation_leaves_alone_is_told_from_the_others():
+    study = STUDY.assign(ic_baseline=STUDY["no_ic_baseline"])
+    found = statistics(long_table(study), SUBJECTS)
+    interaction = rows(found, "RM-ANOVA").loc["IC:condition"]
+    assert interaction["p_corrected"] < 0.001
+    pair = rows(found, "paired t").loc["baseline IC - baseline no IC"]
+    assert pair["note"].str.contains("all differences are equal").all()
+
+
+def test_residuals_are_analysed_one_by_one(table):
+    found = statistics(long_table(axes=("Fx", "Mz")), SUBJECTS)
+    first = found[found["axis"] == "Fx"].reset_index(drop=True)
+    pd.testing.assert_frame_equal(first, table)
+
+
+def test_conditions_outside_the_design_are_reported():
+    residuals = long_table()
+    other = residuals[residuals["condition"] == "pitch"].assign(condition="stairs")
+    found = statistics(pd.concat([residuals, other]), SUBJECTS)
+    assert "stairs" in found["note"].iloc[-1]
+    assert len(found) == len(statistics(residuals, SUBJECTS)) + 1
+
+
+def test_the_table_survives_a_csv_file(tmp_path, table):
+    path = tmp_path / "statistics.csv"
+    table.to_csv(path, index=False)
+    again = pd.read_csv(path, keep_default_na=False, na_values={"p_corrected": ""})
+    assert list(again["note"]) == list(table["note"])
+    np.testing.assert_allclose(again["p_corrected"], table["p_corrected"], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.drop(columns="unit"), "no column unit"),
+        (lambda t: pd.concat([t, t[:1]]), "more than once: sub01, baseline, False, Fx"),
+        (lambda t: t.assign(rms=-t["rms"]), "negative or infinite"),
+        (lambda t: t.assign(compensated="yes"), "True or False"),
+        (lambda t: t.assign(unit=["N", "kN"] * (len(t) // 2)), "more than one unit for Fx"),
+    ],
+)
+def test_a_table_of_residuals_that_cannot_be_right_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        statistics(change(long_table()), SUBJECTS)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.drop(columns="sex"), "subjects: no column sex"),
+        (lambda t: pd.concat([t, t[:1]]), "subjects: given more than once: sub01"),
+    ],
+)
+def test_a_table_of_subjects_that_cannot_be_right_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        statistics(long_table(), change(SUBJECTS))
+
+
+def test_only_stats_knows_pingouin_and_only_when_it_works():
+    users = set()
+    for path in (ROOT / "pipeline").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in getattr(node, "names", ())]
+            if isinstance(node, ast.Import | ast.ImportFrom) and "pingouin" in (
+                *names,
+                getattr(node, "module", None),
+            ):
+                users.add(path.name)
+    assert users == {"stats.py"}
+    code = "import sys, pipeline.statistics.comparison; sys.exit('pingouin' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

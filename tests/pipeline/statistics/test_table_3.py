@@ -1,0 +1,131 @@
+"""Table III: the thesis' reductions, both baselines, and p-values as a reader wants them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.statistics.comparison import statistics
+from pipeline.statistics.table_3 import format_p, reduction_percent, table_3, table_3_markdown
+
+PRINTED = {  # mean without IC, mean with IC, reduction [%] of baseline, sway, pitch
+    "Fx": ((37.1, 38.1, -2), (44.7, 47.4, -6), (342.0, 74.5, 78)),
+    "Fy": ((30.4, 30.6, -1), (435.5, 33.6, 92), (71.7, 71.5, 0)),
+    "Fz": ((63.1, 63.3, 0), (62.1, 63.7, -3), (100.0, 91.0, 9)),
+    "Mx": ((11.4, 10.8, 5), (469.3, 19.5, 96), (22.9, 21.4, 7)),
+    "My": ((20.5, 17.2, 16), (26.9, 22.1, 18), (357.6, 33.9, 91)),
+    "Mz": ((4.5, 5.1, -13), (202.1, 13.7, 93), (22.6, 21.0, 7)),
+}
+DIFFERENCES = {"Fx": (9.3, 36.4), "Fy": (3.0, 40.9), "Mx": (8.8, 10.6), "Mz": (8.6, 15.9)}
+
+
+@pytest.fixture(scope="module")
+def residuals():
+    """Nine subjects whose means are those of the thesis."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for axis, conditions in PRINTED.items():
+        for condition, means in zip(("baseline", "sway", "pitch"), conditions, strict=True):
+            for compensated in (False, True):
+                spread = rng.normal(size=9)
+                values = means[compensated] * (1 + 0.1 * (spread - spread.mean()))
+                for subject, value in enumerate(values):
+                    rows.append((f"sub{subject:02d}", condition, compensated, axis, "N", value))
+    columns = ["subject", "condition", "compensated", "axis", "unit", "rms"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+@pytest.fixture(scope="module")
+def table(residuals):
+    return table_3(residuals, statistics(residuals))
+
+
+@pytest.mark.parametrize(
+    ("no_ic", "ic", "printed"), [row for rows in PRINTED.values() for row in rows]
+)
+def test_reductions_are_those_of_the_thesis(no_ic, ic, printed):
+    lowest = reduction_percent(no_ic - 0.05, ic + 0.05)  # its means are rounded to 0.1
+    highest = reduction_percent(no_ic + 0.05, ic - 0.05)
+    assert lowest - 0.5 <= printed <= highest + 0.5
+
+
+def test_a_residual_that_is_zero_has_no_reduction():
+    assert np.isnan(reduction_percent(0.0, 1.0))
+    assert reduction_percent(2.0, 2.0) == 0
+
+
+def test_the_layout_is_one_row_for_each_residual_and_condition(table):
+    assert list(table["axis"].unique()) == list(PRINTED)
+    assert list(table["condition"]) == ["baseline", "sway", "pitch"] * 6
+    assert (table["n"] == 9).all()
+    means = [row[:2] for rows in PRINTED.values() for row in rows]
+    np.testing.assert_allclose(table[["mean_no_ic", "mean_ic"]], means)
+
+
+def test_both_differences_from_baseline_are_there_and_the_thesis_printed_the_one_with_ic(table):
+    rows = table.set_index(["axis", "condition"])
+    for axis, printed in DIFFERENCES.items():
+        for condition, difference in zip(("sway", "pitch"), printed, strict=True):
+            row = rows.loc[(axis, condition)]
+            assert row["ic_minus_baseline_ic"] == pytest.approx(difference, abs=0.11)
+    row = rows.loc[("Fx", "sway")]
+    assert row["ic_minus_baseline_no_ic"] == pytest.approx(47.4 - 37.1)
+    assert rows.xs("baseline", level=1)["ic_minus_baseline_ic"].isna().all()
+
+
+def test_p_values_are_the_bonferroni_ones_of_the_planned_pairs(residuals, table):
+    found = statistics(residuals)
+    wanted = (found["axis"] == "Mz") & (found["correction"] == "Bonferroni x5")
+    p = found[wanted].set_index(["test", "effect"])["p_corrected"]
+    row = table[(table["axis"] == "Mz") & (table["condition"] == "sway")].iloc[0]
+    assert row["p_t"] == p["paired t", "sway IC - sway no IC"]
+    assert row["p_t_baseline"] == p["paired t", "sway IC - baseline no IC"]
+    assert row["p_wilcoxon"] == p["Wilcoxon exact", "sway IC - sway no IC"]
+    assert row["p_wilcoxon_baseline"] == p["Wilcoxon exact", "sway IC - baseline no IC"]
+
+
+@pytest.mark.parametrize(
+    ("p", "written"),
+    [(0.0, "<0.001*"), (0.0009, "<0.001*"), (0.04, "0.040*"), (0.055, "0.055"), (1, "1.000")],
+)
+def test_p_is_never_written_as_zero(p, written):
+    assert format_p(p) == written
+
+
+def test_a_p_that_does_not_exist_is_a_dash():
+    assert format_p(np.nan) == "–"
+
+
+def test_markdown_labels_the_differences_and_hides_no_number(table):
+    text = table_3_markdown(table)
+    lines = text.splitlines()
+    heads = [head.strip() for head in lines[0].strip("|").split("|")]
+    assert {"IC − base (no IC)", "IC − base (IC)", "Reduction"} < set(heads)
+    assert all(line.count("|") == len(heads) + 1 for line in lines[: 2 + len(table)])
+    assert "| Fx (N) | baseline | 9 | 37.1 ±" in text
+    assert "nan" not in text
+    assert "-0 %" not in text
+    assert "<0.001*" in text
+
+
+def test_incomplete_subjects_are_counted_and_named(residuals):
+    gap = (residuals["subject"] == "sub03") & (residuals["condition"] == "sway")
+    residuals = residuals[~gap]
+    table = table_3(residuals, statistics(residuals))
+    assert list(table["n"][:3]) == [9, 8, 9]
+    assert list(table["without"][:3]) == ["", "sub03", ""]
+    assert "sway without sub03." in table_3_markdown(table)
+
+
+def test_one_subject_gives_means_and_no_p(residuals):
+    one = residuals[residuals["subject"] == "sub00"]
+    text = table_3_markdown(table_3(one, statistics(one)))
+    assert "nan" not in text
+    assert "± –" in text
+
+
+def test_the_table_survives_a_csv_file(tmp_path, table):
+    path = tmp_path / "table_3.csv"
+    table.to_csv(path, index=False)
+    again = pd.read_csv(path).assign(without="")  # nobody is missing here
+    np.testing.assert_allclose(again["p_t"], table["p_t"])
+    assert table_3_markdown(again) == table_3_markdown(table)

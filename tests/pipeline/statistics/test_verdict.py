@@ -1,0 +1,137 @@
+"""Whether compensation brings residuals back: what makes a yes, a no, and an honest don't know."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from pipeline.statistics.comparison import statistics
+from pipeline.statistics.verdict import MARGIN, Verdict, headline, verdicts
+
+CONDITIONS = ("baseline", "sway", "pitch")
+
+
+def residuals(cells, axis="Fx"):
+    """Lay out {(condition, compensated): values of the subjects} as a long table."""
+    return pd.DataFrame(
+        {
+            "subject": f"s{k}",
+            "condition": condition,
+            "compensated": compensated,
+            "axis": axis,
+            "unit": "N",
+            "rms": float(value),
+        }
+        for (condition, compensated), values in cells.items()
+        for k, value in enumerate(values)
+        if value is not None
+    )
+
+
+def study(excess, spread, n=9, seed=0):
+    """Nine subjects whose compensated sway is above baseline by `excess` ± `spread`."""
+    rng = np.random.default_rng(seed)
+    baseline = rng.normal(40, 5, n)
+    cells = {(c, ic): baseline + rng.normal(0, 1, n) for c in CONDITIONS for ic in (False, True)}
+    cells["baseline", False] = baseline
+    cells["sway", False] = baseline + 400
+    cells["sway", True] = np.abs(baseline + excess + rng.normal(0, spread, n))
+    return residuals(cells)
+
+
+def sway(table):
+    return next(v for v in judged(table) if v.condition == "sway")
+
+
+def judged(table):
+    return verdicts(table, statistics(table))
+
+
+def test_a_residual_that_returns_is_back():
+    assert sway(study(excess=0.5, spread=1)).answer == "yes"
+
+
+def test_a_residual_that_stays_far_above_is_not_back():
+    verdict = sway(study(excess=30, spread=2))
+    assert verdict.answer == "no"
+    assert verdict.difference == pytest.approx(30, abs=2)
+    assert verdict.percent(verdict.difference) == pytest.approx(75, abs=12)
+
+
+def test_no_significant_difference_alone_does_not_make_a_yes():
+    table = study(excess=3, spread=25)
+    tests = statistics(table)
+    pair = tests[(tests["effect"] == "sway IC - baseline no IC") & (tests["test"] == "paired t")]
+    assert (pair["p_corrected"] > 0.05).all()
+    assert sway(table).answer == "open"
+
+
+def test_a_residual_below_the_baseline_is_no_fault():
+    verdict = sway(study(excess=-15, spread=1))
+    assert verdict.answer == "yes"
+    assert verdict.high < 0
+
+
+def test_a_sure_but_small_rise_within_the_margin_is_back():
+    verdict = sway(study(excess=3, spread=0.5))
+    assert verdict.low > 0
+    assert verdict.answer == "yes"
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    excess=st.floats(-20, 40), spread=st.floats(0.5, 30), n=st.integers(2, 12), seed=st.integers(0)
+)
+def test_the_interval_agrees_with_the_corrected_tests(excess, spread, n, seed):
+    table = study(excess, spread, n, seed)
+    verdict = sway(table)
+    cells = table.pivot(index="subject", columns=["condition", "compensated"], values="rms")
+    difference = cells["sway", True] - cells["baseline", False]
+    p = stats.ttest_1samp(difference, 0).pvalue
+    assert (verdict.low > 0 or verdict.high < 0) == (5 * p < 0.05)
+    margin = MARGIN * cells["baseline", False].mean()
+    one_sided = stats.ttest_1samp(difference, margin, alternative="less").pvalue
+    assert (verdict.answer == "yes") == (one_sided <= 0.05 / 5 / 2)
+
+
+def test_one_subject_shows_sizes_only():
+    verdict = sway(study(excess=1, spread=1, n=1))
+    assert verdict.answer == "size only"
+    assert np.isnan(verdict.high)
+    assert verdict.difference == pytest.approx(verdict.ic - verdict.baseline)
+
+
+def test_only_subjects_with_both_cells_are_compared():
+    cells = {
+        ("baseline", False): [40, 41, 42, None],
+        ("sway", True): [44, 44, None, 90],
+        ("sway", False): [400, None, 420, 430],
+    }
+    verdict = sway(residuals(cells))
+    assert verdict.n == 2
+    assert verdict.baseline == pytest.approx(40.5)
+    assert verdict.difference == pytest.approx(3.5)
+    assert np.isnan(verdict.no_ic)  # one of the two lacks it: no mean over other people
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        {("walking", False): [40, 41], ("lateral", True): [44, 45]},
+        {("baseline", False): [40, 41], ("sway", False): [400, 410]},
+    ],
+    ids=["other conditions", "no compensation"],
+)
+def test_what_is_not_there_is_not_judged(cells):
+    assert {v.answer for v in judged(residuals(cells))} == {"no data"}
+
+
+def test_the_headline_counts_and_names():
+    answers = dict(zip(("Fx", "Fy", "Fz", "Mx"), ("yes", "no", "no", "open"), strict=True))
+    found = [Verdict(axis, "N", "sway", answer, n=9) for axis, answer in answers.items()]
+    assert headline(found, "sway") == (
+        "In sway, 1 of 4 residuals are back at baseline with compensation; "
+        "Fy and Fz are above; for Mx, 9 subjects are too few to tell"
+    )

@@ -1,0 +1,163 @@
+"""Which foot a plate carried: sums stay exact, steps may cross, what is uncertain is flagged."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from pipeline.trial.gait.contact import center_of_pressure, share_between_feet
+
+LEFT, RIGHT = 0, 1
+STEP_M, WIDTH_M, HALF_S = 0.6, 0.15, 0.55
+DOUBLE_S = 0.12
+WEIGHT_N = 700.0
+
+
+def ramp(x):
+    x = np.clip(x, 0, 1)
+    return x * x * (3 - 2 * x)
+
+
+def walking(steps=8, rate_hz=100.0):
+    """Feet of a treadmill walker and the force under each: (T, 2, 3) [m] and (T, 2) [N].
+
+    Strides last 1.1 s, stance 61 % of it; the standing foot drifts back, the swinging one passes
+    half a hand's width beside it and 8 cm higher.
+    """
+    time = np.arange(round(steps * HALF_S * rate_hz)) / rate_hz
+    feet, load = np.zeros((len(time), 2, 3)), np.zeros((len(time), 2))
+    for side in (LEFT, RIGHT):
+        phase = (time / (2 * HALF_S) - 0.5 * side) % 1
+        stance = (HALF_S + DOUBLE_S) / (2 * HALF_S)
+        standing = phase < stance
+        swing = np.clip((phase - stance) / (1 - stance), 0, 1)
+        back = np.where(standing, phase / stance, 1 - ramp(swing))
+        feet[:, side, 0] = STEP_M * (0.5 - back)
+        feet[:, side, 1] = (0.5 - side) * WIDTH_M
+        feet[:, side, 2] = 0.06 + 0.08 * np.sin(np.pi * swing) ** 2 * ~standing
+        at = phase * 2 * HALF_S
+        load[:, side] = ramp(at / DOUBLE_S) * (1 - ramp((at - HALF_S) / DOUBLE_S)) * standing
+    return feet, WEIGHT_N * load / load.sum(axis=1, keepdims=True)
+
+
+def wrench_of(load, point):
+    """An upward force through a point on the floor, (T, 6)."""
+    wrench = np.zeros((len(load), 6))
+    wrench[:, 2] = load
+    wrench[:, 3], wrench[:, 4] = point[:, 1] * load, -point[:, 0] * load
+    return wrench
+
+
+def pressures(feet):
+    """Points under both feet that roll from 12 cm behind to 12 cm ahead of the middle."""
+    roll = np.clip(-feet[..., 0] / STEP_M, -0.5, 0.5) * 0.24
+    points = feet.copy()
+    points[..., 0] += roll
+    points[..., 2] = 0
+    return points
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    arrays(float, (2, 30, 6), elements=st.floats(-1000, 1000)),
+    arrays(float, (30, 2, 3), elements=st.floats(-1, 1)),
+)
+def test_both_feet_together_carry_what_the_plates_carry(wrenches, feet):
+    shared, _ = share_between_feet(list(wrenches), feet, 30.0)
+    together = shared["left_foot"] + shared["right_foot"]
+    np.testing.assert_allclose(together, wrenches.sum(axis=0), atol=1e-9, rtol=0)
+
+
+def test_gaps_stay_gaps_and_disturb_no_other_frame():
+    feet, load = walking()
+    points = pressures(feet)
+    wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    whole, _ = share_between_feet(wrenches, feet, 30.0)
+    wrenches[LEFT][200:210] = np.nan
+    feet[100:105] = np.nan
+    shared, _ = share_between_feet(wrenches, feet, 30.0)
+    missing = np.isnan(shared["left_foot"] + shared["right_foot"]).all(axis=1)
+    assert np.flatnonzero(missing).tolist() == list(range(200, 210))
+    for foot in whole:
+        np.testing.assert_array_equal(shared[foot][~missing], whole[foot][~missing])
+
+
+def test_each_foot_on_its_own_belt_gets_its_belt():
+    feet, load = walking()
+    points = pressures(feet)
+    wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    shared, ambiguous = share_between_feet(wrenches, feet, 30.0)
+    np.testing.assert_array_equal(shared["left_foot"], wrenches[LEFT])
+    np.testing.assert_array_equal(shared["right_foot"], wrenches[RIGHT])
+    assert not ambiguous.any()
+
+
+def test_a_step_across_the_gap_gives_both_plates_to_that_foot():
+    feet, load = walking()
+    points = pressures(feet)
+    inner, outer = points[:, LEFT] - [0, 0.04, 0], points[:, LEFT] + [0, 0.04, 0]
+    plates = [
+        wrench_of(load[:, LEFT] / 2, outer),
+        wrench_of(load[:, LEFT] / 2, inner) + wrench_of(load[:, RIGHT], points[:, RIGHT]),
+    ]
+    single = load[:, RIGHT] == 0
+    shared, _ = share_between_feet(plates, feet, 30.0)
+    both = plates[0] + plates[1]
+    np.testing.assert_allclose(shared["left_foot"][single], both[single], atol=1e-9)
+
+
+def test_walking_on_one_plate_alone_changes_owner_at_every_step():
+    """The plate is never unloaded; the foot must change all the same, within the double support."""
+    feet, load = walking()
+    points = pressures(feet)
+    plate = sum(wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT))
+    shared, ambiguous = share_between_feet([plate, np.zeros_like(plate)], feet, 30.0)
+    for foot, k in (("left_foot", LEFT), ("right_foot", RIGHT)):
+        single = load[:, k] == load.sum(axis=1)
+        np.testing.assert_allclose(shared[foot][single], plate[single], atol=1e-9)
+    assert not ambiguous[load.min(axis=1) == 0].any()
+    halved = load.min(axis=1) > WEIGHT_N / 3
+    assert halved.any()
+    assert ambiguous[halved].all()
+
+
+def test_standing_with_both_feet_on_one_plate_is_flagged():
+    feet = np.tile([[[0, 0.1, 0.06], [0, -0.1, 0.06]]], (50, 1, 1))
+    plate = wrench_of(np.full(50, WEIGHT_N), np.tile([0.05, 0.01, 0.0], (50, 1)))
+    _, ambiguous = share_between_feet([plate, 0 * plate], feet, 30.0)
+    assert ambiguous.all()
+    each = [wrench_of(np.full(50, WEIGHT_N / 2), feet[:, k]) for k in (LEFT, RIGHT)]
+    _, ambiguous = share_between_feet(each, feet, 30.0)
+    assert not ambiguous.any()
+
+
+def test_an_upside_down_force_is_no_contact():
+    """Inertia of an empty belt may pull; it is not a foot, and nothing divides by its sum."""
+    feet, load = walking()
+    points = pressures(feet)
+    wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    wrenches[LEFT][load[:, LEFT] == 0, 2] = -60.0
+    shared, _ = share_between_feet(wrenches, feet, 30.0)
+    np.testing.assert_array_equal(shared["left_foot"], wrenches[LEFT])
+    assert np.isnan(center_of_pressure(wrenches[LEFT], 0.0, 30.0)).any()
+
+
+def test_the_subject_alone_tells_where_the_feet_are():
+    """A swaying platform's inertia moves the measured centre of pressure by metres."""
+    feet, load = walking()
+    points = pressures(feet)
+    alone = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    artefact = np.array([0, 400.0, 40.0, 300.0, 0, 100.0])
+    measured = [wrench + artefact for wrench in alone]
+    by_themselves, _ = share_between_feet(measured, feet, 30.0)
+    assert not np.array_equal(by_themselves["left_foot"], measured[LEFT])
+    shared, _ = share_between_feet(measured, feet, 30.0, judged_by=alone)
+    np.testing.assert_array_equal(shared["left_foot"], measured[LEFT])
+    np.testing.assert_array_equal(shared["right_foot"], measured[RIGHT])
+
+
+def test_the_center_of_pressure_lies_on_the_line_of_action():
+    wrench = wrench_of(np.array([500.0]), np.array([[0.3, -0.2, 0]]))
+    wrench[0, 0] = 100.0
+    np.testing.assert_allclose(center_of_pressure(wrench, 0.0, 30.0), [[0.3, -0.2]], atol=1e-12)
+    np.testing.assert_allclose(center_of_pressure(wrench, 0.1, 30.0), [[0.32, -0.2]], atol=1e-12)

@@ -1,0 +1,308 @@
+"""Gait events and cycles: a walker whose events are known, plates, and a real trial."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hbm.markers import Markers
+from pipeline.io.c3d.read import read_c3d
+from pipeline.io.recording import Event, Recording
+from pipeline.trial.gait.cycles import gait_cycles, normalise
+from pipeline.trial.gait.event_agreement import compare_events
+from pipeline.trial.gait.events import SIDES, force_events, gait_events, zeni_events
+
+HBM2 = {"sacrum": ("LPSIS", "RPSIS"), "heel": "{}HEE", "toe": "{}MT2"}
+HBM1 = {"sacrum": ("SACR",), "heel": "{}HEE", "toe": "{}TOE"}
+PLUG_IN = {"sacrum": ("LPSI", "RPSI"), "heel": "{}HEE", "toe": "{}TOE"}
+OPENSIM = {"sacrum": ("V.Sacral",), "heel": "{}.Heel", "toe": "{}.Toe.Tip"}
+
+STRIDE_S = 1.13
+STRIKE = {"left": 0.203, "right": 0.203 + STRIDE_S / 2}
+OFF = {side: STRIKE[side] + 0.62 * STRIDE_S for side in SIDES}
+time = np.arange(1200) / 100
+
+
+def walker(names=HBM2, drift=0.0, sway=0.0, standing_s=0.0, noise=0.0):
+    """Feet that swing as sines about the sacrum, so that events are where the sines turn."""
+
+    def swing(first_turn):
+        phase = 2 * np.pi * np.maximum(time - standing_s - first_turn, -first_turn) / STRIDE_S
+        return 0.3 * np.cos(phase)
+
+    tracks = {name: np.array([0.0, side, 1.0]) for side, name in enumerate(names["sacrum"])}
+    for side, letter in zip(SIDES, "LR", strict=True):
+        for part, turn, sign in (("heel", STRIKE, 1), ("toe", OFF, -1)):
+            track = np.zeros((len(time), 3))
+            track[:, 0] = sign * swing(turn[side])
+            tracks[names[part].format(letter)] = track
+    position = np.stack([np.broadcast_to(track, (len(time), 3)) for track in tracks.values()], 1)
+    position = position + np.stack([drift * time, sway * np.sin(time), 0 * time], -1)[:, None]
+    position = position + np.random.default_rng(0).normal(0, noise, position.shape)
+    return Markers(time, tuple(tracks), position)
+
+
+def times_of(events, label, side):
+    return np.array([e.time for e in events if (e.label, e.side) == (label, side)])
+
+
+def assert_known_events(events, atol, start=0.0):
+    for label, first in (("foot_strike", STRIKE), ("foot_off", OFF)):
+        for side in SIDES:
+            found = times_of(events, label, side)
+            turns = (found - first[side] - start) / STRIDE_S
+            assert len(found) >= 9
+            np.testing.assert_allclose(np.diff(np.round(turns)), 1)
+            np.testing.assert_allclose(turns, np.round(turns), atol=atol / STRIDE_S)
+
+
+@pytest.mark.parametrize("names", [HBM2, HBM1, PLUG_IN, OPENSIM])
+def test_feet_strike_and_leave_where_they_turn_against_the_sacrum(names):
+    assert_known_events(zeni_events(walker(names)), atol=5e-4)  # a twentieth of a frame
+
+
+@settings(deadline=None, max_examples=8)
+@given(drift=st.floats(-0.3, 0.3), sway=st.floats(-0.1, 0.1))
+def test_events_do_not_care_where_on_the_belt_the_subject_drifts(drift, sway):
+    here, there = zeni_events(walker()), zeni_events(walker(drift=drift, sway=sway))
+    np.testing.assert_allclose([e.time for e in there], [e.time for e in here], atol=1e-6)
+
+
+def test_marker_noise_moves_events_by_a_few_milliseconds_only():
+    assert_known_events(zeni_events(walker(noise=0.001)), atol=6e-3)
+
+
+def test_events_come_in_order_of_time_and_alternate():
+    events = zeni_events(walker())
+    assert [e.time for e in events] == sorted(e.time for e in events)
+    first = next(k for k, e in enumerate(events) if (e.label, e.side) == ("foot_strike", "left"))
+    kinds = [(e.label, e.side) for e in events[first : first + 8]]
+    cycle = [("foot_strike", "left"), ("foot_off", "right")]
+    cycle += [("foot_strike", "right"), ("foot_off", "left")]
+    assert kinds == cycle * 2
+
+
+def test_standing_still_makes_no_steps():
+    events = zeni_events(walker(standing_s=4.0, noise=0.002))
+    assert min(e.time for e in events) > 3.9
+
+
+def test_a_gap_hides_its_own_events_and_no_others():
+    markers = walker()
+    position = markers.position.copy()
+    position[400:500, markers.names.index("LHEE")] = np.nan
+    whole = zeni_events(markers)
+    holed = zeni_events(Markers(time, markers.names, position))
+    hidden = [e for e in whole if (e.label, e.side) == ("foot_strike", "left") and 4 <= e.time < 5]
+    assert len(hidden) == 1
+    assert len(holed) == len(whole) - 1
+    assert all(a.only_in_first == 0 and a.sd_ms < 3 for a in compare_events(holed, whole))
+
+
+def test_a_missing_marker_is_named_with_its_alternatives():
+    markers = walker()
+    kept = [k for k, name in enumerate(markers.names) if name != "RMT2"]
+    names = tuple(markers.names[k] for k in kept)
+    with pytest.raises(ValueError, match=r"right toe marker: RMT2 or RTOE or .*present: LPSIS"):
+        zeni_events(Markers(time, names, markers.position[:, kept]))
+
+
+plate_time = np.arange(5000) / 1000
+
+
+def steps(spans, chatter=()):
+    """Contacts that build up and fade at 10 N per ms, the threshold of 20 N after 2 ms."""
+    force = np.zeros((len(plate_time), 6))
+    for start, stop in spans:
+        ramp = np.minimum(plate_time - start, stop - plate_time) * 1e4
+        force[:, 2] = np.maximum(force[:, 2], np.clip(ramp, 0, 700))
+    for instant in chatter:
+        force[round(1000 * instant), 2] = 40 - force[round(1000 * instant), 2]
+    return force
+
+
+def test_contact_starts_and_stops_where_the_force_crosses_the_threshold_between_samples():
+    spans = [(0.5004, 1.2), (1.6, 2.3007)]
+    events = force_events({"left": steps(spans)}, plate_time, 20)
+    expected = [(a + 0.002, b - 0.002) for a, b in spans]
+    np.testing.assert_allclose([e.time for e in events], np.ravel(expected), atol=1e-9)
+    assert [e.label for e in events] == ["foot_strike", "foot_off"] * 2
+
+
+def test_chatter_at_the_threshold_and_spikes_in_swing_are_no_steps():
+    spans = [(0.5, 1.2), (1.6, 2.3)]
+    clean = force_events({"right": steps(spans)}, plate_time, 20)
+    noisy = force_events({"right": steps(spans, [0.505, 1.195, 1.4, 3.0])}, plate_time, 20)
+    np.testing.assert_allclose([e.time for e in noisy], [e.time for e in clean], atol=3e-3)
+
+
+def test_a_gap_in_the_force_makes_no_event():
+    force = steps([(0.5, 1.2), (1.6, 2.3)])
+    force[800:1400] = np.nan
+    events = force_events({"left": force}, plate_time, 20)
+    assert [e.label for e in events] == ["foot_strike", "foot_strike", "foot_off"]
+
+
+def test_force_events_know_two_sides_only():
+    with pytest.raises(ValueError, match=r"got .* for 'middle'"):
+        force_events({"middle": steps([])}, plate_time, 20)
+
+
+def test_agreement_of_events_moved_by_hand_is_what_was_moved():
+    events = zeni_events(walker())
+    jitter = np.random.default_rng(1).normal(0, 0.004, len(events))
+    moved = [
+        Event(e.time + 0.025 + d, e.label, e.side) for e, d in zip(events, jitter, strict=True)
+    ]
+    moved.append(Event(30.0, "foot_off", "right"))
+    for agreement in compare_events(moved, events):
+        mine = [(e.label, e.side) == (agreement.label, agreement.side) for e in events]
+        assert agreement.mean_ms == pytest.approx(25 + 1000 * jitter[mine].mean(), abs=1e-6)
+        assert agreement.sd_ms == pytest.approx(1000 * jitter[mine].std(ddof=1), abs=1e-6)
+        assert agreement.matched == sum(mine)
+        alone = (agreement.label, agreement.side) == ("foot_off", "right")
+        assert (agreement.only_in_first, agreement.only_in_second) == (alone, 0)
+
+
+def test_agreement_with_nothing_is_not_a_number():
+    strike = Event(1.0, "foot_strike", "left")
+    for others in ([], [Event(1.3, "foot_strike", "left")]):
+        agreement = compare_events([strike], others)[0]
+        assert (agreement.matched, agreement.only_in_first) == (0, 1)
+        assert np.isnan(agreement.mean_ms)
+        assert "0 matched" in str(agreement)
+
+
+def regular_events(strikes=10):
+    return [
+        Event(1.0 * k + shift, label, side)
+        for k in range(strikes)
+        for shift, label, side in (
+            (0.0, "foot_strike", "left"),
+            (0.1, "foot_off", "right"),
+            (0.5, "foot_strike", "right"),
+            (0.6, "foot_off", "left"),
+        )
+    ]
+
+
+@pytest.mark.parametrize(("side", "first"), [("left", 0.0), ("right", 0.5)])
+def test_cycles_run_from_strike_to_strike(side, first):
+    spans, rejected = gait_cycles(regular_events(), side)
+    expected = first + np.arange(9)[:, None] + [0, 1]
+    np.testing.assert_allclose(spans, expected)
+    assert rejected == ()
+
+
+def test_a_cycle_with_a_missed_strike_is_left_out_and_says_why():
+    events = [e for e in regular_events() if (e.time, e.label) != (4.0, "foot_strike")]
+    spans, rejected = gait_cycles(events, "left")
+    assert len(spans) == 7
+    assert len(rejected) == 1
+    assert "left cycle 3.00–5.00 s lasts 2.00 of the median cycle" in rejected[0]
+
+
+def test_a_cycle_in_which_feet_do_not_alternate_is_left_out_and_says_why():
+    events = [*regular_events(), Event(3.3, "foot_strike", "right")]
+    events = [e for e in events if (e.time, e.label) != (6.6, "foot_off")]
+    spans, rejected = gait_cycles(events, "left")
+    assert len(spans) == 7
+    assert "left cycle 3.00–4.00 s has 2 right foot strikes where 1 belongs" in rejected
+    assert "left cycle 6.00–7.00 s has 0 left foot offs where 1 belongs" in rejected
+
+
+def test_strikes_of_one_foot_alone_suffice_for_cycles():
+    strikes = [Event(t, "foot_strike", "left") for t in (1.0, 2.0, 3.0)]
+    assert gait_cycles(strikes, "left")[0].tolist() == [[1, 2], [2, 3]]
+    assert gait_cycles(strikes, "right")[0].shape == (0, 2)
+
+
+def test_a_side_that_does_not_exist_is_refused():
+    with pytest.raises(ValueError, match=r'"left" or "right", got .Left.'):
+        gait_cycles([], "Left")
+
+
+def test_normalised_time_runs_straight_through_each_cycle():
+    cycles = [[1.003, 2.1], [2.1, 3.317]]
+    percent = normalise(time, np.column_stack([time, -time]), cycles)
+    assert percent.shape == (2, 101, 2)
+    for cycle, (start, stop) in zip(percent[..., 0], cycles, strict=True):
+        np.testing.assert_allclose(cycle, np.linspace(start, stop, 101), atol=1e-12)
+
+
+def test_normalising_resolves_a_signal_between_its_samples():
+    wave = np.sin(2 * np.pi * 2 * time)
+    at = np.linspace(3.004, 4.137, 51)
+    normalised = normalise(time, wave, [[3.004, 4.137]], samples=51)[0]
+    np.testing.assert_allclose(normalised, np.sin(2 * np.pi * 2 * at), atol=3e-6)
+
+
+def test_gaps_and_the_end_of_the_recording_stay_not_a_number():
+    wave = np.sin(time)
+    wave[300:310] = np.nan
+    normalised = normalise(time, wave, [[2.5, 3.5], [11.5, 12.5]])
+    assert np.isnan(normalised[0, 50:59]).all()
+    assert np.isfinite(normalised[0, :49]).all()
+    assert np.isnan(normalised[1, 51:]).all()
+    assert normalise(time, wave, np.zeros((0, 2))).shape == (0, 101)
+
+
+def test_events_of_the_file_come_first_and_markers_stand_in(tmp_path):
+    recording = Recording(tmp_path / "trial.c3d", walker(), events=tuple(regular_events()))
+    events, sentence = gait_events(recording)
+    assert events == recording.events
+    assert sentence == "gait events as the file has them: 10 left and 10 right foot strikes"
+    events, sentence = gait_events(Recording(tmp_path / "trial.c3d", walker()))
+    assert events == zeni_events(walker())
+    assert "Zeni 2008" in sentence
+
+
+@pytest.fixture(scope="module")
+def treadmill(shared_data):
+    return read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+
+
+def test_file_zeni_and_force_agree_on_a_real_treadmill(treadmill):
+    zeni = zeni_events(treadmill.markers)
+    sides = ("left" if plate.center[1] > 0 else "right" for plate in treadmill.plates)
+    wrenches = {side: plate.wrench for side, plate in zip(sides, treadmill.plates, strict=True)}
+    force = force_events(wrenches, treadmill.plates[0].time, threshold_n=20)
+    by_file = compare_events(zeni, treadmill.events)
+    assert all(a.only_in_first == 0 and a.only_in_second <= 1 for a in by_file)
+    assert all(abs(a.mean_ms) < 35 and a.sd_ms < 6 for a in by_file)
+    for agreement, measured in zip(compare_events(zeni, force), (-24, -30, -14, -22), strict=True):
+        assert agreement.mean_ms == pytest.approx(measured, abs=5)  # measured independently before
+
+
+def test_cycles_of_a_real_treadmill_are_the_same_by_file_and_by_markers(treadmill):
+    zeni = zeni_events(treadmill.markers)
+    for side in SIDES:
+        by_file, rejected = gait_cycles(gait_events(treadmill)[0], side)
+        by_zeni, _ = gait_cycles(zeni, side)
+        assert (len(by_file), rejected) == (10, ())
+        assert len(by_zeni) == 9  # one strike lies too close to an end of the recording
+        assert np.diff(by_zeni).mean() == pytest.approx(np.diff(by_file).mean(), abs=0.005)
+        assert np.isfinite(normalise(treadmill.markers.time, np.ones(1206), by_file)).all()
+
+
+def test_contacts_of_a_real_treadmill_are_those_its_authors_published(shared_data):
+    folder = shared_data / "treadmill_forces"
+    read = lambda name: np.genfromtxt(folder / name, delimiter=",", names=True)  # noqa: E731
+    record, published = read("UnpertPre_data.csv"), read("UnpertPre__event.csv")
+    wrenches = {side: np.zeros((len(record), 6)) for side in SIDES}
+    for side in SIDES:
+        wrenches[side][:, 2] = record[f"{side.capitalize()}GRF_y"]
+    expected = [
+        Event(instant, label, side)
+        for label, suffix in (("foot_strike", "hs"), ("foot_off", "to"))
+        for side in SIDES
+        for instant in published[side[0] + suffix]
+        if np.isfinite(instant)
+    ]
+    found = force_events(wrenches, record["time"], threshold_n=20)
+    for agreement in compare_events(found, expected):
+        assert agreement.matched >= 43
+        assert (agreement.only_in_first, agreement.only_in_second) == (0, 0)
+        assert abs(agreement.mean_ms) < 5  # half a sample
+        assert agreement.sd_ms < 10
+    assert [len(gait_cycles(found, side)[0]) for side in SIDES] == [43, 42]

@@ -1,0 +1,120 @@
+"""Belt compensation in a trial: it helps, and it does not repair what a person adds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compensation import belt_signals, pitch_and_sway_signals, validation_signals
+from pipeline.config.schema import Belt
+from pipeline.config.study import StudyFaults, Treadmill, read_study
+from pipeline.io.axes import parse_axes
+from pipeline.io.c3d.read import read_c3d
+from pipeline.io.c3d.write import write_c3d
+from pipeline.smoothing import smooth
+from pipeline.trial.ground.belts import belt_axes, belt_speed, fit_belts
+from pipeline.trial.ground.laboratory import Laboratory, fit_calibration, ground_wrenches
+from pipeline.trial.process import process_trial
+from pipeline.virtual_lab.machine import people
+from pipeline.virtual_lab.protocol.rig import record, times
+
+RATE = 1000.0
+BELT = Belt(calibration="belts.c3d", speed_channels=("BeltSpeed",))
+SENSORS = {name: tuple(f"{name}.{axis}" for axis in "XYZ") for name in ("Acc1", "Acc2")}
+TREADMILL = Treadmill(accelerometers=SENSORS, belt=BELT)
+PULSES = validation_signals()[4]
+
+
+@pytest.fixture(scope="module")
+def models():
+    return fit_belts(record(belt_signals(1, 1.0)[0], seed=1), BELT)
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    return fit_calibration(record(pitch_and_sway_signals(1, 0.0)[6], seed=2), TREADMILL)
+
+
+def left_over(recording, models, calibration=None):
+    """RMS of the empty plate's pitch moment below 6 Hz, as measured and compensated [N·m]."""
+    time = recording.markers.time[100:-100]
+    ground = ground_wrenches(recording, Laboratory(TREADMILL, calibration, models), time, 0.0)
+    about = [smooth(plates[0][:, 4], 100.0, 6.0) for plates in ground.variants.values()]
+    return [float(np.std(moment)) for moment in about]
+
+
+def with_person(seed=3):
+    load = people.walking(times(PULSES, RATE), np.random.default_rng(seed))
+    return record(PULSES, seed=seed, load=load)
+
+
+def test_pulses_of_the_belt_leave_a_twentieth_of_their_pitch_moment(models):
+    raw, left = left_over(record(PULSES, seed=3), models)
+    assert raw > 5
+    assert left < 0.05 * raw
+
+
+def test_what_a_person_adds_is_not_repaired(models):
+    _, empty = left_over(record(PULSES, seed=3), models)
+    _, left = left_over(with_person(), models)
+    unmoved = replace(PULSES, belt_speed=0 * PULSES.belt_speed)
+    load = people.walking(times(PULSES, RATE), np.random.default_rng(3))
+    person_alone, _ = left_over(record(unmoved, seed=3, load=load), models)
+    assert left > 3 * empty
+    assert np.sqrt(left**2 - empty**2) > 0.9 * person_alone
+
+
+def test_accelerometers_take_off_what_a_person_adds_through_the_platform(models, calibration):
+    _, empty = left_over(record(PULSES, seed=3), models)
+    _, by_belts = left_over(with_person(), models)
+    _, empty_by_both = left_over(record(PULSES, seed=3), models, calibration)
+    _, by_both = left_over(with_person(), models, calibration)
+    assert by_both < 0.7 * by_belts
+    assert by_both**2 - empty_by_both**2 < 0.1 * (by_belts**2 - empty**2)
+
+
+def test_a_belt_at_constant_speed_changes_nothing(models):
+    steady = replace(PULSES, belt_speed=np.full_like(PULSES.belt_speed, 1.3))
+    raw, left = left_over(record(steady, seed=5), models)
+    assert left < raw + 0.05  # the noise of the belt speed
+
+
+def test_the_pitch_axis_of_a_plate_does_not_depend_on_the_lab_axes(tmp_path):
+    recording = record(PULSES, seed=6)
+    path = tmp_path / "belt.c3d"
+    write_c3d(path, recording.markers, recording.plates, analog=recording.analog)
+    axes = [belt_axes(read_c3d(path, a).plates[0]) for a in ("left,back,up", "right,forward,up")]
+    np.testing.assert_allclose(*axes, atol=1e-6)
+    plate = read_c3d(path, "left,back,up").plates[0]
+    assert abs((plate.rotation @ belt_axes(plate))[1, 1]) == pytest.approx(1)
+    assert parse_axes("left,back,up").shape == (3, 3)
+
+
+def test_a_channel_that_is_no_speed_is_refused():
+    recording = record(PULSES, seed=6)
+    with pytest.raises(ValueError, match=r"Acc1.X is in 'g', expected a speed"):
+        belt_speed(recording, "Acc1.X")
+    with pytest.raises(ValueError, match=r"no analog channel 'Belt' .*; there: Acc1.X"):
+        belt_speed(recording, "Belt")
+
+
+def test_a_study_file_switches_it_on(tmp_path):
+    (tmp_path / "study.toml").write_text(
+        '[treadmill.belt]\ncalibration = "belts.c3d"\nspeed_channels = ["Belt"]\n'
+        "[conditions.walk]\n",
+        encoding="utf-8",
+    )
+    (tmp_path / "sub01.toml").write_text(
+        'id = "sub01"\n[trials.walk]\nexclude = "none"\n', encoding="utf-8"
+    )
+    with pytest.raises(StudyFaults, match=r"treadmill.belt.calibration: no file 'belts.c3d'"):
+        read_study(tmp_path)
+    (tmp_path / "belts.c3d").write_bytes(b"")
+    study = read_study(tmp_path)
+    assert study.file.treadmill.belt == replace_channels(BELT, "Belt")
+    with pytest.raises(ValueError, match="is excluded"):
+        process_trial(study, "sub01", "walk")
+
+
+def replace_channels(belt, channel):
+    return belt.model_copy(update={"speed_channels": (channel,)})

@@ -1,0 +1,339 @@
+"""One trial of a study, end to end on files: what compensation takes, and which cycles count."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.signals.filtering import butterworth
+from pipeline.config.study import Condition, Settings, Subject, read_study
+from pipeline.io.c3d.read import read_c3d
+from pipeline.io.recording import Event
+from pipeline.trial import process
+from pipeline.trial.gait.cycles import cut_cycles
+from pipeline.trial.process import process_recording, process_trial
+from pipeline.trial.residuals import residual_table
+from pipeline.trial.weighing import body_mass, carried_kg
+from tests.pipeline import lab
+
+PERSON = Subject(id="sub01", sex="male")
+
+
+@pytest.fixture(scope="module")
+def study(moving_study):
+    return read_study(moving_study)
+
+
+@pytest.fixture(scope="module")
+def results(study):
+    return {name: process_trial(study, "sub01", name) for name in study.file.conditions}
+
+
+@pytest.fixture(scope="module")
+def standing_still(walker):
+    """The same walk processed where the treadmill stands still: what all conditions must give."""
+    return process_recording(walker, PERSON, Settings())
+
+
+def rms(result, compensated):
+    table = residual_table(result, "condition")
+    return table[table.compensated == compensated].set_index("axis")["rms"]
+
+
+def total(by_foot):
+    return sum(by_foot.values())
+
+
+@pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
+def test_the_persons_own_wrench_reaches_the_model_whatever_the_platform_did(
+    results, standing_still, condition
+):
+    found = total(results[condition].ground["compensated"])
+    true = total(standing_still.ground["measured"])
+    error = np.abs(found - true)[60:-60].max(axis=0)
+    assert (error < [2, 2, 2, 1, 1, 1]).all()
+
+
+@pytest.mark.parametrize(
+    ("condition", "axes"), [("sway", ["Fy", "Mx"]), ("pitch", ["Fx", "Fz", "My"])]
+)
+def test_compensation_takes_the_platform_out_of_the_residuals(results, condition, axes):
+    """What is left over baseline is less than a tenth of what the platform put in."""
+    baseline = rms(results["baseline"], True)
+    measured = rms(results[condition], False) - baseline
+    compensated = rms(results[condition], True) - baseline
+    assert (measured[axes] > 20).all()
+    assert (compensated[axes].abs() < 0.1 * measured[axes]).all()
+
+
+def test_a_platform_at_rest_has_nothing_to_compensate(results, standing_still):
+    for compensated in (False, True):
+        difference = rms(results["baseline"], compensated) - rms(standing_still, False)
+        assert difference.abs().max() < 1
+
+
+def test_both_variants_share_one_inverse_kinematics(study, monkeypatch):
+    calls = {"solve_ik": 0, "filter_motion": 0, "inverse_dynamics_variants": 0}
+    for name in calls:
+        real = getattr(process, name)
+
+        def counted(*given, name=name, real=real, **named):
+            calls[name] += 1
+            return real(*given, **named)
+
+        monkeypatch.setattr(process, name, counted)
+    result = process_trial(study, "sub01", "pitch")
+    assert calls == {"solve_ik": 1, "filter_motion": 1, "inverse_dynamics_variants": 1}
+    assert result.compensated is not None
+
+
+def test_walking_counts_the_first_cycles_of_the_right_foot_after_the_start(results):
+    cycles = results["pitch"].cycles
+    assert list(cycles) == ["right"]
+    assert len(cycles["right"]) == 4
+    assert (cycles["right"][:, 0] >= 6.0).all()
+    assert cycles["right"][0, 0] < 6.0 + 1.2
+
+
+def test_sway_counts_the_cycles_that_hold_a_pulse(results):
+    spans = np.concatenate(list(results["sway"].cycles.values()))
+    assert len(spans) == 2
+    for onset in lab.SWAYS_S:
+        assert np.count_nonzero((spans[:, 0] <= onset) & (onset < spans[:, 1])) == 1
+    np.testing.assert_allclose(results["sway"].onsets, lab.SWAYS_S, atol=1e-9)
+
+
+def test_without_a_pulse_the_platforms_motion_tells_the_same_cycles(study, results):
+    rule = study.file.conditions["sway"].model_copy(update={"pulse_channel": None})
+    conditions = study.file.conditions | {"sway": rule}
+    file = study.file.model_copy(update={"conditions": conditions})
+    result = process_trial(replace(study, file=file), "sub01", "sway")
+    for side, spans in results["sway"].cycles.items():
+        np.testing.assert_array_equal(result.cycles[side], spans)
+
+
+def test_a_perturbed_condition_without_perturbation_is_refused(study):
+    rule = Condition(perturbed=True, pulse_channel="Pulse")
+    path = study.path("sub01_pitch.c3d")
+    with pytest.raises(ValueError, match=r"sub01_pitch\.c3d: Pulse shows no perturbation"):
+        process_recording(read_c3d(path), PERSON, Settings(), condition=rule)
+
+
+@pytest.mark.parametrize("method", ["zero_phase", "realtime"])
+def test_motion_and_forces_pass_the_filter_that_is_stated(walker, method):
+    result = process_recording(walker, PERSON, Settings(filter=method, cutoff_hz=8.0))
+    time = walker.markers.time
+    plates = process.ground_wrenches(walker, process.Laboratory(process.Treadmill()), time, 0.0)
+    raw = np.sum(plates.variants["measured"], axis=0)
+    expected = butterworth(raw, time, 8.0, method).value
+    np.testing.assert_allclose(total(result.ground["measured"]), expected, atol=1e-6)
+    solved = process.solve_ik(result.body, walker.markers)
+    expected = butterworth(solved.q, time, 8.0, method)
+    np.testing.assert_allclose(result.motion.q, expected.value, atol=1e-9)
+    np.testing.assert_allclose(result.motion.a, expected.acceleration, atol=1e-6)
+
+
+def test_the_delay_of_the_plates_is_found_and_taken_out(walker):
+    late = lab.on_platform(walker, lab.still(12.0), plate_delay_s=0.02, noise=0)
+    unaware = process_recording(late, PERSON, Settings())
+    aware = process_recording(late, PERSON, Settings(plate_delay_s=0.02))
+    in_time = process_recording(walker, PERSON, Settings())
+    assert unaware.delay_s - in_time.delay_s == pytest.approx(0.02, abs=0.002)
+    assert aware.delay_s == pytest.approx(in_time.delay_s, abs=0.001)
+    assert (rms(unaware, False) > 1.5 * rms(in_time, False)).any()
+    assert (rms(aware, False) - rms(in_time, False)).abs().max() < 0.5
+
+
+def test_a_study_without_a_calibration_has_one_variant(study):
+    treadmill = study.file.treadmill.model_copy(update={"calibration": None})
+    file = study.file.model_copy(update={"treadmill": treadmill})
+    result = process_trial(replace(study, file=file), "sub01", "pitch")
+    assert result.compensated is None
+    assert list(result.ground) == ["measured"]
+
+
+def test_frames_without_accelerations_cost_their_cycles_in_both_variants(study):
+    """A cycle that only one variant defines would compare different steps."""
+    recording = read_c3d(study.path("sub01_pitch.c3d"))
+    values = recording.analog.values.copy()
+    values[8000:8100, 0] = np.nan
+    broken = replace(recording, analog=replace(recording.analog, values=values))
+    treadmill = study.file.treadmill
+    calibration = process.read_calibration(study.path("empty.c3d"), treadmill, None)
+    laboratory = process.Laboratory(treadmill, calibration)
+    result = process_recording(broken, PERSON, Settings(), laboratory=laboratory)
+    assert residual_table(result, "pitch")["rms"].notna().all()
+    assert any("has frames without a solution" in note for note in result.notes)
+    for spans in result.cycles.values():
+        assert not ((spans[:, 0] < 8.1) & (spans[:, 1] > 8.0)).any()
+
+
+def test_a_cycle_counts_only_where_every_variant_is_defined(results):
+    result = results["pitch"]
+    hole = result.measured.residual.copy()
+    events = tuple(
+        Event(float(t), "foot_strike", side)
+        for side, first in (("left", 6.0), ("right", 6.55))
+        for t in np.arange(first, 11.0, 1.1)
+    )
+    whole, reasons = cut_cycles(events, [result.measured, result.compensated])
+    assert reasons == ()
+    hole[np.searchsorted(result.motion.time, 7.5)] = np.nan
+    broken = replace(result.compensated, residual=hole)
+    left, reasons = cut_cycles(events, [result.measured, broken])
+    assert len(left["left"]) == len(whole["left"]) - 1
+    assert "left cycle 7.10–8.20 s has frames without a solution" in reasons
+
+
+def test_mass_is_weighed_in_the_first_hundred_frames(walker, results):
+    mass, said = body_mass(PERSON, walker)
+    assert mass == pytest.approx(lab.PEOPLE[0].mass_kg, rel=0.002)
+    assert "by the plates, first 100 frames" in said
+    assert results["pitch"].body.mass == pytest.approx(mass, rel=0.002)
+    assert body_mass(Subject(mass_kg=70.0), walker)[0] == 70.0
+
+
+def warnings(result):
+    return [note for note in result.notes if note.startswith("warning")]
+
+
+def test_a_stated_mass_that_the_plates_deny_is_told(walker, results):
+    true = lab.PEOPLE[0].mass_kg
+    assert warnings(results["baseline"]) == warnings(results["pitch"]) == []
+    (quick,) = warnings(results["sway"])
+    assert "leave the range of the calibration" in quick
+    assert warnings(process_recording(walker, Subject(mass_kg=1.04 * true), Settings())) == []
+    (said,) = warnings(process_recording(walker, Subject(mass_kg=1.1 * true), Settings()))
+    assert re.search(r"is \+(10|11) % off the 74\.\d kg that the plates say", said)
+
+
+def test_plates_that_do_not_carry_the_subject_throughout_do_not_weigh():
+    time = np.arange(300) / 100
+    vertical = 700 + 100 * np.sin(4 * np.pi * time)
+    cycles = {"left": np.array([[0.0, 1.0], [1.0, 2.0]]), "right": np.empty((0, 2))}
+    assert carried_kg(time, vertical, cycles) == pytest.approx(700 / 9.81)
+    beside = np.where((time > 0.5) & (time < 0.9), 0.0, vertical)
+    assert carried_kg(time, beside, cycles) is None
+    assert carried_kg(time, vertical, {"left": np.empty((0, 2))}) is None
+
+
+def test_a_marker_that_moved_since_the_calibration_pose_is_told(walker):
+    markers = walker.markers
+    position = markers.position.copy()
+    position[:, markers.names.index("LLTHI")] += [0.0, 0.0, 0.06]
+    moved = replace(walker, markers=replace(markers, position=position))
+    said = warnings(process_recording(moved, PERSON, Settings(), static=walker))
+    assert any("on the left_thigh markers are not as far apart" in line for line in said)
+
+
+def test_noisy_plates_weigh_as_well(walker):
+    noise = np.random.default_rng(0).normal(0, 40, (len(walker.plates), len(walker.plates[0].time)))
+    plates = []
+    for plate, grain in zip(walker.plates, noise, strict=True):
+        wrench = plate.wrench_in_plate.copy()
+        wrench[:, 2] += grain
+        plates.append(replace(plate, wrench_in_plate=wrench))
+    mass, _ = body_mass(PERSON, replace(walker, plates=tuple(plates)))
+    assert mass == pytest.approx(body_mass(PERSON, walker)[0], abs=1.0)
+
+
+@pytest.mark.parametrize("why", ["nobody", "restless", "gap"])
+def test_a_mass_that_cannot_be_weighed_is_asked_for(walker, why):
+    plate = walker.plates[0]
+    wrench = plate.wrench_in_plate.copy()
+    if why == "nobody":
+        plates = tuple(replace(p, wrench_in_plate=0 * p.wrench_in_plate) for p in walker.plates)
+    else:
+        wrench[:1000] *= np.linspace(0.5, 1.5, 1000)[:, None] if why == "restless" else np.nan
+        plates = (replace(plate, wrench_in_plate=wrench), *walker.plates[1:])
+    with pytest.raises(ValueError, match=r"mass missing: nobody stands still .*state the mass"):
+        body_mass(PERSON, replace(walker, plates=plates))
+
+
+def test_stature_is_as_stated_else_as_recorded_else_from_the_legs(walker):
+    person = PERSON.model_copy(update={"height_m": 1.9})
+    assert process_recording(walker, person, Settings()).body.height_m == 1.9
+    assert process_recording(walker, PERSON, Settings()).body.height_m == pytest.approx(1.78)
+    bare = replace(walker, metadata={})
+    notes = process_recording(bare, PERSON, Settings()).notes
+    assert any("stature estimated from the legs" in note for note in notes)
+
+
+def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded(walker):
+    markers = walker.markers
+    kept = [k for k, name in enumerate(markers.names) if name not in ("LMEK", "RMEK")]
+    names, position = tuple(markers.names[k] for k in kept), markers.position[:, kept]
+    bare = replace(walker, markers=replace(markers, names=names, position=position), metadata={})
+
+    def beside_the_knee(recording, **stated):
+        person = PERSON.model_copy(update=stated)
+        body = process_recording(recording, person, Settings()).body
+        lateral = body.marker_position[body.markers.index("LLEK")]
+        return np.linalg.norm(lateral - body.offsets["left_shank"]) - Settings().marker_offset_m
+
+    told = replace(bare, metadata={"left_knee_width_m": 0.13, "right_knee_width_m": 0.11})
+    assert beside_the_knee(told) == pytest.approx(0.06, abs=1e-3)
+    assert beside_the_knee(told, knee_width_m=0.1) == pytest.approx(0.05, abs=1e-3)
+
+
+def test_a_static_recording_shapes_the_body(walker):
+    """Built from the first seconds alone, the body is the same as from all of the trial."""
+    markers = walker.markers
+    first = replace(markers, time=markers.time[:200], position=markers.position[:200])
+    plates = tuple(
+        replace(p, time=p.time[:2000], wrench_in_plate=p.wrench_in_plate[:2000])
+        for p in walker.plates
+    )
+    static = replace(walker, markers=first, plates=plates)
+    alone = process_recording(walker, PERSON, Settings())
+    result = process_recording(walker, PERSON, Settings(), static=static)
+    for name, offset in alone.body.offsets.items():
+        np.testing.assert_allclose(result.body.offsets[name], offset, atol=1e-3)
+
+
+def test_a_trial_without_plates_is_refused(walker):
+    with pytest.raises(ValueError, match="the file has no force plates"):
+        process_recording(replace(walker, plates=()), PERSON, Settings())
+
+
+@pytest.mark.parametrize(
+    ("subject", "condition", "said"),
+    [
+        ("sub1", "sway", "no subject 'sub1', did you mean 'sub01'"),
+        ("sub01", "swy", "no condition 'swy', did you mean 'sway'"),
+    ],
+)
+def test_an_unknown_trial_is_refused(study, subject, condition, said):
+    with pytest.raises(ValueError, match=said):
+        process_trial(study, subject, condition)
+
+
+def test_an_excluded_trial_is_refused_with_its_reason(study):
+    person = study.subjects["sub01"]
+    trial = person.trials["sway"].model_copy(update={"exclude": "fell"})
+    trials = person.trials | {"sway": trial}
+    trials.pop("pitch")
+    subjects = {"sub01": person.model_copy(update={"trials": trials})}
+    changed = replace(study, subjects=subjects)
+    with pytest.raises(ValueError, match="sub01 sway is excluded: fell"):
+        process_trial(changed, "sub01", "sway")
+    with pytest.raises(ValueError, match="sub01 has no trial 'pitch'"):
+        process_trial(changed, "sub01", "pitch")
+
+
+def test_a_foot_beside_the_plates_is_told(walker, results):
+    assert not any("do not carry" in note for note in results["pitch"].notes)
+    plate = walker.plates[0]
+    beside = plate.wrench_in_plate.copy()
+    beside[(plate.time > 7) & (plate.time < 8)] = 0
+    plates = (replace(plate, wrench_in_plate=beside), *walker.plates[1:])
+    notes = process_recording(replace(walker, plates=plates), PERSON, Settings()).notes
+    assert sum("the plates do not carry the subject throughout" in note for note in notes) == 1
+
+
+def test_events_are_held_against_the_forces_under_the_feet(results):
+    (said,) = [n for n in results["baseline"].notes if n.startswith("gait events by those")]
+    assert said.count("matched") == 4
+    late = [float(x) for x in re.findall(r"([+-]\d+) ± ", said)]
+    assert np.abs(late).max() < 60

@@ -1,0 +1,140 @@
+"""Residuals as people read them: signs, both RMS, thresholds, marker errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.center_of_mass import center_of_mass
+from hbm.kernels.skeleton import GRAVITY
+from pipeline.trial.residuals import (
+    AXES,
+    cycle_residuals,
+    hicks_table,
+    in_cycles,
+    marker_table,
+    reported,
+    residual_table,
+    variants,
+)
+
+SPANS = np.array([[6.0, 7.0], [7.0, 8.5]])
+
+
+def with_residual(result, residual, spans=SPANS):
+    """The trial with another residual, both variants, and other cycles of the right foot."""
+    measured = replace(result.measured, residual=residual)
+    return replace(result, measured=measured, compensated=None, cycles={"right": spans})
+
+
+def time_of(result):
+    return result.motion.time
+
+
+def test_people_read_forces_and_moments_forward_right_and_up():
+    lab_axes = np.array([1.0, 2, 3, 4, 5, 6])
+    assert reported(lab_axes).tolist() == [1, -2, 3, 4, -5, 6]
+    np.testing.assert_array_equal(reported(reported(lab_axes)), lab_axes)
+
+
+def test_rms_is_over_all_samples_and_over_cycles_alike_when_they_last_equally_long(processed):
+    """A sine over whole periods: RMS = amplitude / √2 by either definition."""
+    wave = np.sin(2 * np.pi * 2 * time_of(processed))
+    residual = wave[:, None] * np.arange(1, 7)
+    spans = np.array([[6.0, 7.0], [7.0, 8.0]])
+    table = residual_table(with_residual(processed, residual, spans), "pitch")
+    np.testing.assert_allclose(table["rms"], np.arange(1, 7) / np.sqrt(2), rtol=1e-3)
+    np.testing.assert_allclose(table["rms_of_cycles"], np.arange(1, 7) / np.sqrt(2), rtol=1e-2)
+    np.testing.assert_allclose(table["mean"], 0, atol=1e-3)
+    np.testing.assert_allclose(table["peak"], np.arange(1, 7), rtol=0.01)
+
+
+def test_a_long_cycle_weighs_by_its_samples_or_by_one(processed):
+    """1 N over 1 s and 3 N over 1.5 s: √(14.5/2.5) over samples, √((1 + 9)/2) over cycles."""
+    size = np.where(time_of(processed) < 7.0, 1.0, 3.0)
+    residual = np.tile(size[:, None], 6)
+    table = residual_table(with_residual(processed, residual), "pitch")
+    np.testing.assert_allclose(table["rms"], np.sqrt((1 + 9 * 1.5) / 2.5), rtol=1e-9)
+    np.testing.assert_allclose(table["rms_of_cycles"], np.sqrt(5), rtol=0.02)
+    assert (table["n_cycles"] == 2).all()
+
+
+def test_only_samples_in_cycles_count_and_overlapping_cycles_count_them_once(processed):
+    time = time_of(processed)
+    residual = np.where((time >= 6.0) & (time < 8.0), 2.0, 1000.0)[:, None] * np.ones(6)
+    result = with_residual(processed, residual)
+    result = replace(
+        result, cycles={"right": np.array([[6.0, 7.0]]), "left": np.array([[6.5, 8.0]])}
+    )
+    assert np.count_nonzero(in_cycles(result)) == 200
+    np.testing.assert_allclose(residual_table(result, "pitch")["rms"], 2.0)
+
+
+def test_percent_are_of_body_weight_and_of_weight_times_stature(processed):
+    table = residual_table(with_residual(processed, np.ones((len(time_of(processed)), 6))), "pitch")
+    weight = processed.body.mass * GRAVITY
+    expected = [100 / weight] * 3 + [100 / weight / processed.body.height_m] * 3
+    np.testing.assert_allclose(table["rms_percent"], expected, rtol=1e-12)
+
+
+def test_the_table_has_both_variants_of_a_compensated_trial(processed):
+    table = residual_table(processed, "pitch")
+    assert table[["compensated", "axis"]].to_numpy().tolist() == [
+        [compensated, axis] for compensated in (False, True) for axis in AXES
+    ]
+    assert set(table["unit"]) == {"N", "N·m"}
+    np.testing.assert_allclose(table["rms"] ** 2, table["mean"] ** 2 + table["sd"] ** 2)
+
+
+def test_a_trial_without_gait_cycles_is_refused(processed):
+    with pytest.raises(ValueError, match="no gait cycle was found"):
+        residual_table(replace(processed, cycles={"right": np.empty((0, 2))}), "pitch")
+
+
+def test_curves_run_from_contact_to_contact_in_reported_axes(processed):
+    ramp = np.tile(time_of(processed)[:, None], 6)
+    curves = cycle_residuals(with_residual(processed, ramp), "measured")["right"]
+    assert curves.shape == (2, 101, 6)
+    np.testing.assert_allclose(curves[1, [0, 50, 100], 0], [7.0, 7.75, 8.5], atol=1e-9)
+    np.testing.assert_allclose(curves[1, :, 1], -curves[1, :, 0])
+
+
+def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_centre_of_mass(
+    processed,
+):
+    residual = np.tile([3.0, 4.0, 0, 0, 0, 2.0], (len(time_of(processed)), 1))
+    result = with_residual(processed, residual)
+    force, moment = hicks_table(result).to_dict("records")
+    inside = in_cycles(result)
+    ground = sum(result.ground["measured"].values())[inside, :3]
+    peak = np.linalg.norm(ground, axis=1).max()
+    height = center_of_mass(result.body, result.motion.q[inside])[:, 2].mean()
+    assert force["peak"] == pytest.approx(5.0)
+    assert force["limit"] == pytest.approx(0.05 * peak)
+    assert force["passed"]
+    assert moment["peak"] == pytest.approx(2.0)
+    assert moment["limit"] == pytest.approx(0.01 * height * peak)
+    worse = with_residual(processed, 100 * residual)
+    assert not hicks_table(worse)["passed"].any()
+
+
+def test_marker_errors_leave_gaps_out_and_count_them(processed):
+    motion = processed.motion
+    error = np.full(motion.marker_error.shape, 0.003)
+    error[:, 0] = 0.004
+    error[: len(error) // 2, 0] = np.nan
+    error[:, 1] = np.nan
+    table = marker_table(replace(processed, motion=replace(motion, marker_error=error)))
+    first, second, third, every = (table.iloc[k] for k in (0, 1, 2, -1))
+    assert (first["rms_mm"], first["missing_percent"]) == pytest.approx((4.0, 50.0))
+    assert np.isnan(second["rms_mm"])
+    assert second["missing_percent"] == 100.0
+    assert (third["rms_mm"], third["peak_mm"]) == pytest.approx((3.0, 3.0))
+    others = len(motion.markers) - 2
+    rms = np.sqrt((0.5 * 16 + others * 9) / (0.5 + others))
+    assert (every["marker"], every["rms_mm"]) == ("all", pytest.approx(rms))
+
+
+def test_variants_are_named_in_order(processed):
+    assert list(variants(processed)) == ["measured", "compensated"]
+    assert list(variants(replace(processed, compensated=None))) == ["measured"]

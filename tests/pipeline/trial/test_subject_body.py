@@ -1,0 +1,189 @@
+"""What is stated of a subject's body, through files: functional hips, segments, angles."""
+
+import re
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hbm.clinical import ANKLE_IN_LINE_RAD
+from hbm.markers import Markers
+from hbm.poses import marker_positions
+from pipeline.cli.app import main
+from pipeline.config.schema import Settings, Subject
+from pipeline.config.study import StudyFaults, read_segments, read_study
+from pipeline.io.c3d.write import write_c3d
+from pipeline.io.opensim.sto import read_sto
+from pipeline.run.check import check_study
+from pipeline.run.job import trial_key
+from pipeline.trial.process import process_trial
+from pipeline.trial.subject_body import subject_body
+from tests.hbm.calibration_pose.test_functional import swings
+from tests.pipeline import lab
+
+SEGMENTS = """\
+[left_shank]
+mass_kg = 1.9
+center_m = [0.0, 0.0, -0.11]
+inertia_kg_m2 = [0.021, 0.021, 0.002]
+[right_foot.worn]
+mass_kg = 0.4
+center_m = [0.05, 0.0, -0.05]
+"""
+
+
+@pytest.fixture
+def study(moving_study, tmp_path):
+    """A copy of a study, to be changed."""
+    return shutil.copytree(moving_study, tmp_path / "study")
+
+
+def state(path, before, after):
+    text = path.read_text("utf-8")
+    assert before in text
+    path.write_text(text.replace(before, after, 1), encoding="utf-8")
+
+
+def test_a_prosthesis_and_a_shoe_stated_in_a_file_are_in_the_body(study, processed):
+    (study / "sub01_segments.toml").write_text(SEGMENTS, encoding="utf-8")
+    before = trial_key(read_study(study), "sub01", "pitch")
+    state(study / "sub01.toml", "[trials", 'segments = "sub01_segments.toml"\n[trials')
+    read = read_study(study)
+    result = process_trial(read, "sub01", "pitch")
+    shank = result.body.inertias["left_shank"]
+    assert shank.mass == pytest.approx(1.9)
+    np.testing.assert_allclose(np.diag(shank.tensor), [0.021, 0.021, 0.002])
+    assert result.body.mass == processed.body.mass
+    whole = sum(part.mass for part in result.body.inertias.values())
+    assert whole == pytest.approx(result.body.mass)
+    assert any("left_shank, right_foot" in note for note in result.notes)
+    changed = np.nanmax(abs(result.compensated.residual - processed.compensated.residual))
+    assert changed > 1.0
+    after = trial_key(read, "sub01", "pitch")
+    (study / "sub01_segments.toml").write_text(SEGMENTS.replace("1.9", "2.0"), encoding="utf-8")
+    assert len({before, after, trial_key(read, "sub01", "pitch")}) == 3
+
+
+def test_functional_hips_come_from_the_trial_that_is_named(study):
+    read = read_study(study)
+    usual = process_trial(read, "sub01", "baseline").body
+    write_c3d(study / "star.c3d", swinging(usual))
+    state(study / "study.toml", "[treadmill]", '[settings]\nhip = "functional"\n[treadmill]')
+    for name in ("sub01", "sub02"):
+        state(study / f"{name}.toml", "[trials", 'hip_trial = "star.c3d"\n[trials')
+    body = process_trial(read_study(study), "sub01", "baseline").body
+    for side in ("right", "left"):
+        off = body.offsets[f"{side}_thigh"] - usual.offsets[f"{side}_thigh"]
+        assert np.linalg.norm(off) < 0.002
+    write_c3d(study / "star.c3d", swinging(usual, sideways=0.0))
+    found = check_study(read_study(study))
+    assert any("turns too little" in fault for fault in found.faults)
+
+
+def swinging(body, sideways=30.0):
+    """Star and arc movements of a body."""
+    time, q = swings(sideways=sideways)
+    return Markers(time, body.markers, marker_positions(body, q))
+
+
+def test_functional_hips_and_their_trial_belong_together(study):
+    state(study / "sub01.toml", "[trials", 'hip_trial = "empty.c3d"\n[trials')
+    with pytest.raises(StudyFaults) as alone:
+        read_study(study)
+    assert list(alone.value.faults) == [
+        'sub01.toml: hip_trial: is of no use unless study.toml says settings.hip = "functional"'
+    ]
+    state(study / "study.toml", "[treadmill]", '[settings]\nhip = "functional"\n[treadmill]')
+    with pytest.raises(StudyFaults) as missing:
+        read_study(study)
+    assert len(missing.value.faults) == 1
+    assert missing.value.faults[0].startswith("sub02.toml: hip_trial: is missing")
+
+
+def test_faults_of_a_segments_file_are_faults_of_the_study(study):
+    (study / "legs.toml").write_text("[left_shnk]\nmass_kg = 1\n[left_foot]\nmass_kg = -1\n")
+    state(study / "sub01.toml", "[trials", 'segments = "legs.toml"\n[trials')
+    state(study / "sub02.toml", "[trials", 'segments = "arms.toml"\n[trials')
+    with pytest.raises(StudyFaults) as caught:
+        read_study(study)
+    first, second = caught.value.faults
+    assert first.startswith("sub01.toml: segments: legs.toml: no segment 'left_shnk', did you mean")
+    assert "left_foot: mass_kg must be positive" in first
+    assert second.startswith("sub02.toml: segments: no file 'arms.toml'")
+
+
+def test_one_trial_takes_hips_and_segments_on_the_command_line(walker, tmp_path, capsys):
+    usual = subject_body(walker, Subject(), Settings(), 74.6)
+    write_c3d(tmp_path / "star.c3d", swinging(usual))
+    (tmp_path / "legs.toml").write_text(SEGMENTS, encoding="utf-8")
+    asked = ["residuals", str(walker.source), "--out", str(tmp_path / "out")]
+    asked += ["--segments", str(tmp_path / "legs.toml"), "--hip", "functional"]
+    assert main(asked) == 2
+    assert "functional hips need a recording" in capsys.readouterr().err
+    assert main([*asked, "--hip-trial", str(tmp_path / "star.c3d")]) == 0
+    assert "not by the table of inertias alone: left_shank" in capsys.readouterr().out
+
+
+def test_clinical_angles_are_exported_with_either_zero_of_the_ankle(walker, tmp_path):
+    tables = {}
+    for zero in ("right_angle", "in_line"):
+        folder = tmp_path / zero
+        asked = ["export", str(walker.source), "--tables", str(folder), "--ankle-zero", zero]
+        assert main(asked) == 0
+        tables[zero] = pd.read_csv(folder / f"{walker.source.stem}_angles.csv")
+    usual, original = tables["right_angle"], tables["in_line"]
+    assert list(usual)[:2] == ["time_s", "PelvisX_m"]
+    assert len(usual.columns) == 47
+    shift = original["RAnklePlantarFlexion_deg"] - usual["RAnklePlantarFlexion_deg"]
+    np.testing.assert_allclose(shift, np.degrees(ANKLE_IN_LINE_RAD), atol=1e-3)
+    assert usual["RKneeFlexion_deg"].max() > 50
+    assert usual["RToeFlexion_deg"].isna().all()  # no marker shows it
+    changed = (original - usual).abs().max() > 1e-3
+    assert set(changed.index[changed]) == {"RAnklePlantarFlexion_deg", "LAnklePlantarFlexion_deg"}
+
+
+def test_functional_hips_where_no_pelvis_has_them_are_refused(walker, tmp_path):
+    body = subject_body(walker, Subject(), Settings(), 74.6)
+    functional = Settings(hip="functional")
+    stray = swinging(body)
+    thigh = [segment == "right_thigh" for segment in body.marker_segment]
+    position = stray.position.copy()
+    position[:, thigh] += 0.1 * np.sin(np.arange(len(stray.time)) / 25)[:, None, None]
+    loose = replace(walker, markers=Markers(stray.time, stray.names, position))
+    with pytest.raises(ValueError, match="which no pelvis has: swing both thighs"):
+        subject_body(walker, Subject(), functional, 74.6, hip_trial=loose)
+    sound = replace(walker, markers=stray)
+    found = subject_body(walker, Subject(), functional, 74.6, hip_trial=sound)
+    (said,) = [note for note in found.notes if "functional hips from" in note]
+    assert all(int(mm) <= 2 for mm in re.findall(r"(\d+) mm", said))
+
+
+def test_segments_that_cannot_be_are_refused(tmp_path):
+    for line, said in (
+        ("center_m = [0.0, 0.0, -150.0]", "looks like millimetres"),
+        ("inertia_kg_m2 = [300.0, 300.0, 20.0]", "no segment of a person has more"),
+    ):
+        (tmp_path / "legs.toml").write_text(f"[left_shank]\n{line}\n", encoding="utf-8")
+        with pytest.raises(ValueError, match=said):
+            read_segments(tmp_path / "legs.toml")
+
+
+def test_exported_forces_are_compensated_where_a_calibration_is_given(study, tmp_path, capsys):
+    asked = ["export", str(study / "sub01_pitch.c3d"), "--mass-kg", "74.6", "--tables"]
+    assert main([*asked, str(tmp_path / "measured")]) == 0
+    assert "plates as measured" in capsys.readouterr().out
+    calibration = tmp_path / "lab.json"
+    assert main(["calibration", "fit", str(study / "empty.c3d"), "-o", str(calibration)]) == 0
+    markers = ",".join(lab.PLATFORM_MARKERS_M)
+    asked += [str(tmp_path / "compensated"), "--calibration", str(calibration)]
+    assert main([*asked, "--platform-markers", markers]) == 0
+    said = capsys.readouterr().out
+    assert "plates as compensated" in said
+    assert "- compensated by" in said
+    spread = {
+        kind: read_sto(tmp_path / kind / "sub01_pitch_forces.sto").column("PelvisX_force")
+        for kind in ("measured", "compensated")
+    }
+    assert np.nanstd(spread["compensated"]) < 0.2 * np.nanstd(spread["measured"])

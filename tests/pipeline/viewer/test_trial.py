@@ -1,0 +1,420 @@
+"""What is in a recording for the viewer, read back from the file."""
+
+import ast
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rerun as rr
+from rerun.chunk import RrdReader
+from scipy.spatial.transform import Rotation
+
+from hbm.coordinates import SEGMENTS
+from hbm.poses import marker_positions, segment_frames
+from hbm.spatial import shift_wrench
+from pipeline.trial.gait.cycles import normalise
+from pipeline.trial.residuals import AXES, cycle_residuals, reported, residual_table
+from pipeline.viewer.blueprint import cycle_layout
+from pipeline.viewer.file import printable, recording_file, send
+from pipeline.viewer.scene import pressure_point
+from pipeline.viewer.serve import viewer_binary
+from pipeline.viewer.trial import write_cycles, write_recording
+from tests.pipeline.viewer_trial import FIRST_FRAME, LIFT_M, sway_and_pitch, viewer_trial
+
+FRAMES = 500
+STEP = 2
+LOST = slice(100, 130)
+SWAYED = [(1.0, 1.5, "sway"), (3.0, 3.4, "sway")]
+LONG_FRAMES = 72000
+MEGABYTE = 1e6
+
+
+class Stored:
+    """A recording file, read back entity by entity."""
+
+    def __init__(self, path):
+        self.reader = RrdReader(path)
+        self.tables = {}
+        for chunk in self.reader.stream():
+            static = chunk.is_static
+            self.tables.setdefault((chunk.entity_path, static), []).append(chunk.to_record_batch())
+
+    @property
+    def entities(self):
+        return {entity.lstrip("/") for entity, _ in self.tables}
+
+    def rows(self, entity, name, static=False):
+        """Give an entity's values, one array per row, in order."""
+        column = next(
+            column
+            for batch in self.tables[f"/{entity}", static]
+            for column in batch.schema.names
+            if column.endswith(f":{name}")
+        )
+        batches = self.tables[f"/{entity}", static]
+        return [np.array(row) for batch in batches for row in batch.column(column).to_pylist()]
+
+    def times(self, entity, timeline="time"):
+        batches = self.tables[f"/{entity}", False]
+        values = np.concatenate([b.column(timeline).to_numpy(False) for b in batches])
+        return values / np.timedelta64(1, "s") if timeline == "time" else values
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return viewer_trial(FRAMES)
+
+
+@pytest.fixture(scope="module")
+def written(trial, tmp_path_factory):
+    path = tmp_path_factory.mktemp("viewer") / "trial.rrd"
+    write_recording(*trial, path, perturbations=SWAYED)
+    return path
+
+
+@pytest.fixture(scope="module")
+def stored(written):
+    return Stored(written)
+
+
+@pytest.fixture(scope="module")
+def broken(tmp_path_factory):
+    """A trial without compensation, on a floor that stands still, with frames without solution."""
+    result, recording = viewer_trial(FRAMES, compensated=False, moving=False, lost=LOST)
+    path = tmp_path_factory.mktemp("viewer") / "broken.rrd"
+    write_recording(result, recording, path)
+    return result, recording, path
+
+
+def single(values):
+    return np.asarray(values, np.float32)
+
+
+def test_measured_markers_come_back_at_their_frames_and_times(stored, trial):
+    _, recording = trial
+    entity = "lab/markers/measured"
+    expected = single(recording.markers.position[::STEP])
+    np.testing.assert_array_equal(np.array(stored.rows(entity, "positions")), expected)
+    np.testing.assert_allclose(stored.times(entity), recording.markers.time[::STEP], atol=1e-9)
+    np.testing.assert_array_equal(
+        stored.times(entity, "frame"), FIRST_FRAME + np.arange(0, FRAMES, STEP)
+    )
+    names = stored.rows(entity, "labels", static=True)[0]
+    assert tuple(names) == recording.markers.names
+
+
+def test_segments_stand_where_the_model_has_them(stored, trial):
+    result, _ = trial
+    rotation, origin = segment_frames(result.body, result.motion.q[::STEP])
+    for k, segment in enumerate(SEGMENTS):
+        entity = f"lab/body/{segment}"
+        at = np.array(stored.rows(entity, "translation"))[:, 0]
+        turned = Rotation.from_quat(np.array(stored.rows(entity, "quaternion"))[:, 0])
+        np.testing.assert_array_equal(at, single(origin[:, k]))
+        np.testing.assert_allclose(turned.as_matrix(), rotation[:, k], atol=1e-6)
+
+
+def test_modelled_markers_ride_on_their_segments(stored, trial):
+    body = trial[0].body
+    for segment in set(body.marker_segment):
+        mine = [k for k, name in enumerate(body.marker_segment) if name == segment]
+        entity = f"lab/body/{segment}/markers"
+        places = stored.rows(entity, "positions", static=True)[0]
+        np.testing.assert_array_equal(places, single(body.marker_position[mine]))
+        labels = stored.rows(entity, "labels", static=True)[0]
+        assert [label.removesuffix(", modelled") for label in labels] == [
+            body.markers[k] for k in mine
+        ]
+
+
+def test_lines_join_only_markers_that_are_far_from_the_model(tmp_path):
+    result, recording = viewer_trial(FRAMES)
+    position = recording.markers.position.copy()
+    position[200:300, [3, 7]] = position[200:300, [7, 3]]
+    markers = type(recording.markers)(recording.markers.time, recording.markers.names, position)
+    swapped = type(recording)(recording.source, markers, recording.plates)
+    write_recording(result, swapped, tmp_path / "swapped.rrd")
+    lines = Stored(tmp_path / "swapped.rrd").rows("lab/markers/error", "strips")
+    assert [len(row) for row in lines] == [0] * 100 + [2] * 50 + [0] * 100
+    modelled = marker_positions(result.body, result.motion.q)[:, [3, 7]]
+    expected = np.stack([position[:, [3, 7]], modelled], axis=2)[200:300:STEP]
+    np.testing.assert_allclose(np.array(lines[100:150]), single(expected), atol=1e-6)
+
+
+@pytest.mark.parametrize("variant", ["measured", "compensated"])
+def test_ground_reaction_is_a_metre_per_thousand_newtons_and_absent_where_unloaded(
+    stored, trial, variant
+):
+    result, _ = trial
+    feet = [wrench[::STEP] for wrench in result.ground[variant].values()]
+    pose = sway_and_pitch(result.motion.time[::STEP])
+    at = [pressure_point(w, LIFT_M, pose, result.settings.contact_threshold_n) for w in feet]
+    entity = f"lab/ground_reaction/{variant}"
+    arrows = stored.rows(entity, "vectors")
+    starts = stored.rows(entity, "origins")
+    assert {len(row) for row in arrows} == {1, 2}
+    for row, (vectors, origins) in enumerate(zip(arrows, starts, strict=True)):
+        loaded = [k for k in (0, 1) if np.isfinite(at[k][row]).all()]
+        np.testing.assert_array_equal(vectors, single([feet[k][row, :3] / 1000 for k in loaded]))
+        np.testing.assert_array_equal(origins, single([at[k][row] for k in loaded]))
+
+
+def test_centre_of_pressure_lies_on_the_moving_surface_and_leaves_only_a_moment_about_its_normal():
+    rng = np.random.default_rng(0)
+    pose = sway_and_pitch(np.linspace(0, 5, 200))
+    force = rng.normal([0, 0, 700], [80, 40, 100], (200, 3))
+    wrench = np.hstack([force, rng.normal(scale=100, size=(200, 3))])
+    point = pressure_point(wrench, LIFT_M, pose, 30.0)
+    normal = pose.rotation[:, :, 2]
+    height = np.sum((point - pose.position) * normal, axis=1)
+    np.testing.assert_allclose(height, LIFT_M, atol=1e-12)
+    left = shift_wrench(wrench, point)[:, 3:]
+    np.testing.assert_allclose(np.cross(left, normal), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("variant", ["measured", "compensated"])
+def test_residual_wrench_is_drawn_at_the_pelvis_in_lab_axes(stored, trial, variant):
+    result, _ = trial
+    residual = getattr(result, variant).residual[::STEP]
+    pelvis = segment_frames(result.body, result.motion.q[::STEP])[1][:, SEGMENTS.index("pelvis")]
+    entity = f"lab/residual/{variant}"
+    vectors = np.array(stored.rows(entity, "vectors"))
+    np.testing.assert_array_equal(vectors[:, 0], single(residual[:, :3] / 500))
+    np.testing.assert_array_equal(vectors[:, 1], single(residual[:, 3:] / 250))
+    origins = np.array(stored.rows(entity, "origins"))
+    np.testing.assert_array_equal(origins, single(np.repeat(pelvis[:, None], 2, axis=1)))
+
+
+def test_residual_curves_are_the_reported_residuals_to_the_last_bit(stored, trial):
+    result, _ = trial
+    for k, axis in enumerate(AXES):
+        entity = f"residual/{axis}"
+        curves = np.array(stored.rows(entity, "scalars"))
+        for column, dynamics in enumerate((result.measured, result.compensated)):
+            np.testing.assert_array_equal(curves[:, column], reported(dynamics.residual)[:, k])
+        assert list(stored.rows(entity, "names", static=True)[0]) == ["measured", "compensated"]
+        np.testing.assert_allclose(stored.times(entity), result.motion.time, atol=1e-9)
+
+
+def test_marker_errors_are_in_millimetres_with_the_worst_marker_first(stored, trial):
+    motion = trial[0].motion
+    names = list(stored.rows("marker_error_mm", "names", static=True)[0])
+    columns = [motion.markers.index(name) for name in names]
+    errors = np.array(stored.rows("marker_error_mm", "scalars"))
+    np.testing.assert_array_equal(errors, motion.marker_error[::STEP, columns] * 1000)
+    assert (np.diff(np.sum(errors**2, axis=0)) <= 0).all()
+
+
+def test_platform_moves_with_its_pose_and_carries_the_plates(stored, trial):
+    result, recording = trial
+    at = np.array(stored.rows("lab/platform", "translation"))[:, 0]
+    turned = Rotation.from_quat(np.array(stored.rows("lab/platform", "quaternion"))[:, 0])
+    np.testing.assert_array_equal(at, single(result.platform.position[::STEP]))
+    np.testing.assert_allclose(turned.as_matrix(), result.platform.rotation[::STEP], atol=1e-6)
+    for plate in recording.plates:
+        entity = f"lab/platform/plate_{plate.number}/surface"
+        corners = stored.rows(entity, "vertex_positions", static=True)[0]
+        np.testing.assert_array_equal(corners, single(plate.corners))
+
+
+def test_plates_of_unknown_corners_are_left_out(trial, tmp_path):
+    result, recording = trial
+    first, second = recording.plates
+    unknown = replace(first, corners=np.full((4, 3), np.nan))
+    write_recording(result, replace(recording, plates=(unknown, second)), tmp_path / "trial.rrd")
+    entities = Stored(tmp_path / "trial.rrd").entities
+    assert not [entity for entity in entities if "plate_1" in entity]
+    assert "lab/platform/plate_2/surface" in entities
+
+
+def test_phases_change_at_the_events_and_perturbations_last_as_stated(stored, trial):
+    result, _ = trial
+    for side in ("left", "right"):
+        mine = [event for event in result.events if event.side == side]
+        entity = f"phases/foot_{side}"
+        states = [row[0] for row in stored.rows(entity, "state")]
+        phase = {"foot_strike": "stance", "foot_off": "swing"}
+        assert states == [phase[event.label] for event in mine]
+        np.testing.assert_allclose(stored.times(entity), [event.time for event in mine], atol=1e-9)
+    states = [list(row) for row in stored.rows("phases/perturbation", "state")]
+    assert states == [["sway"], [], ["sway"], []]
+    np.testing.assert_allclose(stored.times("phases/perturbation"), [1.0, 1.5, 3.0, 3.4])
+
+
+def test_summary_says_residuals_thresholds_and_notes(stored, trial):
+    rms = residual_table(trial[0], "walk").set_index(["compensated", "axis"])["rms"]
+    text = str(stored.rows("summary", "text", static=True)[0][0])
+    assert f"| Fy | right | {rms[False, 'Fy']:.1f} N | " in text
+    assert f" | {rms[True, 'Fy']:.1f} N | " in text
+    assert "Hicks" in text
+    assert "**fails**" in text
+    assert "- made of sines" in text
+
+
+def test_one_recording_and_its_layout_are_in_the_file_and_verify_passes(written):
+    reader = RrdReader(written)
+    assert (len(reader.recordings()), len(reader.blueprints())) == (1, 1)
+    subprocess.run([viewer_binary(), "rrd", "verify", str(written)], check=True, timeout=60)
+
+
+def test_identifier_is_a_pseudonym_and_differs_between_files_of_the_same_trial(trial, tmp_path):
+    identifiers = set()
+    for folder in ("one", "other"):
+        path = tmp_path / folder / "trial.rrd"
+        write_recording(*trial, path)
+        identifiers.add(RrdReader(path).recordings()[0].recording_id)
+    assert len(identifiers) == 2
+    assert not any("sub07" in identifier or "walk" in identifier for identifier in identifiers)
+
+
+def test_without_compensation_its_layers_are_absent(broken):
+    stored = Stored(broken[2])
+    assert not [entity for entity in stored.entities if "compensated" in entity]
+    assert list(stored.rows("residual/Fx", "names", static=True)[0]) == ["measured"]
+    assert ("/lab/platform", False) not in stored.tables
+
+
+def test_frames_without_solution_hide_the_body_and_break_the_curves(broken):
+    result, recording, path = broken
+    stored = Stored(path)
+    gone = np.zeros(FRAMES, bool)
+    gone[LOST] = True
+    origin = np.array(stored.rows("lab/body/pelvis", "translation"))[:, 0]
+    np.testing.assert_array_equal(np.isnan(origin).all(axis=1), gone[::STEP])
+    turn = np.array(stored.rows("lab/body/pelvis", "quaternion"))[:, 0]
+    np.testing.assert_allclose(np.linalg.norm(turn, axis=1), 1, atol=1e-6)
+    arrows = [len(row) for row in stored.rows("lab/residual/measured", "vectors")]
+    np.testing.assert_array_equal(np.array(arrows) == 0, gone[::STEP])
+    curve = np.array(stored.rows("residual/Fx", "scalars"))[:, 0]
+    np.testing.assert_array_equal(np.isnan(curve), gone)
+    np.testing.assert_array_equal(curve, reported(result.measured.residual)[:, 0])
+    markers = np.array(stored.rows("lab/markers/measured", "positions"))
+    np.testing.assert_array_equal(markers, single(recording.markers.position[::STEP]))
+    subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
+
+
+def test_mean_cycle_lies_on_the_percent_of_the_gait_cycle_alone(trial, tmp_path):
+    result, _ = trial
+    path = tmp_path / "cycles.rrd"
+    write_cycles(result, path)
+    stored = Stored(path)
+    timelines = {
+        name
+        for (_, static), batches in stored.tables.items()
+        if not static
+        for name in batches[0].schema.names
+        if ":" not in name and "RowId" not in name
+    }
+    assert timelines == {"gait_cycle_percent"}
+    percent = np.arange(101)
+    for k, axis in enumerate(AXES):
+        curves = np.array(stored.rows(f"residual/{axis}", "scalars"))
+        names = list(stored.rows(f"residual/{axis}", "names", static=True)[0])
+        np.testing.assert_array_equal(
+            stored.times(f"residual/{axis}", "gait_cycle_percent"), percent
+        )
+        for variant in ("measured", "compensated"):
+            cycles = cycle_residuals(result, variant)["right"][..., k]
+            mean, sd = cycles.mean(axis=0), cycles.std(axis=0)
+            for name, value in (("mean", mean), ("+SD", mean + sd), ("−SD", mean - sd)):
+                column = names.index(f"{variant}, {name}")
+                np.testing.assert_allclose(curves[:, column], value, rtol=1e-12, atol=1e-12)
+    q = normalise(result.motion.time, result.motion.q, result.cycles["right"]).mean(axis=0)
+    _, origin = segment_frames(result.body, q)
+    for k, segment in enumerate(SEGMENTS):
+        at = np.array(stored.rows(f"lab/body/{segment}", "translation"))[:, 0]
+        np.testing.assert_allclose(at, origin[:, k], atol=1e-6)
+    subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
+
+
+def test_twelve_minutes_stay_under_150_megabytes(tmp_path):
+    path = tmp_path / "long.rrd"
+    result, recording = viewer_trial(LONG_FRAMES)
+    write_recording(result, recording, path)
+    assert path.stat().st_size < 150 * MEGABYTE
+    batches = [
+        chunk.to_record_batch()
+        for chunk in RrdReader(path).stream().filter(content="/residual/Fy", is_static=False)
+    ]
+    curves = np.concatenate([batch.column("Scalars:scalars").flatten() for batch in batches])
+    expected = [reported(d.residual)[:, 1] for d in (result.measured, result.compensated)]
+    np.testing.assert_array_equal(curves.reshape(-1, 2), np.column_stack(expected))
+    subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
+
+
+def test_scene_can_be_written_at_the_full_rate(trial, tmp_path):
+    path = tmp_path / "full.rrd"
+    write_recording(*trial, path, view_hz=100)
+    assert len(Stored(path).rows("lab/markers/measured", "positions")) == FRAMES
+
+
+def test_a_recording_that_fails_half_way_leaves_no_file(tmp_path):
+    layout = cycle_layout(np.zeros((1, 3)))
+    with pytest.raises(ArithmeticError), recording_file(tmp_path / "a.rrd", "test", "a", layout):
+        raise ArithmeticError
+    assert not list(tmp_path.iterdir())
+
+
+def test_rerun_refuses_what_it_would_otherwise_drop_with_a_warning(trial, tmp_path):
+    layout = cycle_layout(np.zeros((1, 3)))
+    with (
+        recording_file(tmp_path / "a.rrd", "test", "a", layout) as stream,
+        pytest.raises(ValueError, match="length"),
+    ):
+        send(
+            stream,
+            "curve",
+            {"time": np.arange(3.0)},
+            rr.Scalars,
+            np.ones((2, 1), bool),
+            scalars=np.ones((2, 1)),
+        )
+
+
+def test_another_recording_than_the_processed_one_is_refused(trial, tmp_path):
+    other = viewer_trial(FRAMES - 1)[1]
+    with pytest.raises(
+        ValueError, match=r"walk\.c3d: the recording has 499 frames, the result 500"
+    ):
+        write_recording(trial[0], other, tmp_path / "trial.rrd")
+    with pytest.raises(ValueError, match="view_hz must be positive"):
+        write_recording(*trial, tmp_path / "trial.rrd", view_hz=0)
+
+
+def test_a_trial_without_gait_cycles_is_shown_but_has_no_mean_cycle(trial, tmp_path):
+    result = replace(trial[0], cycles={"right": np.empty((0, 2))}, events=())
+    write_recording(result, trial[1], tmp_path / "trial.rrd")
+    text = str(Stored(tmp_path / "trial.rrd").rows("summary", "text", static=True)[0][0])
+    assert "No gait cycle was found" in text
+    with pytest.raises(ValueError, match=r"walk\.c3d: no gait cycle was found"):
+        write_cycles(result, tmp_path / "cycles.rrd")
+
+
+def test_letters_that_the_font_lacks_are_marked():
+    assert (
+        printable("Müller, Łódź, Ωμέγα, Жук · 5 N·m ± 3 °")
+        == "Müller, Łódź, Ωμέγα, Жук · 5 N·m ± 3 °"
+    )
+    assert printable("walk 漢✔😀ŉ\t") == "walk ?????"
+    assert printable("e\u0301") == "é"
+
+
+def test_only_viewer_modules_know_rerun():
+    sources = Path(__file__).resolve().parents[3]
+    for package in ("hbm", "compensation", "pipeline"):
+        for path in (sources / package).rglob("*.py"):
+            modules = {
+                name.split(".")[0]
+                for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+                for name in (
+                    [alias.name for alias in node.names]
+                    if isinstance(node, ast.Import)
+                    else [node.module or ""]
+                    if isinstance(node, ast.ImportFrom)
+                    else []
+                )
+            }
+            if not path.stem.startswith("viewer"):
+                assert not modules & {"rerun", "rerun_cli"}, path

@@ -1,0 +1,230 @@
+"""The gait nearest to the norms that a body can walk on the ground: for `fit_gait` only.
+
+One half cycle of a symmetric walk is optimised in its Fourier coefficients: joints stay near the
+norms, the stance foot rolls over the belt without slipping, the swing foot clears it, and the
+ground wrench that follows from the equations of motion has a centre of pressure that passes along
+the stance foot and a vertical force with two humps.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import casadi as ca
+import numpy as np
+
+from hbm.coordinates import COORDINATES, INDEX, MOVING, TREE, N
+from hbm.kernels import skeleton
+from hbm.spatial import Array, rotation_about
+from pipeline.virtual_lab.person.feet import LEFT, OUTWARD, orientation, rolled, sole_of
+from pipeline.virtual_lab.person.stance import LANDING, hold, loading, roll_over
+from pipeline.virtual_lab.person.walker import Walker
+
+NODES: Final = 50
+ODD: Final = (
+    *("PelvisY", "PelvisYaw", "PelvisRightRoll", "TrunkRightBend", "TrunkLeftTwist"),
+    *("HeadRightBend", "HeadLeftTwist"),
+)
+WORTH: Final = {  # deviation that costs as much as one norm's standard deviation
+    "foot_m": 0.0015,
+    "clearance_m": 0.006,
+    "cop_forward_m": 0.006,
+    "cop_left_m": 0.004,
+    "cop_shift_m": 0.01,
+    "free_moment_nm": 6.0,
+    "knee_rad": 0.02,
+    "lean_rad": 0.03,
+    "vertical_bw": 0.03,
+    "horizontal_bw": 0.07,
+}
+CLEARANCE_M: Final = 0.012
+STRAIGHT_KNEE: Final = 0.1  # [rad] a leg any straighter hardly says where the hip can be
+NORM_WEIGHT: Final = 0.7
+ROUGHNESS: Final = 0.1
+ITERATIONS: Final = 20
+STEP: Final = 0.6  # of a full step: full ones swing about the optimum for ever
+Symbol = Any
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What the walk should be like.
+
+    Attributes
+    ----------
+    speed_mps, stride_s
+        Belt speed and duration of the gait cycle.
+    joints, spread
+        Coordinates of the norms over the half cycle, (NODES, 46), and their spread, (46,).
+    pitch, heading
+        Foot pitch and inward heading of the right and left foot, (2, NODES) each [rad].
+    vertical
+        Vertical force in body weights, (NODES,).
+    slope
+        How far the belt rises forward [rad].
+    """
+
+    speed_mps: float
+    stride_s: float
+    joints: Array
+    spread: Array
+    pitch: Array
+    heading: Array
+    vertical: Array
+    slope: float = 0.0
+
+
+def nodes() -> Array:
+    """Give the phases of the right gait cycle at which the walk is held to its target."""
+    return (np.arange(NODES) + 0.5) / NODES / 2
+
+
+def columns(harmonics: int) -> list[tuple[str, int, int]]:
+    """List the unknowns: coordinate, harmonic, 0 for cosine or 1 for sine.
+
+    The left side repeats the right half a cycle later; the middle is odd or even in half cycles.
+    """
+    listed = []
+    for name in (*COORDINATES[:12], *(c for c in COORDINATES if c.startswith("R"))):
+        middle = not name.startswith("R")
+        first, step = (1 if name in ODD else 0, 2) if middle else (0, 1)
+        for k in range(first, harmonics + 1, step):
+            if (name, k) != ("PelvisX", 0):
+                listed += [(name, k, part) for part in ((0, 1) if k else (0,))]
+    return listed
+
+
+def design(phase: Array, unknowns: list[tuple[str, int, int]], stride_s: float) -> Array:
+    """Give the matrices from unknowns to coordinates and two derivatives, (T, 3 · 46, C)."""
+    out = np.zeros((len(phase), 3, N, len(unknowns)))
+    for j, (name, k, part) in enumerate(unknowns):
+        for side in ("R", "L") if name.startswith("R") else ("",):
+            i = INDEX[side + name[1:] if side else name]
+            angle = 2 * np.pi * k * (phase + (0.5 if side == "L" else 0.0))
+            rate = 2 * np.pi * k / stride_s
+            for d in range(3):
+                turned = angle - part * np.pi / 2 + d * np.pi / 2
+                out[:, d, i, j] = rate**d * np.cos(turned)
+    return out.reshape(len(phase), 3 * N, len(unknowns))
+
+
+def optimise(walker: Walker, target: Target, harmonics: int) -> dict[str, Array]:
+    """Find the walk nearest to a target.
+
+    Parameters
+    ----------
+    walker
+        Who walks.
+    target
+        What it should be like.
+    harmonics
+        Highest harmonic of the gait cycle.
+
+    Returns
+    -------
+    dict[str, Array]
+        Coordinate of the middle and right side -> cosines and sines, (harmonics + 1, 2) [rad, m];
+        and "foothold": how far ahead and aside of the pelvis the ankle comes down [m].
+
+    Notes
+    -----
+    Gauss–Newton on weighted least squares, the derivatives of every node from casadi.
+    """
+    unknowns = columns(harmonics)
+    node, data = _node(walker, target)
+    matrices = design(nodes(), unknowns, target.stride_s)
+    count = len(unknowns)
+    names = [u[0] for u in unknowns]
+    unit = np.array([0.01 if TREE[INDEX[n]].translates else np.radians(1.0) for n in names])
+    middle = np.array([3.0 if n in COORDINATES[:12] else 1.0 for n in names])
+    rough = ROUGHNESS * (np.array([u[1] for u in unknowns]) / 4.0) ** 3 / unit * middle
+
+    x = np.zeros(count + 3)
+    flat = matrices[:, :N].reshape(-1, count)
+    x[:count] = np.linalg.lstsq(flat, target.joints.ravel(), rcond=None)[0]
+    x[count:] = 0.3, 0.07, 0.0
+    for _ in range(ITERATIONS):
+        residuals, jacobians = (
+            [rough * x[:count]],
+            [np.hstack([np.diag(rough), np.zeros((count, 3))])],
+        )
+        for matrix, given in zip(matrices, data, strict=True):
+            value, slope = node(np.concatenate([matrix @ x[:count], x[count:]]), given)
+            slope = np.array(slope)
+            residuals.append(np.array(value).ravel())
+            jacobians.append(np.hstack([slope[:, : 3 * N] @ matrix, slope[:, 3 * N :]]))
+        step = np.linalg.lstsq(np.vstack(jacobians), -np.concatenate(residuals), rcond=None)[0]
+        x += STEP * step
+    found = {name: np.zeros((harmonics + 1, 2)) for name in dict.fromkeys(names)}
+    for (name, k, part), value in zip(unknowns, x, strict=False):
+        found[name][k, part] = value
+    return found | {"foothold": x[count:]}
+
+
+def _node(walker: Walker, target: Target) -> tuple[Symbol, Array]:
+    """Give the residuals and their Jacobian at one node as a function, and the nodes' data.
+
+    Unknowns: q, v, a (3 · 46), and the foothold: forward, outward, shift of the centre of
+    pressure along the feet.
+    """
+    body, weight = walker.body, walker.person.mass_kg * skeleton.GRAVITY
+    soles = {side: sole_of(body, walker.t_pose, side) for side in ("right", "left")}
+    phase = {"right": nodes(), "left": nodes() + 0.5}
+    data = [target.joints, target.vertical[:, None], loading(phase["right"])[:, None]]
+    tilt = rotation_about(LEFT, -target.slope)
+    unknown = ca.SX.sym("unknown", 3 * N + 3)
+    q, v, a = (unknown[k * N : (k + 1) * N] for k in range(3))
+    ahead, aside, shift = (unknown[3 * N + k] for k in range(3))
+    given = ca.SX.sym("given", N + 2 + 2 * 12)
+    pose = skeleton.Pose(q, ca.SX(ca.DM(body.geometry)))
+    _, wrench, _ = skeleton.newton_euler()(
+        q, v, a, ca.DM(body.geometry), ca.DM(body.inertia_vector)
+    )
+
+    terms = [NORM_WEIGHT / 2 * (q - given[:N]) / ca.DM(target.spread)]
+    knees = ca.vertcat(*(q[INDEX[side + "KneeFlexion"]] for side in "RL"))
+    terms.append(ca.fmax(0, STRAIGHT_KNEE - knees) / WORTH["knee_rad"])
+    upright = [INDEX["PelvisForwardPitch"], INDEX["TrunkFlexion"]]
+    terms.append(ca.sum1((q - given[:N])[upright]) / WORTH["lean_rad"])
+    pressure = ca.SX.zeros(2)
+    for n, (side, sole) in enumerate(soles.items()):
+        cycle, out = phase[side] % 1, OUTWARD[side]
+        pitch, heading = target.pitch[n], -out * target.heading[n]
+        since = target.stride_s * (cycle - (cycle > LANDING[0]))
+        travelled = np.column_stack([target.speed_mps * since, 0 * cycle, 0 * cycle])
+        origin = rolled(sole, pitch, heading) - travelled
+        points = np.array([[sole.heel, 0, 0], [sole.ball, 0.04, 0], [sole.ball, -0.04, 0]])
+        placed = origin[:, None] + np.einsum("tij,kj->tki", orientation(pitch, heading), points)
+        along = sole.heel + (sole.toe - sole.heel) * roll_over(cycle)
+        ahead_of = along[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+        firm = hold(cycle)
+        data += [placed.reshape(NODES, 9), ahead_of - travelled[:, :2], firm[:, None]]
+        own = given[N + 2 + 12 * n : N + 2 + 12 * (n + 1)]
+        base = ca.vertcat(ahead, out * aside, 0)
+        for k, point in enumerate((points - sole.origin) @ sole.rotation):
+            place = tilt.T @ (pose.o[sole.segment] + pose.R[sole.segment] @ ca.DM(point))
+            terms.append(own[11] * (place - base - own[3 * k : 3 * k + 3]) / WORTH["foot_m"])
+            low = ca.fmax(0, CLEARANCE_M - place[2]) / WORTH["clearance_m"]
+            terms.append((1 - own[11]) * low)
+        share = given[N + 1] if side == "right" else 1 - given[N + 1]
+        pressure += share * (base[:2] + own[9:11] + ca.vertcat(shift, 0))
+
+    on_belt = tilt.T @ wrench[:3], tilt.T @ wrench[3:]
+    force, moment = on_belt
+    under = tilt @ ca.vertcat(pressure, 0)
+    center = sum(
+        body.inertias[s].mass * (pose.o[s] + pose.R[s] @ ca.DM(np.array(body.inertias[s].center)))
+        for s in MOVING
+    ) / sum(body.inertias[s].mass for s in MOVING)
+    to_center = center - under
+    leaning = wrench[:2] - wrench[2] * to_center[:2] / to_center[2]
+    terms += [
+        shift / WORTH["cop_shift_m"],
+        (moment[0] - pressure[1] * force[2]) / (weight * WORTH["cop_left_m"]),
+        (moment[1] + pressure[0] * force[2]) / (weight * WORTH["cop_forward_m"]),
+        (moment[2] - pressure[0] * force[1] + pressure[1] * force[0]) / WORTH["free_moment_nm"],
+        (wrench[2] / weight - given[N]) / WORTH["vertical_bw"],
+        leaning / (weight * WORTH["horizontal_bw"]),
+    ]
+    residual = ca.vertcat(*terms)
+    function = ca.Function("node", [unknown, given], [residual, ca.jacobian(residual, unknown)])
+    return function, np.hstack(data)

@@ -1,0 +1,190 @@
+"""Whether the virtual walk looks like walking: published norms and real forces beside it.
+
+Run as ``python -m tests.virtual_gait.realism NORMS.csv FOLDER OUT`` with the norms of Pinzone et
+al. (2014) as published, the folder of the treadmill recording of Moore, Hnat and van den Bogert
+(2015), and the figure's name without ending.
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hbm.coordinates import INDEX
+from hbm.kernels.skeleton import GRAVITY
+from hbm.spatial import Array
+from pipeline.figures.style import COLOURS, STYLE, draw_band, save_figure
+from pipeline.trial.gait.cycles import normalise
+from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine.machine import Machine
+from pipeline.virtual_lab.person.ground import foot_wrenches
+from pipeline.virtual_lab.person.walk import Walk
+from pipeline.virtual_lab.protocol.experiment import run_walk, walker_of
+from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
+
+ANGLES: Final = {  # title: coordinate, sign and zero [deg] that make it the norms', their name
+    "pelvis anterior tilt": ("PelvisForwardPitch", 1, 0.0, "Pelvis Ant/Pst"),
+    "pelvis obliquity, up": ("PelvisRightRoll", -1, 0.0, "Pelvic Up/Dn"),
+    "pelvis rotation, forward": ("PelvisYaw", 1, 0.0, "Pelvic Int/Ext"),
+    "hip flexion": ("RHipFlexion", 1, 0.0, "Hip Flx/Ext"),
+    "hip adduction": ("RHipAbduction", -1, 0.0, "Hip Add/Abd"),
+    "hip internal rotation": ("RHipInternalRotation", 1, 0.0, "Hip Int/Ext"),
+    "knee flexion": ("RKneeFlexion", 1, 0.0, "Knee Flx/Ext"),
+    "ankle dorsiflexion": ("RAnklePlantarFlexion", -1, -3.0, "Ankle Dor/Pla"),
+}
+"""The ankle's zero differs by the height of the second metatarsal head above the heel."""
+FORCES: Final = {"forward": 0, "medial": 1, "vertical": 2}
+RECORDED_MPS: Final = 0.8
+STEADY_S: Final = 12.0
+PERCENT: Final = np.arange(101.0)
+SOURCES: Final = (
+    "Blue: {subjects} virtual people, mean ± SD between them, at 1.3 m/s (angles) and 0.8 m/s "
+    "(forces). Grey: angles of healthy people on level ground at self-chosen speed, mean ± SD, two "
+    "centres' average (Pinzone et al. 2014, Gait Posture 40:286); forces under one man on a "
+    "split-belt treadmill at 0.8 m/s, mean ± SD of his strides (Moore, Hnat and van den Bogert "
+    "2015, PeerJ 3:e918)."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Mean and standard deviation over the gait cycle, (101,) each."""
+
+    mean: Array
+    sd: Array
+
+
+def angle_curves(walk: Walk) -> dict[str, Array]:
+    """Give a person's mean joint angles of the right leg over the gait cycle.
+
+    Parameters
+    ----------
+    walk
+        The walk, level; the first 12 s do not count.
+
+    Returns
+    -------
+    dict[str, Array]
+        Title -> (101,) [deg], with the signs and zeros of the norms.
+    """
+    time = np.arange(STEADY_S * 100, walk.motion.duration * 100) / 100
+    curves = normalise(time, np.degrees(walk.motion.at(time)), _cycles(walk)).mean(axis=0)
+    return {
+        title: sign * curves[:, INDEX[name]] + zero
+        for title, (name, sign, zero, _) in ANGLES.items()
+    }
+
+
+def force_curves(walk: Walk) -> dict[str, Array]:
+    """Give a person's mean ground reaction on the right foot over the gait cycle, (101,) [BW]."""
+    time = np.arange(STEADY_S * 100, walk.motion.duration * 100) / 100
+    force = foot_wrenches(walk, time)["right"][:, :3] / (walk.walker.person.mass_kg * GRAVITY)
+    curves = normalise(time, force, _cycles(walk)).mean(axis=0)
+    return {title: curves[:, k] for title, k in FORCES.items()}
+
+
+def read_norms(path: Path) -> dict[str, Band]:
+    """Read the norms' table; title -> band over the gait cycle [deg]."""
+    table = pd.read_csv(path)
+    table = table[table["quantity"] == "angle"]
+    bands = {}
+    for title, (*_, name) in ANGLES.items():
+        own = table[table["name"] == name]
+        mean, sd = (
+            np.interp(
+                PERCENT, own["percent"], (own[f"centre_one_{k}"] + own[f"centre_two_{k}"]) / 2
+            )
+            for k in ("mean", "sd")
+        )
+        bands[title] = Band(np.asarray(mean), np.asarray(sd))
+    return bands
+
+
+def read_forces(folder: Path) -> dict[str, Band]:
+    """Read a real treadmill recording: right foot, title -> band over the gait cycle [BW]."""
+    table = pd.read_csv(folder / "UnpertPre_data.csv")
+    events = pd.read_csv(folder / "UnpertPre__event.csv")
+    person = pd.read_csv(folder / "SubjectInfo.csv")
+    weight = float(person["mass"].iloc[0]) * GRAVITY
+    columns = ("RightGRF_x", "RightGRF_z", "RightGRF_y")
+    force = table[list(columns)].to_numpy() / weight
+    strikes = events["rhs"].dropna().to_numpy()
+    spans = np.column_stack([strikes[:-1], strikes[1:]])
+    curves = normalise(table["time"].to_numpy(), force, spans)
+    force_mean, force_sd = np.nanmean(curves, axis=0), np.nanstd(curves, axis=0)
+    inward = np.sign(np.mean(force_mean[10:50, 1]))
+    force_mean[:, 1] *= inward
+    return {title: Band(force_mean[:, k], force_sd[:, k]) for title, k in FORCES.items()}
+
+
+def virtual_walks(subjects: int, speed_mps: float, seed: int = 1) -> list[Walk]:
+    """Let the study's people walk on the level for half a minute each."""
+    protocol = Protocol(baseline_s=30.0, speed_mps=speed_mps)
+    setting = Setting(seed=seed, protocol=protocol, faults=Faults())
+    return [
+        run_walk(setting, Machine(), walker_of(setting, k), k, "baseline")[0]
+        for k in range(subjects)
+    ]
+
+
+def realism_figure(norms: Path | None, forces: Path | None, subjects: int = 9) -> Figure:
+    """Draw virtual people's walking against published norms and a real treadmill's recording.
+
+    Parameters
+    ----------
+    norms
+        Table of Pinzone et al. (2014) as published; None leaves the norms out.
+    forces
+        Folder of the treadmill recording; None leaves it out.
+    subjects
+        How many virtual people walk.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Eight joint angles at 1.3 m/s and three forces at 0.8 m/s over the right gait cycle, with
+        the sources.
+    """
+    angles = [angle_curves(walk) for walk in virtual_walks(subjects, 1.3)]
+    pushes = [force_curves(walk) for walk in virtual_walks(subjects, RECORDED_MPS)]
+    bands = read_norms(norms) if norms is not None else {}
+    bands |= read_forces(forces) if forces is not None else {}
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(10, 7.5), layout="constrained")
+        panels = figure.subplots(3, 4, sharex=True).ravel()
+        for panel, title in zip(panels, (*ANGLES, *FORCES), strict=False):
+            people = pushes if title in FORCES else angles
+            _draw(panel, title, np.stack([curves[title] for curves in people]), bands.get(title))
+        panels[-1].set_axis_off()
+        for panel in panels[7:11]:
+            panel.set_xlabel("% of gait cycle")
+        figure.supxlabel(SOURCES.format(subjects=subjects), fontsize=7, wrap=True)
+    return figure
+
+
+def _draw(panel: Axes, title: str, curves: Array, band: Band | None) -> None:
+    if band is not None:
+        draw_band(panel, PERCENT, band.mean, band.sd, COLOURS["baseline"])
+    mean, sd = curves.mean(axis=0), curves.std(axis=0)
+    draw_band(panel, PERCENT, mean, sd, COLOURS["compensated"])
+    unit: Any = "BW" if title in FORCES else "°"
+    panel.set_title(f"{title.capitalize()}{' force' if title in FORCES else ''} [{unit}]")
+
+
+def _cycles(walk: Walk) -> Array:
+    """Give the right gait cycles of steady walking, (C, 2) [s]."""
+    contact = walk.footing.steps.contact[1::2]
+    inside = (contact > STEADY_S) & (contact < walk.motion.duration - 1)
+    own = contact[inside]
+    return np.column_stack([own[:-1], own[1:]])
+
+
+if __name__ == "__main__":
+    norms, forces, out = map(Path, sys.argv[1:])
+    save_figure(realism_figure(norms, forces), out)
