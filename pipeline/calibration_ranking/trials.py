@@ -17,7 +17,7 @@ from compensation import (
 from hbm.spatial import Array, rotate_wrench
 from pipeline.config.study import Treadmill
 from pipeline.io.recording import Recording
-from pipeline.smoothing import smooth
+from pipeline.io.smoothing import smooth
 from pipeline.trial.ground.accelerometers import find_accelerometers
 from pipeline.trial.ground.belts import belt_axes, belt_speed
 from pipeline.trial.ground.laboratory import accelerations, read_empty

@@ -17,7 +17,7 @@ from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.config.plate_study import Belt, PlatesFile, PlatesStudy, Weight
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Plate, Recording
-from pipeline.smoothing import smooth
+from pipeline.io.smoothing import smooth
 
 RATE_HZ: Final = 100.0
 SHORTEST_S: Final = 3.0

@@ -17,8 +17,8 @@ from hbm.signals.resampling import interpolate
 from hbm.spatial import Array
 from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
+from pipeline.io.smoothing import smooth
 from pipeline.io.units import length_in_m
-from pipeline.smoothing import smooth
 from pipeline.trial.ground.calibration_recording import read_empty
 
 RATE_HZ: Final = 100.0

@@ -14,8 +14,8 @@ from pipeline.config.plate_study import StudyFaults, read_plates_study
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.report import COLUMNS, table_1
 from pipeline.plate_accuracy.verdict import verdict
+from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
-from pipeline.virtual_lab.protocol.protocol import known_weights
 
 FEW = {
     "speeds": (0.7, 1.0),

@@ -11,7 +11,7 @@ from pipeline.config.study import StudyFaults, Treadmill, read_study
 from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
-from pipeline.smoothing import smooth
+from pipeline.io.smoothing import smooth
 from pipeline.trial.ground.belts import belt_axes, belt_speed, fit_belts
 from pipeline.trial.ground.laboratory import Laboratory, fit_calibration, ground_wrenches
 from pipeline.trial.process import process_trial
