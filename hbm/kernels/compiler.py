@@ -47,8 +47,8 @@ def compact(name: str) -> Any:
 
 def write_source(folder: Path) -> Path:
     """Write the kernels and what runs them over frames as one C file, and give the file."""
-    ours = files("hbm")
-    parts = [ours.joinpath("lanes.h").read_text("utf-8"), _sizes_in_c()]
+    ours = files("hbm.kernels")
+    parts = [ours.joinpath("simd.h").read_text("utf-8"), _sizes_in_c()]
     for name, shared in SHARED_INPUTS.items():
         function = compact(name)
         size_in = [function.size1_in(i) for i in range(function.n_in())]
@@ -236,7 +236,7 @@ def _key(command: list[str]) -> str:
     this = sys.modules[__name__]
     sources = [inspect.getsource(module) for module in (coordinates, skeleton, this)]
     sources += [
-        files("hbm.kernels").joinpath(name).read_text("utf-8") for name in ("lanes.h", "descent.c")
+        files("hbm.kernels").joinpath(name).read_text("utf-8") for name in ("simd.h", "descent.c")
     ]
     facts = [*sources, ca.CasadiMeta.version(), version, _processor(), *FLAGS, *command]
     return hashlib.sha256("\0".join(facts).encode()).hexdigest()[:24]

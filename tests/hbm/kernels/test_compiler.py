@@ -113,7 +113,7 @@ def test_a_compiler_that_fails_is_passed_over_with_its_first_words(cache, small,
 @needs_compiler
 def test_processes_that_start_at_once_share_one_library(cache):
     program = (
-        "import sys; from hbm import compiler\n"
+        "import sys; from hbm.kernels import compiler\n"
         "def write(folder):\n"
         f"    (folder / 'skeleton.c').write_text({SMALL!r}); return folder / 'skeleton.c'\n"
         "compiler.write_source = write\n"
@@ -142,6 +142,12 @@ def test_the_virtual_machine_can_be_asked_for(monkeypatch, said):
     monkeypatch.setenv("HBM_KERNELS", "virtual-machine")
     assert load(said.append).backend == "virtual machine (HBM_KERNELS)"
     assert said == []
+
+
+@needs_compiler
+def test_where_there_is_a_compiler_the_kernels_are_compiled(said):
+    ready = load(said.append)
+    assert ready.solve_frames is not None, (ready.backend, said)
 
 
 @needs_compiler
