@@ -19,7 +19,7 @@ import numpy as np
 
 from compensation import fit_inertia, pitch_and_sway_signals, validation_signals
 from hbm.signals.filtering import low_pass
-from pipeline.config.study import Treadmill
+from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.laboratory import accelerations, setup_of
 from pipeline.virtual_lab.faults import Faults

@@ -28,7 +28,7 @@ from compensation import (
     validation_signals,
 )
 from hbm.signals.filtering import low_pass
-from pipeline.config.study import Treadmill
+from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.laboratory import accelerations, fit_calibration
 from pipeline.virtual_lab.faults import AccelerometerFaults, Faults

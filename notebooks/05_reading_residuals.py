@@ -22,7 +22,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from hbm.markers import Markers
-from pipeline.config.study import Condition, Platform, Settings, Subject, Treadmill
+from pipeline.config.schema import Condition, Platform, Settings, Subject, Treadmill
 from pipeline.figures.residuals import axis_name
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.laboratory import Laboratory, fit_calibration

@@ -4,7 +4,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pipeline.config.study import Settings, Study, Subject, read_study
+    from pipeline.config.schema import Settings, Subject
+    from pipeline.config.study import Study, read_study
     from pipeline.io.c3d.read import read_c3d
     from pipeline.io.opensim.trc import read_trc
     from pipeline.io.opensim.trial import read_opensim_trial
@@ -23,9 +24,9 @@ _HOME = {
     "process_trial": "trial.process",
     "Recording": "io.recording",
     "residual_table": "trial.residuals",
-    "Settings": "config.study",
+    "Settings": "config.schema",
     "Study": "config.study",
-    "Subject": "config.study",
+    "Subject": "config.schema",
     "read_study": "config.study",
     "read_trc": "io.opensim.trc",
 }

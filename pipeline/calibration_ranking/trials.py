@@ -15,7 +15,7 @@ from compensation import (
     spline_smoothing,
 )
 from hbm.spatial import Array, rotate_wrench
-from pipeline.config.study import Treadmill
+from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.smoothing import smooth
 from pipeline.trial.ground.accelerometers import find_accelerometers

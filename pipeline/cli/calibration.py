@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from compensation import Calibration, to_json
-from pipeline.config.study import Treadmill
+from pipeline.config.schema import Treadmill
 from pipeline.config.validation import check_options
 from pipeline.io.units import acceleration_in_mps2
 from pipeline.io.write import whole_file

@@ -17,32 +17,10 @@ from hbm.markers import MarkerSet, did_you_mean, marker_sets, read_marker_set
 from hbm.overrides import SegmentOverride, read_overrides
 from pipeline.config.schema import (
     Condition,
-    Platform,
-    Settings,
-    Stated,
     StudyFile,
-    Subject,
     SubjectFile,
-    Treadmill,
-    Trial,
 )
 from pipeline.config.validation import StudyFaults, describe_faults
-
-__all__ = [
-    "Condition",
-    "Platform",
-    "Settings",
-    "Stated",
-    "Study",
-    "StudyFaults",
-    "StudyFile",
-    "Subject",
-    "SubjectFile",
-    "Treadmill",
-    "Trial",
-    "describe_faults",
-    "read_study",
-]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,8 @@ from typing import Any, Final
 
 import pandas as pd
 
-from pipeline.config.study import Condition, Study, Treadmill
+from pipeline.config.schema import Condition, Treadmill
+from pipeline.config.study import Study
 from pipeline.report.references import BIBTEX
 from pipeline.run.load import Results
 from pipeline.statistics.design import PAIRS, in_order

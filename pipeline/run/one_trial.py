@@ -6,7 +6,8 @@ from pathlib import Path
 
 from hbm.kernels.native import kernels
 from hbm.markers import MarkerSet, read_marker_set
-from pipeline.config.study import Platform, Settings, Subject, Treadmill, read_segments
+from pipeline.config.schema import Platform, Settings, Subject, Treadmill
+from pipeline.config.study import read_segments
 from pipeline.config.validation import check_options
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording

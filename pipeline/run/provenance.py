@@ -8,7 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from pipeline.config.study import Study, Trial
+from pipeline.config.schema import Trial
+from pipeline.config.study import Study
 from pipeline.run.job import file_digest, program_digest, trial_key
 from pipeline.run.load import Results
 from pipeline.run.store import PACKAGES

@@ -16,15 +16,8 @@ from hbm.overrides import SegmentOverride
 from hbm.poses import segment_frames
 from hbm.signals.filtering import butterworth
 from hbm.spatial import Array
-from pipeline.config.study import (
-    Condition,
-    Settings,
-    Study,
-    Subject,
-    Treadmill,
-    Trial,
-    read_segments,
-)
+from pipeline.config.schema import Condition, Settings, Subject, Treadmill, Trial
+from pipeline.config.study import Study, read_segments
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.trial.delay import marker_plate_delay

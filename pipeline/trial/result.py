@@ -10,7 +10,7 @@ from hbm.body import Body
 from hbm.dynamics import Dynamics
 from hbm.motion import Motion
 from hbm.spatial import Array, Mask
-from pipeline.config.study import Settings, Subject
+from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.config.study import Settings, Subject
+from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.read import read_c3d
 from pipeline.trial.process import process_recording
 from tests.synthetic import MASS_KG

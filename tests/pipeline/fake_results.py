@@ -13,7 +13,7 @@ import numpy as np
 from hbm.coordinates import INDEX
 from hbm.dynamics import Dynamics
 from hbm.motion import Motion
-from pipeline.config.study import Settings, Subject
+from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
 from pipeline.run.store import write_trial
 from pipeline.trial.residuals import reported

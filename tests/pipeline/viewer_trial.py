@@ -11,7 +11,7 @@ from compensation.platform import PlatformPose, commanded_pose
 from hbm.dynamics import inverse_dynamics_variants
 from hbm.motion import Motion
 from hbm.poses import marker_positions
-from pipeline.config.study import Settings, Subject
+from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event, Plate, Recording
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.result import TrialResult

@@ -5,7 +5,7 @@ import numpy as np
 from compensation.platform import PlatformPose
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
-from pipeline.config.study import Condition
+from pipeline.config.schema import Condition
 from pipeline.io.recording import Recording
 
 COUNTED_SIDE = "right"

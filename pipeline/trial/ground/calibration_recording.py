@@ -11,7 +11,7 @@ import numpy as np
 from compensation import Calibration, Setup, fit_inertia, from_json
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import resample
-from pipeline.config.study import Treadmill
+from pipeline.config.schema import Treadmill
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.instruments import accelerations

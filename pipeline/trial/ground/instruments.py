@@ -8,7 +8,7 @@ import numpy as np
 from compensation import PlatformPose, commanded_pose, fit_pose, neutral_markers
 from hbm.signals.resampling import resample
 from hbm.spatial import Array
-from pipeline.config.study import Platform, Treadmill
+from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2, angle_in_rad, length_in_m
 

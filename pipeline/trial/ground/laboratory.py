@@ -18,7 +18,7 @@ from compensation import (
 )
 from hbm.signals.resampling import resample
 from hbm.spatial import Array, transform_wrench
-from pipeline.config.study import Platform, Treadmill
+from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import (

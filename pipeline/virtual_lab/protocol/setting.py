@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from pipeline.config.study import describe_faults
+from pipeline.config.validation import describe_faults
 from pipeline.virtual_lab.protocol.protocol import Setting
 
 

@@ -8,8 +8,9 @@ from pydantic import BaseModel
 
 import pipeline
 from pipeline.config.schema import StudyFile, SubjectFile
-from pipeline.config.study import StudyFaults, read_study
+from pipeline.config.study import read_study
 from pipeline.config.templates import STUDY, SUBJECT, write_template
+from pipeline.config.validation import StudyFaults
 
 PLAIN = "[conditions.walk]\n"
 PERSON = 'id = "sub01"\n[trials.walk]\nfile = "walk.c3d"\n'

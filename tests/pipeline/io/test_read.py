@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.config.study import Settings, Subject
+from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.read import file_format, read_recording
 from pipeline.trial.process import process_recording

@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from pipeline.cli.app import main
-from pipeline.config.plate_study import StudyFaults, read_plates_study
+from pipeline.config.plate_study import read_plates_study
+from pipeline.config.validation import StudyFaults
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.report import COLUMNS, table_1
 from pipeline.plate_accuracy.verdict import verdict

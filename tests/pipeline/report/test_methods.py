@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from pipeline.config.study import Settings, read_study
+from pipeline.config.schema import Settings
+from pipeline.config.study import read_study
 from pipeline.report.methods import cited, methods
 from pipeline.report.references import BIBTEX, bibtex
 from pipeline.run.load import collect

@@ -7,7 +7,7 @@ from html.parser import HTMLParser
 import pandas as pd
 import pytest
 
-from pipeline.config.study import Subject
+from pipeline.config.schema import Subject
 from pipeline.report import write as report
 from pipeline.report.write import write_report
 from pipeline.run import provenance
@@ -215,7 +215,7 @@ def test_whatever_there_is_gets_an_honest_report(tmp_path, quick, made, said):
 
 
 def test_trials_of_different_settings_are_not_silently_mixed(tmp_path, quick):
-    from pipeline.config.study import Settings
+    from pipeline.config.schema import Settings
 
     write_fake_results(tmp_path, subjects=2, conditions=("baseline",), cycles=2)
     result = fake_trial(1, "baseline", cycles=2, settings=Settings(cutoff_hz=12))

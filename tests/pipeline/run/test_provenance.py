@@ -7,7 +7,8 @@ import shutil
 
 import pytest
 
-from pipeline.config.study import Settings, read_study
+from pipeline.config.schema import Settings
+from pipeline.config.study import read_study
 from pipeline.run.job import trial_key
 from pipeline.run.load import collect, only
 from pipeline.run.provenance import (

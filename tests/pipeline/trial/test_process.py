@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from hbm.signals.filtering import butterworth
-from pipeline.config.study import Condition, Settings, Subject, read_study
+from pipeline.config.schema import Condition, Settings, Subject
+from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event
 from pipeline.trial import process

@@ -13,7 +13,8 @@ from hbm.markers import Markers
 from hbm.poses import marker_positions
 from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject
-from pipeline.config.study import StudyFaults, read_segments, read_study
+from pipeline.config.study import read_segments, read_study
+from pipeline.config.validation import StudyFaults
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.opensim.sto import read_sto
 from pipeline.run.check import check_study

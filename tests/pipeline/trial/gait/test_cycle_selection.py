@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.markers import Markers
-from pipeline.config.study import Condition
+from pipeline.config.schema import Condition
 from pipeline.io.recording import Analog, Recording
 from pipeline.trial.gait.cycle_selection import pulse_onsets, select_cycles, sway_onsets
 from tests.pipeline.lab import swaying

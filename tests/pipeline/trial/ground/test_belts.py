@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from compensation import belt_signals, pitch_and_sway_signals, validation_signals
-from pipeline.config.schema import Belt
-from pipeline.config.study import StudyFaults, Treadmill, read_study
+from pipeline.config.schema import Belt, Treadmill
+from pipeline.config.study import read_study
+from pipeline.config.validation import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d

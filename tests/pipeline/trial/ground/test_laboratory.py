@@ -10,7 +10,7 @@ import pytest
 from compensation import Calibration, to_json
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
-from pipeline.config.study import Platform, Treadmill
+from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.recording import Analog
 from pipeline.trial.ground import calibration_recording
 from pipeline.trial.ground.laboratory import (
