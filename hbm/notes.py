@@ -1,0 +1,177 @@
+"""Notes: what was found while processing, each with a code, a level and a sentence.
+
+The sentences stand in one catalogue, ``notes.toml``; ``docs/notes.md`` explains every code.
+"""
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from numbers import Integral, Real
+from string import Formatter
+from types import MappingProxyType
+from typing import Any, Final, Literal, get_args
+
+Level = Literal["warning", "info"]
+NoteValue = str | int | float | tuple[str, ...] | Mapping[str, float]
+
+LEVELS: Final[tuple[Level, ...]] = get_args(Level)
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """One finding about a body, a recording or a trial.
+
+    Attributes
+    ----------
+    code
+        Its kind, as in the catalogue and in ``docs/notes.md``.
+    values
+        Name -> number, text, names, or numbers by name; exactly those of the code's sentence, in
+        the unit that the name ends in.
+
+    Raises
+    ------
+    ValueError
+        If the code is not in the catalogue, or the values are not those of its sentence.
+
+    Examples
+    --------
+    >>> note = Note.of("legs_differ", difference_m=0.041, left_m=0.843, right_m=0.802)
+    >>> note.level
+    'warning'
+    >>> print(note)
+    the legs differ by 41 mm (left 0.843 m, right 0.802 m from hip to ankle); check the markers \
+of pelvis, knees and ankles
+    """
+
+    code: str
+    values: Mapping[str, NoteValue]
+
+    def __post_init__(self) -> None:
+        kind = _kind(self.code)
+        if set(self.values) != kind.fields:
+            wanted, given = (", ".join(sorted(v)) or "none" for v in (kind.fields, self.values))
+            raise ValueError(f"note {self.code!r}: its values are {wanted}, got {given}")
+        plain = {name: _plain(value) for name, value in self.values.items()}
+        object.__setattr__(self, "values", MappingProxyType(plain))
+        try:
+            _ = self.text
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"note {self.code!r}: {error}; got {plain}") from error
+
+    def __hash__(self) -> int:
+        return hash((self.code, self.text))
+
+    def __str__(self) -> str:
+        return self.text
+
+    def __reduce__(self) -> tuple[type["Note"], tuple[str, dict[str, NoteValue]]]:
+        return Note, (self.code, dict(self.values))
+
+    @classmethod
+    def of(cls, code: str, /, **values: NoteValue) -> "Note":
+        """Make a note from its code and its values by name."""
+        return cls(code, values)
+
+    @property
+    def level(self) -> Level:
+        """Give "warning" for what a person has to look at, "info" for what is good to know."""
+        return _kind(self.code).level
+
+    @property
+    def text(self) -> str:
+        """Give its sentence."""
+        return _SENTENCE.vformat(_kind(self.code).text, (), self.values)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give code, level, text and values, ready for JSON."""
+        values = {
+            name: dict(value) if isinstance(value, Mapping) else value
+            for name, value in self.values.items()
+        }
+        return {"code": self.code, "level": self.level, "text": self.text, "values": values}
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> "Note":
+        """Make the note that `to_dict` wrote; level and text are the catalogue's of today."""
+        return cls(plain["code"], plain["values"])
+
+
+def warnings_first(notes: Iterable[Note]) -> tuple[Note, ...]:
+    """Give notes with the warnings first, otherwise in the same order."""
+    return tuple(sorted(notes, key=lambda note: LEVELS.index(note.level)))
+
+
+def note_codes() -> tuple[str, ...]:
+    """Give all codes of the catalogue."""
+    return tuple(_catalogue())
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """What the catalogue says of a code."""
+
+    level: Level
+    text: str
+    fields: frozenset[str]
+
+
+def _kind(code: str) -> _Kind:
+    try:
+        return _catalogue()[code]
+    except KeyError:
+        raise ValueError(f"no note has the code {code!r}; hbm/notes.toml lists them") from None
+
+
+@cache
+def _catalogue() -> Mapping[str, _Kind]:
+    table = tomllib.loads(files("hbm").joinpath("notes.toml").read_text(encoding="utf-8"))
+    kinds = {}
+    for code, entry in table.items():
+        if set(entry) != {"level", "text"} or entry["level"] not in LEVELS:
+            raise ValueError(f"notes.toml: {code} needs a text and a level of {LEVELS}")
+        names = (name for _, name, _, _ in Formatter().parse(entry["text"]) if name is not None)
+        kinds[code] = _Kind(entry["level"], entry["text"], frozenset(names))
+    return kinds
+
+
+def _plain(value: object) -> NoteValue:
+    """Give a value in Python's own types: a NumPy number or a list may come in."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    if isinstance(value, Mapping):
+        return {str(name): float(number) for name, number in value.items()}
+    if isinstance(value, tuple | list):
+        return tuple(str(name) for name in value)
+    raise ValueError(f"a note's value is a number, text, names or numbers by name, got {value!r}")
+
+
+class _Sentence(Formatter):
+    """Format of the catalogue's sentences.
+
+    Python's format of numbers, with a factor before it and a unit behind it, both optional:
+    ``{difference_m:1000*.0f mm}``. Names are joined by commas, and so are numbers by name.
+    ``{frames:frame|frames}`` counts in singular or plural.
+    """
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        if isinstance(value, Mapping):
+            numbers = (f"{k} {self.format_field(v, format_spec)}" for k, v in value.items())
+            return ", ".join(numbers)
+        if isinstance(value, tuple):
+            return ", ".join(value)
+        singular, plural, several = format_spec.partition("|")
+        if plural:
+            return f"{value} {singular if value == 1 else several}"
+        number, space, unit = format_spec.partition(" ")
+        factor, _, number = number.rpartition("*")
+        return format(value * float(factor) if factor else value, number) + space + unit
+
+
+_SENTENCE: Final = _Sentence()

@@ -1,0 +1,91 @@
+"""Notes: a code, a level, and a sentence made of values."""
+
+import json
+import pickle
+from copy import deepcopy
+
+import numpy as np
+import pytest
+
+from hbm.notes import Note, note_codes, warnings_first
+
+LEGS = {"difference_m": 0.041, "left_m": 0.843, "right_m": 0.802}
+
+
+def test_a_note_says_its_values_in_its_sentence_with_their_units():
+    note = Note.of("legs_differ", **LEGS)
+    assert note.level == "warning"
+    assert str(note) == note.text
+    assert note.text.startswith("the legs differ by 41 mm (left 0.843 m, right 0.802 m from hip")
+
+
+def test_names_and_numbers_by_name_are_joined_by_commas():
+    locked = Note.of("coordinates_locked", coordinates=["Neck", "Head"])
+    assert locked.text.endswith("shows them: Neck, Head")
+    changed = Note.of(
+        "marker_distances_changed",
+        segment="right_shank",
+        pairs=2,
+        limit_m=0.03,
+        largest_m={"RLEK–RANK": 0.0352, "RLEK–RMM": -0.04},
+    )
+    assert "more than 30 mm, most of all RLEK–RANK +35 mm, RLEK–RMM -40 mm;" in changed.text
+
+
+@pytest.mark.parametrize(("count", "words"), [(1, "1 marker distance differs"), (2, "2 marker d")])
+def test_counts_are_said_in_singular_and_plural(count, words):
+    values = {"segment": "pelvis", "limit_m": 0.03, "largest_m": {"a–b": 0.05}}
+    assert words in Note.of("marker_distances_changed", pairs=count, **values).text
+
+
+def test_an_unknown_code_is_refused():
+    with pytest.raises(ValueError, match=r"no note has the code 'leg_difers'; hbm/notes\.toml"):
+        Note.of("leg_difers")
+
+
+def test_a_missing_and_a_surplus_value_are_refused():
+    with pytest.raises(ValueError, match="its values are difference_m, left_m, right_m, got left_"):
+        Note.of("legs_differ", left_m=0.8)
+    with pytest.raises(ValueError, match="its values are none, got side"):
+        Note.of("psis_missing", side="left")
+
+
+def test_a_value_that_its_sentence_cannot_say_is_refused():
+    with pytest.raises(ValueError, match="note 'legs_differ': "):
+        Note.of("legs_differ", **LEGS | {"left_m": "long"})
+    with pytest.raises(ValueError, match="a note's value is a number, text, names or numbers by"):
+        Note.of("legs_differ", **LEGS | {"left_m": None})
+
+
+def test_a_note_comes_back_from_json_and_from_pickle():
+    note = Note.of(
+        "marker_distances_changed", segment="pelvis", pairs=1, limit_m=0.03, largest_m={"a–b": 0.05}
+    )
+    plain = json.loads(json.dumps(note.to_dict()))
+    assert set(plain) == {"code", "level", "text", "values"}
+    assert Note.from_dict(plain) == note
+    names = Note.of("coordinates_locked", coordinates=("Neck",))
+    assert Note.from_dict(json.loads(json.dumps(names.to_dict()))) == names
+    assert pickle.loads(pickle.dumps(note)) == deepcopy(note) == note
+
+
+def test_equal_notes_are_one_in_a_set_and_values_cannot_be_changed():
+    note, same = (Note.of("legs_differ", **LEGS) for _ in range(2))
+    assert {note, same} == {note}
+    with pytest.raises(TypeError):
+        note.values["left_m"] = 0.8
+
+
+def test_numpy_numbers_become_plain_ones():
+    note = Note.of("legs_differ", **{name: np.float32(0.5) for name in LEGS})
+    assert json.dumps(note.to_dict()["values"]) == json.dumps(dict.fromkeys(LEGS, 0.5))
+
+
+def test_warnings_come_first_and_the_rest_keeps_its_order():
+    info, other = (Note.of("wrist_axis_from_elbow", side=side) for side in ("left", "right"))
+    warning = Note.of("legs_differ", **LEGS)
+    assert warnings_first([info, warning, other]) == (warning, info, other)
+
+
+def test_every_code_is_a_word_that_can_be_looked_up():
+    assert all(code.isidentifier() and code.islower() for code in note_codes())
