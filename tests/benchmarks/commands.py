@@ -26,14 +26,14 @@ Row = dict[str, float | str]
 
 def help_time() -> float:
     """Give the median wall time of ``hbm --help`` [s]."""
-    return median(_seconds("-m", "pipeline.cli.app", "--help") for _ in range(HELP_RUNS))
+    return median(_seconds("-m", "pipeline.cli", "--help") for _ in range(HELP_RUNS))
 
 
 def first_use(folder: Path, frames: int) -> Row:
     """Time ``hbm residuals`` on a short trial [s], with nothing in the cache and once more."""
     write_trial(walk(frames), folder / "trial.c3d")
     write_c3d(folder / "static.c3d", synthetic_t_pose())
-    command = ("-m", "pipeline.cli.app", "residuals", str(folder / "trial.c3d"))
+    command = ("-m", "pipeline.cli", "residuals", str(folder / "trial.c3d"))
     command += ("--static", str(folder / "static.c3d"), "--mass-kg", str(MASS_KG))
     command += ("--out", str(folder / "results"))
     cache = {"HBM_CACHE_DIR": str(folder / "cache")}

@@ -15,7 +15,7 @@ import pytest
 from pipeline.cli.app import main
 
 ROOT = Path(__file__).resolve().parents[3]
-COMMAND = [sys.executable, "-c", "import sys; from pipeline.cli.app import main; sys.exit(main())"]
+COMMAND = [sys.executable, "-m", "pipeline.cli"]
 KILLS = 20
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="process groups and signals")
@@ -61,7 +61,17 @@ def environment():
     return os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
-def hbm(*arguments, **named):
+def hbm(*arguments, before=lambda: None):
+    """Start the command line as a terminal does in the foreground: an interrupt ends it.
+
+    ``before`` is called in the new process first. Without the reset, the process would ignore
+    interrupts wherever the tests run in the background of a shell, for it inherits that.
+    """
+
+    def start():
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        before()
+
     return subprocess.Popen(
         [*COMMAND, *map(str, arguments)],
         stdout=subprocess.PIPE,
@@ -69,7 +79,7 @@ def hbm(*arguments, **named):
         text=True,
         env=environment(),
         start_new_session=True,
-        **named,
+        preexec_fn=start,
     )
 
 
@@ -141,6 +151,22 @@ def test_interrupted_it_stops_with_130_and_leaves_nothing_half_written(moving_st
     assert "Traceback" not in said
 
 
+def test_a_run_that_the_shell_shields_from_interrupts_goes_on(moving_study, finished, tmp_path):
+    """As a shell does for what it starts in the background, with ``&`` or ``nohup``."""
+
+    def shield():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    running = hbm("run", moving_study, "--out", tmp_path, "--condition", "sway", before=shield)
+    while not (tmp_path / "run.json").exists():
+        time.sleep(0.05)
+    running.send_signal(signal.SIGINT)
+    _, errors = running.communicate()
+    assert (running.returncode, errors) == (0, "")
+    assert results(tmp_path).items() <= results(finished).items()
+    assert len(results(tmp_path)) == 2
+
+
 def test_files_that_may_not_grow_fail_with_one_line_each(moving_study, tmp_path):
     resource = pytest.importorskip("resource")
     limit = 400_000
@@ -148,7 +174,7 @@ def test_files_that_may_not_grow_fail_with_one_line_each(moving_study, tmp_path)
     def restrict():
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
-    running = hbm("run", moving_study, "--out", tmp_path, "--subject", "sub01", preexec_fn=restrict)
+    running = hbm("run", moving_study, "--out", tmp_path, "--subject", "sub01", before=restrict)
     said, _ = running.communicate()
     assert running.returncode == 1
     failed = [line for line in said.splitlines() if line.startswith("FAILED")]
