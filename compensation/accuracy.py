@@ -7,15 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation.inputs import (
-    frozen,
     read_rate,
     read_signal,
     read_table,
     refuse_constant,
     refuse_unequal,
 )
-from compensation.plausibility import GRAVITY
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array, read_only
 
 _FASTEST = 50.0  # m/s²: no weight on a belt is accelerated more
 _ALIKE = 0.9  # cosine between two signals of one shape
@@ -67,7 +65,7 @@ def wrench_of_weight(
             f"marker lies {np.max(np.abs(position)):.3g} m away and is accelerated by "
             f"{fastest:.3g} m/s²; is it in metres and low-passed?"
         )
-    force = mass_kg * (acceleration + np.array([0, 0, GRAVITY]))
+    force = mass_kg * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
     rise = position[:, 2] - position[0, 2]
     center = np.column_stack([position[:, :2], center_height_m + rise])
     return np.hstack([force, np.cross(center, force)])
@@ -263,7 +261,7 @@ def mean_by_level(
             raise ValueError(f"factor {name!r} has {len(levels)} levels for {len(table)} trials")
     return {
         name: {
-            level: frozen(table[[each == level for each in levels]].mean(axis=0))
+            level: read_only(table[[each == level for each in levels]].mean(axis=0))
             for level in dict.fromkeys(levels)
         }
         for name, levels in factors.items()

@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import butter, lfilter, lfilter_zi
 
-from compensation.inputs import frozen, read_rate, read_signal, refuse_constant, refuse_unequal
-from hbm.spatial import Array
+from compensation.inputs import read_rate, read_signal, refuse_constant, refuse_unequal
+from hbm.spatial import Array, read_only
 
 _SETTLE = 100  # samples at the start that depend on what the belt did before
 _SAMPLES = 1000  # fewer tell nothing about five coefficients and their poles
@@ -103,7 +103,7 @@ class BeltModel:
     rms_compensated: float = field(default=float("nan"), kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "theta", frozen(self.theta))
+        object.__setattr__(self, "theta", read_only(self.theta))
         if self.theta.shape != (5,):
             raise ValueError(f"belt model: theta must have shape (5,), got {self.theta.shape}")
         if self.advance < 0:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inputs import frozen, read_rate, read_table, refuse_gaps, refuse_unequal
+from compensation.inputs import read_rate, read_table, refuse_gaps, refuse_unequal
 from compensation.plausibility import refuse_other_units
-from hbm.spatial import Array
+from hbm.spatial import Array, read_only
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class InertiaModel:
             "acceleration_covariance": (k, k),
         }
         for name, shape in shapes.items():
-            value = frozen(getattr(self, name))
+            value = read_only(getattr(self, name))
             if value.shape != shape:
                 raise ValueError(
                     f"inertia model: {name} must have shape {shape}, got {value.shape}"

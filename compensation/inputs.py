@@ -8,13 +8,6 @@ from hbm.spatial import Array
 COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
-def frozen(values: ArrayLike) -> Array:
-    """Give a read-only float64 copy."""
-    copy = np.array(values, float)
-    copy.setflags(write=False)
-    return copy
-
-
 def read_table(values: ArrayLike, name: str, columns: int | None = None) -> Array:
     """Give samples as float64, one row per sample, or say what is wrong with them.
 

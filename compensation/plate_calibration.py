@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inputs import frozen, read_table, refuse_unequal
-from hbm.spatial import Array
+from compensation.inputs import read_table, refuse_unequal
+from hbm.spatial import Array, read_only
 
 _ROOM_M = 20.0
 
@@ -37,7 +37,7 @@ class PlateCalibration:
 
     def __post_init__(self) -> None:
         for name, shape in (("offset", (2,)), ("covariance", (3, 3))):
-            value = frozen(getattr(self, name))
+            value = read_only(getattr(self, name))
             if value.shape != shape:
                 raise ValueError(
                     f"plate calibration: {name} must have shape {shape}, got {value.shape}"

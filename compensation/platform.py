@@ -10,15 +10,13 @@ from numpy.typing import ArrayLike
 
 from compensation.alignment import Delay, estimate_delay
 from compensation.inputs import (
-    frozen,
     read_rate,
     read_signal,
     read_table,
     refuse_gaps,
     refuse_unequal,
 )
-from compensation.plausibility import GRAVITY
-from hbm.spatial import Array, rotation_about, transform_wrench
+from hbm.spatial import GRAVITY_MPS2, Array, read_only, rotation_about, transform_wrench
 
 _LEFT = np.array([0.0, 1.0, 0.0])
 
@@ -39,7 +37,7 @@ class PlatformPose:
     position: Array
 
     def __post_init__(self) -> None:
-        rotation, position = frozen(self.rotation), frozen(self.position)
+        rotation, position = read_only(self.rotation), read_only(self.position)
         if rotation.ndim != 3 or rotation.shape != (len(position), 3, 3):
             raise ValueError(
                 f"platform rotation must have shape ({len(position)}, 3, 3), got {rotation.shape}"
@@ -202,7 +200,7 @@ def specific_force(pose: PlatformPose, rate_hz: float) -> Array:
         raise ValueError(f"pose has {len(pose.position)} frames; its acceleration needs at least 5")
     back = np.swapaxes(pose.rotation, 1, 2)
     acceleration = _derivative(_derivative(pose.position, rate), rate)
-    force = (back @ (acceleration + np.array([0, 0, GRAVITY]))[..., None])[..., 0]
+    force = (back @ (acceleration + np.array([0, 0, GRAVITY_MPS2]))[..., None])[..., 0]
     turning = back @ _derivative(pose.rotation, rate)  # the cross product with ω
     omega = np.stack([turning[:, 2, 1], turning[:, 0, 2], turning[:, 1, 0]], axis=1)
     return np.hstack([force, _derivative(omega, rate)])

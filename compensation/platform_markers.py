@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compensation.inputs import frozen
 from compensation.platform import PlatformPose
-from hbm.spatial import Array, fit_rotation
+from hbm.spatial import Array, fit_rotation, read_only
 
 Mask = NDArray[np.bool_]
 _STILL_M = 0.005
@@ -38,10 +37,8 @@ class PoseFit:
     warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "marker_error", frozen(self.marker_error))
-        used = np.array(self.used, bool)
-        used.setflags(write=False)
-        object.__setattr__(self, "used", used)
+        object.__setattr__(self, "marker_error", read_only(self.marker_error))
+        object.__setattr__(self, "used", read_only(self.used, bool))
 
 
 def neutral_markers(markers: ArrayLike) -> Array:

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array
 
-GRAVITY = 9.81
 _STILL = 0.05  # m/s²: standard deviation below which the platform did not move
 _PERSON = 150.0  # N: mean force above which a zeroed plate is not empty
 _EMPTY = 30.0  # N: RMS of force that a fit on an empty plate stays below
@@ -14,10 +13,10 @@ def refuse_other_units(a: Array, sensors: tuple[str, ...]) -> None:
     """Raise a ValueError where an accelerometer does not read gravity, about 9.81 m/s²."""
     for name, reading in zip(sensors, np.split(a, len(sensors), axis=1), strict=True):
         size = float(np.median(np.linalg.norm(reading, axis=1)))
-        if not GRAVITY / 5 < size < 5 * GRAVITY:
+        if not GRAVITY_MPS2 / 5 < size < 5 * GRAVITY_MPS2:
             raise ValueError(
                 f"accelerometer {name} reads {size:.3g} m/s² in the median, expected gravity "
-                f"({GRAVITY}); is it dead, tared, or in another unit (g, mm/s², V)?"
+                f"({GRAVITY_MPS2}); is it dead, tared, or in another unit (g, mm/s², V)?"
             )
 
 

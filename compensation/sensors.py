@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 
 from compensation.inertia import InertiaModel
 from compensation.inputs import read_table
-from compensation.plausibility import GRAVITY
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array
 
 _NEAR_LIMIT = 0.98  # share of the sensor's range that counts as clipped
 _MARGIN = 0.05  # share of the calibration's range that a trial may exceed it by
@@ -56,7 +55,7 @@ def check_trial(
     if dead:
         return dead
     return (
-        *_clipped(model, a, range_g * GRAVITY),
+        *_clipped(model, a, range_g * GRAVITY_MPS2),
         *(_turned(model, a) or _swapped(model, a)),
         *_beyond(model, a),
     )
@@ -74,10 +73,10 @@ def _dead(model: InertiaModel, a: Array) -> tuple[str, ...]:
     size = np.median(np.linalg.norm(_by_sensor(a), axis=2), axis=0)
     still = np.ptp(a, axis=0) == 0
     silent = [
-        f"accelerometer {sensor} reads {size:.2g} m/s² in the median, gravity is {GRAVITY}: "
+        f"accelerometer {sensor} reads {size:.2g} m/s² in the median, gravity is {GRAVITY_MPS2}: "
         "it is dead or in another unit"
         for sensor, size in zip(model.sensors, size, strict=True)
-        if not GRAVITY / 2 < size < 2 * GRAVITY
+        if not GRAVITY_MPS2 / 2 < size < 2 * GRAVITY_MPS2
     ]
     stuck = [
         f"{channel} is constant at {value:.3g} m/s² while others move: it is dead"

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.signal import welch
 
-from compensation.inputs import frozen, read_rate, refuse_gaps, refuse_unequal
-from hbm.spatial import Array
+from compensation.inputs import read_rate, refuse_gaps, refuse_unequal
+from hbm.spatial import Array, read_only
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,9 @@ class Signal:
 
     def __post_init__(self) -> None:
         read_rate(self.rate_hz)
-        channels = {name: frozen(getattr(self, name)) for name in ("sway", "pitch", "belt_speed")}
+        channels = {
+            name: read_only(getattr(self, name)) for name in ("sway", "pitch", "belt_speed")
+        }
         for name, values in channels.items():
             if values.ndim != 1 or len(values) < 3:
                 raise ValueError(
@@ -190,7 +192,7 @@ class Spectrum:
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+            object.__setattr__(self, name, read_only(getattr(self, name)))
 
 
 def acceleration_spectrum(signal: Signal) -> Spectrum:

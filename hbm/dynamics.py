@@ -11,7 +11,7 @@ from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth
-from hbm.spatial import Array, shift_wrench
+from hbm.spatial import Array, read_only, shift_wrench
 
 CHUNK: Final = 2000
 
@@ -43,10 +43,9 @@ class Dynamics:
         frames = len(self.time)
         shapes = {"time": (frames,), "tau": (frames, N), "residual": (frames, 6)}
         for name, shape in (shapes | {"power": (frames, N)}).items():
-            value = np.array(getattr(self, name), float)
+            value = read_only(getattr(self, name))
             if value.shape != shape:
                 raise ValueError(f"dynamics: {name} must have shape {shape}, got {value.shape}")
-            value.setflags(write=False)
             object.__setattr__(self, name, value)
 
     def force(self, coordinate: str) -> Array:

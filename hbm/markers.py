@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from hbm.coordinates import SEGMENTS
-from hbm.spatial import Array
+from hbm.spatial import Array, read_only
 
 LANDMARKS: Final = (
     *("LASIS", "RASIS", "LPSIS", "RPSIS", "SACR", "C7", "T10", "JN", "XIPH"),
@@ -41,7 +41,7 @@ class Markers:
     position: Array
 
     def __post_init__(self) -> None:
-        time, position = np.array(self.time, float), np.array(self.position, float)
+        time, position = np.asarray(self.time, float), np.array(self.position, float)
         names = tuple(self.names)
         if position.ndim != 3 or position.shape != (len(time), len(names), 3):
             raise ValueError(
@@ -54,11 +54,9 @@ class Markers:
         if len(time) > 1 and not np.all(np.diff(time) > 0):
             raise ValueError("marker times must increase")
         position[np.isnan(position).any(axis=-1)] = np.nan
-        for value in (time, position):
-            value.setflags(write=False)
-        object.__setattr__(self, "time", time)
+        object.__setattr__(self, "time", read_only(time))
         object.__setattr__(self, "names", names)
-        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "position", read_only(position))
 
     @property
     def rate_hz(self) -> float:

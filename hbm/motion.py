@@ -1,11 +1,15 @@
 """Motion: the coordinates of a trial over time, and how well they explain the markers."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, N
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask, read_only
+
+FLAGS: Final = ("converged", "observed")
+"""Fields of `Motion` that are true or false."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +44,8 @@ class Motion:
     a: Array
     markers: tuple[str, ...]
     marker_error: Array
-    converged: np.ndarray
-    observed: np.ndarray
+    converged: Mask
+    observed: Mask
     gradient: Array | None = None
 
     def __post_init__(self) -> None:
@@ -59,10 +63,10 @@ class Motion:
             object.__setattr__(self, "gradient", np.full(frames, np.nan))
         shapes["gradient"] = (frames,)
         for name, shape in shapes.items():
-            value = np.array(getattr(self, name))
+            given = getattr(self, name)
+            value = read_only(given, bool) if name in FLAGS else read_only(given)
             if value.shape != shape:
                 raise ValueError(f"motion: {name} must have shape {shape}, got {value.shape}")
-            value.setflags(write=False)
             object.__setattr__(self, name, value)
 
     @property

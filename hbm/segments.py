@@ -12,7 +12,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from hbm.spatial import Array, skew
+from hbm.spatial import Array, read_only, skew
 
 Sex = Literal["male", "female", "unspecified"]
 SEXES: Final[tuple[Sex, ...]] = ("male", "female", "unspecified")
@@ -125,7 +125,7 @@ class Inertia:
     tensor: Array
 
     def __post_init__(self) -> None:
-        center, tensor = np.array(self.center, float), np.array(self.tensor, float)
+        center, tensor = read_only(self.center), read_only(self.tensor)
         if not self.mass >= 0:
             raise ValueError(f"a mass cannot be negative, got {self.mass:g} kg")
         if center.shape != (3,) or tensor.shape != (3, 3):
@@ -133,9 +133,8 @@ class Inertia:
                 f"centre and inertia must have shapes (3,) and (3, 3), "
                 f"got {center.shape} and {tensor.shape}"
             )
-        for name, value in (("center", center), ("tensor", tensor)):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "center", center)
+        object.__setattr__(self, "tensor", tensor)
 
     def __add__(self, other: "Inertia") -> "Inertia":
         """Weld two parts given in the same frame (parallel-axis theorem)."""

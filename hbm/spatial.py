@@ -1,9 +1,11 @@
-"""Frames and wrenches: rotate, shift, sum.
+"""Frames and wrenches: rotate, shift, transform; gravity; arrays that cannot be changed.
 
 A wrench is ``[fx fy fz mx my mz]``. Unless a suffix says otherwise it is expressed in lab axes
 (X forward, Y left, Z up) about the lab origin. Every function works on any number of leading
 dimensions and broadcasts them.
 """
+
+from typing import Final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +14,17 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
+GRAVITY_MPS2: Final = 9.81
+"""Acceleration of free fall, along -Z of the lab; the value that the Human Body Model uses."""
 
-def read_only(value: ArrayLike) -> Array:
-    """Give a copy of an array that nobody can change by accident."""
-    copy = np.array(value, float)
+
+@overload
+def read_only(value: ArrayLike) -> Array: ...
+@overload
+def read_only(value: ArrayLike, dtype: type[bool]) -> Mask: ...
+def read_only(value: ArrayLike, dtype: type[float] = float) -> Array | Mask:
+    """Give a copy of an array that cannot be changed, of floats unless told otherwise."""
+    copy = np.array(value, dtype)
     copy.setflags(write=False)
     return copy
 

@@ -47,8 +47,8 @@ from typing import Any, Final
 import casadi as ca
 
 from hbm.coordinates import FIRST, LAST, MOVING, SEGMENTS, TREE, support
+from hbm.spatial import GRAVITY_MPS2
 
-GRAVITY: Final = 9.81
 SX = Any  # casadi.SX: the package ships no types
 
 N_Q: Final = len(TREE)
@@ -230,7 +230,7 @@ def newton_euler() -> SX:
     inertia = ca.SX.sym("inertia", N_INERTIA * len(MOVING))
     pose = Pose(q, geometry)
 
-    rest = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1), ca.sparsify(ca.SX([0, 0, GRAVITY]))
+    rest = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1), ca.sparsify(ca.SX([0, 0, GRAVITY_MPS2]))
     motion: dict[int, tuple[SX, SX, SX, SX]] = {-1: rest}
     for i, joint in enumerate(TREE):
         w, v, alpha, a = motion[joint.parent]

@@ -20,7 +20,7 @@ from hbm.signals.samples import (
     sample_times,
     stretches,
 )
-from hbm.spatial import Array
+from hbm.spatial import Array, read_only
 
 Method = Literal["realtime", "zero_phase"]
 
@@ -47,13 +47,12 @@ class Filtered:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            array = np.array(getattr(self, field.name), float)
+            array = read_only(getattr(self, field.name))
             if array.shape != np.shape(self.value):
                 raise ValueError(
                     f"{field.name} must have the value's shape {np.shape(self.value)}, "
                     f"got {array.shape}"
                 )
-            array.setflags(write=False)
             object.__setattr__(self, field.name, array)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from hbm.body import Body
 from hbm.coordinates import MASSLESS, PARENT, SEGMENTS, TREE, Coordinate
-from hbm.kernels.skeleton import GRAVITY
 from hbm.segments import NOTHING
+from hbm.spatial import GRAVITY_MPS2
 
 FORMAT: Final = "40000"
 RANGE: Final = {True: "-10 10", False: "-6.2831853 6.2831853"}
@@ -42,7 +42,7 @@ def write_osim(body: Body, path: str | Path) -> None:
     """
     document = ET.Element("OpenSimDocument", Version=FORMAT)
     model = _add(document, "Model", name=body.model.name)
-    _add(model, "gravity", _numbers([0, 0, -GRAVITY]))
+    _add(model, "gravity", _numbers([0, 0, -GRAVITY_MPS2]))
     _add(model, "length_units", "meters")
     _add(model, "force_units", "N")
     bodies = _add(_add(model, "BodySet", name="bodyset"), "objects")

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array
-from pipeline.io.recording import Analog, frozen
+from hbm.spatial import Array, read_only
+from pipeline.io.recording import Analog
 from pipeline.io.text_table import parse_rows, read_lines
 
 EVENT: Final = re.compile(r"#\s*EVENT\s+(\S+)\s*-\s*COUNT\s+(\d+)", re.IGNORECASE)
@@ -38,8 +38,8 @@ class Record:
     events: dict[str, tuple[float, ...]]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time", frozen(self.time))
-        object.__setattr__(self, "values", frozen(self.values))
+        object.__setattr__(self, "time", read_only(self.time))
+        object.__setattr__(self, "values", read_only(self.values))
 
 
 def read_record(path: str | Path) -> Record:

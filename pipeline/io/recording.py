@@ -5,17 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
-import numpy as np
-
 from hbm.markers import Markers
-from hbm.spatial import Array, transform_wrench
-
-
-def frozen(value: Array) -> Array:
-    """Give a read-only float64 copy of an array."""
-    copy = np.array(value, float)
-    copy.setflags(write=False)
-    return copy
+from hbm.spatial import Array, read_only, transform_wrench
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +46,7 @@ class Plate:
             "corners": (4, 3),
         }
         for name in ("time", *expected):
-            value = frozen(getattr(self, name))
+            value = read_only(getattr(self, name))
             if name in expected and value.shape != expected[name]:
                 raise ValueError(
                     f"plate {self.number}: {name} must have shape {expected[name]}, "
@@ -103,8 +94,8 @@ class Analog:
     values: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time", frozen(self.time))
-        object.__setattr__(self, "values", frozen(self.values))
+        object.__setattr__(self, "time", read_only(self.time))
+        object.__setattr__(self, "values", read_only(self.values))
         if self.values.shape != (len(self.time), len(self.names)):
             raise ValueError(
                 f"analog values must have shape ({len(self.time)}, {len(self.names)}), "

@@ -14,9 +14,7 @@ def motion_notes(body: Body, motion: Motion) -> list[str]:
     locked = np.array([name in body.locked for name in motion.names])
     lost = (~motion.observed & motion.converged[:, None])[:, ~locked]
     if lost.any():
-        names = [
-            n for n, hit in zip(np.array(motion.names)[~locked], lost.any(0), strict=True) if hit
-        ]
+        names = np.array(motion.names)[~locked][lost.any(axis=0)]
         notes.append(
             f"bridged in time over {np.count_nonzero(lost.any(axis=1))} frames without enough "
             f"markers: {', '.join(names)}"

@@ -7,8 +7,7 @@ import pandas as pd
 
 from hbm.center_of_mass import center_of_mass
 from hbm.dynamics import Dynamics
-from hbm.kernels.skeleton import GRAVITY
-from hbm.spatial import Array, Mask
+from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.result import TrialResult
 
@@ -100,7 +99,7 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
         raise ValueError(
             f"{result.source.name}: no gait cycle was found; residuals are reported per cycle"
         )
-    weight = result.body.mass * GRAVITY
+    weight = result.body.mass * GRAVITY_MPS2
     scale = np.array([weight] * 3 + [weight * result.body.height_m] * 3) / 100
     rows = []
     for name, dynamics in variants(result).items():

@@ -5,8 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.kernels.skeleton import GRAVITY
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.config.schema import Subject
 from pipeline.io.recording import Recording
 
@@ -45,16 +44,16 @@ def body_mass(subject: Subject, pose: Recording) -> tuple[float, str]:
         raise ValueError(f"{name}: mass missing, and there are no plates to weigh by; state it")
     total = np.sum([plate.wrench[:, 2] for plate in pose.plates], axis=0)
     first = pose.plates[0].time < pose.markers.time[0] + WEIGHING_FRAMES / pose.markers.rate_hz
-    weight, mean = total[first], float(np.nanmean(total)) / GRAVITY
+    weight, mean = total[first], float(np.nanmean(total)) / GRAVITY_MPS2
     tenths = [np.mean(tenth) for tenth in np.array_split(weight, 10)]
     steady = np.std(tenths) <= STEADY_SHARE * np.mean(weight)
-    if not steady or np.mean(weight) < 10 * GRAVITY:
+    if not steady or np.mean(weight) < 10 * GRAVITY_MPS2:
         hint = f"; the mean vertical force of the whole file would be {mean:.1f} kg" * (mean > 10)
         raise ValueError(
             f"{name}: mass missing: nobody stands still on the plates in the first "
             f"{WEIGHING_FRAMES} frames to be weighed; state the mass{hint}"
         )
-    mass = float(np.mean(weight)) / GRAVITY
+    mass = float(np.mean(weight)) / GRAVITY_MPS2
     return mass, f"body mass {mass:.1f} kg by the plates, first {WEIGHING_FRAMES} frames of {name}"
 
 
@@ -111,7 +110,7 @@ def carried_kg(time: Array, vertical: Array, cycles: Mapping[str, Array]) -> flo
     carried = vertical[inside & np.isfinite(vertical)]
     if not len(carried) or carried.min() < LEAST_SHARE * carried.mean():
         return None
-    return float(carried.mean()) / GRAVITY
+    return float(carried.mean()) / GRAVITY_MPS2
 
 
 def stature(subject: Subject, pose: Recording) -> float | None:

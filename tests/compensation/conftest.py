@@ -29,7 +29,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-GRAVITY = np.array([0, 0, -9.81])
+GRAVITY_MPS2 = np.array([0, 0, -9.81])
 REAR_LEFT, FRONT_RIGHT = (-0.9, 0.62, -0.21), (0.95, -0.58, -0.17)
 FRONT_LEFT, REAR_RIGHT = (0.88, 0.6, -0.05), (-0.86, -0.63, -0.33)
 PLACES = {
@@ -105,7 +105,7 @@ def pitch_and_sway(sway, pitch, pivot=(0.15, 0.0, -0.4)):
     back = np.swapaxes(rotation, 1, 2)
     arm = -np.asarray(pivot)  # from the pivot to the platform's origin
     force_0 = (
-        apply(back, ay[:, None] * lateral - GRAVITY)
+        apply(back, ay[:, None] * lateral - GRAVITY_MPS2)
         + np.cross(alpha, arm)
         + np.cross(omega, np.cross(omega, arm))
     )
@@ -137,7 +137,7 @@ def motion_in_space(rng, time, largest=0.17):
     alpha = y * ddb + np.cross(y, omega_inner) * db + x * dda + np.cross(x, z * dc) * da + z * ddc
     rotation = turn(1, b) @ inner
     back = np.swapaxes(rotation, 1, 2)
-    force_0 = apply(back, np.column_stack([s[2] for s in shift]) - GRAVITY)
+    force_0 = apply(back, np.column_stack([s[2] for s in shift]) - GRAVITY_MPS2)
     return Motion(rotation, np.column_stack([s[0] for s in shift]), omega, alpha, force_0)
 
 
@@ -150,7 +150,7 @@ def plate_wrench(assembly, motion):
         + np.cross(motion.omega, motion.omega @ inertia)
         + np.cross(center, force)
     )
-    weight = -assembly.mass * GRAVITY
+    weight = -assembly.mass * GRAVITY_MPS2
     return np.hstack([force - weight, moment - np.cross(center, weight)])
 
 

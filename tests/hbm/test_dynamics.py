@@ -9,15 +9,14 @@ from hbm import dynamics
 from hbm.center_of_mass import center_of_mass
 from hbm.coordinates import INDEX, LAST, MOVING, SEGMENTS, TREE, support
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
-from hbm.kernels.skeleton import GRAVITY
 from hbm.poses import segment_frames
-from hbm.spatial import rotation_about, shift_wrench, transform_wrench
+from hbm.spatial import GRAVITY_MPS2, rotation_about, shift_wrench, transform_wrench
 from tests.hbm.motions import motion_of, swinging
 from tests.synthetic import MASS_KG, synthetic_body
 
 PELVIS = slice(0, 3)
 RELATIVE = 1e-9
-WEIGHT = MASS_KG * GRAVITY
+WEIGHT = MASS_KG * GRAVITY_MPS2
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +123,7 @@ def test_standing_still_needs_body_weight_through_the_centre_of_mass(body):
 def test_body_in_free_fall_needs_nothing(body):
     q = swinging(np.random.default_rng(5)).q
     falling = np.zeros_like(q)
-    falling[:, INDEX["PelvisZ"]] = -GRAVITY
+    falling[:, INDEX["PelvisZ"]] = -GRAVITY_MPS2
     motion = motion_of(np.arange(len(q)) / 100, q, np.zeros_like(q), falling)
     agree(inverse_dynamics(body, motion, {}).tau, 0)
 
@@ -173,7 +172,7 @@ def needed_by_hand(body, q, v, a):
             continue
         part, zero = body.inertias[s], np.zeros(3)
         c = [x + y for x, y in zip(o, multiply(R, [part.center, zero, zero]), strict=True)]
-        push = part.mass * (2 * c[2] + [0, 0, GRAVITY])
+        push = part.mass * (2 * c[2] + [0, 0, GRAVITY_MPS2])
         back = [x.T for x in R]
         spin = multiply([R[1], 2 * R[2]], back)
         omega = [np.array([x[2, 1], x[0, 2], x[1, 0]]) for x in spin]
@@ -213,7 +212,7 @@ def test_pinocchio_finds_the_same_rate_of_momentum(pin, body, motion):
     expected = []
     for q, v, a in zip(motion.q, motion.v, motion.a, strict=True):
         rate = pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a).vector.copy()
-        rate[2] += pin.computeTotalMass(model, data) * GRAVITY
+        rate[2] += pin.computeTotalMass(model, data) * GRAVITY_MPS2
         expected.append(shift_wrench(rate, q[PELVIS] - data.com[0]))
     agree(inverse_dynamics(body, motion, {}).residual, np.array(expected))
 

@@ -5,10 +5,10 @@ import pytest
 
 from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
-from hbm.kernels.skeleton import GRAVITY
 from hbm.kinematics import solve_ik
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
+from hbm.spatial import GRAVITY_MPS2
 from pipeline.io.c3d.read import read_c3d
 
 FEET = ("left_foot", "right_foot")
@@ -23,7 +23,7 @@ def recording(shared_data):
 @pytest.fixture(scope="module")
 def mass(recording):
     """A walker on a treadmill weighs on average what the belts carry."""
-    return float(sum(plate.wrench[:, 2].mean() for plate in recording.plates) / GRAVITY)
+    return float(sum(plate.wrench[:, 2].mean() for plate in recording.plates) / GRAVITY_MPS2)
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_hip_and_ankle_flexion_follow_plug_in_gait(
 
 
 def test_vertical_residual_averages_to_nothing(residual, mass):
-    assert abs(residual[EDGE, 2].mean()) < 0.02 * mass * GRAVITY
+    assert abs(residual[EDGE, 2].mean()) < 0.02 * mass * GRAVITY_MPS2
 
 
 def test_force_residual_is_small_on_every_axis(residual):

@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 
 from hbm.markers import Markers
 from hbm.signals.resampling import interpolate
-from hbm.spatial import Array, rotation_about, transform_wrench
+from hbm.spatial import GRAVITY_MPS2, Array, rotation_about, transform_wrench
 from pipeline.io.c3d.force_plates import plate_axes
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
@@ -22,7 +22,6 @@ from pipeline.io.recording import Analog, Plate, Recording
 from pipeline.virtual_lab.person.walker import Person
 from pipeline.virtual_lab.protocol.trial import simulate_trial
 
-GRAVITY = 9.81
 LEFT = np.array([0.0, 1.0, 0.0])
 PIVOT_M = np.array([0.1, 0.0, -0.4])
 ASSEMBLY_KG = 150.0
@@ -66,7 +65,7 @@ class PlatformMotion:
         about = np.cross(pitch2[:, None] * LEFT, arm)
         about += np.cross(pitch1[:, None] * LEFT, np.cross(pitch1[:, None] * LEFT, arm))
         back = np.swapaxes(rotation_about(LEFT, pitch), 1, 2)
-        return about + sway2[:, None] * LEFT + back @ np.array([0, 0, GRAVITY])
+        return about + sway2[:, None] * LEFT + back @ np.array([0, 0, GRAVITY_MPS2])
 
     def assembly_wrench(self, center, t):
         """What the cells of a plate add for its belt assembly, zeroed in neutral, (N, 6)."""
@@ -75,7 +74,7 @@ class PlatformMotion:
         spin = pitch1[:, None] * LEFT
         moment = np.cross(ASSEMBLY_COM_M, force) + pitch2[:, None] * (ASSEMBLY_INERTIA @ LEFT)
         moment += np.cross(spin, spin @ ASSEMBLY_INERTIA)
-        tare = ASSEMBLY_KG * GRAVITY * np.array([0, 0, 1.0])
+        tare = ASSEMBLY_KG * GRAVITY_MPS2 * np.array([0, 0, 1.0])
         still = np.concatenate([tare, np.cross(ASSEMBLY_COM_M, tare)])
         return np.hstack([force, moment]) - still
 

@@ -166,7 +166,7 @@ def _node(walker: Walker, target: Target) -> tuple[Symbol, Array]:
     Unknowns: q, v, a (3 · 46), and the foothold: forward, outward, shift of the centre of
     pressure along the feet.
     """
-    body, weight = walker.body, walker.person.mass_kg * skeleton.GRAVITY
+    body, weight = walker.body, walker.person.mass_kg * skeleton.GRAVITY_MPS2
     soles = {side: sole_of(body, walker.t_pose, side) for side in ("right", "left")}
     phase = {"right": nodes(), "left": nodes() + 0.5}
     data = [target.joints, target.vertical[:, None], loading(phase["right"])[:, None]]

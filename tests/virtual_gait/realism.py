@@ -17,8 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from hbm.coordinates import INDEX
-from hbm.kernels.skeleton import GRAVITY
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.figures.style import COLOURS, STYLE, draw_band, save_figure
 from pipeline.trial.gait.cycles import normalise
 from pipeline.virtual_lab.faults import Faults
@@ -84,7 +83,7 @@ def angle_curves(walk: Walk) -> dict[str, Array]:
 def force_curves(walk: Walk) -> dict[str, Array]:
     """Give a person's mean ground reaction on the right foot over the gait cycle, (101,) [BW]."""
     time = np.arange(STEADY_S * 100, walk.motion.duration * 100) / 100
-    force = foot_wrenches(walk, time)["right"][:, :3] / (walk.walker.person.mass_kg * GRAVITY)
+    force = foot_wrenches(walk, time)["right"][:, :3] / (walk.walker.person.mass_kg * GRAVITY_MPS2)
     curves = normalise(time, force, _cycles(walk)).mean(axis=0)
     return {title: curves[:, k] for title, k in FORCES.items()}
 
@@ -111,7 +110,7 @@ def read_forces(folder: Path) -> dict[str, Band]:
     table = pd.read_csv(folder / "UnpertPre_data.csv")
     events = pd.read_csv(folder / "UnpertPre__event.csv")
     person = pd.read_csv(folder / "SubjectInfo.csv")
-    weight = float(person["mass"].iloc[0]) * GRAVITY
+    weight = float(person["mass"].iloc[0]) * GRAVITY_MPS2
     columns = ("RightGRF_x", "RightGRF_z", "RightGRF_y")
     force = table[list(columns)].to_numpy() / weight
     strikes = events["rhs"].dropna().to_numpy()

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hbm.spatial import Array
-from pipeline.io.recording import frozen
+from hbm.spatial import Array, read_only
 from pipeline.io.text_table import parse_rows, read_lines
 
 TRANSLATIONS = ("_tx", "_ty", "_tz")
@@ -34,8 +33,8 @@ class Table:
     in_degrees: bool
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "time", frozen(self.time))
-        object.__setattr__(self, "values", frozen(self.values))
+        object.__setattr__(self, "time", read_only(self.time))
+        object.__setattr__(self, "values", read_only(self.values))
 
     def column(self, name: str) -> Array:
         """Give one column as the file holds it, (N,); a KeyError lists the columns that exist."""

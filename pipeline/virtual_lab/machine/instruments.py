@@ -5,8 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.kernels.skeleton import GRAVITY
-from hbm.spatial import Array, rotation_about
+from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.virtual_lab.faults import AccelerometerFaults, PlateFaults
 from pipeline.virtual_lab.machine.machine import PlatformMotion, specific_force
 
@@ -129,7 +128,7 @@ def make_accelerometers(
         )
         gain = np.diag(1 + faults.gain_share * rng.normal(size=3))
         offset = faults.offset_mps2 * rng.normal(size=3)
-        limit = faults.range_g * GRAVITY
+        limit = faults.range_g * GRAVITY_MPS2
         place_m = np.array(place)
         sensors.append(
             Accelerometer(name, place_m, gain @ crooked, offset, faults.noise_mps2, limit)

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
 from compensation import Limits, PlatformPose, commanded_pose
-from hbm.kernels.skeleton import GRAVITY
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array
 
 LEFTWARD: Final = np.array([0.0, 1.0, 0.0])
 
@@ -156,8 +155,8 @@ def specific_force(motion: PlatformMotion, point: Array) -> Array:
     """
     (_, _, sway_acceleration), (angle, rate, acceleration) = motion.sway, motion.pitch
     d = np.asarray(point, float) - motion.pivot
-    x = acceleration * d[2] - rate**2 * d[0] - GRAVITY * np.sin(angle)
-    z = -acceleration * d[0] - rate**2 * d[2] + GRAVITY * np.cos(angle)
+    x = acceleration * d[2] - rate**2 * d[0] - GRAVITY_MPS2 * np.sin(angle)
+    z = -acceleration * d[0] - rate**2 * d[2] + GRAVITY_MPS2 * np.cos(angle)
     return np.column_stack([x, sway_acceleration, z])
 
 
@@ -179,7 +178,7 @@ def assembly_wrench(motion: PlatformMotion, assembly: Assembly) -> Array:
     """
     center, tensor = np.array(assembly.center), np.array(assembly.tensor)
     force = assembly.mass * specific_force(motion, center)
-    force[:, 2] -= assembly.mass * GRAVITY
+    force[:, 2] -= assembly.mass * GRAVITY_MPS2
     column = tensor @ LEFTWARD
     _, rate, acceleration = motion.pitch
     turning = acceleration[:, None] * column + (rate**2)[:, None] * np.cross(LEFTWARD, column)

@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from hbm.kernels.skeleton import GRAVITY
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array
 
 MASS_KG = 75.0
 RIGHT_BELT_M = -0.25
@@ -27,7 +26,7 @@ def boarding(time: Array, rng: np.random.Generator) -> Array:
     low = butter(2, (0.3, 6.0), "band", fs=rate, output="sos")
     drawn = sosfiltfilt(low, rng.normal(size=(len(time), 5)), axis=0)
     drawn /= drawn.std(axis=0)
-    weight = MASS_KG * GRAVITY
+    weight = MASS_KG * GRAVITY_MPS2
     force = drawn[:, :3] * weight * [0.1, 0.1, 0.3] - [0, 0, weight]
     side = BOARDS_M * np.tanh(3 * np.sin(2 * np.pi * time / 15))
     point = np.column_stack([0.5 * drawn[:, 3] / 3, side + 0.02 * drawn[:, 4], 0 * time])
@@ -36,7 +35,7 @@ def boarding(time: Array, rng: np.random.Generator) -> Array:
 
 def _steps(time: Array, rng: np.random.Generator, *, per_s: float, duty: float) -> Array:
     """Half sines, each step a little different; ``duty`` is contact by step time."""
-    weight = MASS_KG * GRAVITY
+    weight = MASS_KG * GRAVITY_MPS2
     wrench = np.zeros((len(time), 6))
     starts = np.arange(1.0, time[-1] - 1.0, 1 / per_s)
     for n, start in enumerate(starts + rng.normal(0, 0.01, len(starts))):

@@ -6,8 +6,7 @@ import numpy as np
 from scipy.linalg import solve_banded
 
 from compensation.platform import PlatformPose
-from hbm.kernels.skeleton import GRAVITY
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array
 
 RATE_HZ: Final = 100.0
 
@@ -18,7 +17,7 @@ def balanced(pressure: Array, height: float) -> Array:
     Solves ``c - (h/g) c̈ = p``, the linear inverted pendulum, as a boundary value problem (Kajita
     et al. 2003, IEEE ICRA 1620).
     """
-    stiffness = height / GRAVITY * RATE_HZ**2
+    stiffness = height / GRAVITY_MPS2 * RATE_HZ**2
     bands = np.empty((3, len(pressure)))
     bands[0], bands[1], bands[2] = -stiffness, 1 + 2 * stiffness, -stiffness
     bands[1, [0, -1]] = 1 + stiffness

@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from hbm.kernels.skeleton import GRAVITY
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.virtual_lab.person.gait import SPEED_MPS, STEP_M
 from pipeline.virtual_lab.person.stance import STANCE
 
@@ -170,7 +169,7 @@ def place_sideways(
     obeys ``ξ̇ = ω (ξ - p)`` about the centre of pressure ``p``, which moves with the platform and
     changes feet in the middle of double support.
     """
-    rate = np.sqrt(GRAVITY / height_m)
+    rate = np.sqrt(GRAVITY_MPS2 / height_m)
     lasting = np.diff(steps.contact, append=2 * steps.contact[-1] - steps.contact[-2])
     change = steps.contact + steps.overlap / 2 * lasting
     margin = habits.width_m / (1 + np.mean(np.exp(rate * np.diff(change))))

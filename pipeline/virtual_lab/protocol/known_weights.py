@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from hbm.kernels.skeleton import GRAVITY
 from hbm.markers import Markers
-from hbm.spatial import Array, shift_wrench, transform_wrench
+from hbm.spatial import GRAVITY_MPS2, Array, shift_wrench, transform_wrench
 from pipeline.config.plate_study import FILE
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Plate
@@ -156,7 +155,7 @@ def _write(
 ) -> None:
     rate = FRAME_HZ * PER_FRAME
     acceleration = np.gradient(np.gradient(place, 1 / rate, axis=0), 1 / rate, axis=0)
-    force = mass * (acceleration + np.array([0, 0, GRAVITY]))
+    force = mass * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
     center = place - [0, 0, TOP_M - CENTER_M]
     wrench = np.hstack([force, np.cross(center, force)])
     time = np.arange(len(place)) / rate
@@ -179,7 +178,7 @@ def _static(
         s = np.linspace(0, 1, rate)[:, None]
         lifted = last + (here - last) * s + np.array([0, 0, 0.3]) * np.sin(np.pi * s)
         places += [lifted, np.broadcast_to(here, (rate, 3))]
-        loads += [np.zeros(rate), np.full(rate, WEIGHTS_KG[1] * GRAVITY)]
+        loads += [np.zeros(rate), np.full(rate, WEIGHTS_KG[1] * GRAVITY_MPS2)]
         last = here
     place, load = np.vstack(places), np.concatenate(loads)
     force = load[:, None] * [0, 0, 1]

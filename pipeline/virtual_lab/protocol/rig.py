@@ -13,9 +13,8 @@ import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
 from compensation import Signal, resample_signal
-from hbm.kernels.skeleton import GRAVITY
 from hbm.markers import Markers
-from hbm.spatial import Array, shift_wrench
+from hbm.spatial import GRAVITY_MPS2, Array, shift_wrench
 from pipeline.io.recording import Analog, Plate, Recording
 from pipeline.virtual_lab.machine.machine import (
     Assembly,
@@ -232,7 +231,7 @@ def _reading(
         read = np.column_stack([np.interp(late, time, channel) for channel in read.T])
     read += _white(rng, faults.acceleration_noise, read.shape, rate_hz)
     limit = faults.acceleration_range_g
-    return np.clip(read / GRAVITY, -limit, limit)
+    return np.clip(read / GRAVITY_MPS2, -limit, limit)
 
 
 def _reported_speed(speed: Array, rate_hz: float, noise: float, rng: np.random.Generator) -> Array:

@@ -13,12 +13,11 @@ from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics
 from hbm.kernels.native import kernels
-from hbm.kernels.skeleton import GRAVITY
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.signals.resampling import interpolate
-from hbm.spatial import Array, rotation_about
+from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.export.opensim_model import write_osim
 from pipeline.export.opensim_tables import (
     write_coordinates,
@@ -76,7 +75,7 @@ def synthetic_trial(rng):
     position = marker_positions(body, q)
     position += rng.normal(scale=0.005, size=position.shape)
     position[40:60, body.markers.index("RLTHI")] = np.nan
-    weight = MASS_KG * GRAVITY * np.sin(np.pi * (time - time[0]) / np.ptp(time)) ** 2
+    weight = MASS_KG * GRAVITY_MPS2 * np.sin(np.pi * (time - time[0]) / np.ptp(time)) ** 2
     wrenches = {}
     for foot, share in (("left_foot", 0.6), ("right_foot", 0.4)):
         wrench = np.tile(rng.normal(scale=5.0, size=6), (FRAMES, 1))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.center_of_mass import center_of_mass
-from hbm.kernels.skeleton import GRAVITY
+from hbm.spatial import GRAVITY_MPS2
 from pipeline.trial.residuals import (
     AXES,
     cycle_residuals,
@@ -72,7 +72,7 @@ def test_only_samples_in_cycles_count_and_overlapping_cycles_count_them_once(pro
 
 def test_percent_are_of_body_weight_and_of_weight_times_stature(processed):
     table = residual_table(with_residual(processed, np.ones((len(time_of(processed)), 6))), "pitch")
-    weight = processed.body.mass * GRAVITY
+    weight = processed.body.mass * GRAVITY_MPS2
     expected = [100 / weight] * 3 + [100 / weight / processed.body.height_m] * 3
     np.testing.assert_allclose(table["rms_percent"], expected, rtol=1e-12)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import COORDINATES
-from hbm.kernels.skeleton import GRAVITY
 from hbm.kinematics import solve_ik
+from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.analysis.assess import Case, fit_models, residual_of
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.course import ANALOG_HZ
@@ -99,10 +99,10 @@ def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(per
     trial, bench = perfect("pitch")
     mass = sum(part.mass for part in bench.machine.assemblies)
     assert mass == 300.0
-    expected = mass * GRAVITY * rms(np.sin(pitch_angle(np.linspace(0, PITCH_PERIOD_S, 1000))))
+    expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(np.linspace(0, PITCH_PERIOD_S, 1000))))
     assert expected == pytest.approx(330, rel=0.15)
     since = trial.course.time[::PER_FRAME][steady(trial.course)] - SHORT.steady_s
-    expected = mass * GRAVITY * rms(np.sin(pitch_angle(since)))
+    expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(since)))
     found = rms(left_over(trial, bench, removal="none")[steady(trial.course)])
     assert found[FORWARD] == pytest.approx(expected, rel=0.1)
 
@@ -123,7 +123,7 @@ def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
     away = center - pivot
     lever_x = pivot[0] + away[0] * cosine + away[2] * sine - hip[:, 0]
     lever_z = pivot[2] + away[2] * cosine - away[0] * sine - hip[:, 2]
-    weight = masses.sum() * GRAVITY
+    weight = masses.sum() * GRAVITY_MPS2
     force_x, force_z = -weight * sine, weight * (1 - cosine)
     expected = lever_z * force_x - lever_x * force_z
     found = left_over(trial, bench, removal="none")
@@ -202,7 +202,7 @@ def test_nine_people_leave_residuals_that_differ_as_people_do(walked):
     assert (spread > 0.08).all()
     assert (spread < 0.7).all()
     force, moment = np.mean(found, axis=0)[:3], np.mean(found, axis=0)[3:]
-    weight = 74.6 * GRAVITY
+    weight = 74.6 * GRAVITY_MPS2
     assert (force < 0.05 * weight).all()  # Hicks et al. 2015: as good residuals are
     assert (force > 3).all()
     assert (moment > 1).all()

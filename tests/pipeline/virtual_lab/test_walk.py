@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.coordinates import COORDINATES, INDEX
-from hbm.kernels.skeleton import GRAVITY
-from hbm.spatial import shift_wrench
+from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.virtual_lab.person.balance import balanced, in_lab, pressure_on_platform
 from pipeline.virtual_lab.person.feet import SIDES, orientation, rolled
 from pipeline.virtual_lab.person.gait import posture
@@ -142,7 +141,7 @@ def test_standing_in_the_t_pose_is_carried_as_weight_alone(walked, subject, cond
     walk, _ = walked(subject, condition)
     time = np.arange(100) / 100
     wrench = ground_wrench(walk.walker, walk.motion, time)
-    weight = walk.walker.person.mass_kg * GRAVITY
+    weight = walk.walker.person.mass_kg * GRAVITY_MPS2
     np.testing.assert_allclose(wrench[:, 2], weight, rtol=1e-5)
     np.testing.assert_allclose(wrench[:, :2], 0, atol=0.01)
 
@@ -157,7 +156,7 @@ def test_the_wrench_is_the_change_of_momentum(walked):
     center = center_of_mass(walk.walker.body, walk.motion.at(time))
     acceleration = np.gradient(np.gradient(center, step, axis=0), step, axis=0)[5:-5]
     mass = sum(part.mass for part in walk.walker.body.inertias.values())
-    weight = np.array([0, 0, GRAVITY])
+    weight = np.array([0, 0, GRAVITY_MPS2])
     force = ground_wrench(walk.walker, walk.motion, time)[5:-5, :3]
     np.testing.assert_allclose(force, mass * (acceleration + weight), atol=0.5)
 
@@ -231,7 +230,7 @@ def test_a_mass_above_a_swinging_pressure_swings_less():
     time = np.arange(2000) / 100
     wave = np.sin(2 * np.pi * time)[:, None] * [1.0, 0.0]
     moved = balanced(wave, 0.95)[500:1500, 0]
-    expected = 1 / (1 + 0.95 / GRAVITY * (2 * np.pi) ** 2)
+    expected = 1 / (1 + 0.95 / GRAVITY_MPS2 * (2 * np.pi) ** 2)
     assert np.ptp(moved) / 2 == pytest.approx(expected, rel=1e-2)
 
 
