@@ -1,49 +1,49 @@
 """Experiment 1 as people state it: ``plates.toml`` names recordings of known weights."""
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, field_validator
 
-from hbm.markers import did_you_mean
-from pipeline.config.schema import Stated, Text
-from pipeline.config.validation import StudyFaults, describe_faults
+from pipeline.config.consistency import missing_file
+from pipeline.config.schema import InputModel, Text
+from pipeline.config.toml_file import Table, check_table, read_table
+from pipeline.config.validation import StudyFaults
 from pipeline.io.axes import parse_axes
 
 FILE = "plates.toml"
-Belt = Literal["left", "right"]
+BeltSide = Literal["left", "right"]
 
 
-class Weight(Stated):
-    """One recording of a known weight that the belt carries to and fro."""
+class WeightRecording(InputModel):
+    """One recording of a known weight that the belt carries forward and backward."""
 
     file: Text
     mass_kg: Annotated[float, Field(gt=0, le=500)]
     speed_mps: Annotated[float, Field(ge=0, le=5)]
     profile: Literal["constant", "sine", "square"]
     position_m: Annotated[float, Field(ge=-2, le=2)]
-    belt: Belt
+    belt: BeltSide
     supports: bool = True
 
 
-class Static(Stated):
+class StaticRecording(InputModel):
     """A weight put down at many places, one after the other."""
 
     file: Text
-    belt: Belt
+    belt: BeltSide
 
 
-class Hammer(Stated):
-    """Blows with a hammer that carries a marker."""
+class HammerRecording(InputModel):
+    """Impacts of a hammer that carries a marker."""
 
     file: Text
-    belt: Belt
+    belt: BeltSide
 
 
-class Limits(Stated):
-    """What plates for inverse dynamics may be off by."""
+class AccuracyLimits(InputModel):
+    """Errors up to which plates are accurate enough for inverse dynamics."""
 
     cop_m: Annotated[float, Field(gt=0, le=0.1)] = 0.005
     force_n: Annotated[float, Field(gt=0, le=100)] = 7.5
@@ -53,25 +53,25 @@ class Limits(Stated):
     offset_m: Annotated[float, Field(gt=0, le=0.1)] = 0.003
 
 
-def _numbers() -> dict[Belt, int]:
+def _plate_numbers() -> dict[BeltSide, int]:
     return {"left": 1, "right": 2}
 
 
-class PlatesFile(Stated):
-    """What ``plates.toml`` says."""
+class PlatesFile(InputModel):
+    """The contents of ``plates.toml``."""
 
     name: str = "plates"
     axes: Text
     marker: Text = "WEIGHT"
     hammer_marker: Text = "HAMMER"
-    plate_numbers: dict[Belt, int] = Field(default_factory=_numbers)
+    plate_numbers: dict[BeltSide, int] = Field(default_factory=_plate_numbers)
     cutoff_hz: Annotated[float, Field(gt=0, le=100)] = 20.0
     full_scale_n: Annotated[float, Field(gt=0)] = 510.0
     center_height_m: Annotated[float, Field(ge=0, le=2)] = 0.0
-    limits: Limits = Limits()
-    static: Annotated[tuple[Static, ...], Field(strict=False)] = ()
-    hammer: Annotated[tuple[Hammer, ...], Field(strict=False)] = ()
-    weights: Annotated[tuple[Weight, ...], Field(strict=False, min_length=1)]
+    limits: AccuracyLimits = AccuracyLimits()
+    static: Annotated[tuple[StaticRecording, ...], Field(strict=False)] = ()
+    hammer: Annotated[tuple[HammerRecording, ...], Field(strict=False)] = ()
+    weights: Annotated[tuple[WeightRecording, ...], Field(strict=False, min_length=1)]
 
     @field_validator("axes")
     @classmethod
@@ -82,7 +82,15 @@ class PlatesFile(Stated):
 
 @dataclass(frozen=True, slots=True)
 class PlatesStudy:
-    """Experiment 1, checked: its folder and what its file says."""
+    """Experiment 1, checked.
+
+    Attributes
+    ----------
+    folder
+        Where its files are.
+    file
+        The contents of ``plates.toml``.
+    """
 
     folder: Path
     file: PlatesFile
@@ -99,7 +107,7 @@ def read_plates_study(folder: str | Path) -> PlatesStudy:
     Returns
     -------
     PlatesStudy
-        Everything that was stated, checked.
+        Everything that the file states, checked.
 
     Raises
     ------
@@ -108,35 +116,25 @@ def read_plates_study(folder: str | Path) -> PlatesStudy:
     """
     folder = Path(folder)
     folder = folder.parent if folder.suffix == ".toml" else folder
-    path = folder / FILE
+    if not (folder / FILE).is_file():
+        raise StudyFaults([f"{folder}: no {FILE} here"])
+    table = read_table(folder / FILE)
+    missing = _missing_files(folder, table)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except tomllib.TOMLDecodeError as error:
-        raise StudyFaults([f"{FILE}: not valid TOML: {error}"]) from error
-    except UnicodeDecodeError as error:
-        raise StudyFaults([f"{FILE}: is not saved as UTF-8: {error.reason}"]) from error
-    except OSError as error:
-        why = "" if isinstance(error, FileNotFoundError) else f" that can be read: {error.strerror}"
-        raise StudyFaults([f"{folder}: no {FILE} here{why}"]) from error
-    faults, file = [], None
-    try:
-        file = PlatesFile.model_validate(table)
-    except ValidationError as error:
-        faults = [f"{FILE}: {fault}" for fault in describe_faults(error, PlatesFile)]
-    faults += _missing_files(folder, table)
-    if faults or file is None:
-        raise StudyFaults(faults)
+        file = check_table(FILE, table, PlatesFile)
+    except StudyFaults as error:
+        raise StudyFaults([*error.faults, *missing]) from error
+    if missing:
+        raise StudyFaults(missing)
     return PlatesStudy(folder, file)
 
 
-def _missing_files(folder: Path, table: dict[str, object]) -> list[str]:
+def _missing_files(folder: Path, table: Table) -> list[str]:
     faults = []
-    there = [path.name for path in folder.glob("*") if path.suffix != ".toml"]
     for part in ("static", "hammer", "weights"):
         entries = table.get(part, [])
         for n, entry in enumerate(entries if isinstance(entries, list) else []):
             name = entry.get("file") if isinstance(entry, dict) else None
-            if isinstance(name, str) and name and not (folder / name).is_file():
-                near = did_you_mean(name, there)
-                faults.append(f"{FILE}: {part}.{n}.file: no file {name!r} in {folder}{near}")
+            if isinstance(name, str) and name:
+                faults += missing_file(folder, f"{FILE}: {part}.{n}.file", name)
     return faults

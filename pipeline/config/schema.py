@@ -1,7 +1,11 @@
-"""What people state about a study, as types: settings, subjects, treadmill, conditions, trials."""
+"""What the files of a study state, as types: settings, subjects, treadmill, conditions, trials.
+
+The bounds of the quantities catch a value in another unit or a slip of the keyboard; they are
+wider than anything that is measured in a gait laboratory.
+"""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -11,52 +15,100 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.units import acceleration_in_mps2
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+"""Part of a file name on every operating system."""
 Text = Annotated[str, Field(min_length=1)]
-Delay = Annotated[float, Field(ge=-0.5, le=0.5)]
-Coordinate = Annotated[float, Field(ge=-2, le=2)]
-Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], Field(strict=False)]
 Labels = Annotated[tuple[Text, ...], Field(strict=False)]
 Channels = Annotated[tuple[Text, Text, Text], Field(strict=False)]
+"""Labels of a sensor's x, y and z channels."""
+
+DelayS = Annotated[float, Field(ge=-0.5, le=0.5)]
+"""Two devices of one laboratory disagree by some tens of milliseconds."""
+CoordinateM = Annotated[float, Field(ge=-2, le=2)]
+"""Within a treadmill and its frame."""
+PointM = Annotated[tuple[CoordinateM, CoordinateM, CoordinateM], Field(strict=False)]
+MotionCutoffHz = Annotated[float, Field(gt=0, le=50)]
+"""At most the Nyquist frequency of markers at 100 Hz."""
+BeltCutoffHz = Annotated[float, Field(gt=0, le=45)]
+"""Below the Nyquist frequency of belt speeds at 100 Hz, by the margin that the filter needs."""
+CalibrationCutoffHz = Annotated[float, Field(gt=0, le=100)]
+"""A treadmill's frame has no motion of its own worth calibrating beyond it."""
+ForceThresholdN = Annotated[float, Field(gt=0, le=200)]
+"""Above the noise of any plate, below the weight of any subject."""
+MarkerOffsetM = Annotated[float, Field(ge=0, le=0.05)]
+"""Markers have radii of 2 to 25 mm; the rest is their base."""
+MassKg = Annotated[float, Field(ge=10, le=400)]
+HeightM = Annotated[float, Field(ge=0.5, le=2.6)]
+AgeYears = Annotated[float, Field(ge=0, le=120)]
+KneeWidthM = Annotated[float, Field(ge=0.05, le=0.25)]
+AnkleWidthM = Annotated[float, Field(ge=0.03, le=0.2)]
+AccelerometerRangeG = Annotated[float, Field(gt=0, le=200)]
 
 
-class Stated(BaseModel):
-    """Base of everything a person types: immutable, unknown keys and other types are refused."""
+class InputModel(BaseModel):
+    """Base of everything that a person types: immutable; no unknown keys, no other types."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class Settings(Stated):
-    """How trials are processed; printed with every result."""
+class Settings(InputModel):
+    """How trials are processed; printed with every result.
 
-    cutoff_hz: Annotated[float, Field(gt=0, le=50)] = 6.0
+    Attributes
+    ----------
+    cutoff_hz, filter
+        Low-pass on coordinates and forces alike; 6 Hz as in the Human Body Model.
+    marker_set
+        A shipped marker set or a TOML file; None recognises it from the labels.
+    hip
+        How hip joint centres are located.
+    marker_offset_m
+        From the skin to a marker's centre; by default a marker of 14 mm on a base of 2 mm.
+    plate_delay_s
+        How much later the plates are stamped than the markers.
+    contact_threshold_n
+        Vertical force above which a foot is on a plate.
+
+    Examples
+    --------
+    >>> Settings(cutoff_hz=8.0).filter
+    'zero_phase'
+    """
+
+    cutoff_hz: MotionCutoffHz = 6.0
     filter: Method = "zero_phase"
     marker_set: Text | None = None
     hip: Literal["harrington", "bell", "functional"] = "harrington"
-    marker_offset_m: Annotated[float, Field(ge=0, le=0.05)] = 0.009
-    plate_delay_s: Delay = 0.0
-    contact_threshold_n: Annotated[float, Field(gt=0, le=200)] = 30.0
+    marker_offset_m: MarkerOffsetM = 0.009
+    plate_delay_s: DelayS = 0.0
+    contact_threshold_n: ForceThresholdN = 30.0
 
 
-class Subject(Stated):
-    """Who walked."""
+class Subject(InputModel):
+    """Who walked; a mass that is not stated is weighed by the plates.
+
+    Examples
+    --------
+    >>> Subject(id="sub01", sex="female", height_m=1.70).mass_kg is None
+    True
+    """
 
     id: Name = "subject"
     sex: Sex = "unspecified"
-    mass_kg: Annotated[float, Field(ge=10, le=400)] | None = None
-    height_m: Annotated[float, Field(ge=0.5, le=2.6)] | None = None
-    age_years: Annotated[float, Field(ge=0, le=120)] | None = None
-    knee_width_m: Annotated[float, Field(ge=0.05, le=0.25)] | None = None
-    ankle_width_m: Annotated[float, Field(ge=0.03, le=0.2)] | None = None
+    mass_kg: MassKg | None = None
+    height_m: HeightM | None = None
+    age_years: AgeYears | None = None
+    knee_width_m: KneeWidthM | None = None
+    ankle_width_m: AnkleWidthM | None = None
 
 
-class Platform(Stated):
-    """How the platform's pose is known: by markers on it, or by its commanded motion."""
+class Platform(InputModel):
+    """How the platform's pose is known: from markers on it, or from its commanded motion."""
 
     markers: Labels = ()
     sway_channel: Text | None = None
     pitch_channel: Text | None = None
-    pivot_m: Point = (0.0, 0.0, 0.0)
-    delay_s: Delay = 0.0
+    pivot_m: PointM = (0.0, 0.0, 0.0)
+    delay_s: DelayS = 0.0
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -64,32 +116,35 @@ class Platform(Stated):
         return tuple(filter(None, (self.sway_channel, self.pitch_channel)))
 
 
-class Belt(Stated):
-    """How the belts' acceleration is compensated."""
+class Belt(InputModel):
+    """How the plates are compensated for the belts' acceleration."""
 
     calibration: Text
     speed_channels: Annotated[Labels, Field(min_length=1)]
-    cutoff_hz: Annotated[float, Field(gt=0, le=45)] = 10.0
+    cutoff_hz: BeltCutoffHz = 10.0
 
 
-class Treadmill(Stated):
+class Treadmill(InputModel):
     """The machine: its accelerometers, its calibration, its belts, its platform."""
 
     calibration: Text | None = None
     accelerometers: dict[Name, Channels] = Field(default_factory=dict)
     accelerometer_unit: Text | None = None
-    accelerometer_delay_s: Delay = 0.0
-    accelerometer_range_g: Annotated[float, Field(gt=0, le=200)] = 2.0
-    cutoff_hz: Annotated[float, Field(gt=0, le=100)] = 20.0
+    accelerometer_delay_s: DelayS = 0.0
+    accelerometer_range_g: AccelerometerRangeG = 2.0
+    cutoff_hz: CalibrationCutoffHz = 20.0
     belt: Belt | None = None
     platform: Platform | None = None
 
     @field_validator("accelerometers")
     @classmethod
-    def _different(cls, sensors: dict[str, tuple[str, str, str]]) -> dict[str, Any]:
-        channels = [channel for three in sensors.values() for channel in three]
-        if twice := sorted({c for c in channels if channels.count(c) > 1}):
-            raise ValueError(f"each channel belongs to one axis, but {', '.join(twice)} is twice")
+    def _different(cls, sensors: dict[str, Channels]) -> dict[str, Channels]:
+        channels = [channel for of_sensor in sensors.values() for channel in of_sensor]
+        if repeated := sorted({c for c in channels if channels.count(c) > 1}):
+            raise ValueError(
+                f"each channel belongs to one axis of one sensor, but {', '.join(repeated)} is "
+                "named more than once"
+            )
         return sensors
 
     @field_validator("accelerometer_unit")
@@ -105,14 +160,14 @@ class Treadmill(Stated):
             raise ValueError(f"calibration must be a .c3d or .json file, got {self.calibration!r}")
         if self.calibration and not self.accelerometers:
             raise ValueError(
-                "accelerometers: is missing; a calibration is of no use without; name the three "
+                "accelerometers: is missing; a calibration has no effect without; name the three "
                 "channels of each sensor, as in the example of 'hbm init'"
             )
         return self
 
 
-class Condition(Stated):
-    """Which gait cycles of a condition count."""
+class Condition(InputModel):
+    """Which gait cycles of a condition are analysed."""
 
     cycles: Annotated[int, Field(ge=1)] | None = None
     perturbed: bool = False
@@ -122,12 +177,12 @@ class Condition(Stated):
     @model_validator(mode="after")
     def _used(self) -> "Condition":
         if self.pulse_channel is not None and not self.perturbed:
-            raise ValueError("pulse_channel is of no use without perturbed = true")
+            raise ValueError("pulse_channel has no effect without perturbed = true")
         return self
 
 
-class Trial(Stated):
-    """One recording with what belongs beside it, or the reason why there is none."""
+class Trial(InputModel):
+    """One recording with the files that belong to it, or the reason why there is none."""
 
     file: Text | None = None
     forces: Text | None = None
@@ -140,8 +195,8 @@ class Trial(Stated):
         return tuple(filter(None, (self.file, self.forces, self.record)))
 
 
-class StudyFile(Stated):
-    """What ``study.toml`` says."""
+class StudyFile(InputModel):
+    """The contents of ``study.toml``."""
 
     name: str = "study"
     axes: str | None = None
@@ -159,7 +214,7 @@ class StudyFile(Stated):
 
 
 class SubjectFile(Subject):
-    """What a subject's file says."""
+    """The contents of a subject's file."""
 
     id: Name
     static: Text | None = None

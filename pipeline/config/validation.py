@@ -1,4 +1,4 @@
-"""What is wrong with the files that a person typed, said so that the person can mend it."""
+"""What is wrong with what a person typed, in sentences that tell how to correct it."""
 
 import re
 from collections.abc import Mapping
@@ -9,13 +9,16 @@ from pydantic_core import ErrorDetails
 
 from hbm.markers import did_you_mean
 
+Model = TypeVar("Model", bound=BaseModel)
+Option = str | float | bool | None | Mapping[str, tuple[str, str, str]]
+"""Value of an option of the command line."""
+UNIT_NAMES: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
 SMALLER_UNITS: Final = {
     "_kg": {1000: "grams"},
     "_m": {100: "centimetres", 1000: "millimetres"},
     "_s": {1000: "milliseconds"},
 }
-Model = TypeVar("Model", bound=BaseModel)
-UNIT_NAMES: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
+"""Suffix of a key -> how many of a smaller unit make one, and the unit's name."""
 
 
 class StudyFaults(ValueError):
@@ -27,7 +30,7 @@ class StudyFaults(ValueError):
 
 
 def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:
-    """Say pydantic's findings, one line each.
+    """Describe pydantic's findings, one line each.
 
     Parameters
     ----------
@@ -38,13 +41,13 @@ def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:
 
     Returns
     -------
-    list[str]
+    list of str
         "key: what is wrong", with the value and the nearest known word where there is one.
     """
     return [_line(fault, kind) for fault in error.errors()]
 
 
-def check_options(kind: type[Model], options: Mapping[str, Any]) -> Model:
+def check_options(kind: type[Model], options: Mapping[str, Option]) -> Model:
     """Check what was typed as options of the command line.
 
     Parameters
@@ -68,8 +71,8 @@ def check_options(kind: type[Model], options: Mapping[str, Any]) -> Model:
         return kind.model_validate(options)
     except ValidationError as error:
         faults = [fault.partition(":") for fault in describe_faults(error, kind)]
-        said = [f"--{key.replace('_', '-')}:{fault}" for key, _, fault in faults]
-        raise ValueError("; ".join(said)) from error
+        lines = [f"--{key.replace('_', '-')}:{fault}" for key, _, fault in faults]
+        raise ValueError("; ".join(lines)) from error
 
 
 def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
@@ -83,8 +86,8 @@ def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
     if fault["type"] == "missing":
         return f"{key}: is missing"
     if fault["type"] == "value_error":
-        said = fault["msg"].removeprefix("Value error, ")
-        return f"{key}: {said}" if key else said
+        text = fault["msg"].removeprefix("Value error, ")
+        return f"{key}: {text}" if key else text
     if fault["type"] == "string_pattern_mismatch":
         return f"{key}: must be letters, digits, '_', '-' and '.', got {value!r}"
     text = fault["msg"][0].lower() + fault["msg"][1:].replace("valid tuple", "list")
@@ -93,6 +96,7 @@ def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
 
 
 def _hint(fault: ErrorDetails, key: str) -> str:
+    """Give the nearest allowed word, or the unit in which a number would be within its bounds."""
     allowed, value = fault.get("ctx", {}), fault["input"]
     if fault["type"] == "literal_error":
         return did_you_mean(value, re.findall(r"'(.*?)'", allowed["expected"]))
@@ -108,13 +112,12 @@ def _hint(fault: ErrorDetails, key: str) -> str:
     return ""
 
 
-def _known_keys(kind: Any, location: tuple[int | str, ...]) -> list[str]:
+def _known_keys(kind: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
     """Find the keys that are allowed at a place in a model."""
     for part in location:
-        fields: Mapping[str, Any] = getattr(kind, "model_fields", {})
-        if part in fields:
-            kind = next(iter(_models(fields[str(part)].annotation)), kind)
-    return list(getattr(kind, "model_fields", {}))
+        if part in kind.model_fields:
+            kind = next(iter(_models(kind.model_fields[str(part)].annotation)), kind)
+    return list(kind.model_fields)
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

@@ -17,7 +17,7 @@ from compensation import (
     linearity,
 )
 from hbm.spatial import Array
-from pipeline.config.plate_study import Belt, PlatesStudy
+from pipeline.config.plate_study import BeltSide, PlatesStudy
 from pipeline.plate_accuracy.faults import Estimate, estimates
 from pipeline.plate_accuracy.trials import (
     UNALIGNED,
@@ -62,10 +62,10 @@ class Experiment1:
     study: PlatesStudy
     trials: tuple[WeightTrial, ...]
     errors: pd.DataFrame
-    places: dict[Belt, tuple[Array, Array]]
-    alignments: dict[Belt, PlateCalibration]
-    delays: dict[Belt, Delay]
-    linearities: dict[Belt, Linearity]
+    places: dict[BeltSide, tuple[Array, Array]]
+    alignments: dict[BeltSide, PlateCalibration]
+    delays: dict[BeltSide, Delay]
+    linearities: dict[BeltSide, Linearity]
     estimates: tuple[Estimate, ...]
     tests: pd.DataFrame
     pairs: pd.DataFrame
@@ -95,7 +95,7 @@ def check_plates(study: PlatesStudy) -> Experiment1:
     (2009), RMSE by difference and by total least squares, linearity, delay by hammer blows.
     """
     file = study.file
-    belts: list[Belt] = [b for b in ("left", "right") if any(w.belt == b for w in file.weights)]
+    belts: list[BeltSide] = [b for b in ("left", "right") if any(w.belt == b for w in file.weights)]
     found = {belt: static_places(study, belt) for belt in belts}
     places = {belt: pair for belt, pair in found.items() if pair is not None}
     alignments = {belt: align(*pair) for belt, pair in places.items()}
@@ -103,7 +103,7 @@ def check_plates(study: PlatesStudy) -> Experiment1:
         read_weight(study, weight, alignments.get(weight.belt, UNALIGNED))
         for weight in file.weights
     )
-    delays: dict[Belt, Delay] = {
+    delays: dict[BeltSide, Delay] = {
         blows.belt: hammer_delay(*read_hammer(study, blows.file, blows.belt))
         for blows in file.hammer
     }
@@ -197,7 +197,7 @@ def differences(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     )
 
 
-def loads(trials: Sequence[WeightTrial], belt: Belt) -> tuple[Array, Array]:
+def loads(trials: Sequence[WeightTrial], belt: BeltSide) -> tuple[Array, Array]:
     """Give the mean known and measured vertical force of a belt's recordings, (n,) [N] each."""
     chosen = [t for t in trials if t.weight.belt == belt]
     known = np.array([t.truth[t.used, 2].mean() for t in chosen])
@@ -205,7 +205,9 @@ def loads(trials: Sequence[WeightTrial], belt: Belt) -> tuple[Array, Array]:
     return known, measured
 
 
-def _linearity(trials: Sequence[WeightTrial], belt: Belt, full_scale: float) -> Linearity | None:
+def _linearity(
+    trials: Sequence[WeightTrial], belt: BeltSide, full_scale: float
+) -> Linearity | None:
     known, measured = loads(trials, belt)
     masses = {t.weight.mass_kg for t in trials if t.weight.belt == belt}
     return linearity(known, measured, full_scale) if len(masses) >= 3 and len(known) > 3 else None

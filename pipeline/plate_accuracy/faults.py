@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from compensation import Delay, PlateCalibration, center_of_pressure
 from hbm.spatial import Array
-from pipeline.config.plate_study import Belt
+from pipeline.config.plate_study import BeltSide
 from pipeline.plate_accuracy.trials import WeightTrial
 
 COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -48,7 +48,7 @@ class Estimate:
         Frequency of a vibration and its standard error.
     """
 
-    belt: Belt
+    belt: BeltSide
     fault: str
     value: float
     error: float
@@ -65,8 +65,8 @@ class Estimate:
 
 def estimates(
     trials: Sequence[WeightTrial],
-    alignments: Mapping[Belt, PlateCalibration],
-    delays: Mapping[Belt, Delay],
+    alignments: Mapping[BeltSide, PlateCalibration],
+    delays: Mapping[BeltSide, Delay],
     full_scale_n: float,
 ) -> tuple[Estimate, ...]:
     """Estimate all faults of all plates.
@@ -126,7 +126,9 @@ def _tested(one: Estimate, tests: int) -> Estimate:
     )
 
 
-def _regressed(belt: Belt, trials: Sequence[WeightTrial], full_scale_n: float) -> list[Estimate]:
+def _regressed(
+    belt: BeltSide, trials: Sequence[WeightTrial], full_scale_n: float
+) -> list[Estimate]:
     """Cross-talk, gain, delay, curvature and drift by least squares over all recordings.
 
     What the plate measures too much is explained by the true wrench, its rate of change (a
@@ -206,7 +208,7 @@ def _clustered(rows: list[tuple[Array, Array]]) -> tuple[Array, Array]:
     return value / scale, error / scale
 
 
-def vibration(belt: Belt, trials: Sequence[WeightTrial], supports: bool) -> Estimate | None:
+def vibration(belt: BeltSide, trials: Sequence[WeightTrial], supports: bool) -> Estimate | None:
     """Find the strongest line in the centre of pressure along the belt, if there is one.
 
     Parameters

@@ -11,7 +11,7 @@ from scipy.signal import welch
 
 from compensation import Delay, PlateCalibration
 from hbm.spatial import Array
-from pipeline.config.plate_study import Belt
+from pipeline.config.plate_study import BeltSide
 from pipeline.figures.style import COLOURS, STYLE
 from pipeline.plate_accuracy.trials import RATE_HZ, WeightTrial
 
@@ -109,7 +109,7 @@ def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
 
 
 def static_figure(
-    places: Mapping[Belt, tuple[Array, Array]], alignments: Mapping[Belt, PlateCalibration]
+    places: Mapping[BeltSide, tuple[Array, Array]], alignments: Mapping[BeltSide, PlateCalibration]
 ) -> Figure | None:
     """Draw how far plate and marker are apart at every place, before and after (Fig. F.1e)."""
     if not places:
@@ -137,7 +137,7 @@ def static_figure(
     return figure
 
 
-def hammer_figure(delays: Mapping[Belt, Delay]) -> Figure | None:
+def hammer_figure(delays: Mapping[BeltSide, Delay]) -> Figure | None:
     """Draw the delay of every blow (Fig. F.1f)."""
     if not delays:
         return None

@@ -14,7 +14,7 @@ from compensation import (
 )
 from hbm.signals.resampling import interpolate
 from hbm.spatial import Array, shift_wrench, transform_wrench
-from pipeline.config.plate_study import Belt, PlatesFile, PlatesStudy, Weight
+from pipeline.config.plate_study import BeltSide, PlatesFile, PlatesStudy, WeightRecording
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.smoothing import smooth
@@ -53,7 +53,7 @@ class WeightTrial:
         Ends of the belt along x [m].
     """
 
-    weight: Weight
+    weight: WeightRecording
     time: Array
     marker: Array
     measured: Array
@@ -66,7 +66,9 @@ class WeightTrial:
     reach: tuple[float, float]
 
 
-def read_weight(study: PlatesStudy, weight: Weight, alignment: PlateCalibration) -> WeightTrial:
+def read_weight(
+    study: PlatesStudy, weight: WeightRecording, alignment: PlateCalibration
+) -> WeightTrial:
     """Read a recording of a known weight.
 
     Parameters
@@ -145,7 +147,7 @@ def _not_pushed_across(wrench: Array, marker: Array, file: PlatesFile) -> Array:
     return wrench
 
 
-def static_places(study: PlatesStudy, belt: Belt) -> tuple[Array, Array] | None:
+def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | None:
     """Find where a weight stood still in the static recordings of a plate.
 
     Returns
@@ -201,7 +203,7 @@ def align(plate: Array, camera: Array) -> PlateCalibration:
     return replace(whole, covariance=off.T @ off * (count - 1) / count)
 
 
-def read_hammer(study: PlatesStudy, name: str, belt: Belt) -> tuple[Array, Array, Array, Array]:
+def read_hammer(study: PlatesStudy, name: str, belt: BeltSide) -> tuple[Array, Array, Array, Array]:
     """Give marker times, marker height, plate times and raw vertical force of hammer blows."""
     _, plate, time, marker = _read(study, name, belt, study.file.hammer_marker)
     return time, marker[:, 2], plate.time, plate.wrench[:, 2]
@@ -212,7 +214,7 @@ UNALIGNED = PlateCalibration(0.0, np.zeros(2), np.zeros((3, 3)), np.nan, np.nan)
 
 
 def _read(
-    study: PlatesStudy, name: str, belt: Belt, label: str
+    study: PlatesStudy, name: str, belt: BeltSide, label: str
 ) -> tuple[Recording, Plate, Array, Array]:
     file: PlatesFile = study.file
     recording = read_c3d(study.folder / name, file.axes)

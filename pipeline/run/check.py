@@ -10,7 +10,8 @@ from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST, support
 from hbm.markers import MarkerSet, did_you_mean
 from pipeline.config.schema import Condition, SubjectFile, Trial
-from pipeline.config.study import Study, read_segments
+from pipeline.config.study import Study
+from pipeline.config.toml_file import read_segments
 from pipeline.io.preview import Preview, preview_recording
 from pipeline.io.recording import Recording
 from pipeline.trial.gait.events import gait_events

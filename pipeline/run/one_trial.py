@@ -7,7 +7,7 @@ from pathlib import Path
 from hbm.kernels.native import kernels
 from hbm.markers import MarkerSet, read_marker_set
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
-from pipeline.config.study import read_segments
+from pipeline.config.toml_file import read_segments
 from pipeline.config.validation import check_options
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording

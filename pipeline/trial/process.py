@@ -17,7 +17,8 @@ from hbm.poses import segment_frames
 from hbm.signals.filtering import butterworth
 from hbm.spatial import Array
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill, Trial
-from pipeline.config.study import Study, read_segments
+from pipeline.config.study import Study
+from pipeline.config.toml_file import read_segments
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.trial.delay import marker_plate_delay

@@ -4,13 +4,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pipeline.config.schema import Stated
+from pipeline.config.schema import InputModel
 
 Size = Annotated[float, Field(ge=0)]
 Delay = Annotated[float, Field(ge=-0.2, le=0.2)]
 
 
-class BodyFaults(Stated):
+class BodyFaults(InputModel):
     """How the true body differs from what markers and de Leva's table say (see `variation`)."""
 
     joint_scale: Size = 1.0
@@ -20,7 +20,7 @@ class BodyFaults(Stated):
     gyration_share: Size = 0.05
 
 
-class CameraFaults(Stated):
+class CameraFaults(InputModel):
     """Of the motion capture system and the skin."""
 
     noise_m: Size = 0.0003
@@ -30,7 +30,7 @@ class CameraFaults(Stated):
     swaps_per_minute: Size = 0.0
 
 
-class PlateFaults(Stated):
+class PlateFaults(InputModel):
     """Of the load cells."""
 
     force_noise_n: Size = 1.5
@@ -41,7 +41,7 @@ class PlateFaults(Stated):
     delay_s: Delay = 0.003
 
 
-class AccelerometerFaults(Stated):
+class AccelerometerFaults(InputModel):
     """Of the accelerometers on the platform."""
 
     sensors: Literal[1, 2, 3, 4] = 2
@@ -53,7 +53,7 @@ class AccelerometerFaults(Stated):
     delay_s: Delay = 0.003  # wired to the same converter as the plates
 
 
-class PlatformFaults(Stated):
+class PlatformFaults(InputModel):
     """Of what the laboratory believes about the platform's pose."""
 
     marker_noise_m: Size = 0.0003
@@ -61,7 +61,7 @@ class PlatformFaults(Stated):
     pivot_error_m: Size = 0.0
 
 
-class Faults(Stated):
+class Faults(InputModel):
     """Everything that is wrong in a laboratory; ``Faults.none()`` is a perfect one."""
 
     body: BodyFaults = BodyFaults()

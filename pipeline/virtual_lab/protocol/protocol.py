@@ -10,7 +10,7 @@ from pydantic import Field
 
 from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.spatial import Array
-from pipeline.config.schema import Stated
+from pipeline.config.schema import InputModel
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.person.stance import smooth_step
 from pipeline.virtual_lab.person.steps import Steps
@@ -49,7 +49,7 @@ FADE_S: Final = 2.0
 AFTER_S: Final = 12.0  # of walking on after the last perturbation
 
 
-class Protocol(Stated):
+class Protocol(InputModel):
     """What every person does; the defaults are the thesis'.
 
     The belts start after ``standing_s`` of T-pose and lowering the arms and reach their speed
@@ -97,7 +97,7 @@ SHORT: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0
 """Enough of every condition to see what an instrument does to it."""
 
 
-class Setting(Stated):
+class Setting(InputModel):
     """A laboratory and what happens in it: protocol, faults and the seed of all chance."""
 
     seed: int = 1

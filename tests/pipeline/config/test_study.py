@@ -1,4 +1,4 @@
-"""Study files: what a person types, and everything that can be wrong with it, said at once."""
+"""Study files: what a person types, and everything that can be wrong with it, reported at once."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ from pydantic import BaseModel
 import pipeline
 from pipeline.config.schema import StudyFile, SubjectFile
 from pipeline.config.study import read_study
-from pipeline.config.templates import STUDY, SUBJECT, write_template
+from pipeline.config.templates import template_text, write_template
 from pipeline.config.validation import StudyFaults
 
 PLAIN = "[conditions.walk]\n"
@@ -48,7 +48,7 @@ def test_a_study_is_read_from_its_folder_or_its_study_toml(write):
     assert list(read_study(folder).subjects) == ["sub01"]
 
 
-def test_all_faults_of_all_files_are_told_at_once(write):
+def test_all_faults_of_all_files_are_reported_at_once(write):
     faults = faults_of(
         write(
             '[settings]\ncutof_hz = 6.0\nfilter = "zerophase"\n[conditions.walk]\ncycles = 0\n',
@@ -79,19 +79,19 @@ def test_all_faults_of_all_files_are_told_at_once(write):
 
 
 @pytest.mark.parametrize(
-    ("typed", "said"),
+    ("typed", "message"),
     [
         ("mass_kg = 74600", "grams; give kilograms"),
         ("height_m = 1780", "millimetres; give metres"),
         ("height_m = 178.0", "centimetres; give metres"),
     ],
 )
-def test_a_number_in_another_unit_is_recognised(write, typed, said):
-    assert f"that looks like {said}" in only_fault_of(write(sub01=f"{typed}\n{PERSON}"))
+def test_a_number_in_another_unit_is_recognised(write, typed, message):
+    assert f"that looks like {message}" in only_fault_of(write(sub01=f"{typed}\n{PERSON}"))
 
 
 @pytest.mark.parametrize(
-    ("typed", "said"),
+    ("typed", "message"),
     [
         ("plate_delay_s = 4.0", "(that looks like milliseconds; give seconds)"),
         ("plate_delay_s = -20", "(that looks like milliseconds; give seconds)"),
@@ -104,14 +104,14 @@ def test_a_number_in_another_unit_is_recognised(write, typed, said):
         ("marker_set = ''", "at least 1 character"),
     ],
 )
-def test_a_setting_that_cannot_be_is_refused_with_its_value(write, typed, said):
+def test_an_impossible_setting_is_refused_with_its_value(write, typed, message):
     fault = only_fault_of(write(f"[settings]\n{typed}\n{PLAIN}"))
     assert fault.startswith(f"study.toml: settings.{typed.split()[0]}: ")
-    assert said in fault
+    assert message in fault
 
 
 @pytest.mark.parametrize(
-    ("typed", "said"),
+    ("typed", "message"),
     [
         ('axes = "left,up,up"', "axes: axes 'left,up,up' are not right-handed"),
         ('axes = "lft,back,up"', "axes: axes 'lft,back,up' must be three of forward"),
@@ -120,7 +120,7 @@ def test_a_setting_that_cannot_be_is_refused_with_its_value(write, typed, said):
         ('[treadmill.accelerometers]\na = ["x", "y"]', "treadmill.accelerometers.a.2: is missing"),
         (
             '[treadmill.accelerometers]\na = ["x", "y", "z"]\nb = ["u", "v", "x"]',
-            "treadmill.accelerometers: each channel belongs to one axis, but x is twice",
+            "treadmill.accelerometers: each channel belongs to one axis of one sensor, but x is",
         ),
         (
             '[treadmill]\ncalibration = "a.csv"\naccelerometers.a = ["x", "y", "z"]',
@@ -133,7 +133,7 @@ def test_a_setting_that_cannot_be_is_refused_with_its_value(write, typed, said):
         ("[treadmill.platform]", "treadmill.platform: give its markers, or its sway_channel"),
         (
             '[treadmill.platform]\nmarkers = ["A", "B"]',
-            "treadmill.platform.markers: three different ones at least, got A, B",
+            "treadmill.platform.markers: at least 3 different markers are needed, got A, B",
         ),
         (
             '[treadmill.platform]\nmarkers = ["A", "B", "C"]\nsway_channel = "S"',
@@ -147,12 +147,12 @@ def test_a_setting_that_cannot_be_is_refused_with_its_value(write, typed, said):
         ('[treadmill.platform]\nmarker = ["A"]', "treadmill.platform.marker: unknown key, did you"),
     ],
 )
-def test_a_laboratory_that_cannot_be_is_refused(write, typed, said):
-    assert only_fault_of(write(f"{typed}\n{PLAIN}")).startswith(f"study.toml: {said}")
+def test_an_impossible_laboratory_is_refused(write, typed, message):
+    assert only_fault_of(write(f"{typed}\n{PLAIN}")).startswith(f"study.toml: {message}")
 
 
 @pytest.mark.parametrize(
-    ("conditions", "said"),
+    ("conditions", "message"),
     [
         ("[conditions]", "conditions: dictionary should have at least 1 item"),
         ("", "conditions: is missing"),
@@ -160,19 +160,19 @@ def test_a_laboratory_that_cannot_be_is_refused(write, typed, said):
         ("[conditions.walk]\nperturbed = true", "conditions.walk: perturbed needs a pulse_channel"),
         (
             '[conditions.walk]\npulse_channel = "P"',
-            "conditions.walk: pulse_channel is of no use without perturbed = true",
+            "conditions.walk: pulse_channel has no effect without perturbed = true",
         ),
         ("[conditions.walk]\ncycles = '50'", "conditions.walk.cycles: input should be a valid int"),
         ("[conditions.walk]\ncycle = 50", "conditions.walk.cycle: unknown key, did you mean 'cyc"),
     ],
 )
-def test_a_condition_that_cannot_be_is_refused(write, conditions, said):
+def test_an_impossible_condition_is_refused(write, conditions, message):
     faults = faults_of(write(conditions))
-    assert faults[0].startswith(f"study.toml: {said}"), faults
+    assert faults[0].startswith(f"study.toml: {message}"), faults
 
 
 @pytest.mark.parametrize(
-    ("person", "said"),
+    ("person", "messages"),
     [
         ("", ["sub01.toml: id: is missing", "sub01.toml: trials: is missing"]),
         ('id = "s"\n[trials.walk]\n', ["trials.walk: needs a file, or exclude ="]),
@@ -197,10 +197,10 @@ def test_a_condition_that_cannot_be_is_refused(write, conditions, said):
         ('id = "../s"\n[trials.walk]\nexclude = "ill"\n', ["id: must be letters, digits"]),
     ],
 )
-def test_a_subject_file_that_cannot_be_is_refused(write, person, said):
+def test_an_impossible_subject_file_is_refused(write, person, messages):
     faults = faults_of(write(sub01=person))
-    assert len(faults) == len(said), faults
-    assert all(line in fault for line, fault in zip(said, faults, strict=True)), faults
+    assert len(faults) == len(messages), faults
+    assert all(line in fault for line, fault in zip(messages, faults, strict=True)), faults
 
 
 def test_two_files_with_one_subject_are_refused(write):
@@ -208,14 +208,14 @@ def test_two_files_with_one_subject_are_refused(write):
     assert fault == "b.toml: id: 'sub01' is already taken by another file"
 
 
-def test_two_trials_whose_results_would_share_a_file_are_refused(write):
+def test_two_trials_with_the_same_result_file_are_refused(write):
     study = "[conditions.c]\n[conditions.b_c]\n"
     one = 'id = "a_b"\n[trials.c]\nfile = "walk.c3d"\n'
     other = 'id = "A"\n[trials.b_c]\nfile = "walk.c3d"\n'
     assert "would both be called" in only_fault_of(write(study, one=one, other=other))
 
 
-def test_a_byte_order_mark_is_no_fault(write):
+def test_a_byte_order_mark_is_accepted(write):
     folder = write()
     for name in ("study.toml", "sub01.toml"):
         path = folder / name
@@ -223,7 +223,7 @@ def test_a_byte_order_mark_is_no_fault(write):
     assert read_study(folder).subjects["sub01"].trials["walk"].file == "walk.c3d"
 
 
-def test_another_encoding_is_told(write):
+def test_another_encoding_is_reported(write):
     folder = write()
     (folder / "sub01.toml").write_bytes(PERSON.encode("utf-16"))
     assert "sub01.toml: is not saved as UTF-8" in only_fault_of(folder)
@@ -240,7 +240,7 @@ def test_a_study_without_subjects_is_refused(tmp_path):
     assert "no subject files" in only_fault_of(tmp_path)
 
 
-def test_a_marker_set_of_ones_own_is_no_subject_and_its_faults_are_told(write):
+def test_an_own_marker_set_is_no_subject_and_its_faults_are_reported(write):
     folder = write(f'[settings]\nmarker_set = "own.toml"\n{PLAIN}')
     (folder / "own.toml").write_text('[markers]\nHEEL = ["left_foot", "LHEE"]\n', encoding="utf-8")
     assert read_study(folder).marker_set.landmark == {"LHEE": "HEEL"}
@@ -250,7 +250,7 @@ def test_a_marker_set_of_ones_own_is_no_subject_and_its_faults_are_told(write):
     )
 
 
-def test_unknown_subjects_and_conditions_are_told_with_the_nearest(write):
+def test_an_unknown_subject_or_condition_is_reported_with_the_nearest_name(write):
     study = read_study(write())
     with pytest.raises(ValueError, match="no subject 'sub1', did you mean 'sub01'"):
         study.subject("sub1")
@@ -258,7 +258,7 @@ def test_unknown_subjects_and_conditions_are_told_with_the_nearest(write):
         study.condition("wlk")
 
 
-def test_the_template_reads_and_says_exactly_what_is_missing(tmp_path):
+def test_the_template_is_valid_but_for_the_missing_recordings(tmp_path):
     write_template(tmp_path)
     assert faults_of(tmp_path) == (
         f"sub01.toml: trials.baseline.file: no file 'sub01_baseline.c3d' in {tmp_path}",
@@ -279,15 +279,17 @@ def test_the_template_is_never_written_over_a_study(tmp_path):
     assert not (tmp_path / "study.toml").exists()
 
 
-def test_the_template_with_every_comment_undone_is_valid(tmp_path):
+def test_the_template_with_every_key_uncommented_is_valid(tmp_path):
     write_template(tmp_path)
     for name in ("study.toml", "sub01.toml"):
         text = (tmp_path / name).read_text(encoding="utf-8")
-        undone = re.sub(r"^# (?=\w+ = |\[)", "", text, flags=re.MULTILINE)
-        undone = re.sub(r"^(sway_channel|pitch_channel).*\n", "", undone, flags=re.MULTILINE)
-        undone = undone.replace('hip = "harrington"', 'hip = "functional"')
-        assert undone.count("#") < text.count("#")
-        (tmp_path / name).write_text(undone, encoding="utf-8")
+        uncommented = re.sub(r"^# (?=\w+ = |\[)", "", text, flags=re.MULTILINE)
+        uncommented = re.sub(
+            r"^(sway_channel|pitch_channel).*\n", "", uncommented, flags=re.MULTILINE
+        )
+        uncommented = uncommented.replace('hip = "harrington"', 'hip = "functional"')
+        assert uncommented.count("#") < text.count("#")
+        (tmp_path / name).write_text(uncommented, encoding="utf-8")
     faults = faults_of(tmp_path)
     assert len(faults) == 9, faults
     assert all(": no file '" in fault for fault in faults)
@@ -314,8 +316,9 @@ KEYS = sorted(
 
 @pytest.mark.parametrize(("model", "key"), KEYS)
 def test_every_key_is_in_the_template_and_used_by_some_code(model, key):
-    template = SUBJECT if model in ("SubjectFile", "Trial") else STUDY
+    of_subject = model in ("SubjectFile", "Trial")
+    template = template_text(f"{'subject' if of_subject else 'study'}_template.toml")
     assert re.search(rf"^(# )?(\[.*\b{key}\b.*\]|{key} =)", template, re.MULTILINE)
     sources = Path(pipeline.__file__).parent.rglob("*.py")
-    code = "".join(p.read_text("utf-8") for p in sources if p.stem not in ("schema", "templates"))
+    code = "".join(p.read_text("utf-8") for p in sources if p.stem != "schema")
     assert re.search(rf"\.{key}\b|\[\"{key}\"\]", code), f"nothing uses {model}.{key}"

@@ -13,7 +13,8 @@ from hbm.markers import Markers
 from hbm.poses import marker_positions
 from pipeline.cli.app import main
 from pipeline.config.schema import Settings, Subject
-from pipeline.config.study import read_segments, read_study
+from pipeline.config.study import read_study
+from pipeline.config.toml_file import read_segments
 from pipeline.config.validation import StudyFaults
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.opensim.sto import read_sto
@@ -94,7 +95,7 @@ def test_functional_hips_and_their_trial_belong_together(study):
     with pytest.raises(StudyFaults) as alone:
         read_study(study)
     assert list(alone.value.faults) == [
-        'sub01.toml: hip_trial: is of no use unless study.toml says settings.hip = "functional"'
+        'sub01.toml: hip_trial: has no effect unless settings.hip = "functional" in study.toml'
     ]
     state(study / "study.toml", "[treadmill]", '[settings]\nhip = "functional"\n[treadmill]')
     with pytest.raises(StudyFaults) as missing:

@@ -1,0 +1,39 @@
+"""TOML files that a person wrote: read, and checked against the type of their contents."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from hbm.overrides import SegmentOverride, read_overrides
+from pipeline.config.validation import Model, StudyFaults, describe_faults
+
+Table = dict[str, Any]
+"""The contents of a TOML file before they are checked."""
+
+
+def read_table(path: Path) -> Table:
+    """Read a TOML file; StudyFaults if it cannot be read, is not UTF-8 or not TOML."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except tomllib.TOMLDecodeError as error:
+        fault = f"not valid TOML: {error}"
+    except UnicodeDecodeError as error:
+        fault = f"is not saved as UTF-8: {error.reason} at byte {error.start}"
+    except OSError as error:
+        fault = f"cannot be read: {error.strerror}"
+    raise StudyFaults([f"{path.name}: {fault}"])
+
+
+def check_table(name: str, table: Table, kind: type[Model]) -> Model:
+    """Check the contents of the file `name` against a type; StudyFaults holds all findings."""
+    try:
+        return kind.model_validate(table)
+    except ValidationError as error:
+        raise StudyFaults([f"{name}: {fault}" for fault in describe_faults(error, kind)]) from error
+
+
+def read_segments(path: Path) -> dict[str, SegmentOverride]:
+    """Read what is known of single segments from a TOML file; raises as `read_overrides`."""
+    return read_overrides(path.read_text(encoding="utf-8-sig"), path.name)
