@@ -20,6 +20,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 
 from hbm.markers import Markers
 from pipeline.config.schema import Condition, Platform, Settings, Subject, Treadmill
@@ -31,9 +32,9 @@ from pipeline.trial.residuals import (
     AXES,
     UNITS,
     cycle_residuals,
-    hicks_table,
-    marker_table,
+    marker_rows,
     residual_table,
+    threshold_rows,
 )
 from pipeline.viewer.trial import write_recording
 from pipeline.virtual_lab.protocol.bench import PLATFORM_MARKERS, make_bench
@@ -138,10 +139,10 @@ print(f"{'RMS':20s}", *(f"{axis:>7}" for axis in AXES), "  Hicks F, M   markers 
 for name, result in trials.items():
     table = residual_table(result, name)
     rms = table.loc[table["compensated"], "rms"]
-    limits = hicks_table(result)
+    limits = pd.DataFrame(threshold_rows(result))
     peaks = limits[limits["compensated"]]
     share = " ".join(f"{v:4.1f}×" for v in peaks["peak"] / peaks["limit"])
-    error = marker_table(result)["rms_mm"].iloc[-1]
+    error = marker_rows(result)[-1].rms_mm
     print(
         f"{name:20s}",
         *(f"{value:7.1f}" for value in rms),
@@ -157,7 +158,7 @@ for name, result in trials.items():
     for note in result.notes:
         if note not in usual:
             print(f"{name}: {note}")
-print(marker_table(trials["swapped leg"]).nlargest(4, "peak_mm"))
+print(pd.DataFrame(marker_rows(trials["swapped leg"])).nlargest(4, "peak_mm"))
 
 # %% [markdown]
 # ## What the viewer shows

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -13,7 +14,7 @@ from pipeline.figures.style import save_figure
 from pipeline.io.write import write_csv
 from pipeline.run.one_trial import Request, process
 from pipeline.run.store import write_trial
-from pipeline.trial.residuals import hicks_table, marker_table, residual_table
+from pipeline.trial.residuals import marker_rows, residual_rows, residual_table, threshold_rows
 from pipeline.trial.result import TrialResult
 
 WARNING: Final = "warning:"
@@ -73,8 +74,8 @@ def print_result(result: TrialResult, show: Callable[..., None]) -> None:
     show
         A rich console's ``print``.
     """
-    table = residual_table(result, result.source.stem)
-    count = table["n_cycles"].iloc[0]
+    rows = residual_rows(result, result.source.stem)
+    count = rows[0].n_cycles
     cycles = f"{count} gait cycle{'' if count == 1 else 's'}"
     view = Table(
         title=f"Pelvis residuals, {result.source.name}, {cycles} "
@@ -84,22 +85,21 @@ def print_result(result: TrialResult, show: Callable[..., None]) -> None:
     )
     for name in ("plates", "axis", "RMS", "mean", "SD", "peak", "", "RMS %"):
         view.add_column(name, justify="left" if name in ("plates", "axis", "") else "right")
-    for row in table.to_dict("records"):
-        numbers = [f"{row[name]:.1f}" for name in ("rms", "mean", "sd", "peak")]
-        percent = f"{row['rms_percent']:.2f}"
-        view.add_row(_plates(row["compensated"]), row["axis"], *numbers, row["unit"], percent)
+    for row in rows:
+        numbers = [f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)]
+        percent = f"{row.rms_percent:.2f}"
+        view.add_row(_plates(row.compensated), row.axis, *numbers, row.unit, percent)
     show(view)
-    for row in hicks_table(result).to_dict("records"):
-        verdict = "passes" if row["passed"] else "FAILS"
+    for limit in threshold_rows(result):
+        verdict = "passes" if limit.passed else "FAILS"
         show(
-            f"{verdict} Hicks (2015): peak residual {row['quantity']} {row['peak']:.1f} "
-            f"{row['unit']}, limit {row['limit']:.1f} {row['unit']} ({_plates(row['compensated'])})"
+            f"{verdict} Hicks (2015): peak residual {limit.quantity} {limit.peak:.1f} "
+            f"{limit.unit}, limit {limit.limit:.1f} {limit.unit} ({_plates(limit.compensated)})"
         )
-    markers = marker_table(result)
-    every, single = markers["rms_mm"].iloc[-1], markers.iloc[:-1]
-    ordered = single.sort_values("rms_mm", ascending=False).to_dict("records")
-    listed = ", ".join(f"{row['marker']} {row['rms_mm']:.1f}" for row in ordered)
-    show(f"marker error {every:.1f} mm RMS over {len(ordered)} markers: {listed}")
+    *single, every = marker_rows(result)
+    single.sort(key=lambda marker: -np.nan_to_num(marker.rms_mm))
+    listed = ", ".join(f"{marker.marker} {marker.rms_mm:.1f}" for marker in single)
+    show(f"marker error {every.rms_mm:.1f} mm RMS over {len(single)} markers: {listed}")
     for note in sorted(result.notes, key=lambda note: not note.startswith(WARNING)):
         show(f"- {note}", soft_wrap=True, style="bold" if note.startswith(WARNING) else None)
 

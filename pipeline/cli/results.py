@@ -5,7 +5,7 @@ from pathlib import Path
 from rich.console import Console
 
 from pipeline.config.study import Study, read_study
-from pipeline.run.store import read_facts, recall_study
+from pipeline.run.store import read_summary, recall_study
 from pipeline.trial.process import process_trial, read_file
 
 PERTURBATION_S = 1.0
@@ -70,7 +70,7 @@ def view(
     stem = folder / "viewer" / f"{subject}_{condition}"
     trial, cycles = Path(f"{stem}.rrd"), Path(f"{stem}_cycles.rrd")
     console = Console(highlight=False, markup=False)
-    key = str(read_facts(folder / "trials" / f"{subject}_{condition}.parquet")["key"])
+    key = read_summary(folder / "trials" / f"{subject}_{condition}.parquet").key
     marker = Path(f"{stem}.key")
     fresh = trial.is_file() and cycles.is_file() and marker.is_file() and marker.read_text() == key
     if save is not None or not fresh:
@@ -129,12 +129,12 @@ def _chosen(folder: Path, subject: str | None, condition: str | None) -> tuple[s
     """Find the trial asked for among the results."""
     there = []
     for path in sorted((folder / "trials").glob("*.parquet")):
-        facts = read_facts(path)
-        there.append((str(facts["subject"]["id"]), str(facts["condition"])))
-    for trial in there:
-        if subject in (None, trial[0]) and condition in (None, trial[1]):
-            return trial
+        trial = read_summary(path)
+        there.append((trial.subject.id, trial.condition))
+    for found in there:
+        if subject in (None, found[0]) and condition in (None, found[1]):
+            return found
     if not there:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
-    known = ", ".join(" ".join(trial) for trial in there)
+    known = ", ".join(" ".join(found) for found in there)
     raise ValueError(f"{folder}: no such trial; there are: {known}")

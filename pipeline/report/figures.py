@@ -44,7 +44,7 @@ def study_figures(results: Results, statistics: pd.DataFrame) -> Iterator[tuple[
         yield f"gait_cycle_{condition}", gait_cycle_figure(results.cycles, condition)
     yield "marginal_means", marginal_means_figure(results.residuals, statistics)
     subject = raw_subject(results.residuals)
-    spans = {c: fact["cycles"] for (s, c), fact in results.facts.items() if s == subject}
+    spans = {c: trial.cycles for (s, c), trial in results.summaries.items() if s == subject}
     own = results.cycles[results.cycles["subject"] == subject]
     for axis in AXES:
         yield f"raw_{axis}", raw_figure(own, spans, axis)

@@ -1,8 +1,9 @@
 """The Methods of a study in words, true for its settings, with the works they cite."""
 
 import platform
+from collections.abc import Sequence
 from importlib.metadata import version
-from typing import Any, Final
+from typing import Final
 
 import pandas as pd
 
@@ -12,6 +13,7 @@ from pipeline.report.references import BIBTEX
 from pipeline.run.load import Results
 from pipeline.statistics.design import PAIRS, in_order
 from pipeline.statistics.verdict import MARGIN, listed
+from pipeline.trial.summary import TrialSummary
 
 HIP: Final = {
     "harrington": ("the regression of Harrington et al. 2007", "harrington2007"),
@@ -44,20 +46,20 @@ def methods(results: Results, statistics: pd.DataFrame, study: Study | None = No
     list of str
         Paragraphs, for a person to paste and shorten.
     """
-    facts = list(results.facts.values())
+    trials = list(results.summaries.values())
     return [
         _subjects(results),
-        _body(facts),
-        _forces(facts, study),
-        _cycles(facts, study),
+        _body(trials),
+        _forces(trials, study),
+        _cycles(trials, study),
         *_tests(statistics),
-        _software(facts, statistics),
+        _software(trials, statistics),
     ]
 
 
 def cited(results: Results) -> list[str]:
     """Give the keys of the works that the Methods cite, and of the thesis, in order."""
-    hips = {HIP[fact["settings"]["hip"]][1] for fact in results.facts.values()}
+    hips = {HIP[trial.settings.hip][1] for trial in results.summaries.values()}
     unused = {key for _, key in HIP.values()} - hips
     return [key for key in BIBTEX if key not in unused]
 
@@ -76,16 +78,16 @@ def _subjects(results: Results) -> str:
         )
         if people[column].notna().all()
     ]
-    conditions = in_order(condition for _, condition in results.facts)
-    stated = [fact["subject"] for fact in results.facts.values()]
+    conditions = in_order(condition for _, condition in results.summaries)
+    stated = [trial.subject for trial in results.summaries.values()]
     mass = _origin(
         "Body mass",
-        [person["mass_kg"] is not None for person in stated],
+        [person.mass_kg is not None for person in stated],
         "weighed by the plates over the first 100 frames of the calibration pose",
     )
     height = _origin(
         "stature",
-        [person["height_m"] is not None for person in stated],
+        [person.height_m is not None for person in stated],
         "estimated from the length of the legs",
     )
     return (
@@ -95,19 +97,23 @@ def _subjects(results: Results) -> str:
     )
 
 
-def _body(facts: list[dict[str, Any]]) -> str:
-    sets = listed(sorted({fact["marker_set"] for fact in facts}))
-    hips = listed(sorted({HIP[fact["settings"]["hip"]][0] for fact in facts}))
-    offsets = listed(sorted({f"{fact['settings']['marker_offset_m'] * 1000:g}" for fact in facts}))
-    sexes = {fact["subject"]["sex"] for fact in facts}
+def _body(trials: Sequence[TrialSummary]) -> str:
+    sets = listed(sorted({trial.marker_set for trial in trials}))
+    hips = listed(sorted({HIP[trial.settings.hip][0] for trial in trials}))
+    offsets = listed(sorted({f"{trial.settings.marker_offset_m * 1000:g}" for trial in trials}))
+    sexes = {trial.subject.sex for trial in trials}
     table = "of the subject's sex" if "unspecified" not in sexes else "(the mean of both sexes)"
     if len(sexes) > 1 and "unspecified" in sexes:
         table = "of the subject's sex (the mean of both where it was not stated)"
-    filters = listed(
-        list(dict.fromkeys(FILTERS[f["settings"]["filter"]].format(**f["settings"]) for f in facts))
-    )
-    locked = sorted({name for fact in facts for name in fact["locked"]})
-    known = {f"{f['subject']['id']}: {listed(f['segments'])}" for f in facts if f["segments"]}
+    settings = [trial.settings for trial in trials]
+    forms = [FILTERS[s.filter].format(cutoff_hz=s.cutoff_hz) for s in settings]
+    filters = listed(list(dict.fromkeys(forms)))
+    locked = sorted({name for trial in trials for name in trial.locked})
+    known = {
+        f"{trial.subject.id}: {listed(trial.overridden_segments)}"
+        for trial in trials
+        if trial.overridden_segments
+    }
     own = f", but for those stated of single segments ({'; '.join(sorted(known))})" if known else ""
     kept = f" Coordinates that no marker shows were kept at neutral ({listed(locked)})."
     return (
@@ -123,11 +129,11 @@ def _body(facts: list[dict[str, Any]]) -> str:
     )
 
 
-def _forces(facts: list[dict[str, Any]], study: Study | None) -> str:
-    delays = {fact["settings"]["plate_delay_s"] for fact in facts}
+def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
+    delays = {trial.settings.plate_delay_s for trial in trials}
     shifted = listed(sorted(f"{1000 * delay:g}" for delay in delays))
     taken = f" {shifted} ms later than the markers" if delays != {0.0} else ""
-    thresholds = listed(sorted({f"{f['settings']['contact_threshold_n']:g}" for f in facts}))
+    thresholds = listed(sorted({f"{t.settings.contact_threshold_n:g}" for t in trials}))
     text = (
         f"The plates' wrenches were resampled to the markers' times{taken}"
         f"{_moved(study.file.treadmill) if study else ''} and given to the foot that stood there "
@@ -135,7 +141,7 @@ def _forces(facts: list[dict[str, Any]], study: Study | None) -> str:
         "pelvis to close the equations of motion, about the middle of the hip joints, in lab axes "
         "(x forward, y right, z up)."
     )
-    if not any(row["compensated"] for fact in facts for row in fact["residuals"]):
+    if not any(row.compensated for trial in trials for row in trial.residuals):
         return text + " No compensation for the treadmill's own inertia was applied."
     text += (
         " Every trial was processed twice from the same motion, with the plates as measured (no IC)"
@@ -165,7 +171,7 @@ def _moved(treadmill: Treadmill) -> str:
     return ", moved into the lab with the platform's pose as commanded,"
 
 
-def _cycles(facts: list[dict[str, Any]], study: Study | None) -> str:
+def _cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
     text = (
         "Gait cycles ran from foot strike to foot strike of one foot. Gait events were the "
         "recordings' own or, where these had none, found from heel, toe and sacrum markers (Zeni "
@@ -175,9 +181,9 @@ def _cycles(facts: list[dict[str, Any]], study: Study | None) -> str:
         rules = [_rule(name, rule) for name, rule in study.file.conditions.items()]
         text += f" Counted were {'; '.join(rules)}."
     numbers: dict[str, list[int]] = {}
-    for fact in facts:
-        count = sum(len(spans) for spans in fact["cycles"].values())
-        numbers.setdefault(fact["condition"], []).append(count)
+    for trial in trials:
+        count = sum(len(spans) for spans in trial.cycles.values())
+        numbers.setdefault(trial.condition, []).append(count)
     found = [f"{name} {_range(counts)}" for name, counts in numbers.items()]
     return (
         f"{text} Cycles per trial: {', '.join(found)}. Each residual was summarised by its root "
@@ -231,9 +237,9 @@ def _tests(statistics: pd.DataFrame) -> list[str]:
     return [" ".join([*parts, "The level of significance was 0.05."])] if parts else []
 
 
-def _software(facts: list[dict[str, Any]], statistics: pd.DataFrame) -> str:
-    versions = facts[0]["versions"]
-    own = listed(sorted({fact["versions"]["hbm-residuals"] for fact in facts}))
+def _software(trials: Sequence[TrialSummary], statistics: pd.DataFrame) -> str:
+    versions = trials[0].versions
+    own = listed(sorted({trial.versions["hbm-residuals"] for trial in trials}))
     others = [f"{name} {versions[name.lower()]}" for name in ("CasADi", "NumPy", "SciPy")]
     if statistics["p_corrected"].notna().any():
         others.append(f"pingouin {version('pingouin')}")

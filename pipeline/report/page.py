@@ -109,7 +109,7 @@ def write_page(report: Report) -> str:
 def _scope(report: Report) -> str:
     residuals = report.results.residuals
     conditions = ", ".join(in_order(residuals["condition"]))
-    subjects, trials = residuals["subject"].nunique(), len(report.results.facts)
+    subjects, trials = residuals["subject"].nunique(), len(report.results.summaries)
     return (
         f"Pelvis residuals without and with inertia compensation (IC): {subjects} "
         f"subject{'s' * (subjects > 1)}, {trials} trial{'s' * (trials > 1)}; {conditions}"

@@ -1,7 +1,11 @@
 """How good each trial is: what a reader should look at before believing its residuals."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Final, Literal
+
+from pipeline.trial.residuals import MarkerRow, ThresholdRow
+from pipeline.trial.summary import TrialSummary
 
 MARKER_RMS_MM: Final = 20.0
 MARKER_PEAK_MM: Final = 40.0
@@ -32,13 +36,13 @@ class Check:
     detail: str = ""
 
 
-def trial_checks(fact: dict[str, Any]) -> dict[str, list[Check]]:
-    """Judge a trial by what it says of itself.
+def trial_checks(trial: TrialSummary) -> dict[str, list[Check]]:
+    """Judge a trial by its summary.
 
     Parameters
     ----------
-    fact
-        As `pipeline.run.store.trial_facts`.
+    trial
+        The trial's summary.
 
     Returns
     -------
@@ -46,51 +50,50 @@ def trial_checks(fact: dict[str, Any]) -> dict[str, list[Check]]:
         What was looked at -> findings: one each, but of the peak residuals against the limits of
         Hicks et al. (2015) one without and one with compensation.
     """
-    counts = {side: len(spans) for side, spans in fact["cycles"].items() if len(spans)}
+    counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
     sides = ", ".join(f"{n} {side}" for side, n in counts.items())
-    unsolved = fact["unsolved_frames"]
+    unsolved = trial.unsolved_frames
     return {
         "Gait cycles": [Check(str(sum(counts.values())), "none", sides)],
-        "Marker error (RMS)": [_marker_error(fact["markers"])],
-        "Marker gaps": [_gaps(fact["markers"])],
-        "Delay of plates": [_delay(fact["delay_s"], fact["delay_uncertainty_s"])],
+        "Marker error (RMS)": [_marker_error(trial.markers)],
+        "Marker gaps": [_gaps(trial.markers)],
+        "Delay of plates": [_delay(trial.delay_s, trial.delay_uncertainty_s)],
         "Unsolved frames": [
-            Check(str(unsolved), "look" if unsolved else "good", f"of {fact['frames']}")
+            Check(str(unsolved), "look" if unsolved else "good", f"of {trial.frames}")
         ],
-        "Locked": [Check(str(len(fact["locked"])), "none")],
-        "Peak force": _hicks(fact["hicks"], "force"),
-        "Peak moment": _hicks(fact["hicks"], "moment"),
+        "Locked": [Check(str(len(trial.locked)), "none")],
+        "Peak force": _hicks(trial.thresholds, "force"),
+        "Peak moment": _hicks(trial.thresholds, "moment"),
     }
 
 
-def _marker_error(markers: list[dict[str, Any]]) -> Check:
+def _marker_error(markers: Sequence[MarkerRow]) -> Check:
     every, single = markers[-1], markers[:-1]
-    worst = max(single, key=lambda row: row["rms_mm"])
-    light: Light = "good" if every["rms_mm"] < MARKER_RMS_MM else "bad"
-    if light == "good" and every["peak_mm"] > MARKER_PEAK_MM:
+    worst = max(single, key=lambda row: row.rms_mm)
+    light: Light = "good" if every.rms_mm < MARKER_RMS_MM else "bad"
+    if light == "good" and every.peak_mm > MARKER_PEAK_MM:
         light = "look"
-    detail = f"{worst['marker']} {worst['rms_mm']:.1f}, peak {every['peak_mm']:.0f}"
-    return Check(f"{every['rms_mm']:.1f} mm", light, detail)
+    detail = f"{worst.marker} {worst.rms_mm:.1f}, peak {every.peak_mm:.0f}"
+    return Check(f"{every.rms_mm:.1f} mm", light, detail)
 
 
-def _gaps(markers: list[dict[str, Any]]) -> Check:
+def _gaps(markers: Sequence[MarkerRow]) -> Check:
     every, single = markers[-1], markers[:-1]
-    worst = max(single, key=lambda row: row["missing_percent"])
-    light: Light = "look" if worst["missing_percent"] > GAP_PERCENT else "good"
-    detail = f"{worst['marker']} {worst['missing_percent']:.1f} %"
-    value = f"{every['missing_percent']:.1f} %"
-    return Check(value, light, detail if worst["missing_percent"] else "")
+    worst = max(single, key=lambda row: row.missing_percent)
+    light: Light = "look" if worst.missing_percent > GAP_PERCENT else "good"
+    detail = f"{worst.marker} {worst.missing_percent:.1f} %"
+    value = f"{every.missing_percent:.1f} %"
+    return Check(value, light, detail if worst.missing_percent else "")
 
 
-def _hicks(rows: list[dict[str, Any]], quantity: str) -> list[Check]:
+def _hicks(rows: Sequence[ThresholdRow], quantity: str) -> list[Check]:
     return [
         Check(
-            f"{'IC' if row['compensated'] else 'no IC'} {row['peak']:.0f} of {row['limit']:.0f} "
-            f"{row['unit']}",
-            "good" if row["passed"] else "bad",
+            f"{'IC' if row.compensated else 'no IC'} {row.peak:.0f} of {row.limit:.0f} {row.unit}",
+            "good" if row.passed else "bad",
         )
         for row in rows
-        if row["quantity"] == quantity
+        if row.quantity == quantity
     ]
 
 

@@ -73,19 +73,19 @@ def trial_tables(results: Results, states: Sequence[TrialState]) -> list[Element
     """
     rows: list[list[Element | str]] = []
     heads: list[str] = []
-    order = {name: k for k, name in enumerate(in_order(c for _, c in results.facts))}
-    trials = sorted(results.facts.items(), key=lambda item: (item[0][0], order[item[0][1]]))
-    for (subject, condition), fact in trials:
-        checks = trial_checks(fact)
+    order = {name: k for k, name in enumerate(in_order(c for _, c in results.summaries))}
+    trials = sorted(results.summaries.items(), key=lambda item: (item[0][0], order[item[0][1]]))
+    for (subject, condition), trial in trials:
+        checks = trial_checks(trial)
         heads = list(checks)
         rows.append([f"{subject} {condition}", *(_lights(found) for found in checks.values())])
     caption = "Quality of every trial"
     notes = [
         part
-        for (subject, condition), fact in trials
+        for (subject, condition), trial in trials
         for part in (
-            element("h3", f"{subject} {condition}: {fact['source']}"),
-            element("ul", *(element("li", note) for note in fact["notes"])),
+            element("h3", f"{subject} {condition}: {trial.source}"),
+            element("ul", *(element("li", note) for note in trial.notes)),
         )
     ]
     summary = element("summary", "What was inferred, locked, filled or refused, trial by trial")

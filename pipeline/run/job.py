@@ -131,9 +131,9 @@ def program_digest() -> str:
 
 def stored_key(path: Path) -> str | None:
     """Give the key a trial's result was written with; None where there is no sound result."""
-    from pipeline.run.store import read_facts
+    from pipeline.run.store import read_summary
 
     try:
-        return str(read_facts(path)["key"])
-    except (OSError, ValueError, KeyError):
+        return read_summary(path).key
+    except (OSError, ValueError):
         return None

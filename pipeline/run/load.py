@@ -1,16 +1,16 @@
 """A study's trials gathered: the long residual table, the gait-cycle curves, what is missing."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from pipeline.run.store import read_facts
+from pipeline.run.store import read_summary
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.residuals import AXES
+from pipeline.trial.summary import TrialSummary
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,15 +29,15 @@ class Results:
         gait cycle over 0–100 %.
     subjects
         subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
-    facts
-        (subject, condition) -> what the trial says of itself (`pipeline.run.store.trial_facts`).
+    summaries
+        (subject, condition) -> what is known of the trial besides its frames.
     """
 
     folder: Path
     residuals: pd.DataFrame
     cycles: pd.DataFrame
     subjects: pd.DataFrame
-    facts: dict[tuple[str, str], dict[str, Any]]
+    summaries: dict[tuple[str, str], TrialSummary]
 
 
 def collect(folder: Path) -> Results:
@@ -61,16 +61,15 @@ def collect(folder: Path) -> Results:
     paths = sorted((folder / "trials").glob("*.parquet"))
     if not paths:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
-    facts: dict[tuple[str, str], dict[str, Any]] = {}
+    summaries: dict[tuple[str, str], TrialSummary] = {}
     curves = []
     for path in paths:
-        fact = read_facts(path)
-        key = fact["subject"]["id"], fact["condition"]
-        facts[key] = fact
-        curves.append(_curves(path, fact))
-    residuals = pd.DataFrame([row for fact in facts.values() for row in fact["residuals"]])
+        trial = read_summary(path)
+        summaries[trial.subject.id, trial.condition] = trial
+        curves.append(_curves(path, trial))
+    residuals = pd.DataFrame([row for trial in summaries.values() for row in trial.residuals])
     cycles = pd.concat(curves, ignore_index=True)
-    return Results(folder, residuals, cycles, _subjects(facts), facts)
+    return Results(folder, residuals, cycles, _subjects(summaries), summaries)
 
 
 def only(results: Results, wanted: Collection[tuple[str, str]]) -> Results:
@@ -93,16 +92,16 @@ def only(results: Results, wanted: Collection[tuple[str, str]]) -> Results:
     ValueError
         If nothing is left.
     """
-    facts = {key: fact for key, fact in results.facts.items() if key in wanted}
-    if len(facts) == len(results.facts):
+    summaries = {key: trial for key, trial in results.summaries.items() if key in wanted}
+    if len(summaries) == len(results.summaries):
         return results
-    if not facts:
+    if not summaries:
         raise ValueError(
             f"{results.folder}: every result here is of a trial that failed, is excluded or is no "
             f"longer in the study; run 'hbm run STUDY --out {results.folder}'"
         )
-    residuals, cycles = (_of(table, facts) for table in (results.residuals, results.cycles))
-    return Results(results.folder, residuals, cycles, _subjects(facts), facts)
+    residuals, cycles = (_of(table, summaries) for table in (results.residuals, results.cycles))
+    return Results(results.folder, residuals, cycles, _subjects(summaries), summaries)
 
 
 def _of(table: pd.DataFrame, wanted: Collection[tuple[str, str]]) -> pd.DataFrame:
@@ -113,31 +112,31 @@ def _of(table: pd.DataFrame, wanted: Collection[tuple[str, str]]) -> pd.DataFram
     return table[keys.isin(list(wanted))].reset_index(drop=True)
 
 
-def _subjects(facts: dict[tuple[str, str], dict[str, Any]]) -> pd.DataFrame:
+def _subjects(summaries: Mapping[tuple[str, str], TrialSummary]) -> pd.DataFrame:
     """List who is in the results."""
-    people: dict[str, list[dict[str, Any]]] = {}
-    for (subject, _), fact in facts.items():
-        people.setdefault(subject, []).append(fact)
+    people: dict[str, list[TrialSummary]] = {}
+    for trial in summaries.values():
+        people.setdefault(trial.subject.id, []).append(trial)
     return pd.DataFrame(
         {
             "subject": subject,
-            "sex": trials[0]["subject"]["sex"],
-            "height_m": np.mean([trial["height_m"] for trial in trials]),
-            "mass_kg": np.mean([trial["body_mass_kg"] for trial in trials]),
-            "age_years": trials[0]["subject"]["age_years"],
+            "sex": trials[0].subject.sex,
+            "height_m": np.mean([trial.height_m for trial in trials]),
+            "mass_kg": np.mean([trial.body_mass_kg for trial in trials]),
+            "age_years": trials[0].subject.age_years,
         }
         for subject, trials in people.items()
     )
 
 
-def _curves(path: Path, fact: dict[str, Any]) -> pd.DataFrame:
+def _curves(path: Path, trial: TrialSummary) -> pd.DataFrame:
     """Cut one trial's residuals into its gait cycles."""
-    variants = sorted({row["compensated"] for row in fact["residuals"]})
+    variants = sorted({row.compensated for row in trial.residuals})
     names = {False: "measured", True: "compensated"}
     columns = [f"residual.{names[v]}.{axis}" for v in variants for axis in AXES]
     frames = pd.read_parquet(path, columns=["time_s", *columns])
     parts = []
-    for side, spans in fact["cycles"].items():
+    for side, spans in trial.cycles.items():
         if not spans:
             continue
         values = normalise(frames["time_s"].to_numpy(), frames[columns].to_numpy(), spans)
@@ -147,8 +146,8 @@ def _curves(path: Path, fact: dict[str, Any]) -> pd.DataFrame:
         parts.append(
             pd.DataFrame(
                 {
-                    "subject": fact["subject"]["id"],
-                    "condition": fact["condition"],
+                    "subject": trial.subject.id,
+                    "condition": trial.condition,
                     "compensated": np.array(variants)[variant],
                     "side": side,
                     "cycle": cycle,

@@ -12,7 +12,7 @@ from pipeline.config.schema import Trial
 from pipeline.config.study import Study
 from pipeline.run.job import file_digest, program_digest, trial_key
 from pipeline.run.load import Results
-from pipeline.run.store import PACKAGES
+from pipeline.trial.summary import PACKAGES, TrialSummary
 
 REPORT_PACKAGES: Final = (*PACKAGES, "pingouin", "matplotlib")
 FAILURES: Final = "failures.json"
@@ -80,14 +80,14 @@ def trial_states(
     planned: dict[tuple[str, str], tuple[State, str] | None] = {}
     if study is None:
         names = [tuple(name.split(" ", 1)) for name in failures]
-        subjects = sorted({key[0] for key in (*results.facts, *names)})
-        conditions = dict.fromkeys(key[1] for key in (*results.facts, *names))
+        subjects = sorted({key[0] for key in (*results.summaries, *names)})
+        conditions = dict.fromkeys(key[1] for key in (*results.summaries, *names))
         planned = {(s, c): None for s in subjects for c in conditions}
     else:
         for subject, person in study.subjects.items():
             for condition in study.file.conditions:
                 planned[subject, condition] = _why_not(person.trials.get(condition))
-        planned |= {key: None for key in results.facts if key not in planned}
+        planned |= {key: None for key in results.summaries if key not in planned}
     return [_state(key, why, results, failures, study) for key, why in planned.items()]
 
 
@@ -105,23 +105,23 @@ def _state(
     failures: dict[str, str],
     study: Study | None,
 ) -> TrialState:
-    fact = results.facts.get(key)
+    trial = results.summaries.get(key)
     failure = failures.get(" ".join(key))
     if failure is not None:
         why_not = "failed", failure
     if why_not is not None:
-        older = "; an older result is left out of the tables" if fact is not None else ""
+        older = "; an older result is left out of the tables" if trial is not None else ""
         return TrialState(*key, why_not[0], why_not[1] + older, False)
-    if fact is None:
+    if trial is None:
         return TrialState(*key, "missing", "no result: hbm run has not done it", False)
     if study is not None:
         if key[0] not in study.subjects or key[1] not in study.file.conditions:
             said = "no longer in the study; its result is left out of the tables"
             return TrialState(*key, "outdated", said, False)
-        if fact["settings"] != study.file.settings.model_dump():
+        if trial.settings != study.file.settings:
             said = "processed with other settings than the study states now; run it again"
             return TrialState(*key, "outdated", said, True)
-        if fact["key"] != trial_key(study, *key):
+        if trial.key != trial_key(study, *key):
             said = "the program, a file of it or what is stated has changed since; run it again"
             return TrialState(*key, "outdated", said, True)
     return TrialState(*key, "done", "", True)
@@ -143,11 +143,11 @@ def provenance(results: Results, states: list[TrialState], study: Study | None) 
         Plain values, ready for JSON. ``settings`` and ``versions`` are those the trials were
         processed with, each once; more than one means that trials are not alike.
     """
-    facts = results.facts.values()
+    trials = results.summaries.values()
     return {
         "name": study.file.name if study else None,
-        "settings": _each_once([fact["settings"] for fact in facts]),
-        "versions": _each_once([fact["versions"] for fact in facts]),
+        "settings": _each_once([trial.settings.model_dump() for trial in trials]),
+        "versions": _each_once([dict(trial.versions) for trial in trials]),
         "report": {
             "python": platform.python_version(),
             **{name: version(name) for name in REPORT_PACKAGES},
@@ -157,15 +157,14 @@ def provenance(results: Results, states: list[TrialState], study: Study | None) 
         "treadmill": study.file.treadmill.model_dump(mode="json") if study else None,
         "inputs": input_digests(study) if study else None,
         "trials": [
-            asdict(state) | _identity(results.facts.get((state.subject, state.condition)))
+            asdict(state) | _identity(results.summaries.get((state.subject, state.condition)))
             for state in states
         ],
     }
 
 
-def _identity(fact: dict[str, Any] | None) -> dict[str, str | None]:
-    names = ("source", "key")
-    return {name: fact[name] if fact else None for name in names}
+def _identity(trial: TrialSummary | None) -> dict[str, str | None]:
+    return {"source": trial.source, "key": trial.key} if trial else {"source": None, "key": None}
 
 
 def _dumped(models: Any) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 import json
 import os
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -13,18 +12,12 @@ import pyarrow.parquet as pq
 
 from hbm.coordinates import HBM_ORDER, INDEX
 from pipeline.io.write import whole_file
-from pipeline.trial.residuals import (
-    AXES,
-    hicks_table,
-    marker_table,
-    reported,
-    residual_table,
-    variants,
-)
+from pipeline.trial.residuals import AXES, reported, variants
 from pipeline.trial.result import TrialResult
+from pipeline.trial.summary import TrialSummary, summarise
 
-PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarrow")
-FACTS: Final = b"hbm"
+SUMMARY: Final = b"hbm"
+"""Key of the summary in the file's metadata."""
 
 
 def frame_table(result: TrialResult) -> pd.DataFrame:
@@ -65,73 +58,30 @@ def frame_table(result: TrialResult) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def trial_facts(result: TrialResult, condition: str, key: str) -> dict[str, Any]:
-    """Say what made a trial's result and what a report needs of it besides the frames.
-
-    Parameters
-    ----------
-    result
-        The trial.
-    condition
-        Its condition.
-    key
-        Digest of everything that went into it.
-
-    Returns
-    -------
-    dict
-        Plain values, ready for JSON.
-    """
-    return {
-        "key": key,
-        "source": result.source.name,
-        "condition": condition,
-        "subject": result.subject.model_dump(),
-        "settings": result.settings.model_dump(),
-        "versions": {name: version(name) for name in PACKAGES},
-        "body_mass_kg": result.body.mass,
-        "height_m": result.body.height_m,
-        "marker_set": result.body.marker_set.name,
-        "locked": list(result.body.locked),
-        "segments": list(result.segments),
-        "notes": list(result.notes),
-        "delay_s": result.delay_s if np.isfinite(result.delay_s) else None,
-        "delay_uncertainty_s": (
-            result.delay_uncertainty_s if np.isfinite(result.delay_uncertainty_s) else None
-        ),
-        "unsolved_frames": int(np.count_nonzero(~result.motion.converged)),
-        "frames": len(result.motion.time),
-        "cycles": {side: spans.tolist() for side, spans in result.cycles.items()},
-        "residuals": residual_table(result, condition).to_dict("records"),
-        "hicks": hicks_table(result).to_dict("records"),
-        "markers": marker_table(result).to_dict("records"),
-    }
-
-
 def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> None:
-    """Write a trial as Parquet: `frame_table`, and `trial_facts` in the file's metadata.
+    """Write a trial as Parquet: `frame_table`, and its `TrialSummary` in the file's metadata.
 
     Parameters
     ----------
     result, condition, key
-        As for `trial_facts`.
+        As for `pipeline.trial.summary.summarise`.
     path
         The file; it appears whole or not at all.
     """
     table = pa.Table.from_pandas(frame_table(result), preserve_index=False)
-    facts = json.dumps(trial_facts(result, condition, key), ensure_ascii=False).encode()
-    table = table.replace_schema_metadata({**(table.schema.metadata or {}), FACTS: facts})
+    summary = summarise(result, condition, key).to_json()
+    table = table.replace_schema_metadata({**(table.schema.metadata or {}), SUMMARY: summary})
     with whole_file(path) as temporary:
         pq.write_table(table, temporary, compression="zstd", use_dictionary=["event"])
 
 
-def read_facts(path: Path) -> dict[str, Any]:
-    """Read a trial's facts back without its frames.
+def read_summary(path: Path) -> TrialSummary:
+    """Read a trial's summary without its frames.
 
     Raises
     ------
     ValueError
-        If the file is damaged or not a trial's result.
+        If the file is damaged, not a trial's result, or written by another version.
     OSError
         If it cannot be opened.
     """
@@ -139,10 +89,12 @@ def read_facts(path: Path) -> dict[str, Any]:
         metadata = pq.read_schema(path).metadata or {}
     except pa.ArrowInvalid as error:
         raise ValueError(f"{path.name} is damaged: {error}; 'hbm run' makes it again") from error
-    if FACTS not in metadata:
+    if SUMMARY not in metadata:
         raise ValueError(f"{path.name} is not the result of a trial")
-    facts: dict[str, Any] = json.loads(metadata[FACTS])
-    return facts
+    try:
+        return TrialSummary.from_json(metadata[SUMMARY])
+    except ValueError as error:
+        raise ValueError(f"{path.name}: {error}; 'hbm run' makes it again") from error
 
 
 RUN = "run.json"

@@ -145,7 +145,7 @@ def process_recording(
         measured=dynamics["measured"],
         compensated=dynamics.get("compensated"),
         ground=ground,
-        segments=tuple(segments or ()),
+        overridden_segments=tuple(segments or ()),
         platform=acted.pose,
         events=events,
         cycles=chosen,

@@ -1,5 +1,6 @@
 """Residuals of a trial: per gait cycle, as a long table, and against published thresholds."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,65 @@ DIRECTIONS: Final = ("forward", "right", "up", "forward", "right", "up")
 REPORTED_SIGN: Final = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 HICKS_FORCE_SHARE: Final = 0.05
 HICKS_MOMENT_SHARE: Final = 0.01
+EVERY_MARKER: Final = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualRow:
+    """One residual of a trial, summarised over its gait cycles.
+
+    Attributes
+    ----------
+    subject, condition
+        The trial.
+    compensated
+        Whether the plates' wrenches were compensated.
+    axis, unit
+        "Fx" … "Mz" as reported: x forward, y right, z up; moments about the pelvis origin.
+    rms, mean, sd, peak
+        Over all samples of the gait cycles; the peak is the largest magnitude.
+    rms_of_cycles
+        RMS over cycles of each cycle's RMS over 0–100 %.
+    rms_percent
+        The RMS in percent of body weight, or of body weight × stature.
+    n_cycles
+        Number of gait cycles.
+    """
+
+    subject: str
+    condition: str
+    compensated: bool
+    axis: str
+    unit: str
+    rms: float
+    rms_of_cycles: float
+    mean: float
+    sd: float
+    peak: float
+    rms_percent: float
+    n_cycles: int
+
+
+@dataclass(frozen=True, slots=True)
+class ThresholdRow:
+    """A trial's peak residual force or moment beside its published limit (Hicks et al. 2015)."""
+
+    compensated: bool
+    quantity: str
+    unit: str
+    peak: float
+    limit: float
+    passed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MarkerRow:
+    """A marker's distance from the model: NaN for one that was never seen."""
+
+    marker: str
+    rms_mm: float
+    peak_mm: float
+    missing_percent: float
 
 
 def reported(residual: Array) -> Array:
@@ -72,6 +132,11 @@ def in_cycles(result: TrialResult) -> Mask:
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
+    """Lay `residual_rows` out as a table."""
+    return pd.DataFrame(residual_rows(result, condition))
+
+
+def residual_rows(result: TrialResult, condition: str) -> tuple[ResidualRow, ...]:
     """Summarise a trial's residuals, one row per variant and axis.
 
     Parameters
@@ -83,11 +148,8 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
 
     Returns
     -------
-    pandas.DataFrame
-        subject, condition, compensated, axis, unit, rms (over all samples of the gait cycles),
-        rms_of_cycles (RMS over cycles of each cycle's RMS over 0–100 %), mean, sd, peak (largest
-        magnitude), rms_percent (of body weight, or of body weight × stature), n_cycles. Axes as
-        reported: x forward, y right, z up; moments about the pelvis origin.
+    tuple of ResidualRow
+        As measured first, then compensated; axes in the order of `AXES`.
 
     Raises
     ------
@@ -108,27 +170,26 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
         per_cycle = per_cycle[np.isfinite(per_cycle).all(axis=(1, 2))]
         rms = np.sqrt(np.mean(value**2, axis=0))
         for k, axis in enumerate(AXES):
-            rows.append(
-                {
-                    "subject": result.subject.id,
-                    "condition": condition,
-                    "compensated": name == "compensated",
-                    "axis": axis,
-                    "unit": UNITS[k],
-                    "rms": rms[k],
-                    "rms_of_cycles": np.sqrt(np.mean(per_cycle[..., k] ** 2)),
-                    "mean": value[:, k].mean(),
-                    "sd": value[:, k].std(),
-                    "peak": np.abs(value[:, k]).max(),
-                    "rms_percent": rms[k] / scale[k],
-                    "n_cycles": sum(len(spans) for spans in result.cycles.values()),
-                }
+            row = ResidualRow(
+                subject=result.subject.id,
+                condition=condition,
+                compensated=name == "compensated",
+                axis=axis,
+                unit=UNITS[k],
+                rms=float(rms[k]),
+                rms_of_cycles=float(np.sqrt(np.mean(per_cycle[..., k] ** 2))),
+                mean=float(value[:, k].mean()),
+                sd=float(value[:, k].std()),
+                peak=float(np.abs(value[:, k]).max()),
+                rms_percent=float(rms[k] / scale[k]),
+                n_cycles=sum(len(spans) for spans in result.cycles.values()),
             )
-    return pd.DataFrame(rows)
+            rows.append(row)
+    return tuple(rows)
 
 
-def hicks_table(result: TrialResult) -> pd.DataFrame:
-    """Hold a trial's peak residuals against published limits.
+def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
+    """Compare a trial's peak residuals with published limits.
 
     Parameters
     ----------
@@ -137,8 +198,8 @@ def hicks_table(result: TrialResult) -> pd.DataFrame:
 
     Returns
     -------
-    pandas.DataFrame
-        compensated, quantity ("force" or "moment"), unit, peak, limit, passed.
+    tuple of ThresholdRow
+        Force and moment, as measured and compensated.
 
     Notes
     -----
@@ -159,20 +220,12 @@ def hicks_table(result: TrialResult) -> pd.DataFrame:
             ("moment", "N·m", residual[:, 3:], HICKS_MOMENT_SHARE * height * external),
         ):
             peak = float(np.linalg.norm(part, axis=1).max())
-            rows.append(
-                {
-                    "compensated": name == "compensated",
-                    "quantity": quantity,
-                    "unit": unit,
-                    "peak": peak,
-                    "limit": limit,
-                    "passed": peak < limit,
-                }
-            )
-    return pd.DataFrame(rows)
+            compensated = name == "compensated"
+            rows.append(ThresholdRow(compensated, quantity, unit, peak, limit, peak < limit))
+    return tuple(rows)
 
 
-def marker_table(result: TrialResult) -> pd.DataFrame:
+def marker_rows(result: TrialResult) -> tuple[MarkerRow, ...]:
     """Give each marker's RMS and largest distance from the model, and its gaps.
 
     Parameters
@@ -182,21 +235,18 @@ def marker_table(result: TrialResult) -> pd.DataFrame:
 
     Returns
     -------
-    pandas.DataFrame
-        marker, rms_mm, peak_mm, missing_percent; the last row, "all", over all markers. A marker
-        that was never seen has no error (NaN).
+    tuple of MarkerRow
+        In the motion's order of markers; the last row, "all", over all of them.
     """
     error = result.motion.marker_error * 1000
-    seen = np.isfinite(error)
-    singles = [_spread(error[seen[:, k], k]) for k in range(error.shape[1])]
-    table = pd.DataFrame([*singles, _spread(error[seen])], columns=["rms_mm", "peak_mm"])
-    table.insert(0, "marker", [*result.motion.markers, "all"])
-    table["missing_percent"] = 100 * (1 - np.append(seen.mean(axis=0), seen.mean()))
-    return table
+    rows = [_marker_row(name, error[:, k]) for k, name in enumerate(result.motion.markers)]
+    return (*rows, _marker_row(EVERY_MARKER, error))
 
 
-def _spread(distance: Array) -> tuple[float, float]:
-    """Give RMS and largest of distances; NaN where there are none."""
-    if not len(distance):
-        return np.nan, np.nan
-    return float(np.sqrt(np.mean(distance**2))), float(distance.max())
+def _marker_row(name: str, error_mm: Array) -> MarkerRow:
+    """Summarise distances; RMS and peak are NaN where there are none."""
+    seen = error_mm[np.isfinite(error_mm)]
+    missing = 100 * (1 - len(seen) / error_mm.size)
+    if not len(seen):
+        return MarkerRow(name, np.nan, np.nan, missing)
+    return MarkerRow(name, float(np.sqrt(np.mean(seen**2))), float(seen.max()), missing)

@@ -47,7 +47,7 @@ class TrialResult:
         Frames in which the split of a plate between the feet is uncertain, (T,).
     onsets
         When the perturbations of a perturbed condition began, (P,) [s].
-    segments
+    overridden_segments
         Segments whose inertia is not by the table alone.
     notes
         Whatever was inferred, locked, filled or refused, as sentences.
@@ -68,5 +68,5 @@ class TrialResult:
     delay_uncertainty_s: float
     ambiguous: Mask
     notes: tuple[str, ...]
-    segments: tuple[str, ...] = ()
+    overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))

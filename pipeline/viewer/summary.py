@@ -1,11 +1,14 @@
 """What the viewer says beside the pictures, in Markdown."""
 
+import numpy as np
+
 from pipeline.trial.residuals import (
+    AXES,
     DIRECTIONS,
-    hicks_table,
     in_cycles,
-    marker_table,
-    residual_table,
+    marker_rows,
+    residual_rows,
+    threshold_rows,
     variants,
 )
 from pipeline.trial.result import TrialResult
@@ -47,16 +50,15 @@ def _circumstances(result: TrialResult) -> str:
 
 def _residuals(result: TrialResult) -> str:
     names = list(variants(result))
-    table = residual_table(result, result.source.stem)
+    rows = residual_rows(result, result.source.stem)
     lines = [
         "## Pelvis residuals (RMS)",
         "|  | towards | " + " | ".join(f"{name} | %" for name in names) + " |",
         "|---|---|" + "---:|---:|" * len(names),
     ]
-    for (axis, group), direction in zip(table.groupby("axis", sort=False), DIRECTIONS, strict=True):
+    for axis, direction in zip(AXES, DIRECTIONS, strict=True):
         cells = [
-            f"{row['rms']:.1f} {row['unit']} | {row['rms_percent']:.2f}"
-            for row in group.to_dict("records")
+            f"{row.rms:.1f} {row.unit} | {row.rms_percent:.2f}" for row in rows if row.axis == axis
         ]
         lines.append(f"| {axis} | {direction} | {' | '.join(cells)} |")
     return "\n".join([*lines, "", "% of body weight, or of body weight × stature."])
@@ -68,19 +70,19 @@ def _thresholds(result: TrialResult) -> str:
         "| plates | residual | peak | limit |  |",
         "|---|---|---:|---:|---|",
     ]
-    for row in hicks_table(result).to_dict("records"):
-        plates = "compensated" if row["compensated"] else "measured"
-        verdict = "passes" if row["passed"] else "**fails**"
+    for row in threshold_rows(result):
+        plates = "compensated" if row.compensated else "measured"
+        verdict = "passes" if row.passed else "**fails**"
         lines.append(
-            f"| {plates} | {row['quantity']} | {row['peak']:.1f} {row['unit']} "
-            f"| {row['limit']:.1f} {row['unit']} | {verdict} |"
+            f"| {plates} | {row.quantity} | {row.peak:.1f} {row.unit} "
+            f"| {row.limit:.1f} {row.unit} | {verdict} |"
         )
     return "\n".join(lines)
 
 
 def _markers(result: TrialResult) -> str:
-    table = marker_table(result)
-    single = table.iloc[:-1].sort_values("rms_mm", ascending=False)
+    *single, every = marker_rows(result)
+    single.sort(key=lambda row: -np.nan_to_num(row.rms_mm))
     lines = [
         "## Distance of markers from the model",
         f"The {min(WORST_MARKERS, len(single))} farthest of {len(single)}, and all together.",
@@ -88,10 +90,9 @@ def _markers(result: TrialResult) -> str:
         "| marker | RMS (mm) | peak (mm) | missing (%) |",
         "|---|---:|---:|---:|",
     ]
-    for row in [*single.head(WORST_MARKERS).to_dict("records"), table.iloc[-1].to_dict()]:
+    for row in [*single[:WORST_MARKERS], every]:
         lines.append(
-            f"| {row['marker']} | {row['rms_mm']:.1f} | {row['peak_mm']:.1f} "
-            f"| {row['missing_percent']:.1f} |"
+            f"| {row.marker} | {row.rms_mm:.1f} | {row.peak_mm:.1f} | {row.missing_percent:.1f} |"
         )
     return "\n".join(lines)
 

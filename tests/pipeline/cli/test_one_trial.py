@@ -8,19 +8,19 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.io.opensim.sto import read_sto
-from pipeline.run.store import read_facts
+from pipeline.run.store import read_summary
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
 def processed(trial, out, *options):
-    """What ``hbm residuals`` leaves: frames, facts, summary, and what it printed."""
+    """What ``hbm residuals`` leaves: frames, summary, table of residuals."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "200")
         assert main(["residuals", str(trial), "--out", str(out), *options]) == 0
     stem = out / trial.stem
     frames = pd.read_parquet(f"{stem}.parquet")
-    return frames, read_facts(Path(f"{stem}.parquet")), pd.read_csv(f"{stem}_residuals.csv")
+    return frames, read_summary(Path(f"{stem}.parquet")), pd.read_csv(f"{stem}_residuals.csv")
 
 
 @pytest.fixture(scope="module")
@@ -34,30 +34,30 @@ def result(real_trial, tmp_path_factory):
     return out, *processed(real_trial, out, "--mass-kg", "55.3", "--sex", "female")
 
 
-def within_cycles(frames, facts):
+def within_cycles(frames, summary):
     time = np.asarray(frames["time_s"])
-    spans = [span for side in ("left", "right") for span in facts["cycles"][side]]
+    spans = [span for side in ("left", "right") for span in summary.cycles[side]]
     return np.any([(time >= start) & (time < stop) for start, stop in spans], axis=0)
 
 
 def test_the_table_is_the_rms_of_the_frames_within_gait_cycles(result):
-    _, frames, facts, summary = result
-    inside = frames[within_cycles(frames, facts)]
+    _, frames, summary, table = result
+    inside = frames[within_cycles(frames, summary)]
     assert len(inside) > 1000
-    assert tuple(summary["axis"]) == AXES
-    for axis, rms, mean in summary[["axis", "rms", "mean"]].itertuples(index=False):
+    assert tuple(table["axis"]) == AXES
+    for axis, rms, mean in table[["axis", "rms", "mean"]].itertuples(index=False):
         residual = inside[f"residual.measured.{axis}"]
         assert rms == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-5)
         assert mean == pytest.approx(residual.mean(), rel=1e-5)
 
 
 def test_percentages_are_of_body_weight_and_of_body_weight_times_stature(result):
-    *_, facts, summary = result
+    *_, summary, table = result
     weight = 55.3 * 9.81
-    stature = facts["height_m"]
+    stature = summary.height_m
     assert stature == pytest.approx(1.72, abs=0.005)
     scale = [weight] * 3 + [weight * stature] * 3
-    np.testing.assert_allclose(summary["rms_percent"], 100 * summary["rms"] / scale, rtol=1e-4)
+    np.testing.assert_allclose(table["rms_percent"], 100 * table["rms"] / scale, rtol=1e-4)
 
 
 def test_the_figure_is_written_for_paper_and_for_screen(result):
@@ -71,9 +71,9 @@ def test_the_readme_shows_what_the_command_prints(result):
     readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
     rows = [line.split("│")[1:-1] for line in readme.splitlines() if line.startswith("│")]
     shown = {axis.strip(): float(rms) for _, axis, rms, *_ in rows}
-    summary = result[-1]
-    assert shown == pytest.approx(dict(zip(AXES, summary["rms"], strict=True)), rel=0.1, abs=0.1)
-    assert f"{summary['n_cycles'].iloc[0]} gait cycles" in readme
+    table = result[-1]
+    assert shown == pytest.approx(dict(zip(AXES, table["rms"], strict=True)), rel=0.1, abs=0.1)
+    assert f"{table['n_cycles'].iloc[0]} gait cycles" in readme
 
 
 def test_nothing_else_and_nothing_half_written_is_left(result):
@@ -99,35 +99,35 @@ def test_a_name_with_dots_keeps_all_of_it(real_trial, tmp_path):
 
 
 def test_the_facts_say_what_made_the_result(result):
-    facts = result[2]
-    assert facts["source"] == "treadmill_events.c3d"
-    assert facts["subject"]["sex"] == "female"
-    assert facts["body_mass_kg"] == 55.3
-    assert facts["settings"]["filter"] == "zero_phase"
-    assert facts["settings"]["cutoff_hz"] == 6.0
-    assert facts["unsolved_frames"] == 0
-    assert {"hbm-residuals", "casadi", "numpy", "scipy"} <= set(facts["versions"])
-    assert "RShoulderFlexion" in facts["locked"]
+    summary = result[2]
+    assert summary.source == "treadmill_events.c3d"
+    assert summary.subject.sex == "female"
+    assert summary.body_mass_kg == 55.3
+    assert summary.settings.filter == "zero_phase"
+    assert summary.settings.cutoff_hz == 6.0
+    assert summary.unsolved_frames == 0
+    assert {"hbm-residuals", "casadi", "numpy", "scipy"} <= set(summary.versions)
+    assert "RShoulderFlexion" in summary.locked
 
 
 def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
-    *_, facts, summary = processed(
+    *_, summary, table = processed(
         real_trial, tmp_path, "--mass-kg", "55.3", "--filter", "realtime", "--cutoff-hz", "8"
     )
     out = capsys.readouterr().out
-    assert f"{summary['n_cycles'].iloc[0]} gait cycles" in out
+    assert f"{table['n_cycles'].iloc[0]} gait cycles" in out
     assert "(realtime 8 Hz)" in out
     lines = [line.split("│") for line in out.splitlines() if line.startswith("│")]
     assert [cells[2].strip() for cells in lines] == list(AXES)
-    assert [cells[3].strip() for cells in lines] == [f"{rms:.1f}" for rms in summary["rms"]]
-    assert [cells[4].strip() for cells in lines] == [f"{mean:.1f}" for mean in summary["mean"]]
-    for limit in facts["hicks"]:
-        verdict = "passes" if limit["passed"] else "FAILS"
-        assert f"{verdict} Hicks (2015): peak residual {limit['quantity']}" in out
-    for note in facts["notes"]:
+    assert [cells[3].strip() for cells in lines] == [f"{rms:.1f}" for rms in table["rms"]]
+    assert [cells[4].strip() for cells in lines] == [f"{mean:.1f}" for mean in table["mean"]]
+    for limit in summary.thresholds:
+        verdict = "passes" if limit.passed else "FAILS"
+        assert f"{verdict} Hicks (2015): peak residual {limit.quantity}" in out
+    for note in summary.notes:
         assert note in out
-    worst = max(facts["markers"][:-1], key=lambda row: row["rms_mm"])
-    assert f"{worst['marker']} {worst['rms_mm']:.1f}" in out
+    worst = max(summary.markers[:-1], key=lambda row: row.rms_mm)
+    assert f"{worst.marker} {worst.rms_mm:.1f}" in out
 
 
 def test_a_trial_in_opensims_files_runs_the_same_way(shared_data, tmp_path):
@@ -141,10 +141,10 @@ def test_a_trial_in_opensims_files_runs_the_same_way(shared_data, tmp_path):
     }
     trial = subject.with_name("subject01_walk1.trc")
     words = [word for pair in options.items() for word in pair]
-    _, facts, summary = processed(trial, tmp_path, *words)
+    _, summary, table = processed(trial, tmp_path, *words)
     theirs = read_sto(subject.with_name("inverse_dynamics.sto"))
-    inside = within_cycles({"time_s": theirs.time}, facts)
+    inside = within_cycles({"time_s": theirs.time}, summary)
     forces = np.stack([theirs.column(f"pelvis_t{axis}_force") for axis in "xyz"])
     peer = np.sqrt(np.mean(forces[:, inside] ** 2, axis=1))
-    ours = summary.set_index("axis").loc[["Fx", "Fy", "Fz"], "rms"]
+    ours = table.set_index("axis").loc[["Fx", "Fy", "Fz"], "rms"]
     assert np.linalg.norm(ours) < np.linalg.norm(peer)

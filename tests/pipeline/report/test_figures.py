@@ -95,7 +95,7 @@ def test_marginal_means_are_over_the_same_subjects_in_all_cells(results, tests):
 
 def test_raw_residuals_follow_one_another_as_they_were_walked(results):
     own = results.cycles[results.cycles["subject"] == "sub02"]
-    spans = {c: fact["cycles"] for (s, c), fact in results.facts.items() if s == "sub02"}
+    spans = {c: trial.cycles for (s, c), trial in results.summaries.items() if s == "sub02"}
     panel = raw_figure(own, spans, "Fy").axes[1]
     assert panel.get_title(loc="left") == "sway"
     peaks = line(panel, "no IC").get_ydata().reshape(-1, 101)

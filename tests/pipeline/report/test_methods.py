@@ -53,9 +53,9 @@ def test_the_study_is_told_as_it_was(usual):
 def test_segments_that_are_known_better_are_named(usual):
     text, results = usual
     assert "but for those stated" not in text
-    facts = {key: fact | {"segments": []} for key, fact in results.facts.items()}
-    facts["sub01", "sway"]["segments"] = ["left_shank", "right_foot"]
-    found = replace(results, facts=facts)
+    key, known = ("sub01", "sway"), ("left_shank", "right_foot")
+    trial = replace(results.summaries[key], overridden_segments=known)
+    found = replace(results, summaries=results.summaries | {key: trial})
     tests = statistics(found.residuals, found.subjects)
     told = " ".join(methods(found, tests, None))
     assert "stated of single segments (sub01: left_shank and right_foot)" in told

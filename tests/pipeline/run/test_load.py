@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from pipeline.run.load import collect
-from pipeline.run.store import read_facts
+from pipeline.run.store import read_summary
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.residuals import AXES
 from tests.pipeline import lab
@@ -21,22 +21,22 @@ def gathered(finished):
 def test_residuals_of_every_trial_are_in_one_table(finished, gathered):
     assert len(gathered.residuals) == 2 * 3 * 2 * 6
     for path in (finished / "trials").glob("*.parquet"):
-        facts = read_facts(path)
+        trial = read_summary(path)
         rows = gathered.residuals[
-            (gathered.residuals["subject"] == facts["subject"]["id"])
-            & (gathered.residuals["condition"] == facts["condition"])
+            (gathered.residuals["subject"] == trial.subject.id)
+            & (gathered.residuals["condition"] == trial.condition)
         ]
-        expected = pd.DataFrame(facts["residuals"])
+        expected = pd.DataFrame(trial.residuals)
         pd.testing.assert_frame_equal(rows.reset_index(drop=True), expected)
 
 
 def test_curves_are_the_cycles_of_the_frames(finished, gathered):
     path = finished / "trials" / "sub02_sway.parquet"
-    facts, frames = read_facts(path), pd.read_parquet(path)
+    trial, frames = read_summary(path), pd.read_parquet(path)
     curves = gathered.cycles.query("subject == 'sub02' and condition == 'sway'")
-    count = sum(len(spans) for spans in facts["cycles"].values())
+    count = sum(len(spans) for spans in trial.cycles.values())
     assert len(curves) == count * 101 * 2 * 6
-    for side, spans in facts["cycles"].items():
+    for side, spans in trial.cycles.items():
         for compensated, name in ((False, "measured"), (True, "compensated")):
             for axis in AXES:
                 values = frames[f"residual.{name}.{axis}"]
@@ -82,4 +82,4 @@ def test_what_is_no_result_is_not_gathered(finished, tmp_path):
     out = shutil.copytree(finished, tmp_path / "out")
     for name in (".sub03_sway.parquet.deadbeef.part", "sub03_sway.failed.json", "notes.txt"):
         (out / "trials" / name).write_text("{}", encoding="utf-8")
-    assert len(collect(out).facts) == 6
+    assert len(collect(out).summaries) == 6

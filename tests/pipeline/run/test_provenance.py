@@ -77,10 +77,10 @@ def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, stud
     found = states(everything, {}, study)
     assert (found["sub03", "pitch"].state, found["sub03", "pitch"].in_tables) == ("excluded", False)
     left = only(everything, {key for key, state in found.items() if state.in_tables})
-    assert set(everything.facts) - set(left.facts) == {("sub03", "pitch")}
+    assert set(everything.summaries) - set(left.summaries) == {("sub03", "pitch")}
     for table in (left.residuals, left.cycles):
         keys = set(table[["subject", "condition"]].drop_duplicates().itertuples(index=False))
-        assert keys == set(left.facts)
+        assert keys == set(left.summaries)
     assert set(left.subjects["subject"]) == {"sub01", "sub02", "sub03"}
 
 

@@ -17,7 +17,7 @@ from pipeline.run import cluster, run
 from pipeline.run import job as work
 from pipeline.run.job import process_job
 from pipeline.run.run import plan, run_jobs, run_study
-from pipeline.run.store import read_facts
+from pipeline.run.store import read_summary
 from pipeline.trial import process
 
 TRIALS = [f"sub0{n}_{c}" for n in (1, 2) for c in ("baseline", "pitch", "sway")]
@@ -62,9 +62,9 @@ def test_every_trial_has_a_result_with_the_key_of_all_that_went_into_it(moving_s
     planned = plan(read_study(moving_study), finished)
     assert sorted(contents(finished)) == [f"{name}.parquet" for name in TRIALS]
     for job in planned:
-        facts = read_facts(job.target)
-        assert (facts["key"], facts["subject"]["id"]) == (job.key, job.subject)
-        assert facts["condition"] == job.condition
+        summary = read_summary(job.target)
+        assert (summary.key, summary.subject.id) == (job.key, job.subject)
+        assert summary.condition == job.condition
 
 
 def test_what_is_there_is_kept_untouched(moving_study, out, monkeypatch):

@@ -14,8 +14,9 @@ import pytest
 from hbm.coordinates import HBM_ORDER, INDEX
 from pipeline.io.write import remove_leftovers, require_writable, whole_file, write_csv
 from pipeline.run import store as trial_files
-from pipeline.run.store import read_facts, write_trial
+from pipeline.run.store import read_summary, write_trial
 from pipeline.trial.residuals import reported, residual_table
+from pipeline.trial.summary import summarise
 
 
 @pytest.fixture(scope="module")
@@ -50,21 +51,47 @@ def test_events_stand_on_the_frame_nearest_to_them(processed, written):
         assert f"{event.side} {event.label}" in row["event"]
 
 
-def test_facts_are_read_without_the_frames(processed, written):
-    facts = read_facts(written)
-    assert facts["key"] == "a key"
-    assert facts["condition"] == "pitch"
-    assert facts["subject"]["id"] == "sub01"
-    assert facts["settings"] == processed.settings.model_dump()
-    assert facts["body_mass_kg"] == processed.body.mass
-    assert facts["notes"] == list(processed.notes)
-    assert facts["frames"] == len(processed.motion.time)
-    assert facts["versions"]["pyarrow"] == version("pyarrow")
+def test_the_summary_is_read_without_the_frames(processed, written):
+    summary = read_summary(written)
+    assert summary == summarise(processed, "pitch", "a key")
+    assert (summary.key, summary.condition, summary.subject.id) == ("a key", "pitch", "sub01")
+    assert summary.settings == processed.settings
+    assert summary.body_mass_kg == processed.body.mass
+    assert summary.notes == processed.notes
+    assert summary.frames == len(processed.motion.time)
+    assert summary.versions["pyarrow"] == version("pyarrow")
     pd.testing.assert_frame_equal(
-        pd.DataFrame(facts["residuals"]), residual_table(processed, "pitch"), check_exact=True
+        pd.DataFrame(summary.residuals), residual_table(processed, "pitch"), check_exact=True
     )
     for side, spans in processed.cycles.items():
-        np.testing.assert_array_equal(facts["cycles"][side], spans)
+        np.testing.assert_array_equal(summary.cycles[side], spans)
+
+
+def rewrite_summary(source, target, change):
+    """Copy a stored trial with other bytes for its summary."""
+    table = pq.read_table(source)
+    text = change(table.schema.metadata[trial_files.SUMMARY])
+    metadata = table.schema.metadata | {trial_files.SUMMARY: text}
+    pq.write_table(table.replace_schema_metadata(metadata), target)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        (b'"version":1', b'"version":2', "written by another version of hbm .format 2"),
+        (b'"version":1,', b"", "written by another version of hbm .format unknown"),
+        (b'"key":"a key",', b"", "key: field required"),
+        (b'"frames":', b'"sex":"male","frames":', "sex: unexpected keyword argument"),
+        (b'"frames":1200', b'"frames":"1200"', "frames: input should be a valid integer"),
+        (b'"peak":', b'"largest":', r"residuals\.0\.peak: field required"),
+        (b"{", b"", "not valid JSON"),
+    ],
+)
+def test_a_summary_of_another_version_or_shape_is_one_line(written, tmp_path, before, after, said):
+    path = tmp_path / "other.parquet"
+    rewrite_summary(written, path, lambda text: text.replace(before, after, 1))
+    with pytest.raises(ValueError, match=rf"^other\.parquet: {said}.*'hbm run' makes it again$"):
+        read_summary(path)
 
 
 def test_equal_results_give_equal_bytes(processed, written, tmp_path):
@@ -79,14 +106,14 @@ def test_a_file_cut_short_is_no_result(written, tmp_path, keep):
     broken = tmp_path / "broken.parquet"
     broken.write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
     with pytest.raises(ValueError, match=r"broken\.parquet is damaged: .*'hbm run' makes it again"):
-        read_facts(broken)
+        read_summary(broken)
 
 
 def test_another_parquet_file_is_no_result(tmp_path):
     other = tmp_path / "other.parquet"
     pd.DataFrame({"x": [1]}).to_parquet(other)
     with pytest.raises(ValueError, match=r"other\.parquet is not the result of a trial"):
-        read_facts(other)
+        read_summary(other)
 
 
 def test_a_write_that_fails_leaves_what_was_there(processed, written, tmp_path, monkeypatch):
@@ -100,7 +127,7 @@ def test_a_write_that_fails_leaves_what_was_there(processed, written, tmp_path, 
     monkeypatch.setattr(trial_files.pq, "write_table", full)
     with pytest.raises(OSError, match="No space left"):
         write_trial(processed, "pitch", "another key", path)
-    assert read_facts(path)["key"] == "a key"
+    assert read_summary(path).key == "a key"
     assert [p.name for p in tmp_path.iterdir()] == ["trial.parquet"]
 
 

@@ -10,11 +10,11 @@ from hbm.spatial import GRAVITY_MPS2
 from pipeline.trial.residuals import (
     AXES,
     cycle_residuals,
-    hicks_table,
     in_cycles,
-    marker_table,
+    marker_rows,
     reported,
     residual_table,
+    threshold_rows,
     variants,
 )
 
@@ -104,18 +104,18 @@ def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_cent
 ):
     residual = np.tile([3.0, 4.0, 0, 0, 0, 2.0], (len(time_of(processed)), 1))
     result = with_residual(processed, residual)
-    force, moment = hicks_table(result).to_dict("records")
+    force, moment = threshold_rows(result)
     inside = in_cycles(result)
     ground = sum(result.ground["measured"].values())[inside, :3]
     peak = np.linalg.norm(ground, axis=1).max()
     height = center_of_mass(result.body, result.motion.q[inside])[:, 2].mean()
-    assert force["peak"] == pytest.approx(5.0)
-    assert force["limit"] == pytest.approx(0.05 * peak)
-    assert force["passed"]
-    assert moment["peak"] == pytest.approx(2.0)
-    assert moment["limit"] == pytest.approx(0.01 * height * peak)
+    assert force.peak == pytest.approx(5.0)
+    assert force.limit == pytest.approx(0.05 * peak)
+    assert force.passed
+    assert moment.peak == pytest.approx(2.0)
+    assert moment.limit == pytest.approx(0.01 * height * peak)
     worse = with_residual(processed, 100 * residual)
-    assert not hicks_table(worse)["passed"].any()
+    assert not any(row.passed for row in threshold_rows(worse))
 
 
 def test_marker_errors_leave_gaps_out_and_count_them(processed):
@@ -124,15 +124,15 @@ def test_marker_errors_leave_gaps_out_and_count_them(processed):
     error[:, 0] = 0.004
     error[: len(error) // 2, 0] = np.nan
     error[:, 1] = np.nan
-    table = marker_table(replace(processed, motion=replace(motion, marker_error=error)))
-    first, second, third, every = (table.iloc[k] for k in (0, 1, 2, -1))
-    assert (first["rms_mm"], first["missing_percent"]) == pytest.approx((4.0, 50.0))
-    assert np.isnan(second["rms_mm"])
-    assert second["missing_percent"] == 100.0
-    assert (third["rms_mm"], third["peak_mm"]) == pytest.approx((3.0, 3.0))
+    rows = marker_rows(replace(processed, motion=replace(motion, marker_error=error)))
+    first, second, third, every = (rows[k] for k in (0, 1, 2, -1))
+    assert (first.rms_mm, first.missing_percent) == pytest.approx((4.0, 50.0))
+    assert np.isnan(second.rms_mm)
+    assert second.missing_percent == 100.0
+    assert (third.rms_mm, third.peak_mm) == pytest.approx((3.0, 3.0))
     others = len(motion.markers) - 2
     rms = np.sqrt((0.5 * 16 + others * 9) / (0.5 + others))
-    assert (every["marker"], every["rms_mm"]) == ("all", pytest.approx(rms))
+    assert (every.marker, every.rms_mm) == ("all", pytest.approx(rms))
 
 
 def test_variants_are_named_in_order(processed):

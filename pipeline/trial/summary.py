@@ -1,0 +1,181 @@
+"""What is known of a trial besides its frames: what reports, tables and the console need."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import ClassVar, Final
+
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from pipeline.config.schema import Settings, Subject
+from pipeline.trial.residuals import (
+    MarkerRow,
+    ResidualRow,
+    ThresholdRow,
+    marker_rows,
+    residual_rows,
+    threshold_rows,
+)
+from pipeline.trial.result import TrialResult
+
+FORMAT_VERSION: Final = 1
+"""Of stored trials, summary and frames together; raised with every change of what they hold."""
+PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarrow")
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSummary:
+    """What is known of a processed trial besides its frames.
+
+    Attributes
+    ----------
+    version
+        `FORMAT_VERSION` of the program that made it.
+    key
+        Digest of everything that went into the trial (`pipeline.run.job.trial_key`).
+    source
+        Name of the recording's file.
+    condition, subject, settings
+        As stated.
+    versions
+        Package -> version the trial was processed with.
+    body_mass_kg, height_m
+        As stated or, where they were not, weighed and estimated.
+    marker_set
+        Name of the marker set.
+    locked
+        Coordinates that no marker shows; they stay at zero.
+    overridden_segments
+        Segments whose inertia is not by the table alone.
+    notes
+        What was inferred, locked, filled or refused.
+    delay_s, delay_uncertainty_s
+        How much later the plates are than the markers, and its standard error; None where unknown.
+    frames, unsolved_frames
+        Number of frames, and of those without a solution of the inverse kinematics.
+    cycles
+        Side -> start and stop of each gait cycle [s].
+    residuals
+        RMS, mean, peak of every residual over the gait cycles.
+    thresholds
+        Peak residuals beside the limits of Hicks et al. (2015).
+    markers
+        Every marker's distance from the model; the last row is over all markers.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(
+        strict=True, extra="forbid", ser_json_inf_nan="constants"
+    )
+
+    version: int
+    key: str
+    source: str
+    condition: str
+    subject: Subject
+    settings: Settings
+    versions: Mapping[str, str]
+    body_mass_kg: float
+    height_m: float
+    marker_set: str
+    locked: tuple[str, ...]
+    overridden_segments: tuple[str, ...]
+    notes: tuple[str, ...]
+    delay_s: float | None
+    delay_uncertainty_s: float | None
+    frames: int
+    unsolved_frames: int
+    cycles: Mapping[str, tuple[tuple[float, float], ...]]
+    residuals: tuple[ResidualRow, ...]
+    thresholds: tuple[ThresholdRow, ...]
+    markers: tuple[MarkerRow, ...]
+
+    def to_json(self) -> bytes:
+        """Give the summary as JSON; numbers come back exactly."""
+        return _JSON.dump_json(self)
+
+    @staticmethod
+    def from_json(text: bytes) -> "TrialSummary":
+        """Read a summary back.
+
+        Raises
+        ------
+        ValueError
+            If it is of another format, or anything is missing, unknown or of another type.
+        """
+        require_format(text)
+        try:
+            return _JSON.validate_json(text)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise ValueError(f"{where}: {first['msg'].lower()}") from error
+
+
+_JSON: Final = TypeAdapter(TrialSummary)
+
+
+def require_format(text: bytes) -> None:
+    """Refuse the JSON of another format than `FORMAT_VERSION` with a ValueError."""
+    try:
+        stored = json.loads(text)
+    except ValueError as error:
+        raise ValueError(f"not valid JSON: {error}") from error
+    found = stored.get("version") if isinstance(stored, dict) else None
+    if found != FORMAT_VERSION:
+        raise ValueError(
+            f"written by another version of hbm (format {found or 'unknown'}; this one reads "
+            f"format {FORMAT_VERSION})"
+        )
+
+
+def summarise(result: TrialResult, condition: str, key: str) -> TrialSummary:
+    """Summarise a processed trial.
+
+    Parameters
+    ----------
+    result
+        The trial.
+    condition
+        Name of its condition.
+    key
+        Digest of everything that went into it; empty for a trial outside a study.
+
+    Returns
+    -------
+    TrialSummary
+        What is known of it besides its frames.
+
+    Raises
+    ------
+    ValueError
+        If the trial has no gait cycle.
+    """
+    return TrialSummary(
+        version=FORMAT_VERSION,
+        key=key,
+        source=result.source.name,
+        condition=condition,
+        subject=result.subject,
+        settings=result.settings,
+        versions={name: version(name) for name in PACKAGES},
+        body_mass_kg=result.body.mass,
+        height_m=result.body.height_m,
+        marker_set=result.body.marker_set.name,
+        locked=result.body.locked,
+        overridden_segments=result.overridden_segments,
+        notes=result.notes,
+        delay_s=_known(result.delay_s),
+        delay_uncertainty_s=_known(result.delay_uncertainty_s),
+        frames=len(result.motion.time),
+        unsolved_frames=int(np.count_nonzero(~result.motion.converged)),
+        cycles={side: tuple(map(tuple, spans.tolist())) for side, spans in result.cycles.items()},
+        residuals=residual_rows(result, condition),
+        thresholds=threshold_rows(result),
+        markers=marker_rows(result),
+    )
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
