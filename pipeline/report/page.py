@@ -4,7 +4,7 @@ from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from xml.etree.ElementTree import Element
 
 import pandas as pd
@@ -19,7 +19,7 @@ from pipeline.report.tables import means_table, table_3_table
 from pipeline.report.trials import problems, sources, trial_tables
 from pipeline.report.verdict import verdict_section
 from pipeline.run.load import Results
-from pipeline.run.provenance import TrialState
+from pipeline.run.provenance import Provenance, TrialState
 from pipeline.statistics.design import CONDITIONS, in_order
 from pipeline.statistics.verdict import BASELINE, Verdict
 from pipeline.trial.residuals import AXES
@@ -49,7 +49,7 @@ class Report:
     table_3: pd.DataFrame
     found: Sequence[Verdict]
     states: Sequence[TrialState]
-    source: dict[str, Any]
+    source: Provenance
     figures: Path
     study: Study | None
 
@@ -67,7 +67,7 @@ def write_page(report: Report) -> str:
     str
         HTML with its style and pictures inside; no script, no request to anywhere.
     """
-    name = report.source["name"] or "Study report"
+    name = report.source.name or "Study report"
     found, residuals = report.found, report.results.residuals
     banner = problems(report.states, report.source)
     question = "Does compensation bring each residual back to baseline?"
@@ -172,7 +172,7 @@ def _picture(path: Path, caption: str) -> Element:
 def _methods(report: Report) -> list[Element]:
     paragraphs = methods(report.results, report.statistics, report.study)
     keys = cited(report.results)
-    entries = bibtex(keys, report.source["report"]["hbm-residuals"])
+    entries = bibtex(keys, report.source.report["hbm-residuals"])
     return [
         element("p", "True for the settings of these trials; ready to paste.", class_="small soft"),
         *(element("p", text) for text in paragraphs),

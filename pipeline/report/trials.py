@@ -14,14 +14,14 @@ from pipeline.report.trial_quality import (
     trial_checks,
 )
 from pipeline.run.load import Results
-from pipeline.run.provenance import TrialState
+from pipeline.run.provenance import Provenance, TrialState
 from pipeline.statistics.design import in_order
 from pipeline.trial.residuals import HICKS_FORCE_SHARE, HICKS_MOMENT_SHARE
 
 LIGHTS: Final = {"good": "✔", "look": "▲", "bad": "✖", "none": ""}
 
 
-def problems(states: Sequence[TrialState], source: dict[str, Any]) -> list[Element]:
+def problems(states: Sequence[TrialState], source: Provenance) -> list[Element]:
     """Name every trial that is not simply done, and settings or versions that differ.
 
     Parameters
@@ -41,11 +41,9 @@ def problems(states: Sequence[TrialState], source: dict[str, Any]) -> list[Eleme
         for s in states
         if s.state != "done"
     ]
-    for what in ("settings", "versions"):
-        if len(source[what]) > 1:
-            text = (
-                f"Trials were processed with {len(source[what])} different {what}: run them again."
-            )
+    for what, found in (("settings", source.settings), ("versions", source.versions)):
+        if len(found) > 1:
+            text = f"Trials were processed with {len(found)} different {what}: run them again."
             lines.append(element("li", text))
     if not lines:
         return []
@@ -123,7 +121,7 @@ def _lights(found: Sequence[Check]) -> Element:
     return element("div", *lines)
 
 
-def sources(source: dict[str, Any]) -> list[Element]:
+def sources(source: Provenance) -> list[Element]:
     """Show settings, versions and hashes.
 
     Parameters
@@ -137,19 +135,20 @@ def sources(source: dict[str, Any]) -> list[Element]:
         Tables.
     """
     parts = []
-    for settings in source["settings"]:
-        rows = [[name, _said(value)] for name, value in settings.items()]
+    rows: list[list[Element | str]]
+    for settings in source.settings:
+        rows = [[name, _said(value)] for name, value in settings]
         parts.append(table(("Setting", "Value"), rows, caption="Settings of the trials"))
-    for versions in source["versions"]:
+    for versions in source.versions:
         rows = [[name, value] for name, value in versions.items()]
         parts.append(table(("Package", "Version"), rows, caption="The trials were processed with"))
-    rows = [[name, value] for name, value in source["report"].items()]
+    rows = [[name, value] for name, value in source.report.items()]
     parts.append(table(("Package", "Version"), rows, caption="The report was made with"))
-    program = source["program"]
-    commit = program["git_commit"] or "not in a repository"
-    rows = [["Sources, SHA-256", _code(program["sha256"])], ["Git commit", _code(commit)]]
+    program = source.program
+    commit = program.git_commit or "not in a repository"
+    rows = [["Sources, SHA-256", _code(program.sha256)], ["Git commit", _code(commit)]]
     parts.append(table(("Program", "Identity"), rows, caption="The program"))
-    inputs = source["inputs"]
+    inputs = source.inputs
     if inputs is None:
         text = "The study's folder was not given to the report, so its files are not listed."
         return [*parts, element("p", f"{text} Every trial's key is in study.json.")]

@@ -1,6 +1,5 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -71,7 +70,7 @@ def write_report(
     if study is not None:
         announce("hashing the study's files")
     source = provenance(results, states, study)
-    _write_text(json.dumps(source, indent=1, ensure_ascii=False), folder / "study.json")
+    _write_text(source.to_json(), folder / "study.json")
 
     figures = folder / "figures"
     for name, figure in study_figures(results, tests):

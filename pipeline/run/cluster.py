@@ -6,7 +6,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any, Final
 
-from pipeline.run.job import DIED, Job, Outcome, process_job, said, stored_key
+from pipeline.run.job import WORKER_DIED, Job, Outcome, describe_error, process_job, stored_key
 
 LOOK_S: Final = 10.0
 UNMANNED_S: Final = 300.0
@@ -78,9 +78,9 @@ def _gathered(future: Any, job: Job, dask: Any) -> Outcome:
     try:
         outcome: Outcome = future.result(timeout=LOOK_S)
     except dask.KilledWorker:
-        return Outcome(job, "failed", DIED)
+        return Outcome(job, "failed", WORKER_DIED)
     except Exception as error:
         if stored_key(job.target) == job.key:
             return Outcome(job, "done")
-        return Outcome(job, "failed", f"on the cluster: {said(error)}")
+        return Outcome(job, "failed", f"on the cluster: {describe_error(error)}")
     return outcome

@@ -1,23 +1,35 @@
-"""One trial's work: a digest of all that goes into it, a result written whole or not at all."""
+"""One trial of a study as a job: its key, its processing, its outcome."""
 
 import hashlib
 import json
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from importlib.metadata import version
+from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 from pipeline.config.study import Study
+from pipeline.run.program import computation_digest
+from pipeline.run.store import read_summary, write_trial
+from pipeline.trial.summary import FORMAT_VERSION
 
-PACKAGES: Final = ("hbm", "compensation", "pipeline")
-SOURCES: Final = {".py", ".c", ".h", ".csv", ".toml"}
-DIED: Final = "the process that worked on it died; too little memory?"
+WORKER_DIED: Final = "the process that worked on it died; too little memory?"
+MAX_CACHED_DIGESTS: Final = 4096
+"""Files whose digests are remembered; more than any study has."""
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One trial of a study, where its result goes, and the digest of all that goes into it."""
+    """One trial of a study.
+
+    Attributes
+    ----------
+    study, subject, condition
+        The trial.
+    target
+        File of its result.
+    key
+        Digest of everything the result depends on (`trial_key`).
+    """
 
     study: Study
     subject: str
@@ -37,17 +49,16 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a trial: ``state`` is "done", "kept" (was there already) or "failed"."""
+    """What became of a job: processed, kept because its result was there already, or failed."""
 
     job: Job
-    state: str
+    state: Literal["done", "kept", "failed"]
     reason: str = ""
 
 
 def process_job(job: Job) -> Outcome:
     """Process one trial and write its result whole or not at all; failures become outcomes."""
-    from pipeline.run.store import write_trial
-    from pipeline.trial.process import process_trial
+    from pipeline.trial.process import process_trial  # heavy, and not needed for keys
 
     try:
         if stored_key(job.target) == job.key:
@@ -60,12 +71,12 @@ def process_job(job: Job) -> Outcome:
             )
         write_trial(result, job.condition, job.key, job.target)
     except Exception as error:
-        return Outcome(job, "failed", said(error))
+        return Outcome(job, "failed", describe_error(error))
     return Outcome(job, "done")
 
 
-def said(error: BaseException) -> str:
-    """Say an error in one line; one that nobody foresaw with its type and where it arose."""
+def describe_error(error: BaseException) -> str:
+    """Describe an error in one line; an unforeseen one with its type and where it arose."""
     text = " ".join(str(error).split())
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
@@ -80,59 +91,57 @@ def said(error: BaseException) -> str:
 
 
 def trial_key(study: Study, subject: str, condition: str) -> str:
-    """Give a digest of all that a trial's result depends on: files, statements, program."""
+    """Give a digest of everything a trial's result depends on.
+
+    Parameters
+    ----------
+    study
+        The study.
+    subject, condition
+        Which trial.
+
+    Returns
+    -------
+    str
+        SHA-256 of the contents of its files, of what the study states about it, of the sources and
+        libraries that compute it, and of the format in which it is stored.
+    """
     person = study.subject(subject)
     trial = person.trials[condition]
     treadmill = study.file.treadmill
     names = [trial.file, trial.forces, trial.record, treadmill.calibration]
     names += [person.static, person.hip_trial, person.segments]
     names += [treadmill.belt.calibration] if treadmill.belt is not None else []
-    stated = {
+    inputs = {
         "files": [file_digest(study.path(name)) if name else None for name in names],
         "study": study.file.model_dump(exclude={"name", "conditions"}),
         "condition": study.condition(condition).model_dump(),
         "subject": person.person.model_dump(),
         "marker_set": str(study.marker_set),
-        "program": program_digest(),
+        "program": computation_digest(),
+        "format": FORMAT_VERSION,
     }
-    return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
 def file_digest(path: Path) -> str:
-    """Give a file's SHA-256; a file that is gone has none, and the trial will say so."""
+    """Give a file's SHA-256; for a file that cannot be read, a text that says why."""
     try:
-        written = path.stat()
-        return _digest(path, written.st_mtime_ns, written.st_size)
+        status = path.stat()
+        return _digest(path, status.st_mtime_ns, status.st_size)
     except OSError as error:
         return f"unreadable: {error.strerror}"
 
 
-@lru_cache(maxsize=4096)
+@lru_cache(maxsize=MAX_CACHED_DIGESTS)
 def _digest(path: Path, mtime_ns: int, size: int) -> str:
     """Hash a file once, until it is written to again."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-@cache
-def program_digest() -> str:
-    """Give a digest of this program's own sources and its numerical libraries' versions."""
-    root = Path(__file__).resolve().parents[2]
-    digest = hashlib.sha256()
-    for package in PACKAGES:
-        for path in sorted((root / package).rglob("*")):
-            if path.suffix in SOURCES:
-                digest.update(path.relative_to(root).as_posix().encode())
-                digest.update(path.read_bytes())
-    for name in ("numpy", "scipy", "casadi"):
-        digest.update(f"{name} {version(name)}".encode())
-    return digest.hexdigest()
-
-
 def stored_key(path: Path) -> str | None:
-    """Give the key a trial's result was written with; None where there is no sound result."""
-    from pipeline.run.store import read_summary
-
+    """Give the key a trial's result was written with; None where there is no readable result."""
     try:
         return read_summary(path).key
     except (OSError, ValueError):

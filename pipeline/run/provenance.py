@@ -2,22 +2,26 @@
 
 import json
 import platform
-import subprocess
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal, TypeVar
 
-from pipeline.config.schema import Trial
+from pydantic import TypeAdapter
+
+from pipeline.config.schema import Condition, Settings, Treadmill, Trial
 from pipeline.config.study import Study
-from pipeline.run.job import file_digest, program_digest, trial_key
+from pipeline.run.failures import FAILURES
+from pipeline.run.job import file_digest, trial_key
 from pipeline.run.load import Results
-from pipeline.trial.summary import PACKAGES, TrialSummary
+from pipeline.run.program import git_commit, program_digest
+from pipeline.trial.summary import PACKAGES
 
 REPORT_PACKAGES: Final = (*PACKAGES, "pingouin", "matplotlib")
-FAILURES: Final = "failures.json"
 
 State = Literal["done", "outdated", "failed", "excluded", "missing"]
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,13 +33,15 @@ class TrialState:
     subject, condition
         Which.
     state
-        "done"; "outdated": done, but otherwise than the study says now; "failed"; "excluded";
+        "done"; "outdated": done, but otherwise than the study states now; "failed"; "excluded";
         "missing": no result and no reason.
     reason
         Why it is not simply done.
     in_tables
         Whether there is a result that the tables and figures take: not that of a trial which
         failed since, is excluded by now, or is no longer in the study.
+    source, key
+        Name of the recording's file and key of the result; None where there is no result.
     """
 
     subject: str
@@ -43,6 +49,57 @@ class TrialState:
     state: State
     reason: str
     in_tables: bool
+    source: str | None
+    key: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """The program that made a report: SHA-256 of its sources, and their commit if known."""
+
+    sha256: str
+    git_commit: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """What a study's results were made from: the content of ``study.json``.
+
+    Attributes
+    ----------
+    name
+        The study's name; None, as `conditions`, `treadmill` and `inputs`, without its folder.
+    settings, versions
+        Settings and package versions the trials were processed with, each once; more than one
+        means that trials are not alike.
+    report
+        Python's and the packages' versions that made the report.
+    program
+        The program that made the report.
+    conditions, treadmill
+        As stated.
+    inputs
+        File of the study -> its SHA-256.
+    trials
+        What became of every trial.
+    """
+
+    name: str | None
+    settings: tuple[Settings, ...]
+    versions: tuple[Mapping[str, str], ...]
+    report: Mapping[str, str]
+    program: Program
+    conditions: Mapping[str, Condition] | None
+    treadmill: Treadmill | None
+    inputs: Mapping[str, str] | None
+    trials: tuple[TrialState, ...]
+
+    def to_json(self) -> str:
+        """Give ``study.json``."""
+        return _JSON.dump_json(self, indent=1).decode()
+
+
+_JSON: Final = TypeAdapter(Provenance)
 
 
 def read_failures(folder: Path) -> dict[str, str]:
@@ -59,9 +116,9 @@ def read_failures(folder: Path) -> dict[str, str]:
 
 
 def trial_states(
-    results: Results, failures: dict[str, str], study: Study | None = None
+    results: Results, failures: Mapping[str, str], study: Study | None = None
 ) -> list[TrialState]:
-    """Say of every trial of a study what became of it.
+    """Give the state of every trial of a study.
 
     Parameters
     ----------
@@ -86,13 +143,13 @@ def trial_states(
     else:
         for subject, person in study.subjects.items():
             for condition in study.file.conditions:
-                planned[subject, condition] = _why_not(person.trials.get(condition))
+                planned[subject, condition] = _unplanned(person.trials.get(condition))
         planned |= {key: None for key in results.summaries if key not in planned}
-    return [_state(key, why, results, failures, study) for key, why in planned.items()]
+    return [_state(key, cause, results, failures, study) for key, cause in planned.items()]
 
 
-def _why_not(trial: Trial | None) -> tuple[State, str] | None:
-    """Say why a trial was not to be processed; None if it was."""
+def _unplanned(trial: Trial | None) -> tuple[State, str] | None:
+    """Give state and reason of a trial that was not to be processed; None if it was."""
     if trial is None:
         return "missing", "not in the subject's file"
     return None if trial.exclude is None else ("excluded", trial.exclude)
@@ -100,79 +157,74 @@ def _why_not(trial: Trial | None) -> tuple[State, str] | None:
 
 def _state(
     key: tuple[str, str],
-    why_not: tuple[State, str] | None,
+    cause: tuple[State, str] | None,
     results: Results,
-    failures: dict[str, str],
+    failures: Mapping[str, str],
     study: Study | None,
 ) -> TrialState:
     trial = results.summaries.get(key)
+    identity = (trial.source, trial.key) if trial is not None else (None, None)
     failure = failures.get(" ".join(key))
     if failure is not None:
-        why_not = "failed", failure
-    if why_not is not None:
+        cause = "failed", failure
+    if cause is not None:
+        state, reason = cause
         older = "; an older result is left out of the tables" if trial is not None else ""
-        return TrialState(*key, why_not[0], why_not[1] + older, False)
+        return TrialState(*key, state, reason + older, False, *identity)
     if trial is None:
-        return TrialState(*key, "missing", "no result: hbm run has not done it", False)
+        return TrialState(*key, "missing", "no result: hbm run has not done it", False, *identity)
     if study is not None:
         if key[0] not in study.subjects or key[1] not in study.file.conditions:
-            said = "no longer in the study; its result is left out of the tables"
-            return TrialState(*key, "outdated", said, False)
+            reason = "no longer in the study; its result is left out of the tables"
+            return TrialState(*key, "outdated", reason, False, *identity)
         if trial.settings != study.file.settings:
-            said = "processed with other settings than the study states now; run it again"
-            return TrialState(*key, "outdated", said, True)
+            reason = "processed with other settings than the study states now; run it again"
+            return TrialState(*key, "outdated", reason, True, *identity)
         if trial.key != trial_key(study, *key):
-            said = "the program, a file of it or what is stated has changed since; run it again"
-            return TrialState(*key, "outdated", said, True)
-    return TrialState(*key, "done", "", True)
+            reason = "the program, a file of it or what is stated has changed since; run it again"
+            return TrialState(*key, "outdated", reason, True, *identity)
+    return TrialState(*key, "done", "", True, *identity)
 
 
-def provenance(results: Results, states: list[TrialState], study: Study | None) -> dict[str, Any]:
-    """Gather what ``study.json`` says.
+def provenance(results: Results, states: Sequence[TrialState], study: Study | None) -> Provenance:
+    """Gather what a study's results were made from.
 
     Parameters
     ----------
     results, states
         The trials and what became of them.
     study
-        The study, if its folder is at hand: its statements and the hashes of its files.
+        The study, if its folder is at hand: what it states, and the hashes of its files.
 
     Returns
     -------
-    dict
-        Plain values, ready for JSON. ``settings`` and ``versions`` are those the trials were
-        processed with, each once; more than one means that trials are not alike.
+    Provenance
+        The content of ``study.json``.
     """
     trials = results.summaries.values()
-    return {
-        "name": study.file.name if study else None,
-        "settings": _each_once([trial.settings.model_dump() for trial in trials]),
-        "versions": _each_once([dict(trial.versions) for trial in trials]),
-        "report": {
+    return Provenance(
+        name=study.file.name if study else None,
+        settings=_each_once(trial.settings for trial in trials),
+        versions=_each_once(trial.versions for trial in trials),
+        report={
             "python": platform.python_version(),
             **{name: version(name) for name in REPORT_PACKAGES},
         },
-        "program": {"sha256": program_digest(), "git_commit": git_commit()},
-        "conditions": _dumped(study.file.conditions) if study else None,
-        "treadmill": study.file.treadmill.model_dump(mode="json") if study else None,
-        "inputs": input_digests(study) if study else None,
-        "trials": [
-            asdict(state) | _identity(results.summaries.get((state.subject, state.condition)))
-            for state in states
-        ],
-    }
+        program=Program(program_digest(), git_commit()),
+        conditions=study.file.conditions if study else None,
+        treadmill=study.file.treadmill if study else None,
+        inputs=input_digests(study) if study else None,
+        trials=tuple(states),
+    )
 
 
-def _identity(trial: TrialSummary | None) -> dict[str, str | None]:
-    return {"source": trial.source, "key": trial.key} if trial else {"source": None, "key": None}
-
-
-def _dumped(models: Any) -> dict[str, Any]:
-    return {name: model.model_dump(mode="json") for name, model in models.items()}
-
-
-def _each_once(values: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [value for k, value in enumerate(values) if value not in values[:k]]
+def _each_once(values: Iterable[Item]) -> tuple[Item, ...]:
+    """Give values without repetition, in order of their first occurrence."""
+    different: list[Item] = []
+    for value in values:
+        if value not in different:
+            different.append(value)
+    return tuple(different)
 
 
 def input_digests(study: Study) -> dict[str, str]:
@@ -191,24 +243,3 @@ def input_digests(study: Study) -> dict[str, str]:
     if study.file.treadmill.belt is not None:
         names.add(study.file.treadmill.belt.calibration)
     return {name: file_digest(study.path(name)) for name in sorted(names)}
-
-
-def git_commit() -> str | None:
-    """Give the commit of the program's sources, "… with changes" if they differ from it.
-
-    None where the program does not run from a repository of its own.
-    """
-    root = Path(__file__).resolve().parents[2]
-    if not (root / ".git").exists():
-        return None
-
-    def git(*words: str) -> str:
-        command = ["git", "-C", str(root), *words]
-        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-
-    try:
-        commit = git("rev-parse", "HEAD")
-        changed = git("status", "--porcelain", "--", "hbm", "compensation", "pipeline")
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return f"{commit} with changes" if changed else commit

@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 
 from pipeline.config.study import Study
 from pipeline.run.cluster import on_cluster
-from pipeline.run.job import DIED, Job, Outcome, process_job, stored_key, trial_key
+from pipeline.run.job import WORKER_DIED, Job, Outcome, process_job, stored_key, trial_key
 
 
 def run_study(
@@ -122,5 +122,5 @@ def _alone(job: Job) -> Outcome:
         alone = Parallel(2, backend="loky", inner_max_num_threads=1)
         outcome: Outcome = alone([delayed(process_job)(job)])[0]
     except BrokenProcessPool:
-        return Outcome(job, "failed", DIED)
+        return Outcome(job, "failed", WORKER_DIED)
     return outcome

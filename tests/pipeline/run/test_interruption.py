@@ -25,12 +25,12 @@ import os, random, signal, sys, time
 from pathlib import Path
 from hbm.kernels.native import kernels
 import pipeline.trial.process, pipeline.run.store
-from pipeline.run.job import program_digest
+from pipeline.run.program import computation_digest
 from pipeline.cli.study import run
 
 study, out, kills, seed = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
 kernels()
-program_digest()
+computation_digest()
 chance = random.Random(seed)
 
 def there():

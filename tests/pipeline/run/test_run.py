@@ -13,7 +13,7 @@ import pytest
 
 from pipeline.cli.app import main
 from pipeline.config.study import Study, read_study
-from pipeline.run import cluster, run
+from pipeline.run import cluster, program, run
 from pipeline.run import job as work
 from pipeline.run.job import process_job
 from pipeline.run.run import plan, run_jobs, run_study
@@ -122,11 +122,12 @@ def test_what_changed_is_redone_and_nothing_else(study, out, change, redone):
 
 def test_another_program_or_library_redoes_everything(moving_study, out, monkeypatch):
     before = [job.key for job in plan(read_study(moving_study), out)]
-    work.program_digest.cache_clear()
-    real = work.version
-    monkeypatch.setattr(work, "version", lambda name: real(name) + ("1" if name == "scipy" else ""))
+    program.computation_digest.cache_clear()
+    real = program.version
+    other = {"scipy": real("scipy") + "1"}
+    monkeypatch.setattr(program, "version", lambda name: other.get(name) or real(name))
     after = [job.key for job in plan(read_study(moving_study), out)]
-    work.program_digest.cache_clear()
+    program.computation_digest.cache_clear()
     assert not set(before) & set(after)
 
 
