@@ -32,7 +32,7 @@ from pipeline.trial.gait.cycles import gait_cycles, normalise
 from pipeline.trial.gait.events import gait_events
 from pipeline.trial.process import feet_of
 from pipeline.trial.residuals import AXES, reported
-from pipeline.virtual_lab.protocol.trial import simulate_trial
+from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 
 # %% [markdown]
 # ## 1. A recording

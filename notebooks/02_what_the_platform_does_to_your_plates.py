@@ -23,8 +23,8 @@ from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.laboratory import accelerations, setup_of
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.protocol.bench import make_bench
-from pipeline.virtual_lab.protocol.experiment import run_signal
+from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.protocol.walking_trial import run_signal
 
 # %% [markdown]
 # ## The laboratory
@@ -33,22 +33,23 @@ from pipeline.virtual_lab.protocol.experiment import run_signal
 # instruments usually have: noise, cross-talk, offsets, crooked axes, 3 ms of delay.
 
 # %%
-bench = make_bench(Faults(), seed=1)
+virtual_treadmill = make_treadmill(Faults(), seed=1)
 cutoff_hz = 20.0
 treadmill = Treadmill(
     accelerometers={
-        sensor.name: tuple(f"{sensor.name}.{axis}" for axis in "XYZ") for sensor in bench.sensors
+        sensor.name: tuple(f"{sensor.name}.{axis}" for axis in "XYZ")
+        for sensor in virtual_treadmill.sensors
     },
     cutoff_hz=cutoff_hz,
 )
-for side, assembly in zip(("left", "right"), bench.machine.assemblies, strict=True):
+for side, assembly in zip(("left", "right"), virtual_treadmill.machine.assemblies, strict=True):
     x, y, z = assembly.center
     print(f"{side} belt: {assembly.mass:.0f} kg, centre {x:.2f} m forward, {z:.2f} m up")
 
 
 def record_empty(signal, seed):
     """Run a signal with nobody on the belts: times, what is felt, what plate 1 measures."""
-    recording = run_signal(bench, signal, np.random.default_rng(seed))
+    recording = run_signal(virtual_treadmill, signal, np.random.default_rng(seed))
     setup = setup_of(recording, treadmill)
     time, felt = accelerations(recording, treadmill)
     felt, wrench = (

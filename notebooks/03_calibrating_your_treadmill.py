@@ -32,8 +32,8 @@ from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.laboratory import accelerations, fit_calibration
 from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
-from pipeline.virtual_lab.protocol.bench import SENSORS, make_bench
-from pipeline.virtual_lab.protocol.experiment import run_signal
+from pipeline.virtual_lab.protocol.instrumented_treadmill import SENSORS, make_treadmill
+from pipeline.virtual_lab.protocol.walking_trial import run_signal
 
 components = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 cutoff_hz = 20.0
@@ -67,11 +67,11 @@ spectrum = acceleration_spectrum(signal)
 # and a machine at rest, which shows the noise floor: better than that nothing can become.
 
 # %%
-bench = make_bench(Faults(accelerometers=AccelerometerFaults(sensors=4)), seed=1)
+virtual_treadmill = make_treadmill(Faults(accelerometers=AccelerometerFaults(sensors=4)), seed=1)
 still = Signal("rest", 100.0, np.zeros(2000), np.zeros(2000), np.full(2000, 3.0))
 validation = {other.name: other for other in validation_signals()}
 recordings = {
-    name: run_signal(bench, course, np.random.default_rng(seed))
+    name: run_signal(virtual_treadmill, course, np.random.default_rng(seed))
     for seed, (name, course) in enumerate(
         {
             "calibration": signal,
@@ -155,7 +155,7 @@ for name, measured in before.items():
 treadmill = treadmill_with(SENSORS[:2])
 felt = accelerations(recordings["sway"], treadmill)[1]
 gentle = Signal("gentle", 100.0, 0.3 * signal.sway, 0.3 * signal.pitch, signal.belt_speed)
-timid = fit_calibration(run_signal(bench, gentle, np.random.default_rng(9)), treadmill)
+timid = fit_calibration(run_signal(virtual_treadmill, gentle, np.random.default_rng(9)), treadmill)
 dead, turned = felt.copy(), felt.copy()
 dead[:, 1] = felt[0, 1]
 turned[:, 3:] *= -1

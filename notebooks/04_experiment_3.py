@@ -25,8 +25,8 @@ from pipeline.run.load import collect
 from pipeline.run.run import run_study
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.table_3 import table_3, table_3_markdown
-from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
-from pipeline.virtual_lab.protocol.simulate import simulate_study
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 # %% [markdown]
 # ## 1. A study is a folder

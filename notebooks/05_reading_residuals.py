@@ -37,9 +37,9 @@ from pipeline.trial.residuals import (
     threshold_rows,
 )
 from pipeline.viewer.trial import write_recording
-from pipeline.virtual_lab.protocol.bench import PLATFORM_MARKERS, make_bench
-from pipeline.virtual_lab.protocol.experiment import run_calibration, run_trial, walker_of
-from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.instrumented_treadmill import PLATFORM_MARKERS, make_treadmill
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_trial, study_subject
 
 # %% [markdown]
 # ## The trial, in order
@@ -49,13 +49,14 @@ from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
 
 # %%
 setting = Setting(seed=1, protocol=Protocol(subjects=1, pitch_s=32.0))
-bench = make_bench(setting.faults, setting.seed)
-recording = run_trial(setting, bench, walker_of(setting, 0), 0, "pitch").recording
-empty = run_calibration(setting, bench)
+virtual_treadmill = make_treadmill(setting.faults, setting.seed)
+recording = run_trial(setting, virtual_treadmill, study_subject(setting, 0), 0, "pitch").recording
+empty = run_calibration(setting, virtual_treadmill)
 
 treadmill = Treadmill(
     accelerometers={
-        sensor.name: tuple(f"{sensor.name}.{axis}" for axis in "XYZ") for sensor in bench.sensors
+        sensor.name: tuple(f"{sensor.name}.{axis}" for axis in "XYZ")
+        for sensor in virtual_treadmill.sensors
     },
     platform=Platform(markers=tuple(PLATFORM_MARKERS)),
 )

@@ -9,8 +9,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from hbm.kernels.native import kernels
 from pipeline.cli import results as result_commands
 from pipeline.cli import study as study_commands
-from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
-from pipeline.virtual_lab.protocol.simulate import simulate_study
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 SMALL = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 14.0, 12.0, 13.0))
 

@@ -137,7 +137,7 @@ def _drawn(kind: str, seed: int, limits: Limits) -> list[Signal]:
 
 
 def _simulate(folder: Path, seed: int, console: Console) -> None:
-    from pipeline.virtual_lab.protocol.ranking_lab import TRIALS, simulate_ranking
+    from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
 
     if folder.exists() and any(folder.rglob("*.c3d")):
         raise ValueError(f"{folder} has recordings already; simulate into a new folder")

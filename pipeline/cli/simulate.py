@@ -8,9 +8,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from hbm.kernels.native import kernels
 from pipeline.io.write import write_csv
-from pipeline.virtual_lab.protocol.protocol import SHORT, Protocol, Setting
-from pipeline.virtual_lab.protocol.setting import read_setting
-from pipeline.virtual_lab.protocol.simulate import simulate_study
+from pipeline.virtual_lab.protocol.setting_file import read_setting
+from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 
 def stated(

@@ -16,7 +16,7 @@ import pandas as pd
 
 from hbm.coordinates import COORDINATES, INDEX, TREE, N
 from hbm.spatial import Array
-from pipeline.virtual_lab.person.walker import Person, Walker, make_walker
+from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
 from tests.virtual_gait.gait_optimum import Target, nodes, optimise
 
 HARMONICS: Final = 8
@@ -125,7 +125,7 @@ def to_si(name: str) -> float:
 
 
 def target_of(
-    walker: Walker, mean: dict[str, Array], spread: dict[str, float]
+    subject: VirtualSubject, mean: dict[str, Array], spread: dict[str, float]
 ) -> tuple[Target, Array]:
     """Give the optimisation's target, and foot pitch and progression as coefficients [deg]."""
     series = wanted(mean)
@@ -137,11 +137,11 @@ def target_of(
         if source in series:
             joints[:, i] = to_si(name) * evaluate(series[source], phase)
         if source.startswith(STANDING[1:]):
-            joints[:, i] += walker.standing[i]
+            joints[:, i] += subject.standing[i]
         other = OTHER_SPREAD[1] if TREE[i].translates else OTHER_SPREAD[0]
         width = 0.5 * spread[NORM[source][0]] if source in NORM else FREE_SPREAD.get(source, other)
         widths[i] = to_si(name) * width
-    joints[:, INDEX["PelvisZ"]] = walker.standing[INDEX["PelvisZ"]] - LOWER_M
+    joints[:, INDEX["PelvisZ"]] = subject.standing[INDEX["PelvisZ"]] - LOWER_M
 
     pitch = (
         mean["Pelvis Ant/Pst"] - mean["Hip Flx/Ext"] + mean["Knee Flx/Ext"] - mean["Ankle Dor/Pla"]
@@ -157,7 +157,9 @@ def target_of(
     return target, feet
 
 
-def write(path: Path, walker: Walker, walks: dict[float, dict[str, Array]], feet: Array) -> None:
+def write(
+    path: Path, subject: VirtualSubject, walks: dict[float, dict[str, Array]], feet: Array
+) -> None:
     """Write the coefficients with their provenance; ``walks`` by slope [deg]."""
     rows = ["slope_deg,coordinate,about,harmonic,cosine,sine"]
     for slope, walk in walks.items():
@@ -166,7 +168,7 @@ def write(path: Path, walker: Walker, walks: dict[float, dict[str, Array]], feet
         for name, c in walk.items():
             if name != "foothold":
                 own = np.zeros_like(c)
-                own[0, 0] = walker.standing[INDEX[name]] if name.startswith(STANDING) else 0.0
+                own[0, 0] = subject.standing[INDEX[name]] if name.startswith(STANDING) else 0.0
                 table[name] = (c - own) / to_si(name)
         for name, c in table.items():
             about = "standing" if name.startswith(STANDING) else "zero"
@@ -179,7 +181,7 @@ def write(path: Path, walker: Walker, walks: dict[float, dict[str, Array]], feet
 
 
 if __name__ == "__main__":
-    reference = make_walker(Person())
+    reference = make_subject(Person())
     level, feet = target_of(reference, *read_norms(Path(sys.argv[1])))
     walks = {
         slope: optimise(reference, replace(level, slope=float(np.radians(slope))), HARMONICS)

@@ -14,10 +14,10 @@ import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, MOVING, TREE, N
 from hbm.kernels import skeleton
-from hbm.spatial import Array, rotation_about
-from pipeline.virtual_lab.person.feet import LEFT, OUTWARD, orientation, rolled, sole_of
+from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
+from pipeline.virtual_lab.person.sole import LEFT, OUTWARD, orientation, rolled, sole_of
 from pipeline.virtual_lab.person.stance import LANDING, hold, loading, roll_over
-from pipeline.virtual_lab.person.walker import Walker
+from pipeline.virtual_lab.person.subject import VirtualSubject
 
 NODES: Final = 50
 ODD: Final = (
@@ -107,12 +107,12 @@ def design(phase: Array, unknowns: list[tuple[str, int, int]], stride_s: float) 
     return out.reshape(len(phase), 3 * N, len(unknowns))
 
 
-def optimise(walker: Walker, target: Target, harmonics: int) -> dict[str, Array]:
+def optimise(subject: VirtualSubject, target: Target, harmonics: int) -> dict[str, Array]:
     """Find the walk nearest to a target.
 
     Parameters
     ----------
-    walker
+    subject
         Who walks.
     target
         What it should be like.
@@ -130,7 +130,7 @@ def optimise(walker: Walker, target: Target, harmonics: int) -> dict[str, Array]
     Gauss–Newton on weighted least squares, the derivatives of every node from casadi.
     """
     unknowns = columns(harmonics)
-    node, data = _node(walker, target)
+    node, data = _node(subject, target)
     matrices = design(nodes(), unknowns, target.stride_s)
     count = len(unknowns)
     names = [u[0] for u in unknowns]
@@ -160,14 +160,14 @@ def optimise(walker: Walker, target: Target, harmonics: int) -> dict[str, Array]
     return found | {"foothold": x[count:]}
 
 
-def _node(walker: Walker, target: Target) -> tuple[Symbol, Array]:
+def _node(subject: VirtualSubject, target: Target) -> tuple[Symbol, Array]:
     """Give the residuals and their Jacobian at one node as a function, and the nodes' data.
 
     Unknowns: q, v, a (3 · 46), and the foothold: forward, outward, shift of the centre of
     pressure along the feet.
     """
-    body, weight = walker.body, walker.person.mass_kg * skeleton.GRAVITY_MPS2
-    soles = {side: sole_of(body, walker.t_pose, side) for side in ("right", "left")}
+    body, weight = subject.body, subject.person.mass_kg * GRAVITY_MPS2
+    soles = {side: sole_of(body, subject.t_pose, side) for side in ("right", "left")}
     phase = {"right": nodes(), "left": nodes() + 0.5}
     data = [target.joints, target.vertical[:, None], loading(phase["right"])[:, None]]
     tilt = rotation_about(LEFT, -target.slope)

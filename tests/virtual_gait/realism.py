@@ -21,11 +21,11 @@ from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.figures.style import COLOURS, STYLE, draw_band, save_figure
 from pipeline.trial.gait.cycles import normalise
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.machine import Machine
-from pipeline.virtual_lab.person.ground import foot_wrenches
+from pipeline.virtual_lab.machine.treadmill import Machine
+from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
 from pipeline.virtual_lab.person.walk import Walk
-from pipeline.virtual_lab.protocol.experiment import run_walk, walker_of
-from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 
 ANGLES: Final = {  # title: coordinate, sign and zero [deg] that make it the norms', their name
     "pelvis anterior tilt": ("PelvisForwardPitch", 1, 0.0, "Pelvis Ant/Pst"),
@@ -83,7 +83,7 @@ def angle_curves(walk: Walk) -> dict[str, Array]:
 def force_curves(walk: Walk) -> dict[str, Array]:
     """Give a person's mean ground reaction on the right foot over the gait cycle, (101,) [BW]."""
     time = np.arange(STEADY_S * 100, walk.motion.duration * 100) / 100
-    force = foot_wrenches(walk, time)["right"][:, :3] / (walk.walker.person.mass_kg * GRAVITY_MPS2)
+    force = foot_wrenches(walk, time)["right"][:, :3] / (walk.subject.person.mass_kg * GRAVITY_MPS2)
     curves = normalise(time, force, _cycles(walk)).mean(axis=0)
     return {title: curves[:, k] for title, k in FORCES.items()}
 
@@ -127,7 +127,7 @@ def virtual_walks(subjects: int, speed_mps: float, seed: int = 1) -> list[Walk]:
     protocol = Protocol(baseline_s=30.0, speed_mps=speed_mps)
     setting = Setting(seed=seed, protocol=protocol, faults=Faults())
     return [
-        run_walk(setting, Machine(), walker_of(setting, k), k, "baseline")[0]
+        run_walk(setting, Machine(), study_subject(setting, k), k, "baseline")[0]
         for k in range(subjects)
     ]
 
@@ -178,7 +178,7 @@ def _draw(panel: Axes, title: str, curves: Array, band: Band | None) -> None:
 
 def _cycles(walk: Walk) -> Array:
     """Give the right gait cycles of steady walking, (C, 2) [s]."""
-    contact = walk.footing.steps.contact[1::2]
+    contact = walk.placement.steps.contact[1::2]
     inside = (contact > STEADY_S) & (contact < walk.motion.duration - 1)
     own = contact[inside]
     return np.column_stack([own[:-1], own[1:]])

@@ -15,16 +15,22 @@ from hbm.kernels.native import kernels
 from hbm.markers import did_you_mean
 from hbm.spatial import Array, Mask
 from pipeline.trial.residuals import AXES, UNITS
-from pipeline.virtual_lab.analysis.assess import Case, fit_models, residual_of
+from pipeline.virtual_lab.analysis.idealised_processing import Case, fit_models, residual_of
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.machine.course import Course
-from pipeline.virtual_lab.machine.machine import Machine
+from pipeline.virtual_lab.machine.motion import TreadmillMotion
+from pipeline.virtual_lab.machine.treadmill import Machine
 from pipeline.virtual_lab.person.walk import Walk
-from pipeline.virtual_lab.protocol.bench import PER_FRAME, make_bench
-from pipeline.virtual_lab.protocol.experiment import run_calibration, run_walk, walker_of
-from pipeline.virtual_lab.protocol.protocol import ONSET, SHORT, Condition, Protocol, Setting
+from pipeline.virtual_lab.protocol.instrumented_treadmill import PER_FRAME, make_treadmill
+from pipeline.virtual_lab.protocol.walking_protocol import (
+    ONSET,
+    SHORT,
+    ConditionName,
+    Protocol,
+    Setting,
+)
+from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_walk, study_subject
 
-CONDITIONS: Final[tuple[Condition, ...]] = ("baseline", "sway", "pitch")
+CONDITIONS: Final[tuple[ConditionName, ...]] = ("baseline", "sway", "pitch")
 TRANSPARENT_HZ: Final = 30.0
 EDGE_S: Final = 1.0
 FILTER: Final = "filter"
@@ -176,26 +182,26 @@ def _squares(
     setting: Setting, group: str, case: Case, subjects: int
 ) -> dict[str, tuple[Array, Array]]:
     """Give a case's RMS and added RMS over all people, by condition."""
-    own = [_one(setting, group, case, subject) for subject in range(subjects)]
+    own = [_one(setting, group, case, number) for number in range(subjects)]
     return {
         condition: tuple(np.sqrt(np.mean([p[condition] for p in own], axis=0)))
         for condition in CONDITIONS
     }
 
 
-def _one(setting: Setting, group: str, case: Case, subject: int) -> dict[str, tuple[Array, Array]]:
+def _one(setting: Setting, group: str, case: Case, number: int) -> dict[str, tuple[Array, Array]]:
     """Give mean squares of one case and person, whole and added, by condition."""
-    bench = make_bench(case.faults, setting.seed)
+    treadmill = make_treadmill(case.faults, setting.seed)
     models = _models(setting, case) if case.removal == "calibrated" else ()
     reference = TRANSPARENT_HZ if group == FILTER else Case().cutoff_hz
     found: dict[str, tuple[Array, Array]] = {}
     for condition in CONDITIONS:
-        who = _Who(setting.seed, setting.protocol, case.faults.body, subject, condition)
-        walk, course = _walked(who)
-        rng = np.random.default_rng((setting.seed, subject, 9))
-        left = residual_of(case, walk, course, bench, rng, models)
+        who = _Who(setting.seed, setting.protocol, case.faults.body, number, condition)
+        walk, motion = _walked(who)
+        rng = np.random.default_rng((setting.seed, number, 9))
+        left = residual_of(case, walk, motion, treadmill, rng, models)
         ideal = _ideal(who, reference)
-        counts = _counted(setting.protocol, course, walk)
+        counts = _counted(setting.protocol, motion, walk)
         whole, added = (np.nanmean(x[counts] ** 2, axis=0) for x in (left, left - ideal))
         found[condition] = np.asarray(whole), np.asarray(added)
     return found
@@ -207,23 +213,25 @@ class _Who(NamedTuple):
     seed: int
     protocol: Protocol
     body: BodyFaults
-    subject: int
-    condition: Condition
+    number: int
+    condition: ConditionName
 
 
 @lru_cache(maxsize=64)
-def _walked(who: _Who) -> tuple[Walk, Course]:
+def _walked(who: _Who) -> tuple[Walk, TreadmillMotion]:
     faults = Faults.none().model_copy(update={"body": who.body})
     setting = Setting(seed=who.seed, protocol=who.protocol, faults=faults)
-    return run_walk(setting, Machine(), walker_of(setting, who.subject), who.subject, who.condition)
+    return run_walk(
+        setting, Machine(), study_subject(setting, who.number), who.number, who.condition
+    )
 
 
 @lru_cache(maxsize=64)
 def _ideal(who: _Who, cutoff_hz: float) -> Array:
     """Give the residual of a walk in a perfect laboratory."""
-    walk, course = _walked(who)
-    perfect = make_bench(Faults.none(), who.seed)
-    return residual_of(Case(cutoff_hz=cutoff_hz), walk, course, perfect, np.random.default_rng(0))
+    walk, motion = _walked(who)
+    perfect = make_treadmill(Faults.none(), who.seed)
+    return residual_of(Case(cutoff_hz=cutoff_hz), walk, motion, perfect, np.random.default_rng(0))
 
 
 @lru_cache(maxsize=1)
@@ -232,16 +240,16 @@ def _models(setting: Setting, case: Case) -> tuple[InertiaModel, ...]:
     if case.calibration is not None:
         named = setting.protocol.model_copy(update={"calibration": case.calibration})
         setting = setting.model_copy(update={"protocol": named})
-    bench = make_bench(case.faults, setting.seed)
-    return fit_models(bench, run_calibration(setting, bench))
+    treadmill = make_treadmill(case.faults, setting.seed)
+    return fit_models(treadmill, run_calibration(setting, treadmill))
 
 
-def _counted(protocol: Protocol, course: Course, walk: Walk) -> Mask:
+def _counted(protocol: Protocol, motion: TreadmillMotion, walk: Walk) -> Mask:
     """Tell which frames count: steady walking, or the perturbed gait cycles, (T,)."""
-    time = course.time[::PER_FRAME]
+    time = motion.time[::PER_FRAME]
     inside = (time > protocol.steady_s + EDGE_S) & (time < time[-1] - EDGE_S)
-    if len(course.onsets):
-        stride = 2 * walk.footing.pace_s
-        since = time[:, None] - course.onsets + ONSET * stride
+    if len(motion.onsets):
+        stride = 2 * walk.placement.pace_s
+        since = time[:, None] - motion.onsets + ONSET * stride
         inside = inside & ((since >= 0) & (since < stride)).any(axis=1)
     return np.asarray(inside, bool)

@@ -7,7 +7,7 @@ import numpy as np
 
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.virtual_lab.faults import AccelerometerFaults, PlateFaults
-from pipeline.virtual_lab.machine.machine import PlatformMotion, specific_force
+from pipeline.virtual_lab.machine.treadmill import PlatformMotion, specific_force
 
 PLACES: Final = {
     "rear_left": (-0.90, 0.62, -0.20),

@@ -5,6 +5,7 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array
+from pipeline.virtual_lab.trajectories import smooth_step
 
 STANCE: Final = 0.605  # share of the gait cycle from initial contact to foot off
 LANDING: Final = 0.97, 1.0  # phases over which the floor takes hold of a foot
@@ -18,12 +19,6 @@ GIVING_DEG: Final = 2.0, 12.0  # pitch of a foot from where to where its heel or
 LOOSE: Final = 0.05  # what is left of their hold then
 SWINGING: Final = 0.3  # what is left of a swinging foot's
 ARRIVING: Final = 0.90, 1.0  # phases over which it becomes firm again
-
-
-def smooth_step(x: Array) -> Array:
-    """Give 0 below 0, 1 above 1, and a rise with continuous acceleration between."""
-    x = np.clip(x, 0.0, 1.0)
-    return np.asarray(x**3 * (10 - 15 * x + 6 * x**2))
 
 
 def loading(phase: Array) -> Array:

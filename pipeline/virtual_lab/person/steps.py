@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from hbm.spatial import GRAVITY_MPS2, Array
-from pipeline.virtual_lab.person.gait import SPEED_MPS, STEP_M
+from pipeline.virtual_lab.person.gait_pattern import SPEED_MPS, STEP_M
 from pipeline.virtual_lab.person.stance import STANCE
 
 STEERING: Final = 0.04  # share of the distance from the middle that each step takes back

@@ -17,7 +17,7 @@ from hbm.coordinates import INDEX, SEGMENTS
 from hbm.kernels.native import kernels
 from hbm.poses import segment_frames
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.course import Belt, Ride
+from pipeline.virtual_lab.machine.motion import BeltRamp, PlatformTrajectory
 from pipeline.virtual_lab.person.balance import (
     RATE_HZ,
     balanced,
@@ -26,14 +26,14 @@ from pipeline.virtual_lab.person.balance import (
     pressure_on_platform,
     surface_height,
 )
-from pipeline.virtual_lab.person.feet import SIDES, orientation, rolled, sole_of
-from pipeline.virtual_lab.person.footing import Footing
-from pipeline.virtual_lab.person.gait import STEP_M, foot_angles, foothold, posture, size_of
-from pipeline.virtual_lab.person.reach import reach
-from pipeline.virtual_lab.person.stance import LEAVING, STANCE, firmness_of, smooth_step
+from pipeline.virtual_lab.person.foot_placement import FootPlacement
+from pipeline.virtual_lab.person.gait_pattern import STEP_M, foot_angles, foothold, posture, size_of
+from pipeline.virtual_lab.person.leg_ik import reach
+from pipeline.virtual_lab.person.sole import SIDES, orientation, rolled, sole_of
+from pipeline.virtual_lab.person.stance import LEAVING, STANCE, firmness_of
 from pipeline.virtual_lab.person.steps import Steps, place_sideways, step_time
-from pipeline.virtual_lab.person.walker import Walker
-from pipeline.virtual_lab.spline import Trajectory, fit_trajectory
+from pipeline.virtual_lab.person.subject import VirtualSubject
+from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step
 
 ARMS_DOWN: Final = 0.48, 0.35  # begin and duration, as shares of the time before walking
 SMOOTHING_HZ: Final = 6.0  # cut-off of the muscles' and tissues' smoothness
@@ -53,27 +53,27 @@ class Walk:
 
     Attributes
     ----------
-    walker
+    subject
         Who.
     motion
         All coordinates over time, 46 columns [rad, m].
-    footing
+    placement
         Where the feet stood.
     platform
         How the platform moved meanwhile.
     """
 
-    walker: Walker
+    subject: VirtualSubject
     motion: Trajectory
-    footing: Footing
-    platform: Ride
+    placement: FootPlacement
+    platform: PlatformTrajectory
 
 
 def walk(
-    walker: Walker,
+    subject: VirtualSubject,
     steps: Steps,
-    belt: Belt,
-    platform: Ride,
+    belt: BeltRamp,
+    platform: PlatformTrajectory,
     duration: float,
     rng: np.random.Generator,
     *,
@@ -83,7 +83,7 @@ def walk(
 
     Parameters
     ----------
-    walker
+    subject
         Who walks.
     steps
         When the feet come down; the first contact is when walking begins.
@@ -102,44 +102,48 @@ def walk(
         Coordinates, and where the feet stood.
     """
     time = np.arange(round(duration * RATE_HZ) + 1) / RATE_HZ
-    footing = _place(walker, steps, belt, platform, rng)
+    placement = _place(subject, steps, belt, platform, rng)
     pose = platform.pose(time)
-    reference = _pattern(walker, footing, platform.slope(time), time, rng)
-    height = float(center_of_mass(walker.body, walker.standing[None])[0, 2])
+    reference = _pattern(subject, placement, platform.slope(time), time, rng)
+    height = float(center_of_mass(subject.body, subject.standing[None])[0, 2])
 
-    ahead = center_of_mass(walker.body, reference)[:, :2] - reference[:, :2]
-    footing = _comfortable(footing, reference, ahead, pose, height, time)
-    wanted = in_lab(footing.total_pressure(time), pose)[:, :2]
+    ahead = center_of_mass(subject.body, reference)[:, :2] - reference[:, :2]
+    placement = _comfortable(placement, reference, ahead, pose, height, time)
+    wanted = in_lab(placement.total_pressure(time), pose)[:, :2]
     reference[:, :2] = balanced(wanted, height) - ahead
-    reference[:, 2] += surface_height(pose, walker.standing[:2])
+    reference[:, 2] += surface_height(pose, subject.standing[:2])
 
-    feet = _feet(walker, footing, reference, pose, time)
-    extent = footing.extent(time)
+    feet = _feet(subject, placement, reference, pose, time)
+    extent = placement.extent(time)
     walking, steady = np.minimum(extent, 1.0), extent > 0.99 * extent[-1]
     q = reference.copy()
     for correction in range(CORRECTIONS):
         pull = HEIGHT_PULL[min(correction, 1)]
-        q = reach(walker.body, reference, footing.soles, *feet, q, pull, jobs)
+        q = reach(subject.body, reference, placement.soles, *feet, q, pull, jobs)
         if correction == 0:
             sunk = (q - reference)[steady, 2]
             reference[:, 2] += walking * (sunk.mean() - LOWER * sunk.std())
         motion = fit_trajectory(_smooth(q), RATE_HZ)
         if correction == CORRECTIONS - 1:
             break
-        error = wanted - _pressure(walker, motion, pose, time, jobs)
+        error = wanted - _pressure(subject, motion, pose, time, jobs)
         error = np.clip(np.nan_to_num(error), -LARGEST_M, LARGEST_M)
         error[-int(RATE_HZ / 6) :] = 0.0
         error *= smooth_step((time - steps.contact[0]) / SETTLE_S)[:, None]
         reference[:, :2] += balanced(error, height)
-    return Walk(walker, motion, footing, platform)
+    return Walk(subject, motion, placement, platform)
 
 
 def _place(
-    walker: Walker, steps: Steps, belt: Belt, platform: Ride, rng: np.random.Generator
-) -> Footing:
+    subject: VirtualSubject,
+    steps: Steps,
+    belt: BeltRamp,
+    platform: PlatformTrajectory,
+    rng: np.random.Generator,
+) -> FootPlacement:
     """Decide where the feet come down: forward so that mid-stance is under the person."""
-    habits, size = walker.habits, size_of(walker.standing)
-    height = float(center_of_mass(walker.body, walker.standing[None])[0, 2])
+    habits, size = subject.habits, size_of(subject.standing)
+    height = float(center_of_mass(subject.body, subject.standing[None])[0, 2])
     sideways = place_sideways(steps, habits, height, platform.sway, rng)
     pace = step_time(habits, belt.speed_mps)
     contact = steps.contact
@@ -147,30 +151,34 @@ def _place(
         np.append(contact[0], steps.off[:-1]) + np.append(contact[1:], contact[-1] + pace)
     ) / 2
     slope, pose = platform.slope(contact), platform.pose(contact)
-    forward = (walker.standing[0] - pose.position[:, 0]) / np.cos(slope)
+    forward = (subject.standing[0] - pose.position[:, 0]) / np.cos(slope)
     forward -= size * (STANCE * STEP_M - foothold(slope))
     forward += belt.travelled(middle) - belt.travelled(contact)
     forward += habits.forward_sd * np.clip(rng.normal(size=len(contact)), -3, 3)
-    soles = {side: sole_of(walker.body, walker.t_pose, side) for side in SIDES}
+    soles = {side: sole_of(subject.body, subject.t_pose, side) for side in SIDES}
     place = np.column_stack([forward, sideways])
-    ahead = center_of_mass(walker.body, walker.t_pose[None])[0, 0] - soles["left"].standing[0]
-    return Footing(soles, steps, place, belt, STEP_M * size, pace, float(ahead))
+    ahead = center_of_mass(subject.body, subject.t_pose[None])[0, 0] - soles["left"].standing[0]
+    return FootPlacement(soles, steps, place, belt, STEP_M * size, pace, float(ahead))
 
 
 def _pattern(
-    walker: Walker, footing: Footing, slope: Array, time: Array, rng: np.random.Generator
+    subject: VirtualSubject,
+    placement: FootPlacement,
+    slope: Array,
+    time: Array,
+    rng: np.random.Generator,
 ) -> Array:
     """Give the coordinates without regard to feet and balance, (T, 46)."""
-    begin, lasting = (share * footing.steps.contact[0] for share in ARMS_DOWN)
+    begin, lasting = (share * placement.steps.contact[0] for share in ARMS_DOWN)
     arms = smooth_step((time - begin) / lasting)[:, None]
-    extent = footing.extent(time)
+    extent = placement.extent(time)
     walking = np.minimum(extent, 1.0)[:, None]
-    q = walker.t_pose + arms * (walker.standing - walker.t_pose)
-    mean = posture(footing.phase("right", time), extent, slope, walker.standing)
-    q += walker.style.apply(mean - walker.standing, walking)
+    q = subject.t_pose + arms * (subject.standing - subject.t_pose)
+    mean = posture(placement.phase("right", time), extent, slope, subject.standing)
+    q += subject.style.apply(mean - subject.standing, walking)
     wander = gaussian_filter1d(rng.normal(size=q.shape), WANDER_S * RATE_HZ, axis=0)
     wander *= np.sqrt(2 * np.sqrt(np.pi) * WANDER_S * RATE_HZ)
-    q += walking * walker.style.wander * wander
+    q += walking * subject.style.wander * wander
     for knee in (INDEX["RKneeFlexion"], INDEX["LKneeFlexion"]):
         bent = q[:, knee] - STRAIGHTEST
         more = (np.hypot(bent, STRAIGHTEST / 2) - bent) / 2
@@ -179,50 +187,61 @@ def _pattern(
 
 
 def _comfortable(
-    footing: Footing, reference: Array, ahead: Array, pose: PlatformPose, height: float, time: Array
-) -> Footing:
+    placement: FootPlacement,
+    reference: Array,
+    ahead: Array,
+    pose: PlatformPose,
+    height: float,
+    time: Array,
+) -> FootPlacement:
     """Move the pressure along the feet so that the pelvis is above them as the pattern wants."""
-    steady = footing.extent(time) > 0.99 * footing.extent(time)[-1]
-    pressure = in_lab(footing.total_pressure(time), pose)[:, :2]
+    steady = placement.extent(time) > 0.99 * placement.extent(time)[-1]
+    pressure = in_lab(placement.total_pressure(time), pose)[:, :2]
     pelvis = balanced(pressure, height) - ahead
     shift = float(np.mean((reference[:, 0] - pelvis[:, 0])[steady]))
-    return replace(footing, pressure_shift=shift)
+    return replace(placement, pressure_shift=shift)
 
 
 def _feet(
-    walker: Walker, footing: Footing, reference: Array, pose: PlatformPose, time: Array
+    subject: VirtualSubject,
+    placement: FootPlacement,
+    reference: Array,
+    pose: PlatformPose,
+    time: Array,
 ) -> tuple[dict[str, Array], dict[str, Array], dict[str, Array]]:
     """Give the soles' poses in the lab and how firm they are: rolling in stance, free in swing."""
     rotation, position, firmness = {}, {}, {}
-    feet = segment_poses(walker, reference, [sole.segment for sole in footing.soles.values()])
-    for side, (_, ankle) in zip(footing.soles, feet, strict=True):
-        sole = footing.soles[side]
-        pitch, _ = foot_angles(footing.phase(side, time))
-        pitch = pitch * footing.extent(time)
-        heading = footing.heading(side, time)
+    feet = segment_poses(subject, reference, [sole.segment for sole in placement.soles.values()])
+    for side, (_, ankle) in zip(placement.soles, feet, strict=True):
+        sole = placement.soles[side]
+        pitch, _ = foot_angles(placement.phase(side, time))
+        pitch = pitch * placement.extent(time)
+        heading = placement.heading(side, time)
         rotation[side] = pose.rotation @ orientation(pitch, heading)
         swinging = on_platform(ankle - (rotation[side] @ sole.origin), pose)
         rolling = rolled(sole, pitch, heading)
-        position[side] = in_lab(_path(footing, side, swinging, rolling, time), pose)
-        firm = firmness_of(pitch, footing.phase(side, time))
-        firmness[side] = 1 - np.minimum(footing.extent(time), 1.0)[:, None] * (1 - firm)
+        position[side] = in_lab(_path(placement, side, swinging, rolling, time), pose)
+        firm = firmness_of(pitch, placement.phase(side, time))
+        firmness[side] = 1 - np.minimum(placement.extent(time), 1.0)[:, None] * (1 - firm)
     return rotation, position, firmness
 
 
-def _path(footing: Footing, side: str, swinging: Array, rolling: Array, time: Array) -> Array:
+def _path(
+    placement: FootPlacement, side: str, swinging: Array, rolling: Array, time: Array
+) -> Array:
     """Join stances and swings: a swing ends where the next stance begins, (T, 3) [m]."""
     end = len(time) - 1
-    own = list(range(0 if side == "left" else 1, len(footing.steps.contact), 2))
+    own = list(range(0 if side == "left" else 1, len(placement.steps.contact), 2))
     path = np.empty_like(swinging)
     away, left_at = None, 0
     for number in own if side == "left" else [-1, *own]:
         standing = number < 1 if side == "left" else number < 0
-        contact = 0.0 if standing else footing.steps.contact[number]
-        release = footing.release(number) if number >= 0 else _first_release(footing)
+        contact = 0.0 if standing else placement.steps.contact[number]
+        release = placement.release(number) if number >= 0 else _first_release(placement)
         first, last = int(np.ceil(contact * RATE_HZ)), int(np.floor(release * RATE_HZ))
         stance = slice(min(first, end), min(last, end) + 1)
         held = rolling[stance] + np.pad(
-            footing.anchor(side, np.full(len(time[stance]), number), time[stance]),
+            placement.anchor(side, np.full(len(time[stance]), number), time[stance]),
             ((0, 0), (0, 1)),
         )
         if away is not None:
@@ -238,10 +257,10 @@ def _path(footing: Footing, side: str, swinging: Array, rolling: Array, time: Ar
     return path
 
 
-def _first_release(footing: Footing) -> float:
+def _first_release(placement: FootPlacement) -> float:
     """Give when the right foot leaves its standing place [s]."""
-    released = (LEAVING[0] - 0.5) * footing.steps.overlap / (STANCE - 0.5)
-    return float(footing.steps.contact[0]) + released * footing.pace_s
+    released = (LEAVING[0] - 0.5) * placement.steps.overlap / (STANCE - 0.5)
+    return float(placement.steps.contact[0]) + released * placement.pace_s
 
 
 def _smooth(q: Array) -> Array:
@@ -250,20 +269,20 @@ def _smooth(q: Array) -> Array:
 
 
 def _pressure(
-    walker: Walker, motion: Trajectory, pose: PlatformPose, time: Array, jobs: int
+    subject: VirtualSubject, motion: Trajectory, pose: PlatformPose, time: Array, jobs: int
 ) -> Array:
     """Give the centre of pressure on the platform, in the lab, that the motion implies, (T, 2)."""
-    wrench = ground_wrench(walker, motion, time, jobs)
+    wrench = ground_wrench(subject, motion, time, jobs)
     points = pressure_on_platform(wrench, pose)
     return in_lab(points, pose)[:, :2]
 
 
-def ground_wrench(walker: Walker, motion: Trajectory, time: Array, jobs: int = 1) -> Array:
+def ground_wrench(subject: VirtualSubject, motion: Trajectory, time: Array, jobs: int = 1) -> Array:
     """Give the wrench that the ground must exert for the motion to be possible, (T, 6).
 
-    Lab axes about the lab origin [N, N·m]; exact, from the walker's own body.
+    Lab axes about the lab origin [N, N·m]; exact, from the subject's own body.
     """
-    body, parts = walker.body, []
+    body, parts = subject.body, []
     for start in range(0, len(time), CHUNK):
         part = time[start : start + CHUNK]
         state = [motion.at(part, k) for k in range(3)]
@@ -273,10 +292,10 @@ def ground_wrench(walker: Walker, motion: Trajectory, time: Array, jobs: int = 1
     return np.concatenate(parts)
 
 
-def segment_poses(walker: Walker, q: Array, names: list[str]) -> list[tuple[Array, Array]]:
+def segment_poses(subject: VirtualSubject, q: Array, names: list[str]) -> list[tuple[Array, Array]]:
     """Give rotations and origins of some segments, (T, 3, 3) and (T, 3) each."""
     chosen = [SEGMENTS.index(name) for name in names]
-    parts = [segment_frames(walker.body, q[k : k + CHUNK]) for k in range(0, len(q), CHUNK)]
+    parts = [segment_frames(subject.body, q[k : k + CHUNK]) for k in range(0, len(q), CHUNK)]
     rotation = np.concatenate([R[:, chosen] for R, _ in parts])
     origin = np.concatenate([o[:, chosen] for _, o in parts])
     return list(zip(np.moveaxis(rotation, 1, 0), np.moveaxis(origin, 1, 0), strict=True))

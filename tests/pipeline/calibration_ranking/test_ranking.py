@@ -15,9 +15,9 @@ from pipeline.calibration_ranking.ranking import best_trials, rank_platform, ran
 from pipeline.calibration_ranking.report import recommendation, table_2
 from pipeline.calibration_ranking.trials import BeltTrial, Rules, factors, platform_trial
 from pipeline.cli.app import main
-from pipeline.virtual_lab.machine import people
-from pipeline.virtual_lab.protocol import ranking_lab
-from pipeline.virtual_lab.protocol.rig import PERFECT, Imperfections, record, times
+from pipeline.virtual_lab.person import bystander
+from pipeline.virtual_lab.protocol import ranking_study
+from pipeline.virtual_lab.protocol.ranking_trial import PERFECT, Imperfections, record, times
 
 RATE = 200.0
 RANDOM = pitch_and_sway_signals(3, 0.0)[0]
@@ -32,7 +32,7 @@ def trial(signal, seed, *, name=None, load=None, **faults):
 
 def validation(seed, **faults):
     trials = []
-    for signal, person in zip(validation_signals()[:2], (people.walking,) * 2, strict=True):
+    for signal, person in zip(validation_signals()[:2], (bystander.walking,) * 2, strict=True):
         load = person(times(signal, RATE), np.random.default_rng(seed))
         trials.append(trial(signal, seed, load=load, **faults))
     return trials
@@ -218,7 +218,7 @@ def test_real_belts_lose_82_percent_of_their_pitch_moment(shared_data):
 
 
 def test_the_protocol_has_28_and_20_calibration_and_5_validation_trials():
-    planned = [folder for folder, _, _ in ranking_lab._plan(0)]
+    planned = [folder for folder, _, _ in ranking_study._plan(0)]
     counts = {name: planned.count(name) for name in planned}
     assert counts == {
         "calibration": 28,
@@ -227,13 +227,13 @@ def test_the_protocol_has_28_and_20_calibration_and_5_validation_trials():
         "belt_validation": 1,
         "belt_person": 1,
     }
-    assert len(planned) == ranking_lab.TRIALS
+    assert len(planned) == ranking_study.TRIALS
 
 
 def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
-    every = list(ranking_lab._plan(0))
+    every = list(ranking_study._plan(0))
     few = [every[k] for k in (0, 1, 28, 29, 48, 52, 53)]
-    monkeypatch.setattr(ranking_lab, "_plan", lambda seed: iter(few))
+    monkeypatch.setattr(ranking_study, "_plan", lambda seed: iter(few))
     folder, out = tmp_path / "lab", tmp_path / "out"
     assert main(["calibration", "rank", str(folder), "--simulate", "--out", str(out)]) == 0
     assert "for pitch and sway: mean rank" in capsys.readouterr().out

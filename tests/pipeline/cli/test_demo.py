@@ -14,9 +14,9 @@ from pipeline.run.load import collect
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
-from pipeline.virtual_lab.protocol.bench import artefacts, make_bench
-from pipeline.virtual_lab.protocol.experiment import run_trial, walker_of
-from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill, treadmill_wrenches
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_trial, study_subject
 
 PROTOCOL = Protocol(subjects=2, baseline_s=20.0, pitch_s=35.0, waits_s=(12.0, 14.0))
 ARTEFACTS = {"sway": ["Fy", "Mx", "Mz"], "pitch": ["Fx", "My"]}
@@ -43,17 +43,17 @@ def rms(out):
 def without_artefact(out):
     """RMS residuals of the same recordings when what the treadmill adds is known and removed."""
     study, setting = read_study(out / "study"), Setting(protocol=PROTOCOL)
-    bench = make_bench(setting.faults, setting.seed)
+    treadmill = make_treadmill(setting.faults, setting.seed)
     late = setting.faults.plates.delay_s
     lab = Laboratory(study.file.treadmill.model_copy(update={"calibration": None}))
     tables = []
     for number, (name, subject) in enumerate(study.subjects.items()):
-        walker = walker_of(setting, number)
+        virtual = study_subject(setting, number)
         for condition in PROTOCOL.conditions:
-            trial = run_trial(setting, bench, walker, number, condition)
+            trial = run_trial(setting, treadmill, virtual, number, condition)
             plates = []
             for plate, added in zip(
-                trial.recording.plates, artefacts(bench, trial.course), strict=True
+                trial.recording.plates, treadmill_wrenches(treadmill, trial.motion), strict=True
             ):
                 seen = [np.interp(plate.time - late, plate.time, column) for column in added.T]
                 wrench = plate.wrench_in_plate - shift_wrench(np.transpose(seen), plate.center)

@@ -5,10 +5,10 @@ from functools import cache
 import pytest
 
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.machine import Machine
-from pipeline.virtual_lab.protocol.bench import make_bench
-from pipeline.virtual_lab.protocol.experiment import run_trial, run_walk, walker_of
-from pipeline.virtual_lab.protocol.protocol import Protocol, Setting
+from pipeline.virtual_lab.machine.treadmill import Machine
+from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_trial, run_walk, study_subject
 
 SHORT = Protocol(
     baseline_s=20.0, pitch_s=24.0, waits_s=(12.0, 12.0), calibration="square_sway_60s_3mps"
@@ -20,7 +20,7 @@ def _walk(subject, condition, usual_body):
     faults = Faults() if usual_body else Faults.none()
     waits = (12.0,) * (2 if subject == 0 else 1)
     setting = Setting(protocol=SHORT.model_copy(update={"waits_s": waits}), faults=faults)
-    return run_walk(setting, Machine(), walker_of(setting, subject), subject, condition)
+    return run_walk(setting, Machine(), study_subject(setting, subject), subject, condition)
 
 
 @pytest.fixture(scope="session")
@@ -34,11 +34,11 @@ def walked():
 @cache
 def _perfect(condition):
     setting = Setting(protocol=SHORT, faults=Faults.none())
-    bench = make_bench(setting.faults, setting.seed)
-    return run_trial(setting, bench, walker_of(setting, 2), 2, condition), bench
+    treadmill = make_treadmill(setting.faults, setting.seed)
+    return run_trial(setting, treadmill, study_subject(setting, 2), 2, condition), treadmill
 
 
 @pytest.fixture(scope="session")
 def perfect():
-    """Give a function of the condition: a trial in a perfect laboratory, and its bench."""
+    """Give a function of the condition: a trial in a perfect laboratory, and its treadmill."""
     return _perfect

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from pipeline.cli.app import app
 from pipeline.virtual_lab.analysis.ablation import CONDITIONS, FILTER, ablation, cases
 from pipeline.virtual_lab.analysis.ablation_figure import ablation_figure
-from pipeline.virtual_lab.protocol.protocol import SHORT, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Setting
 from tests.pipeline.virtual_lab import conftest
 from tests.virtual_gait.realism import realism_figure
 
@@ -113,7 +113,7 @@ def test_a_setting_that_is_wrong_is_one_line(tmp_path):
 
 
 def test_the_realism_figure_names_its_sources_with_and_without_them(monkeypatch, walked):
-    walks = [walked(subject)[0] for subject in (0, 1)]
+    walks = [walked(number)[0] for number in (0, 1)]
     monkeypatch.setattr("tests.virtual_gait.realism.virtual_walks", lambda *asked: walks)
     figure = realism_figure(None, None, subjects=2)
     assert "Pinzone et al. 2014" in figure.get_supxlabel()

@@ -10,9 +10,9 @@ from pipeline.virtual_lab.faults import (
     PlateFaults,
 )
 from pipeline.virtual_lab.machine.cameras import SKIN_M, move_skin, see
-from pipeline.virtual_lab.machine.course import Course
 from pipeline.virtual_lab.machine.instruments import make_accelerometers, make_load_cells
-from pipeline.virtual_lab.machine.machine import (
+from pipeline.virtual_lab.machine.motion import TreadmillMotion
+from pipeline.virtual_lab.machine.treadmill import (
     LEFT_ASSEMBLY,
     Machine,
     assembly_wrench,
@@ -21,9 +21,14 @@ from pipeline.virtual_lab.machine.machine import (
     move_platform,
     specific_force,
 )
-from pipeline.virtual_lab.person.stance import smooth_step
-from pipeline.virtual_lab.protocol.bench import PLATFORM_MARKERS, artefacts, make_bench, record
-from pipeline.virtual_lab.protocol.protocol import PITCH_DEG, SWAY_MPS, sway_command
+from pipeline.virtual_lab.protocol.instrumented_treadmill import (
+    PLATFORM_MARKERS,
+    make_treadmill,
+    record,
+    treadmill_wrenches,
+)
+from pipeline.virtual_lab.protocol.walking_protocol import PITCH_DEG, SWAY_MPS, sway_command
+from pipeline.virtual_lab.trajectories import smooth_step
 
 RATE = 1000.0
 UPWARD = np.array([0, 0, 9.81])
@@ -142,15 +147,15 @@ def test_belt_speed_is_told_in_steps_of_200_hz(perfect):
     starting = slice(5000, 7000)
     means = told[starting].reshape(-1, 5)
     assert np.abs(means - means[:, :1]).max() < 10 * 0.005  # noise alone
-    true = trial.course.belt[starting].reshape(-1, 5)[:, 0]
+    true = trial.motion.belt[starting].reshape(-1, 5)[:, 0]
     assert np.std(means.mean(axis=1) - true) < 0.005
 
 
 def test_accelerating_belts_pitch_their_plates_and_nothing_else():
     time = np.arange(2000) / RATE
     at_rest = move_platform(Machine(), 0 * time, 0 * time, RATE)
-    course = Course(time, at_rest, 1.5 * time, np.empty(0))
-    for wrench in artefacts(make_bench(Faults.none(), 1), course):
+    motion = TreadmillMotion(time, at_rest, 1.5 * time, np.empty(0))
+    for wrench in treadmill_wrenches(make_treadmill(Faults.none(), 1), motion):
         assert wrench[-1, 4] == pytest.approx(1.5 * Machine().belt_moment_kg_m, rel=1e-3)
         assert np.abs(np.delete(wrench, 4, axis=1)).max() < 1e-9
 
@@ -220,8 +225,8 @@ def test_a_late_device_reports_what_was_there_before(perfect):
         ("platform", lambda r: r.analog.values[:, 8:10]),
     ):
         delayed = getattr(faults, table).model_copy(update={"delay_s": late})
-        bench = make_bench(faults.model_copy(update={table: delayed}), 1)
-        recorded = record(bench, trial.course, trial.walk, "x.c3d", np.random.default_rng(0))
+        treadmill = make_treadmill(faults.model_copy(update={table: delayed}), 1)
+        recorded = record(treadmill, trial.motion, trial.walk, "x.c3d", np.random.default_rng(0))
         now, then = channels(trial.recording)[10_000:20_000], round(late * RATE)
         found = channels(recorded)[10_000 + then : 20_000 + then]
         np.testing.assert_allclose(found, now, atol=1e-6)
@@ -297,7 +302,7 @@ def test_skin_moves_with_the_stride_and_by_the_published_size():
 
 
 def test_a_bench_is_drawn_once_and_again_the_same():
-    first, again = make_bench(Faults(), 3), make_bench(Faults(), 3)
+    first, again = make_treadmill(Faults(), 3), make_treadmill(Faults(), 3)
     np.testing.assert_array_equal(first.cells[0].gain, again.cells[0].gain)
-    assert not np.array_equal(first.cells[0].gain, make_bench(Faults(), 4).cells[0].gain)
+    assert not np.array_equal(first.cells[0].gain, make_treadmill(Faults(), 4).cells[0].gain)
     assert len(PLATFORM_MARKERS) == 5

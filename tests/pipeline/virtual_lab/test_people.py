@@ -9,8 +9,8 @@ from hbm.poses import marker_positions
 from hbm.segments import SEXES
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Build, t_pose
-from pipeline.virtual_lab.person.walker import Person, make_walker
-from pipeline.virtual_lab.protocol.protocol import PERSONS
+from pipeline.virtual_lab.person.subject import Person, make_subject
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
 
 NAMES = tuple(marker_sets()["hbm2"].segment)
 
@@ -49,22 +49,22 @@ def test_an_unknown_marker_is_refused_by_name():
 
 @pytest.mark.parametrize("marker_set", ["hbm2", "hbm1"])
 def test_without_faults_the_body_is_the_one_that_the_markers_show(marker_set):
-    walker = make_walker(Person(), marker_set=marker_set, individuality=1.0)
-    markers = marker_positions(walker.body, walker.t_pose[None].repeat(20, axis=0))
+    subject = make_subject(Person(), marker_set=marker_set, individuality=1.0)
+    markers = marker_positions(subject.body, subject.t_pose[None].repeat(20, axis=0))
     built = build_body(
-        Markers(np.arange(20) / 100, walker.body.markers, markers),
+        Markers(np.arange(20) / 100, subject.body.markers, markers),
         mass=74.6,
         sex="male",
         height_m=1.78,
         marker_set=marker_set,
     )
-    np.testing.assert_allclose(built.geometry, walker.body.geometry, atol=1e-9)
-    np.testing.assert_allclose(built.inertia_vector, walker.body.inertia_vector, atol=1e-9)
+    np.testing.assert_allclose(built.geometry, subject.body.geometry, atol=1e-9)
+    np.testing.assert_allclose(built.inertia_vector, subject.body.inertia_vector, atol=1e-9)
 
 
 def test_a_varied_body_weighs_the_same_and_stands_at_the_same_markers():
-    plain = make_walker(Person(), rng=np.random.default_rng(5))
-    varied = make_walker(Person(), faults=BodyFaults(), rng=np.random.default_rng(5))
+    plain = make_subject(Person(), rng=np.random.default_rng(5))
+    varied = make_subject(Person(), faults=BodyFaults(), rng=np.random.default_rng(5))
     total = [sum(part.mass for part in w.body.inertias.values()) for w in (plain, varied)]
     assert total[1] == pytest.approx(total[0])
     q = plain.t_pose[None]
@@ -83,21 +83,21 @@ def test_a_varied_body_weighs_the_same_and_stands_at_the_same_markers():
 def test_joint_centres_move_as_far_as_the_literature_says():
     spread = []
     for seed in range(20):
-        walker = make_walker(Person(), faults=BodyFaults(), rng=np.random.default_rng(seed))
-        plain = make_walker(Person(), rng=np.random.default_rng(seed))
-        spread.append(walker.body.offsets["right_thigh"] - plain.body.offsets["right_thigh"])
+        subject = make_subject(Person(), faults=BodyFaults(), rng=np.random.default_rng(seed))
+        plain = make_subject(Person(), rng=np.random.default_rng(seed))
+        spread.append(subject.body.offsets["right_thigh"] - plain.body.offsets["right_thigh"])
     assert np.std(spread) == pytest.approx(0.008, rel=0.3)
 
 
 def test_no_faults_of_the_body_are_no_change():
-    walker = make_walker(Person(), faults=Faults.none().body, rng=np.random.default_rng(3))
-    plain = make_walker(Person(), rng=np.random.default_rng(3))
-    np.testing.assert_array_equal(walker.body.geometry, plain.body.geometry)
+    subject = make_subject(Person(), faults=Faults.none().body, rng=np.random.default_rng(3))
+    plain = make_subject(Person(), rng=np.random.default_rng(3))
+    np.testing.assert_array_equal(subject.body.geometry, plain.body.geometry)
 
 
 def test_people_differ_and_each_is_the_same_again():
     first, again, other = (
-        make_walker(Person(), individuality=1.0, rng=np.random.default_rng(seed))
+        make_subject(Person(), individuality=1.0, rng=np.random.default_rng(seed))
         for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first.body.geometry, again.body.geometry)

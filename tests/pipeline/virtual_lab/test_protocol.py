@@ -8,9 +8,14 @@ import pytest
 from hbm.coordinates import INDEX
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.person.steps import Habits, schedule
-from pipeline.virtual_lab.protocol.bench import PULSE_CHANNEL, SENSORS, make_bench, record
-from pipeline.virtual_lab.protocol.experiment import run_walk, walker_of
-from pipeline.virtual_lab.protocol.protocol import (
+from pipeline.virtual_lab.protocol.instrumented_treadmill import (
+    PULSE_CHANNEL,
+    SENSORS,
+    make_treadmill,
+    record,
+)
+from pipeline.virtual_lab.protocol.setting_file import read_setting, setting_toml
+from pipeline.virtual_lab.protocol.walking_protocol import (
     ONSET,
     PITCH_PERIOD_S,
     SWAY_M,
@@ -19,7 +24,7 @@ from pipeline.virtual_lab.protocol.protocol import (
     perturbations,
     sway_command,
 )
-from pipeline.virtual_lab.protocol.setting import read_setting, setting_toml
+from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 from tests.pipeline.virtual_lab.conftest import SHORT
 
 THESIS_WAITS_S = (
@@ -100,9 +105,9 @@ def test_a_sway_goes_out_fast_and_returns_slowly_before_the_next(twenty):
 
 
 def test_pitch_is_a_sine_of_ten_degrees_and_thirty_seconds(walked):
-    _, course = walked(0, "pitch")
-    since = course.time - SHORT.steady_s
-    pitch = np.degrees(course.platform.pitch[0])
+    _, motion = walked(0, "pitch")
+    since = motion.time - SHORT.steady_s
+    pitch = np.degrees(motion.platform.pitch[0])
     late = since > 3
     lag = 2 / (2 * np.pi * 3.0)
     expected = -10 * np.sin(2 * np.pi * (since[late] - lag) / PITCH_PERIOD_S)
@@ -111,25 +116,25 @@ def test_pitch_is_a_sine_of_ten_degrees_and_thirty_seconds(walked):
 
 @pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
 def test_every_trial_starts_in_a_t_pose_on_a_treadmill_at_rest(walked, condition):
-    walk, course = walked(0, condition)
-    still = course.time < 1.0
-    q = walk.motion.at(course.time[still][::10])
+    walk, motion = walked(0, condition)
+    still = motion.time < 1.0
+    q = walk.motion.at(motion.time[still][::10])
     assert np.ptp(q, axis=0).max() < 1e-3
     for side in "RL":
         assert np.degrees(q[:, INDEX[f"{side}ShoulderAbduction"]]).min() > 80
-    assert np.abs(course.belt[still]).max() == 0
-    assert np.abs(course.platform.sway[0][still]).max() == 0
-    assert np.abs(course.platform.pitch[0][still]).max() == 0
+    assert np.abs(motion.belt[still]).max() == 0
+    assert np.abs(motion.platform.sway[0][still]).max() == 0
+    assert np.abs(motion.platform.pitch[0][still]).max() == 0
 
 
 def test_a_pulse_marks_the_onset_of_every_perturbation(walked):
-    walk, course = walked(0, "sway")
-    recording = record(make_bench(Faults(), 1), course, walk, "x.c3d", np.random.default_rng(0))
+    walk, motion = walked(0, "sway")
+    recording = record(make_treadmill(Faults(), 1), motion, walk, "x.c3d", np.random.default_rng(0))
     pulse = recording.analog.channel(PULSE_CHANNEL)
-    rises = course.time[1:][(pulse[1:] > 2.5) & (pulse[:-1] < 2.5)]
-    np.testing.assert_allclose(rises, course.onsets, atol=0.001)
-    moved = np.abs(course.platform.sway[0]) > 1e-5
-    starts = course.time[1:][moved[1:] & ~moved[:-1]]
+    rises = motion.time[1:][(pulse[1:] > 2.5) & (pulse[:-1] < 2.5)]
+    np.testing.assert_allclose(rises, motion.onsets, atol=0.001)
+    moved = np.abs(motion.platform.sway[0]) > 1e-5
+    starts = motion.time[1:][moved[1:] & ~moved[:-1]]
     assert 0 < np.min(starts[:1] - rises[:1]) < 0.02
 
 
@@ -164,7 +169,7 @@ def test_every_fault_that_is_set_shows(brief, table, name, value):
     faults = perfect.model_copy(update={table: getattr(read_setting(text).faults, table)})
     assert faults != perfect
     if table == "body":
-        with_it, without = (walker_of(Setting(faults=f), 0).body for f in (faults, perfect))
+        with_it, without = (study_subject(Setting(faults=f), 0).body for f in (faults, perfect))
         same = np.array_equal(with_it.geometry, without.geometry) and np.array_equal(
             with_it.inertia_vector, without.inertia_vector
         )
@@ -178,12 +183,12 @@ def brief():
     """Give a function of faults: everything that is recorded of a few seconds, as bytes."""
     protocol = Protocol(pitch_s=3.0, standing_s=1.5, starting_s=1.5)
     setting = Setting(protocol=protocol, faults=Faults.none())
-    bench = make_bench(setting.faults, setting.seed)
-    walk, course = run_walk(setting, bench.machine, walker_of(setting, 0), 0, "pitch")
+    treadmill = make_treadmill(setting.faults, setting.seed)
+    walk, motion = run_walk(setting, treadmill.machine, study_subject(setting, 0), 0, "pitch")
 
     def recorded(faults):
-        drawn, rng = make_bench(faults, 1), np.random.default_rng(2)
-        recording = record(drawn, course, walk, "x.c3d", rng)
+        drawn, rng = make_treadmill(faults, 1), np.random.default_rng(2)
+        recording = record(drawn, motion, walk, "x.c3d", rng)
         parts = [recording.markers.position, recording.analog.values]
         parts += [plate.wrench_in_plate for plate in recording.plates]
         return tuple(part.tobytes() for part in parts)
@@ -203,5 +208,7 @@ def test_a_fault_that_does_not_exist_is_refused_by_name():
 def test_accelerometers_are_as_many_as_stated():
     for count in (1, 2, 3, 4):
         accelerometers = Faults().accelerometers.model_copy(update={"sensors": count})
-        bench = make_bench(Faults().model_copy(update={"accelerometers": accelerometers}), 1)
-        assert [sensor.name for sensor in bench.sensors] == list(SENSORS[:count])
+        treadmill = make_treadmill(
+            Faults().model_copy(update={"accelerometers": accelerometers}), 1
+        )
+        assert [sensor.name for sensor in treadmill.sensors] == list(SENSORS[:count])

@@ -10,10 +10,15 @@ from hbm.coordinates import COORDINATES
 from hbm.signals.resampling import resample
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
-from pipeline.virtual_lab.protocol.bench import PLATFORM_MARKERS, PULSE_CHANNEL, make_bench, record
-from pipeline.virtual_lab.protocol.experiment import run_walk, walker_of
-from pipeline.virtual_lab.protocol.protocol import PERSONS, Protocol, Setting
-from pipeline.virtual_lab.protocol.simulate import WRENCH, simulate_study
+from pipeline.virtual_lab.protocol.instrumented_treadmill import (
+    PLATFORM_MARKERS,
+    PULSE_CHANNEL,
+    make_treadmill,
+    record,
+)
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_study import WRENCH, simulate_study
+from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 
 SMALL = Protocol(
     conditions=("baseline", "sway"),
@@ -102,11 +107,11 @@ def test_a_long_trial_has_more_frames_than_16_bits_count():
 @pytest.mark.parametrize(("marker_set", "count"), [("hbm2", 46), ("hbm1", 47)])
 def test_a_person_wears_all_markers_of_the_set_and_the_platform_its_own(marker_set, count):
     setting = Setting(protocol=TINY.model_copy(update={"marker_set": marker_set}))
-    bench, walker = make_bench(setting.faults, 1), walker_of(setting, 0)
-    walk, course = run_walk(setting, bench.machine, walker, 0, "baseline")
-    names = record(bench, course, walk, "x.c3d", np.random.default_rng(0)).markers.names
+    treadmill, subject = make_treadmill(setting.faults, 1), study_subject(setting, 0)
+    walk, motion = run_walk(setting, treadmill.machine, subject, 0, "baseline")
+    names = record(treadmill, motion, walk, "x.c3d", np.random.default_rng(0)).markers.names
     assert set(PLATFORM_MARKERS) <= set(names)
-    assert names[:-5] == tuple(walker.body.marker_set.segment)
+    assert names[:-5] == tuple(subject.body.marker_set.segment)
     assert len(names) == count + len(PLATFORM_MARKERS)
 
 

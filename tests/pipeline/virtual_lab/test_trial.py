@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.io.c3d.read import read_c3d
-from pipeline.virtual_lab.protocol.trial import simulate_trial
+from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 
 
 @pytest.fixture(scope="module")

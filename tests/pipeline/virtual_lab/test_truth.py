@@ -8,18 +8,18 @@ import pytest
 from hbm.coordinates import COORDINATES
 from hbm.kinematics import solve_ik
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.virtual_lab.analysis.assess import Case, fit_models, residual_of
+from pipeline.virtual_lab.analysis.idealised_processing import Case, fit_models, residual_of
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.course import ANALOG_HZ
-from pipeline.virtual_lab.protocol.bench import PER_FRAME, make_bench
-from pipeline.virtual_lab.protocol.experiment import run_calibration, run_trial, walker_of
-from pipeline.virtual_lab.protocol.protocol import (
+from pipeline.virtual_lab.machine.motion import ANALOG_HZ
+from pipeline.virtual_lab.protocol.instrumented_treadmill import PER_FRAME, make_treadmill
+from pipeline.virtual_lab.protocol.walking_protocol import (
     ONSET,
     PITCH_DEG,
     PITCH_PERIOD_S,
     SWAY_MPS,
     Setting,
 )
+from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_trial, study_subject
 from tests.pipeline.virtual_lab.conftest import SHORT
 
 CONDITIONS = ("baseline", "sway", "pitch")
@@ -32,33 +32,33 @@ def rms(values):
     return np.sqrt(np.nanmean(values**2, axis=0))
 
 
-def steady(course):
+def steady(motion):
     """Frames of walking at full speed."""
-    time = course.time[::PER_FRAME]
+    time = motion.time[::PER_FRAME]
     return (time > SHORT.steady_s + 1) & (time < time[-1] - 1)
 
 
-def perturbed(walk, course):
+def perturbed(walk, motion):
     """Frames of the gait cycles that contain a perturbation."""
-    time, stride = course.time[::PER_FRAME], 2 * walk.footing.pace_s
-    since = time[:, None] - course.onsets + ONSET * stride
+    time, stride = motion.time[::PER_FRAME], 2 * walk.placement.pace_s
+    since = time[:, None] - motion.onsets + ONSET * stride
     return ((since >= 0) & (since < stride)).any(axis=1)
 
 
-def counted(walk, course):
-    return perturbed(walk, course) if len(course.onsets) else steady(course)
+def counted(walk, motion):
+    return perturbed(walk, motion) if len(motion.onsets) else steady(motion)
 
 
-def left_over(trial, bench, **case):
+def left_over(trial, treadmill, **case):
     rng = np.random.default_rng(0)
-    return residual_of(Case(**case), trial.walk, trial.course, bench, rng)
+    return residual_of(Case(**case), trial.walk, trial.motion, treadmill, rng)
 
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_perfect_instruments_and_the_true_body_leave_no_residual(perfect, condition):
     """The equations close to a quarter newton; only the filter and the splines are between."""
-    trial, bench = perfect(condition)
-    left = left_over(trial, bench, cutoff_hz=TRANSPARENT_HZ)[steady(trial.course)]
+    trial, treadmill = perfect(condition)
+    left = left_over(trial, treadmill, cutoff_hz=TRANSPARENT_HZ)[steady(trial.motion)]
     assert (rms(left) < 0.5).all()
 
 
@@ -68,9 +68,9 @@ def test_a_filter_at_6_hz_leaves_newtons_because_it_does_not_commute_with_the_dy
 ):
     """Coordinates and forces are filtered alike, but forces are no linear function of coordinates:
     what 6 Hz leaves with perfect instruments is the filter's own, and goes as the cut-off rises."""
-    trial, bench = perfect(condition)
+    trial, treadmill = perfect(condition)
     low, high = (
-        rms(left_over(trial, bench, cutoff_hz=hz)[steady(trial.course)])
+        rms(left_over(trial, treadmill, cutoff_hz=hz)[steady(trial.motion)])
         for hz in (6.0, TRANSPARENT_HZ)
     )
     assert (low > 5 * high).all()
@@ -83,10 +83,10 @@ def test_inverse_kinematics_finds_the_true_coordinates(marker_set, unseen):
     """All 46 with HBM1; HBM2 has no marker on the toes, and says so."""
     protocol = SHORT.model_copy(update={"marker_set": marker_set, "pitch_s": 8.0})
     setting = Setting(protocol=protocol, faults=Faults.none())
-    bench = make_bench(setting.faults, setting.seed)
-    trial = run_trial(setting, bench, walker_of(setting, 2), 2, "pitch")
+    treadmill = make_treadmill(setting.faults, setting.seed)
+    trial = run_trial(setting, treadmill, study_subject(setting, 2), 2, "pitch")
     markers = trial.recording.markers
-    motion = solve_ik(trial.walk.walker.body, markers)
+    motion = solve_ik(trial.walk.subject.body, markers)
     seen = motion.observed.all(axis=0)
     assert {name for name, told in zip(COORDINATES, seen, strict=True) if not told} == unseen
     np.testing.assert_allclose(
@@ -96,14 +96,14 @@ def test_inverse_kinematics_finds_the_true_coordinates(marker_set, unseen):
 
 def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(perfect):
     """Fx = M g sin φ: plates that lean see the assemblies' weight in their own plane."""
-    trial, bench = perfect("pitch")
-    mass = sum(part.mass for part in bench.machine.assemblies)
+    trial, treadmill = perfect("pitch")
+    mass = sum(part.mass for part in treadmill.machine.assemblies)
     assert mass == 300.0
     expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(np.linspace(0, PITCH_PERIOD_S, 1000))))
     assert expected == pytest.approx(330, rel=0.15)
-    since = trial.course.time[::PER_FRAME][steady(trial.course)] - SHORT.steady_s
+    since = trial.motion.time[::PER_FRAME][steady(trial.motion)] - SHORT.steady_s
     expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(since)))
-    found = rms(left_over(trial, bench, removal="none")[steady(trial.course)])
+    found = rms(left_over(trial, treadmill, removal="none")[steady(trial.motion)])
     assert found[FORWARD] == pytest.approx(expected, rel=0.1)
 
 
@@ -113,12 +113,12 @@ def pitch_angle(since):
 
 def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
     """About mid-hip, ``z`` above the assemblies' centre: My = Fx z, and their weight's lever."""
-    trial, bench = perfect("pitch")
-    masses = np.array([part.mass for part in bench.machine.assemblies])
-    center = masses @ [part.center for part in bench.machine.assemblies] / masses.sum()
-    hip = trial.walk.motion.at(trial.course.time[::PER_FRAME])[:, :3]
-    pivot = np.array(bench.machine.pivot_m)
-    angle = trial.course.platform.pitch[0][::PER_FRAME]
+    trial, treadmill = perfect("pitch")
+    masses = np.array([part.mass for part in treadmill.machine.assemblies])
+    center = masses @ [part.center for part in treadmill.machine.assemblies] / masses.sum()
+    hip = trial.walk.motion.at(trial.motion.time[::PER_FRAME])[:, :3]
+    pivot = np.array(treadmill.machine.pivot_m)
+    angle = trial.motion.platform.pitch[0][::PER_FRAME]
     sine, cosine = np.sin(angle), np.cos(angle)
     away = center - pivot
     lever_x = pivot[0] + away[0] * cosine + away[2] * sine - hip[:, 0]
@@ -126,23 +126,25 @@ def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
     weight = masses.sum() * GRAVITY_MPS2
     force_x, force_z = -weight * sine, weight * (1 - cosine)
     expected = lever_z * force_x - lever_x * force_z
-    found = left_over(trial, bench, removal="none")
-    inside = steady(trial.course)
+    found = left_over(trial, treadmill, removal="none")
+    inside = steady(trial.motion)
     assert rms(found[inside, PITCHING]) == pytest.approx(rms(expected[inside]), rel=0.1)
     assert np.corrcoef(found[inside, PITCHING], expected[inside])[0, 1] ** 2 > 0.99
 
 
 def test_sway_without_compensation_leaves_mass_times_acceleration(perfect):
     """Fy = M ÿ through a filter of 6 Hz, from the command and the actuator's bandwidth alone."""
-    trial, bench = perfect("sway")
-    mass = sum(part.mass for part in bench.machine.assemblies)
-    push = mass * pulse_acceleration(bench.machine.sway_hz, trial.course.time, trial.course.onsets)
-    inside = perturbed(trial.walk, trial.course)
+    trial, treadmill = perfect("sway")
+    mass = sum(part.mass for part in treadmill.machine.assemblies)
+    push = mass * pulse_acceleration(
+        treadmill.machine.sway_hz, trial.motion.time, trial.motion.onsets
+    )
+    inside = perturbed(trial.walk, trial.motion)
     expected = rms(push[::PER_FRAME][inside])
-    found = rms(left_over(trial, bench, removal="none")[inside])
+    found = rms(left_over(trial, treadmill, removal="none")[inside])
     assert found[LEFTWARD] == pytest.approx(expected, rel=0.1)
-    hip = trial.walk.motion.at(trial.course.time[::PER_FRAME][inside])[:, 2].mean()
-    depth = np.mean([part.center[2] for part in bench.machine.assemblies])
+    hip = trial.walk.motion.at(trial.motion.time[::PER_FRAME][inside])[:, 2].mean()
+    depth = np.mean([part.center[2] for part in treadmill.machine.assemblies])
     assert found[ROLL] == pytest.approx(expected * (hip - depth), rel=0.1)
 
 
@@ -164,15 +166,15 @@ def pulse_acceleration(bandwidth_hz, time, onsets):
 def usual(walked):
     """Give a function of condition and removal: residuals of a laboratory with all its faults."""
     setting = Setting(protocol=SHORT)
-    bench = make_bench(setting.faults, setting.seed)
-    models = fit_models(bench, run_calibration(setting, bench))
+    treadmill = make_treadmill(setting.faults, setting.seed)
+    models = fit_models(treadmill, run_calibration(setting, treadmill))
 
     @cache
     def left(condition, removal):
-        walk, course = walked(3, condition)
+        walk, motion = walked(3, condition)
         case = Case(setting.faults, built_body=True, removal=removal)
-        found = residual_of(case, walk, course, bench, np.random.default_rng(0), models)
-        return rms(found[counted(walk, course)])
+        found = residual_of(case, walk, motion, treadmill, np.random.default_rng(0), models)
+        return rms(found[counted(walk, motion)])
 
     return left
 
@@ -190,13 +192,13 @@ def test_compensation_brings_residuals_back_to_baseline(usual, condition):
 
 def test_nine_people_leave_residuals_that_differ_as_people_do(walked):
     """Same laboratory, nine people: as a statistician expects, neither copies nor strangers."""
-    bench = make_bench(Faults(), 1)
+    treadmill = make_treadmill(Faults(), 1)
     case = Case(Faults(), built_body=True)
     found = []
     for subject in range(9):
-        walk, course = walked(subject)
+        walk, motion = walked(subject)
         rng = np.random.default_rng((1, subject))
-        left = residual_of(case, walk, course, bench, rng)
+        left = residual_of(case, walk, motion, treadmill, rng)
         found.append(rms(left[900:-100]))
     spread = np.std(found, axis=0, ddof=1) / np.mean(found, axis=0)
     assert (spread > 0.08).all()

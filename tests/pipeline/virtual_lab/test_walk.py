@@ -6,12 +6,12 @@ import pytest
 from hbm.coordinates import COORDINATES, INDEX
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.virtual_lab.person.balance import balanced, in_lab, pressure_on_platform
-from pipeline.virtual_lab.person.feet import SIDES, orientation, rolled
-from pipeline.virtual_lab.person.gait import posture
-from pipeline.virtual_lab.person.ground import foot_wrenches
+from pipeline.virtual_lab.person.gait_pattern import posture
+from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
+from pipeline.virtual_lab.person.sole import SIDES, orientation, rolled
+from pipeline.virtual_lab.person.subject import Person, make_subject
 from pipeline.virtual_lab.person.walk import ground_wrench, segment_poses
-from pipeline.virtual_lab.person.walker import Person, make_walker
-from pipeline.virtual_lab.protocol.plates import on_plates
+from pipeline.virtual_lab.protocol.plate_loads import plate_wrenches
 from tests.virtual_gait import fit_gait, gait_optimum
 from tests.virtual_gait.realism import ANGLES, angle_curves, force_curves, read_norms
 
@@ -68,7 +68,7 @@ def test_nine_people_are_not_nine_copies(norms, angles, title):
 def test_the_fitted_gait_is_what_its_script_makes_of_the_norms(shared_data):
     """The level walk, again from the published table, against the data file."""
     path = shared_data / "normative_gait" / "pinzone_2014.csv"
-    reference = make_walker(Person())
+    reference = make_subject(Person())
     target, _ = fit_gait.target_of(reference, *fit_gait.read_norms(path))
     found = gait_optimum.optimise(reference, target, fit_gait.HARMONICS)
     phase = np.arange(50) / 50
@@ -101,12 +101,12 @@ def test_pressure_is_under_the_stance_foot_in_single_support(walked, subject, co
     time = steady(walk)
     pose = walk.platform.pose(time)
     pressure = in_lab(
-        pressure_on_platform(ground_wrench(walk.walker, walk.motion, time), pose), pose
+        pressure_on_platform(ground_wrench(walk.subject, walk.motion, time), pose), pose
     )
-    share, q = walk.footing.left_share(time), walk.motion.at(time)
+    share, q = walk.placement.left_share(time), walk.motion.at(time)
     for side, alone in zip(SIDES, (share == 1, share == 0), strict=True):
-        sole = walk.footing.soles[side]
-        rotation, ankle = segment_poses(walk.walker, q, [sole.segment])[0]
+        sole = walk.placement.soles[side]
+        rotation, ankle = segment_poses(walk.subject, q, [sole.segment])[0]
         turned, origin = sole.from_foot(rotation, ankle)
         on_sole = (np.swapaxes(turned, 1, 2) @ (pressure - origin)[..., None])[..., 0]
         assert within(sole.outline, on_sole[alone, :2]).mean() > 0.95
@@ -117,10 +117,10 @@ def test_both_feet_together_carry_what_the_equations_of_motion_ask_for(walked, c
     walk, _ = walked(0, condition)
     time = steady(walk)[::7]
     feet = foot_wrenches(walk, time)
-    needed = ground_wrench(walk.walker, walk.motion, time)
+    needed = ground_wrench(walk.subject, walk.motion, time)
     np.testing.assert_allclose(feet["left"] + feet["right"], needed, atol=1e-9)
     np.testing.assert_allclose(
-        sum(on_plates(walk, feet, time))[:, :3],
+        sum(plate_wrenches(walk, feet, time))[:, :3],
         np.einsum("tji,tj->ti", walk.platform.pose(time).rotation, needed[:, :3]),
         atol=1e-9,
     )
@@ -129,7 +129,7 @@ def test_both_feet_together_carry_what_the_equations_of_motion_ask_for(walked, c
 def test_a_swinging_foot_carries_nothing(walked):
     walk, _ = walked(0)
     time = steady(walk)
-    feet, share = foot_wrenches(walk, time), walk.footing.left_share(time)
+    feet, share = foot_wrenches(walk, time), walk.placement.left_share(time)
     assert np.abs(feet["left"][share == 0]).max() == 0
     assert np.abs(feet["right"][share == 1]).max() < 1e-9
 
@@ -140,8 +140,8 @@ def test_standing_in_the_t_pose_is_carried_as_weight_alone(walked, subject, cond
     """For a second, so that the laboratory can weigh everybody."""
     walk, _ = walked(subject, condition)
     time = np.arange(100) / 100
-    wrench = ground_wrench(walk.walker, walk.motion, time)
-    weight = walk.walker.person.mass_kg * GRAVITY_MPS2
+    wrench = ground_wrench(walk.subject, walk.motion, time)
+    weight = walk.subject.person.mass_kg * GRAVITY_MPS2
     np.testing.assert_allclose(wrench[:, 2], weight, rtol=1e-5)
     np.testing.assert_allclose(wrench[:, :2], 0, atol=0.01)
 
@@ -153,11 +153,11 @@ def test_the_wrench_is_the_change_of_momentum(walked):
     walk, _ = walked(0)
     step = 1e-3
     time = np.arange(15.0, 16.0, step)
-    center = center_of_mass(walk.walker.body, walk.motion.at(time))
+    center = center_of_mass(walk.subject.body, walk.motion.at(time))
     acceleration = np.gradient(np.gradient(center, step, axis=0), step, axis=0)[5:-5]
-    mass = sum(part.mass for part in walk.walker.body.inertias.values())
+    mass = sum(part.mass for part in walk.subject.body.inertias.values())
     weight = np.array([0, 0, GRAVITY_MPS2])
-    force = ground_wrench(walk.walker, walk.motion, time)[5:-5, :3]
+    force = ground_wrench(walk.subject, walk.motion, time)[5:-5, :3]
     np.testing.assert_allclose(force, mass * (acceleration + weight), atol=0.5)
 
 
@@ -170,27 +170,27 @@ def test_every_coordinate_moves(walked):
 def test_a_stance_foot_stays_on_the_belt(walked):
     walk, _ = walked(0)
     k = 20  # a left step
-    contact, off = walk.footing.steps.contact[k], walk.footing.steps.off[k]
+    contact, off = walk.placement.steps.contact[k], walk.placement.steps.off[k]
     flat = np.linspace(contact + 0.25 * (off - contact), contact + 0.45 * (off - contact), 20)
-    sole = walk.footing.soles["left"]
-    rotation, ankle = segment_poses(walk.walker, walk.motion.at(flat), [sole.segment])[0]
+    sole = walk.placement.soles["left"]
+    rotation, ankle = segment_poses(walk.subject, walk.motion.at(flat), [sole.segment])[0]
     _, origin = sole.from_foot(rotation, ankle)
-    on_belt = origin[:, 0] + walk.footing.belt.travelled(flat)
+    on_belt = origin[:, 0] + walk.placement.belt.travelled(flat)
     assert np.ptp(on_belt) < 0.005
     assert np.abs(origin[:, 2]).max() < 0.005
 
 
 def test_strides_differ_but_little(walked):
     walk, _ = walked(0)
-    stride = np.diff(walk.footing.steps.contact[11:-2:2])
+    stride = np.diff(walk.placement.steps.contact[11:-2:2])
     assert 0.003 < stride.std() / stride.mean() < 0.04
 
 
 def test_a_contralateral_sway_makes_the_next_step_narrow(walked):
-    walk, course = walked(0, "sway")
-    steps, place = walk.footing.steps, walk.footing.place[:, 1]
+    walk, motion = walked(0, "sway")
+    steps, place = walk.placement.steps, walk.placement.place[:, 1]
     usual = np.abs(np.diff(place[12:22])).mean()
-    for onset in course.onsets:
+    for onset in motion.onsets:
         next_step = int(np.searchsorted(steps.contact, onset))
         width = (place[next_step] - place[next_step - 1]) * (-1 if next_step % 2 else 1)
         assert width < usual - 0.03
@@ -213,9 +213,9 @@ def test_the_trunk_stays_upright_on_a_slope_and_the_feet_follow_it(walked):
     lean = q[:, INDEX["PelvisForwardPitch"]] + q[:, INDEX["TrunkFlexion"]]
     assert np.degrees(np.ptp(slope)) > 15
     assert np.degrees(np.ptp(lean)) < 15
-    foot = segment_poses(walk.walker, q, ["left_foot"])[0][0]
-    share = walk.footing.left_share(time)
-    flat = (share == 1) & (np.abs(walk.footing.phase("left", time) % 1 - 0.25) < 0.03)
+    foot = segment_poses(walk.subject, q, ["left_foot"])[0][0]
+    share = walk.placement.left_share(time)
+    flat = (share == 1) & (np.abs(walk.placement.phase("left", time) % 1 - 0.25) < 0.03)
     tilt = np.arctan2(foot[flat][:, 2, 0], np.hypot(foot[flat][:, 0, 0], foot[flat][:, 1, 0]))
     assert np.corrcoef(tilt, slope[flat])[0, 1] > 0.98
 
@@ -236,7 +236,7 @@ def test_a_mass_above_a_swinging_pressure_swings_less():
 
 def test_a_rolling_sole_turns_about_a_point_of_the_floor(walked):
     """Rolling without slipping: the instantaneous centre of rotation is where sole meets floor."""
-    sole = walked(0)[0].footing.soles["right"]
+    sole = walked(0)[0].placement.soles["right"]
     pitch = np.radians(np.linspace(-20, 70, 4001))
     origin = rolled(sole, pitch, np.zeros_like(pitch))
     turning = np.gradient(origin, pitch, axis=0)
@@ -245,7 +245,7 @@ def test_a_rolling_sole_turns_about_a_point_of_the_floor(walked):
 
 
 def test_a_rolling_sole_sinks_no_deeper_than_a_shoe_gives(walked):
-    sole = walked(0)[0].footing.soles["right"]
+    sole = walked(0)[0].placement.soles["right"]
     pitch = np.radians(np.linspace(-20, 70, 4001))
     heading = np.full_like(pitch, 0.1)
     origin, turn = rolled(sole, pitch, heading), orientation(pitch, heading)
@@ -259,5 +259,5 @@ def test_residual_about_mid_hip_of_the_truth_is_rounding(walked):
     walk, _ = walked(7, "pitch")
     time = steady(walk)[::11]
     feet = foot_wrenches(walk, time)
-    left = ground_wrench(walk.walker, walk.motion, time) - feet["left"] - feet["right"]
+    left = ground_wrench(walk.subject, walk.motion, time) - feet["left"] - feet["right"]
     assert np.abs(shift_wrench(left, walk.motion.at(time)[:, :3])).max() < 1e-9

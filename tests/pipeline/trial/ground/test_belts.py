@@ -16,8 +16,8 @@ from pipeline.io.smoothing import smooth
 from pipeline.trial.ground.belts import belt_axes, belt_speed, fit_belts
 from pipeline.trial.ground.laboratory import Laboratory, fit_calibration, ground_wrenches
 from pipeline.trial.process import process_trial
-from pipeline.virtual_lab.machine import people
-from pipeline.virtual_lab.protocol.rig import record, times
+from pipeline.virtual_lab.person import bystander
+from pipeline.virtual_lab.protocol.ranking_trial import record, times
 
 RATE = 1000.0
 BELT = Belt(calibration="belts.c3d", speed_channels=("BeltSpeed",))
@@ -45,7 +45,7 @@ def left_over(recording, models, calibration=None):
 
 
 def with_person(seed=3):
-    load = people.walking(times(PULSES, RATE), np.random.default_rng(seed))
+    load = bystander.walking(times(PULSES, RATE), np.random.default_rng(seed))
     return record(PULSES, seed=seed, load=load)
 
 
@@ -59,7 +59,7 @@ def test_what_a_person_adds_is_not_repaired(models):
     _, empty = left_over(record(PULSES, seed=3), models)
     _, left = left_over(with_person(), models)
     unmoved = replace(PULSES, belt_speed=0 * PULSES.belt_speed)
-    load = people.walking(times(PULSES, RATE), np.random.default_rng(3))
+    load = bystander.walking(times(PULSES, RATE), np.random.default_rng(3))
     person_alone, _ = left_over(record(unmoved, seed=3, load=load), models)
     assert left > 3 * empty
     assert np.sqrt(left**2 - empty**2) > 0.9 * person_alone

@@ -12,23 +12,28 @@ from hbm.kernels.native import kernels
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
-from pipeline.virtual_lab.machine.machine import Machine
-from pipeline.virtual_lab.person.ground import foot_wrenches
-from pipeline.virtual_lab.person.walker import Person
-from pipeline.virtual_lab.protocol.bench import (
+from pipeline.virtual_lab.machine.treadmill import Machine
+from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
+from pipeline.virtual_lab.person.subject import Person
+from pipeline.virtual_lab.protocol.instrumented_treadmill import (
     PER_FRAME,
     PITCH_CHANNEL,
     PLATFORM_MARKERS,
     PULSE_CHANNEL,
     SENSORS,
     SWAY_CHANNEL,
-    Bench,
-    artefacts,
-    make_bench,
+    InstrumentedTreadmill,
+    make_treadmill,
+    treadmill_wrenches,
 )
-from pipeline.virtual_lab.protocol.experiment import Trial, run_calibration, run_trial, walker_of
-from pipeline.virtual_lab.protocol.protocol import PERSONS, Condition, Protocol, Setting
-from pipeline.virtual_lab.protocol.setting import setting_toml
+from pipeline.virtual_lab.protocol.setting_file import setting_toml
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, ConditionName, Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import (
+    WalkingTrial,
+    run_calibration,
+    run_trial,
+    study_subject,
+)
 
 WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 CALIBRATION: Final = "calibration.c3d"
@@ -78,8 +83,8 @@ def simulate_study(
     kernels()  # compiled once, before the processes start
     tasks = [delayed(_write_calibration)(folder, setting)]
     tasks += [
-        delayed(_write_trial)(folder, setting, subject, condition)
-        for subject in range(protocol.subjects)
+        delayed(_write_trial)(folder, setting, number, condition)
+        for number in range(protocol.subjects)
         for condition in sorted(protocol.conditions, key=protocol.duration, reverse=True)
     ]
     finished: Iterator[str] = Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks)
@@ -101,14 +106,14 @@ def write_recording(path: Path, recording: Recording) -> None:
     )
 
 
-def truth_table(trial: Trial, bench: Bench) -> pd.DataFrame:
+def truth_table(trial: WalkingTrial, treadmill: InstrumentedTreadmill) -> pd.DataFrame:
     """Give what really happened, frame by frame.
 
     Parameters
     ----------
     trial
         The trial.
-    bench
+    treadmill
         The instruments that recorded it.
 
     Returns
@@ -120,22 +125,22 @@ def truth_table(trial: Trial, bench: Bench) -> pd.DataFrame:
         frame about its origin; ``residual_fx`` to ``residual_mz``, what the equations of motion
         leave about mid-hip; ``sway`` [m] and ``pitch`` [rad] of the platform.
     """
-    course, walk = trial.course, trial.walk
-    time = course.time[::PER_FRAME]
+    motion, walk = trial.motion, trial.walk
+    time = motion.time[::PER_FRAME]
     q = walk.motion.at(time)
     feet = foot_wrenches(walk, time)
     columns: dict[str, Array] = {"time": time} | dict(zip(COORDINATES, q.T, strict=True))
     for side, wrench in feet.items():
         columns |= _named(side, wrench)
-    for number, wrench in enumerate(artefacts(bench, course), start=1):
+    for number, wrench in enumerate(treadmill_wrenches(treadmill, motion), start=1):
         columns |= _named(f"artefact_{number}", wrench[::PER_FRAME])
     state = [walk.motion.at(time, k) for k in range(3)]
-    body = walk.walker.body
+    body = walk.subject.body
     needed = kernels().newton_euler(*state, body.geometry, body.inertia_vector)[1]
     left = shift_wrench(needed - feet["left"] - feet["right"], q[:, :3])
     columns |= _named("residual", left)
     columns["sway"], columns["pitch"] = (
-        x[0][::PER_FRAME] for x in (course.platform.sway, course.platform.pitch)
+        x[0][::PER_FRAME] for x in (motion.platform.sway, motion.platform.pitch)
     )
     return pd.DataFrame(columns)
 
@@ -145,17 +150,17 @@ def _named(prefix: str, wrench: Array) -> dict[str, Array]:
 
 
 def _write_calibration(folder: Path, setting: Setting) -> str:
-    bench = make_bench(setting.faults, setting.seed)
-    write_recording(folder / CALIBRATION, run_calibration(setting, bench))
+    treadmill = make_treadmill(setting.faults, setting.seed)
+    write_recording(folder / CALIBRATION, run_calibration(setting, treadmill))
     return CALIBRATION
 
 
-def _write_trial(folder: Path, setting: Setting, subject: int, condition: Condition) -> str:
-    bench = make_bench(setting.faults, setting.seed)
-    trial = run_trial(setting, bench, walker_of(setting, subject), subject, condition)
+def _write_trial(folder: Path, setting: Setting, number: int, condition: ConditionName) -> str:
+    treadmill = make_treadmill(setting.faults, setting.seed)
+    trial = run_trial(setting, treadmill, study_subject(setting, number), number, condition)
     name = trial.recording.source.name
     write_recording(folder / name, trial.recording)
-    table = truth_table(trial, bench)
+    table = truth_table(trial, treadmill)
     table.to_parquet(folder / TRUTH / Path(name).with_suffix(".parquet"), index=False)
     return name
 

@@ -37,7 +37,7 @@ def plate(number: int, time: Array, wrench: Array) -> Plate:
     return Plate(number, time, shift_wrench(wrench, center), np.eye(3), center, corners)
 
 
-def on_plates(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[Array]:
+def plate_wrenches(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[Array]:
     """Give what the person puts on each plate.
 
     Parameters
@@ -61,7 +61,7 @@ def on_plates(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[Array]
     plates = [np.zeros((len(time), 6)), np.zeros((len(time), 6))]
     for side, wrench in feet.items():
         local = transform_wrench(wrench, back, away)
-        on_left = walk.footing.lateral(side, time) > 0
+        on_left = walk.placement.lateral(side, time) > 0
         plates[0] += np.where(on_left[:, None], local, 0.0)
         plates[1] += np.where(on_left[:, None], 0.0, local)
     return plates

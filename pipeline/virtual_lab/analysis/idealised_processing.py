@@ -14,16 +14,16 @@ from hbm.signals.resampling import resample
 from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.io.recording import Recording
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.course import ANALOG_HZ, Course
+from pipeline.virtual_lab.machine.motion import ANALOG_HZ, TreadmillMotion
 from pipeline.virtual_lab.person.walk import Walk
-from pipeline.virtual_lab.protocol.bench import (
+from pipeline.virtual_lab.protocol.instrumented_treadmill import (
     G_MPS2,
     PER_FRAME,
     PITCH_CHANNEL,
     SWAY_CHANNEL,
-    Bench,
-    artefacts,
+    InstrumentedTreadmill,
     record,
+    treadmill_wrenches,
 )
 
 FIT_CUTOFF_HZ: Final = 20.0
@@ -62,8 +62,8 @@ class Case:
 def residual_of(
     case: Case,
     walk: Walk,
-    course: Course,
-    bench: Bench,
+    motion: TreadmillMotion,
+    treadmill: InstrumentedTreadmill,
     rng: np.random.Generator,
     models: tuple[InertiaModel, ...] = (),
 ) -> Array:
@@ -73,9 +73,9 @@ def residual_of(
     ----------
     case
         What is wrong, and what is known.
-    walk, course
+    walk, motion
         What really happened.
-    bench
+    treadmill
         The instruments, with the case's faults.
     rng
         Source of noise.
@@ -87,9 +87,9 @@ def residual_of(
     Array
         Lab axes about mid-hip, at the markers' times, (T, 6) [N, N·m].
     """
-    recording = record(bench, course, walk, "trial.c3d", rng)
-    time, person = recording.markers.time, walk.walker.person
-    body: Body = walk.walker.body
+    recording = record(treadmill, motion, walk, "trial.c3d", rng)
+    time, person = recording.markers.time, walk.subject.person
+    body: Body = walk.subject.body
     if case.built_body:
         body = build_body(
             recording.markers,
@@ -99,51 +99,55 @@ def residual_of(
             marker_set=body.marker_set,
             window_s=(0.0, 1.0),
         )
-    motion = filter_motion(
+    filtered = filter_motion(
         solve_ik(body, recording.markers), cutoff=case.cutoff_hz, method=case.method
     )
-    pose = _pose(case, course, recording)
-    plates = _without_treadmill(case, bench, course, recording, models)
+    pose = _pose(case, motion, recording)
+    plates = _without_treadmill(case, treadmill, motion, recording, models)
     ground = {
         f"{side}_foot": butterworth(to_lab(wrench, pose), time, case.cutoff_hz, case.method).value
         for side, wrench in zip(("left", "right"), plates, strict=True)
     }
-    return inverse_dynamics(body, motion, ground).residual
+    return inverse_dynamics(body, filtered, ground).residual
 
 
-def fit_models(bench: Bench, recording: Recording) -> tuple[InertiaModel, ...]:
+def fit_models(treadmill: InstrumentedTreadmill, recording: Recording) -> tuple[InertiaModel, ...]:
     """Calibrate both plates on a recording of the empty, moving treadmill."""
-    felt = low_pass(_felt(bench, recording), ANALOG_HZ, FIT_CUTOFF_HZ)
+    felt = low_pass(_felt(treadmill, recording), ANALOG_HZ, FIT_CUTOFF_HZ)
     return tuple(
         fit_inertia(felt, low_pass(plate.wrench_in_plate, ANALOG_HZ, FIT_CUTOFF_HZ))
         for plate in recording.plates
     )
 
 
-def _pose(case: Case, course: Course, recording: Recording) -> PlatformPose:
-    true = course.platform.pose
+def _pose(case: Case, motion: TreadmillMotion, recording: Recording) -> PlatformPose:
+    true = motion.platform.pose
     if not case.told_pose:
         return PlatformPose(true.rotation[::PER_FRAME], true.position[::PER_FRAME])
     assert recording.analog is not None
     sway, pitch = (recording.analog.channel(c)[::PER_FRAME] for c in (SWAY_CHANNEL, PITCH_CHANNEL))
-    stated = course.platform.pivot + np.array([0.0, 0.0, case.faults.platform.pivot_error_m])
+    stated = motion.platform.pivot + np.array([0.0, 0.0, case.faults.platform.pivot_error_m])
     return commanded_pose(sway / 1000, np.radians(pitch), stated)
 
 
 def _without_treadmill(
-    case: Case, bench: Bench, course: Course, recording: Recording, models: tuple[InertiaModel, ...]
+    case: Case,
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    recording: Recording,
+    models: tuple[InertiaModel, ...],
 ) -> list[Array]:
     """Give the plates' wrenches in the platform frame about its origin at the markers' times."""
     time = recording.markers.time
     own = [resample(p.time, p.wrench_in_plate, time) for p in recording.plates]
     if case.removal == "calibrated":
         clock = recording.plates[0].time
-        felt = resample(clock, _felt(bench, recording), time)
+        felt = resample(clock, _felt(treadmill, recording), time)
         own = [model.compensate(felt, wrench) for model, wrench in zip(models, own, strict=True)]
     elif case.removal == "known":
         late = case.faults.plates.delay_s
         for k, (plate, true) in enumerate(
-            zip(recording.plates, artefacts(bench, course), strict=True)
+            zip(recording.plates, treadmill_wrenches(treadmill, motion), strict=True)
         ):
             seen = np.column_stack([np.interp(plate.time - late, plate.time, x) for x in true.T])
             own[k] -= resample(plate.time, shift_wrench(seen, plate.center), time)
@@ -153,7 +157,7 @@ def _without_treadmill(
     ]
 
 
-def _felt(bench: Bench, recording: Recording) -> Array:
+def _felt(treadmill: InstrumentedTreadmill, recording: Recording) -> Array:
     assert recording.analog is not None
-    names = [f"{sensor.name}.{axis}" for sensor in bench.sensors for axis in "XYZ"]
+    names = [f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ"]
     return G_MPS2 * np.column_stack([recording.analog.channel(name) for name in names])

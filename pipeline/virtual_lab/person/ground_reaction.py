@@ -4,7 +4,7 @@ import numpy as np
 
 from hbm.spatial import Array, transform_wrench
 from pipeline.virtual_lab.person.balance import pressure_on_platform
-from pipeline.virtual_lab.person.feet import SIDES
+from pipeline.virtual_lab.person.sole import SIDES
 from pipeline.virtual_lab.person.walk import Walk, ground_wrench
 
 
@@ -33,17 +33,17 @@ def foot_wrenches(walk: Walk, time: Array, jobs: int = 1) -> dict[str, Array]:
     from there to the centre of mass as the total does from its own, so that the leading foot
     brakes and the trailing foot pushes; the free moment is shared as the weight.
     """
-    total = ground_wrench(walk.walker, walk.motion, time, jobs)
+    total = ground_wrench(walk.subject, walk.motion, time, jobs)
     pose = walk.platform.pose(time)
     back = np.swapaxes(pose.rotation, 1, 2)
     away = (back @ pose.position[..., None])[..., 0]
     local = transform_wrench(total, back, -away)
-    share = walk.footing.left_share(time)
+    share = walk.placement.left_share(time)
     pressure = pressure_on_platform(total, pose)
-    under = {side: walk.footing.pressure(side, time) for side in SIDES}
+    under = {side: walk.placement.pressure(side, time) for side in SIDES}
     error = pressure - (share[:, None] * under["left"] + (1 - share)[:, None] * under["right"])
 
-    height = float(walk.walker.standing[2])
+    height = float(walk.subject.standing[2])
     left = np.zeros_like(local)
     place = under["left"] + error
     left[:, 2] = share * local[:, 2]

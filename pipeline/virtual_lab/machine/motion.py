@@ -7,15 +7,14 @@ import numpy as np
 
 from compensation.platform import PlatformPose, commanded_pose
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.machine import PlatformMotion
-from pipeline.virtual_lab.person.stance import smooth_step
-from pipeline.virtual_lab.spline import Trajectory, fit_trajectory
+from pipeline.virtual_lab.machine.treadmill import PlatformMotion
+from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step
 
 ANALOG_HZ: Final = 1000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Belt:
+class BeltRamp:
     """A belt that starts smoothly and then runs at constant speed.
 
     Attributes
@@ -43,7 +42,7 @@ class Belt:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class TreadmillMotion:
     """What the treadmill does in a trial, sample by sample.
 
     Attributes
@@ -65,7 +64,7 @@ class Course:
 
 
 @dataclass(frozen=True, slots=True)
-class Ride:
+class PlatformTrajectory:
     """Where the platform takes the belts: sway to the left [m] and pitch [rad], front down.
 
     Attributes
@@ -97,12 +96,12 @@ class Ride:
         return self.trajectory.at(np.clip(time, begin, begin + self.trajectory.duration))
 
 
-def ride_of(motion: PlatformMotion, rate_hz: float) -> Ride:
+def platform_trajectory(motion: PlatformMotion, rate_hz: float) -> PlatformTrajectory:
     """Give the platform's motion between its samples."""
     values = np.column_stack([motion.sway[0], motion.pitch[0]])
-    return Ride(fit_trajectory(values, rate_hz), motion.pivot)
+    return PlatformTrajectory(fit_trajectory(values, rate_hz), motion.pivot)
 
 
-def standing_still(duration: float) -> Ride:
+def stationary_platform(duration: float) -> PlatformTrajectory:
     """Give a platform that does not move."""
-    return Ride(fit_trajectory(np.zeros((int(duration) + 40, 2)), 1.0), np.zeros(3))
+    return PlatformTrajectory(fit_trajectory(np.zeros((int(duration) + 40, 2)), 1.0), np.zeros(3))

@@ -10,13 +10,13 @@ from hbm.markers import Markers
 from hbm.poses import marker_positions
 from hbm.spatial import Array
 from pipeline.io.c3d.write import write_c3d
-from pipeline.virtual_lab.machine.course import Belt, standing_still
-from pipeline.virtual_lab.person.ground import foot_wrenches
+from pipeline.virtual_lab.machine.motion import BeltRamp, stationary_platform
+from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
 from pipeline.virtual_lab.person.steps import schedule
+from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
 from pipeline.virtual_lab.person.walk import walk
-from pipeline.virtual_lab.person.walker import Person, Walker, make_walker
-from pipeline.virtual_lab.protocol.plates import on_plates, plate
-from pipeline.virtual_lab.spline import Trajectory
+from pipeline.virtual_lab.protocol.plate_loads import plate, plate_wrenches
+from pipeline.virtual_lab.trajectories import Trajectory
 
 FRAME_HZ: Final = 100.0
 ANALOG_HZ: Final = 1000.0
@@ -31,7 +31,7 @@ class Truth:
 
     Attributes
     ----------
-    walker
+    subject
         Who walked.
     motion
         The coordinates as a function of time, 46 columns [rad, m].
@@ -43,7 +43,7 @@ class Truth:
         Wrenches on the feet at the frames, (T, 6) [N, N·m], lab axes about the lab origin.
     """
 
-    walker: Walker
+    subject: VirtualSubject
     motion: Trajectory
     time: Array
     q: Array
@@ -85,31 +85,33 @@ def simulate_trial(
         What really happened.
     """
     rng = np.random.default_rng(seed)
-    walker = make_walker(person or Person())
-    steps = schedule(walker.habits, speed_mps, START_S, duration_s, rng)
-    belt = Belt(speed_mps, START_S, RAMP_S)
-    walked = walk(walker, steps, belt, standing_still(duration_s), duration_s, rng)
+    subject = make_subject(person or Person())
+    steps = schedule(subject.habits, speed_mps, START_S, duration_s, rng)
+    belt = BeltRamp(speed_mps, START_S, RAMP_S)
+    walked = walk(subject, steps, belt, stationary_platform(duration_s), duration_s, rng)
 
     time = np.arange(round(duration_s * FRAME_HZ)) / FRAME_HZ
     q = walked.motion.at(time)
-    position = marker_positions(walker.body, q)
+    position = marker_positions(subject.body, q)
     position += rng.normal(0, marker_noise_m, position.shape)
     clock = np.arange(round(duration_s * ANALOG_HZ)) / ANALOG_HZ
     grain = plate_noise_n * np.array([1.0, 1.0, 1.0, *[MOMENT_NOISE_M] * 3])
     plates = [
         plate(number, clock, wrench + rng.normal(size=wrench.shape) * grain)
-        for number, wrench in enumerate(on_plates(walked, foot_wrenches(walked, clock), clock), 1)
+        for number, wrench in enumerate(
+            plate_wrenches(walked, foot_wrenches(walked, clock), clock), 1
+        )
     ]
     write_c3d(
         path,
-        Markers(time, walker.body.markers, position),
+        Markers(time, subject.body.markers, position),
         plates,
         metadata={
-            "subject": walker.person.name,
-            "mass_kg": walker.person.mass_kg,
-            "height_m": walker.person.height_m,
-            "marker_set": walker.body.marker_set.name,
+            "subject": subject.person.name,
+            "mass_kg": subject.person.mass_kg,
+            "height_m": subject.person.height_m,
+            "marker_set": subject.body.marker_set.name,
         },
     )
     feet = foot_wrenches(walked, time)
-    return Truth(walker, walked.motion, time, q, feet["left"], feet["right"])
+    return Truth(subject, walked.motion, time, q, feet["left"], feet["right"])

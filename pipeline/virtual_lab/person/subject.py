@@ -13,9 +13,9 @@ from hbm.segments import Sex
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Build, t_pose
-from pipeline.virtual_lab.person.gait import STEP_M, size_of
+from pipeline.virtual_lab.person.body_variation import vary
+from pipeline.virtual_lab.person.gait_pattern import STEP_M, size_of
 from pipeline.virtual_lab.person.steps import Habits
-from pipeline.virtual_lab.person.variation import vary
 
 HANGING_ARM: Final = {"ShoulderAbduction": 8.0, "ElbowFlexion": 10.0}
 BUILD_SD: Final = 0.03
@@ -67,7 +67,7 @@ class Style:
 
 
 @dataclass(frozen=True, slots=True)
-class Walker:
+class VirtualSubject:
     """A person with a true body.
 
     Attributes
@@ -92,7 +92,7 @@ class Walker:
     style: Style
 
 
-def make_walker(
+def make_subject(
     person: Person,
     *,
     marker_set: str = "hbm2",
@@ -100,7 +100,7 @@ def make_walker(
     faults: BodyFaults | None = None,
     variability: float = 1.0,
     rng: np.random.Generator | None = None,
-) -> Walker:
+) -> VirtualSubject:
     """Give a person a body and a way of walking.
 
     Parameters
@@ -121,7 +121,7 @@ def make_walker(
 
     Returns
     -------
-    Walker
+    VirtualSubject
         Ready to walk.
     """
     rng = rng or np.random.default_rng(0)
@@ -152,7 +152,9 @@ def make_walker(
         forward_sd=variability * habits.forward_sd,
         side_sd=variability * habits.side_sd,
     )
-    return Walker(person, body, q, standing, habits, _style(individuality, variability, rng))
+    return VirtualSubject(
+        person, body, q, standing, habits, _style(individuality, variability, rng)
+    )
 
 
 def _normal(rng: np.random.Generator) -> float:

@@ -12,11 +12,11 @@ from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.spatial import Array
 from pipeline.config.schema import InputModel
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.person.stance import smooth_step
 from pipeline.virtual_lab.person.steps import Steps
-from pipeline.virtual_lab.person.walker import Person
+from pipeline.virtual_lab.person.subject import Person
+from pipeline.virtual_lab.trajectories import smooth_step
 
-Condition = Literal["familiarisation", "baseline", "sway", "pitch"]
+ConditionName = Literal["familiarisation", "baseline", "sway", "pitch"]
 Seconds = Annotated[float, Field(gt=0)]
 Wait = Annotated[float, Field(ge=12.0)]  # the platform has to be back before it sways again
 
@@ -58,7 +58,7 @@ class Protocol(InputModel):
     study's files take the platform's pose from its markers or from its channels.
     """
 
-    conditions: Annotated[tuple[Condition, ...], Field(strict=False)] = (
+    conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = (
         "baseline",
         "sway",
         "pitch",
@@ -82,7 +82,7 @@ class Protocol(InputModel):
         """When the belts have their speed [s]."""
         return self.standing_s + self.starting_s
 
-    def duration(self, condition: Condition) -> float:
+    def duration(self, condition: ConditionName) -> float:
         """Give how long a trial is [s]."""
         walking = {
             "familiarisation": self.familiarisation_s,

@@ -6,7 +6,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from pipeline.config.validation import describe_faults
-from pipeline.virtual_lab.protocol.protocol import Setting
+from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
 
 def read_setting(text: str) -> Setting:

@@ -10,7 +10,7 @@ from hbm.coordinates import INDEX, SEGMENTS, N
 from hbm.kernels.native import kernels
 from hbm.kernels.skeleton import N_SUMS
 from hbm.spatial import Array
-from pipeline.virtual_lab.person.feet import Sole
+from pipeline.virtual_lab.person.sole import Sole
 
 CHUNK: Final = 4000
 FIXED: Final = 1e3

@@ -74,3 +74,15 @@ def _weights(fraction: Array, derivative: int) -> Array:
     """Weights of the six coefficients around each place between two knots, (T, 6)."""
     places = np.arange(DEGREE, -1, -1) + fraction[:, None]
     return np.asarray(_PIECES(places, nu=derivative))
+
+
+def smooth_step(x: Array) -> Array:
+    """Rise from 0 (at x = 0 and below) to 1 (at x = 1 and above), without units.
+
+    Notes
+    -----
+    The minimum-jerk polynomial ``10 x³ - 15 x⁴ + 6 x⁵`` (Flash and Hogan 1985, J Neurosci 5:1688):
+    velocity and acceleration are zero at both ends.
+    """
+    x = np.clip(x, 0.0, 1.0)
+    return np.asarray(x**3 * (10 - 15 * x + 6 * x**2))

@@ -6,15 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.course import Belt
-from pipeline.virtual_lab.person.feet import OUTWARD, SIDES, Sole
-from pipeline.virtual_lab.person.gait import foot_angles
-from pipeline.virtual_lab.person.stance import LEAVING, STANCE, roll_over, smooth_step
+from pipeline.virtual_lab.machine.motion import BeltRamp
+from pipeline.virtual_lab.person.gait_pattern import foot_angles
+from pipeline.virtual_lab.person.sole import OUTWARD, SIDES, Sole
+from pipeline.virtual_lab.person.stance import LEAVING, STANCE, roll_over
 from pipeline.virtual_lab.person.steps import Steps, phase_of
+from pipeline.virtual_lab.trajectories import smooth_step
 
 
 @dataclass(frozen=True, slots=True)
-class Footing:
+class FootPlacement:
     """A person's feet on the platform over a trial, in the platform's frame.
 
     Attributes
@@ -40,7 +41,7 @@ class Footing:
     soles: Mapping[str, Sole]
     steps: Steps
     place: Array
-    belt: Belt
+    belt: BeltRamp
     step_m: float
     pace_s: float
     standing_pressure_m: float

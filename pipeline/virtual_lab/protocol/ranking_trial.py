@@ -16,7 +16,7 @@ from compensation import Signal, resample_signal
 from hbm.markers import Markers
 from hbm.spatial import GRAVITY_MPS2, Array, shift_wrench
 from pipeline.io.recording import Analog, Plate, Recording
-from pipeline.virtual_lab.machine.machine import (
+from pipeline.virtual_lab.machine.treadmill import (
     Assembly,
     Machine,
     PlatformMotion,
@@ -80,7 +80,7 @@ PERFECT: Final = Imperfections(0.0, 0.0, 0.0, 0.0, np.inf, None, 0.05, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Tremble:
+class BaseVibration:
     """Small motion of the platform on its base, in its own axes.
 
     Attributes
@@ -180,10 +180,10 @@ def _roller(speed: Array, rate_hz: float, unbalance: float, start: float) -> Arr
 
 def _tremble(
     motion: PlatformMotion, acting: Array, rate_hz: float, faults: Imperfections
-) -> Tremble:
+) -> BaseVibration:
     count = motion.sway.shape[1]
     if faults.base_hz is None:
-        return Tremble(*np.zeros((3, count, 3)))
+        return BaseVibration(*np.zeros((3, count, 3)))
     felt = specific_force(motion, CENTER) - specific_force(_at_rest(motion), CENTER)
     inertia = np.hstack([PLATFORM_KG * felt, np.cross(CENTER, PLATFORM_KG * felt)])
     inertia[:, 4] += INERTIA[4] * motion.pitch[2]
@@ -199,14 +199,14 @@ def _tremble(
         ):
             b, a, _ = cont2discrete((above, below), 1 / rate_hz, method="bilinear")
             result[:, k] = lfilter(b.ravel(), a, push / unit)
-    return Tremble(acceleration[:, :3], place[:, 3:], acceleration[:, 3:])
+    return BaseVibration(acceleration[:, :3], place[:, 3:], acceleration[:, 3:])
 
 
 def _at_rest(motion: PlatformMotion) -> PlatformMotion:
     return PlatformMotion(0 * motion.sway, 0 * motion.pitch, motion.pivot)
 
 
-def _cells(motion: PlatformMotion, assembly: Assembly, tremble: Tremble) -> Array:
+def _cells(motion: PlatformMotion, assembly: Assembly, tremble: BaseVibration) -> Array:
     center = np.array(assembly.center)
     force = assembly.mass * tremble.force(motion, center)
     moment = np.cross(center, force) + tremble.turning @ np.array(assembly.tensor)
@@ -216,7 +216,7 @@ def _cells(motion: PlatformMotion, assembly: Assembly, tremble: Tremble) -> Arra
 def _reading(
     motion: PlatformMotion,
     point: Array,
-    tremble: Tremble,
+    tremble: BaseVibration,
     faults: Imperfections,
     rng: np.random.Generator,
     rate_hz: float,

@@ -12,17 +12,17 @@ from hbm.spatial import Array
 from pipeline.io.recording import Analog, Event, Plate, Recording
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.cameras import move_skin, see
-from pipeline.virtual_lab.machine.course import ANALOG_HZ, Course
 from pipeline.virtual_lab.machine.instruments import (
     Accelerometer,
     LoadCells,
     make_accelerometers,
     make_load_cells,
 )
-from pipeline.virtual_lab.machine.machine import Machine, assembly_wrench, belt_moment
-from pipeline.virtual_lab.person.ground import foot_wrenches
+from pipeline.virtual_lab.machine.motion import ANALOG_HZ, TreadmillMotion
+from pipeline.virtual_lab.machine.treadmill import Machine, assembly_wrench, belt_moment
+from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
 from pipeline.virtual_lab.person.walk import Walk, segment_poses
-from pipeline.virtual_lab.protocol.plates import on_plates, plate
+from pipeline.virtual_lab.protocol.plate_loads import plate, plate_wrenches
 
 FRAME_HZ: Final = 100.0
 PER_FRAME: Final = 10
@@ -47,7 +47,7 @@ CHUNK: Final = 60_000
 
 
 @dataclass(frozen=True, slots=True)
-class Bench:
+class InstrumentedTreadmill:
     """Instruments with their errors.
 
     Attributes
@@ -68,7 +68,9 @@ class Bench:
     sensors: tuple[Accelerometer, ...]
 
 
-def make_bench(faults: Faults, seed: int, machine: Machine | None = None) -> Bench:
+def make_treadmill(
+    faults: Faults, seed: int, machine: Machine | None = None
+) -> InstrumentedTreadmill:
     """Draw the instruments of a laboratory.
 
     Parameters
@@ -82,35 +84,39 @@ def make_bench(faults: Faults, seed: int, machine: Machine | None = None) -> Ben
 
     Returns
     -------
-    Bench
+    InstrumentedTreadmill
         Ready to record.
     """
     rng = np.random.default_rng((seed, 7))
     cells = make_load_cells(faults.plates, rng), make_load_cells(faults.plates, rng)
-    return Bench(
+    return InstrumentedTreadmill(
         machine or Machine(), faults, cells, make_accelerometers(faults.accelerometers, rng)
     )
 
 
-def artefacts(bench: Bench, course: Course) -> list[Array]:
+def treadmill_wrenches(treadmill: InstrumentedTreadmill, motion: TreadmillMotion) -> list[Array]:
     """Give what each plate's cells carry of the treadmill itself, (N, 6), in the platform frame."""
-    pitching = belt_moment(bench.machine, np.gradient(course.belt, 1 / ANALOG_HZ), ANALOG_HZ)
-    wrenches = [assembly_wrench(course.platform, part) for part in bench.machine.assemblies]
+    pitching = belt_moment(treadmill.machine, np.gradient(motion.belt, 1 / ANALOG_HZ), ANALOG_HZ)
+    wrenches = [assembly_wrench(motion.platform, part) for part in treadmill.machine.assemblies]
     for wrench in wrenches:
         wrench[:, 4] += pitching
     return wrenches
 
 
 def record(
-    bench: Bench, course: Course, walk: Walk | None, name: str, rng: np.random.Generator
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    walk: Walk | None,
+    name: str,
+    rng: np.random.Generator,
 ) -> Recording:
     """Record a trial.
 
     Parameters
     ----------
-    bench
+    treadmill
         The instruments.
-    course
+    motion
         What the treadmill does.
     walk
         The person on it; None for an empty treadmill.
@@ -125,73 +131,84 @@ def record(
         Markers of person and platform at 100 Hz; plates, accelerometers, belt speeds, pose channels
         and pulses at 1000 Hz.
     """
-    frames = course.time[::PER_FRAME]
-    plates = _plates(bench, course, walk, rng)
+    frames = motion.time[::PER_FRAME]
+    plates = _plates(treadmill, motion, walk, rng)
     return Recording(
         source=Path(name),
-        markers=_markers(bench, course, walk, frames, rng),
+        markers=_markers(treadmill, motion, walk, frames, rng),
         plates=plates,
-        analog=_analog(bench, course, rng),
+        analog=_analog(treadmill, motion, rng),
         events=_events(walk, frames[-1]) if walk else (),
         metadata=_metadata(walk) if walk else {},
     )
 
 
 def _plates(
-    bench: Bench, course: Course, walk: Walk | None, rng: np.random.Generator
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    walk: Walk | None,
+    rng: np.random.Generator,
 ) -> tuple[Plate, ...]:
-    late, time = bench.faults.plates.delay_s, course.time
-    measured = [_delayed(wrench, late, time) for wrench in artefacts(bench, course)]
+    late, time = treadmill.faults.plates.delay_s, motion.time
+    measured = [_delayed(wrench, late, time) for wrench in treadmill_wrenches(treadmill, motion)]
     if walk is not None:
         for start in range(0, len(time), CHUNK):
             part = slice(start, start + CHUNK)
             when = np.maximum(time[part] - late, 0.0)
-            loads = on_plates(walk, foot_wrenches(walk, when), when)
+            loads = plate_wrenches(walk, foot_wrenches(walk, when), when)
             for wrench, load in zip(measured, loads, strict=True):
                 wrench[part] += load
     return tuple(
         plate(number, time, cells.measure(wrench, time, rng))
-        for number, (cells, wrench) in enumerate(zip(bench.cells, measured, strict=True), start=1)
+        for number, (cells, wrench) in enumerate(
+            zip(treadmill.cells, measured, strict=True), start=1
+        )
     )
 
 
 def _markers(
-    bench: Bench, course: Course, walk: Walk | None, frames: Array, rng: np.random.Generator
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    walk: Walk | None,
+    frames: Array,
+    rng: np.random.Generator,
 ) -> Markers:
-    pose = course.platform.pose
+    pose = motion.platform.pose
     rotation, position = pose.rotation[::PER_FRAME], pose.position[::PER_FRAME]
     rim = np.stack([position + rotation @ np.array(p) for p in PLATFORM_MARKERS.values()], axis=1)
-    rim += bench.faults.platform.marker_noise_m * rng.normal(size=rim.shape)
+    rim += treadmill.faults.platform.marker_noise_m * rng.normal(size=rim.shape)
     if walk is None:
         return Markers(frames, tuple(PLATFORM_MARKERS), rim)
-    body, cameras = walk.walker.body, bench.faults.cameras
+    body, cameras = walk.subject.body, treadmill.faults.cameras
     q = walk.motion.at(frames)
     true = marker_positions(body, q)
     names = list(dict.fromkeys(body.marker_segment))
-    turned = {s: R for s, (R, _) in zip(names, segment_poses(walk.walker, q, names), strict=True)}
-    phase = walk.footing.phase("right", np.maximum(frames, walk.footing.steps.contact[0]))
+    turned = {s: R for s, (R, _) in zip(names, segment_poses(walk.subject, q, names), strict=True)}
+    phase = walk.placement.phase("right", np.maximum(frames, walk.placement.steps.contact[0]))
     skin = move_skin(true, body.marker_segment, turned, phase, cameras, rng, FRAME_HZ)
     seen = see(skin, cameras, rng, FRAME_HZ)
     return Markers(frames, (*body.markers, *PLATFORM_MARKERS), np.concatenate([seen, rim], axis=1))
 
 
-def _analog(bench: Bench, course: Course, rng: np.random.Generator) -> Analog:
-    faults, time, count = bench.faults, course.time, len(course.time)
+def _analog(
+    treadmill: InstrumentedTreadmill, motion: TreadmillMotion, rng: np.random.Generator
+) -> Analog:
+    faults, time, count = treadmill.faults, motion.time, len(motion.time)
     names, units, columns = [], [], []
-    for sensor in bench.sensors:
-        reading = sensor.read(course.platform, rng) / G_MPS2
+    for sensor in treadmill.sensors:
+        reading = sensor.read(motion.platform, rng) / G_MPS2
         columns.append(_delayed(reading, faults.accelerometers.delay_s, time))
         names += [f"{sensor.name}.{axis}" for axis in "XYZ"]
         units += ["g"] * 3
-    held = np.repeat(course.belt[:: round(ANALOG_HZ / BELT_HZ)], round(ANALOG_HZ / BELT_HZ))
+    held = np.repeat(motion.belt[:: round(ANALOG_HZ / BELT_HZ)], round(ANALOG_HZ / BELT_HZ))
     for channel in BELT_CHANNELS:
         columns.append((held[:count] + BELT_NOISE_MPS * rng.normal(size=count))[:, None])
         names.append(channel)
         units.append("m/s")
-    told = np.column_stack([1000 * course.platform.sway[0], np.degrees(course.platform.pitch[0])])
+    told = np.column_stack([1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])])
     columns.append(_delayed(told, faults.platform.delay_s, time))
     pulse = CHANNEL_NOISE * rng.normal(size=count)
-    for onset in course.onsets:
+    for onset in motion.onsets:
         pulse[(time >= onset) & (time < onset + PULSE_S)] += PULSE_V
     columns.append(pulse[:, None])
     names += [SWAY_CHANNEL, PITCH_CHANNEL, PULSE_CHANNEL]
@@ -207,7 +224,7 @@ def _delayed(values: Array, late: float, time: Array) -> Array:
 
 
 def _events(walk: Walk, end: float) -> tuple[Event, ...]:
-    steps, found = walk.footing.steps, []
+    steps, found = walk.placement.steps, []
     for k in range(1, len(steps.contact)):
         side = steps.side(k)
         for time, label in ((steps.contact[k], "foot_strike"), (steps.off[k], "foot_off")):
@@ -217,10 +234,10 @@ def _events(walk: Walk, end: float) -> tuple[Event, ...]:
 
 
 def _metadata(walk: Walk) -> dict[str, object]:
-    person = walk.walker.person
+    person = walk.subject.person
     return {
         "subject": person.name,
         "mass_kg": person.mass_kg,
         "height_m": person.height_m,
-        "marker_set": walk.walker.body.marker_set.name,
+        "marker_set": walk.subject.body.marker_set.name,
     }

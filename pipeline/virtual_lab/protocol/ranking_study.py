@@ -11,16 +11,16 @@ from compensation import Signal, belt_signals, pitch_and_sway_signals, validatio
 from hbm.spatial import Array
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
-from pipeline.virtual_lab.machine import people
-from pipeline.virtual_lab.machine.machine import Machine
-from pipeline.virtual_lab.protocol.rig import Imperfections, record, times
+from pipeline.virtual_lab.machine.treadmill import Machine
+from pipeline.virtual_lab.person import bystander
+from pipeline.virtual_lab.protocol.ranking_trial import Imperfections, record, times
 
 TRIALS: Final = 54
 PEOPLE: Final = {
-    "sway": people.walking,
-    "pitch": people.walking,
-    "running": people.running,
-    "boarding": people.boarding,
+    "sway": bystander.walking,
+    "pitch": bystander.walking,
+    "running": bystander.running,
+    "boarding": bystander.boarding,
 }
 
 
