@@ -1,4 +1,4 @@
-"""What all tests share: where real recordings lie, and when a test that needs them is skipped."""
+"""Fixtures for all tests: the real recordings; tests that need them skip where they are missing."""
 
 from pathlib import Path
 
@@ -11,5 +11,5 @@ SHARED_DATA = Path(__file__).resolve().parents[1].parent / "shared" / "data"
 def shared_data():
     """Folder of real recordings; they are never part of the repository."""
     if not SHARED_DATA.is_dir():
-        pytest.skip("the real recordings are not here (../shared/data)")
+        pytest.skip("the real recordings are missing (../shared/data)")
     return SHARED_DATA

@@ -1,8 +1,8 @@
-"""A person made of numbers: 46 markers in a T-pose, for tests that need every coordinate to move.
+"""A synthetic subject: 46 markers in a T-pose, for tests that need every coordinate to move.
 
 The positions are plausible for an adult man of 1.78 m and are asymmetric on purpose: no two limbs
 are alike, the axes of elbow and ankle are oblique to those that follow them, and the pelvis is a
-little turned and tilted, as in a living person.
+little rotated and tilted, as in a real subject.
 """
 
 from functools import cache
@@ -45,7 +45,7 @@ def synthetic_t_pose() -> Markers:
 
 @cache
 def synthetic_body() -> Body:
-    """The body of that person: 46 coordinates, all of them seen by markers but the toes."""
+    """The body of that subject: 46 coordinates, all observed by markers except the toes."""
     return build_body(
         synthetic_t_pose(), mass=MASS_KG, sex="male", marker_set="hbm2", height_m=STATURE_M
     )

@@ -1,4 +1,4 @@
-"""What the benchmarks compare is the same problem, and all who solve it agree; nothing is timed."""
+"""All programs of the benchmarks solve the same problem and agree; nothing is timed."""
 
 import json
 
@@ -9,9 +9,9 @@ from hbm.kinematics import solve_ik
 from pipeline.io.c3d.read import read_c3d
 from tests.benchmarks import commands, report
 from tests.benchmarks.accuracy import check_optimum, force_error, kinematic_error
-from tests.benchmarks.races import COMPILED, MACHINE, contestants
+from tests.benchmarks.comparison import COMPILED, MACHINE, implementations
 from tests.benchmarks.scaling import LEGS, on_segments, solved_share
-from tests.benchmarks.trial import export_trial, leave_trial
+from tests.benchmarks.trial import export_trial, write_trial
 from tests.benchmarks.walker import walk, with_dropouts, with_random_gaps
 from tests.synthetic import synthetic_body
 
@@ -26,24 +26,24 @@ def whole():
 
 @pytest.fixture(scope="module")
 def trial(whole, tmp_path_factory):
-    trial = leave_trial(tmp_path_factory.mktemp("race") / "trial", whole)
+    trial = write_trial(tmp_path_factory.mktemp("compared") / "trial", whole)
     export_trial(trial, whole)
     return trial
 
 
 @pytest.fixture(scope="module")
-def answer(trial):
-    with contestants(trial) as running:
+def result(trial):
+    with implementations(trial) as running:
 
-        def ask(name, task):
+        def result_of(name, task):
             if name not in running:
                 pytest.skip(f"{name} is not installed")
-            return running[name].answer(task)
+            return running[name].result(task)
 
-        yield ask
+        yield result_of
 
 
-def test_the_walkers_rates_are_the_derivatives_of_its_coordinates(whole):
+def test_velocities_and_accelerations_of_the_walk_are_derivatives_of_its_coordinates(whole):
     for value, rate in ((whole.q, whole.v), (whole.v, whole.a)):
         slope = np.gradient(value, whole.time, axis=0)[1:-1]
         np.testing.assert_allclose(slope, rate[1:-1], atol=0.01 * np.abs(rate).max())
@@ -56,56 +56,60 @@ def test_scipy_on_pinocchios_model_finds_our_optimum(trial):
 
 
 @pytest.mark.parametrize("name", [COMPILED, MACHINE, "MuJoCo", "Pinocchio"])
-def test_all_inverse_kinematics_end_at_the_optimum(trial, answer, name):
-    error = kinematic_error(trial, answer(name, "ik"))
-    assert max(error.angle_max_rad, error.slide_max_m) < 1e-5
+def test_all_inverse_kinematics_reach_the_optimum(trial, result, name):
+    error = kinematic_error(trial, result(name, "ik"))
+    assert max(error.angle_max_rad, error.translation_max_m) < 1e-5
     assert error.marker_rms_m == pytest.approx(kinematic_error(trial, trial.optimum.q).marker_rms_m)
 
 
 @pytest.mark.parametrize("name", [OPENSIM, "MuJoCo", "Pinocchio"])
-def test_nobodys_markers_are_nearer_than_ours(trial, answer, name):
-    ours, theirs = (trial.marker_rms(answer(who, "ik")) for who in (COMPILED, name))
+def test_no_other_program_fits_the_markers_better(trial, result, name):
+    ours, theirs = (trial.marker_rms(result(program, "ik")) for program in (COMPILED, name))
     assert ours <= theirs + 1e-6
 
 
-def test_the_compiler_changes_nothing(answer):
-    compiled, machine = answer(COMPILED, "ik"), answer(MACHINE, "ik")
+def test_the_compiler_changes_nothing(result):
+    compiled, machine = result(COMPILED, "ik"), result(MACHINE, "ik")
     np.testing.assert_allclose(compiled, machine, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", [COMPILED, MACHINE, OPENSIM, "MuJoCo", "Pinocchio"])
-def test_all_inverse_dynamics_give_the_same_forces(trial, answer, name):
-    assert force_error(trial, answer(name, "id")) < 1e-6
+def test_all_inverse_dynamics_give_the_same_forces(trial, result, name):
+    assert force_error(trial, result(name, "id")) < 1e-6
 
 
 @pytest.mark.parametrize(
-    "spoil", [lambda m: with_random_gaps(m, 0.05), with_dropouts], ids=["samples", "seconds"]
+    "remove", [lambda m: with_random_gaps(m, 0.05), with_dropouts], ids=["samples", "seconds"]
 )
-def test_with_markers_missing_every_frame_is_solved_or_marked(whole, tmp_path, spoil):
-    markers = spoil(whole.markers)
+def test_with_markers_missing_every_frame_is_solved_or_marked(whole, tmp_path, remove):
+    markers = remove(whole.markers)
     assert np.isnan(markers.position).any()
-    found = solved_share(leave_trial(tmp_path / "trial", whole, markers))
-    assert found["solved"] + found["marked"] == found["frames"] == FRAMES
+    share = solved_share(write_trial(tmp_path / "trial", whole, markers))
+    assert share["solved"] + share["marked"] == share["frames"] == FRAMES
 
 
 def test_markers_of_the_legs_leave_the_arms_unobserved(whole):
     motion = solve_ik(synthetic_body(), on_segments(whole.markers, LEGS))
-    seen = [name for name, hit in zip(motion.names, motion.observed.all(0), strict=True) if hit]
-    assert len(seen) == 18
-    assert all(part not in name for name in seen for part in ("Shoulder", "Elbow", "Trunk", "Head"))
+    observed = [
+        name for name, always in zip(motion.names, motion.observed.all(0), strict=True) if always
+    ]
+    assert len(observed) == 18
+    assert all(
+        part not in name for name in observed for part in ("Shoulder", "Elbow", "Trunk", "Head")
+    )
 
 
 def test_the_long_trials_file_holds_30_channels_at_1000_hz(whole, tmp_path):
     commands.write_trial(whole, tmp_path / "trial.c3d")
-    found = read_c3d(tmp_path / "trial.c3d")
-    assert len(found.markers.names) == 46
-    assert 6 * len(found.plates) + len(found.analog.names) == 30
-    assert np.diff(found.analog.time) == pytest.approx(1 / 1000)
-    for plate, wrench in zip(found.plates, whole.wrenches.values(), strict=True):
+    recording = read_c3d(tmp_path / "trial.c3d")
+    assert len(recording.markers.names) == 46
+    assert 6 * len(recording.plates) + len(recording.analog.names) == 30
+    assert np.diff(recording.analog.time) == pytest.approx(1 / 1000)
+    for plate, wrench in zip(recording.plates, whole.wrenches.values(), strict=True):
         np.testing.assert_allclose(plate.wrench[::10], wrench, atol=1e-3)
 
 
-def test_a_target_that_is_missed_says_so():
+def test_a_missed_target_is_reported_as_missed():
     memory = {"memory": {"frames": 1, "solved": 1, "peak_bytes": 2e9, "seconds": 1.0}}
     (target,) = report.targets(memory)
     assert target.value == 2.0

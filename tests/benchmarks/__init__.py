@@ -1,1 +1,4 @@
-"""How fast the kernels are beside others on the same problems: ``python -m tests.benchmarks``."""
+"""Speed and accuracy of the kernels and of other programs on the same problems.
+
+``python -m tests.benchmarks``
+"""

@@ -13,17 +13,17 @@ import numpy as np
 
 from tests.benchmarks import commands, report, scaling
 from tests.benchmarks.accuracy import check_optimum
-from tests.benchmarks.races import (
+from tests.benchmarks.comparison import (
     COMPILED,
     MACHINE,
-    contestants,
-    dynamics_race,
-    kinematics_race,
+    compare_dynamics,
+    compare_kinematics,
+    implementations,
 )
-from tests.benchmarks.trial import export_trial, leave_trial
+from tests.benchmarks.trial import export_trial, write_trial
 from tests.benchmarks.walker import walk
 
-Found = dict[str, Any]
+Measured = dict[str, Any]
 
 
 def main() -> None:
@@ -31,47 +31,49 @@ def main() -> None:
     parser.add_argument(
         "parts", nargs="*", metavar="PART", help=f"any of {', '.join(PARTS)}; default: all"
     )
-    parser.add_argument("--json", type=Path, help="where to write what was measured")
-    parser.add_argument("--frames", type=int, default=1000, help="frames of the race")
-    parser.add_argument("--laps", type=int, default=5, help="turns that everyone takes")
+    parser.add_argument("--json", type=Path, help="file for the measurements")
+    parser.add_argument("--frames", type=int, default=1000, help="frames of the compared trial")
+    parser.add_argument("--repeats", type=int, default=5, help="timings per implementation")
     given = parser.parse_args()
     if unknown := set(given.parts) - set(PARTS):
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(PARTS)}")
-    found: Found = {"machine": report.machine()}
+    measured: Measured = {"machine": report.machine()}
     for part in given.parts or PARTS:
         print(f"measuring {part} …", file=sys.stderr, flush=True)
         with tempfile.TemporaryDirectory() as folder:
-            found |= PARTS[part](Path(folder), given.frames, given.laps)
-    reached = report.targets(found)
-    found["targets"] = [asdict(target) | {"met": target.met} for target in reached]
+            measured |= PARTS[part](Path(folder), given.frames, given.repeats)
+    targets = report.targets(measured)
+    measured["targets"] = [asdict(target) | {"met": target.met} for target in targets]
     if given.json:
-        given.json.write_text(json.dumps(found, indent=1, ensure_ascii=False), encoding="utf-8")
-    report.show(found, reached)
+        given.json.write_text(json.dumps(measured, indent=1, ensure_ascii=False), encoding="utf-8")
+    report.show(measured, targets)
 
 
-def races(folder: Path, frames: int, laps: int) -> Found:
+def compare(folder: Path, frames: int, repeats: int) -> Measured:
     whole = walk(frames)
-    trial = leave_trial(folder / "race", whole)
+    trial = write_trial(folder / "compared", whole)
     export_trial(trial, whole)
-    with contestants(trial) as running:
-        compiled, machine = (running[name].answer("ik") for name in (COMPILED, MACHINE))
+    with implementations(trial) as running:
+        compiled, machine = (running[name].result("ik") for name in (COMPILED, MACHINE))
         return {
-            "ik": kinematics_race(trial, running, laps),
-            "id": dynamics_race(trial, running, laps),
+            "ik": compare_kinematics(trial, running, repeats),
+            "id": compare_dynamics(trial, running, repeats),
             "backends_differ": float(np.abs(compiled - machine).max()),
             "optimum": asdict(check_optimum(trial)),
         }
 
 
-def whole_processes(folder: Path, frames: int, laps: int) -> Found:
+def whole_processes(folder: Path, frames: int, _: int) -> Measured:
     return {"commands": {"help_s": commands.help_time(), **commands.first_use(folder, frames)}}
 
 
-PARTS: dict[str, Callable[[Path, int, int], Found]] = {
-    "races": races,
-    "frames": lambda folder, _, laps: {"frames": scaling.in_frames(folder, laps)},
-    "coordinates": lambda folder, _, laps: {"coordinates": scaling.in_coordinates(folder, laps)},
-    "gaps": lambda folder, _, laps: {"gaps": scaling.gaps(folder, laps)},
+PARTS: dict[str, Callable[[Path, int, int], Measured]] = {
+    "compare": compare,
+    "frames": lambda folder, _, repeats: {"frames": scaling.in_frames(folder, repeats)},
+    "coordinates": lambda folder, _, repeats: {
+        "coordinates": scaling.in_coordinates(folder, repeats)
+    },
+    "gaps": lambda folder, _, repeats: {"gaps": scaling.gaps(folder, repeats)},
     "commands": whole_processes,
     "memory": lambda folder, *_: {"memory": commands.peak_memory(folder)},
 }

@@ -1,4 +1,4 @@
-"""Whole processes: how long the command line takes to answer, and what a long trial needs."""
+"""Whole processes: response time of the command line, time and memory of a long trial."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ import numpy as np
 from hbm.spatial import Array
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Analog, Plate
-from tests.benchmarks.contestant import ONE_THREAD, ROOT
+from tests.benchmarks.implementation import ONE_THREAD, ROOT
 from tests.benchmarks.walker import Walk, walk
 from tests.synthetic import MASS_KG, synthetic_t_pose
 
@@ -30,16 +30,16 @@ def help_time() -> float:
 
 
 def first_use(folder: Path, frames: int) -> Row:
-    """Time ``hbm residuals`` on a short trial [s], with nothing in the cache and once more."""
+    """Time ``hbm residuals`` on a short trial [s], with an empty cache and again."""
     write_trial(walk(frames), folder / "trial.c3d")
     write_c3d(folder / "static.c3d", synthetic_t_pose())
     command = ("-m", "pipeline.cli", "residuals", str(folder / "trial.c3d"))
     command += ("--static", str(folder / "static.c3d"), "--mass-kg", str(MASS_KG))
     command += ("--out", str(folder / "results"))
     cache = {"HBM_CACHE_DIR": str(folder / "cache")}
-    before = _children_cpu()
+    cpu_before = _children_cpu()
     first = _seconds(*command, **cache)
-    first_cpu = _children_cpu() - before
+    first_cpu = _children_cpu() - cpu_before
     second = _seconds(*command, **cache)
     return {"frames": frames, "first_s": first, "first_cpu_s": first_cpu, "second_s": second}
 
@@ -50,14 +50,14 @@ def peak_memory(folder: Path, frames: int = LONG_FRAMES) -> Row:
     write_c3d(folder / "static.c3d", synthetic_t_pose())
     start = time.perf_counter()
     script = ("-m", "tests.benchmarks.long_trial", str(folder / "long.c3d"))
-    said = _run(*script, str(folder / "static.c3d")).stdout
-    peak, solved = map(int, said.split())
-    taken = time.perf_counter() - start
-    return {"frames": frames, "solved": solved, "peak_bytes": peak, "seconds": taken}
+    printed = _run(*script, str(folder / "static.c3d")).stdout
+    peak, solved = map(int, printed.split())
+    elapsed = time.perf_counter() - start
+    return {"frames": frames, "solved": solved, "peak_bytes": peak, "seconds": elapsed}
 
 
 def write_trial(trial: Walk, path: Path) -> None:
-    """Write markers, a plate under each foot, and further channels: 30 at 1000 Hz in all."""
+    """Write markers, plates and other channels: 30 channels at 1000 Hz in all."""
     per_frame = round(PLATE_HZ / trial.markers.rate_hz)
     plate_time = np.arange(per_frame * len(trial.time)) / PLATE_HZ
     plates = [
@@ -71,7 +71,7 @@ def write_trial(trial: Walk, path: Path) -> None:
 
 
 def _plate(number: int, plate_time: Array, wrench: Array) -> Plate:
-    """Lay a plate, z down like most, whose centre is the lab's origin."""
+    """Give a plate centred on the lab origin whose z axis points down, as most do."""
     down = np.diag([1.0, -1.0, -1.0])
     in_plate = np.hstack([wrench[:, :3] @ down, wrench[:, 3:] @ down])
     return Plate(number, plate_time, in_plate, down, np.zeros(3), np.array(CORNERS))

@@ -1,4 +1,4 @@
-"""One trial from its file to its residuals; prints the peak of the memory and how much is solved.
+"""One trial from its file to its residuals; prints peak memory and number of solved frames.
 
 ``python -m tests.benchmarks.long_trial TRIAL STATIC``
 """
@@ -22,7 +22,7 @@ def main(trial: str, static: str) -> None:
 
 
 def peak_bytes() -> int:
-    """Give this process' largest resident memory, without that of the process it came from."""
+    """Give this process' peak resident memory, without that of its parent process."""
     status = Path("/proc/self/status")
     if status.is_file():
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))

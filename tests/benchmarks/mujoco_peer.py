@@ -12,12 +12,12 @@ FEET = ("left_foot", "right_foot")
 
 def tasks(folder: Path):
     given = dict(np.load(folder / "trial.npz"))
-    peer = MuJoCo(model_with_sites(folder / "body.urdf", given["markers"]), given)
-    return {"ik": peer.inverse_kinematics, "id": peer.inverse_dynamics}
+    program = MuJoCo(model_with_sites(folder / "body.urdf", given["markers"]), given)
+    return {"ik": program.inverse_kinematics, "id": program.inverse_dynamics}
 
 
 def model_with_sites(urdf, markers):
-    """Load a body; its markers become sites, which cost less than bodies of their own."""
+    """Load a body; its markers become sites, which are faster than bodies of their own."""
     spec = mujoco.MjSpec.from_file(str(urdf))
     for name in map(str, markers):
         link = spec.body(name)

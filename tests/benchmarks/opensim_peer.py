@@ -1,4 +1,4 @@
-"""OpenSim's tools without their reports; and their work on files alone, to be taken off."""
+"""OpenSim's tools without their reports; and their reading and writing alone, to be subtracted."""
 
 from pathlib import Path
 
@@ -10,20 +10,20 @@ FORCES = "id.sto"
 
 def tasks(folder: Path):
     opensim.Logger.setLevelString("Off")
-    peer = OpenSim(folder, dict(np.load(folder / "trial.npz")))
+    program = OpenSim(folder, dict(np.load(folder / "trial.npz")))
     return {
-        "ik": peer.inverse_kinematics,
-        "ik tool": peer.run_inverse_kinematics,
-        "ik files": peer.inverse_kinematics_files,
-        "id": peer.inverse_dynamics,
-        "id tool": peer.run_inverse_dynamics,
-        "id files": peer.inverse_dynamics_files,
+        "ik": program.inverse_kinematics,
+        "ik tool": program.run_inverse_kinematics,
+        "ik files": program.inverse_kinematics_files,
+        "id": program.inverse_dynamics,
+        "id tool": program.run_inverse_dynamics,
+        "id files": program.inverse_dynamics_files,
     }
 
 
 class OpenSim:
     def __init__(self, folder, given):
-        self.folder, self.time, self.slides = folder, given["time"], given["slides"]
+        self.folder, self.time, self.translations = folder, given["time"], given["translations"]
         self.coordinates, self.markers = given["coordinates"], given["markers"]
         self.model = opensim.Model(self.path("body.osim"))
         self.model.initSystem()
@@ -48,7 +48,7 @@ class OpenSim:
     def inverse_kinematics(self):
         self.run_inverse_kinematics(self.path("ik.mot"))
         q = self.table("ik.mot", self.coordinates)
-        return np.where(self.slides, q, np.radians(q))
+        return np.where(self.translations, q, np.radians(q))
 
     def inverse_kinematics_files(self):
         opensim.TimeSeriesTableVec3(self.path("markers.trc"))
@@ -63,7 +63,7 @@ class OpenSim:
 
     def inverse_dynamics(self):
         self.run_inverse_dynamics()
-        kinds = np.where(self.slides, "force", "moment")
+        kinds = np.where(self.translations, "force", "moment")
         names = [f"{name}_{kind}" for name, kind in zip(self.coordinates, kinds, strict=True)]
         return self.table(FORCES, names)
 

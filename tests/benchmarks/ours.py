@@ -1,4 +1,4 @@
-"""What is measured of this package."""
+"""This package's inverse kinematics and dynamics."""
 
 from pathlib import Path
 
@@ -32,5 +32,5 @@ def tasks(folder: Path):
 
 
 def motion_of(time, q, v, a) -> Motion:
-    seen = np.ones(q.shape, bool)
-    return Motion(time, q, v, a, (), np.zeros((len(time), 0)), np.ones(len(time), bool), seen)
+    observed = np.ones(q.shape, bool)
+    return Motion(time, q, v, a, (), np.zeros((len(time), 0)), np.ones(len(time), bool), observed)

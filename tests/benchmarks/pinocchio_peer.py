@@ -12,8 +12,8 @@ FEET = ("left_foot", "right_foot")
 
 def tasks(folder: Path):
     given = dict(np.load(folder / "trial.npz"))
-    peer = Pinocchio(load_model(folder), given)
-    return {"ik": peer.inverse_kinematics, "id": peer.inverse_dynamics}
+    program = Pinocchio(load_model(folder), given)
+    return {"ik": program.inverse_kinematics, "id": program.inverse_dynamics}
 
 
 def load_model(folder: Path):
@@ -26,15 +26,15 @@ class Pinocchio:
         ours = [str(name) for name in given["coordinates"]]
         self.order = [ours.index(name) for name in list(model.names)[1:]]
         frames = [model.frames[model.getFrameId(str(name))] for name in given["markers"]]
-        self.joints, self.own = np.unique([f.parentJoint for f in frames], return_inverse=True)
+        self.joints, self.owner = np.unique([f.parentJoint for f in frames], return_inverse=True)
         self.local = np.array([f.placement.translation for f in frames])
-        carried = np.array([self.carried_by(int(joint)) for joint in self.joints])
-        self.mask = np.repeat(carried[self.own], 3, axis=0).astype(float)
+        moved = np.array([self.coordinates_of(int(joint)) for joint in self.joints])
+        self.mask = np.repeat(moved[self.owner], 3, axis=0).astype(float)
         self.maps = np.zeros((len(frames), 3, 6))
         self.maps[:, (0, 1, 2), (0, 1, 2)] = 1
 
-    def carried_by(self, joint):
-        """Say which coordinates move a joint."""
+    def coordinates_of(self, joint):
+        """Mark the coordinates that move a joint."""
         return np.isin(np.arange(1, self.model.njoints), list(self.model.supports[joint]))
 
     def inverse_kinematics(self):
@@ -42,15 +42,15 @@ class Pinocchio:
         return self.in_our_order(solve(self.linearise, measured, start))
 
     def linearise(self, q):
-        """Turn the motions of all joints, v above w, into that of all markers: v + w × r."""
+        """Map the joint Jacobians (v above ω) to the velocities of all markers: v + ω × r."""
         motions = pin.computeJointJacobians(self.model, self.data, q)
-        poses = np.array([self.data.oMi[int(j)].homogeneous for j in self.joints])[self.own]
+        poses = np.array([self.data.oMi[int(j)].homogeneous for j in self.joints])[self.owner]
         points = np.einsum("kij,kj->ki", poses[:, :3, :3], self.local) + poses[:, :3, 3]
         x, y, z = points.T
-        turn = self.maps[:, :, 3:]
-        turn[:, 0, 1], turn[:, 0, 2] = z, -y
-        turn[:, 1, 0], turn[:, 1, 2] = -z, x
-        turn[:, 2, 0], turn[:, 2, 1] = y, -x
+        rotation = self.maps[:, :, 3:]
+        rotation[:, 0, 1], rotation[:, 0, 2] = z, -y
+        rotation[:, 1, 0], rotation[:, 1, 2] = -z, x
+        rotation[:, 2, 0], rotation[:, 2, 1] = y, -x
         jacobian = self.maps.reshape(-1, 6) @ motions
         jacobian *= self.mask
         return points, jacobian

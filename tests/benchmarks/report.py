@@ -1,4 +1,4 @@
-"""Tables for people, and what was to be reached."""
+"""Tables of the measurements, and targets."""
 
 import os
 import platform
@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks.races import COMPILED, MACHINE
+from tests.benchmarks.comparison import COMPILED, MACHINE
 
 PACKAGES = ("hbm-residuals", "casadi", "numpy", "scipy", "opensim", "mujoco", "pin")
 COLUMNS = {
@@ -21,9 +21,9 @@ COLUMNS = {
         "CPU × ours": ("cpu_ratio", ",.1f"),
         "wall × ours": ("wall_ratio", ",.1f"),
         "RMS mm": ("marker_rms_m", ".6f", 1e3),
-        "off, max rad": ("angle_max_rad", ".1e"),
+        "error, max rad": ("angle_max_rad", ".1e"),
         "RMS rad": ("angle_rms_rad", ".1e"),
-        "max m": ("slide_max_m", ".1e"),
+        "max m": ("translation_max_m", ".1e"),
     },
     "scaling": {
         "IK frames/s": ("ik_frames_per_s", ",.0f"),
@@ -31,7 +31,9 @@ COLUMNS = {
         "× first": ("ik_cpu_ratio", ".2f"),
     },
 }
-COLUMNS["id"] = dict(list(COLUMNS["ik"].items())[:6]) | {"force off N, N·m": ("force_error", ".1e")}
+COLUMNS["id"] = dict(list(COLUMNS["ik"].items())[:6]) | {
+    "force error N, N·m": ("force_error", ".1e")
+}
 COLUMNS["frames"] = COLUMNS["scaling"] | {
     "ID frames/s": ("id_frames_per_s", ",.0f"),
     "ID CPU µs": ("id_cpu_us", ".1f"),
@@ -50,15 +52,15 @@ COLUMNS["gaps"] = COLUMNS["scaling"] | {
 TITLES = {
     "ik": "Inverse kinematics, per frame",
     "id": "Inverse dynamics with residuals, per frame",
-    "frames": "Ours by frames of the trial",
-    "coordinates": "Ours by markers and the coordinates they show",
+    "frames": "Ours by length of the trial",
+    "coordinates": "Ours by markers and the coordinates they observe",
     "gaps": "Ours with missing markers",
 }
 
 
 @dataclass(frozen=True)
 class Target:
-    """Something to be reached: ``value`` at least, or at most, ``limit``."""
+    """A target: ``value`` must be at least, or at most, ``limit``."""
 
     name: str
     value: float
@@ -70,48 +72,56 @@ class Target:
         return self.value >= self.limit if self.at_least else self.value <= self.limit
 
 
-def targets(found: dict[str, Any]) -> list[Target]:
-    """Hold what was found against what was promised; parts that were not run are left out."""
-    ik = {row["key"]: row for row in found.get("ik", [])}
-    forces = {row["key"]: row for row in found.get("id", [])}
+def targets(measured: dict[str, Any]) -> list[Target]:
+    """Compare the measurements with their targets; parts that were not run are left out."""
+    ik = {row["key"]: row for row in measured.get("ik", [])}
+    forces = {row["key"]: row for row in measured.get("id", [])}
     out = []
 
-    def least(name: str, value: float, limit: float) -> None:
+    def at_least(name: str, value: float, limit: float) -> None:
         out.append(Target(name, value, limit, at_least=True))
 
-    def most(name: str, value: float, limit: float) -> None:
+    def at_most(name: str, value: float, limit: float) -> None:
         out.append(Target(name, value, limit, at_least=False))
 
     for clock in ("cpu", "wall"):
         key = f"{clock}_ratio"
         if "OpenSim" in ik:
-            least(f"IK × OpenSim ({clock})", ik["OpenSim"][key], 300)
+            at_least(f"IK × OpenSim ({clock})", ik["OpenSim"][key], 300)
             relative = ik["OpenSim"][key] / ik[MACHINE][key]
-            least(f"IK without compiler × OpenSim ({clock})", relative, 10)
+            at_least(f"IK without compiler × OpenSim ({clock})", relative, 10)
         if "MuJoCo" in ik:
-            least(f"IK × MuJoCo ({clock})", ik["MuJoCo"][key], 15)
+            at_least(f"IK × MuJoCo ({clock})", ik["MuJoCo"][key], 15)
         if "OpenSim" in forces:
-            least(f"ID × OpenSim ({clock})", forces["OpenSim"][key], 40)
+            at_least(f"ID × OpenSim ({clock})", forces["OpenSim"][key], 40)
     if ik:
-        ours = ik[COMPILED]
+        ours, optimum = ik[COMPILED], measured["optimum"]
         best = min(row["marker_rms_m"] for row in ik.values())
-        most("marker RMS above the best of all [m]", ours["marker_rms_m"] - best, 1e-6)
-        most("angle off the optimum [rad]", ours["angle_max_rad"], 1e-5)
-        most("compiled against virtual machine [rad or m]", found["backends_differ"], 1e-9)
-        most("optimum against SciPy's [rad or m]", found["optimum"]["scipy_distance"], 1e-6)
-        most("next step at the optimum [rad or m]", found["optimum"]["gauss_newton_step"], 1e-9)
-    for row in found.get("gaps", [])[1:]:
-        most(f"time with {row['name']}, × complete", row["ik_cpu_ratio"], 1.2)
-        most(f"frames lost with {row['name']}", row["frames"] - row["solved"] - row["marked"], 0)
-    if "commands" in found:
-        most("hbm residuals, first use [s]", found["commands"]["first_s"], 30)
-    if "memory" in found:
-        most("peak memory of a long trial [GB]", found["memory"]["peak_bytes"] / 1e9, 1.5)
+        at_most("marker RMS above the best of all [m]", ours["marker_rms_m"] - best, 1e-6)
+        at_most("angle error against the optimum [rad]", ours["angle_max_rad"], 1e-5)
+        at_most(
+            "difference of compiled and virtual machine [rad or m]",
+            measured["backends_differ"],
+            1e-9,
+        )
+        at_most(
+            "difference of our optimum and SciPy's [rad or m]",
+            measured["optimum"]["scipy_distance"],
+            1e-6,
+        )
+        at_most("next step at the optimum [rad or m]", optimum["gauss_newton_step"], 1e-9)
+    for row in measured.get("gaps", [])[1:]:
+        at_most(f"time with {row['name']}, × complete", row["ik_cpu_ratio"], 1.2)
+        at_most(f"frames lost with {row['name']}", row["frames"] - row["solved"] - row["marked"], 0)
+    if "commands" in measured:
+        at_most("hbm residuals, first use [s]", measured["commands"]["first_s"], 30)
+    if "memory" in measured:
+        at_most("peak memory of a long trial [GB]", measured["memory"]["peak_bytes"] / 1e9, 1.5)
     return out
 
 
 def machine() -> dict[str, Any]:
-    """Describe where and with what this was measured."""
+    """Describe the machine and the versions of the programs."""
     versions = {}
     for name in PACKAGES:
         try:
@@ -128,31 +138,33 @@ def machine() -> dict[str, Any]:
     }
 
 
-def show(found: dict[str, Any], reached: list[Target]) -> None:
+def show(measured: dict[str, Any], targets: list[Target]) -> None:
     console = Console(highlight=False, markup=False, width=max(150, Console().width))
-    console.print(", ".join(f"{name} {x}" for name, x in found["machine"]["versions"].items() if x))
+    console.print(
+        ", ".join(f"{name} {x}" for name, x in measured["machine"]["versions"].items() if x)
+    )
     for part, title in TITLES.items():
-        if part in found:
-            console.print(_table(title, found[part], COLUMNS[part]))
-    if "commands" in found:
-        said = found["commands"]
+        if part in measured:
+            console.print(_table(title, measured[part], COLUMNS[part]))
+    if "commands" in measured:
+        commands = measured["commands"]
         console.print(
-            f"hbm --help {said['help_s']:.2f} s; hbm residuals on {said['frames']} frames: first "
-            f"use {said['first_s']:.1f} s ({said['first_cpu_s']:.1f} s CPU), then "
-            f"{said['second_s']:.1f} s"
+            f"hbm --help {commands['help_s']:.2f} s; hbm residuals on {commands['frames']} frames: "
+            f"first use {commands['first_s']:.1f} s ({commands['first_cpu_s']:.1f} s CPU), then "
+            f"{commands['second_s']:.1f} s"
         )
-    if "memory" in found:
-        said = found["memory"]
+    if "memory" in measured:
+        memory = measured["memory"]
         console.print(
-            f"{said['frames']} frames, 46 markers, 30 channels at 1000 Hz, file to residuals: "
-            f"{said['peak_bytes'] / 1e9:.2f} GB at most, {said['seconds']:.1f} s, "
-            f"{said['solved']} frames with residuals"
+            f"{memory['frames']} frames, 46 markers, 30 channels at 1000 Hz, file to residuals: "
+            f"{memory['peak_bytes'] / 1e9:.2f} GB at most, {memory['seconds']:.1f} s, "
+            f"{memory['solved']} frames with residuals"
         )
-    for target in reached:
-        word = "at least" if target.at_least else "at most"
+    for target in targets:
+        bound = "at least" if target.at_least else "at most"
         console.print(
             f"{'met   ' if target.met else 'MISSED'} {target.name}: {target.value:.3g}, "
-            f"{word} {target.limit:g}"
+            f"{bound} {target.limit:g}"
         )
 
 

@@ -1,4 +1,4 @@
-"""One walk in a folder, as every contestant finds it: the same body, markers and forces."""
+"""One walk in a folder, the same for every implementation: body, markers and forces."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from hbm.spatial import Array
 from pipeline.export.opensim_model import write_osim
 from pipeline.export.opensim_tables import write_coordinates, write_external_loads, write_trc
 from pipeline.export.urdf import write_urdf
-from tests.benchmarks.walker import SLIDES, Walk
+from tests.benchmarks.walker import TRANSLATIONS, Walk
 from tests.synthetic import synthetic_body
 
 TIGHT = 1e-12
@@ -24,7 +24,7 @@ TIGHT = 1e-12
 
 @dataclass(frozen=True)
 class Trial:
-    """A walk with its optimum and its forces; ``markers`` are those that were measured."""
+    """A walk with its optimum and its forces; ``markers`` are the measured ones."""
 
     folder: Path
     body: Body
@@ -36,16 +36,16 @@ class Trial:
     def marker_rms(self, q: Array) -> float:
         """RMS distance of the measured markers from the model [m]."""
         columns = [self.body.markers.index(name) for name in self.markers.names]
-        away = marker_positions(self.body, q)[:, columns] - self.markers.position
-        return float(np.sqrt(np.nanmean(np.sum(away**2, axis=-1))))
+        error = marker_positions(self.body, q)[:, columns] - self.markers.position
+        return float(np.sqrt(np.nanmean(np.sum(error**2, axis=-1))))
 
     def from_optimum(self, q: Array) -> Array:
         """Distance of all observed coordinates from the optimum [rad or m]; NaN elsewhere."""
         return np.where(self.optimum.observed, np.abs(q - self.optimum.q), np.nan)
 
 
-def leave_trial(folder: Path, walk: Walk, markers: Markers | None = None) -> Trial:
-    """Solve a walk, from other markers than all if given, and leave it for our own worker."""
+def write_trial(folder: Path, walk: Walk, markers: Markers | None = None) -> Trial:
+    """Solve a walk, from the given markers or from all, and write what our own worker reads."""
     folder.mkdir(exist_ok=True)
     body, markers = synthetic_body(), markers or walk.markers
     raw = solve_ik(body, markers, tolerance=TIGHT)
@@ -54,7 +54,7 @@ def leave_trial(folder: Path, walk: Walk, markers: Markers | None = None) -> Tri
         folder / "trial.npz",
         time=walk.time,
         coordinates=COORDINATES,
-        slides=SLIDES,
+        translations=TRANSLATIONS,
         markers=markers.names,
         position=markers.position,
         start=raw.q[0],
@@ -67,7 +67,7 @@ def leave_trial(folder: Path, walk: Walk, markers: Markers | None = None) -> Tri
 
 
 def export_trial(trial: Trial, walk: Walk) -> None:
-    """Leave what the peers read."""
+    """Write what the other programs read."""
     write_osim(trial.body, trial.folder / "body.osim")
     write_urdf(trial.body, trial.folder / "body.urdf")
     write_trc(trial.markers, trial.folder / "markers.trc")

@@ -1,4 +1,4 @@
-"""How long a twelve-minute trial takes to be written for the viewer, and how large it gets.
+"""Time, memory and file size of writing a twelve-minute trial for the viewer.
 
 ``python -m tests.benchmarks.viewer [FRAMES]``
 """
@@ -17,20 +17,20 @@ FRAMES = 72000
 
 def main(frames: int) -> None:
     result, recording = viewer_trial(frames)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    memory_before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with tempfile.TemporaryDirectory() as folder:
         for view_hz in (50.0, 100.0):
             path = Path(folder) / f"{view_hz}.rrd"
             start, spent = time.perf_counter(), time.process_time()
             write_recording(result, recording, path, view_hz=view_hz)
             wall, cpu = time.perf_counter() - start, time.process_time() - spent
-            took = f"{wall:.2f} s (CPU {cpu:.2f} s), {path.stat().st_size / 1e6:.1f} MB"
-            print(f"{frames} frames, scene at {view_hz:g} Hz: {took}")
+            cost = f"{wall:.2f} s (CPU {cpu:.2f} s), {path.stat().st_size / 1e6:.1f} MB"
+            print(f"{frames} frames, scene at {view_hz:g} Hz: {cost}")
         start = time.perf_counter()
         write_cycles(result, Path(folder) / "cycles.rrd")
         print(f"mean gait cycle: {time.perf_counter() - start:.2f} s")
-    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(f"peak memory {after / 1e6:.2f} GB, {before / 1e6:.2f} GB of it before writing")
+    memory_after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    print(f"peak memory {memory_after / 1e6:.2f} GB; before writing {memory_before / 1e6:.2f} GB")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The near end of a worker: start it, tell it what to do, take its answer."""
+"""An implementation under test, in a process of its own, and timing several of them alternately."""
 
 import json
 import os
@@ -16,8 +16,8 @@ ONE_THREAD = dict.fromkeys(
 )
 
 
-class Contestant:
-    """A worker on the trial that lies in a folder."""
+class Implementation:
+    """A worker process (`tests.benchmarks.worker`) on the trial in a folder."""
 
     def __init__(self, module: str, folder: Path, **environment: str) -> None:
         self.folder = folder
@@ -31,7 +31,7 @@ class Contestant:
         )
         self._reply()
 
-    def __enter__(self) -> "Contestant":
+    def __enter__(self) -> "Implementation":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -39,10 +39,10 @@ class Contestant:
         self.process.stdout.close()
         self.process.wait()
 
-    def answer(self, task: str) -> np.ndarray:
-        """Do a task once, untimed, and give what came out."""
-        path = self.folder / f"answer-{self.process.pid}.npy"
-        self._ask(task=task, answer=str(path))
+    def result(self, task: str) -> np.ndarray:
+        """Do a task once, untimed, and give its result."""
+        path = self.folder / f"result-{self.process.pid}.npy"
+        self._ask(task=task, result=str(path))
         value = np.load(path)
         path.unlink()
         return value
@@ -63,34 +63,34 @@ class Contestant:
 
 
 @dataclass
-class Entry:
-    """A task of a contestant in a race; ``less`` is a task of its own whose time is taken off."""
+class Timing:
+    """Timings of one task; ``overhead`` is another task whose time is subtracted."""
 
     name: str
-    contestant: Contestant
+    implementation: Implementation
     task: str
-    less: str | None = None
-    laps: list[dict[str, float]] = field(default_factory=list)
+    overhead: str | None = None
+    repeats: list[dict[str, float]] = field(default_factory=list)
 
-    def lap(self) -> None:
-        lap = self.contestant.time(self.task)
-        if self.less:
-            off = self.contestant.time(self.less)
-            lap = {clock: lap[clock] - off[clock] for clock in lap}
-        self.laps.append(lap)
+    def repeat(self) -> None:
+        seconds = self.implementation.time(self.task)
+        if self.overhead:
+            overhead = self.implementation.time(self.overhead)
+            seconds = {clock: seconds[clock] - overhead[clock] for clock in seconds}
+        self.repeats.append(seconds)
 
     def median(self, clock: str) -> float:
-        return median(lap[clock] for lap in self.laps)
+        return median(seconds[clock] for seconds in self.repeats)
 
 
-def race(entries: list[Entry], laps: int) -> None:
-    """Let everyone take turns, so that what the machine does meanwhile hits all alike."""
-    for _ in range(laps):
-        for entry in entries:
-            entry.lap()
+def time_alternately(timings: list[Timing], repeats: int) -> None:
+    """Time one after the other, repeatedly, so that other load on the machine affects all alike."""
+    for _ in range(repeats):
+        for timing in timings:
+            timing.repeat()
 
 
-def ratio(slow: Entry, fast: Entry, clock: str) -> float:
-    """Median over the laps of how many times longer one took than the other."""
-    pairs = zip(slow.laps, fast.laps, strict=True)
+def ratio(slow: Timing, fast: Timing, clock: str) -> float:
+    """Give the median over the repeats of the ratio of their times."""
+    pairs = zip(slow.repeats, fast.repeats, strict=True)
     return median(a[clock] / b[clock] for a, b in pairs)
