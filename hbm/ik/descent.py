@@ -1,69 +1,50 @@
 """Newton's method for the coordinates of many frames, from starting points to optima.
 
-In one native call per stretch of frames (``descent.c``) or, without a compiler, in NumPy around the
-same kernels on the virtual machine. Each frame goes its own way: it goes back most of a step where
-the cost rises, does without the curvature where the Hessian is not positive, and ends once its step
-is below the tolerance.
+In one native call per block of frames (``descent.c``) or, without a compiler, in NumPy around the
+same kernels on the virtual machine. Each frame iterates independently: a step that raises the cost
+is reduced, the curvature is dropped where the Hessian is indefinite, and the frame is done once its
+step is below the tolerance.
 """
 
 import ctypes
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
 
-from hbm.coordinates import SEGMENTS, N
-from hbm.kernels.native import Kernels, kernels
-from hbm.kernels.skeleton import N_SUMS
+from hbm.coordinates import N
+from hbm.ik.attachment import MarkerAttachment
+from hbm.kernels.kernel import Kernels, in_threads
+from hbm.kernels.native import kernels
 from hbm.spatial import Array, Indices, Mask
 
-FLOOR: Final = 1e-9
-LARGEST_STEP: Final = 0.5
-NEAR: Final = 0.1
-MOST_ITERATIONS: Final = 60
-MOST_RETREATS: Final = 20
-LEAST_SHARE: Final = 64
-CHUNK: Final = 4000
+DAMPING: Final = 1e-9
+"""Added to the Hessian's diagonal: coordinates that no marker determines stay where they are
+instead of dividing by zero, and no other coordinate changes by more than rounding."""
 
+MAX_STEP: Final = 0.5
+"""Longest step of any coordinate [rad or m]: sine and cosine are nearly parabolas that far."""
 
-@dataclass(frozen=True, slots=True)
-class Wearing:
-    """Markers on a skeleton, and where they were measured.
+NEAR_OPTIMUM: Final = 0.1
+"""Below this step [rad or m] the exact Hessian is tried again after it was indefinite."""
 
-    Attributes
-    ----------
-    segment
-        Number of the segment that each marker rides on, (K,).
-    local
-        Place of each marker in its segment, (K, 3) [m].
-    weight
-        Of each marker in the sum of squares, (K,).
-    geometry
-        The body's offsets and hinge axes, as the kernels take them.
-    position
-        Measured markers of the whole trial in the lab, (T, M, 3) [m]; NaN where missing.
-    column
-        Which of the measured markers each one is, (K,).
-    """
+MAX_ITERATIONS: Final = 60
+"""Of a frame: a recorded walk takes about four from interpolated starts and ten at most; the others
+are for starts far from the optimum."""
 
-    segment: Indices
-    local: Array
-    weight: Array
-    geometry: Array
-    position: Array
-    column: Indices
+MAX_REDUCTIONS: Final = 20
+"""Of a step, over all iterations of a frame; 4^-20 of a step is below every tolerance."""
 
-    def __post_init__(self) -> None:
-        for name in ("segment", "column"):
-            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.int64))
-        for name in ("local", "weight", "geometry", "position"):
-            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), float))
+STEP_REDUCTION: Final = 4.0
+"""Divisor of a step that raised the cost."""
 
-    def measured(self, rows: Indices) -> Array:
-        """Give the markers in some frames of the trial, (F, K, 3) [m]."""
-        return self.position[rows[:, None], self.column]
+MAX_RELATIVE_RISE: Final = 1e-9
+MAX_ABSOLUTE_RISE: Final = 1e-12
+"""Rise of the cost [m² times the weights] that is taken for rounding, not for a step too far."""
+
+FRAMES_AT_ONCE: Final = 4000
+"""Without a compiler: bounds the memory for marker sums and results to some 30 MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +73,7 @@ class Solved:
 
     @classmethod
     def empty(cls, frames: int, markers: int) -> "Solved":
-        """Make room for frames."""
+        """Give room for the optima of frames."""
         return cls(
             np.empty((frames, N)),
             np.zeros(frames, bool),
@@ -101,18 +82,18 @@ class Solved:
             np.empty((frames, markers)),
         )
 
-    def take(self, rows: Indices | slice, other: "Solved") -> None:
+    def overwrite(self, rows: Indices | slice, other: "Solved") -> None:
         """Replace some frames by those of another solution."""
         for name in self.__slots__:
             getattr(self, name)[rows] = getattr(other, name)
 
-    def only(self, frames: Mask | Indices) -> "Solved":
+    def select(self, frames: Mask | Indices) -> "Solved":
         """Give some of the frames."""
         return Solved(*(getattr(self, name)[frames] for name in self.__slots__))
 
 
 def solve_frames(
-    wearing: Wearing,
+    attachment: MarkerAttachment,
     rows: Indices,
     start: Array,
     prior: Array,
@@ -125,14 +106,14 @@ def solve_frames(
 
     Parameters
     ----------
-    wearing
+    attachment
         Markers on the skeleton.
     rows
         Frames of the trial to solve, (F,).
     start
         Starting points, (F, 46); a frame whose start is NaN is not solved.
     prior, reference
-        Strength of the pull on each coordinate and where it pulls to, (F, 46) or (46,).
+        Strength of the pull on each coordinate and the value it pulls to, (F, 46) or (46,).
     tolerance
         Largest last step [rad or m].
     jobs
@@ -151,35 +132,38 @@ def solve_frames(
     ready = kernels()
     rows = np.ascontiguousarray(rows, np.int64)
     start, prior, reference = (np.ascontiguousarray(x, float) for x in (start, prior, reference))
-    given = (start, np.broadcast_to(prior, start.shape), np.broadcast_to(reference, start.shape))
+    terms = (start, np.broadcast_to(prior, start.shape), np.broadcast_to(reference, start.shape))
     if ready.solve_frames is not None:
-        return _native(ready.solve_frames, wearing, rows, *given, tolerance, jobs)
-    solved = Solved.empty(len(rows), len(wearing.segment))
-    for first in range(0, len(rows), CHUNK):
-        some = slice(first, first + CHUNK)
-        begin, pull, toward = (x[some] for x in given)
-        found = _interpreted(ready, wearing, rows[some], begin, pull, toward, tolerance, jobs)
-        solved.take(some, found)
+        return _compiled(ready.solve_frames, attachment, rows, *terms, tolerance, jobs)
+    solved = Solved.empty(len(rows), len(attachment.segment))
+    for first in range(0, len(rows), FRAMES_AT_ONCE):
+        block = slice(first, first + FRAMES_AT_ONCE)
+        begin, pull, target = (x[block] for x in terms)
+        part = _interpreted(ready, attachment, rows[block], begin, pull, target, tolerance, jobs)
+        solved.overwrite(block, part)
     return solved
 
 
-class _Task(ctypes.Structure):
-    """What ``descent.c`` is told."""
+class _Problem(ctypes.Structure):
+    """The structure ``problem`` of ``descent.c``, field by field."""
 
     _fields_: ClassVar = [
         *((name, ctypes.c_longlong) for name in ("frames", "markers", "measured")),
         *((name, ctypes.c_longlong) for name in ("prior_stride", "reference_stride")),
+        *((name, ctypes.c_longlong) for name in ("max_iterations", "max_reductions")),
+        *((name, ctypes.c_double) for name in ("tolerance", "damping", "max_step")),
+        *((name, ctypes.c_double) for name in ("near_optimum", "relative_rise", "absolute_rise")),
+        ("reduction", ctypes.c_double),
         *((name, ctypes.c_void_p) for name in ("row", "column", "segment", "local", "weight")),
         *((name, ctypes.c_void_p) for name in ("geometry", "position", "start", "prior")),
-        ("reference", ctypes.c_void_p),
-        ("tolerance", ctypes.c_double),
-        *((name, ctypes.c_void_p) for name in ("q", "pivots", "error", "gradient", "converged")),
+        *((name, ctypes.c_void_p) for name in ("reference", "q", "pivots", "error", "gradient")),
+        ("converged", ctypes.c_void_p),
     ]
 
 
-def _native(
+def _compiled(
     call: Callable[..., None],
-    wearing: Wearing,
+    attachment: MarkerAttachment,
     rows: Indices,
     start: Array,
     prior: Array,
@@ -187,39 +171,41 @@ def _native(
     tolerance: float,
     jobs: int,
 ) -> Solved:
-    """Hand stretches of frames to the compiled descent."""
-    solved = Solved.empty(len(rows), len(wearing.segment))
-    shared = {name: getattr(wearing, name).ctypes.data for name in Wearing.__slots__}
-    given = {"row": rows, "start": start, "prior": prior, "reference": reference}
-    given |= {name: getattr(solved, name) for name in Solved.__slots__}
+    """Hand blocks of frames to the compiled descent."""
+    solved = Solved.empty(len(rows), len(attachment.segment))
+    fixed = {name: getattr(attachment, name).ctypes.data for name in MarkerAttachment.__slots__}
+    per_frame = {"row": rows, "start": start, "prior": prior, "reference": reference}
+    per_frame |= {name: getattr(solved, name) for name in Solved.__slots__}
 
-    def stretch(first: int, last: int) -> None:
-        own = {name: x.ctypes.data + first * x.strides[0] for name, x in given.items()}
-        task = _Task(
+    def solve_block(first: int, last: int) -> None:
+        pointers = {name: x.ctypes.data + first * x.strides[0] for name, x in per_frame.items()}
+        problem = _Problem(
             frames=last - first,
-            markers=len(wearing.segment),
-            measured=wearing.position.shape[1],
+            markers=len(attachment.segment),
+            measured=attachment.position.shape[1],
             prior_stride=prior.strides[0] // prior.itemsize,
             reference_stride=reference.strides[0] // reference.itemsize,
+            max_iterations=MAX_ITERATIONS,
+            max_reductions=MAX_REDUCTIONS,
             tolerance=tolerance,
-            **shared,
-            **own,
+            damping=DAMPING,
+            max_step=MAX_STEP,
+            near_optimum=NEAR_OPTIMUM,
+            relative_rise=MAX_RELATIVE_RISE,
+            absolute_rise=MAX_ABSOLUTE_RISE,
+            reduction=STEP_REDUCTION,
+            **fixed,
+            **pointers,
         )
-        call(ctypes.byref(task))
+        call(ctypes.byref(problem))
 
-    shares = max(1, min(jobs, len(rows) // LEAST_SHARE))
-    borders = [len(rows) * k // shares for k in range(shares + 1)]
-    if shares == 1:
-        stretch(0, len(rows))
-    else:
-        with ThreadPoolExecutor(shares) as pool:
-            list(pool.map(stretch, borders[:-1], borders[1:]))
+    in_threads(solve_block, len(rows), jobs)
     return solved
 
 
 def _interpreted(
     ready: Kernels,
-    wearing: Wearing,
+    attachment: MarkerAttachment,
     rows: Indices,
     start: Array,
     prior: Array,
@@ -227,71 +213,44 @@ def _interpreted(
     tolerance: float,
     jobs: int,
 ) -> Solved:
-    """Do what ``descent.c`` does, for all frames that are still on their way at once."""
-    total, here = len(start), np.zeros_like(start)
-    here[:, :3] = start[:, :3]
-    measured = wearing.measured(rows) - here[:, None, :3]
-    given = _sum_markers(wearing, measured), prior, reference - here
-    q = start - here
-    best, move, pivots = q.copy(), np.zeros((total, N)), np.full((total, N), np.nan)
+    """Do what ``descent.c`` does, for all unfinished frames at once."""
+    total, origin = len(start), np.zeros_like(start)
+    origin[:, :3] = start[:, :3]
+    measured = attachment.measured(rows) - origin[:, None, :3]
+    terms = attachment.sums(measured), prior, reference - origin
+    q = start - origin
+    accepted_q, step, pivots = q.copy(), np.zeros((total, N)), np.full((total, N), np.nan)
     cost, gradient = np.full(total, np.inf), np.full(total, np.nan)
-    curvature, retreats, converged = np.ones(total), np.zeros(total, int), np.zeros(total, bool)
+    curvature, reductions, converged = np.ones(total), np.zeros(total, int), np.zeros(total, bool)
     active = np.flatnonzero(~np.isnan(start).any(axis=1))
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         if not len(active):
             break
-        step, report = ready.newton_step(
-            *(x[active] for x in (q, *given)),
-            np.full((len(active), 1), FLOOR),
+        newton_step, report = ready.newton_step(
+            *(x[active] for x in (q, *terms)),
+            np.full((len(active), 1), DAMPING),
             curvature[active, None],
-            wearing.geometry,
+            attachment.geometry,
             jobs=jobs,
         )
         pivots[active] = report[:, 2:]
-        worse = ~(report[:, 0] <= cost[active] * (1 + 1e-9) + 1e-12)
-        bent = ~worse & (report[:, 2:].min(axis=1) <= 0) & (curvature[active] > 0)
-        back = active[worse]
-        retreats[back] += 1
-        move[back] /= 4
-        q[back] = best[back] + move[back]
-        curvature[active[bent]] = 0
+        highest = cost[active] * (1 + MAX_RELATIVE_RISE) + MAX_ABSOLUTE_RISE
+        rejected = ~(report[:, 0] <= highest)
+        indefinite = ~rejected & (report[:, 2:].min(axis=1) <= 0) & (curvature[active] > 0)
+        back = active[rejected]
+        reductions[back] += 1
+        step[back] /= STEP_REDUCTION
+        q[back] = accepted_q[back] + step[back]
+        curvature[active[indefinite]] = 0
 
-        fine = ~worse & ~bent
-        good, size = active[fine], np.abs(step[fine]).max(axis=1, initial=0)
-        share = np.where(size > LARGEST_STEP, LARGEST_STEP / np.maximum(size, LARGEST_STEP), 1.0)
-        cost[good], gradient[good] = report[fine, :2].T
-        best[good], move[good] = q[good], share[:, None] * step[fine]
-        q[good] += move[good]
-        curvature[good[size < NEAR]] = 1
+        accepted = ~rejected & ~indefinite
+        good, size = active[accepted], np.abs(newton_step[accepted]).max(axis=1, initial=0)
+        scale = np.where(size > MAX_STEP, MAX_STEP / np.maximum(size, MAX_STEP), 1.0)
+        cost[good], gradient[good] = report[accepted, :2].T
+        accepted_q[good], step[good] = q[good], scale[:, None] * newton_step[accepted]
+        q[good] += step[good]
+        curvature[good[size < NEAR_OPTIMUM]] = 1
         converged[good] = size < tolerance
-        active = active[~converged[active] & (retreats[active] <= MOST_RETREATS)]
-    error = _errors(ready, wearing, measured, q, jobs)
-    return Solved(q + here, converged, gradient, pivots, error)
-
-
-def _sum_markers(wearing: Wearing, position: Array) -> Array:
-    """Sum markers per segment (`hbm.kernels.skeleton.N_SUMS`), (T, 23 · segments)."""
-    seen = np.isfinite(position[..., 0])
-    measured, weight = np.where(seen[..., None], position, 0.0), seen * wearing.weight
-    p = wearing.local
-    products = [p[:, i] * p[:, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    plain = np.column_stack([np.ones(len(p)), p, *products])
-    crossed = np.column_stack([np.ones(len(p)), p])
-    sums = np.zeros((len(position), len(SEGMENTS), N_SUMS))
-    for s in np.unique(wearing.segment):
-        own = np.flatnonzero(wearing.segment == s)
-        w, m = weight[:, own], measured[:, own]
-        weighted = w[..., None] * m
-        sums[:, s, :10] = w @ plain[own]
-        sums[:, s, 10:22] = np.einsum("tki,ka->tai", weighted, crossed[own]).reshape(-1, 12)
-        sums[:, s, 22] = np.einsum("tki,tki->t", weighted, m)
-    return sums.reshape(len(position), N_SUMS * len(SEGMENTS))
-
-
-def _errors(ready: Kernels, wearing: Wearing, position: Array, q: Array, jobs: int) -> Array:
-    """Give the distance of every marker from the model, (T, K) [m]."""
-    poses = ready.segment_poses(q, wearing.geometry, jobs=jobs)[0]
-    poses = poses.reshape(len(q), len(SEGMENTS), 4, 3)
-    local = np.column_stack([wearing.local, np.ones(len(wearing.local))])
-    model = np.einsum("tkai,ka->tki", poses[:, wearing.segment], local)
-    return np.asarray(np.linalg.norm(model - position, axis=-1))
+        active = active[~converged[active] & (reductions[active] <= MAX_REDUCTIONS)]
+    error = attachment.errors(ready, measured, q, jobs)
+    return Solved(q + origin, converged, gradient, pivots, error)

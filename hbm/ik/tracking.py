@@ -15,8 +15,9 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
+from hbm.ik.attachment import MarkerAttachment
 from hbm.ik.continuity import continuous
-from hbm.ik.descent import Solved, Wearing, solve_frames
+from hbm.ik.descent import Solved, solve_frames
 from hbm.ik.start import starting_pose
 from hbm.markers import Markers
 from hbm.model import Body
@@ -58,7 +59,7 @@ class Tracker:
         self.body, self.time, self.tolerance, self.jobs = body, markers.time, tolerance, jobs
         self.names = tuple(body.markers[k] for k in known)
         self.segment = tuple(body.marker_segment[k] for k in known)
-        self.wearing = Wearing(
+        self.attachment = MarkerAttachment(
             np.array([SEGMENTS.index(s) for s in self.segment]),
             body.marker_position[known],
             np.array([weights.get(name, 1.0) for name in self.names]),
@@ -140,15 +141,16 @@ class Tracker:
         """Solve rows of what has been found from elsewhere, too, and keep what is nearer."""
         solved = self.newton(rows if frames is None else frames[rows], start)
         before, after = (
-            np.where(some.converged, self.cost(some), np.inf) for some in (found.only(rows), solved)
+            np.where(some.converged, self.cost(some), np.inf)
+            for some in (found.select(rows), solved)
         )
         better = after < before
-        found.take(rows[better], solved.only(better))
+        found.overwrite(rows[better], solved.select(better))
 
     def cost(self, solved: Solved) -> Array:
         """Give the sum that is minimised, twice, (F,)."""
         pulled = self.pull * (solved.q - self.toward) ** 2
-        missed = np.nansum(self.wearing.weight * solved.error**2, axis=1)
+        missed = np.nansum(self.attachment.weight * solved.error**2, axis=1)
         return np.asarray(missed + pulled.sum(axis=1))
 
     def observed(self, found: Solved, usual: Array) -> Mask:
@@ -159,7 +161,7 @@ class Tracker:
         """
         missing = np.isnan(found.error)
         gaps = (missing & ~missing.all(axis=0)).any(axis=1)
-        least = np.full(N, LEAST_PIVOT * self.wearing.weight.max())
+        least = np.full(N, LEAST_PIVOT * self.attachment.weight.max())
         observed = found.pivots - self.pull > least
         observed[gaps] &= found.pivots[gaps] - self.pull > LEAST_SHARE * usual
         return np.asarray(observed & ~self.locked)
@@ -167,7 +169,7 @@ class Tracker:
     def key_frames(self) -> Indices:
         """Choose the frame with the most markers of every few, and both ends."""
         frames = len(self.time)
-        seen = np.isfinite(self.wearing.position[:, self.wearing.column, 0]).sum(axis=1)
+        seen = np.isfinite(self.attachment.position[:, self.attachment.column, 0]).sum(axis=1)
         padded = np.full(-(-frames // KEY_EVERY) * KEY_EVERY, -1)
         padded[:frames] = seen
         windows = padded.reshape(-1, KEY_EVERY)
@@ -179,12 +181,12 @@ class Tracker:
         start, body = np.empty((len(rows), N)), self.body
         for first in range(0, len(rows), CHUNK):
             some = slice(first, first + CHUNK)
-            measured = self.wearing.measured(rows[some])
+            measured = self.attachment.measured(rows[some])
             seen = np.isfinite(measured[..., 0])
             start[some] = starting_pose(
                 np.where(seen[..., None], measured, 0.0),
-                seen * self.wearing.weight,
-                self.wearing.local,
+                seen * self.attachment.weight,
+                self.attachment.local,
                 self.segment,
                 dict(body.offsets),
                 dict(body.axes),
@@ -217,7 +219,7 @@ class Tracker:
     def descend(self, rows: Indices, start: Array, prior: Array, reference: Array) -> Solved:
         """Solve without limits."""
         return solve_frames(
-            self.wearing,
+            self.attachment,
             rows,
             start,
             prior,
@@ -264,7 +266,7 @@ class Tracker:
             gone = np.flatnonzero(lost[:, i])
             known = np.flatnonzero(observed[:, i] & found.converged)
             found.q[gone, i] = np.interp(gone, known, found.q[known, i]) if len(known) else 0.0
-        found.take(rows, self.newton(rows, found.q[rows], (lost[rows], found.q[rows])))
+        found.overwrite(rows, self.newton(rows, found.q[rows], (lost[rows], found.q[rows])))
 
 
 def _shown(segments: set[str]) -> Mask:

@@ -1,194 +1,204 @@
-/* Newton's method on whole stretches of frames, `LANES` of them side by side.
+/* Newton's method for many frames, `LANES` of them at a time, one in each SIMD lane.
  *
- * Compiled together with the kernels that casadi writes, whose numbers are vectors with one lane per
- * frame; N, SEGMENTS, SUMS and GEOMETRY come with them. Every frame goes its own way: it goes back
- * most of a step where the cost rises, drops the curvature where the Hessian is not positive, and
- * leaves its lane to the next one once its step is below the tolerance. `hbm.ik.descent` does the same
- * in NumPy where there is no compiler.
+ * Compiled together with the kernels that casadi writes; N_Q, SEGMENTS, SUMS and GEOMETRY (numbers of
+ * coordinates, segments, marker sums per segment, and geometry) are written before it. Each frame
+ * iterates independently: a step that raises the cost is reduced, the curvature is dropped where the
+ * Hessian is indefinite, and a finished frame frees its lane for the next one. `hbm.ik.descent` does
+ * the same in NumPy where there is no compiler, and passes its constants.
  */
 
-enum { MOST_ITERATIONS = 60, MOST_RETREATS = 20 };
-
-static const double FLOOR = 1e-9, LARGEST_STEP = 0.5, NEAR = 0.1;
-
-/* The task: markers on a skeleton, where they were measured, and frames to solve. `row` says where in
- * the measured markers each frame is; a prior or reference that all frames share has a stride of 0. */
+/* Markers attached to a skeleton, where they were measured, and frames to solve. `row` is the row of
+ * each frame in the measured markers; a prior or reference that is the same for all frames has a
+ * stride of 0. The fields are those of `hbm.ik.descent._Problem`, in the same order. */
 typedef struct {
   long long frames, markers, measured, prior_stride, reference_stride;
+  long long max_iterations, max_reductions;
+  double tolerance, damping, max_step, near_optimum, relative_rise, absolute_rise, reduction;
   const long long *row, *column, *segment;
   const double *local, *weight, *geometry, *position, *start, *prior, *reference;
-  double tolerance, *q, *pivots, *error, *gradient;
+  double *q, *pivots, *error, *gradient;
   unsigned char *converged;
-} task;
+} problem;
 
-/* Frames on their way, one in each lane; `frame` is -1 in an empty lane. Places are about `origin`,
- * the pelvis of the starting point, so that rounding does not grow with the distance from the lab's
- * origin. */
+/* The frames being solved, one in each lane; `frame` is -1 where a lane is empty. Positions are
+ * relative to `origin`, the pelvis of the starting point, so that rounding does not grow with the
+ * distance from the lab's origin. */
 typedef struct {
   long long frame[LANES];
-  lanes at[N], best[N], move[N], sums[SUMS * SEGMENTS], pull[N], toward[N], origin[3];
-  lanes cost, slope, curvature, retreats, iterations, pivots[N];
-} walkers;
+  simd q[N_Q], accepted_q[N_Q], step[N_Q], pivots[N_Q], prior[N_Q], reference[N_Q];
+  simd sums[SUMS * SEGMENTS], origin[3];
+  simd cost, gradient, curvature, reductions, iterations;
+} active_frames;
 
-static const lanes zero = {0};
+static const simd zero = {0};
 
-/* Where a marker was measured in the block of frames that begins with `first`. */
-static inline void measured_at(const task *of, long long k, long long first, const lanes *origin,
-                               lanes *m) {
-  for (int l = 0; l < LANES; ++l) {
-    const long long t = first + l < of->frames ? first + l : first;
-    const double *p = of->position + 3 * (of->measured * of->row[t] + of->column[k]);
-    for (int i = 0; i < 3; ++i) m[i][l] = p[i];
+/* A marker's measured position in the block of frames that begins with `first`. */
+static inline void measured_position(const problem *in, long long k, long long first,
+                                     const simd *origin, simd *m) {
+  for (int lane = 0; lane < LANES; ++lane) {
+    const long long t = first + lane < in->frames ? first + lane : first;
+    const double *p = in->position + 3 * (in->measured * in->row[t] + in->column[k]);
+    for (int i = 0; i < 3; ++i) m[i][lane] = p[i];
   }
   for (int i = 0; i < 3; ++i) m[i] -= origin[i];
 }
 
-/* Give three columns of a table for a block of frames. */
-static inline void three(const task *of, const double *table, long long first, lanes *out) {
-  for (int l = 0; l < LANES; ++l) {
-    const long long t = first + l < of->frames ? first + l : first;
-    for (int i = 0; i < 3; ++i) out[i][l] = table[N * t + i];
+/* The pelvis' starting position in a block of frames. */
+static inline void starting_pelvis(const problem *in, long long first, simd *origin) {
+  for (int lane = 0; lane < LANES; ++lane) {
+    const long long t = first + lane < in->frames ? first + lane : first;
+    for (int i = 0; i < 3; ++i) origin[i][lane] = in->start[N_Q * t + i];
   }
 }
 
-/* Sum the markers of a block per segment: w, wp, wpp, wm, wmp, wmm (see hbm.kernels.skeleton). */
-static void sum_markers(const task *of, long long first, double waiting[LANES][SUMS * SEGMENTS]) {
-  lanes origin[3], sums[SUMS * SEGMENTS];
-  three(of, of->start, first, origin);
+/* Sum a block's markers per segment: w, wp, wpp, wm, wmp, wmm (see hbm.kernels.skeleton). */
+static void sum_markers(const problem *in, long long first, double block[LANES][SUMS * SEGMENTS]) {
+  simd origin[3], sums[SUMS * SEGMENTS];
+  starting_pelvis(in, first, origin);
   for (int i = 0; i < SUMS * SEGMENTS; ++i) sums[i] = zero;
-  for (long long k = 0; k < of->markers; ++k) {
-    const double *p = of->local + 3 * k;
-    lanes *s = sums + SUMS * of->segment[k], m[3];
-    measured_at(of, k, first, origin, m);
-    const mask seen = m[0] == m[0];
-    const lanes w = pick(seen, broadcast(of->weight[k]), zero);
+  for (long long k = 0; k < in->markers; ++k) {
+    const double *p = in->local + 3 * k;
+    simd *s = sums + SUMS * in->segment[k], m[3];
+    measured_position(in, k, first, origin, m);
+    const simd_mask seen = m[0] == m[0];
+    const simd w = simd_select(seen, broadcast(in->weight[k]), zero);
     s[0] += w;
     for (int i = 0; i < 3; ++i) {
-      const lanes wm = pick(seen, w * m[i], zero);
+      const simd wm = simd_select(seen, w * m[i], zero);
       s[1 + i] += w * p[i];
       s[4 + i] += w * (p[i] * p[i]);
       s[7 + i] += w * (p[i / 2] * p[1 + (i + 1) / 2]);
       s[10 + i] += wm;
       for (int a = 0; a < 3; ++a) s[13 + 3 * a + i] += wm * p[a];
-      s[22] += pick(seen, wm * m[i], zero);
+      s[22] += simd_select(seen, wm * m[i], zero);
     }
   }
   for (int i = 0; i < SUMS * SEGMENTS; ++i)
-    for (int l = 0; l < LANES; ++l) waiting[l][i] = sums[i][l];
+    for (int lane = 0; lane < LANES; ++lane) block[lane][i] = sums[i][lane];
 }
 
 /* Distance of the markers from the model in a block of solved frames. */
-static void measure_errors(const task *of, long long first, const lanes *shape) {
-  lanes at[N], pose[12 * SEGMENTS], origin[3];
-  for (int l = 0; l < LANES; ++l)
-    for (int i = 0; i < N; ++i) at[i][l] = of->q[N * (first + l < of->frames ? first + l : first) + i];
-  three(of, of->start, first, origin);
-  for (int i = 0; i < 3; ++i) at[i] -= origin[i];
-  const lanes *in[] = {at, shape};
-  lanes *out[] = {pose};
-  segment_poses(in, out, 0, 0, 0);
-  for (long long k = 0; k < of->markers; ++k) {
-    const double *p = of->local + 3 * k;
-    const lanes *R = pose + 12 * of->segment[k];
-    lanes m[3], square = zero;
-    measured_at(of, k, first, origin, m);
+static void marker_errors(const problem *in, long long first, const simd *geometry) {
+  simd q[N_Q], pose[12 * SEGMENTS], origin[3];
+  for (int lane = 0; lane < LANES; ++lane) {
+    const long long t = first + lane < in->frames ? first + lane : first;
+    for (int i = 0; i < N_Q; ++i) q[i][lane] = in->q[N_Q * t + i];
+  }
+  starting_pelvis(in, first, origin);
+  for (int i = 0; i < 3; ++i) q[i] -= origin[i];
+  const simd *arg[] = {q, geometry};
+  simd *res[] = {pose};
+  segment_poses(arg, res, 0, 0, 0);
+  for (long long k = 0; k < in->markers; ++k) {
+    const double *p = in->local + 3 * k;
+    const simd *R = pose + 12 * in->segment[k];
+    simd m[3], square = zero;
+    measured_position(in, k, first, origin, m);
     for (int i = 0; i < 3; ++i) {
-      const lanes away = R[i] * p[0] + R[3 + i] * p[1] + R[6 + i] * p[2] + R[9 + i] - m[i];
-      square += away * away;
+      const simd error = R[i] * p[0] + R[3 + i] * p[1] + R[6 + i] * p[2] + R[9 + i] - m[i];
+      square += error * error;
     }
-    for (int l = 0; l < LANES && first + l < of->frames; ++l)
-      of->error[of->markers * (first + l) + k] = sqrt(square[l]);
+    for (int lane = 0; lane < LANES && first + lane < in->frames; ++lane)
+      in->error[in->markers * (first + lane) + k] = sqrt(square[lane]);
   }
 }
 
-/* Put a frame into a lane. */
-static void enter(const task *of, walkers *all, const double *sums, long long t, int l) {
-  all->frame[l] = t;
-  for (int i = 0; i < N; ++i) {
-    all->at[i][l] = of->start[N * t + i];
-    all->pull[i][l] = of->prior[of->prior_stride * t + i];
-    all->toward[i][l] = of->reference[of->reference_stride * t + i];
-    all->move[i][l] = 0;
+/* Put a frame into an empty lane. */
+static void load_frame(const problem *in, active_frames *active, const double *sums, long long t,
+                       int lane) {
+  active->frame[lane] = t;
+  for (int i = 0; i < N_Q; ++i) {
+    active->q[i][lane] = in->start[N_Q * t + i];
+    active->prior[i][lane] = in->prior[in->prior_stride * t + i];
+    active->reference[i][lane] = in->reference[in->reference_stride * t + i];
+    active->step[i][lane] = 0;
   }
   for (int i = 0; i < 3; ++i) {
-    all->origin[i][l] = all->at[i][l];
-    all->toward[i][l] -= all->at[i][l];
-    all->at[i][l] -= all->at[i][l]; /* nothing, or not a number */
+    active->origin[i][lane] = active->q[i][lane];
+    active->reference[i][lane] -= active->q[i][lane];
+    active->q[i][lane] -= active->q[i][lane]; /* 0, or NaN where there is no starting point */
   }
-  for (int i = 0; i < N; ++i) all->best[i][l] = all->at[i][l];
-  for (int i = 0; i < SUMS * SEGMENTS; ++i) all->sums[i][l] = sums[i];
-  all->cost[l] = INFINITY;
-  all->slope[l] = NAN;
-  all->curvature[l] = 1;
-  all->retreats[l] = all->iterations[l] = 0;
+  for (int i = 0; i < N_Q; ++i) active->accepted_q[i][lane] = active->q[i][lane];
+  for (int i = 0; i < SUMS * SEGMENTS; ++i) active->sums[i][lane] = sums[i];
+  active->cost[lane] = INFINITY;
+  active->gradient[lane] = NAN;
+  active->curvature[lane] = 1;
+  active->reductions[lane] = active->iterations[lane] = 0;
 }
 
-/* Take the frame out of a lane. */
-static void leave(const task *of, walkers *all, int converged, int l) {
-  const long long t = all->frame[l];
-  for (int i = 0; i < N; ++i) {
-    of->q[N * t + i] = all->at[i][l] + (i < 3 ? all->origin[i][l] : 0);
-    of->pivots[N * t + i] = all->pivots[i][l];
+/* Write a finished frame's solution and empty its lane. */
+static void store_frame(const problem *in, active_frames *active, int converged, int lane) {
+  const long long t = active->frame[lane];
+  for (int i = 0; i < N_Q; ++i) {
+    in->q[N_Q * t + i] = active->q[i][lane] + (i < 3 ? active->origin[i][lane] : 0);
+    in->pivots[N_Q * t + i] = active->pivots[i][lane];
   }
-  of->gradient[t] = all->slope[l];
-  of->converged[t] = converged;
-  all->frame[l] = -1;
+  in->gradient[t] = active->gradient[lane];
+  in->converged[t] = converged;
+  active->frame[lane] = -1;
 }
 
-/* Take one step in every lane; frames that end, or come to no end, leave theirs. */
-static void advance(const task *of, walkers *all, const lanes *shape) {
-  const lanes damping = broadcast(FLOOR);
-  lanes step[N], report[2 + N], size = zero, lowest;
-  const lanes *in[] = {all->at, all->sums, all->pull, all->toward, &damping, &all->curvature, shape};
-  lanes *out[] = {step, report};
-  newton_step(in, out, 0, 0, 0);
-  const lanes cost = report[0], slope = report[1], *pivots = report + 2;
+/* Do one iteration in every lane and store the frames that have converged or failed. */
+static void iterate(const problem *in, active_frames *active, const simd *geometry) {
+  const simd damping = broadcast(in->damping);
+  simd step[N_Q], report[2 + N_Q], size = zero, lowest;
+  const simd *arg[] = {active->q,         active->sums, active->prior,
+                       active->reference, &damping,     &active->curvature,
+                       geometry};
+  simd *res[] = {step, report};
+  newton_step(arg, res, 0, 0, 0);
+  const simd cost = report[0], gradient = report[1], *pivots = report + 2;
   lowest = pivots[0];
-  for (int i = 0; i < N; ++i) {
-    all->pivots[i] = pivots[i];
-    lowest = pick(pivots[i] < lowest, pivots[i], lowest);
-    size = lanes_fmax(lanes_fabs(step[i]), size);
+  for (int i = 0; i < N_Q; ++i) {
+    active->pivots[i] = pivots[i];
+    lowest = simd_select(pivots[i] < lowest, pivots[i], lowest);
+    size = simd_fmax(simd_fabs(step[i]), size);
   }
-  const mask worse = ~(cost <= all->cost * (1 + 1e-9) + 1e-12);
-  const mask bent = ~worse & (lowest <= 0) & (all->curvature > 0);
-  const mask fine = ~worse & ~bent;
-  const lanes share = pick(size > LARGEST_STEP, LARGEST_STEP / size, broadcast(1));
-  for (int i = 0; i < N; ++i) {
-    all->move[i] = pick(fine, share * step[i], pick(worse, all->move[i] / 4, all->move[i]));
-    all->best[i] = pick(fine, all->at[i], all->best[i]);
-    all->at[i] = pick(fine | worse, all->best[i] + all->move[i], all->at[i]);
+  const simd_mask rejected = ~(cost <= active->cost * (1 + in->relative_rise) + in->absolute_rise);
+  const simd_mask indefinite = ~rejected & (lowest <= 0) & (active->curvature > 0);
+  const simd_mask accepted = ~rejected & ~indefinite;
+  const simd scale = simd_select(size > in->max_step, in->max_step / size, broadcast(1));
+  for (int i = 0; i < N_Q; ++i) {
+    const simd reduced = simd_select(rejected, active->step[i] / in->reduction, active->step[i]);
+    active->step[i] = simd_select(accepted, scale * step[i], reduced);
+    active->accepted_q[i] = simd_select(accepted, active->q[i], active->accepted_q[i]);
+    active->q[i] =
+        simd_select(indefinite, active->q[i], active->accepted_q[i] + active->step[i]);
   }
-  all->retreats += pick(worse, broadcast(1), zero);
-  all->iterations += 1;
-  const mask lost = (worse & (all->cost == INFINITY)) | (all->retreats > MOST_RETREATS);
-  all->cost = pick(fine, cost, all->cost);
-  all->slope = pick(fine, slope, all->slope);
-  all->curvature = pick(bent, zero, pick(fine & (size < NEAR), broadcast(1), all->curvature));
-  const mask ended = fine & (size < of->tolerance);
-  const mask out_of = ended | lost | (all->iterations >= MOST_ITERATIONS);
-  for (int l = 0; l < LANES; ++l)
-    if (all->frame[l] >= 0 && out_of[l]) leave(of, all, ended[l] != 0, l);
+  active->reductions += simd_select(rejected, broadcast(1), zero);
+  active->iterations += 1;
+  const simd_mask failed =
+      (rejected & (active->cost == INFINITY)) | (active->reductions > (double)in->max_reductions);
+  active->cost = simd_select(accepted, cost, active->cost);
+  active->gradient = simd_select(accepted, gradient, active->gradient);
+  active->curvature = simd_select(accepted & (size < in->near_optimum), broadcast(1),
+                                  simd_select(indefinite, zero, active->curvature));
+  const simd_mask converged = accepted & (size < in->tolerance);
+  const simd_mask finished = converged | failed | (active->iterations >= (double)in->max_iterations);
+  for (int lane = 0; lane < LANES; ++lane)
+    if (active->frame[lane] >= 0 && finished[lane])
+      store_frame(in, active, converged[lane] != 0, lane);
 }
 
-/* Solve frames: whenever one leaves its lane the next one takes it. */
+/* Solve all frames: whenever a lane becomes free the next frame takes it. */
 EXPORT
-void solve_frames(const task *of) {
-  lanes shape[GEOMETRY];
-  double waiting[LANES][SUMS * SEGMENTS];
-  walkers all = {.frame = {0}};
-  for (int i = 0; i < GEOMETRY; ++i) shape[i] = broadcast(of->geometry[i]);
-  for (int l = 0; l < LANES; ++l) all.frame[l] = -1;
+void solve_frames(const problem *in) {
+  simd geometry[GEOMETRY];
+  double block[LANES][SUMS * SEGMENTS];
+  active_frames active = {.frame = {0}};
+  for (int i = 0; i < GEOMETRY; ++i) geometry[i] = broadcast(in->geometry[i]);
+  for (int lane = 0; lane < LANES; ++lane) active.frame[lane] = -1;
   for (long long next = 0, busy = 1; busy;) {
     busy = 0;
-    for (int l = 0; l < LANES; ++l) {
-      if (all.frame[l] < 0 && next < of->frames) {
-        if (next % LANES == 0) sum_markers(of, next, waiting);
-        enter(of, &all, waiting[next % LANES], next, l);
+    for (int lane = 0; lane < LANES; ++lane) {
+      if (active.frame[lane] < 0 && next < in->frames) {
+        if (next % LANES == 0) sum_markers(in, next, block);
+        load_frame(in, &active, block[next % LANES], next, lane);
         ++next;
       }
-      busy |= all.frame[l] >= 0;
+      busy |= active.frame[lane] >= 0;
     }
-    if (busy) advance(of, &all, shape);
+    if (busy) iterate(in, &active, geometry);
   }
-  for (long long first = 0; first < of->frames; first += LANES) measure_errors(of, first, shape);
+  for (long long first = 0; first < in->frames; first += LANES) marker_errors(in, first, geometry);
 }

@@ -33,7 +33,7 @@ def speed(kernel: Kernel) -> float:
     """Measure a kernel [frames/s], best of three runs over 4096 frames."""
     random = np.random.default_rng(0)
     inputs = [
-        random.normal(size=n if i in kernel.shared else (FRAMES, n))
+        random.normal(size=n if i in kernel.constant_inputs else (FRAMES, n))
         for i, n in enumerate(kernel.sizes_in)
     ]
     kernel(*inputs)

@@ -8,6 +8,7 @@ import pytest
 from hbm.body import build_body
 from hbm.coordinates import COORDINATES, SEGMENTS, N
 from hbm.ik import descent
+from hbm.ik.attachment import MarkerAttachment
 from hbm.kernels.native import kernels
 from hbm.poses import marker_positions
 from tests.synthetic import synthetic_t_pose
@@ -26,7 +27,7 @@ def problem():
     measured += random.normal(0, 0.003, measured.shape)
     measured[4, 7] = np.nan
     segment = np.array([SEGMENTS.index(s) for s in body.marker_segment])
-    worn = descent.Wearing(
+    attachment = MarkerAttachment(
         segment,
         body.marker_position,
         np.ones(len(segment)),
@@ -35,11 +36,11 @@ def problem():
         np.arange(len(segment)),
     )
     prior = np.tile(np.where(locked, 1e9, 0.0), (FRAMES, 1))
-    return worn, q + np.where(locked, 0, 0.03), prior
+    return attachment, q + np.where(locked, 0, 0.03), prior
 
 
 def solve(problem, **changed):
-    worn, start, prior = problem
+    attachment, start, prior = problem
     markers = {name: changed.pop(name) for name in ("position", "weight") if name in changed}
     given = {
         "rows": np.arange(len(start)),
@@ -48,7 +49,7 @@ def solve(problem, **changed):
         "reference": np.zeros_like(prior),
         "tolerance": 1e-6,
     }
-    return descent.solve_frames(replace(worn, **markers), **(given | changed))
+    return descent.solve_frames(replace(attachment, **markers), **(given | changed))
 
 
 def test_all_frames_converge_and_the_next_step_would_be_nothing(problem):
@@ -70,11 +71,11 @@ def test_the_memory_layout_of_the_markers_does_not_matter(problem):
 
 
 def test_a_kilometre_from_the_origin_the_pose_is_the_same(problem):
-    worn, start, _ = problem
+    attachment, start, _ = problem
     far = np.array([1000.0, -700.0, 300.0])
     there = start.copy()
     there[:, :3] += far
-    here, away = solve(problem), solve(problem, position=worn.position + far, start=there)
+    here, away = solve(problem), solve(problem, position=attachment.position + far, start=there)
     assert away.converged.all()
     np.testing.assert_allclose(away.q[:, 3:], here.q[:, 3:], atol=1e-7)  # markers round to 1e-13 m
     np.testing.assert_allclose(away.q[:, :3] - far, here.q[:, :3], atol=1e-7)
@@ -89,6 +90,27 @@ def test_without_a_compiler_the_numbers_are_the_same(problem, monkeypatch):
     interpreted = solve(problem)
     np.testing.assert_allclose(interpreted.q, compiled.q, atol=TIGHT)
     np.testing.assert_allclose(interpreted.error, compiled.error, atol=TIGHT)
+    np.testing.assert_array_equal(interpreted.converged, compiled.converged)
+
+
+@pytest.mark.parametrize(
+    ("constant", "value"),
+    [("MAX_ITERATIONS", 2), ("MAX_STEP", 0.01), ("DAMPING", 10.0), ("MAX_RELATIVE_RISE", -0.5)],
+)
+def test_compiled_and_interpreted_descent_use_the_same_constants(
+    problem, monkeypatch, constant, value
+):
+    ready = kernels()
+    if ready.solve_frames is None:
+        pytest.skip("no compiler here: there is only one way")
+    start = problem[1] + np.where(problem[2] > 0, 0, 0.3)
+    usual = solve(problem, start=start)
+    monkeypatch.setattr(descent, constant, value)
+    compiled = solve(problem, start=start)
+    monkeypatch.setattr(descent, "kernels", lambda: replace(ready, solve_frames=None))
+    interpreted = solve(problem, start=start)
+    assert np.abs(compiled.q - usual.q).max() > 1e-6
+    np.testing.assert_allclose(interpreted.q, compiled.q, atol=TIGHT)
     np.testing.assert_array_equal(interpreted.converged, compiled.converged)
 
 
@@ -116,10 +138,10 @@ def test_frames_are_solved_in_any_order_and_those_without_a_start_not_at_all(pro
 
 
 def test_a_missing_marker_has_no_error_and_no_say(problem):
-    worn = problem[0]
+    attachment = problem[0]
     solved = solve(problem)
     assert np.isnan(solved.error[4, 7])
     assert np.isfinite(np.delete(solved.error[4], 7)).all()
-    weight = np.where(np.arange(len(worn.weight)) == 7, 0, 1.0)
-    shown = solve(problem, weight=weight, position=np.nan_to_num(worn.position, nan=5.0))
+    weight = np.where(np.arange(len(attachment.weight)) == 7, 0, 1.0)
+    shown = solve(problem, weight=weight, position=np.nan_to_num(attachment.position, nan=5.0))
     np.testing.assert_allclose(shown.q[4], solved.q[4], atol=TIGHT)

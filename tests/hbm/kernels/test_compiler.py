@@ -1,5 +1,6 @@
 """Compiled kernels: kept, checked, shared by processes, and done without."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -9,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hbm.kernels import compiler, native
+from hbm.kernels import c_source, compiler, native
 from hbm.kernels.compiler import cache_directory, compiled_library, compilers
+from hbm.kernels.kernel import casadi_function, kernel_sizes
+from hbm.kernels.library import random_inputs
 from hbm.kernels.native import kernels, load
 
 NAMES = ("newton_step", "segment_poses", "newton_euler")
@@ -34,41 +37,37 @@ def small(monkeypatch):
         return folder / "skeleton.c"
 
     monkeypatch.setattr(compiler, "write_source", write)
+    monkeypatch.setattr(compiler, "disagreement", lambda _: "")
 
 
 @pytest.fixture
-def said():
+def messages():
     return []
 
 
 def agree(name, ours, theirs):
-    rng = np.random.default_rng(40)
-    inputs = [
-        rng.normal(size=n if i in ours.shared else (70, n)) for i, n in enumerate(ours.sizes_in)
-    ]
-    if name == "newton_step":
-        inputs[4] += 1e4  # far from singular, or the numbers are rounding blown up
+    inputs = random_inputs(name, ours, np.random.default_rng(40), frames=70)
     for one, other in zip(ours(*inputs, jobs=2), theirs(*inputs, jobs=2), strict=True):
         scale = np.abs(other).max()
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * scale)
 
 
 @needs_compiler
-def test_a_library_is_compiled_once_and_says_so(cache, small, said):
-    first = compiled_library("cc", [COMPILER], said.append)
+def test_a_library_is_compiled_once_and_says_so(cache, small, messages):
+    first = compiled_library("cc", [COMPILER], messages.append)
     assert first.is_relative_to(cache)
-    assert said == ["compiling the kernels with cc (once on this machine, about ten seconds)"]
+    assert messages == ["compiling the kernels with cc (once on this machine, about ten seconds)"]
     changed = first.stat().st_mtime_ns
-    assert compiled_library("cc", [COMPILER], said.append) == first
+    assert compiled_library("cc", [COMPILER], messages.append) == first
     assert first.stat().st_mtime_ns == changed
-    assert len(said) == 1
+    assert len(messages) == 1
     assert [path.name for path in cache.iterdir()] == [first.parent.name]
 
 
 @needs_compiler
 @pytest.mark.parametrize("damage", ["library", "checksum", "missing"])
-def test_a_damaged_library_is_built_again(cache, small, said, damage):
-    library = compiled_library("cc", [COMPILER], said.append)
+def test_a_damaged_library_is_built_again(cache, small, messages, damage):
+    library = compiled_library("cc", [COMPILER], messages.append)
     sound = library.read_bytes()
     if damage == "library":
         library.write_bytes(sound[:-100])
@@ -76,38 +75,38 @@ def test_a_damaged_library_is_built_again(cache, small, said, damage):
         library.with_suffix(".sha256").write_text("0" * 64)
     else:
         library.unlink()
-    assert compiled_library("cc", [COMPILER], said.append) == library
-    assert "a compiled kernel in the cache is damaged: building it again" in said
+    assert compiled_library("cc", [COMPILER], messages.append) == library
+    assert "a compiled kernel in the cache is damaged: building it again" in messages
     assert library.read_bytes()[:4] == sound[:4]
     assert library.stat().st_size == len(sound)
 
 
 @needs_compiler
 def test_a_cache_that_cannot_be_written_costs_a_compilation_and_a_hint(
-    tmp_path, monkeypatch, small, said
+    tmp_path, monkeypatch, small, messages
 ):
     (tmp_path / "file").write_text("a file, no folder")
     monkeypatch.setenv("HBM_CACHE_DIR", str(tmp_path / "file"))
-    library = compiled_library("cc", [COMPILER], said.append)
+    library = compiled_library("cc", [COMPILER], messages.append)
     assert library.is_file()
     assert not library.is_relative_to(tmp_path)
-    assert said[0].startswith("the cache folder cannot be written (")
-    assert said[0].endswith("set HBM_CACHE_DIR to a folder that can")
+    assert messages[0].startswith("the cache folder cannot be written (")
+    assert messages[0].endswith("set HBM_CACHE_DIR to a folder that can")
 
 
 @needs_compiler
 def test_a_sound_library_is_used_from_a_cache_that_cannot_be_written(
-    cache, small, said, monkeypatch
+    cache, small, messages, monkeypatch
 ):
-    library = compiled_library("cc", [COMPILER], said.append)
+    library = compiled_library("cc", [COMPILER], messages.append)
     monkeypatch.setattr(compiler, "_writable", lambda *_: pytest.fail("tried to write"))
-    assert compiled_library("cc", [COMPILER], said.append) == library
+    assert compiled_library("cc", [COMPILER], messages.append) == library
 
 
-def test_a_compiler_that_fails_is_passed_over_with_its_first_words(cache, small, said):
+def test_a_compiler_that_fails_is_passed_over_with_its_first_words(cache, small, messages):
     broken = [sys.executable, "-c", "import sys; sys.exit('no such target')"]
-    assert compiled_library("mine", broken, said.append) is None
-    assert said[-1] == "compiling with mine failed (no such target); trying the next way"
+    assert compiled_library("mine", broken, messages.append) is None
+    assert messages[-1] == "compiling with mine failed (no such target); trying the next way"
 
 
 @needs_compiler
@@ -116,7 +115,7 @@ def test_processes_that_start_at_once_share_one_library(cache):
         "import sys; from hbm.kernels import compiler\n"
         "def write(folder):\n"
         f"    (folder / 'skeleton.c').write_text({SMALL!r}); return folder / 'skeleton.c'\n"
-        "compiler.write_source = write\n"
+        "compiler.write_source = write; compiler.disagreement = lambda _: ''\n"
         f"print(compiler.compiled_library('cc', [{COMPILER!r}], lambda _: None))"
     )
     processes = [
@@ -129,25 +128,67 @@ def test_processes_that_start_at_once_share_one_library(cache):
     assert [path.name for path in cache.iterdir()] == [Path(answer).parent.name]
 
 
-def test_without_a_compiler_the_virtual_machine_steps_in_with_a_hint(monkeypatch, said):
+def test_without_a_compiler_the_virtual_machine_steps_in_with_a_hint(monkeypatch, messages):
     monkeypatch.setattr(native, "compilers", list)
-    assert load(said.append).backend == "virtual machine (no compiler)"
-    assert said == [
+    assert load(messages.append).backend == "virtual machine (no compiler)"
+    assert messages == [
         "no C compiler works: using the slower virtual machine (same results). "
         "pip install 'hbm-residuals[compiler]' brings a compiler"
     ]
 
 
-def test_the_virtual_machine_can_be_asked_for(monkeypatch, said):
+def test_the_virtual_machine_can_be_asked_for(monkeypatch, messages):
     monkeypatch.setenv("HBM_KERNELS", "virtual-machine")
-    assert load(said.append).backend == "virtual machine (HBM_KERNELS)"
-    assert said == []
+    assert load(messages.append).backend == "virtual machine (HBM_KERNELS)"
+    assert messages == []
+
+
+@pytest.fixture
+def wrong_rewriting(cache, monkeypatch):
+    """casadi's C rewritten wrongly: the first sine of each kernel becomes a cosine."""
+    right = c_source.simd_source
+
+    def wrong(function, folder):
+        return right(function, folder).replace("simd_sin(", "simd_cos(", 1)
+
+    monkeypatch.setattr(c_source, "simd_source", wrong)
+    monkeypatch.setattr(compiler, "FLAGS", ("-O0", *compiler.FLAGS[1:]))
+    monkeypatch.setattr(native, "compilers", lambda: [("cc", [COMPILER])])
 
 
 @needs_compiler
-def test_where_there_is_a_compiler_the_kernels_are_compiled(said):
-    ready = load(said.append)
-    assert ready.solve_frames is not None, (ready.backend, said)
+def test_kernels_whose_numbers_are_wrong_are_refused_and_the_virtual_machine_steps_in(
+    wrong_rewriting, cache, messages
+):
+    ready = load(messages.append)
+    assert ready.backend == "virtual machine (compiled kernels differ from it)"
+    assert ready.solve_frames is None
+    assert messages[0].startswith("compiling the kernels with cc")
+    assert re.fullmatch(
+        r"the kernels that cc compiled differ from casadi's virtual machine "
+        r"\(newton_step by [\d.e+-]+ of its largest number\); trying the next way",
+        messages[1],
+    )
+    assert messages[2].startswith("using the slower virtual machine, whose numbers are right")
+    assert not list(cache.rglob(compiler.LIBRARY))
+
+    again = []
+    assert load(again.append).backend == ready.backend
+    assert again == messages[1:], "announced each time, compiled once"
+
+
+@needs_compiler
+def test_where_there_is_a_compiler_the_kernels_are_compiled(messages):
+    ready = load(messages.append)
+    assert ready.solve_frames is not None, (ready.backend, messages)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_sizes_of_inputs_and_outputs_are_those_of_the_symbolic_functions(name):
+    function = casadi_function(name)
+    sizes_in, sizes_out = kernel_sizes(name)
+    assert sizes_in == tuple(function.size1_in(i) for i in range(function.n_in()))
+    assert sizes_out == tuple(function.size1_out(i) for i in range(function.n_out()))
 
 
 @needs_compiler
@@ -166,7 +207,7 @@ def test_kernels_do_not_show_how_the_work_was_cut(frames, jobs):
     kernel = kernels().newton_euler
     rng = np.random.default_rng(41)
     inputs = [
-        rng.normal(size=n if i in kernel.shared else (frames, n))
+        rng.normal(size=n if i in kernel.constant_inputs else (frames, n))
         for i, n in enumerate(kernel.sizes_in)
     ]
     for one, many in zip(kernel(*inputs), kernel(*inputs, jobs=jobs), strict=True):
@@ -180,26 +221,32 @@ def test_a_kernel_refuses_input_of_the_wrong_shape():
 
 
 @pytest.mark.skipif(find_spec("ziglang") is None, reason="the extra 'compiler' is not installed")
-def test_the_compiler_that_pip_brings_compiles_and_runs_the_kernels(cache, monkeypatch, said):
+def test_the_compiler_that_pip_brings_compiles_and_runs_the_kernels(cache, monkeypatch, messages):
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
     assert [name for name, _ in compilers()] == ["ziglang"]
-    brought = load(said.append)
+    brought = load(messages.append)
     assert brought.backend == "ziglang"
     assert brought.solve_frames is not None
     for name in NAMES:
         agree(name, getattr(brought, name), getattr(kernels(), name))
 
 
-@pytest.mark.parametrize(
-    ("platform", "variable", "tail"),
-    [("win32", "LOCALAPPDATA", "hbm-residuals"), ("linux", "XDG_CACHE_HOME", "hbm-residuals")],
-)
-def test_the_cache_is_the_user_s_own(monkeypatch, tmp_path, platform, variable, tail):
+def test_the_cache_is_the_user_s_own(monkeypatch):
     monkeypatch.delenv("HBM_CACHE_DIR", raising=False)
-    monkeypatch.setattr(sys, "platform", platform)
-    monkeypatch.setenv(variable, str(tmp_path))
-    assert cache_directory() == tmp_path / tail
+    assert cache_directory().name == "hbm-residuals"
+    assert cache_directory().is_relative_to(Path.home())
+
+
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="XDG is for the other systems")
+def test_the_cache_is_where_xdg_puts_it(monkeypatch, tmp_path):
+    monkeypatch.delenv("HBM_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_directory() == tmp_path / "hbm-residuals"
+
+
+def test_hbm_cache_dir_moves_the_cache(cache):
+    assert cache_directory() == cache
 
 
 @needs_compiler

@@ -1,0 +1,132 @@
+"""Kernels: functions of the skeleton, evaluated for many frames at once."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Final
+
+import casadi as ca
+import numpy as np
+
+from hbm.coordinates import MOVING, SEGMENTS
+from hbm.kernels import skeleton
+from hbm.spatial import Array
+
+CONSTANT_INPUTS: Final = {"newton_step": (6,), "segment_poses": (1,), "newton_euler": (3, 4)}
+"""Kernel -> numbers of the inputs that are the same for all frames: the body's."""
+
+MIN_FRAMES_PER_THREAD: Final = 64
+"""Fewer frames take less time than starting a thread."""
+
+Pointers = list[int]
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """A function of the skeleton, evaluated for many frames at once.
+
+    Attributes
+    ----------
+    evaluate
+        Evaluates a number of frames, given pointers to inputs and to outputs.
+    sizes_in, sizes_out
+        Numbers per frame of each input and output.
+    constant_inputs
+        Numbers of the inputs that are the same for all frames.
+    """
+
+    evaluate: Callable[[int, Pointers, Pointers], None]
+    sizes_in: tuple[int, ...]
+    sizes_out: tuple[int, ...]
+    constant_inputs: tuple[int, ...]
+
+    def __call__(self, *inputs: Array, jobs: int = 1) -> tuple[Array, ...]:
+        """Evaluate frames.
+
+        Parameters
+        ----------
+        *inputs
+            (T, n) per frame, or (n,) where the same for all frames.
+        jobs
+            Threads to spread the frames over; the result does not depend on it.
+
+        Returns
+        -------
+        tuple[Array, ...]
+            Outputs, (T, n) each.
+        """
+        arrays = [np.ascontiguousarray(x, float) for x in inputs]
+        frames = next(len(x) for i, x in enumerate(arrays) if i not in self.constant_inputs)
+        for i, (x, n) in enumerate(zip(arrays, self.sizes_in, strict=True)):
+            expected = (n,) if i in self.constant_inputs else (frames, n)
+            if x.shape != expected:
+                raise ValueError(f"input {i} must have shape {expected}, got {x.shape}")
+        outputs = tuple(np.empty((frames, n)) for n in self.sizes_out)
+
+        def evaluate_block(start: int, stop: int) -> None:
+            offsets = [
+                0 if i in self.constant_inputs else start * x.strides[0]
+                for i, x in enumerate(arrays)
+            ]
+            self.evaluate(
+                stop - start,
+                [x.ctypes.data + offset for x, offset in zip(arrays, offsets, strict=True)],
+                [x.ctypes.data + start * x.strides[0] for x in outputs],
+            )
+
+        in_threads(evaluate_block, frames, jobs)
+        return outputs
+
+
+@dataclass(frozen=True, slots=True)
+class Kernels:
+    """The three kernels and how they run.
+
+    Attributes
+    ----------
+    newton_step, segment_poses, newton_euler
+        As `hbm.kernels.skeleton` writes them.
+    backend
+        Names the compiler or the virtual machine.
+    solve_frames
+        Newton's method for many frames in one call (``descent.c``); None on the virtual machine,
+        where `hbm.ik.descent` does the same.
+    """
+
+    newton_step: Kernel
+    segment_poses: Kernel
+    newton_euler: Kernel
+    backend: str
+    solve_frames: Callable[..., None] | None = None
+
+
+def in_threads(work: Callable[[int, int], None], frames: int, jobs: int) -> None:
+    """Split frames into equal blocks, one per thread, and do ``work(start, stop)`` on each."""
+    blocks = max(1, min(jobs, frames // MIN_FRAMES_PER_THREAD))
+    borders = [frames * k // blocks for k in range(blocks + 1)]
+    if blocks == 1:
+        work(0, frames)
+    else:
+        with ThreadPoolExecutor(blocks) as pool:
+            list(pool.map(work, borders[:-1], borders[1:]))
+
+
+def kernel_sizes(name: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Give the numbers per frame that go into a kernel, input by input, and come out."""
+    n_q, geometry = skeleton.N_Q, skeleton.N_GEOMETRY
+    sums = skeleton.N_SUMS * len(SEGMENTS)
+    inertia = skeleton.N_INERTIA * len(MOVING)
+    return {
+        "newton_step": ((n_q, sums, n_q, n_q, 1, 1, geometry), (n_q, n_q + 2)),
+        "segment_poses": ((n_q, geometry), (12 * len(SEGMENTS),)),
+        "newton_euler": ((n_q, n_q, n_q, geometry, inertia), (n_q, 6, 6 * n_q)),
+    }[name]
+
+
+@cache
+def casadi_function(name: str) -> Any:
+    """Give a kernel as a casadi function with dense outputs and no repeated expressions."""
+    function = getattr(skeleton, name)()
+    symbols = [ca.SX.sym("x", function.size1_in(i)) for i in range(function.n_in())]
+    return ca.Function(name, symbols, [ca.densify(x) for x in ca.cse(function.call(symbols))])
