@@ -5,9 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import OptimizeResult, least_squares
-from scipy.signal import butter, lfilter, lfilter_zi
+from scipy.signal import lfilter
 
 from compensation.inputs import read_rate, read_signal, refuse_constant, refuse_unequal
+from hbm.signals.filtering import LowPassMethod
+from hbm.signals.filtering import low_pass as low_pass
 from hbm.spatial import Array, read_only
 
 _SETTLE = 100  # samples at the start that depend on what the belt did before
@@ -17,37 +19,9 @@ _STARTS = 3
 State = tuple[float, float]
 
 
-def low_pass(signal: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
-    """Filter as in real time: causal second-order Butterworth, settled on the first sample.
-
-    Parameters
-    ----------
-    signal
-        One channel, (N,).
-    rate_hz
-        Sampling rate [Hz].
-    cutoff_hz
-        Frequency at which the amplitude falls to 1/√2 [Hz].
-
-    Returns
-    -------
-    Array
-        Filtered channel, (N,).
-
-    Raises
-    ------
-    ValueError
-        Wrong shape, no samples, gaps, or a cut-off not between 0 and half the rate.
-    """
-    x, rate = read_signal(signal, "signal"), read_rate(rate_hz)
-    if not 0 < cutoff_hz < rate / 2:
-        raise ValueError(f"cutoff_hz must lie between 0 and {rate / 2} Hz, got {cutoff_hz}")
-    b, a = butter(2, cutoff_hz, fs=rate)
-    filtered: Array = lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0]
-    return filtered
-
-
-def belt_acceleration(speed: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
+def belt_acceleration(
+    speed: ArrayLike, rate_hz: float, cutoff_hz: float, method: LowPassMethod
+) -> Array:
     """Give a belt's acceleration: central differences of its speed, then `low_pass`.
 
     Parameters
@@ -56,8 +30,8 @@ def belt_acceleration(speed: ArrayLike, rate_hz: float, cutoff_hz: float) -> Arr
         Belt speed at a constant rate, (N,) [m/s]; resample first where the times jitter.
     rate_hz
         Sampling rate [Hz].
-    cutoff_hz
-        Cut-off of the filter [Hz]; filter the pitch moment with the same.
+    cutoff_hz, method
+        Of `low_pass` [Hz]; filter the pitch moment with the same.
 
     Returns
     -------
@@ -76,7 +50,7 @@ def belt_acceleration(speed: ArrayLike, rate_hz: float, cutoff_hz: float) -> Arr
         raise ValueError(
             f"belt speed reaches {np.max(np.abs(v)):.3g} m/s, expected below 10; is it in m/s?"
         )
-    return low_pass(np.gradient(v, 1 / read_rate(rate_hz)), rate_hz, cutoff_hz)
+    return low_pass(np.gradient(v, 1 / read_rate(rate_hz)), rate_hz, cutoff_hz, method)
 
 
 @dataclass(frozen=True, slots=True)

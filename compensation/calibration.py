@@ -11,7 +11,9 @@ import numpy as np
 from compensation.inertia import InertiaModel, Setup
 
 _FORMAT = "hbm-residuals inertia calibration"
-_VERSION = 1
+_VERSION = 2
+_UNNAMED_FILTER = 1
+"""Last version that did not name its filter, which was always the zero-phase one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +82,10 @@ def from_json(text: str, setup: Setup | None = None) -> Calibration:
         raise ValueError(f"the calibration is not JSON: {error}") from error
     if not isinstance(document, dict) or document.get("format") != _FORMAT:
         raise ValueError(f"the text is not a calibration: its format should be {_FORMAT!r}")
-    if document.get("version") != _VERSION:
+    if document.get("version") not in (_UNNAMED_FILTER, _VERSION):
         raise ValueError(
             f"the calibration has version {document.get('version')}, this program reads "
-            f"version {_VERSION}; fit it again"
+            f"versions {_UNNAMED_FILTER} and {_VERSION}; fit it again"
         )
     try:
         plates = {name: _model(plain) for name, plain in document["plates"].items()}

@@ -6,12 +6,14 @@ recording of the empty, moving treadmill is enough to learn them.
 """
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from compensation.inputs import read_rate, read_table, refuse_gaps, refuse_unequal
 from compensation.plausibility import refuse_other_units
+from hbm.signals.filtering import Method, low_pass
 from hbm.spatial import Array, read_only
 
 
@@ -29,6 +31,9 @@ class Setup:
         Low-pass cut-off that was applied to both [Hz]; None where they are unfiltered.
     acceleration_unit, wrench_unit
         Units of the numbers that went into the fit.
+    filter_method
+        How they were low-passed, as `hbm.signals.filtering.low_pass` names it; of no meaning
+        where they are unfiltered.
     """
 
     sensors: tuple[str, ...]
@@ -36,12 +41,43 @@ class Setup:
     cutoff_hz: float | None
     acceleration_unit: str = "m/s²"
     wrench_unit: str = "N, N·m"
+    filter_method: Method = "zero_phase"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))
         read_rate(self.rate_hz)
         if len(set(self.sensors)) != len(self.sensors):
             raise ValueError(f"accelerometer names must be unique, got {self.sensors}")
+        if self.filter_method not in get_args(Method):
+            raise ValueError(
+                f"filter_method must be one of {', '.join(get_args(Method))}, "
+                f"got {self.filter_method!r}"
+            )
+
+    def low_pass(self, signal: ArrayLike, time: ArrayLike) -> Array:
+        """Filter signals as those of the fit were.
+
+        Parameters
+        ----------
+        signal
+            Channels, (N, ...). Gaps (NaN) stay gaps.
+        time
+            Sample times, (N,) [s]; or one number, the sampling rate [Hz].
+
+        Returns
+        -------
+        Array
+            The same channels through the fit's low-pass, (N, ...); as they are where the fit's
+            were unfiltered.
+
+        Raises
+        ------
+        ValueError
+            As `hbm.signals.filtering.low_pass`.
+        """
+        if self.cutoff_hz is None:
+            return np.array(signal, float)
+        return low_pass(signal, time, self.cutoff_hz, self.filter_method)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,11 +236,13 @@ class InertiaModel:
         Raises
         ------
         ValueError
-            Sensors, rate, cut-off or units differ, or the model does not say what they were.
+            Sensors, rate, filter or units differ, or the model does not say what they were.
         """
         if self.setup is None:
             raise ValueError("the model does not say how it was recorded; fit it with a setup")
-        fields = ("sensors", "rate_hz", "cutoff_hz", "acceleration_unit", "wrench_unit")
+        fields = ["sensors", "rate_hz", "cutoff_hz", "acceleration_unit", "wrench_unit"]
+        if setup.cutoff_hz is not None:
+            fields.append("filter_method")
         differ = [
             f"{name} {getattr(self.setup, name)!r}, but the trial has {getattr(setup, name)!r}"
             for name in fields

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
-from compensation.belt import low_pass
 from compensation.inputs import read_rate, read_signal, refuse_unequal
+from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 
 _STEP_M = 0.01  # of belt travel, at which the moment is resampled to find the roller
@@ -31,7 +31,7 @@ class Roller:
     cosine, sine
         ``c`` and ``s`` [N·m per (m/s)²]; they hold for one trial, see `locate`.
     cutoff_hz
-        Cut-off of the filter through which the moment was measured [Hz].
+        Cut-off of the real-time filter through which the moment was measured [Hz].
     """
 
     turns_per_m: float
@@ -116,7 +116,7 @@ def fit_roller(
     rate_hz
         Sampling rate [Hz].
     cutoff_hz
-        Cut-off of the filter on the moment [Hz].
+        Cut-off of the real-time filter on the moment [Hz].
 
     Returns
     -------
@@ -177,5 +177,7 @@ def _travel(speed: Array, rate: float) -> Array:
 def _basis(turns_per_m: float, speed: Array, rate: float, cutoff_hz: float) -> Array:
     """Cosine, sine and constant through the filter, (N, 3)."""
     angle = 2 * np.pi * turns_per_m * _travel(speed, rate)
-    waves = [low_pass(speed**2 * wave(angle), rate, cutoff_hz) for wave in (np.cos, np.sin)]
+    waves = [
+        low_pass(speed**2 * wave(angle), rate, cutoff_hz, "realtime") for wave in (np.cos, np.sin)
+    ]
     return np.column_stack([*waves, np.ones(len(speed))])

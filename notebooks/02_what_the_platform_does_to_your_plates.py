@@ -18,7 +18,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from compensation import fit_inertia, pitch_and_sway_signals, validation_signals
-from hbm.signals.filtering import low_pass
 from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.laboratory import accelerations, setup_of
@@ -53,7 +52,7 @@ def record_empty(signal, seed):
     setup = setup_of(recording, treadmill)
     time, felt = accelerations(recording, treadmill)
     felt, wrench = (
-        low_pass(values, setup.rate_hz, cutoff_hz)
+        setup.low_pass(values, setup.rate_hz)
         for values in (felt, recording.plates[0].wrench_in_plate)
     )
     return time, felt, wrench, setup

@@ -93,7 +93,7 @@ def treadmill_with(sensors):
 
 def plate_of(recording):
     """Give what plate 1 measures, low-passed as in the fit."""
-    return low_pass(recording.plates[0].wrench_in_plate, 1000.0, cutoff_hz)
+    return low_pass(recording.plates[0].wrench_in_plate, 1000.0, cutoff_hz, "zero_phase")
 
 
 # %% [markdown]
@@ -124,7 +124,7 @@ for count in (1, 2, 3, 4):
     fitted = fit_calibration(recordings["calibration"], treadmill).plates["plate 1"]
     for name in ("sway", "pitch"):
         recording = recordings[name]
-        felt = low_pass(accelerations(recording, treadmill)[1], 1000.0, cutoff_hz)
+        felt = low_pass(accelerations(recording, treadmill)[1], 1000.0, cutoff_hz, "zero_phase")
         left = fitted.compensate(felt, plate_of(recording))
         remaining[name, count] = np.std(left, axis=0)
 before = {name: np.std(plate_of(recordings[name]), axis=0) for name in ("sway", "pitch")}

@@ -1,11 +1,13 @@
-"""Second-order Butterworth low-pass, in real time and with zero phase, with derivatives.
+"""The one low-pass of the project: a second-order Butterworth filter, and its derivatives.
 
 A gap (NaN) splits a signal: each stretch of finite samples is filtered on its own and the gap
 stays a gap. The same filter belongs on coordinates and on forces, or their phases disagree.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from typing import Literal
+from functools import partial
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,12 +25,19 @@ from hbm.signals.samples import (
 from hbm.spatial import Array, read_only
 
 Method = Literal["realtime", "zero_phase"]
+"""How coordinates and forces are filtered; `low_pass` says what each method does."""
 
-TWO_PASSES = (np.sqrt(2) - 1) ** 0.25
-"""Where two passes of a second-order Butterworth together reach −3 dB, in its cut-offs: 0.802."""
+LowPassMethod = Literal["realtime", "zero_phase", "double_pass"]
+"""The same, and the uncorrected double pass, with which published work is repeated."""
 
-PADDING_PERIODS = 4
+DOUBLE_PASS_MINUS_3_DB: Final = float((np.sqrt(2) - 1) ** 0.25)
+"""Frequency of −3 dB of two passes, per cut-off of each: 0.802 for second order (Winter 2009)."""
+
+PADDING_PERIODS: Final = 4
 """Extension beyond each end, in periods of the cut-off: a transient shrinks to 2e-10 in it."""
+
+EQUAL_STEPS_TOLERANCE: Final = 1e-9
+"""Relative difference of time steps up to which they are rounding errors of one step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,17 +70,10 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
 
     Parameters
     ----------
-    signal
-        Samples, (T, ...). Each stretch between gaps (NaN) is filtered on its own; stretches
-        shorter than the filter needs become gaps.
-    time
-        Sample times, (T,) [s], increasing; or one number, the sampling rate [Hz].
-    cutoff_hz
-        Frequency of −3 dB [Hz], for gait usually 6.
+    signal, time, cutoff_hz
+        As in :func:`low_pass`; for gait the cut-off is usually 6 Hz.
     method
-        ``"realtime"``: causal, as the Human Body Model runs live; late by √2/(2π cutoff)
-        (37.5 ms at 6 Hz), transient in the first second; time steps may vary.
-        ``"zero_phase"``: forward and backward, no delay; time steps must be equal.
+        ``"realtime"`` or ``"zero_phase"``, as in :func:`low_pass`.
 
     Returns
     -------
@@ -81,9 +83,7 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
     Raises
     ------
     ValueError
-        If the whole signal is shorter than the filter needs (real time: 2 samples; zero phase:
-        one period of the cut-off), if times do not increase or do not fit the signal, if zero
-        phase meets unequal steps, or if the cut-off is not between 0 and half the sampling rate.
+        As :func:`low_pass`.
 
     Notes
     -----
@@ -98,15 +98,16 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
     from y = x, ẏ = ÿ = 0 at the first sample. This is Tustin's rule without pre-warping, so −3 dB
     lies slightly low (5.93 Hz at 100 Hz), and ÿ is the mean over the step, half a step old.
 
-    Zero phase: the same section twice, its cut-off divided by ``TWO_PASSES`` so that −3 dB *after
-    both passes* is at the requested frequency (Winter 2009, Biomechanics and Motor Control of
-    Human Movement). Ends are extended by reflection through the last sample, which
-    keeps value and slope. Derivatives are those of the quintic spline through the filtered samples,
-    laid through the extension too so that its end conditions play no part: they are derivatives
-    of the returned values, and on a sine at 100 Hz the velocity errs by 1e-9 (2 Hz) to 6e-7
-    (6 Hz) and the acceleration by 4e-7 to 3e-5 of its amplitude. The section's own ẏ and ÿ would
-    err as tan(ωh/2)/(ωh/2) does: 1.2 % and 2.4 % at 6 Hz. Near the ends of a stretch nobody knows
-    what came next: trust the acceleration from one period of the cut-off inwards.
+    Zero phase: the same section forward and backward, pre-warped, and its cut-off divided by
+    ``DOUBLE_PASS_MINUS_3_DB`` so that −3 dB *after both passes* is at the requested frequency
+    (Winter 2009, Biomechanics and Motor Control of Human Movement). Ends are extended by
+    reflection through the last sample, which keeps value and slope. Derivatives are those of the
+    quintic spline through the filtered samples, laid through the extension too so that its end
+    conditions play no part: they are derivatives of the returned values, and on a sine at 100 Hz
+    the velocity errs by 1e-9 (2 Hz) to 6e-7 (6 Hz) and the acceleration by 4e-7 to 3e-5 of its
+    amplitude. The section's own ẏ and ÿ would err as tan(ωh/2)/(ωh/2) does: 1.2 % and 2.4 % at
+    6 Hz. The samples beyond the ends are unknown: trust the acceleration from one period of the
+    cut-off inwards.
 
     Deviations from the original
     ----------------------------
@@ -115,6 +116,83 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
       first, and pre-warped, which makes the −3 dB frequency exact.
     - Both restart after a gap.
     """
+    kernels: Mapping[str, _Kernel] = {"realtime": _realtime, "zero_phase": _zero_phase}
+    return Filtered(*_filtered(signal, time, cutoff_hz, method, kernels, outputs=3))
+
+
+def low_pass(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: LowPassMethod) -> Array:
+    """Low-pass a signal with a second-order Butterworth filter.
+
+    Parameters
+    ----------
+    signal
+        Samples, (T, ...). Each stretch between gaps (NaN) is filtered on its own; stretches
+        shorter than the filter needs become gaps.
+    time
+        Sample times, (T,) [s], increasing; or one number, the sampling rate [Hz].
+    cutoff_hz
+        The filter's cut-off [Hz]; what it leaves there depends on the method.
+    method
+        ``"zero_phase"``: forward and backward, without delay; −3 dB (0.707 of the amplitude) at
+        the cut-off after both passes. Time steps must be equal.
+        ``"realtime"``: causal, as the Human Body Model computes it live; late by √2/(2π cutoff)
+        (37.5 ms at 6 Hz), transient in the first second; time steps may vary. It is not
+        pre-warped, so −3 dB lies below the cut-off: at 5.93 Hz for 6 Hz sampled at 100 Hz, at
+        9.997 Hz for 10 Hz sampled at 1000 Hz. That is stated here, not corrected.
+        ``"double_pass"``: forward and backward, each pass with the cut-off as stated, as MATLAB's
+        ``filtfilt`` of ``butter(2, …)``; half the amplitude (−6 dB) at the cut-off, −3 dB at 0.802
+        of it. Only for repeating an experiment whose signals were filtered so.
+
+    Returns
+    -------
+    Array
+        Filtered signal, (T, ...), at the same times.
+
+    Raises
+    ------
+    ValueError
+        If the whole signal is shorter than the filter needs (real time: 2 samples; the others:
+        one period of the cut-off), if times do not increase or do not fit the signal, if one of
+        the others meets unequal steps, or if the cut-off is not between 0 and half the sampling
+        rate.
+
+    See Also
+    --------
+    butterworth : the same filter with derivatives, its equations and their sources.
+
+    Examples
+    --------
+    The amplitude left of a sine at the cut-off:
+
+    >>> import numpy as np
+    >>> time = np.arange(0, 10, 0.001)
+    >>> sine = np.sin(2 * np.pi * 6 * time)
+    >>> for method in ("zero_phase", "double_pass"):
+    ...     left = low_pass(sine, time, cutoff_hz=6.0, method=method)
+    ...     print(method, left[2000:8000].max().round(3))
+    zero_phase 0.707
+    double_pass 0.5
+    """
+    value: Array = _filtered(signal, time, cutoff_hz, method, _VALUE_KERNELS, outputs=1)[0]
+    return value
+
+
+_Kernel = Callable[[Array, Array, float], tuple[Array, ...]]
+"""Filters (T, K) samples at (T,) times: the value, or value, velocity and acceleration."""
+
+
+def _filtered(
+    signal: ArrayLike,
+    time: ArrayLike,
+    cutoff_hz: float,
+    method: str,
+    kernels: Mapping[str, _Kernel],
+    outputs: int,
+) -> Array:
+    """Run a method's kernel over every stretch without gaps; its outputs, (outputs, T, ...)."""
+    if method not in kernels:
+        known = " or ".join(f'"{name}"' for name in kernels)
+        raise ValueError(f"filter method must be {known}, got {method!r}")
     signal = np.asarray(signal, float)
     time = sample_times(time, signal)
     rate_hz = mean_rate_hz(time)
@@ -123,55 +201,27 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
             f"cut-off must lie between 0 and half the sampling rate ({rate_hz / 2:g} Hz), "
             f"got {cutoff_hz:g} Hz"
         )
-    if method == "realtime":
-        needed, kernel = 2, _realtime
-    elif method == "zero_phase":
-        needed, kernel = int(np.ceil(rate_hz / cutoff_hz)), _zero_phase
+    needed = 2
+    if method != "realtime":
+        needed = int(np.ceil(rate_hz / cutoff_hz))
         require_equal_steps(time)
-    else:
-        raise ValueError(f'filter method must be "realtime" or "zero_phase", got {method!r}')
     require_length(time, needed)
 
     columns = signal.reshape(len(time), -1)
-    results = np.full((3, *columns.shape), np.nan)
+    results = np.full((outputs, *columns.shape), np.nan)
     for rows, alike in stretches(columns, needed):
         some = slice(None) if alike.all() else alike
-        found = kernel(columns[rows, some], time[rows], cutoff_hz)
-        for result, part in zip(results, found, strict=True):
+        parts = kernels[method](columns[rows, some], time[rows], cutoff_hz)
+        for result, part in zip(results, parts, strict=True):
             result[rows, some] = part
-    return Filtered(*results.reshape(3, *signal.shape))
-
-
-def low_pass(signal: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
-    """Low-pass evenly sampled analog signals without delay.
-
-    Parameters
-    ----------
-    signal
-        Samples, (N, ...). Gaps (NaN) stay gaps.
-    rate_hz
-        Sampling rate [Hz].
-    cutoff_hz
-        Frequency of −3 dB [Hz].
-
-    Returns
-    -------
-    Array
-        The value of :func:`butterworth` with zero phase, (N, ...).
-
-    Raises
-    ------
-    ValueError
-        As :func:`butterworth`.
-    """
-    return butterworth(signal, rate_hz, cutoff_hz, "zero_phase").value
+    return results.reshape(outputs, *signal.shape)
 
 
 def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
     """Filter (T, K) samples causally; the signal's first value is the state of rest."""
     omega, step = 2 * np.pi * cutoff_hz, np.diff(time)[:, None]
     start, moved = signal[0], signal - signal[0]
-    if np.ptp(step) <= 1e-9 * np.mean(step):
+    if np.ptp(step) <= EQUAL_STEPS_TOLERANCE * np.mean(step):
         to_value, to_velocity, feedback = _section(omega, float(np.mean(step)))
         value = lfilter(to_value, feedback, moved, axis=0)
         velocity = lfilter(to_velocity, feedback, moved, axis=0)
@@ -196,21 +246,45 @@ def _step_by_step(signal: Array, step: Array, omega: float) -> tuple[Array, Arra
 
 def _zero_phase(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
     """Filter (T, K) samples forward and backward; differentiate the spline through the result."""
-    step = (time[-1] - time[0]) / (len(time) - 1)
-    omega = 2 / step * np.tan(np.pi * cutoff_hz * step) / TWO_PASSES
-    to_value, _, feedback = _section(omega, step)
-
-    def turned(samples: Array) -> Array:
-        moved: Array = lfilter(to_value, feedback, samples - samples[0], axis=0)
-        return np.flip(moved + samples[0], axis=0)
-
-    padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
-    filtered = turned(turned(extended(signal, padding)))
+    filtered, padding, step = _both_ways(signal, time, cutoff_hz, DOUBLE_PASS_MINUS_3_DB)
     sample = np.arange(-padding, len(time) + padding)
     spline = make_interp_spline(sample * step, filtered, k=5)
     kept = slice(padding, padding + len(time))
     at = sample[kept] * step
     return filtered[kept], spline(at, 1), spline(at, 2)
+
+
+def _both_ways(
+    signal: Array, time: Array, cutoff_hz: float, correction: float
+) -> tuple[Array, int, float]:
+    """Filter (T, K) samples forward and backward, each pass with the cut-off over ``correction``.
+
+    Gives the result with its extension beyond both ends, the extension's samples, and the step.
+    """
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    omega = 2 / step * float(np.tan(np.pi * cutoff_hz * step)) / correction
+    to_value, _, feedback = _section(omega, step)
+
+    def reversed_pass(samples: Array) -> Array:
+        moved: Array = lfilter(to_value, feedback, samples - samples[0], axis=0)
+        return np.flip(moved + samples[0], axis=0)
+
+    padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
+    return reversed_pass(reversed_pass(extended(signal, padding))), padding, step
+
+
+def _both_ways_value(
+    signal: Array, time: Array, cutoff_hz: float, correction: float
+) -> tuple[Array]:
+    filtered, padding, _ = _both_ways(signal, time, cutoff_hz, correction)
+    return (filtered[padding : padding + len(time)],)
+
+
+_VALUE_KERNELS: Final[Mapping[str, _Kernel]] = {
+    "realtime": lambda signal, time, cutoff_hz: _realtime(signal, time, cutoff_hz)[:1],
+    "zero_phase": partial(_both_ways_value, correction=DOUBLE_PASS_MINUS_3_DB),
+    "double_pass": partial(_both_ways_value, correction=1.0),
+}
 
 
 def _section(omega: float, step: float) -> tuple[Array, Array, Array]:

@@ -17,7 +17,12 @@ from pipeline.calibration_ranking.figures import (
     rank_figure,
 )
 from pipeline.calibration_ranking.ranking import Ranking, best_trials
-from pipeline.calibration_ranking.trials import RATE_HZ, BeltTrial, PlatformTrial
+from pipeline.calibration_ranking.trials import (
+    BELT_FILTER,
+    RATE_HZ,
+    BeltTrial,
+    PlatformTrial,
+)
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 
@@ -148,7 +153,10 @@ def _platform(ranking: Ranking, validation: tuple[PlatformTrial, ...], out: Path
     save_figure(rank_figure(ranking), out / "figures" / "ranks.png")
     w, p = ranking.concordance
     tests, pairs = effects(ranking.scores)
+    setup = validation[0].setup
     said = [
+        f"Plate and accelerometers were low-passed at {setup.cutoff_hz:g} Hz "
+        f"({setup.filter_method}, as 'hbm calibration fit' does).",
         f"Agreement of the columns: Kendall's W = {w:.2f} (p = {p:.2g}; 1 would be the same order "
         "in all).",
         markdown(ranking.table),
@@ -214,7 +222,8 @@ def _belts(
     cutoffs = ", ".join(f"{t.spline_cutoff_hz:.0f} Hz in {t.name}" for t in trials)
     said = [
         f"Smoothing splines through the belt's speed cut off at {cutoffs} "
-        f"({RATE_HZ / 2:g} Hz: they smooth nothing); --belt-cutoff-hz sets what is used.",
+        f"({RATE_HZ / 2:g} Hz: they smooth nothing); --belt-cutoff-hz sets what is used "
+        f"({BELT_FILTER}, as D-Flow does while it runs).",
         markdown(ranking.scores, 3),
         "Each model on its own calibration trial:",
         markdown(fitted, 3),

@@ -14,15 +14,22 @@ from compensation import (
     low_pass,
     spline_smoothing,
 )
+from hbm.signals.filtering import Method
 from hbm.spatial import Array, rotate_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
-from pipeline.io.smoothing import smooth
 from pipeline.trial.ground.accelerometers import find_accelerometers
 from pipeline.trial.ground.belts import belt_axes, belt_speed
 from pipeline.trial.ground.laboratory import accelerations, read_empty
 
 RATE_HZ: Final = 100.0
+PLATFORM_FILTER: Final[Method] = "zero_phase"
+"""As `hbm calibration fit` filters, so that the ranking is one of the models that it makes.
+
+The thesis states no filter for its calibrations of pitch and sway (van de Loosdrecht 2018, D.3.3).
+"""
+BELT_FILTER: Final[Method] = "realtime"
+"""As D-Flow filters belt speed and pitch moment while it runs (van de Loosdrecht 2018, D.3.4)."""
 EDGE_S: Final = 0.5
 FOLDERS: Final = ("calibration", "validation", "belt_calibration", "belt_validation", "belt_person")
 NAME: Final = re.compile(r"(?P<kind>.+)_(?P<duration_s>\d+)s_(?P<speed_mps>[\d.]+)mps")
@@ -37,11 +44,11 @@ class Rules:
     plate
         Number of the empty plate that is scored.
     cutoff_hz
-        Second-order Butterworth low-pass, forward and backward, on plate and accelerometers [Hz].
+        Low-pass of plate and accelerometers, `PLATFORM_FILTER` [Hz].
     belt_channel
         Analog channel with the belt's speed.
     belt_cutoff_hz
-        Causal low-pass on pitch moment and belt acceleration [Hz].
+        Low-pass of pitch moment and belt acceleration, `BELT_FILTER` [Hz].
     axes
         Where the files' axes point; None to infer.
     """
@@ -155,11 +162,9 @@ def platform_trial(recording: Recording, rules: Rules) -> PlatformTrial:
     rate, step = _rate(time, name)
     wrench = _wrench(recording, rules.plate)
     inside = _inside(len(time), rate, step)
+    setup = Setup(tuple(sensors), RATE_HZ, rules.cutoff_hz, filter_method=PLATFORM_FILTER)
     return PlatformTrial(
-        name,
-        smooth(readings, rate, rules.cutoff_hz)[inside],
-        smooth(wrench, rate, rules.cutoff_hz)[inside],
-        Setup(tuple(sensors), RATE_HZ, rules.cutoff_hz),
+        name, setup.low_pass(readings, rate)[inside], setup.low_pass(wrench, rate)[inside], setup
     )
 
 
@@ -180,9 +185,9 @@ def belt_trial(recording: Recording, rules: Rules) -> BeltTrial:
     speed = belt_speed(recording, rules.belt_channel)
     return BeltTrial(
         name,
-        belt_acceleration(speed, rate, cutoff)[inside],
-        low_pass(_wrench(recording, rules.plate)[:, 4], rate, cutoff)[inside],
-        np.column_stack([low_pass(c, rate, cutoff) for c in readings.T])[inside],
+        belt_acceleration(speed, rate, cutoff, BELT_FILTER)[inside],
+        low_pass(_wrench(recording, rules.plate)[:, 4], rate, cutoff, BELT_FILTER)[inside],
+        low_pass(readings, rate, cutoff, BELT_FILTER)[inside],
         tuple(channel for three in sensors.values() for channel in three),
         _spline_cutoff(speed[inside]),
     )

@@ -42,7 +42,8 @@ def fit(
     axes
         Where the file's axes point; not needed.
     cutoff_hz
-        Low-pass on both signals before the fit [Hz].
+        Low-pass of both signals before the fit, and of the accelerations of every trial that the
+        calibration compensates [Hz]. Zero phase: the fit has to know no delay.
     accelerometer_unit
         Of the accelerometers' channels, here and in trials; None for what the files say.
 
@@ -79,7 +80,9 @@ def fit(
     }
     with whole_file(out) as temporary:
         temporary.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
-    console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz")
+    setup = next(iter(calibration.plates.values())).setup
+    method = setup.filter_method if setup is not None else ""
+    console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
     console.print(account(calibration))
     for name, model in calibration.plates.items():
         for warning in model.warnings:

@@ -21,7 +21,8 @@ def fit(
     out: Annotated[Path, typer.Option("-o", "--out", help="Calibration file to write (.json).")],
     axes: Axes = None,
     cutoff_hz: Annotated[
-        float, typer.Option(min=0.1, max=100, help="Low-pass before the fit.")
+        float,
+        typer.Option(min=0.1, max=100, help="Low-pass of fit and trials, zero phase (-3 dB)."),
     ] = 20.0,
     accelerometer_unit: Annotated[
         str | None, typer.Option(help="g or m/s²; default: as the file says.")
@@ -79,9 +80,11 @@ def rank(
         bool, typer.Option("--simulate", help="Fill the folder from the virtual laboratory first.")
     ] = False,
     plate: Annotated[int, typer.Option(min=1, help="The empty plate that is scored.")] = 1,
-    cutoff_hz: Annotated[float, typer.Option(help="Low-pass for pitch and sway.")] = 20.0,
+    cutoff_hz: Annotated[
+        float, typer.Option(help="Low-pass for pitch and sway, as in fit.")
+    ] = 20.0,
     belt_channel: Annotated[str, typer.Option(help="Channel with the belt speed.")] = "BeltSpeed",
-    belt_cutoff_hz: Annotated[float, typer.Option(help="Low-pass for the belts.")] = 10.0,
+    belt_cutoff_hz: Annotated[float, typer.Option(help="Real-time low-pass for the belts.")] = 10.0,
     axes: Axes = None,
     seed: Seed = 0,
     out: Out = Path("ranking"),

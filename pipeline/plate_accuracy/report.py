@@ -17,6 +17,7 @@ from pipeline.plate_accuracy.figures import (
     static_figure,
     vibration_figure,
 )
+from pipeline.plate_accuracy.trials import THESIS_FILTER
 from pipeline.plate_accuracy.verdict import marker_share, said, sentence, unexamined, verdict
 
 COLUMNS: Final = {
@@ -170,6 +171,9 @@ def _page(found: Experiment1, said_so: str, against: Sequence[str], correct: Seq
         )
     lines += [
         "## Measured\n\n" + "\n".join(facts),
+        f"Marker and plate were low-passed at {found.study.file.cutoff_hz:g} Hz, forward and "
+        "backward, with half the amplitude left at that frequency as in the thesis "
+        f"({THESIS_FILTER}).",
         "## Table I",
         TABLE_NOTE,
         markdown(table_1(found.errors), 1),

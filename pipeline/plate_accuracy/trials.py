@@ -12,21 +12,26 @@ from compensation import (
     fit_plate_calibration,
     wrench_of_weight,
 )
+from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.signals.resampling import interpolate
 from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.config.plate_study import BeltSide, PlatesFile, PlatesStudy, WeightRecording
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Plate, Recording
-from pipeline.io.smoothing import smooth
 
 RATE_HZ: Final = 100.0
 SHORTEST_S: Final = 3.0
 EDGE_S: Final = 0.3
 STILL_MPS: Final = 0.01
 STILL_S: Final = 0.3
-STILL_HZ: Final = 10.0
-SLOW_HZ: Final = 3.0
+STILL_HZ: Final = 8.0
+SLOW_HZ: Final = 2.4
 """Cut-off for what is estimated over whole recordings: the marker's noise grows with its square."""
+THESIS_FILTER: Final[LowPassMethod] = "double_pass"
+"""Of what is compared with the thesis' errors (van de Loosdrecht 2018, II.A.4): its 20 Hz are the
+cut-off of each of MATLAB's two passes."""
+OWN_FILTER: Final[LowPassMethod] = "zero_phase"
+"""Of what the thesis does not estimate: places, cross-talk, delay in motion, vibration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +49,7 @@ class WeightTrial:
     measured, truth
         Wrenches, (T, 6) [N, N·m], low-passed at the study's cut-off.
     slow_marker, slow_measured, slow_truth
-        The same, wrenches about the middle of the plate, low-passed at 3 Hz.
+        The same, wrenches about the middle of the plate, low-passed at 2.4 Hz.
     used
         Samples that count, (T,): the middle half of the belt at constant speed, else all.
     noise
@@ -102,31 +107,28 @@ def read_weight(
     fine = interpolate(time, marker, clock)
     thin = slice(None, None, max(round(rate / RATE_HZ), 1))
 
-    def known(cutoff_hz: float) -> Array:
-        return wrench_of_weight(
-            weight.mass_kg, smooth(fine, rate, cutoff_hz), rate, file.center_height_m
-        )[thin]
+    def known(marker: Array) -> Array:
+        return wrench_of_weight(weight.mass_kg, marker, rate, file.center_height_m)[thin]
 
-    smoothed = smooth(raw, rate, file.cutoff_hz)
-    place = smooth(fine, rate, file.cutoff_hz)[thin]
+    smoothed, place = (low_pass(x, rate, file.cutoff_hz, THESIS_FILTER) for x in (raw, fine))
+    slow, slow_place = (low_pass(x, rate, SLOW_HZ, OWN_FILTER) for x in (raw, fine))
     reach = float(plate.corners[:, 0].min()), float(plate.corners[:, 0].max())
     since, until = clock[thin] - clock[0], clock[-1] - clock[thin]
     used = (since > EDGE_S) & (until > EDGE_S)
     if weight.profile != "sine":
-        used &= np.abs(place[:, 0] - sum(reach) / 2) <= (reach[1] - reach[0]) / 4
+        used &= np.abs(place[thin, 0] - sum(reach) / 2) <= (reach[1] - reach[0]) / 4
     if np.count_nonzero(used) < RATE_HZ / 2:
         raise ValueError(f"{weight.file}: the weight was hardly in the middle half of the belt")
     return WeightTrial(
         weight=weight,
         time=clock[thin],
-        marker=place,
+        marker=place[thin],
         measured=smoothed[thin],
-        truth=known(file.cutoff_hz),
-        slow_marker=smooth(fine, rate, SLOW_HZ)[thin],
-        slow_measured=shift_wrench(smooth(raw, rate, SLOW_HZ)[thin], plate.center),
+        truth=known(place),
+        slow_marker=slow_place[thin],
+        slow_measured=shift_wrench(slow[thin], plate.center),
         slow_truth=shift_wrench(
-            _not_pushed_across(known(SLOW_HZ), smooth(fine, rate, SLOW_HZ)[thin], file),
-            plate.center,
+            _not_pushed_across(known(slow_place), slow_place[thin], file), plate.center
         ),
         used=used,
         noise=np.std(raw - smoothed, axis=0),
@@ -165,12 +167,12 @@ def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | N
     names = [s.file for s in study.file.static if s.belt == belt]
     for name in names:
         recording, plate, time, marker = _read(study, name, belt, study.file.marker)
-        wrench = interpolate(plate.time, smooth(plate.wrench, plate.rate_hz, STILL_HZ), time)
+        slow = low_pass(plate.wrench, plate.rate_hz, STILL_HZ, OWN_FILTER)
+        wrench = interpolate(plate.time, slow, time)
         threshold = 0.5 * float(np.nanpercentile(wrench[:, 2], 90))
         wrench = _without_drift(time, wrench, wrench[:, 2] < 0.2 * threshold)
-        speed = np.linalg.norm(
-            np.gradient(smooth(marker, recording.markers.rate_hz, STILL_HZ), time, axis=0), axis=1
-        )
+        place = low_pass(marker, recording.markers.rate_hz, STILL_HZ, OWN_FILTER)
+        speed = np.linalg.norm(np.gradient(place, time, axis=0), axis=1)
         still = (speed < STILL_MPS) & (wrench[:, 2] > threshold)
         edges = np.flatnonzero(np.diff(still.astype(int), prepend=0, append=0))
         shortest = STILL_S * recording.markers.rate_hz

@@ -154,8 +154,8 @@ def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
         count = len(treadmill.accelerometers)
         text += (
             f" The model used {count} triaxial accelerometer{'s' * (count > 1)} and was fitted to "
-            "a recording of the empty, moving treadmill, low-passed at "
-            f"{treadmill.cutoff_hz:g} Hz."
+            "a recording of the empty, moving treadmill; its signals and the accelerations of "
+            f"every trial were low-passed with zero phase (−3 dB at {treadmill.cutoff_hz:g} Hz)."
         )
     return text
 

@@ -14,7 +14,7 @@ from hbm.markers import MarkerSet
 from hbm.motion import Motion
 from hbm.overrides import SegmentOverride
 from hbm.poses import segment_frames
-from hbm.signals.filtering import butterworth
+from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill, Trial
 from pipeline.config.study import Study
@@ -115,7 +115,7 @@ def process_recording(
     }
     ground = {
         name: {
-            foot: butterworth(wrench, motion.time, settings.cutoff_hz, settings.filter).value
+            foot: low_pass(wrench, motion.time, settings.cutoff_hz, settings.filter)
             for foot, wrench in by_foot.items()
         }
         for name, (by_foot, _) in shared.items()

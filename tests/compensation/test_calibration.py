@@ -9,6 +9,7 @@ import pytest
 from compensation.calibration import Calibration, from_json, to_json
 from compensation.inertia import Setup
 from compensation.inertia_fit import fit_inertia
+from hbm.signals.filtering import low_pass
 
 SETUP = Setup(sensors=("rear left", "front right"), rate_hz=100.0, cutoff_hz=20.0)
 
@@ -46,11 +47,42 @@ def test_reading_for_itself_needs_no_setup(calibration):
         ({"cutoff_hz": None}, "cutoff_hz 20.0, but the trial has None"),
         ({"acceleration_unit": "g"}, "acceleration_unit 'm/s²', but the trial has 'g'"),
         ({"wrench_unit": "N, N·mm"}, "wrench_unit"),
+        ({"filter_method": "realtime"}, "filter_method 'zero_phase', but the trial has 'realtime'"),
     ],
 )
 def test_a_trial_recorded_otherwise_is_refused_with_the_reason(calibration, change, message):
     with pytest.raises(ValueError, match=message):
         from_json(to_json(calibration), replace(SETUP, **change))
+
+
+def test_a_file_from_before_filters_were_named_was_filtered_with_zero_phase(calibration):
+    document = json.loads(to_json(calibration)) | {"version": 1}
+    for plate in document["plates"].values():
+        assert plate["setup"].pop("filter_method") == "zero_phase"
+    assert from_json(json.dumps(document), SETUP).plates["left"].setup == SETUP
+
+
+def test_the_filter_of_the_fit_comes_back_from_the_file(laboratory):
+    setup = replace(SETUP, cutoff_hz=8.0, filter_method="realtime")
+    trial = laboratory().random_trial(1, rate_hz=100, duration=20)
+    model = fit_inertia(trial.accelerations, trial.wrench, setup)
+    read = from_json(to_json(Calibration({"left": model}))).plates["left"].setup
+    signal = np.random.default_rng(0).normal(size=(500, 6))
+    np.testing.assert_array_equal(
+        read.low_pass(signal, 100.0), low_pass(signal, 100.0, 8.0, "realtime")
+    )
+
+
+def test_signals_of_an_unfiltered_fit_stay_as_they_are():
+    signal = np.random.default_rng(0).normal(size=(50, 6))
+    setup = replace(SETUP, cutoff_hz=None)
+    np.testing.assert_array_equal(setup.low_pass(signal, 100.0), signal)
+    replace(setup, filter_method="realtime")  # of no meaning there
+
+
+def test_a_filter_that_is_none_of_the_methods_is_refused():
+    with pytest.raises(ValueError, match="filter_method must be one of realtime, zero_phase, got"):
+        replace(SETUP, filter_method="double_pass")
 
 
 def damaged(text, **changes):
@@ -65,7 +97,7 @@ def damaged(text, **changes):
         (lambda text: text[:100], "not JSON"),
         (lambda text: "[1, 2]", "not a calibration"),
         (lambda text: "{}", "not a calibration"),
-        (lambda text: text.replace('"version": 1', '"version": 9'), "version 9"),
+        (lambda text: text.replace('"version": 2', '"version": 9'), "version 9"),
         (lambda text: text.replace('"provenance"', '"origin"'), "damaged: 'provenance'"),
         (lambda text: text.replace('"sigma"', '"sugma"'), "damaged"),
         (lambda text: damaged(text, gain=[[1.0] * 6]), "inertia model"),

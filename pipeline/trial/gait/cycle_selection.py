@@ -175,7 +175,7 @@ def sway_onsets(time: Array, lateral: Array) -> Array:
         Where its speed, low-passed at 6 Hz, first exceeds 0.1 m/s, (P,) [s]: some 0.05 s after the
         platform starts to move 5 cm at 0.3 m/s. A slow return does not count.
     """
-    smooth = low_pass(lateral, 1 / np.median(np.diff(time)), SWAY_CUTOFF_HZ)
+    smooth = low_pass(lateral, 1 / np.median(np.diff(time)), SWAY_CUTOFF_HZ, "zero_phase")
     fast = np.abs(np.gradient(smooth, time)) > SWAY_SPEED_MPS
     return _first_of_each(time[1:][fast[1:] & ~fast[:-1]])
 

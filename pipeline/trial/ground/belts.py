@@ -1,7 +1,8 @@
 """Belts: their speed in a recording, and the pitch moment that their acceleration leaves in plates.
 
-The model is fitted and used without delay: acceleration and moment go through the same zero-phase
-filter, so that its estimate can be taken off a plate's own samples.
+Acceleration and moment go through the same zero-phase low-pass, in the fit and in every trial: the
+model is fitted and used without delay, so that its estimate can be subtracted from a plate's own
+samples.
 """
 
 from collections.abc import Sequence
@@ -12,16 +13,17 @@ from typing import Final
 
 import numpy as np
 
-from compensation import BeltModel, fit_belt
+from compensation import BeltModel, belt_acceleration, fit_belt
+from hbm.signals.filtering import Method, low_pass
 from hbm.signals.resampling import interpolate
 from hbm.spatial import Array
 from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
-from pipeline.io.smoothing import smooth
 from pipeline.io.units import length_in_m
 from pipeline.trial.ground.calibration_recording import read_empty
 
 RATE_HZ: Final = 100.0
+FILTER: Final[Method] = "zero_phase"
 EDGE_S: Final = 0.5
 
 
@@ -104,7 +106,9 @@ def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
     models = []
     for plate, (time, acceleration) in _accelerations(recording, belt):
         moment = plate.wrench_in_plate[:, 3:] @ _side(plate)
-        slow = interpolate(plate.time, smooth(moment, plate.rate_hz, belt.cutoff_hz), time)
+        slow = interpolate(
+            plate.time, low_pass(moment, plate.rate_hz, belt.cutoff_hz, FILTER), time
+        )
         inside = (time > time[0] + EDGE_S) & (time < time[-1] - EDGE_S) & np.isfinite(slow)
         try:
             model = fit_belt(acceleration[inside], slow[inside] - slow[inside].mean())
@@ -186,6 +190,6 @@ def _accelerations(recording: Recording, belt: Belt) -> list[tuple[Plate, tuple[
         assert recording.analog is not None
         clock, rate = recording.analog.time, recording.analog.rate_hz
         at = np.arange(clock[0], clock[-1], 1 / RATE_HZ)
-        slow = smooth(np.gradient(speed, 1 / rate), rate, belt.cutoff_hz)
+        slow = belt_acceleration(speed, rate, belt.cutoff_hz, FILTER)
         result.append((plate, (at, interpolate(clock, slow, at))))
     return result

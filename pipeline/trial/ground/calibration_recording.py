@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from compensation import Calibration, Setup, fit_inertia, from_json
-from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import resample
 from pipeline.config.schema import Treadmill
 from pipeline.io.read import read_recording
@@ -43,10 +42,10 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
         raise ValueError(f"{recording.source.name}: the calibration recording has no force plates")
     clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
-    smooth = low_pass(readings, setup.rate_hz, treadmill.cutoff_hz)
+    smooth = setup.low_pass(readings, clock)
     models = {}
     for plate in recording.plates:
-        wrench = low_pass(plate.wrench_in_plate, setup.rate_hz, treadmill.cutoff_hz)
+        wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
         at = plate.time + treadmill.accelerometer_delay_s
         felt = smooth if at is clock else resample(clock, smooth, at)
         inside = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)

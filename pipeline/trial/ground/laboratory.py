@@ -123,7 +123,8 @@ def ground_wrenches(
         clock, readings = accelerations(recording, laboratory.treadmill)
         models = models_of(recording, laboratory)
         later = plate_delay_s + laboratory.treadmill.accelerometer_delay_s
-        felt = resample(clock, readings, time + later)
+        setup = setup_of(recording, laboratory.treadmill)
+        felt = resample(clock, setup.low_pass(readings, clock), time + later)
         variants["compensated"] = [
             _compensated(model, felt, wrench)
             for model, wrench in zip(
@@ -138,7 +139,10 @@ def ground_wrenches(
         known = readings[np.isfinite(readings).all(axis=1)]
         doubts = check_trial(models[0], known, laboratory.treadmill.accelerometer_range_g)
         notes += [f"warning: {doubt}" for doubt in doubts]
-        notes.append(f"compensated by {len(names)} accelerometers: {', '.join(names)}")
+        notes.append(
+            f"compensated by {len(names)} accelerometers: {', '.join(names)}; low-passed as in the "
+            f"calibration, {setup.filter_method} at {setup.cutoff_hz:g} Hz"
+        )
     platform = laboratory.treadmill.platform
     pose, said = platform_pose(recording, platform, time)
     notes += said

@@ -113,9 +113,9 @@ def residual_of(
 
 def fit_models(treadmill: InstrumentedTreadmill, recording: Recording) -> tuple[InertiaModel, ...]:
     """Calibrate both plates on a recording of the empty, moving treadmill."""
-    felt = low_pass(_felt(treadmill, recording), ANALOG_HZ, FIT_CUTOFF_HZ)
+    felt = low_pass(_felt(treadmill, recording), ANALOG_HZ, FIT_CUTOFF_HZ, "zero_phase")
     return tuple(
-        fit_inertia(felt, low_pass(plate.wrench_in_plate, ANALOG_HZ, FIT_CUTOFF_HZ))
+        fit_inertia(felt, low_pass(plate.wrench_in_plate, ANALOG_HZ, FIT_CUTOFF_HZ, "zero_phase"))
         for plate in recording.plates
     )
 

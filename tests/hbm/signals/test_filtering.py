@@ -1,15 +1,25 @@
 """The Butterworth filter: frequency response, derivatives, gaps, resampling."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.signal import bilinear, freqz, lfilter, lfilter_zi
+from scipy.signal import bilinear, butter, freqz, lfilter, lfilter_zi, sosfiltfilt
 
-from hbm.signals.filtering import Filtered, butterworth, low_pass
+from hbm.signals.filtering import (
+    DOUBLE_PASS_MINUS_3_DB,
+    Filtered,
+    LowPassMethod,
+    Method,
+    butterworth,
+    low_pass,
+)
 from hbm.signals.resampling import interpolate, resample
 
-METHODS = ("realtime", "zero_phase")
+METHODS = get_args(Method)
+LOW_PASS_METHODS = get_args(LowPassMethod)
 time = np.arange(1000) / 100
 middle = slice(200, -200)  # away from the ends, where a filter has to guess what came next
 
@@ -202,11 +212,65 @@ def test_results_are_read_only_and_of_one_shape():
         Filtered(np.zeros(3), np.zeros(2), np.zeros(3))
 
 
-def test_low_pass_is_the_zero_phase_value():
+@pytest.mark.parametrize("method", METHODS)
+def test_low_pass_gives_the_value_that_the_filter_with_derivatives_gives(method):
     signal = walk_like((2,))
     np.testing.assert_array_equal(
-        low_pass(signal, 100, 20), butterworth(signal, 100, 20, "zero_phase").value
+        low_pass(signal, 100, 20, method), butterworth(signal, 100, 20, method).value
     )
+
+
+def amplitude_left(frequency_hz, rate_hz, cutoff_hz, method):
+    """Measure what a filter leaves of a sine of amplitude 1, away from the ends."""
+    seconds = np.arange(0, 60, 1 / rate_hz)
+    phase = 2 * np.pi * frequency_hz * seconds
+    passed = low_pass(np.sin(phase), rate_hz, cutoff_hz, method)
+    settled = (seconds > 5) & (seconds < 55)
+    waves = np.column_stack([np.cos(phase), np.sin(phase)])
+    return np.hypot(*np.linalg.lstsq(waves[settled], passed[settled])[0])
+
+
+@pytest.mark.parametrize("rate_hz", [100, 1000])
+@pytest.mark.parametrize("cutoff_hz", [3, 6, 20])
+def test_at_the_cutoff_zero_phase_leaves_0_707_and_the_double_pass_half(cutoff_hz, rate_hz):
+    left = {m: amplitude_left(cutoff_hz, rate_hz, cutoff_hz, m) for m in LOW_PASS_METHODS}
+    assert left["zero_phase"] == pytest.approx(np.sqrt(0.5), rel=1e-6)
+    assert left["double_pass"] == pytest.approx(0.5, rel=1e-6)
+    assert left["realtime"] < np.sqrt(0.5)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "cutoff_hz", "half_power_hz"), [(100, 6, 5.930), (1000, 10, 9.9967)]
+)
+def test_realtime_reaches_minus_3_db_below_its_cutoff_where_the_documentation_says(
+    rate_hz, cutoff_hz, half_power_hz
+):
+    measured = amplitude_left(half_power_hz, rate_hz, cutoff_hz, "realtime")
+    assert measured == pytest.approx(np.sqrt(0.5), rel=1e-4)
+    assert f"{half_power_hz:.4g} Hz for {cutoff_hz} Hz" in " ".join(low_pass.__doc__.split())
+
+
+def test_the_double_pass_is_matlabs_filtfilt_of_a_second_order_butterworth():
+    signal = walk_like((2,))
+    expected = sosfiltfilt(butter(2, 6, fs=100, output="sos"), signal, axis=0)
+    passed = low_pass(signal, 100, 6, "double_pass")
+    np.testing.assert_allclose(passed[middle], expected[middle], atol=1e-9)
+
+
+def test_the_double_pass_is_the_zero_phase_filter_of_a_lower_cutoff():
+    signal, warped = walk_like(), np.tan(np.pi * 6 / 100) * DOUBLE_PASS_MINUS_3_DB
+    lower_hz = np.arctan(warped) * 100 / np.pi
+    assert lower_hz == pytest.approx(0.802 * 6, rel=5e-3)
+    np.testing.assert_allclose(
+        low_pass(signal, 100, 6, "double_pass")[middle],
+        low_pass(signal, 100, lower_hz, "zero_phase")[middle],
+        atol=1e-8,
+    )
+
+
+def test_derivatives_are_not_offered_of_the_double_pass():
+    with pytest.raises(ValueError, match='must be "realtime" or "zero_phase", got \'double_pass\''):
+        butterworth(walk_like(), 100, 6, "double_pass")
 
 
 plate_time = np.arange(10000) / 1000

@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from compensation import belt_acceleration, pitch_and_sway_signals, validation_signals
-from compensation import low_pass as low_pass_causal
+from compensation import belt_acceleration, low_pass, pitch_and_sway_signals, validation_signals
 from pipeline.calibration_ranking.belts import interaction, rank_belts
 from pipeline.calibration_ranking.effects import better_than_random, effects, kinds_by_random
 from pipeline.calibration_ranking.ranking import best_trials, rank_platform, ranked
@@ -159,7 +158,7 @@ def belt_trial(seed, name, leak=0.0):
     rng = np.random.default_rng(seed)
     speed = 2 + np.cumsum(rng.normal(0, 0.05, 6000)) * 0.1
     acceleration = belt_acceleration(speed, 100.0, 10.0)
-    moment = 4 * acceleration + low_pass_causal(rng.normal(0, 1, 6000), 100.0, 10.0)
+    moment = 4 * acceleration + low_pass(rng.normal(0, 1, 6000), 100.0, 10.0, "realtime")
     readings = rng.normal(0, 0.01, (6000, 2))
     readings[:, 1] += leak * acceleration
     return BeltTrial(name, acceleration, moment, readings, ("quiet", "shaken"))
@@ -208,7 +207,8 @@ def test_real_belts_lose_82_percent_of_their_pitch_moment(shared_data):
         time, moment, speed = np.loadtxt(path, skiprows=1).T
         even = np.arange(time[0], time[-1], 0.01)
         moment, speed = np.interp(even, time, moment), np.interp(even, time, speed)
-        a, m = belt_acceleration(speed, 100, 6.0), low_pass_causal(moment, 100, 6.0)
+        a = belt_acceleration(speed, 100, 6.0, "realtime")
+        m = low_pass(moment, 100, 6.0, "realtime")
         inside = slice(99, -100)
         trials.append(BeltTrial(f"run {n}", a[inside], m[inside], np.empty((0, 0)), ()))
     ranking, models = rank_belts(trials, trials[1:])

@@ -41,7 +41,7 @@ def test_the_study_is_told_as_it_was(usual):
         "platform's pose from 3 markers",
         "contact above 30 N",
         "2 triaxial accelerometers",
-        "low-passed at 20 Hz",
+        "low-passed with zero phase (−3 dB at 20 Hz)",
         "first 12 cycles of the right foot after 10 s",
         "contain a perturbation (onset from the platform's motion)",
         "paired t-tests",

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from compensation import belt_signals, pitch_and_sway_signals, validation_signals
+from hbm.signals.filtering import low_pass
 from pipeline.config.schema import Belt, Treadmill
 from pipeline.config.study import read_study
 from pipeline.config.validation import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
-from pipeline.io.smoothing import smooth
 from pipeline.trial.ground.belts import belt_axes, belt_speed, fit_belts
 from pipeline.trial.ground.laboratory import Laboratory, fit_calibration, ground_wrenches
 from pipeline.trial.process import process_trial
@@ -40,7 +40,9 @@ def left_over(recording, models, calibration=None):
     """RMS of the empty plate's pitch moment below 6 Hz, as measured and compensated [N·m]."""
     time = recording.markers.time[100:-100]
     ground = ground_wrenches(recording, Laboratory(TREADMILL, calibration, models), time, 0.0)
-    about = [smooth(plates[0][:, 4], 100.0, 6.0) for plates in ground.variants.values()]
+    about = [
+        low_pass(plates[0][:, 4], 100.0, 6.0, "zero_phase") for plates in ground.variants.values()
+    ]
     return [float(np.std(moment)) for moment in about]
 
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from compensation import Calibration, to_json
-from hbm.signals.filtering import butterworth
+from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.resampling import resample
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.recording import Analog
+from pipeline.io.units import acceleration_in_mps2
 from pipeline.trial.ground import calibration_recording
 from pipeline.trial.ground.laboratory import (
     Laboratory,
@@ -100,6 +101,39 @@ def test_a_pose_as_commanded_does_what_markers_do(walker, calibration, motions):
     budget = re.fullmatch(r"a pivot stated 1 cm off would add up to (.*) N·m", ground.notes[-1])
     # no more than 2 sin(φ/2) ε F: 10° and the vertical force, which peaks at some 1.4 body weights
     assert 0.5 < float(budget[1]) < 2 * np.sin(np.radians(5.3)) * 0.01 * 1.6 * 74.6 * 9.81
+
+
+@pytest.mark.parametrize("cutoff_hz", [10.0, 20.0])
+def test_accelerations_of_a_trial_pass_the_low_pass_of_the_calibration(walker, motions, cutoff_hz):
+    """A vibration of 30 Hz in a sensor reaches the prediction as weakened as in the fit."""
+    treadmill = TREADMILL.model_copy(update={"cutoff_hz": cutoff_hz})
+    empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
+    laboratory = Laboratory(treadmill, fit_calibration(empty, treadmill))
+    recording = lab.on_platform(walker, motions["both"])
+    analog = recording.analog
+    wave = np.sin(2 * np.pi * 30 * analog.time)
+    column = analog.names.index(next(iter(lab.CHANNELS.values()))[0])
+    values = analog.values.copy()
+    values[:, column] += wave
+    shaken = replace(recording, analog=replace(analog, values=values))
+
+    time = recording.markers.time
+    quiet, noisy = (
+        ground_wrenches(r, laboratory, time, 0.0).variants["compensated"][0]
+        for r in (recording, shaken)
+    )
+    model = laboratory.calibration.plates["plate 1"]
+    scale = acceleration_in_mps2(analog.units[column])
+    weakened = resample(analog.time, low_pass(wave, analog.time, cutoff_hz, "zero_phase"), time)
+    change = np.linalg.norm((noisy - quiet)[:, :3], axis=1)  # of the force: in any axes the same
+    expected = np.abs(weakened) * scale * np.linalg.norm(model.gain[0, :3])
+    np.testing.assert_allclose(change[INSIDE], expected[INSIDE], atol=1e-6)
+    assert np.abs(weakened[INSIDE]).max() < 0.4
+
+
+def test_the_note_on_compensation_names_its_filter(walker, calibration, motions):
+    _, ground = acting(lab.on_platform(walker, motions["sway"]), Laboratory(TREADMILL, calibration))
+    assert any("low-passed as in the calibration, zero_phase at 20 Hz" in n for n in ground.notes)
 
 
 def test_sensors_that_clip_are_told_by_their_own_range(walker, calibration, motions):
