@@ -71,6 +71,13 @@ def test_layers_hold():
     assert done.returncode == 0, done.stdout
 
 
+def test_the_tests_of_hbm_use_only_hbm():
+    for path in [*(ROOT / "tests" / "hbm").rglob("*.py"), ROOT / "tests" / "synthetic.py"]:
+        text = path.read_text(encoding="utf-8")
+        others = re.findall(r"^\s*(?:from|import) (?:compensation|pipeline)\b", text, re.MULTILINE)
+        assert not others, path
+
+
 def test_every_package_and_data_file_is_in_the_wheel():
     declared = set(PROJECT["tool"]["setuptools"]["packages"])
     patterns = PROJECT["tool"]["setuptools"]["package-data"]
