@@ -54,6 +54,14 @@ def read_recording(
         The content is of no known format, damaged, or needs another file beside it. One line.
     OSError
         A file cannot be opened.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> pipeline.read_recording("walk.c3d").markers.position.shape
+    (800, 46, 3)
     """
     path = Path(path)
     kind = file_format(path)

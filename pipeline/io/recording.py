@@ -139,6 +139,14 @@ class Recording:
         file's own units.
     notes
         What was inferred or changed on reading, as sentences for a person: axes, units, names.
+
+    Examples
+    --------
+    >>> import hbm, numpy as np, pipeline
+    >>> time = np.arange(50) / 100
+    >>> heel = hbm.Markers(time, ("LHEE",), np.zeros((50, 1, 3)))
+    >>> pipeline.Recording("heel.c3d", heel, metadata={"mass_kg": 74.6}).metadata["mass_kg"]
+    74.6
     """
 
     source: Path

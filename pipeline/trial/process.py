@@ -88,6 +88,16 @@ def process_recording(
     ------
     ValueError
         If the trial has no plates, no known markers, no usable mass, or is too short.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> walk = pipeline.read_c3d("walk.c3d")
+    >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
+    >>> f"{result.body.mass:.1f} kg, {len(result.cycles['right'])} gait cycles"
+    '74.6 kg, 3 gait cycles'
     """
     pose = static or recording
     _require_plates(recording)
@@ -172,7 +182,7 @@ def process_recording(
 
 
 def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) -> TrialResult:
-    """Process one trial of a study.
+    r"""Process one trial of a study.
 
     Parameters
     ----------
@@ -192,6 +202,19 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
     ------
     ValueError
         If there is no such trial, or it cannot be processed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import pipeline
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> _ = Path("study.toml").write_text("[conditions.level]")
+    >>> trials = '[trials.level]\nfile = "walk.c3d"'
+    >>> _ = Path("sub01.toml").write_text(f'id = "sub01"\nsex = "male"\n{trials}')
+    >>> result = pipeline.process_trial(pipeline.read_study("."), "sub01", "level")
+    >>> result.compensated is None
+    True
     """
     person, file = study.subject(subject), study.file
     rule = study.condition(condition)

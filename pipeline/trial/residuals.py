@@ -132,7 +132,22 @@ def in_cycles(result: TrialResult) -> Mask:
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
-    """Lay `residual_rows` out as a table."""
+    """Lay `residual_rows` out as a table.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> subject = pipeline.Subject(sex="male", mass_kg=74.6)
+    >>> walk = pipeline.read_c3d("walk.c3d")
+    >>> result = pipeline.process_recording(walk, subject, pipeline.Settings())
+    >>> table = pipeline.residual_table(result, "level")
+    >>> table[["axis", "unit"]].to_numpy().tolist()[:2]
+    [['Fx', 'N'], ['Fy', 'N']]
+    >>> bool(table["rms"].max() < 10.0)
+    True
+    """
     return pd.DataFrame(residual_rows(result, condition))
 
 

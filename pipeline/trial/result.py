@@ -51,6 +51,18 @@ class TrialResult:
         Segments whose inertia is not by the table alone.
     notes
         Whatever was inferred, locked, filled or refused, as sentences.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> walk = pipeline.read_c3d("walk.c3d")
+    >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
+    >>> result.motion.q.shape, result.measured.residual.shape
+    ((800, 46), (800, 6))
+    >>> sorted(result.ground["measured"])
+    ['left_foot', 'right_foot']
     """
 
     source: Path

@@ -88,6 +88,15 @@ def read_c3d(
         unknown units, plate types, contradictory axes, ambiguous subjects. One line.
     OSError
         The file cannot be opened.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> recording = pipeline.read_c3d("walk.c3d")
+    >>> len(recording.markers.names), recording.plates[0].rate_hz
+    (46, 1000.0)
     """
     path = Path(path)
     try:

@@ -64,6 +64,17 @@ def read_trc(
         or its axes cannot be inferred. One line.
     OSError
         The file cannot be opened.
+
+    Examples
+    --------
+    >>> import hbm, numpy as np, pipeline
+    >>> from pipeline.export.opensim_tables import write_trc
+    >>> standing = np.tile([[0.1, 0.1, 1.0], [0.1, -0.1, 1.0], [0.1, 0.1, 0.0]], (50, 1, 1))
+    >>> markers = hbm.Markers(np.arange(50) / 100, ("LASIS", "RASIS", "LMT2"), standing)
+    >>> write_trc(markers, "pose.trc")
+    >>> recording = pipeline.read_trc("pose.trc", axes="forward,left,up")
+    >>> recording.markers.names
+    ('LASIS', 'RASIS', 'LMT2')
     """
     path = Path(path)
     found = read_trajectories(path)

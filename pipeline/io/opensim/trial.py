@@ -59,6 +59,19 @@ def read_opensim_trial(
     Moment about the origin of force f at point p with torque t: p × f + t. Where a force is exactly
     zero its point has no meaning and is not used. MOT files often print times with so few digits
     that the steps look uneven; force times within a twentieth of a step of even ones become even.
+
+    Examples
+    --------
+    >>> import numpy as np, pipeline
+    >>> from pipeline.export.opensim_tables import write_external_loads, write_trc
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> walk = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> write_trc(pipeline.read_c3d("walk.c3d").markers, "walk.trc")
+    >>> feet = {"left_foot": walk.left, "right_foot": walk.right}
+    >>> write_external_loads(walk.time, feet, "walk_grf.mot")
+    >>> recording = pipeline.read_opensim_trial("walk.trc", "walk_grf.mot")
+    >>> len(recording.plates)
+    2
     """
     trc, grf_mot = Path(trc), Path(grf_mot)
     found, table = read_trajectories(trc), read_mot(grf_mot)
