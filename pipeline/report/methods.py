@@ -11,8 +11,8 @@ from pipeline.config.schema import Condition, Treadmill
 from pipeline.config.study import Study
 from pipeline.report.references import BIBTEX
 from pipeline.run.load import Results
-from pipeline.statistics.design import PAIRS, in_order
-from pipeline.statistics.verdict import MARGIN, listed
+from pipeline.statistics.design import PLANNED_PAIRS, in_order
+from pipeline.statistics.verdict import MARGIN, join_names
 from pipeline.trial.summary import TrialSummary
 
 HIP: Final = {
@@ -93,29 +93,29 @@ def _subjects(results: Results) -> str:
     return (
         f"The analysis covers {len(people)} subject{'s' * (len(people) > 1)} "
         f"({'; '.join([*counts, *measures])}) in the condition{'s' * (len(conditions) > 1)} "
-        f"{listed(conditions)}. {mass}; {height}."
+        f"{join_names(conditions)}. {mass}; {height}."
     )
 
 
 def _body(trials: Sequence[TrialSummary]) -> str:
-    sets = listed(sorted({trial.marker_set for trial in trials}))
-    hips = listed(sorted({HIP[trial.settings.hip][0] for trial in trials}))
-    offsets = listed(sorted({f"{trial.settings.marker_offset_m * 1000:g}" for trial in trials}))
+    sets = join_names(sorted({trial.marker_set for trial in trials}))
+    hips = join_names(sorted({HIP[trial.settings.hip][0] for trial in trials}))
+    offsets = join_names(sorted({f"{trial.settings.marker_offset_m * 1000:g}" for trial in trials}))
     sexes = {trial.subject.sex for trial in trials}
     table = "of the subject's sex" if "unspecified" not in sexes else "(the mean of both sexes)"
     if len(sexes) > 1 and "unspecified" in sexes:
         table = "of the subject's sex (the mean of both where it was not stated)"
     settings = [trial.settings for trial in trials]
     forms = [FILTERS[s.filter].format(cutoff_hz=s.cutoff_hz) for s in settings]
-    filters = listed(list(dict.fromkeys(forms)))
+    filters = join_names(list(dict.fromkeys(forms)))
     locked = sorted({name for trial in trials for name in trial.locked})
     known = {
-        f"{trial.subject.id}: {listed(trial.overridden_segments)}"
+        f"{trial.subject.id}: {join_names(trial.overridden_segments)}"
         for trial in trials
         if trial.overridden_segments
     }
     own = f", but for those stated of single segments ({'; '.join(sorted(known))})" if known else ""
-    kept = f" Coordinates that no marker shows were kept at neutral ({listed(locked)})."
+    kept = f" Coordinates that no marker shows were kept at neutral ({join_names(locked)})."
     return (
         "Motion was described by an open implementation of the Human Body Model (van den Bogert "
         "et al. 2013) with 46 coordinates. Each subject's body was built from a calibration pose "
@@ -131,9 +131,9 @@ def _body(trials: Sequence[TrialSummary]) -> str:
 
 def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
     delays = {trial.settings.plate_delay_s for trial in trials}
-    shifted = listed(sorted(f"{1000 * delay:g}" for delay in delays))
+    shifted = join_names(sorted(f"{1000 * delay:g}" for delay in delays))
     taken = f" {shifted} ms later than the markers" if delays != {0.0} else ""
-    thresholds = listed(sorted({f"{t.settings.contact_threshold_n:g}" for t in trials}))
+    thresholds = join_names(sorted({f"{t.settings.contact_threshold_n:g}" for t in trials}))
     text = (
         f"The plates' wrenches were resampled to the markers' times{taken}"
         f"{_moved(study.file.treadmill) if study else ''} and given to the foot that stood there "
@@ -213,10 +213,10 @@ def _tests(statistics: pd.DataFrame) -> list[str]:
         )
     if "paired t" in done:
         parts.append(
-            f"The {len(PAIRS)} planned pairs (IC against no IC in every condition; sway IC and "
-            "pitch IC against baseline without IC) were compared by paired t-tests and exact "
-            "Wilcoxon signed-rank tests with Bonferroni correction. A residual counted as back at "
-            "baseline if the upper end of the simultaneous 95 % confidence interval of its "
+            f"The {len(PLANNED_PAIRS)} planned pairs (IC against no IC in every condition; sway "
+            "IC and pitch IC against baseline without IC) were compared by paired t-tests and "
+            "exact Wilcoxon signed-rank tests with Bonferroni correction. A residual was at "
+            "baseline level if the upper end of the simultaneous 95 % confidence interval of its "
             f"difference from the baseline without IC was at most {100 * MARGIN:g} % of that "
             "baseline (non-inferiority; Schuirmann 1987)."
         )
@@ -230,7 +230,7 @@ def _tests(statistics: pd.DataFrame) -> list[str]:
         if test in done
     ]
     if checks:
-        parts.append(f"Results were checked by {listed(checks)}.")
+        parts.append(f"Results were checked by {join_names(checks)}.")
     for name in sorted(test for test in done if test.startswith("RM-ANOVA with ")):
         covariates = name.removeprefix("RM-ANOVA with ").replace("height_m", "stature")
         parts.append(f"The influence of {covariates} was tested by adding them as covariates.")
@@ -239,13 +239,13 @@ def _tests(statistics: pd.DataFrame) -> list[str]:
 
 def _software(trials: Sequence[TrialSummary], statistics: pd.DataFrame) -> str:
     versions = trials[0].versions
-    own = listed(sorted({trial.versions["hbm-residuals"] for trial in trials}))
+    own = join_names(sorted({trial.versions["hbm-residuals"] for trial in trials}))
     others = [f"{name} {versions[name.lower()]}" for name in ("CasADi", "NumPy", "SciPy")]
     if statistics["p_corrected"].notna().any():
         others.append(f"pingouin {version('pingouin')}")
     return (
         f"All was computed with hbm-residuals {own} on Python {platform.python_version()} with "
-        f"{listed(others)}."
+        f"{join_names(others)}."
     )
 
 

@@ -14,13 +14,17 @@ from pipeline.statistics.verdict import BASELINE, MARGIN, Verdict, headline
 from pipeline.trial.residuals import AXES, DIRECTIONS
 
 WORDS: Final = {
-    "yes": ("✔", "back at baseline"),
-    "no": ("✖", "above baseline"),
-    "open": ("?", "cannot be told"),
-    "size only": ("○", "size only"),
+    "at baseline": ("✔", "at baseline level"),
+    "above": ("✖", "above baseline"),
+    "inconclusive": ("?", "inconclusive"),
+    "no interval": ("○", "no interval"),
     "no data": ("–", "no data"),
 }
-WORDS_BASELINE: Final = WORDS | {"yes": ("✔", "left alone"), "no": ("✖", "raised")}
+WORDS_BASELINE: Final = WORDS | {
+    "at baseline": ("✔", "unchanged"),
+    "above": ("✖", "increased"),
+}
+CSS_CLASSES: Final = {"at baseline": "yes", "above": "no", "inconclusive": "open"}
 JUDGED: Final = (*CONDITIONS[1:], BASELINE)
 """The question first, then the check on the baseline."""
 
@@ -72,7 +76,7 @@ def verdict_section(
 
 
 def _question(condition: str) -> str:
-    return "left alone" if condition == BASELINE else "back at baseline"
+    return "unchanged" if condition == BASELINE else "at baseline level"
 
 
 def _why_not(residuals: pd.DataFrame, most: int) -> str:
@@ -94,7 +98,7 @@ def _why_not(residuals: pd.DataFrame, most: int) -> str:
 def _cell(verdict: Verdict, reach: float, most: int) -> Element:
     words = WORDS_BASELINE if verdict.condition == BASELINE else WORDS
     symbol, said = words[verdict.answer]
-    kind = verdict.answer if verdict.answer in ("yes", "no", "open") else "none"
+    kind = CSS_CLASSES.get(verdict.answer, "none")
     mark = element("span", f"{symbol} {said}", class_="mark")
     if not verdict.n:
         return element("div", mark, class_=kind)

@@ -11,15 +11,22 @@ from hbm.spatial import Array
 from pipeline.statistics.design import (
     CELLS,
     CONDITIONS,
-    PAIRS,
+    PLANNED_PAIRS,
     Row,
-    as_note,
     complete_subjects,
+    join_notes,
     not_computed,
-    smallest_p,
+    smallest_p_note,
 )
 from pipeline.statistics.omnibus import covariate_rows, factorial_rows
-from pipeline.statistics.paired import Estimate, PairedComparison, compare_paired
+from pipeline.statistics.paired import IntervalEstimate, PairedComparison, compare_paired
+
+MIN_SUBJECTS = 2
+"""A single subject has no variance."""
+MIN_SUBJECTS_FRIEDMAN = 3
+"""Below, the chi-square approximation does not hold."""
+MIN_DIFFERENCES_SHAPIRO = 4
+"""pingouin requires at least four values."""
 
 
 def statistics(
@@ -41,7 +48,7 @@ def statistics(
         One row per subject of the study: subject and the covariates. Subjects without residuals
         are reported. None leaves the covariates out.
     covariates
-        Columns of `subjects` that enter one model together: texts as groups, numbers as slopes.
+        Columns of `subjects` that enter one model together: text as groups, numbers as slopes.
     centre
         Centre the covariates (see `repeated_measures_glm`); False as in SPSS.
     alpha
@@ -61,7 +68,8 @@ def statistics(
     Notes
     -----
     Each test takes all subjects who have the cells it needs; the others are named in its note.
-    The five planned pairs are corrected within a residual, as in the thesis, not over all six.
+    The five planned pairs are corrected for within a residual, as in the thesis, not over all six
+    residuals.
     """
     _check(residuals)
     if subjects is not None:
@@ -75,8 +83,9 @@ def statistics(
         cells = group.pivot(index="subject", columns="cell", values="rms")
         cells = cells.reindex(index=everyone, columns=list(CELLS))
         measured = int(cells.notna().any(axis=1).sum())
-        if measured < 2:
-            tests = [not_computed("all", "", measured, 2, complete_subjects(cells)[1])]
+        if measured < MIN_SUBJECTS:
+            missing = complete_subjects(cells)[1]
+            tests = [not_computed("all", "", measured, MIN_SUBJECTS, missing)]
         else:
             tests = [*factorial_rows(cells, alpha), *_friedman(cells), *_pairs(cells, alpha)]
             if subjects is not None:
@@ -118,22 +127,22 @@ def _check_subjects(subjects: pd.DataFrame, covariates: Sequence[str]) -> None:
 
 
 def _friedman(cells: pd.DataFrame) -> Iterator[Row]:
-    """Friedman's test, which is one-way: over all cells, and over the conditions at each IC."""
+    """Friedman's one-way test over all cells, and over the conditions without and with IC."""
     import pingouin
 
-    one_way = "one-way over six cells: cannot separate IC, condition and their interaction"
-    for effect, columns, meaning in (
-        ("six cells", CELLS, one_way),
+    limitation = "one-way over six cells: does not separate IC, condition and their interaction"
+    for effect, columns, note in (
+        ("six cells", CELLS, limitation),
         ("condition, no IC", CELLS[:3], ""),
         ("condition, IC", CELLS[3:], ""),
     ):
         complete, missing = complete_subjects(cells[list(columns)])
-        if len(complete) < 3:
-            yield not_computed("Friedman", effect, len(complete), 3, missing)
+        if len(complete) < MIN_SUBJECTS_FRIEDMAN:
+            yield not_computed("Friedman", effect, len(complete), MIN_SUBJECTS_FRIEDMAN, missing)
             continue
         if (complete.nunique(axis=1) == 1).all():
             reason = "not computed: every subject has the same value in all cells"
-            yield Row("Friedman", effect, n=len(complete), note=as_note(reason, missing))
+            yield Row("Friedman", effect, n=len(complete), note=join_notes(reason, missing))
             continue
         found = pingouin.friedman(complete).iloc[0]
         yield Row(
@@ -144,7 +153,7 @@ def _friedman(cells: pd.DataFrame) -> Iterator[Row]:
             effect_size_name="Kendall's W",
             effect_size=float(found["W"]),
             n=len(complete),
-            note=as_note(meaning, missing),
+            note=join_notes(note, missing),
         )
 
 
@@ -152,11 +161,12 @@ def _pairs(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
     """Compare the five planned pairs: normality, tests with both corrections, estimates."""
     found: dict[str, PairedComparison] = {}
     missing: dict[str, str] = {}
-    for first, second in PAIRS:
+    for first, second in PLANNED_PAIRS:
         effect = f"{first} - {second}"
         complete, missing[effect] = complete_subjects(cells[[first, second]])
-        if len(complete) < 2:
-            yield not_computed("planned pair", effect, len(complete), 2, missing[effect])
+        n = len(complete)
+        if n < MIN_SUBJECTS:
+            yield not_computed("planned pair", effect, n, MIN_SUBJECTS, missing[effect])
             continue
         differences = (complete[first] - complete[second]).to_numpy()
         found[effect] = compare_paired(differences)
@@ -170,9 +180,9 @@ def _pairs(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
         p = np.array([getattr(compared, p_name) for compared in found.values()])
         for correction, corrected in _corrected(p).items():
             for effect, p_corrected in zip(found, corrected, strict=True):
-                limit = smallest_p(found[effect].n, len(PAIRS), alpha)
+                limit = smallest_p_note(found[effect].n, len(PLANNED_PAIRS), alpha)
                 notes = (limit * (test == "Wilcoxon exact"), missing[effect])
-                row = _pair_test(test, effect, found[effect], as_note(*notes))
+                row = _pair_test(test, effect, found[effect], join_notes(*notes))
                 yield replace(row, correction=correction, p_corrected=float(p_corrected))
 
     for effect, compared in found.items():
@@ -188,29 +198,29 @@ def _pairs(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
 def _pair_test(test: str, effect: str, compared: PairedComparison, note: str) -> Row:
     n = compared.n
     if test == "paired t":
-        note = as_note("not computed: all differences are equal" * isnan(compared.t), note)
+        note = join_notes("not computed: all differences are equal" * isnan(compared.t), note)
         row = Row(test, effect, "t", compared.t, n - 1, p_uncorrected=compared.p_t, n=n, note=note)
         return _with_size(row, "Hedges' g", compared.g)
-    note = as_note("not computed: all differences are zero" * isnan(compared.w), note)
+    note = join_notes("not computed: all differences are zero" * isnan(compared.w), note)
     p = compared.p_exact if test == "Wilcoxon exact" else compared.p_asymptotic
     row = Row(test, effect, "W", compared.w, p_uncorrected=p, n=n, note=note)
-    return _with_size(row, "rank-biserial", Estimate(compared.rank_biserial))
+    return _with_size(row, "rank-biserial", IntervalEstimate(compared.rank_biserial))
 
 
-def _with_size(row: Row, name: str, size: Estimate) -> Row:
+def _with_size(row: Row, name: str, size: IntervalEstimate) -> Row:
     return replace(
         row, effect_size_name=name, effect_size=size.value, ci_low=size.low, ci_high=size.high
     )
 
 
 def _corrected(p: Array) -> dict[str, Array]:
-    """Correct for the five planned pairs, also where one of them could not be tested."""
+    """Correct for all planned pairs, also where one of them could not be tested."""
     import pingouin
 
-    planned = np.ones(len(PAIRS))
+    planned = np.ones(len(PLANNED_PAIRS))
     planned[: len(p)] = np.nan_to_num(p, nan=1.0)
     return {
-        f"{name} x{len(PAIRS)}": np.where(
+        f"{name} x{len(PLANNED_PAIRS)}": np.where(
             np.isnan(p), np.nan, pingouin.multicomp(planned, method=method)[1][: len(p)]
         )
         for name, method in (("Bonferroni", "bonf"), ("Holm", "holm"))
@@ -218,15 +228,15 @@ def _corrected(p: Array) -> dict[str, Array]:
 
 
 def _normality(effect: str, differences: Array, missing: str) -> Row:
-    """Test the differences, not the cells: they are what a paired t-test takes as normal."""
+    """Test the differences, whose normality the paired t-test assumes, not the cells."""
     import pingouin
 
     test, n = "Shapiro-Wilk of the differences", len(differences)
-    if n < 4:
-        return not_computed(test, effect, n, 4, missing)
+    if n < MIN_DIFFERENCES_SHAPIRO:
+        return not_computed(test, effect, n, MIN_DIFFERENCES_SHAPIRO, missing)
     if np.ptp(differences) == 0:
         reason = "not computed: all differences are equal"
-        return Row(test, effect, n=n, note=as_note(reason, missing))
+        return Row(test, effect, n=n, note=join_notes(reason, missing))
     found = pingouin.normality(differences).iloc[0]
     p = float(found["pval"])
     return Row(

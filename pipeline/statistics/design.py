@@ -1,4 +1,4 @@
-"""The 2 x 3 design of experiment 3, and one line of its table of statistics."""
+"""The 2 x 3 design of experiment 3, and one row of its table of statistics."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -8,8 +8,9 @@ import pandas as pd
 
 CONDITIONS = ("baseline", "sway", "pitch")
 CELLS = tuple(f"{condition} {ic}" for ic in ("no IC", "IC") for condition in CONDITIONS)
+"""Without and with inertia compensation (IC); the condition varies fastest."""
 FACTORS = ("IC", "condition")
-PAIRS = (
+PLANNED_PAIRS = (
     ("baseline IC", "baseline no IC"),
     ("sway IC", "sway no IC"),
     ("pitch IC", "pitch no IC"),
@@ -20,20 +21,20 @@ PAIRS = (
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the table: a test, or an estimate, of one effect on one residual.
+    """One row of the table: a test, or an estimate, of one effect on one residual.
 
     Attributes
     ----------
     test, effect
-        Which test, and of what: factors joined by colons, comparisons as "first - second".
+        Name of the test and its effect: factors joined by colons, pairs as "first - second".
     statistic_name, statistic, df1, df2
         The test statistic and its degrees of freedom, with sphericity assumed.
     p_uncorrected, p_corrected, correction
-        The p-value of the test alone, and the one to read with what was done to it: "none",
-        "Greenhouse-Geisser" where sphericity is rejected or cannot be tested, "Bonferroni x5",
-        "Holm x5".
+        The p-value of the test alone, the one to report, and how it was corrected: "none",
+        "Greenhouse-Geisser" where sphericity is rejected or cannot be tested, "Bonferroni x5" or
+        "Holm x5" for the five planned pairs.
     epsilon
-        Greenhouse–Geisser epsilon, whether used or not.
+        Greenhouse–Geisser epsilon, whether applied or not.
     effect_size_name, effect_size, ci_low, ci_high
         Effect size, and its 95 % confidence interval where it has one.
     power
@@ -41,7 +42,7 @@ class Row:
     n
         Subjects in this test.
     note
-        Who is missing, what could not be computed, what the test cannot tell.
+        Subjects left out, what could not be computed, and limitations of the test.
     """
 
     test: str
@@ -70,7 +71,7 @@ def in_order(conditions: Iterable[str]) -> list[str]:
 
 
 def complete_subjects(cells: pd.DataFrame) -> tuple[pd.DataFrame, str]:
-    """Give the subjects (rows) who have all cells, and a sentence that names the others."""
+    """Give the subjects (rows) who have all cells, and a note that names the others."""
     gaps = [
         f"{subject} (no {', '.join(cells.columns[gap])})"
         for subject, gap in zip(cells.index, cells.isna().to_numpy(), strict=True)
@@ -79,18 +80,18 @@ def complete_subjects(cells: pd.DataFrame) -> tuple[pd.DataFrame, str]:
     return cells.dropna(), f"without {', '.join(gaps)}" if gaps else ""
 
 
-def as_note(*sentences: str) -> str:
-    """Join what there is to say into one note."""
-    return "; ".join(sentence for sentence in sentences if sentence)
+def join_notes(*notes: str) -> str:
+    """Join the notes that are not empty."""
+    return "; ".join(note for note in notes if note)
 
 
 def not_computed(test: str, effect: str, n: int, needed: int, missing: str) -> Row:
     """Give the row of a test that has too few complete subjects."""
     reason = f"not computed: needs at least {needed} complete subjects, got {n}"
-    return Row(test, effect, n=n, note=as_note(reason, missing))
+    return Row(test, effect, n=n, note=join_notes(reason, missing))
 
 
-def smallest_p(n: int, comparisons: int, alpha: float) -> str:
-    """Say so where an exact test of n subjects cannot become significant."""
+def smallest_p_note(n: int, comparisons: int, alpha: float) -> str:
+    """Give a note where an exact test of n subjects cannot become significant, else none."""
     smallest = min(1.0, comparisons * 2.0 ** (1 - n))
-    return f"with {n} subjects never below {smallest:.3g}" if smallest > alpha else ""
+    return f"smallest possible p with {n} subjects: {smallest:.3g}" if smallest > alpha else ""

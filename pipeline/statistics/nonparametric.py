@@ -1,4 +1,4 @@
-"""Tests of a repeated-measures design without a normal distribution."""
+"""Tests of a repeated-measures design that do not assume normality."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,20 +9,26 @@ from scipy import stats
 from hbm.spatial import Array
 from pipeline.statistics.rm_glm import ROUNDING, orthonormal_contrasts
 
-MOST_SUBJECTS_ENUMERATED = 18
+MAX_SUBJECTS_ENUMERATED = 18
+"""2¹⁷ sign patterns are computed within a second; every further subject doubles them."""
 RANDOM_PATTERNS = 99_999
+"""Monte Carlo standard error of p = 0.05: 0.0007."""
+EQUAL_EFFECTS = 1e-10
+"""Relative difference up to which two effects are equal but for rounding."""
+TIE_DIGITS = 10
+"""Aligned values that agree to this many digits of the largest value are ties."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignFlip:
-    """A sign-flip test: its p-value, and out of how many sign patterns.
+    """Result of a sign-flip permutation test.
 
     Attributes
     ----------
     p
         Share of the sign patterns whose effect is at least as large as the one observed.
     patterns
-        Patterns looked at; a pattern and its negative give the same effect and count once.
+        Patterns evaluated; a pattern and its negative give the same effect and count once.
     exact
         True if these are all patterns, False if they are a random sample.
     """
@@ -42,7 +48,12 @@ def sign_flip(values: Array, tested: Sequence[bool], *, seed: int = 0) -> SignFl
     tested
         For each factor, whether it takes part in the effect.
     seed
-        Of the random patterns that replace the full list beyond 18 subjects.
+        Of the random patterns that replace the full enumeration beyond 18 subjects.
+
+    Returns
+    -------
+    SignFlip
+        The p-value and how it was found.
 
     Raises
     ------
@@ -51,10 +62,10 @@ def sign_flip(values: Array, tested: Sequence[bool], *, seed: int = 0) -> SignFl
 
     Notes
     -----
-    Without the effect a subject's contrast vector is as likely as its negative, so all sign
+    Under the null hypothesis a subject's contrast vector is as likely as its negative, so all sign
     patterns are equally likely (Fisher 1935; Pesarin & Salmaso 2010). The sum of squares of the
     effect orders the patterns as F does, because flips leave the total unchanged. Sphericity is
-    not assumed. The smallest p possible is 2 / 2ⁿ.
+    not assumed. The smallest possible p is 2 / 2ⁿ.
     """
     values = np.asarray(values, float)
     n, *levels = values.shape
@@ -62,15 +73,15 @@ def sign_flip(values: Array, tested: Sequence[bool], *, seed: int = 0) -> SignFl
         raise ValueError(f"a sign-flip test needs at least 2 subjects, got {n}")
     contrasts = values.reshape(n, -1) @ orthonormal_contrasts(levels, tested)
     contrasts[np.abs(contrasts) < ROUNDING * np.abs(values).max()] = 0
-    exact = n <= MOST_SUBJECTS_ENUMERATED
+    exact = n <= MAX_SUBJECTS_ENUMERATED
     if exact:
         bits = np.arange(2 ** (n - 1))[:, None] >> np.arange(n)
     else:
         bits = np.random.default_rng(seed).integers(0, 2, (RANDOM_PATTERNS + 1, n))
-        bits[0] = 0  # the pattern observed is one of the sample
+        bits[0] = 0  # the observed pattern belongs to the sample
     signs = 1 - 2 * (bits & 1)
     effect = np.sum((signs @ contrasts) ** 2, axis=1)
-    at_least = effect >= effect[0] * (1 - 1e-10)  # equal but for rounding counts as equal
+    at_least = effect >= effect[0] * (1 - EQUAL_EFFECTS)
     return SignFlip(float(at_least.mean()), len(signs), exact)
 
 
@@ -87,13 +98,13 @@ def aligned_ranks(values: Array, tested: Sequence[bool]) -> Array:
     Returns
     -------
     Array
-        Mid-ranks over all values, of the same shape. Analyse them as values were and read only
-        the row of this effect.
+        Mid-ranks over all values, of the same shape; to be analysed like the values, for this
+        effect only.
 
     Notes
     -----
-    Aligned rank transform (Wobbrock et al. 2011): what remains of a value beside the mean of its
-    cell, plus the estimate of this effect alone, so that no other effect reaches the ranks.
+    Aligned rank transform (Wobbrock et al. 2011): the deviation of each value from its cell's mean
+    plus the estimate of this effect alone, so that no other effect reaches the ranks.
     """
     values = np.asarray(values, float)
     cell_means = values.mean(axis=0)
@@ -103,7 +114,7 @@ def aligned_ranks(values: Array, tested: Sequence[bool]) -> Array:
         estimate = estimate - mean if is_tested else np.broadcast_to(mean, estimate.shape)
     aligned = values - cell_means + estimate
     size = np.abs(values).max() or 1.0
-    return stats.rankdata(np.round(aligned / size, 10)).reshape(values.shape)
+    return stats.rankdata(np.round(aligned / size, TIE_DIGITS)).reshape(values.shape)
 
 
 def kendalls_w(scores: Array) -> tuple[float, float, float]:
@@ -113,8 +124,8 @@ def kendalls_w(scores: Array) -> tuple[float, float, float]:
     ----------
     scores
         Scores that each judge (row) gives to each item (column), (judges, items); ties are
-        corrected for. Subjects and conditions in Friedman's test; validation columns and
-        calibration trials in a ranking.
+        corrected for. In Friedman's test the judges are subjects and the items conditions; in a
+        ranking of calibration trials they are validation trials and calibration trials.
 
     Returns
     -------
@@ -129,8 +140,8 @@ def kendalls_w(scores: Array) -> tuple[float, float, float]:
 
     Notes
     -----
-    Kendall & Babington Smith (1939); W = chi-square / (judges · (items − 1)). Judges who all
-    tie all items have no concordance: NaN.
+    Kendall & Babington Smith (1939); W = chi-square / (judges · (items − 1)). Without any
+    differences between items W is undefined: NaN.
     """
     scores = np.asarray(scores, float)
     judges, items = scores.shape

@@ -1,4 +1,4 @@
-"""Tests of compensation, condition and their interaction as rows of the table of statistics."""
+"""Omnibus tests of compensation, condition and their interaction, with and without covariates."""
 
 from collections.abc import Iterator
 from math import isnan
@@ -10,19 +10,20 @@ from pipeline.statistics.design import (
     CONDITIONS,
     FACTORS,
     Row,
-    as_note,
     complete_subjects,
+    join_notes,
     not_computed,
-    smallest_p,
+    smallest_p_note,
 )
 from pipeline.statistics.nonparametric import aligned_ranks, sign_flip
 from pipeline.statistics.rm_glm import GlmTerm, repeated_measures_glm
 
 LEVELS = (2, len(CONDITIONS))
+MIN_SUBJECTS = 2
 
 
 def factorial_rows(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
-    """Test both factors and their interaction: analysis of variance, sign flips, aligned ranks.
+    """Test both factors and their interaction: ANOVA, sign-flip permutations, aligned ranks.
 
     Parameters
     ----------
@@ -30,11 +31,16 @@ def factorial_rows(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
         One row per subject, one column per cell in the order of `CELLS`; NaN is missing.
     alpha
         Level of significance for Mauchly's test and the observed power.
+
+    Yields
+    ------
+    Row
+        Mauchly's test, F, sign-flip permutation test and aligned-rank F of each effect.
     """
     complete, missing = complete_subjects(cells)
     n = len(complete)
-    if n < 2:
-        yield not_computed("RM-ANOVA", "", n, 2, missing)
+    if n < MIN_SUBJECTS:
+        yield not_computed("RM-ANOVA", "", n, MIN_SUBJECTS, missing)
         return
     values = complete.to_numpy().reshape(n, *LEVELS)
     for term in repeated_measures_glm(values, FACTORS, alpha=alpha):
@@ -51,7 +57,7 @@ def factorial_rows(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
             p_corrected=flips.p,
             correction="none",
             n=n,
-            note=as_note(patterns, smallest_p(n, 1, alpha), missing),
+            note=join_notes(patterns, smallest_p_note(n, 1, alpha), missing),
         )
 
         ranked = repeated_measures_glm(aligned_ranks(values, tested), FACTORS, alpha=alpha)
@@ -62,26 +68,31 @@ def factorial_rows(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
 def covariate_rows(
     cells: pd.DataFrame, covariates: pd.DataFrame, *, centre: bool, alpha: float
 ) -> Iterator[Row]:
-    """Test both factors beside subject-level variables, and the interactions with them.
+    """Test both factors and their interactions with between-subject covariates.
 
     Parameters
     ----------
     cells
         As in `factorial_rows`.
     covariates
-        One row per subject, indexed as `cells`: texts are groups, numbers are slopes.
+        One row per subject, indexed as `cells`; columns of text are groups, of numbers slopes.
     centre, alpha
         As in `repeated_measures_glm`.
+
+    Yields
+    ------
+    Row
+        Mauchly's test and F of each effect.
     """
     complete, missing = complete_subjects(cells.join(covariates))
     n = len(complete)
     names = [str(name) for name in covariates]
     varying = [name for name in names if complete[name].nunique() > 1]
-    same = [f"{name} left out: the same for all" for name in names if name not in varying]
+    same = [f"{name} left out: the same for all subjects" for name in names if name not in varying]
     test = f"RM-ANOVA with {' and '.join(varying or names)}"
     notes = (*same, "" if centre else "covariates not centred", missing)
     if not varying:
-        yield Row(test, "", n=n, note=as_note("not computed", *notes))
+        yield Row(test, "", n=n, note=join_notes("not computed", *notes))
         return
     try:
         terms = repeated_measures_glm(
@@ -92,18 +103,18 @@ def covariate_rows(
             alpha=alpha,
         )
     except ValueError as error:
-        yield Row(test, "", n=n, note=as_note(f"not computed: {error}", *notes))
+        yield Row(test, "", n=n, note=join_notes(f"not computed: {error}", *notes))
         return
     for term in terms:
         effect = ":".join(filter(None, (*term.within, term.between)))
-        yield from _mauchly(test, effect, term, n, as_note(*notes))
-        yield _f_test(test, effect, term, n, as_note(*notes), alpha)
+        yield from _mauchly(test, effect, term, n, join_notes(*notes))
+        yield _f_test(test, effect, term, n, join_notes(*notes), alpha)
 
 
 def _f_test(test: str, effect: str, term: GlmTerm, n: int, note: str, alpha: float) -> Row:
     if isnan(term.f):
-        reason = "not computed: the effect is the same for every subject, there is no error term"
-        return Row(test, effect, n=n, note=as_note(reason, note))
+        reason = "not computed: no error term, the effect does not vary between subjects"
+        return Row(test, effect, n=n, note=join_notes(reason, note))
     spherical = "condition" not in term.within or term.mauchly_p >= alpha
     sphericity = ""
     if "condition" in term.within:
@@ -123,12 +134,12 @@ def _f_test(test: str, effect: str, term: GlmTerm, n: int, note: str, alpha: flo
         effect_size=term.partial_eta_squared,
         power=term.power if spherical else term.power_gg,
         n=n,
-        note=as_note(sphericity, note),
+        note=join_notes(sphericity, note),
     )
 
 
 def _mauchly(test: str, effect: str, term: GlmTerm, n: int, note: str) -> Iterator[Row]:
-    """Give Mauchly's test of a within effect, if it has sphericity to test and subjects for it."""
+    """Give Mauchly's test of a within effect that has more than one contrast."""
     if not term.between and not isnan(term.mauchly_p):
         yield Row(
             *(f"Mauchly, {test}", effect, "W", term.mauchly_w),

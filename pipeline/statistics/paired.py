@@ -1,4 +1,4 @@
-"""What nine paired differences can tell: tests, effect sizes, confidence intervals."""
+"""Paired comparisons in small samples: tests, effect sizes, confidence intervals."""
 
 from dataclasses import dataclass
 from math import ceil, exp, lgamma, log10, nan, sqrt
@@ -8,13 +8,17 @@ from scipy import optimize, stats
 
 from hbm.spatial import Array
 
-TIE_DIGITS = 12  # differences that agree in so many digits of the largest are ties
-LARGEST_T = 1e4  # beyond it SciPy's noncentral t distribution is not a number
+TIE_DIGITS = 12
+"""Differences that agree to this many digits of the largest are ties; the rest is rounding."""
+MAX_ABS_T = 1e4
+"""Beyond it SciPy's noncentral t distribution returns NaN."""
+TAIL = 0.025
+"""Probability outside a 95 % confidence interval, on either side."""
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
-    """A value with its 95 % confidence interval; NaN where the sample cannot give it."""
+class IntervalEstimate:
+    """A value with its 95 % confidence interval; NaN where the sample is too small for one."""
 
     value: float = nan
     low: float = nan
@@ -23,7 +27,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class PairedComparison:
-    """Paired t-test, Wilcoxon signed-rank test, and how large the difference is.
+    """Paired t-test, Wilcoxon signed-rank test and effect sizes of one comparison.
 
     Attributes
     ----------
@@ -36,7 +40,7 @@ class PairedComparison:
     dz
         Cohen's dz, mean / SD of the differences; interval from the noncentral t distribution.
     g
-        Hedges' g, dz without its small-sample bias.
+        Hedges' g: dz corrected for its small-sample bias.
     w
         Smaller of the two sums of signed ranks.
     p_exact, p_asymptotic
@@ -49,25 +53,30 @@ class PairedComparison:
     """
 
     n: int
-    mean: Estimate
+    mean: IntervalEstimate
     t: float
     p_t: float
-    dz: Estimate
-    g: Estimate
+    dz: IntervalEstimate
+    g: IntervalEstimate
     w: float
     p_exact: float
     p_asymptotic: float
     rank_biserial: float
-    shift: Estimate
+    shift: IntervalEstimate
 
 
 def compare_paired(differences: Array) -> PairedComparison:
-    """Compare paired values through their differences.
+    """Compare paired values by their differences.
 
     Parameters
     ----------
     differences
-        One per subject, (n,).
+        One per subject, (n,), in any unit.
+
+    Returns
+    -------
+    PairedComparison
+        Tests and estimates.
 
     Raises
     ------
@@ -78,7 +87,7 @@ def compare_paired(differences: Array) -> PairedComparison:
     -----
     Interval of dz: Cumming & Finch (2001). Bias of dz: Hedges (1981). Rank-biserial: Kerby
     (2014). Zeros are dropped before ranking, as Wilcoxon (1945) did, and kept for the shift
-    (Hodges & Lehmann 1963). A t-test of differences that are all the same does not exist: NaN.
+    (Hodges & Lehmann 1963). The t-test of differences that are all equal is undefined: NaN.
     """
     differences = np.asarray(differences, float)
     if len(differences) < 2 or not np.isfinite(differences).all():
@@ -90,34 +99,34 @@ def compare_paired(differences: Array) -> PairedComparison:
     if np.ptp(rounded) > 0:
         t = mean / sd * sqrt(n)
         p_t = float(2 * stats.t.sf(abs(t), n - 1))
-    half = float(stats.t.isf(0.025, n - 1)) * sd / sqrt(n)
-    dz = _standardised(t, n)
+    half = float(stats.t.isf(TAIL, n - 1)) * sd / sqrt(n)
+    dz = _cohens_dz(t, n)
     bias = exp(lgamma((n - 1) / 2) - lgamma((n - 2) / 2)) / sqrt((n - 1) / 2) if n > 2 else nan
     return PairedComparison(
         n=n,
-        mean=Estimate(mean, mean - half, mean + half),
+        mean=IntervalEstimate(mean, mean - half, mean + half),
         t=t,
         p_t=p_t,
         dz=dz,
-        g=Estimate(bias * dz.value, bias * dz.low, bias * dz.high),
+        g=IntervalEstimate(bias * dz.value, bias * dz.low, bias * dz.high),
         shift=_shift(differences),
         **_signed_ranks(rounded[rounded != 0]),
     )
 
 
-def _standardised(t: float, n: int) -> Estimate:
+def _cohens_dz(t: float, n: int) -> IntervalEstimate:
     dz = t / sqrt(n)
-    if not abs(t) < LARGEST_T:
-        return Estimate(dz)
+    if not abs(t) < MAX_ABS_T:
+        return IntervalEstimate(dz)
 
     def bound(level: float) -> float:
-        reach = 10 + 5 * abs(t)
-        delta = optimize.brentq(
-            lambda delta: stats.nct.cdf(abs(t), n - 1, delta) - level, -5.0, reach
+        lowest, highest = -5.0, 10 + 5 * abs(t)  # brackets both bounds
+        noncentrality = optimize.brentq(
+            lambda delta: stats.nct.cdf(abs(t), n - 1, delta) - level, lowest, highest
         )
-        return float(np.copysign(1, t) * delta / sqrt(n))
+        return float(np.copysign(1, t) * noncentrality / sqrt(n))
 
-    return Estimate(dz, *sorted((bound(0.025), bound(0.975))))
+    return IntervalEstimate(dz, *sorted((bound(TAIL), bound(1 - TAIL))))
 
 
 def _signed_ranks(differences: Array) -> dict[str, float]:
@@ -137,7 +146,7 @@ def _signed_ranks(differences: Array) -> dict[str, float]:
 
 
 def _rank_sums(ranks: Array) -> Array:
-    """Give the probability of each sum of positive ranks, in steps of a half from zero."""
+    """Give the probability of each sum of positive ranks, in steps of one half from zero."""
     probability = np.ones(1)
     for doubled in np.round(2 * ranks).astype(int):
         longer = np.append(probability, np.zeros(doubled))
@@ -146,12 +155,13 @@ def _rank_sums(ranks: Array) -> Array:
     return probability
 
 
-def _shift(differences: Array) -> Estimate:
+def _shift(differences: Array) -> IntervalEstimate:
     n = len(differences)
     first, second = np.triu_indices(n)
     walsh = np.sort((differences[first] + differences[second]) / 2)
     cumulative = np.cumsum(_rank_sums(np.arange(1.0, n + 1)))[::2]
-    outside = int(np.searchsorted(cumulative, 0.025, side="right"))  # on either side
+    outside = int(np.searchsorted(cumulative, TAIL, side="right"))  # on either side
+    median = float(np.median(walsh))
     if outside == 0:
-        return Estimate(float(np.median(walsh)))
-    return Estimate(float(np.median(walsh)), float(walsh[outside - 1]), float(walsh[-outside]))
+        return IntervalEstimate(median)
+    return IntervalEstimate(median, float(walsh[outside - 1]), float(walsh[-outside]))

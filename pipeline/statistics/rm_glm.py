@@ -10,7 +10,8 @@ from scipy import stats
 
 from hbm.spatial import Array
 
-ROUNDING = 1e-12  # what is smaller than this part of the values is rounding, not data
+ROUNDING = 1e-12
+"""What is smaller than this fraction of the values is rounding, not data."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +37,7 @@ class GlmTerm:
     partial_eta_squared
         ss / (ss + ss_error).
     power, power_gg
-        Observed power as SPSS prints it, with sphericity assumed and with Greenhouse–Geisser.
+        Observed power as in SPSS, with sphericity assumed and with Greenhouse–Geisser.
     """
 
     within: tuple[str, ...]
@@ -61,9 +62,9 @@ def observed_power(f: float, df1: float, df2: float, alpha: float = 0.05) -> flo
 
     Notes
     -----
-    The tail of the noncentral F distribution with noncentrality F·df1 beyond the critical value
-    (IBM SPSS Statistics Algorithms, GLM). It is a function of the p-value alone and adds nothing
-    to it (Hoenig & Heisey 2001); it is here because published tables print it.
+    The probability beyond the critical value under the noncentral F distribution with
+    noncentrality F·df1 (IBM SPSS Statistics Algorithms, GLM). It is a function of the p-value alone
+    and adds no information (Hoenig & Heisey 2001); it is given because published tables print it.
     """
     critical = stats.f.isf(alpha, df1, df2)
     return float(1 - stats.ncf.cdf(critical, df1, df2, f * df1))  # SciPy 1.17's sf fails at f = 0
@@ -77,7 +78,7 @@ def repeated_measures_glm(
     centre: bool = True,
     alpha: float = 0.05,
 ) -> tuple[GlmTerm, ...]:
-    """Fit a univariate repeated-measures model and test every term, type III.
+    """Fit a univariate repeated-measures model and test every term with type III sums of squares.
 
     Parameters
     ----------
@@ -102,8 +103,8 @@ def repeated_measures_glm(
     Raises
     ------
     ValueError
-        If a value is missing, a between variable is constant or follows from the others, or too
-        few subjects are left for an error term.
+        If a value is missing, between variables are constant or linearly dependent, or too few
+        subjects are left for an error term.
 
     Notes
     -----
@@ -120,7 +121,7 @@ def repeated_measures_glm(
     if len(levels) != len(factors):
         raise ValueError(f"values need one axis per factor {tuple(factors)}, got {values.shape}")
     if not np.isfinite(values).all():
-        raise ValueError("a cell is missing: leave incomplete subjects out, and name them")
+        raise ValueError("a cell is missing: leave incomplete subjects out")
     blocks = _design(n, between or {}, centre)
     design = np.hstack(list(blocks.values()))
     df_error = n - design.shape[1]
@@ -130,7 +131,7 @@ def repeated_measures_glm(
             f"{design.shape[1] + 1}"
         )
     if np.linalg.matrix_rank(design) < design.shape[1]:
-        raise ValueError(f"{', '.join(between or {})}: one follows from the others")
+        raise ValueError(f"{', '.join(between or {})}: linearly dependent")
 
     inverse = np.linalg.inv(design.T @ design)
     stops = np.cumsum([block.shape[1] for block in blocks.values()])

@@ -1,4 +1,4 @@
-"""Table III of the thesis: what compensation does to the residuals, in one page."""
+"""Table III of the thesis: residuals without and with compensation, and the planned pairs."""
 
 from math import isnan, nan
 
@@ -6,31 +6,34 @@ import pandas as pd
 
 from pipeline.statistics.design import CONDITIONS
 
+MIN_PRINTED_P = 0.001
+"""A p-value has three decimals and is never printed as zero."""
+
 
 def reduction_percent(uncompensated: float, compensated: float) -> float:
-    """Give how much smaller a residual is with compensation, 100 · (1 − IC / no IC) [%].
+    """Give the reduction of a residual by compensation, 100 · (1 − IC / no IC) [%].
 
-    Negative where it is larger; NaN where there is nothing to reduce.
+    Negative where the residual increases; NaN where it is zero without compensation.
     """
     return 100 * (1 - compensated / uncompensated) if uncompensated > 0 else nan
 
 
 def table_3(residuals: pd.DataFrame, statistics: pd.DataFrame) -> pd.DataFrame:
-    """Lay out the residuals and the planned comparisons as the thesis' Table III.
+    """Arrange the residuals and the planned comparisons as the thesis' Table III.
 
     Parameters
     ----------
     residuals
         Long table of RMS residuals, as `pipeline.statistics.comparison.statistics` takes it.
     statistics
-        What `pipeline.statistics.comparison.statistics` made of it.
+        The table that `pipeline.statistics.comparison.statistics` returned for it.
 
     Returns
     -------
     pandas.DataFrame
         One row per residual and condition:
 
-        - axis, unit, condition, n subjects, and who is `without` one of the two cells;
+        - `axis`, `unit`, `condition`, `n` subjects, and those `without` one of the two cells;
         - `mean_no_ic`, `sd_no_ic`, `mean_ic`, `sd_ic` over subjects;
         - `ic_minus_baseline_no_ic` and `ic_minus_baseline_ic`, mean differences;
         - `reduction_percent`, of the means;
@@ -92,11 +95,11 @@ def format_p(p: float, alpha: float = 0.05) -> str:
     """Write a p-value for a table: three decimals, "<0.001" below that, a star below alpha."""
     if isnan(p):
         return "–"
-    return ("<0.001" if p < 0.001 else f"{p:.3f}") + "*" * (p < alpha)
+    return (f"<{MIN_PRINTED_P}" if p < MIN_PRINTED_P else f"{p:.3f}") + "*" * (p < alpha)
 
 
 def table_3_markdown(table: pd.DataFrame) -> str:
-    """Render `table_3` as Markdown, with what its columns mean below."""
+    """Render `table_3` as Markdown, with a legend below."""
     heads = (
         *("Residual", "Condition", "n", "No IC", "IC", "IC − base (no IC)", "IC − base (IC)"),
         *("Reduction", "t: IC − no IC", "t: IC − base (no IC)"),

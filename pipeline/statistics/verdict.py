@@ -1,4 +1,4 @@
-"""Does compensation bring each residual back to baseline? Answers, with their uncertainty."""
+"""Does compensation return each residual to its baseline? A non-inferiority test with intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,33 +8,33 @@ from typing import Final, Literal
 import pandas as pd
 from scipy import stats
 
-from pipeline.statistics.design import CONDITIONS, PAIRS
+from pipeline.statistics.design import CONDITIONS, PLANNED_PAIRS
 
 BASELINE: Final = CONDITIONS[0]
 MARGIN: Final = 0.2
-"""Share of the baseline's residual that counts as back at baseline: the 20 % of bioequivalence."""
+"""Non-inferiority margin, as a fraction of the baseline residual: the 20 % of bioequivalence."""
 CONFIDENCE: Final = 0.95
 
-Answer = Literal["yes", "no", "open", "size only", "no data"]
+Answer = Literal["at baseline", "above", "inconclusive", "no interval", "no data"]
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """How a condition's residual with compensation stands to the baseline without.
+    """How a residual with compensation compares with the baseline without compensation.
 
     Attributes
     ----------
     axis, unit, condition
-        Which residual, where.
+        The residual and the condition.
     answer
-        "yes": at most 20 % above the baseline, as far as the interval tells; "no": above the
-        baseline, and not shown to be within 20 %; "open": neither is shown; "size only": one
-        subject; "no data": nobody has both cells.
+        "at baseline": the interval's upper bound is at most 20 % above the baseline; "above": the
+        interval is above the baseline and reaches beyond the margin; "inconclusive": neither is
+        shown; "no interval": a single subject; "no data": no subject has both cells.
     no_ic, ic, baseline
         Mean RMS without and with compensation, and of the baseline without, over the `n` subjects
-        who have what is compared; ``no_ic`` is NaN where one of them lacks it.
+        who have both cells of the comparison; ``no_ic`` is NaN where one of them lacks it.
     difference, low, high
-        ``ic - baseline`` with its interval: simultaneous 95 % for the five planned pairs.
+        ``ic - baseline`` with its simultaneous 95 % confidence interval over the planned pairs.
     n
         Subjects.
     """
@@ -57,26 +57,27 @@ class Verdict:
 
 
 def verdicts(residuals: pd.DataFrame, statistics: pd.DataFrame) -> list[Verdict]:
-    """Judge every residual in every condition of the design.
+    """Compare every residual in every condition with the baseline.
 
     Parameters
     ----------
     residuals
         Long table of RMS residuals, as `pipeline.statistics.comparison.statistics` takes it.
     statistics
-        What `pipeline.statistics.comparison.statistics` made of it.
+        The table that `pipeline.statistics.comparison.statistics` returned for it.
 
     Returns
     -------
     list of Verdict
-        Residual by residual: baseline (does compensation leave it alone?), sway, pitch.
+        Residual by residual: baseline (does compensation leave it unchanged?), sway, pitch.
 
     Notes
     -----
     The interval is Student's t of the paired differences, at 1 − 0.05/5: it excludes zero exactly
-    where the Bonferroni-corrected paired t-test is significant. "yes" is a test of non-inferiority
-    with a margin of 20 % of the baseline (one side of Schuirmann 1987): a residual below the
-    baseline is no fault. No significant difference alone never makes a "yes".
+    where the Bonferroni-corrected paired t-test is significant. "at baseline" is a test of
+    non-inferiority with a margin of 20 % of the baseline (one side of Schuirmann 1987), as a
+    residual below the baseline is no error. A difference that is not significant is no evidence
+    for it.
     """
     found = []
     for axis, unit in residuals[["axis", "unit"]].drop_duplicates().itertuples(index=False):
@@ -92,7 +93,7 @@ def verdicts(residuals: pd.DataFrame, statistics: pd.DataFrame) -> list[Verdict]
                 continue
             baseline = float(both[False, BASELINE].mean())
             difference = float((both[True, condition] - both[False, BASELINE]).mean())
-            low, high = _interval(tests, f"{condition} IC - {BASELINE} no IC")
+            low, high = _simultaneous_interval(tests, f"{condition} IC - {BASELINE} no IC")
             found.append(
                 Verdict(
                     *(axis, unit, condition),
@@ -109,58 +110,61 @@ def verdicts(residuals: pd.DataFrame, statistics: pd.DataFrame) -> list[Verdict]
     return found
 
 
-def _interval(tests: pd.DataFrame, effect: str) -> tuple[float, float]:
-    """Widen a mean difference's interval so that all planned pairs hold at once."""
+def _simultaneous_interval(tests: pd.DataFrame, effect: str) -> tuple[float, float]:
+    """Widen the interval of a mean difference to hold for all planned pairs simultaneously."""
     of_mean = (tests["effect"] == effect) & (tests["effect_size_name"] == "mean difference")
     row = tests[of_mean]
     if row.empty:
         return nan, nan
     mean, low, n = (float(row[name].iloc[0]) for name in ("effect_size", "ci_low", "n"))
     alpha = 1 - CONFIDENCE
-    wider = stats.t.isf(alpha / len(PAIRS) / 2, n - 1) / stats.t.isf(alpha / 2, n - 1)
-    half = float(wider * (mean - low))
+    corrected = stats.t.isf(alpha / len(PLANNED_PAIRS) / 2, n - 1)
+    half = float(corrected / stats.t.isf(alpha / 2, n - 1) * (mean - low))
     return mean - half, mean + half
 
 
 def _answer(low: float, high: float, margin: float) -> Answer:
     if isnan(high):
-        return "size only"
+        return "no interval"
     if high <= margin:
-        return "yes"
-    return "no" if low > 0 else "open"
+        return "at baseline"
+    return "above" if low > 0 else "inconclusive"
 
 
 def headline(found: Sequence[Verdict], condition: str) -> str:
-    """Say a condition's verdicts in one sentence.
+    """Summarise a condition's verdicts in one sentence.
 
     Parameters
     ----------
     found
         Verdicts of all conditions.
     condition
-        Which.
+        The condition to summarise.
 
     Returns
     -------
     str
-        How many residuals are at baseline with compensation, and the names of those that are not.
+        How many residuals are at baseline with compensation, and the names of the others.
     """
     own = [v for v in found if v.condition == condition]
-    named = {a: [v.axis for v in own if v.answer == a] for a in ("yes", "no", "open")}
-    if not any(named.values()):
-        return f"In {condition}, there are too few subjects to tell"
+    named = {a: [v.axis for v in own if v.answer == a] for a in ("above", "inconclusive")}
+    at_baseline = sum(v.answer == "at baseline" for v in own)
+    if not at_baseline and not any(named.values()):
+        return f"In {condition}, there are too few subjects for a comparison"
     back, above = (
-        ("left alone", "raised") if condition == BASELINE else ("back at baseline", "above")
+        ("unchanged", "increased") if condition == BASELINE else ("at baseline level", "above it")
     )
-    parts = [f"{len(named['yes'])} of {len(own)} residuals are {back} with compensation"]
-    if named["no"]:
-        parts.append(f"{listed(named['no'])} {'is' if len(named['no']) == 1 else 'are'} {above}")
-    if named["open"]:
+    parts = [f"{at_baseline} of {len(own)} residuals are {back} with compensation"]
+    if named["above"]:
+        verb = "is" if len(named["above"]) == 1 else "are"
+        parts.append(f"{join_names(named['above'])} {verb} {above}")
+    if named["inconclusive"]:
         subjects = max(v.n for v in own)
-        parts.append(f"for {listed(named['open'])}, {subjects} subjects are too few to tell")
+        result = f"result is inconclusive with {subjects} subjects"
+        parts.append(f"for {join_names(named['inconclusive'])}, the {result}")
     return f"In {condition}, " + "; ".join(parts)
 
 
-def listed(names: Sequence[str]) -> str:
-    """Say names as in a sentence, the last after "and"."""
+def join_names(names: Sequence[str]) -> str:
+    """Join names as in a sentence, with "and" before the last."""
     return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

@@ -53,7 +53,7 @@ def test_the_verdict_is_seen_without_scrolling(browser):
     browser.resize(1200, 900)
     place = "document.querySelector('.headline').getBoundingClientRect()"
     assert browser.evaluate(f"{place}.bottom") < 900
-    assert "back at baseline" in browser.evaluate("document.querySelector('.headline').innerText")
+    assert "at baseline level" in browser.evaluate("document.querySelector('.headline').innerText")
 
 
 def test_words_have_contrast(browser):

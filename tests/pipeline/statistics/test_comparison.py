@@ -1,4 +1,4 @@
-"""The table of statistics of experiment 3: its numbers, its corrections, and whom it names."""
+"""The table of statistics of experiment 3: its numbers, its corrections, and its notes."""
 
 import ast
 import json
@@ -65,7 +65,7 @@ def test_mauchly_is_reported_where_there_is_sphericity_to_test(table):
     np.testing.assert_allclose(found["p_corrected"], expected, rtol=1e-9)
 
 
-def test_sphericity_that_holds_leaves_p_alone_and_tells_the_other_one():
+def test_sphericity_that_is_not_rejected_leaves_p_uncorrected_and_reports_the_corrected_p():
     tooth = pd.read_csv(FIXTURES / "toothgrowth.csv").set_axis(STUDY.columns[3:], axis=1)
     tooth = tooth.assign(subject=range(10), sex="", height_m=0.0)
     row = rows(statistics(long_table(tooth)), "RM-ANOVA").loc["IC:condition"]
@@ -82,7 +82,7 @@ def test_sphericity_that_holds_leaves_p_alone_and_tells_the_other_one():
         ("condition, IC", "friedman_ic"),
     ],
 )
-def test_friedman_is_that_of_r_and_says_what_it_cannot_separate(table, effect, key):
+def test_friedman_is_that_of_r_and_notes_that_it_does_not_separate_the_effects(table, effect, key):
     row, r = rows(table, "Friedman").loc[effect], ORACLE[key]
     own = row[["statistic", "df1", "p_corrected", "effect_size"]].astype(float)
     np.testing.assert_allclose(own, [r["chi2"], r["df"], r["p"], r["w"]], rtol=1e-9)
@@ -109,7 +109,7 @@ def test_the_five_planned_pairs_carry_bonferroni_and_holm(table):
             np.testing.assert_allclose(holm["p_corrected"], expected, rtol=1e-9)
 
 
-def test_normality_is_asked_of_the_differences(table):
+def test_normality_is_tested_for_the_differences(table):
     found = rows(table, "Shapiro-Wilk of the differences")
     expected = [(pair["shapiro_w"], pair["shapiro_p"]) for pair in ORACLE["pairs"].values()]
     own = found[["statistic", "p_corrected"]].to_numpy(float)
@@ -170,7 +170,7 @@ def test_a_subject_without_a_covariate_is_named_in_that_model_only():
     assert (named == found["test"].str.contains("with sex")).all()
 
 
-def test_the_thesis_other_choice_of_covariates_and_spss_centring_are_at_hand():
+def test_other_covariates_of_the_thesis_and_uncentred_ones_as_in_spss_are_available():
     subjects = SUBJECTS.assign(mass_kg=np.linspace(55, 95, 9))
     found = statistics(long_table(), subjects, covariates=["height_m", "mass_kg"], centre=False)
     model = rows(found, "RM-ANOVA with height_m and mass_kg")
@@ -187,13 +187,13 @@ def test_a_covariate_that_does_not_vary_is_left_out_by_name():
 
 
 @pytest.mark.parametrize("n", [2, 3, 4, 5])
-def test_few_subjects_give_what_exists_and_a_note_for_the_rest(n):
+def test_few_subjects_give_the_tests_that_exist_and_a_note_for_the_others(n):
     found = statistics(long_table(STUDY[:n]), SUBJECTS[:n])
     nothing = found["statistic"].isna() & found["effect_size"].isna()
     assert found.loc[nothing, "note"].str.startswith("not computed").all()
     assert not found.loc[~nothing, "note"].str.startswith("not computed").any()
     exact = found["test"].isin(["sign-flip permutation", "Wilcoxon exact"])
-    assert found.loc[exact, "note"].str.contains(f"with {n} subjects never below").all()
+    assert found.loc[exact, "note"].str.contains(f"smallest possible p with {n} subjects").all()
 
 
 def test_one_subject_gives_one_note_for_each_residual():
@@ -230,7 +230,7 @@ def test_residuals_that_are_all_the_same_show_no_effect(value):
     assert not (found["p_corrected"] < 1).any()
 
 
-def test_one_condition_that_compensation_leaves_alone_is_told_from_the_others():
+def test_a_condition_without_effect_of_compensation_is_distinguished_from_the_others():
     study = STUDY.assign(ic_baseline=STUDY["no_ic_baseline"])
     found = statistics(long_table(study), SUBJECTS)
     interaction = rows(found, "RM-ANOVA").loc["IC:condition"]
@@ -271,7 +271,7 @@ def test_the_table_survives_a_csv_file(tmp_path, table):
         (lambda t: t.assign(unit=["N", "kN"] * (len(t) // 2)), "more than one unit for Fx"),
     ],
 )
-def test_a_table_of_residuals_that_cannot_be_right_is_refused(change, message):
+def test_an_invalid_table_of_residuals_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
         statistics(change(long_table()), SUBJECTS)
 
@@ -283,12 +283,12 @@ def test_a_table_of_residuals_that_cannot_be_right_is_refused(change, message):
         (lambda t: pd.concat([t, t[:1]]), "subjects: given more than once: sub01"),
     ],
 )
-def test_a_table_of_subjects_that_cannot_be_right_is_refused(change, message):
+def test_an_invalid_table_of_subjects_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
         statistics(long_table(), change(SUBJECTS))
 
 
-def test_only_stats_knows_pingouin_and_only_when_it_works():
+def test_pingouin_is_imported_only_by_statistics_and_only_when_needed():
     users = set()
     for path in (ROOT / "pipeline").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -298,6 +298,6 @@ def test_only_stats_knows_pingouin_and_only_when_it_works():
                 getattr(node, "module", None),
             ):
                 users.add(path.name)
-    assert users == {"stats.py"}
+    assert users == {"comparison.py"}
     code = "import sys, pipeline.statistics.comparison; sys.exit('pingouin' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

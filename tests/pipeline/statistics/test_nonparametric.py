@@ -1,4 +1,4 @@
-"""Sign flips, aligned ranks and concordance against R and against what they must not change."""
+"""Sign flips, aligned ranks and concordance against R and their invariances."""
 
 import json
 from pathlib import Path
@@ -72,7 +72,7 @@ def test_more_subjects_than_can_be_listed_are_sampled_with_the_same_answer():
     assert sampled == sign_flip(paired(differences), (True,))
 
 
-def test_sign_flips_keep_their_level_where_there_is_no_effect():
+def test_sign_flips_reject_at_the_nominal_rate_where_there_is_no_effect():
     rng = np.random.default_rng(2)
     p = [sign_flip(rng.standard_t(3, size=(7, 3)), (True,)).p for _ in range(400)]
     rejected = np.count_nonzero(np.array(p) <= 0.05)
@@ -85,7 +85,7 @@ def test_a_sign_flip_needs_two_subjects():
 
 
 @pytest.mark.parametrize("effect", EFFECTS)
-def test_aligned_ranks_give_the_f_that_r_finds_by_its_own_way(tooth, effect):
+def test_aligned_ranks_give_the_f_of_an_independent_analysis_in_r(tooth, effect):
     ranks = aligned_ranks(tooth, EFFECTS[effect])
     terms = repeated_measures_glm(ranks, "ab")
     term = next(term for term in terms if ":".join(term.within) == effect)
@@ -107,7 +107,7 @@ def test_kendalls_w_corrects_for_ties_as_r():
     assert found[0] == pytest.approx(pingouin.friedman(pd.DataFrame(ratings))["W"].iloc[0])
 
 
-def test_judges_who_agree_are_concordant_and_those_who_tie_all_have_no_opinion():
+def test_judges_who_agree_are_concordant_and_judges_without_preference_have_no_concordance():
     assert kendalls_w(np.tile([1.0, 2, 3, 4], (5, 1)))[0] == pytest.approx(1)
     assert np.isnan(kendalls_w(np.ones((5, 4)))).all()
 

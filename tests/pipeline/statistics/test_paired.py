@@ -121,7 +121,7 @@ def test_reversing_the_comparison_reverses_every_sign():
 
 
 @pytest.mark.parametrize("mean", [0.0, 1.0, -3.0])
-def test_the_interval_of_dz_covers_the_truth_as_often_as_it_says(mean):
+def test_the_interval_of_dz_covers_the_true_value_at_its_nominal_rate(mean):
     rng = np.random.default_rng(1)
     covered = sum(
         found.dz.low < mean < found.dz.high
@@ -141,7 +141,7 @@ def test_hedges_g_has_no_bias_where_dz_has():
 
 
 @pytest.mark.parametrize("mean", [1e2, -1e3, 1e8])
-def test_enormous_effects_give_numbers_or_nan_but_no_fault(mean):
+def test_enormous_effects_give_numbers_or_nan_but_no_error(mean):
     found = compare_paired(np.random.default_rng(3).normal(mean, 1, 9))
     assert np.sign(found.dz.value) == np.sign(mean)
     assert not found.dz.low > found.dz.value
@@ -165,6 +165,6 @@ def test_differences_that_are_all_zero_have_no_test_at_all():
 
 
 @pytest.mark.parametrize("differences", [[1.0], [1.0, np.nan]])
-def test_a_comparison_needs_two_subjects_and_no_gap(differences):
+def test_a_comparison_needs_two_subjects_and_no_missing_value(differences):
     with pytest.raises(ValueError, match="at least 2 differences and none missing"):
         compare_paired(np.array(differences))

@@ -1,4 +1,4 @@
-"""The repeated-measures general linear model against R's car, SPSS, pingouin and its own laws."""
+"""The repeated-measures general linear model against R, SPSS, pingouin and its invariances."""
 
 import json
 from pathlib import Path
@@ -182,11 +182,11 @@ def test_two_subjects_leave_sphericity_untested():
         ({"between": {"height": np.array([1.0, 2, np.nan, 3])}}, "height: missing"),
         ({"between": {"sex": np.array(["male"] * 4)}}, "sex: the same for all"),
         ({"between": {"height": np.full(4, 1.8)}}, "height: the same for all"),
-        ({"between": {"x": np.arange(4.0), "y": -np.arange(4.0)}}, "follows from"),
+        ({"between": {"x": np.arange(4.0), "y": -np.arange(4.0)}}, "linearly dependent"),
         ({"between": {"id": np.array(list("abcd"))}}, "at least 5"),
     ],
 )
-def test_what_cannot_be_fitted_is_refused_with_a_reason(change, message):
+def test_a_model_that_cannot_be_fitted_is_refused_with_a_reason(change, message):
     values = np.random.default_rng(4).normal(size=(4, 2, 3))
     arguments = {"values": values, "factors": "ab"} | change
     with pytest.raises(ValueError, match=message):

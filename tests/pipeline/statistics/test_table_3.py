@@ -1,4 +1,4 @@
-"""Table III: the thesis' reductions, both baselines, and p-values as a reader wants them."""
+"""Table III: the thesis' reductions, both baselines, and p-values as they are printed."""
 
 import numpy as np
 import pandas as pd
@@ -91,11 +91,11 @@ def test_p_is_never_written_as_zero(p, written):
     assert format_p(p) == written
 
 
-def test_a_p_that_does_not_exist_is_a_dash():
+def test_an_undefined_p_is_a_dash():
     assert format_p(np.nan) == "–"
 
 
-def test_markdown_labels_the_differences_and_hides_no_number(table):
+def test_markdown_labels_the_differences_and_leaves_out_no_number(table):
     text = table_3_markdown(table)
     lines = text.splitlines()
     heads = [head.strip() for head in lines[0].strip("|").split("|")]
@@ -123,7 +123,7 @@ def test_one_subject_gives_means_and_no_p(residuals):
     assert "± –" in text
 
 
-def test_the_table_survives_a_csv_file(tmp_path, table):
+def test_the_table_read_back_from_csv_is_the_same(tmp_path, table):
     path = tmp_path / "table_3.csv"
     table.to_csv(path, index=False)
     again = pd.read_csv(path).assign(without="")  # nobody is missing here

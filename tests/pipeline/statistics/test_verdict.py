@@ -1,4 +1,4 @@
-"""Whether compensation brings residuals back: what makes a yes, a no, and an honest don't know."""
+"""Whether compensation returns residuals to baseline: at baseline, above it, or inconclusive."""
 
 import numpy as np
 import pandas as pd
@@ -42,42 +42,42 @@ def study(excess, spread, n=9, seed=0):
 
 
 def sway(table):
-    return next(v for v in judged(table) if v.condition == "sway")
+    return next(v for v in judge(table) if v.condition == "sway")
 
 
-def judged(table):
+def judge(table):
     return verdicts(table, statistics(table))
 
 
-def test_a_residual_that_returns_is_back():
-    assert sway(study(excess=0.5, spread=1)).answer == "yes"
+def test_a_residual_that_returns_to_baseline_is_at_baseline():
+    assert sway(study(excess=0.5, spread=1)).answer == "at baseline"
 
 
-def test_a_residual_that_stays_far_above_is_not_back():
+def test_a_residual_that_stays_far_above_baseline_is_above():
     verdict = sway(study(excess=30, spread=2))
-    assert verdict.answer == "no"
+    assert verdict.answer == "above"
     assert verdict.difference == pytest.approx(30, abs=2)
     assert verdict.percent(verdict.difference) == pytest.approx(75, abs=12)
 
 
-def test_no_significant_difference_alone_does_not_make_a_yes():
+def test_a_difference_that_is_not_significant_does_not_show_equality():
     table = study(excess=3, spread=25)
     tests = statistics(table)
     pair = tests[(tests["effect"] == "sway IC - baseline no IC") & (tests["test"] == "paired t")]
     assert (pair["p_corrected"] > 0.05).all()
-    assert sway(table).answer == "open"
+    assert sway(table).answer == "inconclusive"
 
 
-def test_a_residual_below_the_baseline_is_no_fault():
+def test_a_residual_below_baseline_counts_as_at_baseline():
     verdict = sway(study(excess=-15, spread=1))
-    assert verdict.answer == "yes"
+    assert verdict.answer == "at baseline"
     assert verdict.high < 0
 
 
-def test_a_sure_but_small_rise_within_the_margin_is_back():
+def test_a_significant_but_small_increase_within_the_margin_is_at_baseline():
     verdict = sway(study(excess=3, spread=0.5))
     assert verdict.low > 0
-    assert verdict.answer == "yes"
+    assert verdict.answer == "at baseline"
 
 
 @settings(deadline=None, max_examples=25)
@@ -93,12 +93,12 @@ def test_the_interval_agrees_with_the_corrected_tests(excess, spread, n, seed):
     assert (verdict.low > 0 or verdict.high < 0) == (5 * p < 0.05)
     margin = MARGIN * cells["baseline", False].mean()
     one_sided = stats.ttest_1samp(difference, margin, alternative="less").pvalue
-    assert (verdict.answer == "yes") == (one_sided <= 0.05 / 5 / 2)
+    assert (verdict.answer == "at baseline") == (one_sided <= 0.05 / 5 / 2)
 
 
-def test_one_subject_shows_sizes_only():
+def test_one_subject_has_means_but_no_interval():
     verdict = sway(study(excess=1, spread=1, n=1))
-    assert verdict.answer == "size only"
+    assert verdict.answer == "no interval"
     assert np.isnan(verdict.high)
     assert verdict.difference == pytest.approx(verdict.ic - verdict.baseline)
 
@@ -124,14 +124,18 @@ def test_only_subjects_with_both_cells_are_compared():
     ],
     ids=["other conditions", "no compensation"],
 )
-def test_what_is_not_there_is_not_judged(cells):
-    assert {v.answer for v in judged(residuals(cells))} == {"no data"}
+def test_missing_cells_give_no_verdict(cells):
+    assert {v.answer for v in judge(residuals(cells))} == {"no data"}
 
 
-def test_the_headline_counts_and_names():
-    answers = dict(zip(("Fx", "Fy", "Fz", "Mx"), ("yes", "no", "no", "open"), strict=True))
+def test_the_headline_counts_the_residuals_at_baseline_and_names_the_others():
+    answers = dict(
+        zip(
+            ("Fx", "Fy", "Fz", "Mx"), ("at baseline", "above", "above", "inconclusive"), strict=True
+        )
+    )
     found = [Verdict(axis, "N", "sway", answer, n=9) for axis, answer in answers.items()]
     assert headline(found, "sway") == (
-        "In sway, 1 of 4 residuals are back at baseline with compensation; "
-        "Fy and Fz are above; for Mx, 9 subjects are too few to tell"
+        "In sway, 1 of 4 residuals are at baseline level with compensation; "
+        "Fy and Fz are above it; for Mx, the result is inconclusive with 9 subjects"
     )
