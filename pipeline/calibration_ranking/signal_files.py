@@ -11,17 +11,48 @@ from compensation import (
     Limits,
     Signal,
     acceleration_spectrum,
+    belt_signals,
     check_signal,
+    pitch_and_sway_signals,
     resample_signal,
+    validation_signals,
 )
 from pipeline.figures.style import COLOURS, STYLE
 from pipeline.io.write import whole_file
 
+KINDS = ("pitch_sway", "belt", "validation")
 HEADER = "time_s,sway_m,pitch_deg,belt_speed_m_per_s"
 FASTEST_HZ = 50.0
 FAINTEST = 1e-6
 """Share of a spectrum's peak below which it is not drawn."""
 ROUNDING = 1e-12
+
+
+def protocol_signals(kind: str, seed: int, limits: Limits) -> list[Signal]:
+    """Make the protocol's signals of one kind, each at every belt speed of the protocol.
+
+    Parameters
+    ----------
+    kind
+        One of `KINDS`.
+    seed
+        Of the random motion.
+    limits
+        Of the machine.
+
+    Returns
+    -------
+    list of Signal
+        Those for pitch and sway with the belts at 0 and 3 m/s, those for the belts about 1 and
+        2 m/s, or the validation signals.
+    """
+    if kind == "pitch_sway":
+        sets = [pitch_and_sway_signals(seed + n, v, limits) for n, v in enumerate((0.0, 3.0))]
+    elif kind == "belt":
+        sets = [belt_signals(seed + n, v, limits) for n, v in enumerate((1.0, 2.0))]
+    else:
+        sets = [validation_signals()]
+    return [signal for signals in sets for signal in signals]
 
 
 def write_signals(

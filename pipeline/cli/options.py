@@ -1,55 +1,71 @@
-"""Options and arguments that commands share."""
+"""Options that commands share, and those that a request for one trial is made of."""
 
+from collections.abc import Callable
+from dataclasses import MISSING, fields
+from functools import wraps
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
+from pipeline.run.request import OptionHelp, TrialRequest
+
+USAGE = 2
+"""Exit code for wrong usage or input."""
+
 Out = Annotated[Path, typer.Option("--out", help="Folder for what it writes.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Trials side by side.")]
+Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals and results.")]
+Simulate = Annotated[
+    bool, typer.Option("--simulate", help="Fill the folder from the virtual laboratory first.")
+]
 Axes = Annotated[
     str | None,
     typer.Option(help="Where the file's x, y, z point, e.g. left,back,up; default: inferred."),
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals and results.")]
-ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote.")]
 StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and subject files.")]
-TrialFile = Annotated[
-    Path, typer.Argument(help="The trial: C3D, TRC, D-Flow, .mox or Nexus ASCII, told by content.")
-]
-Static = Annotated[Path | None, typer.Option(help="Calibration pose; default: the trial itself.")]
-Forces = Annotated[Path | None, typer.Option(help="Ground reaction forces (.mot) of a .trc trial.")]
-Record = Annotated[Path | None, typer.Option(help="D-Flow record file beside a D-Flow mocap file.")]
-MassKg = Annotated[float | None, typer.Option(help="Body mass; default: weighed by the plates.")]
-Sex = Annotated[str, typer.Option(help="male, female or unspecified.")]
-HeightM = Annotated[
-    float | None, typer.Option(help="Stature; default: the file's, or from the legs.")
-]
-MarkerSetName = Annotated[
-    str | None, typer.Option(help="Name of a marker set, or a TOML file with one's own.")
-]
-Hip = Annotated[str, typer.Option(help="Hip centres: harrington, bell or functional.")]
-HipTrial = Annotated[
-    Path | None, typer.Option(help="Recording in which the thighs swing, for --hip functional.")
-]
-Segments = Annotated[
-    Path | None, typer.Option(help="TOML with what is known of segments: prostheses, shoes, scans.")
-]
-FilterMethod = Annotated[
-    str, typer.Option("--filter", help="zero_phase, or realtime as in the lab.")
-]
-CutoffHz = Annotated[float, typer.Option(help="Cut-off of the filter.")]
-PlateDelayMs = Annotated[
-    float,
-    typer.Option(min=-500, max=500, help="How much later the plates are than the markers."),
-]
-CalibrationFile = Annotated[
-    Path | None, typer.Option(help="Calibration of the moving treadmill (hbm calibration fit).")
-]
-PlatformMarkers = Annotated[
-    str, typer.Option(help="Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3.")
-]
+ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote.")]
 
 
-def listed(names: str) -> tuple[str, ...]:
-    """Split names that were typed with commas between them."""
-    return tuple(filter(None, map(str.strip, names.split(","))))
+def takes_trial_request(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options that a `TrialRequest` is made of.
+
+    Parameters
+    ----------
+    command
+        Takes a ``request`` first, then options of its own.
+
+    Returns
+    -------
+    callable
+        The same for typer: the fields of the request in its place, as argument and options.
+    """
+    _, *own = signature(command).parameters.values()
+    parameters = [*_parameters(TrialRequest), *own]
+
+    @wraps(command)
+    def typed(**options: Any) -> None:
+        request = TrialRequest(**{f.name: options.pop(f.name) for f in fields(TrialRequest)})
+        command(request, **options)
+
+    typed.__annotations__ = {p.name: p.annotation for p in parameters}
+    vars(typed)["__signature__"] = signature(command).replace(parameters=parameters)
+    return typed
+
+
+def _parameters(request: type[TrialRequest]) -> list[Parameter]:
+    """Give a request's fields for typer: the trial as an argument, the others as options."""
+    hints = get_type_hints(request, include_extras=True)
+    parameters = []
+    for field in fields(request):
+        kind, option = get_args(hints[field.name])
+        assert isinstance(option, OptionHelp)
+        default = (
+            typer.Argument(help=option.text)
+            if field.default is MISSING
+            else typer.Option(field.default, help=option.text, min=option.min, max=option.max)
+        )
+        keyword = Parameter.POSITIONAL_OR_KEYWORD
+        parameters.append(Parameter(field.name, keyword, default=default, annotation=kind))
+    return parameters

@@ -1,110 +1,66 @@
-"""Results on the command line: report and viewer."""
+"""Results on the command line: report, view."""
 
+import math
 from pathlib import Path
+from typing import Annotated
 
-from rich.console import Console
+import typer
 
-from pipeline.config.study import Study, read_study
-from pipeline.run.store import read_summary, recall_study
-from pipeline.trial.process import process_trial, read_file
+from pipeline.cli.options import ResultsFolder
 
 PERTURBATION_S = 1.0
+"""How long a perturbation is marked in the viewer: a gait cycle or so."""
 
 
-def report(folder: Path) -> Path:
-    """Write everything that is made from a study's results and say where it is.
-
-    Parameters
-    ----------
-    folder
-        Results folder.
-
-    Returns
-    -------
-    Path
-        ``report.html``.
-
-    Raises
-    ------
-    ValueError, OSError
-        If there are no results, or they cannot be written.
-    """
+def report(folder: ResultsFolder = Path("results")) -> None:
+    """Write tables, statistics, figures and report.html from what run left."""
+    from pipeline.cli.terminal import plain_console
     from pipeline.report.write import write_report
+    from pipeline.run.store import recall_study
 
-    console = Console(highlight=False, markup=False)
+    console = plain_console()
     with console.status("report") as status:
         page = write_report(folder, recall_study(folder), status.update)
     console.print(f"report: {page}", soft_wrap=True)
-    return page
 
 
 def view(
-    folder: Path,
-    *,
-    subject: str | None = None,
-    condition: str | None = None,
-    web: bool = False,
-    save: Path | None = None,
+    folder: ResultsFolder = Path("results"),
+    subject: Annotated[str | None, typer.Option(help="Default: the first.")] = None,
+    condition: Annotated[str | None, typer.Option(help="Default: the first.")] = None,
+    web: Annotated[bool, typer.Option("--web", help="In a browser on this machine.")] = False,
+    save: Annotated[Path | None, typer.Option(help="Write the recording here instead.")] = None,
 ) -> None:
-    """Show a trial of a study in the viewer, and its mean gait cycle beside it.
-
-    Parameters
-    ----------
-    folder
-        Results folder.
-    subject, condition
-        Which trial; the first by default.
-    web
-        In a browser on this machine.
-    save
-        Where to write the trial's recording; nothing is opened then.
-
-    Raises
-    ------
-    ValueError
-        If there is no such trial, or the recordings are gone.
-    """
+    """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
+    from pipeline.cli.terminal import plain_console
+    from pipeline.run.store import read_summary
     from pipeline.viewer.serve import view as show
 
+    console = plain_console()
     subject, condition = _chosen(folder, subject, condition)
     stem = folder / "viewer" / f"{subject}_{condition}"
-    trial, cycles = Path(f"{stem}.rrd"), Path(f"{stem}_cycles.rrd")
-    console = Console(highlight=False, markup=False)
-    key = read_summary(folder / "trials" / f"{subject}_{condition}.parquet").key
-    marker = Path(f"{stem}.key")
-    fresh = trial.is_file() and cycles.is_file() and marker.is_file() and marker.read_text() == key
-    if save is not None or not fresh:
-        with console.status(f"preparing {subject} {condition}"):
-            write_view(folder, subject, condition, save or trial, None if save else cycles)
-        if save is None:
-            marker.write_text(key)
+    trial, cycles, marker = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
     if save is not None:
+        with console.status(f"preparing {subject} {condition}"):
+            _write_view(folder, subject, condition, save, None)
         console.print(f"recording: {save}", soft_wrap=True)
-    else:
-        show([trial, cycles], web=web, tell=lambda line: console.print(line, soft_wrap=True))
+        return
+    key = read_summary(folder / "trials" / f"{subject}_{condition}.parquet").key
+    fresh = trial.is_file() and cycles.is_file() and marker.is_file() and marker.read_text() == key
+    if not fresh:
+        with console.status(f"preparing {subject} {condition}"):
+            _write_view(folder, subject, condition, trial, cycles)
+        marker.write_text(key)
+    show([trial, cycles], web=web, tell=lambda line: console.print(line, soft_wrap=True))
 
 
-def write_view(
+def _write_view(
     folder: Path, subject: str, condition: str, trial: Path, cycles: Path | None
 ) -> None:
-    """Process a trial again and write it for the viewer.
-
-    Parameters
-    ----------
-    folder
-        Results folder.
-    subject, condition
-        Which trial.
-    trial
-        Recording to write.
-    cycles
-        Recording of the mean gait cycle to write, if any.
-
-    Raises
-    ------
-    ValueError
-        If the study's files are not where they were.
-    """
+    """Process a trial again and write it for the viewer, and its mean gait cycle."""
+    from pipeline.config.study import read_study
+    from pipeline.run.store import recall_study
+    from pipeline.trial.process import process_trial, read_file
     from pipeline.viewer.trial import write_cycles, write_recording
 
     where = recall_study(folder)
@@ -113,7 +69,7 @@ def write_view(
             f"{folder}: the study that these results come from is not there any more; "
             f"run 'hbm run STUDY --out {folder}' again"
         )
-    study: Study = read_study(where)
+    study = read_study(where)
     result = process_trial(study, subject, condition)
     stated = study.subject(subject).trials[condition]
     assert stated.file is not None
@@ -127,6 +83,8 @@ def write_view(
 
 def _chosen(folder: Path, subject: str | None, condition: str | None) -> tuple[str, str]:
     """Find the trial asked for among the results."""
+    from pipeline.run.store import read_summary
+
     there = []
     for path in sorted((folder / "trials").glob("*.parquet")):
         trial = read_summary(path)
@@ -138,3 +96,43 @@ def _chosen(folder: Path, subject: str | None, condition: str | None) -> tuple[s
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
     known = ", ".join(" ".join(found) for found in there)
     raise ValueError(f"{folder}: no such trial; there are: {known}")
+
+
+def print_study_residuals(folder: Path) -> None:
+    """Print a study's residual table: RMS, mean ± SD over subjects.
+
+    Parameters
+    ----------
+    folder
+        Results folder.
+    """
+    from rich import box
+    from rich.table import Table
+
+    from pipeline.cli.terminal import plain_console
+    from pipeline.run.load import collect
+
+    residuals = collect(folder).residuals
+    table = Table(
+        title="Pelvis residuals, RMS, mean ± SD over subjects",
+        caption="x forward, y right, z up; IC: with inertia compensation",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 0),
+    )
+    columns = residuals[["condition", "compensated"]].drop_duplicates()
+    table.add_column("axis")
+    for condition, compensated in columns.itertuples(index=False):
+        plates = "IC" if compensated else "no IC"
+        table.add_column(f"{condition}\n{plates}", justify="right", no_wrap=True)
+    cells = residuals.groupby(["axis", "condition", "compensated"])["rms"]
+    mean, sd = cells.mean(), cells.std(ddof=1)
+    for axis, unit in residuals[["axis", "unit"]].drop_duplicates().itertuples(index=False):
+        keys = [(axis, *column) for column in columns.itertuples(index=False)]
+        table.add_row(f"{axis}, {unit}", *(_cell(mean.get(k), sd.get(k)) for k in keys))
+    plain_console().print(table)
+
+
+def _cell(mean: float | None, sd: float | None) -> str:
+    if mean is None:
+        return "–"
+    return f"{mean:.1f}" if sd is None or math.isnan(sd) else f"{mean:.1f} ± {sd:.1f}"

@@ -1,92 +1,122 @@
-"""The virtual laboratory on the command line: a study, or the table of what each fault adds."""
+"""The virtual laboratory on the command line: simulate, demo."""
 
+import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+import typer
 
-from hbm.kernels.native import kernels
-from pipeline.io.write import write_csv
-from pipeline.virtual_lab.protocol.setting_file import read_setting
-from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Protocol, Setting
-from pipeline.virtual_lab.protocol.walking_study import simulate_study
+from pipeline.cli.options import Jobs, Out
+from pipeline.cli.results import print_study_residuals, report, view
+from pipeline.cli.study import run
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
 
-def stated(
-    path: Path | None, *, subjects: int | None, seed: int | None, ablation: bool = False
-) -> Setting:
-    """Read a setting and put what was typed in its place.
+def simulate(
+    folder: Annotated[Path, typer.Argument(help="Folder for the study, or for the table.")],
+    setting: Annotated[
+        Path | None,
+        typer.Option(help="TOML with seed, [protocol] and [faults.…]; default: the thesis'."),
+    ] = None,
+    subjects: Annotated[
+        int | None, typer.Option(min=1, max=9, help="How many of the nine people.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Equal seeds give equal files.")] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes side by side.")] = 2,
+    ablation: Annotated[
+        bool, typer.Option("--ablation", help="What each fault adds to each residual instead.")
+    ] = False,
+) -> None:
+    """Simulate experiment 3: C3D files, study files, and the truth beside them."""
+    from pipeline.virtual_lab.protocol.setting_file import read_setting
+    from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Protocol, Setting
 
-    Parameters
-    ----------
-    path
-        TOML file; None for the thesis' protocol in a usual laboratory.
-    subjects, seed
-        Instead of the file's, where given.
-    ablation
-        Whether the setting is for an ablation, whose trials are short where no file is given.
-
-    Returns
-    -------
-    Setting
-        Checked.
-
-    Raises
-    ------
-    ValueError, OSError
-        If the file is not there or wrong.
-    """
-    if path is not None:
-        setting = read_setting(path.read_text(encoding="utf-8-sig"))
+    if setting is not None:
+        stated = read_setting(setting.read_text(encoding="utf-8-sig"))
     else:
-        setting = Setting(protocol=SHORT if ablation else Protocol())
-    changes: dict[str, Any] = {} if seed is None else {"seed": seed}
+        stated = Setting(protocol=SHORT if ablation else Protocol())
+    if seed is not None:
+        stated = stated.model_copy(update={"seed": seed})
     if subjects is not None:
-        changes["protocol"] = setting.protocol.model_copy(update={"subjects": subjects})
-    return setting.model_copy(update=changes)
+        protocol = stated.protocol.model_copy(update={"subjects": subjects})
+        stated = stated.model_copy(update={"protocol": protocol})
+    if ablation:
+        _write_ablation(folder, stated, jobs)
+    else:
+        _write_study(folder, stated, jobs)
 
 
-def simulate(folder: Path, setting: Setting, *, jobs: int) -> None:
-    """Simulate a study with progress and say where it is; nothing is written over."""
+def _write_study(folder: Path, setting: "Setting", jobs: int) -> None:
+    from pipeline.cli.terminal import plain_console
+
     if folder.is_dir() and any(folder.iterdir()):
-        raise ValueError(f"{folder}: is not empty; name a new folder, nothing is written over")
-    console = Console(highlight=False, markup=False)
-    kernels(lambda sentence: console.print(sentence, style="dim"))
-    with _progress(console) as progress:
-        task = progress.add_task("simulating", total=None)
-        simulate_study(
-            folder,
-            setting,
-            lambda name, done, total: progress.update(task, completed=done, total=total),
-            jobs,
-        )
+        raise ValueError(f"{folder}: is not empty; name a new folder, nothing is overwritten")
+    console = plain_console()
+    _simulate_study(folder, setting, jobs, console)
     console.print(f"written to {folder}; next: hbm run {folder}", soft_wrap=True)
 
 
-def ablate(folder: Path, setting: Setting, *, jobs: int) -> None:
+def _simulate_study(folder: Path, setting: "Setting", jobs: int, console: "Console") -> None:
+    from hbm.kernels.native import kernels
+    from pipeline.cli.terminal import StepProgress, announcer
+    from pipeline.virtual_lab.protocol.walking_study import simulate_study
+
+    kernels(announcer(console))
+    with StepProgress(console, "simulating", "recordings") as progress:
+        simulate_study(folder, setting, progress.show, jobs)
+
+
+def _write_ablation(folder: Path, setting: "Setting", jobs: int) -> None:
     """Switch one fault on at a time; write the table and its figure."""
+    from hbm.kernels.native import kernels
+    from pipeline.cli.terminal import StepProgress, announcer, plain_console
     from pipeline.figures.style import save_figure
+    from pipeline.io.write import write_csv
     from pipeline.virtual_lab.analysis.ablation import ablation
     from pipeline.virtual_lab.analysis.ablation_figure import ablation_figure
 
-    console = Console(highlight=False, markup=False)
+    console, subjects = plain_console(), setting.protocol.subjects
     folder.mkdir(parents=True, exist_ok=True)
-    subjects = setting.protocol.subjects
-    kernels(lambda sentence: console.print(sentence, style="dim"))
-    with _progress(console) as progress:
-        task = progress.add_task("one fault at a time", total=None)
-        table = ablation(
-            setting,
-            subjects,
-            progress=lambda name, done, total: progress.update(task, completed=done, total=total),
-            jobs=jobs,
-        )
+    kernels(announcer(console))
+    with StepProgress(console, "one fault at a time", "cases") as progress:
+        table = ablation(setting, subjects, progress=progress.show, jobs=jobs)
     write_csv(table, folder / "ablation.csv")
     save_figure(ablation_figure(table, subjects), folder / "ablation")
     console.print(f"written to {folder}: ablation.csv, ablation.png, ablation.svg", soft_wrap=True)
 
 
-def _progress(console: Console) -> Progress:
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    return Progress(*columns, console=console)
+def demo(
+    full: Annotated[
+        bool, typer.Option("--full", help="All nine people and the thesis' protocol.")
+    ] = False,
+    jobs: Jobs = 2,
+    out: Out = Path("demo"),
+) -> int:
+    """Simulate a study in the virtual laboratory and run experiment 3 on it."""
+    from pipeline.cli.terminal import plain_console
+    from pipeline.virtual_lab.protocol.walking_protocol import DEMO, Setting
+
+    console, start = plain_console(), time.monotonic()
+    study, results = out / "study", out / "results"
+    out.mkdir(parents=True, exist_ok=True)
+    setting = Setting() if full else Setting(protocol=DEMO)
+    _simulate_study(study, setting, jobs, console)
+    console.print(
+        f"{setting.protocol.subjects} virtual people walked on a treadmill that sways and pitches; "
+        f"their recordings are in {study} ({time.monotonic() - start:.0f} s)",
+        soft_wrap=True,
+    )
+    code = run(study, jobs=jobs, out=results)
+    print_study_residuals(results)
+    report(results)
+    view(results, "sub01", "sway", save=results / "viewer" / "sub01_sway.rrd")
+    console.print(
+        f"open {results / 'report.html'} in a browser; 'hbm view {results}' shows where the "
+        "residuals come from",
+        soft_wrap=True,
+    )
+    return code

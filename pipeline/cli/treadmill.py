@@ -1,21 +1,23 @@
-"""The command line's treadmill side: experiments 1 and 2, and calibration."""
+"""The treadmill on the command line: calibration (fit, signals, rank) and plates."""
 
+import json
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.options import Axes, Out, Seed
+from pipeline.cli.options import Axes, Out, Seed, Simulate
 
-calibration_app = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from compensation import Calibration
+
+COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
-@calibration_app.callback()
-def calibration() -> None:
-    """Calibrate a moving treadmill: what its empty plates measure."""
-
-
-@calibration_app.command()
 def fit(
     recording: Annotated[Path, typer.Argument(help="The empty, moving treadmill.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Calibration file to write (.json).")],
@@ -29,14 +31,83 @@ def fit(
     ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
-    from pipeline.cli import calibration as calibration_commands
+    from compensation import Calibration, to_json
+    from pipeline.cli.terminal import plain_console
+    from pipeline.config.schema import Treadmill
+    from pipeline.config.validation import check_options
+    from pipeline.io.units import acceleration_in_mps2
+    from pipeline.io.write import write_text
+    from pipeline.run.job import file_digest
+    from pipeline.trial.ground.accelerometers import find_accelerometers
+    from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
 
-    calibration_commands.fit(
-        recording, out, axes=axes, cutoff_hz=cutoff_hz, accelerometer_unit=accelerometer_unit
+    console = plain_console()
+    if out.is_dir():
+        raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
+    empty = read_empty(recording, axes)
+    sensors = find_accelerometers(empty)
+    if accelerometer_unit is not None:
+        acceleration_in_mps2(accelerometer_unit)
+    treadmill = check_options(
+        Treadmill,
+        {
+            "accelerometers": sensors,
+            "accelerometer_unit": accelerometer_unit,
+            "cutoff_hz": cutoff_hz,
+        },
     )
+    try:
+        calibration = fit_calibration(empty, treadmill)
+    except ValueError as error:
+        text = str(error)
+        if "unknown acceleration unit" in text:
+            text += "; if that is not their unit, say --accelerometer-unit g"
+        raise ValueError(text if recording.name in text else f"{recording.name}: {text}") from error
+    provenance = {
+        "recording": recording.name,
+        "sha256": file_digest(recording),
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "program": f"hbm-residuals {version('hbm-residuals')}",
+        "channels": json.dumps(sensors),
+        "accelerometer_unit": accelerometer_unit or "",
+    }
+    write_text(to_json(Calibration(calibration.plates, provenance)), out)
+    setup = next(iter(calibration.plates.values())).setup
+    method = setup.filter_method if setup is not None else ""
+    console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
+    console.print(_fit_table(calibration))
+    for name, model in calibration.plates.items():
+        for warning in model.warnings:
+            console.print(f"- {name}: {warning}", soft_wrap=True)
+    if any(model.warnings for model in calibration.plates.values()):
+        advice = "do not use it before that is explained"
+    else:
+        advice = f"next: hbm residuals TRIAL --calibration {out} --platform-markers M1,M2,M3"
+    console.print(f"written to {out}; {advice}", soft_wrap=True)
 
 
-@calibration_app.command()
+def _fit_table(calibration: "Calibration") -> "Table":
+    """Lay out how well a calibration explains its own recording."""
+    from rich.table import Table
+
+    table = Table(title="The empty plates, before and after compensation (calibration recording)")
+    for name in ("plate", "component", "RMS", "after", "less", "R²"):
+        table.add_column(name, justify="left" if name in ("plate", "component") else "right")
+    for name, model in calibration.plates.items():
+        for k, component in enumerate(COMPONENTS):
+            unit = "N" if k < 3 else "N·m"
+            table.add_row(
+                name,
+                component,
+                f"{model.rms_measured[k]:.1f} {unit}",
+                f"{model.rms_compensated[k]:.2f} {unit}",
+                f"{model.rms_reduction[k]:.1f} %",
+                f"{model.r_squared[k]:.4f}",
+            )
+        table.caption = f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}"
+    return table
+
+
 def signals(
     out: Annotated[Path, typer.Argument(help="Folder for the signals.")],
     kind: Annotated[str, typer.Option(help="pitch_sway, belt, validation or all of them.")] = "all",
@@ -53,8 +124,11 @@ def signals(
 ) -> None:
     """Write calibration and validation signals for the machine: CSV and pictures."""
     from compensation import Limits
-    from pipeline.cli import ranking as ranking_commands
+    from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
+    from pipeline.cli.terminal import plain_console
 
+    if kind not in (*KINDS, "all"):
+        raise ValueError(f"--kind must be one of {', '.join(KINDS)} or all, got {kind!r}")
     limits = Limits(
         sway_m,
         sway_m_per_s,
@@ -65,10 +139,19 @@ def signals(
         belt_m_per_s,
         belt_m_per_s2,
     )
-    ranking_commands.signals(out, kind=kind, rate_hz=rate_hz, seed=seed, limits=limits)
+    console = plain_console()
+    for name in KINDS if kind == "all" else (kind,):
+        drawn = protocol_signals(name, seed, limits)
+        written = write_signals(drawn, out / name, rate_hz, limits)
+        console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
+    console.print(
+        "columns: sway to the left, pitch (positive lowers the front), speed of both belts; next: "
+        "record one with the treadmill empty and fit it (hbm calibration fit), or several and rank "
+        "them (hbm calibration rank)",
+        soft_wrap=True,
+    )
 
 
-@calibration_app.command()
 def rank(
     folder: Annotated[
         Path,
@@ -76,9 +159,7 @@ def rank(
             help="With calibration/ and validation/, belt_calibration/ and belt_validation/ (.c3d)."
         ),
     ],
-    simulate: Annotated[
-        bool, typer.Option("--simulate", help="Fill the folder from the virtual laboratory first.")
-    ] = False,
+    simulate: Simulate = False,
     plate: Annotated[int, typer.Option(min=1, help="The empty plate that is scored.")] = 1,
     cutoff_hz: Annotated[
         float, typer.Option(help="Low-pass for pitch and sway, as in fit.")
@@ -90,22 +171,54 @@ def rank(
     out: Out = Path("ranking"),
 ) -> None:
     """Rank calibration trials by what they leave of the validation trials."""
+    from pipeline.calibration_ranking.experiment import rank_recordings
+    from pipeline.calibration_ranking.report import write_experiment
     from pipeline.calibration_ranking.trials import Rules
-    from pipeline.cli import ranking as ranking_commands
+    from pipeline.cli.terminal import StepProgress, plain_console
+    from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
 
+    console = plain_console()
     rules = Rules(plate, cutoff_hz, belt_channel, belt_cutoff_hz, axes)
-    ranking_commands.rank(folder, out, rules=rules, simulate=simulate, seed=seed)
+    if simulate:
+        if folder.exists() and any(folder.rglob("*.c3d")):
+            raise ValueError(f"{folder} has recordings already; simulate into a new folder")
+        with StepProgress(console, "simulating", "recordings") as progress:
+            for done, path in enumerate(simulate_ranking(folder, seed), 1):
+                progress.show(path.name, done, TRIALS)
+    with StepProgress(console, "reading", "recordings") as progress:
+        found = rank_recordings(folder, rules, seed, progress.show)
+    for sentence in write_experiment(found, out):
+        console.print(sentence, soft_wrap=True)
+    console.print(f"written to {out}: ranking.md, tables, figures", soft_wrap=True)
 
 
 def plates(
     study: Annotated[Path, typer.Argument(help="Folder with plates.toml and its recordings.")],
-    simulate: Annotated[
-        bool, typer.Option("--simulate", help="Fill the folder from the virtual laboratory first.")
-    ] = False,
+    simulate: Simulate = False,
     seed: Seed = 0,
     out: Out = Path("plates"),
 ) -> None:
     """Check force plates against known weights: fit for inverse dynamics or not, and why."""
-    from pipeline.cli import plates as plates_commands
+    from pipeline.cli.terminal import announcer, plain_console
+    from pipeline.config.plate_study import read_plates_study
+    from pipeline.plate_accuracy.accuracy import check_plates
+    from pipeline.plate_accuracy.report import write_report
+    from pipeline.plate_accuracy.verdict import said
+    from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
-    plates_commands.run(study, out, simulate=simulate, seed=seed)
+    console = plain_console()
+    announce = announcer(console)
+    if simulate:
+        if study.exists() and any(study.iterdir()):
+            raise ValueError(f"{study} is not empty; simulate into a new folder")
+        announce("simulating recordings of known weights")
+        simulate_plates(study, THESIS_ERRORS, seed=seed)
+    stated = read_plates_study(study)
+    announce(f"reading {len(stated.file.weights)} recordings of known weights")
+    found = check_plates(stated)
+    verdict = write_report(found, out)
+    for estimate in found.estimates:
+        if estimate.found:
+            console.print(f"- {said(estimate)}", soft_wrap=True)
+    console.print(verdict, soft_wrap=True)
+    console.print(f"written to {out}: verdict.md, table_1, figures", soft_wrap=True)

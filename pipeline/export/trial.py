@@ -19,7 +19,8 @@ from pipeline.export.opensim_tables import (
 )
 from pipeline.export.urdf import write_urdf
 from pipeline.io.write import write_csv
-from pipeline.run.one_trial import Request, process, read_asked
+from pipeline.run.one_trial import process_request, read_requested
+from pipeline.run.request import TrialRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class BidsTarget:
 
 
 def run(
-    request: Request,
+    request: TrialRequest,
     *,
     osim: Path | None = None,
     urdf: Path | None = None,
@@ -67,7 +68,7 @@ def run(
         )
     written = []
     if bids is not None:
-        written += write_bids(read_asked(request), bids.folder, bids.subject, bids.task)
+        written += write_bids(read_requested(request), bids.folder, bids.subject, bids.task)
     if osim or urdf or tables:
         written += _processed(request, osim, urdf, tables, ankle_zero)
     print("written: " + ", ".join(str(path) for path in written))
@@ -106,14 +107,14 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
 
 
 def _processed(
-    request: Request,
+    request: TrialRequest,
     osim: Path | None,
     urdf: Path | None,
     tables: Path | None,
     ankle_zero: AnkleZero,
 ) -> list[Path]:
     """Process the trial and write the models and tables asked for."""
-    result, recording = process(request)
+    result, recording = process_request(request)
     written = []
     for path, write in ((osim, write_osim), (urdf, write_urdf)):
         if path is not None:

@@ -1,76 +1,58 @@
-"""One trial on the command line: read, process, print, write."""
+"""One trial without a study: what was asked for, read, checked and processed."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from hbm.kernels.native import kernels
 from hbm.markers import MarkerSet, read_marker_set
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.config.toml_file import read_segments
-from pipeline.config.validation import check_options
+from pipeline.config.validation import Model, check_options
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
+from pipeline.run.request import TrialRequest
 from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What a person asked for, as typed."""
-
-    trial: Path
-    static: Path | None = None
-    forces: Path | None = None
-    record: Path | None = None
-    mass_kg: float | None = None
-    sex: str = "unspecified"
-    height_m: float | None = None
-    axes: str | None = None
-    marker_set: str | None = None
-    hip: str = "harrington"
-    hip_trial: Path | None = None
-    segments: Path | None = None
-    filter: str = "zero_phase"
-    cutoff_hz: float = 6.0
-    plate_delay_s: float = 0.0
-    calibration: Path | None = None
-    platform_markers: tuple[str, ...] = ()
-
-
-def process(
-    request: Request, announce: Callable[[str], None] | None = None
+def process_request(
+    request: TrialRequest, announce: Callable[[str], None] | None = None
 ) -> tuple[TrialResult, Recording]:
-    """Read and process one trial as asked for; raises as `run` does.
+    """Read and process one trial.
 
     Parameters
     ----------
     request
-        What to do.
+        The trial, and how to process it.
     announce
-        Told, in a sentence, when something takes long.
+        Called with a sentence when something takes long.
 
     Returns
     -------
     tuple
         The processed trial, and its recording.
+
+    Raises
+    ------
+    ValueError, OSError
+        If an option or a file cannot be used; the message says why and what next.
     """
-    settings, subject, own_set = _stated(request)
-    recording = read_asked(request)
-    static = read_recording(request.static, request.axes) if request.static else None
+    marker_set = _own_marker_set(request.marker_set)
+    shipped = request.marker_set if marker_set is None else None
+    settings = _checked(Settings, request, marker_set=shipped)
+    subject = _checked(Subject, request)
+    recording = read_requested(request)
     kernels(announce)
     try:
         result = process_recording(
             recording,
             subject,
             settings,
-            static=static,
-            hip_trial=read_recording(request.hip_trial, request.axes)
-            if request.hip_trial
-            else None,
+            static=_read(request, request.static),
+            hip_trial=_read(request, request.hip_trial),
             segments=read_segments(request.segments) if request.segments else None,
-            marker_set=own_set,
+            marker_set=marker_set,
             laboratory=_laboratory(request),
         )
     except ValueError as error:
@@ -80,35 +62,30 @@ def process(
     return result, recording
 
 
-def read_asked(request: Request) -> Recording:
-    """Read the trial that a request names, with what goes beside it."""
+def read_requested(request: TrialRequest) -> Recording:
+    """Read the trial that a request names, with its forces or its record."""
     return read_recording(request.trial, request.axes, request.forces, record=request.record)
 
 
-def _laboratory(request: Request) -> Laboratory:
+def _read(request: TrialRequest, path: Path | None) -> Recording | None:
+    return read_recording(path, request.axes) if path else None
+
+
+def _own_marker_set(name: str | None) -> MarkerSet | None:
+    """Read a marker set that is a file; None for a shipped one."""
+    if name is None or not (name.endswith(".toml") or Path(name).is_file()):
+        return None
+    return read_marker_set(Path(name).read_text(encoding="utf-8-sig"), Path(name).stem)
+
+
+def _laboratory(request: TrialRequest) -> Laboratory:
+    markers = tuple(filter(None, map(str.strip, request.platform_markers.split(","))))
     if request.calibration is not None:
-        return read_laboratory(request.calibration, request.platform_markers, request.axes)
-    markers = request.platform_markers
+        return read_laboratory(request.calibration, markers, request.axes)
     return Laboratory(Treadmill(platform=Platform(markers=markers) if markers else None))
 
 
-def _stated(request: Request) -> tuple[Settings, Subject, MarkerSet | None]:
-    """Check what was typed."""
-    own_set, name = None, request.marker_set
-    if name is not None and (name.endswith(".toml") or Path(name).is_file()):
-        own_set = read_marker_set(Path(name).read_text(encoding="utf-8-sig"), Path(name).stem)
-        name = None
-    settings = check_options(
-        Settings,
-        {
-            "marker_set": name,
-            "hip": request.hip,
-            "filter": request.filter,
-            "cutoff_hz": request.cutoff_hz,
-            "plate_delay_s": request.plate_delay_s,
-        },
-    )
-    subject = check_options(
-        Subject, {"sex": request.sex, "mass_kg": request.mass_kg, "height_m": request.height_m}
-    )
-    return settings, subject, own_set
+def _checked(kind: type[Model], request: TrialRequest, **other: str | None) -> Model:
+    """Check those fields of a request that a model has too, ``other`` in their place."""
+    stated = {name: getattr(request, name) for name in kind.model_fields if hasattr(request, name)}
+    return check_options(kind, stated | other)

@@ -1,5 +1,6 @@
 """Experiment 1 in the virtual laboratory: known weights on plates with known errors."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -61,6 +62,17 @@ class PlateErrors:
     vibration_hz: float = 3.0
     drift_n_per_s: float = 0.0
     noise_n: float = 1.0
+
+
+THESIS_ERRORS: Final = PlateErrors(
+    angle_rad=math.radians(0.19),
+    offset_m=(0.0015, -0.0018),
+    delay_s=0.004,
+    vibration_m=0.015,
+    vibration_hz=3.0,
+)
+"""What van de Loosdrecht (2018) found of the plates: rotation and offset by the static calibration,
+delay of the left belt, and a centre of pressure up to 3 cm wide where supports were missing."""
 
 
 def simulate_plates(

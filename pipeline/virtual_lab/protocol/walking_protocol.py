@@ -96,6 +96,9 @@ class Protocol(InputModel):
 SHORT: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
 """Enough of every condition to see what an instrument does to it."""
 
+DEMO: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 14.0, 12.0, 13.0))
+"""Enough of every condition for statistics, in less than two minutes on two cores."""
+
 
 class Setting(InputModel):
     """A laboratory and what happens in it: protocol, faults and the seed of all chance."""

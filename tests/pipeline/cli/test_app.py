@@ -1,19 +1,23 @@
 """The command line: what it loads, which code it leaves, and its one line for every mistake."""
 
+import dataclasses
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 import typer
 
+from hbm.kernels import native
 from hbm.markers import Markers
-from pipeline.cli import doctor
 from pipeline.cli.app import app, main
+from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Plate
 from pipeline.run import one_trial
+from pipeline.run.request import TrialRequest
 from tests.synthetic import synthetic_t_pose
 
 HEAVY = ("casadi", "matplotlib", "pandas", "pinocchio", "pingouin", "rerun", "scipy")
@@ -85,6 +89,10 @@ def refused(capsys, *arguments):
         ("still.c3d", ["--axes", "left,up"], ["still.c3d", "'left,up'", "three of"]),
         ("still.c3d", ["--static", "pose.c3d"], ["pose.c3d", "no such file"]),
         ("still.c3d", ["--plate-delay-ms", "5000"], ["--plate-delay-ms", "500"]),
+        ("still.c3d", ["--marker-offset-m", "9"], ["--marker-offset-m", "0.05", "metres"]),
+        ("still.c3d", ["--contact-threshold-n", "-1"], ["--contact-threshold-n", "-1"]),
+        ("still.c3d", ["--knee-width-m", "10.5"], ["--knee-width-m", "centimetres", "metres"]),
+        ("still.c3d", ["--ankle-width-m", "72"], ["--ankle-width-m", "millimetres", "metres"]),
         ("still.c3d", ["--mass-kg", "heavy"], ["--mass-kg"]),
         ("still.c3d", ["--colour", "red"], ["--colour", "--help"]),
     ],
@@ -94,6 +102,27 @@ def test_a_mistake_is_one_line_with_what_is_wrong(folder, tmp_path, capsys, file
     for words in said:
         assert words in line
     assert not (tmp_path / "out").exists()
+
+
+def test_a_request_has_the_defaults_of_a_study():
+    request = TrialRequest(Path("trial.c3d"))
+    for model in (Settings(), Subject()):
+        for name, value in model:
+            if hasattr(request, name):
+                assert getattr(request, name) == value, name
+
+
+def test_everything_that_a_study_states_of_settings_and_body_is_an_option():
+    options = {name for p in COMMANDS["residuals"].params for name in p.opts}
+    stated = {*Settings.model_fields, *Subject.model_fields} - {"id", "age_years", "plate_delay_s"}
+    assert {f"--{name.replace('_', '-')}" for name in stated} < options
+    assert "--plate-delay-ms" in options
+
+
+def test_residuals_and_export_take_the_same_request():
+    fields = {field.name for field in dataclasses.fields(TrialRequest)}
+    for name in ("residuals", "export"):
+        assert fields < {parameter.name for parameter in COMMANDS[name].params}
 
 
 def test_all_faults_of_the_options_are_listed_at_once(folder, capsys):
@@ -115,7 +144,7 @@ def test_a_command_without_its_argument_is_one_line(capsys):
 def test_a_file_in_the_place_of_the_output_folder_is_noticed_before_the_work(
     folder, capsys, monkeypatch
 ):
-    monkeypatch.setattr(one_trial, "process", lambda *_: pytest.fail("it began to work"))
+    monkeypatch.setattr(one_trial, "process_request", lambda *_: pytest.fail("it began to work"))
     for out in (folder / "still.txt", folder / "still.txt" / "deeper"):
         line = refused(capsys, "residuals", folder / "still.c3d", "--out", out)
         assert "still.txt is a file, not a folder" in line
@@ -125,7 +154,7 @@ def test_a_folder_without_permission_is_noticed_before_the_work(
     folder, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
-    monkeypatch.setattr(one_trial, "process", lambda *_: pytest.fail("it began to work"))
+    monkeypatch.setattr(one_trial, "process_request", lambda *_: pytest.fail("it began to work"))
     line = refused(capsys, "residuals", folder / "still.c3d", "--out", tmp_path / "results")
     assert f"no permission to write into {tmp_path}" in line
 
@@ -156,19 +185,11 @@ def test_hbm_alone_prints_its_help(capsys):
     assert err == ""
 
 
-def test_main_returns_the_code_that_a_command_ends_with(monkeypatch):
-    def some_failed():
-        raise typer.Exit(1)
-
-    monkeypatch.setattr(doctor, "run", some_failed)
-    assert main(["doctor"]) == 1
-
-
 def test_an_interrupt_ends_with_the_customary_code(monkeypatch):
-    def interrupted():
+    def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(doctor, "run", interrupted)
+    monkeypatch.setattr(native, "kernels", interrupted)
     assert main(["doctor"]) == 130
 
 
@@ -182,7 +203,7 @@ def test_doctor_names_versions_the_backend_and_its_speed(capsys):
 
 def test_square_brackets_are_printed_as_they_are(capsys, monkeypatch):
     """They are no markup: folders, extras, channel names and units may have them."""
-    monkeypatch.setattr(doctor, "cache_directory", lambda: "data [bold] [2024]")
+    monkeypatch.setattr(native, "cache_directory", lambda: "data [bold] [2024]")
     assert main(["doctor"]) == 0
     assert "data [bold] [2024]" in capsys.readouterr().out
 

@@ -27,6 +27,7 @@ from hbm.kernels.native import kernels
 import pipeline.trial.process, pipeline.run.store
 from pipeline.run.program import computation_digest
 from pipeline.cli.study import run
+import pipeline.cli.terminal, pipeline.run.run
 
 study, out, kills, seed = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4])
 kernels()
@@ -41,7 +42,7 @@ while kills:
     child = os.fork()
     if child == 0:
         os.setsid()
-        os._exit(run(study, out))
+        os._exit(run(study, out=out))
     time.sleep(chance.uniform(0.0, 1.5))
     if os.waitpid(child, os.WNOHANG)[0]:
         for path in before:

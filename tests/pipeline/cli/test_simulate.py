@@ -7,13 +7,14 @@ import pandas as pd
 import pytest
 
 from hbm.spatial import shift_wrench
-from pipeline.cli import demo as demonstration
-from pipeline.cli.study import print_residuals
+from pipeline.cli.results import print_study_residuals
+from pipeline.cli.simulate import demo
 from pipeline.config.study import read_study
 from pipeline.run.load import collect
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
+from pipeline.virtual_lab.protocol import walking_protocol
 from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill, treadmill_wrenches
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_trial, study_subject
@@ -27,8 +28,8 @@ CLOSE = 2.0  # N and N·m: half a percent of the largest artefact; plates have o
 def out(tmp_path_factory):
     folder = tmp_path_factory.mktemp("demo")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(demonstration, "SMALL", PROTOCOL)
-        assert demonstration.demo(folder, jobs=2) == 0
+        patch.setattr(walking_protocol, "DEMO", PROTOCOL)
+        assert demo(jobs=2, out=folder) == 0
     return folder
 
 
@@ -92,7 +93,7 @@ def test_compensated_residuals_are_what_they_would_be_without_a_moving_treadmill
 
 def test_the_table_fits_a_terminal_of_eighty_columns(out, rms, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
-    print_residuals(out / "results")
+    print_study_residuals(out / "results")
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= 80
     assert "…" not in shown

@@ -1,0 +1,74 @@
+"""What commands print with: a console, and the progress of long work."""
+
+import math
+from collections.abc import Callable
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+
+def plain_console() -> Console:
+    """Give a console that prints text as it is: brackets in file names are not markup."""
+    return Console(highlight=False, markup=False)
+
+
+def announcer(console: Console) -> Callable[[str], None]:
+    """Give what prints a sentence when something takes long."""
+    return lambda sentence: console.print(sentence, style="dim")
+
+
+class StepProgress(Progress):
+    """Progress of long work: a bar with the time left in a terminal, a line per step elsewhere.
+
+    Parameters
+    ----------
+    console
+        Where to print.
+    work
+        What is done, such as "simulating".
+    unit
+        What the steps are, such as "recordings".
+    """
+
+    def __init__(self, console: Console, work: str, unit: str) -> None:
+        super().__init__(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+            speed_estimate_period=math.inf,  # steps may take minutes: all of them count
+        )
+        self.work, self.unit = work, unit
+        self.task = self.add_task(work, total=None)
+        self.advance(self.task, 0)  # the time left is estimated from here on
+
+    def show(
+        self,
+        line: str,
+        done: int,
+        steps: int,
+        *,
+        size_done: float | None = None,
+        size: float | None = None,
+    ) -> None:
+        """Show that a step is done.
+
+        Parameters
+        ----------
+        line
+            What was done, such as "sub01_sway.c3d".
+        done, steps
+            How many steps are done, and how many there are.
+        size_done, size
+            The same in what the time is proportional to, where steps differ; default: the steps.
+        """
+        task, count = self.tasks[0], f"{done} of {steps} {self.unit}"
+        task.total = steps if size is None else size
+        completed = done if size_done is None else size_done
+        self.update(self.task, completed=completed, description=f"{self.work}: {count}")
+        if not self.console.is_terminal:
+            left = TimeRemainingColumn().render(task)
+            time_left = f", {left} left" if task.time_remaining else ""
+            self.console.print(f"{line}; {count}{time_left}", soft_wrap=True)

@@ -1,0 +1,128 @@
+"""One trial on the command line: residuals, export."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from pipeline.cli.options import Out, takes_trial_request
+from pipeline.run.request import TrialRequest
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pipeline.trial.result import TrialResult
+
+
+@takes_trial_request
+def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
+    """Process one trial: print its pelvis residuals, write table, frames and figure."""
+    from pipeline.cli.terminal import announcer, plain_console
+    from pipeline.figures.residuals import residual_figure
+    from pipeline.figures.style import save_figure
+    from pipeline.io.write import write_csv
+    from pipeline.run.one_trial import process_request
+    from pipeline.run.store import write_trial
+    from pipeline.trial.residuals import residual_table
+
+    console = plain_console()
+    _require_folder(out)
+    result, _ = process_request(request, announcer(console))
+    print_result(result, console)
+    name = request.trial.stem
+    write_trial(result, name, "", out / f"{name}.parquet")
+    write_csv(residual_table(result, name), out / f"{name}_residuals.csv")
+    save_figure(residual_figure(result), out / f"{name}_residuals")
+    console.print(
+        f"written to {out}: {name}.parquet (frames), {name}_residuals.csv, .png and .svg",
+        soft_wrap=True,
+    )
+
+
+@takes_trial_request
+def export(
+    request: TrialRequest,
+    osim: Annotated[Path | None, typer.Option(help="Write the body for OpenSim 4.")] = None,
+    urdf: Annotated[
+        Path | None, typer.Option(help="Write the body for Pinocchio, MuJoCo, ROS.")
+    ] = None,
+    tables: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the trial's .mot, .sto and .trc tables, and angles as .csv."),
+    ] = None,
+    ankle_zero: Annotated[
+        Literal["right_angle", "in_line"],
+        typer.Option(help="Neutral ankle of the angles: right_angle, or in_line as in the HBM."),
+    ] = "right_angle",
+    bids: Annotated[
+        Path | None, typer.Option(help="BIDS data set to add the recording to.")
+    ] = None,
+    subject: Annotated[str, typer.Option(help="BIDS label of the person.")] = "01",
+    task: Annotated[str, typer.Option(help="BIDS label of the task.")] = "walk",
+) -> None:
+    """Write the body as OpenSim or URDF model, results as OpenSim tables, a trial as BIDS."""
+    from pipeline.export import trial as exports
+
+    target = exports.BidsTarget(bids, subject, task) if bids else None
+    exports.run(request, osim=osim, urdf=urdf, tables=tables, ankle_zero=ankle_zero, bids=target)
+
+
+def _require_folder(out: Path) -> None:
+    """Refuse a folder that cannot be written to before minutes are spent on what goes into it."""
+    nearest = next(path for path in (out, *out.absolute().parents) if path.exists())
+    if not nearest.is_dir():
+        raise ValueError(f"--out {out}: {nearest} is a file, not a folder")
+    if not os.access(nearest, os.W_OK):
+        raise ValueError(f"--out {out}: no permission to write into {nearest}")
+
+
+def print_result(result: "TrialResult", console: "Console") -> None:
+    """Print a trial's residuals, thresholds, marker errors and notes.
+
+    Parameters
+    ----------
+    result
+        The trial.
+    console
+        Where.
+    """
+    import numpy as np
+    from rich.table import Table
+
+    from pipeline.trial.residuals import marker_rows, residual_rows, threshold_rows
+
+    rows = residual_rows(result, result.source.stem)
+    count = rows[0].n_cycles
+    table = Table(
+        title=f"Pelvis residuals, {result.source.name}, "
+        f"{count} gait cycle{'' if count == 1 else 's'} "
+        f"({result.settings.filter} {result.settings.cutoff_hz:g} Hz)",
+        caption="x forward, y right, z up; moments about mid-hip; % of body weight, or of body "
+        "weight × stature",
+    )
+    for name in ("plates", "axis", "RMS", "mean", "SD", "peak", "", "RMS %"):
+        table.add_column(name, justify="left" if name in ("plates", "axis", "") else "right")
+    for row in rows:
+        numbers = [f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)]
+        percent = f"{row.rms_percent:.2f}"
+        table.add_row(_plates(row.compensated), row.axis, *numbers, row.unit, percent)
+    console.print(table)
+    for threshold in threshold_rows(result):
+        verdict = "passes" if threshold.passed else "FAILS"
+        console.print(
+            f"{verdict} Hicks (2015): peak residual {threshold.quantity} {threshold.peak:.1f} "
+            f"{threshold.unit}, limit {threshold.limit:.1f} {threshold.unit} "
+            f"({_plates(threshold.compensated)})"
+        )
+    *single, every = marker_rows(result)
+    single.sort(key=lambda marker: -np.nan_to_num(marker.rms_mm))
+    errors = ", ".join(f"{marker.marker} {marker.rms_mm:.1f}" for marker in single)
+    console.print(f"marker error {every.rms_mm:.1f} mm RMS over {len(single)} markers: {errors}")
+    for note in sorted(result.notes, key=lambda note: not note.startswith("warning:")):
+        style = "bold" if note.startswith("warning:") else None
+        console.print(f"- {note}", soft_wrap=True, style=style)
+
+
+def _plates(compensated: bool) -> str:
+    return "compensated" if compensated else "measured"
