@@ -15,7 +15,7 @@ USAGE = 2
 """Exit code for wrong usage or input."""
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for what it writes.")]
-Jobs = Annotated[int, typer.Option(min=1, help="Trials side by side.")]
+Jobs = Annotated[int, typer.Option(min=1, help="How many trials at a time.")]
 Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals and results.")]
 Simulate = Annotated[
     bool, typer.Option("--simulate", help="Fill the folder from the virtual laboratory first.")

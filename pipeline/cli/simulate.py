@@ -26,7 +26,7 @@ def simulate(
         int | None, typer.Option(min=1, max=9, help="How many of the nine people.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Equal seeds give equal files.")] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes side by side.")] = 2,
+    jobs: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
     ablation: Annotated[
         bool, typer.Option("--ablation", help="What each fault adds to each residual instead.")
     ] = False,

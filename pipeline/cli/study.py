@@ -58,7 +58,7 @@ def run(
     from pipeline.cli.terminal import StepProgress, announcer, plain_console
     from pipeline.config.study import read_study
     from pipeline.io.write import remove_leftovers, require_writable
-    from pipeline.run.failures import gather_failures, note_failure
+    from pipeline.run.failures import collect_failures, record_failure
     from pipeline.run.run import plan, run_jobs
     from pipeline.run.store import remember_study
 
@@ -91,9 +91,9 @@ def run(
                 line = f"FAILED {name}: {reason}"
             progress.show(line, finished, len(planned), size_done=size_done, size=to_do)
             with _unwritable_reported(console):
-                note_failure(job.target, name, reason)
+                record_failure(job.target, name, reason)
     with _unwritable_reported(console):
-        gather_failures(
+        collect_failures(
             out,
             [
                 f"{subject} {condition}"

@@ -10,8 +10,9 @@ from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv
 from pipeline.report.figures import study_figures
 from pipeline.report.page import Report, write_page
+from pipeline.run.failures import read_failures
 from pipeline.run.load import collect, only
-from pipeline.run.provenance import provenance, read_failures, trial_states
+from pipeline.run.provenance import provenance, trial_states
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts

@@ -8,8 +8,10 @@ from typing import Any, Final
 
 from pipeline.run.job import WORKER_DIED, Job, Outcome, describe_error, process_job, stored_key
 
-LOOK_S: Final = 10.0
-UNMANNED_S: Final = 300.0
+POLL_S: Final = 10.0
+"""How often to ask for workers and finished trials: short beside a trial, long beside a network."""
+MAX_WITHOUT_WORKERS_S: Final = 300.0
+"""A queue needs a minute or two to replace a worker; after this long it will not."""
 
 
 def on_cluster(todo: list[Job], scheduler: str) -> Iterator[Outcome]:
@@ -36,9 +38,10 @@ def on_cluster(todo: list[Job], scheduler: str) -> Iterator[Outcome]:
 
     Notes
     -----
-    No more trials are sent than the workers have threads: Dask blames the death of a worker on all
-    that waits for it. A cluster that has no workers yet is waited for; one that has lost all for
-    ``UNMANNED_S``, or its scheduler, is given up, and what is left fails with that reason.
+    No more trials are sent than the workers have threads, because when a worker dies, Dask blames
+    every trial that waits for it. A cluster that has no workers yet is waited for. One that has
+    lost its scheduler, or all workers for ``MAX_WITHOUT_WORKERS_S``, is given up; the trials that
+    are left fail with that reason.
     """
     try:
         dask: Any = import_module("dask.distributed")
@@ -48,35 +51,35 @@ def on_cluster(todo: list[Job], scheduler: str) -> Iterator[Outcome]:
         ) from missing
     waiting, sent = todo[::-1], dict[Any, Job]()
     with dask.Client(scheduler, timeout="10s") as client:
-        for threads in _manned(client):
+        for threads in _worker_threads(client):
             while waiting and len(sent) < max(1, threads):
                 job = waiting.pop()
                 sent[client.submit(process_job, job, pure=False)] = job
             if not sent:
                 return
             with suppress(TimeoutError, dask.CancelledError):
-                dask.wait(list(sent), timeout=LOOK_S, return_when="FIRST_COMPLETED")
+                dask.wait(list(sent), timeout=POLL_S, return_when="FIRST_COMPLETED")
             for future in [future for future in sent if future.status != "pending"]:
-                yield _gathered(future, sent.pop(future), dask)
+                yield _outcome(future, sent.pop(future), dask)
     for job in [*sent.values(), *waiting]:
         yield Outcome(job, "failed", "the cluster is gone; run it again")
 
 
-def _manned(client: Any) -> Iterator[int]:
+def _worker_threads(client: Any) -> Iterator[int]:
     """Count the workers' threads again and again, until the cluster is given up."""
-    manned_at = float("inf")
-    while time.monotonic() - manned_at < UNMANNED_S:
+    last_worker_at = float("inf")
+    while time.monotonic() - last_worker_at < MAX_WITHOUT_WORKERS_S:
         try:
             threads = sum(client.nthreads().values())
         except OSError:
             return
-        manned_at = time.monotonic() if threads else manned_at
+        last_worker_at = time.monotonic() if threads else last_worker_at
         yield threads
 
 
-def _gathered(future: Any, job: Job, dask: Any) -> Outcome:
+def _outcome(future: Any, job: Job, dask: Any) -> Outcome:
     try:
-        outcome: Outcome = future.result(timeout=LOOK_S)
+        outcome: Outcome = future.result(timeout=POLL_S)
     except dask.KilledWorker:
         return Outcome(job, "failed", WORKER_DIED)
     except Exception as error:

@@ -1,6 +1,6 @@
-"""Why trials failed, kept beside the results: one file per trial, gathered into failures.json.
+"""Why trials failed: one file per trial beside its result, collected into ``failures.json``.
 
-One file per trial, for several runs may work on one folder at once, each on its own trials.
+One file per trial, since several runs may work on one results folder at the same time.
 """
 
 import json
@@ -8,18 +8,19 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from pipeline.io.write import whole_file
+from pipeline.io.write import write_text
 
 FAILURES: Final = "failures.json"
+SUFFIX: Final = ".failed.json"
 
 
-def note_failure(target: Path, name: str, reason: str | None) -> None:
-    """Keep the reason why a trial failed, or forget it.
+def record_failure(target: Path, name: str, reason: str | None) -> None:
+    """Store why a trial failed, or remove what is stored.
 
     Parameters
     ----------
     target
-        Where the trial's result goes.
+        File of the trial's result.
     name
         The trial, as "subject condition".
     reason
@@ -30,23 +31,22 @@ def note_failure(target: Path, name: str, reason: str | None) -> None:
     OSError
         If the folder cannot be written to.
     """
-    path = target.with_suffix(".failed.json")
+    path = target.with_suffix(SUFFIX)
     if reason is None:
         path.unlink(missing_ok=True)
-        return
-    with whole_file(path) as temporary:
-        temporary.write_text(json.dumps({name: reason}, ensure_ascii=False), encoding="utf-8")
+    else:
+        write_text(json.dumps({name: reason}, ensure_ascii=False), path)
 
 
-def gather_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
-    """Write ``failures.json`` from what was kept.
+def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
+    """Write ``failures.json`` from what is stored beside the results.
 
     Parameters
     ----------
     out
         Results folder.
     known
-        Trials that the study has, as "subject condition"; what was kept of others is forgotten.
+        Trials that the study has, as "subject condition"; failures of others are removed.
 
     Returns
     -------
@@ -60,16 +60,33 @@ def gather_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
     """
     wanted = set(known)
     failures: dict[str, str] = {}
-    for path in sorted((out / "trials").glob("*.failed.json")):
+    for path in sorted((out / "trials").glob(f"*{SUFFIX}")):
         try:
-            kept = json.loads(path.read_text(encoding="utf-8"))
+            stored: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             continue
-        if wanted.isdisjoint(kept):
+        if wanted.isdisjoint(stored):
             path.unlink(missing_ok=True)
         else:
-            failures |= kept
-    with whole_file(out / FAILURES) as temporary:
-        text = json.dumps(failures, indent=1, ensure_ascii=False)
-        temporary.write_text(text, encoding="utf-8")
+            failures |= stored
+    write_text(json.dumps(failures, indent=1, ensure_ascii=False), out / FAILURES)
+    return failures
+
+
+def read_failures(folder: Path) -> dict[str, str]:
+    """Read ``failures.json``: "subject condition" -> reason; empty where there is no such file.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged.
+    """
+    try:
+        failures: dict[str, str] = json.loads((folder / FAILURES).read_text("utf-8"))
+    except FileNotFoundError:
+        return {}
+    except ValueError as error:
+        raise ValueError(
+            f"{folder / FAILURES} is damaged ({error}); run 'hbm run' again"
+        ) from error
     return failures

@@ -1,18 +1,15 @@
 """Where a study's numbers come from: trials, settings, inputs, program."""
 
-import json
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
 from typing import Final, Literal, TypeVar
 
 from pydantic import TypeAdapter
 
 from pipeline.config.schema import Condition, Settings, Treadmill, Trial
 from pipeline.config.study import Study
-from pipeline.run.failures import FAILURES
 from pipeline.run.job import file_digest, trial_key
 from pipeline.run.load import Results
 from pipeline.run.program import git_commit, program_digest
@@ -102,19 +99,6 @@ class Provenance:
 _JSON: Final = TypeAdapter(Provenance)
 
 
-def read_failures(folder: Path) -> dict[str, str]:
-    """Read why trials failed, "subject condition" -> reason; nothing where none is stored."""
-    try:
-        found: dict[str, str] = json.loads((folder / FAILURES).read_text("utf-8"))
-    except FileNotFoundError:
-        return {}
-    except ValueError as error:
-        raise ValueError(
-            f"{folder / FAILURES} is damaged ({error}); run 'hbm run' again"
-        ) from error
-    return found
-
-
 def trial_states(
     results: Results, failures: Mapping[str, str], study: Study | None = None
 ) -> list[TrialState]:
@@ -125,7 +109,7 @@ def trial_states(
     results
         What `hbm run` left.
     failures
-        "subject condition" -> reason (`read_failures`).
+        "subject condition" -> reason (`pipeline.run.failures.read_failures`).
     study
         What was to be done; without it, every subject is taken to have every condition.
 

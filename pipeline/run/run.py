@@ -1,4 +1,4 @@
-"""A whole study: every trial once, side by side, resumable, nothing half-written."""
+"""A whole study: every trial once, in parallel, resumable, nothing half-written."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -30,16 +30,16 @@ def run_study(
     out
         Folder for results; trials go to ``out/trials``.
     subjects, conditions
-        Which; all by default.
+        Those to process; all by default.
     jobs
-        Trials side by side.
+        How many trials at a time.
     scheduler
         Address of a Dask scheduler to run them on instead.
 
     Yields
     ------
     Outcome
-        As trials finish, those that are there already first. A failing trial stops no other.
+        As trials finish; first those whose results exist already. A failure stops no other trial.
 
     Raises
     ------
@@ -89,19 +89,19 @@ def run_jobs(
     if scheduler is not None and todo:
         yield from on_cluster(todo, scheduler)
     elif min(workers, len(todo)) > 1:
-        yield from _side_by_side(todo, min(workers, len(todo)))
+        yield from _in_parallel(todo, min(workers, len(todo)))
     else:
         yield from map(process_job, todo)
 
 
-def _side_by_side(todo: list[Job], workers: int) -> Iterator[Outcome]:
+def _in_parallel(todo: list[Job], workers: int) -> Iterator[Outcome]:
     """Process trials in processes of their own.
 
-    The death of one, such as for want of memory, takes the others' work with it; what is left is
-    then processed one by one, so that only the trial that cannot be done fails.
+    When one of them dies, such as for want of memory, the pool ends all others. What is left is
+    then processed one by one, so that only the trial that cannot be processed fails.
     """
     left = {job.target: job for job in todo}
-    side_by_side = Parallel(
+    parallel = Parallel(
         workers,
         backend="loky",
         inner_max_num_threads=1,
@@ -109,18 +109,19 @@ def _side_by_side(todo: list[Job], workers: int) -> Iterator[Outcome]:
         return_as="generator_unordered",
     )
     try:
-        for outcome in side_by_side(delayed(process_job)(job) for job in todo):
+        for outcome in parallel(delayed(process_job)(job) for job in todo):
             del left[outcome.job.target]
             yield outcome
     except BrokenProcessPool:
         for job in left.values():
-            yield _alone(job)
+            yield _in_own_process(job)
 
 
-def _alone(job: Job) -> Outcome:
+def _in_own_process(job: Job) -> Outcome:
     try:
-        alone = Parallel(2, backend="loky", inner_max_num_threads=1)
-        outcome: Outcome = alone([delayed(process_job)(job)])[0]
+        # with one worker, joblib would process it in this process
+        parallel = Parallel(2, backend="loky", inner_max_num_threads=1)
+        outcome: Outcome = parallel([delayed(process_job)(job)])[0]
     except BrokenProcessPool:
         return Outcome(job, "failed", WORKER_DIED)
     return outcome

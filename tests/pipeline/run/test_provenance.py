@@ -9,13 +9,13 @@ import pytest
 
 from pipeline.config.schema import Settings
 from pipeline.config.study import read_study
+from pipeline.run.failures import read_failures
 from pipeline.run.job import trial_key
 from pipeline.run.load import collect, only
 from pipeline.run.program import git_commit
 from pipeline.run.provenance import (
     input_digests,
     provenance,
-    read_failures,
     trial_states,
 )
 from tests.pipeline.fake_results import write_fake_results, write_fake_study

@@ -220,7 +220,7 @@ class VanishingCluster:
 )
 def test_a_cluster_that_goes_away_is_given_up(moving_study, tmp_path, monkeypatch, answers):
     monkeypatch.setattr(cluster, "import_module", lambda _: VanishingCluster([*answers, 0, 0]))
-    monkeypatch.setattr(cluster, "UNMANNED_S", 1e-9)
+    monkeypatch.setattr(cluster, "MAX_WITHOUT_WORKERS_S", 1e-9)
     outcomes = list(run_study(read_study(moving_study), tmp_path, scheduler="tcp://somewhere:1"))
     assert only(outcomes, "failed") == dict.fromkeys(TRIALS, "the cluster is gone; run it again")
 
