@@ -1,8 +1,8 @@
 """Inverse kinematics: all coordinates of all frames from all markers at once.
 
-Every frame is its own least-squares problem (Lu and O'Connor 1999, J Biomech 32:129), solved by
-Newton's method until the step is below the tolerance (`hbm.ik.descent`), from starting points that
-`hbm.ik.tracking` finds.
+Every frame is a least-squares problem of its own (Lu and O'Connor 1999, J Biomech 32:129), solved
+by Newton's method until the step is below the tolerance (`hbm.ik.descent`), from starting points
+that `hbm.ik.tracking` finds.
 """
 
 from collections.abc import Mapping
@@ -40,39 +40,42 @@ def solve_ik(
     limits
         Coordinate -> lowest and highest value [m or rad]; unbounded where not named.
     priors
-        Coordinate -> weight w and value p [m or rad] of a pull w (q − p)²/2 that is added to the
-        markers' ½ Σ w |r − m|² [w in m²/rad², or 1 for a slide]; none where not named.
+        Coordinate -> weight w and value p [m or rad] of a term w (q − p)²/2 that is added to the
+        markers' ½ Σ w |r − m|² [w in m²/rad², or 1 for a translation]; none where not named.
     tolerance
-        Largest last step of any coordinate [rad or m]; after it one more order is gained.
+        Largest last step of any coordinate [rad or m]; convergence is quadratic, so the error that
+        remains is far smaller.
     jobs
         Threads.
 
     Returns
     -------
     Motion
-        ``q``, errors and what was observed; ``v`` and ``a`` are NaN until `filter_motion`.
-        Coordinates that no marker of the trial shows stay at zero; those that lose their markers
-        for a while are bridged in time from their neighbours.
+        ``q``, marker errors and which coordinates were observed; ``v`` and ``a`` are NaN until
+        `filter_motion`. Coordinates that no marker of the trial shows stay at zero; those that lose
+        their markers for a while are interpolated in time.
 
     Raises
     ------
     ValueError
-        If none of the body's markers is in the trial, or a weight, limit or prior is for nothing
-        that the body has, or makes no sense.
+        If none of the body's markers is in the trial, or a weight, limit or prior names a marker or
+        coordinate that does not exist, or has an impossible value.
     """
     for name, weight in (weights or {}).items():
         if name not in body.markers:
-            raise ValueError(f"weight for {name!r}, which is no marker of the body")
+            raise ValueError(f"weight for {name!r}, which is not a marker of the body")
         if not (weight >= 0 and np.isfinite(weight)):
-            raise ValueError(f"the weight of {name} must be a number from 0 up, got {weight:g}")
+            raise ValueError(f"the weight of {name} must be 0 or more, got {weight:g}")
     for kind, pairs in (("limit", limits or {}), ("prior", priors or {})):
         for name, (first, second) in pairs.items():
             if name not in INDEX:
-                raise ValueError(f"{kind} for {name!r}, which is no coordinate")
+                raise ValueError(f"{kind} for {name!r}, which is not a coordinate")
             if kind == "limit" and not first <= second:
-                raise ValueError(f"the limits of {name} must rise, got {first:g} and {second:g}")
+                raise ValueError(
+                    f"the limits of {name} are in the wrong order: {first:g}, {second:g}"
+                )
             if kind == "prior" and not (first >= 0 and np.isfinite([first, second]).all()):
-                raise ValueError(f"the prior of {name} must be a weight from 0 up and a value")
+                raise ValueError(f"the prior of {name} must be a weight of 0 or more and a value")
     return Tracker(
         body,
         markers,

@@ -1,4 +1,4 @@
-"""Angles that run on without leaps: of all that say the same, those nearest to the frame before."""
+"""Angles without jumps: of all coordinates for the same pose, those nearest to the frame before."""
 
 from typing import Final
 
@@ -7,12 +7,13 @@ import numpy as np
 from hbm.coordinates import TREE, N
 from hbm.spatial import Array
 
-TURNING: Final = tuple(i for i, c in enumerate(TREE) if not c.translates)
-LEAP: Final = np.pi / 2
+ROTATIONS: Final = tuple(i for i, c in enumerate(TREE) if not c.translates)
+MIN_JUMP_RAD: Final = np.pi / 2
+"""No angle changes by a quarter turn between frames: a change so large is another set of angles."""
 
 
-def _balls() -> tuple[int, ...]:
-    """First coordinates of joints that turn about three axes at right angles."""
+def _ball_joints() -> tuple[int, ...]:
+    """First coordinates of joints that rotate about three axes at right angles."""
     triples = [TREE[i : i + 3] for i in range(N - 2)]
     return tuple(
         i
@@ -22,16 +23,16 @@ def _balls() -> tuple[int, ...]:
     )
 
 
-BALLS: Final = _balls()
+BALL_JOINTS: Final = _ball_joints()
 
 
 def continuous(q: Array) -> Array:
-    """Choose among equal coordinates those that make each angle run on from frame to frame.
+    """Choose among equivalent coordinates those that make every angle continuous in time.
 
     Parameters
     ----------
     q
-        Coordinates, (T, 46) [m and rad]; frames without a solution are NaN and are passed over.
+        Coordinates, (T, 46) [m and rad]; frames without a solution are NaN and are skipped.
 
     Returns
     -------
@@ -41,22 +42,22 @@ def continuous(q: Array) -> Array:
 
     Notes
     -----
-    A turn is known up to full turns; three turns (a, b, c) about axes at right angles are the same
-    as (a + π, π − b, c + π).
+    An angle is defined up to full turns; three angles (a, b, c) about axes at right angles give the
+    same rotation as (a + π, π − b, c + π).
     """
     solved = ~np.isnan(q[:, 0])
     angles = q[solved]
     if not len(angles):
         return q.copy()
-    leaps = np.abs(np.diff(angles, axis=0)).max(axis=0, initial=0)
-    beyond = np.abs(angles[0])
-    for i in BALLS:
-        trio = slice(i, i + 3)
-        if leaps[trio].max() > LEAP or np.abs(angles[:, i + 1]).max() > LEAP:
-            angles[:, trio] = _ball(angles[:, trio])
-            leaps[trio] = np.inf
-    for i in TURNING:
-        if leaps[i] > np.pi or beyond[i] > np.pi:
+    jumps = np.abs(np.diff(angles, axis=0)).max(axis=0, initial=0)
+    first = np.abs(angles[0])
+    for i in BALL_JOINTS:
+        joint = slice(i, i + 3)
+        if jumps[joint].max() > MIN_JUMP_RAD or np.abs(angles[:, i + 1]).max() > np.pi / 2:
+            angles[:, joint] = _continuous_joint(angles[:, joint])
+            jumps[joint] = np.inf
+    for i in ROTATIONS:
+        if jumps[i] > np.pi or first[i] > np.pi:
             angles[0, i] = _within_half_turn(angles[0, i])
             angles[:, i] = np.unwrap(angles[:, i])
     result = q.copy()
@@ -64,20 +65,20 @@ def continuous(q: Array) -> Array:
     return result
 
 
-def _ball(angles: Array) -> Array:
-    """Give three consecutive angles in the set, of the two, that is nearer to the frame before."""
+def _continuous_joint(angles: Array) -> Array:
+    """Give a joint's three angles, (F, 3), in the set that is nearer to the frame before."""
     first = _within_half_turn(angles)
-    first = np.where(np.abs(first[:, 1:2]) > LEAP, _other(first), first)
-    second = _other(first)
-    stay, leap = (
+    first = np.where(np.abs(first[:, 1:2]) > np.pi / 2, _other_set(first), first)
+    second = _other_set(first)
+    same, other = (
         np.square(_within_half_turn(x[1:] - first[:-1])).sum(axis=1) for x in (first, second)
     )
-    crossings = np.concatenate([np.zeros(min(1, len(angles)), int), np.cumsum(leap < stay)])
+    crossings = np.concatenate([np.zeros(min(1, len(angles)), int), np.cumsum(other < same)])
     return np.where((crossings % 2 == 1)[:, None], second, first)
 
 
-def _other(angles: Array) -> Array:
-    """Give the other set of three angles for the same rotation."""
+def _other_set(angles: Array) -> Array:
+    """Give the other three angles of the same rotation, (F, 3)."""
     return np.asarray(_within_half_turn(angles * [1, -1, 1] + np.pi))
 
 

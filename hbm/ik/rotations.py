@@ -1,8 +1,8 @@
-"""Turns that bring a model's vectors nearest to measured ones, for many frames at once.
+"""Rotations that best align a model's vectors with measured ones, for many frames at once.
 
-A joint with three axes turns freely; one or two hinges turn in sequence about theirs. What is
-measured enters through the cross-covariance ``B = Σ w (measured) (model)ᵀ``; the nearest turn makes
-``trace(Rᵀ B)`` largest.
+A joint with three axes rotates freely; one or two hinges rotate in sequence about theirs. The
+measurement enters through the cross-covariance ``B = Σ w (measured) (model)ᵀ``; the best rotation R
+makes ``trace(Rᵀ B)`` largest.
 """
 
 from functools import cache
@@ -13,7 +13,6 @@ import numpy as np
 from hbm.coordinates import TREE
 from hbm.spatial import Array, fit_rotation, skew
 
-SWEEPS: Final = 4
 COFACTORS: Final = np.array(
     [
         (4, 5, 3, 7, 8, 6, 1, 2, 0),
@@ -22,13 +21,33 @@ COFACTORS: Final = np.array(
         (7, 8, 6, 1, 2, 0, 4, 5, 3),
     ]
 )
-ROOT_STEPS: Final = 5
-FLAT: Final = 1e-9
-FEW: Final = 24
-ON_A_LINE: Final = 1e-2
-SETTLED: Final = 1e-6
-TINY: Final = 1e-300
+"""Entries a, b, c, d of a flat 3 × 3 matrix whose cofactors, in the same order, are ``ab − cd``."""
+
 CYCLIC: Final = {(0, 1, 2), (1, 2, 0), (2, 0, 1)}
+"""Sequences of axes that follow each other by the right-hand rule."""
+
+MIN_FRAMES_CLOSED_FORM: Final = 24
+"""For fewer frames singular values are as fast."""
+
+ROOT_ITERATIONS: Final = 5
+"""Newton's method on the quartic starts at an upper bound of its largest root, from where five
+iterations suffice unless two roots nearly coincide."""
+
+MAX_LAST_STEP: Final = 1e-6
+"""Last step of that root, relative to it: convergence is quadratic, so the error is its square."""
+
+MIN_SLOPE: Final = 1e-9
+"""Of the quartic, relative to the cube of its root: below it the root is a double one."""
+
+MIN_SCALE: Final = 1e-2
+"""Of the closed form, relative to the cube of the root: it vanishes for markers on one line, and
+the closed form loses the digits that it is smaller by."""
+
+MIN_AMPLITUDE: Final = 1e-300
+"""Keeps zero from being divided by zero; any angle is as good there."""
+
+HINGE_ITERATIONS: Final = 4
+"""Times that the two angles of a double hinge are improved in turn: enough for a starting point."""
 
 
 def nearest_rotation(covariance: Array) -> Array:
@@ -47,10 +66,10 @@ def nearest_rotation(covariance: Array) -> Array:
     Notes
     -----
     In closed form but for a root of a quartic (Markley 1993, J Astronaut Sci 41:261), which is far
-    quicker for many frames than singular values. For few, and where that is singular, as with
-    markers on one line, `fit_rotation` steps in.
+    faster for many frames than singular values. For few frames, and where the closed form is
+    singular, as for markers on one line, `fit_rotation` is used.
     """
-    if len(covariance) < FEW:
+    if len(covariance) < MIN_FRAMES_CLOSED_FORM:
         return fit_rotation(covariance)
     flat = covariance.reshape(-1, 9)
     plus, minus = flat[:, COFACTORS[0]] * flat[:, COFACTORS[1]], flat[:, COFACTORS[2]]
@@ -58,17 +77,17 @@ def nearest_rotation(covariance: Array) -> Array:
     norm, size = np.vecdot(flat, flat), 4 * np.vecdot(cofactor, cofactor)
     determinant = np.vecdot(flat[:, :3], cofactor[:, :3])
     root = np.sqrt(norm + np.sqrt(3 * size))
-    for _ in range(ROOT_STEPS):
+    for _ in range(ROOT_ITERATIONS):
         rest = root**2 - norm
         slope, step = 4 * root * rest - 8 * determinant, np.zeros_like(root)
-        short = rest**2 - 8 * determinant * root - size
-        np.divide(short, slope, out=step, where=slope > FLAT * root**3)
+        value = rest**2 - 8 * determinant * root - size
+        np.divide(value, slope, out=step, where=slope > MIN_SLOPE * root**3)
         root -= step
     half = (root**2 - norm) / 2
     scale = half * root - determinant
     square = covariance @ np.swapaxes(covariance, 1, 2) @ covariance
     rotation = (half + norm)[:, None] * flat + root[:, None] * cofactor - square.reshape(-1, 9)
-    singular = (scale <= ON_A_LINE * root**3) | (np.abs(step) > SETTLED * root)
+    singular = (scale <= MIN_SCALE * root**3) | (np.abs(step) > MAX_LAST_STEP * root)
     rotation = (rotation / np.where(singular, 1, scale)[:, None]).reshape(-1, 3, 3)
     if singular.any():
         rotation[singular] = fit_rotation(covariance[singular])
@@ -90,7 +109,7 @@ def three_angles(R: Array, first: int) -> Array:
     Array
         Angles, (F, 3) [rad], the middle one within ±90°.
     """
-    (i, j, k), (a, b, c) = _axes_and_senses(first)
+    (i, j, k), (a, b, c) = _axes_and_signs(first)
     sign = 1.0 if (i, j, k) in CYCLIC else -1.0
     angles = np.empty((len(R), 3))
     angles[:, 0] = a * np.arctan2(-sign * R[:, j, k], R[:, k, k])
@@ -100,58 +119,60 @@ def three_angles(R: Array, first: int) -> Array:
 
 
 @cache
-def _axes_and_senses(first: int) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Give the numbers of three coordinates' axes, and whether they point along or against."""
+def _axes_and_signs(first: int) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Give the lab axes that three coordinates rotate about in the neutral pose, and the signs."""
     axes = [TREE[i].axis or () for i in range(first, first + 3)]
     return tuple(axis.index(sum(axis)) for axis in axes), tuple(sum(axis) for axis in axes)
 
 
-def hinge_angles(covariance: Array, parts: Array, begins: tuple[float, ...]) -> tuple[Array, Array]:
-    """Turn one or two hinges in sequence onto measured directions.
+def hinge_angles(covariance: Array, terms: Array, starts: tuple[float, ...]) -> tuple[Array, Array]:
+    """Rotate one or two hinges in sequence to align the model with the measurement.
 
     Parameters
     ----------
     covariance
         Measured by model, in the frame before the first hinge, (F, 3, 3).
-    parts
-        Of the hinges' turns (see `parts_of_turns`), (n, 3, 9).
-    begins
+    terms
+        Of the hinges' rotations (see `rotation_terms`), (n, 3, 9).
+    starts
         First angles of the second hinge to try [rad].
 
     Returns
     -------
     angles
         (F, n) [rad].
-    turn
-        The rotation they give, (F, 3, 3).
+    rotation
+        The rotation that they make, (F, 3, 3).
 
     Notes
     -----
-    ``trace(Rᵀ B)`` is linear in (1, cos, sin) of each angle, so each hinge has its best angle in
-    closed form. Two hinges take turns, and of all beginnings the best end is kept.
+    ``trace(Rᵀ B)`` is linear in (1, cos, sin) of each angle, so the best angle of each hinge has a
+    closed form while the other stays. Two hinges are improved in turn from each start, and the best
+    result is kept.
     """
     flat = covariance.reshape(-1, 9)
-    if len(parts) == 1:
-        waves = _best_waves(flat @ parts[0].T)
-        return _angle(waves)[:, None], (waves @ parts[0]).reshape(-1, 3, 3)
-    first, second = parts.reshape(2, 3, 3, 3)
-    met = (flat @ (first[:, None] @ second).reshape(9, 9).T).reshape(-1, 3, 3)
-    back = np.swapaxes(met, 1, 2)
-    after = np.stack([np.ones_like(begins), np.cos(begins), np.sin(begins)], axis=-1)
-    for _ in range(SWEEPS):
-        before = _best_waves(after @ back)
-        after = _best_waves(before @ met)
-    ends = np.vecdot(before @ met, after)
-    best = np.arange(len(covariance)), ends.argmax(axis=1)
-    before, after = before[best], after[best]
-    turns = (
-        (waves @ part).reshape(-1, 3, 3) for waves, part in ((before, parts[0]), (after, parts[1]))
+    if len(terms) == 1:
+        factors = _best_factors(flat @ terms[0].T)
+        return _angle(factors)[:, None], (factors @ terms[0]).reshape(-1, 3, 3)
+    first, second = terms.reshape(2, 3, 3, 3)
+    bilinear = (flat @ (first[:, None] @ second).reshape(9, 9).T).reshape(-1, 3, 3)
+    transposed = np.swapaxes(bilinear, 1, 2)
+    distal = np.stack([np.ones_like(starts), np.cos(starts), np.sin(starts)], axis=-1)
+    for _ in range(HINGE_ITERATIONS):
+        proximal = _best_factors(distal @ transposed)
+        distal = _best_factors(proximal @ bilinear)
+    traces = np.vecdot(proximal @ bilinear, distal)
+    best = np.arange(len(covariance)), traces.argmax(axis=1)
+    proximal, distal = proximal[best], distal[best]
+    rotations = (
+        (factors @ term).reshape(-1, 3, 3)
+        for factors, term in ((proximal, terms[0]), (distal, terms[1]))
     )
-    return np.stack([_angle(before), _angle(after)], axis=1), np.matmul(*turns)
+    return np.stack([_angle(proximal), _angle(distal)], axis=1), np.matmul(*rotations)
 
 
-def parts_of_turns(axes: Array) -> Array:
-    """Give what 1, cos and sin of the angle multiply in rotations about axes.
+def rotation_terms(axes: Array) -> Array:
+    """Give the matrices that 1, cos and sin of the angle multiply in rotations about axes.
 
     Parameters
     ----------
@@ -167,12 +188,13 @@ def parts_of_turns(axes: Array) -> Array:
     return np.stack([along, np.eye(3) - along, skew(axes)], axis=1).reshape(-1, 3, 9)
 
 
-def _best_waves(met: Array) -> Array:
-    """Give 1, cos and sin of the angles whose sum with these factors, (..., 3), is largest."""
-    waves = met / np.maximum(np.hypot(met[..., 1], met[..., 2]), TINY)[..., None]
-    waves[..., 0] = 1
-    return np.asarray(waves)
+def _best_factors(coefficients: Array) -> Array:
+    """Give 1, cos and sin of the angles that make their sum with coefficients (..., 3) largest."""
+    amplitude = np.hypot(coefficients[..., 1], coefficients[..., 2])
+    factors = coefficients / np.maximum(amplitude, MIN_AMPLITUDE)[..., None]
+    factors[..., 0] = 1
+    return np.asarray(factors)
 
 
-def _angle(waves: Array) -> Array:
-    return np.asarray(np.arctan2(waves[..., 2], waves[..., 1]))
+def _angle(factors: Array) -> Array:
+    return np.asarray(np.arctan2(factors[..., 2], factors[..., 1]))

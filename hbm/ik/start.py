@@ -1,10 +1,10 @@
-"""A first guess of the pose: segment after segment, each turned onto its own markers.
+"""A starting pose from one frame's markers: segment after segment, each aligned with its own.
 
-The pelvis is fitted rigidly; every further segment hangs at its joint and turns about it: by the
-nearest rotation where the joint has three axes, by turns about each hinge in closed form where it
-has one or two. Where so few markers of an upper arm or thigh are visible that nothing shows its
-twist, several twists are tried and the limb that meets its markers best is kept. A cold start from
-zeros ends in wrong minima; this one does not.
+The pelvis is fitted rigidly; every further segment is attached at its joint and rotates about it:
+by the nearest rotation where the joint has three axes, by the best angle of each hinge where it has
+one or two. Where so few markers of an upper arm or thigh are visible that nothing shows its axial
+rotation, several axial rotations are tried and the one in which the limb meets its markers best is
+kept. From such a start Newton's method finds the pose; from zeros it ends in wrong minima.
 """
 
 from collections.abc import Iterable, Mapping
@@ -13,20 +13,39 @@ from typing import Final
 import numpy as np
 
 from hbm.coordinates import FIRST, LAST, PARENT, SEGMENTS, TREE, N, support
-from hbm.ik.rotations import hinge_angles, nearest_rotation, parts_of_turns, three_angles
+from hbm.ik.rotations import hinge_angles, nearest_rotation, rotation_terms, three_angles
 from hbm.spatial import Array, Indices, Mask, rotation_about
 
-FOREARM_TURNS: Final = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
-NEUTRAL: Final = 1e-6 * np.eye(3)
-SHOW_TWIST: Final = 2
-BACKWARDS: Final = np.radians(-20.0)
-TWISTS: Final = tuple(np.radians(range(45, 360, 45)))
+FOREARM_STARTS_RAD: Final = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
+"""Pronations from which elbow and forearm are improved in turn: any pronation is within 60° of
+one."""
+
+NEUTRAL_COVARIANCE: Final = 1e-6 * np.eye(3)
+"""Added to a joint's cross-covariance [m²]: where no marker is seen the joint stays neutral, and
+beside a marker, which contributes 1e-3 m² and more, it is negligible."""
+
+MIN_MARKERS_AXIAL: Final = 2
+"""Markers of an upper arm or thigh that show its axial rotation."""
+
+MIN_FLEXION_RAD: Final = np.radians(-20.0)
+"""Of elbow and knee: below it the limb bends the wrong way."""
+
+AXIAL_ROTATIONS_RAD: Final = tuple(np.radians(range(45, 360, 45)))
+"""Tried where markers do not show the axial rotation: with zero, any is within 22.5° of one."""
+
+MIN_ROOT_MARKERS: Final = 3
+"""That show where the pelvis is and how it is oriented."""
+
 ROOT_SEGMENTS: Final = ("pelvis", "trunk", "right_thigh", "left_thigh")
+"""Segments whose markers, with the joints held neutral, show the pelvis where its own are few."""
+
 LIMBS: Final = {
     f"{side}_{first}": tuple(f"{side}_{s}" for s in (first, *rest))
     for side in ("right", "left")
     for first, *rest in (("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot", "toes"))
 }
+"""First segment of each limb -> all its segments, elbow or knee between the first two."""
+
 Poses = dict[str, tuple[Array, Array]]
 
 
@@ -38,7 +57,7 @@ def starting_pose(
     offsets: Mapping[str, Array],
     axes: Mapping[str, Array],
 ) -> Array:
-    """Guess the coordinates of many frames at once.
+    """Estimate the coordinates of many frames at once.
 
     Parameters
     ----------
@@ -59,11 +78,11 @@ def starting_pose(
         Coordinates, (T, 46). Coordinates without markers are zero. Frames in which fewer than
         three markers show pelvis, trunk or thighs are NaN.
     """
-    return _Start(position, weight, local, segment, offsets, axes).pose()
+    return _Start(position, weight, local, segment, offsets, axes).coordinates()
 
 
 class _Start:
-    """The measured markers of some frames, and the body that is hung onto them."""
+    """The measured markers of some frames, and the body that is aligned with them."""
 
     def __init__(
         self,
@@ -78,145 +97,155 @@ class _Start:
         self.offsets = offsets
         own = np.array(segment)
         self.columns = {s: np.flatnonzero(own == s) for s in SEGMENTS}
-        self.turning = {
+        self.rotations = {
             s: [i for i in range(FIRST[s], LAST[s] + 1) if not TREE[i].translates] for s in SEGMENTS
         }
         self.axis = np.array([axes[c.name] if c.axis is None else c.axis for c in TREE], float)
-        self.parts = parts_of_turns(self.axis)
+        self.terms = rotation_terms(self.axis)
 
-    def pose(self) -> Array:
-        every = np.arange(len(self.position))
-        R, o, solved = self.root()
-        q, pose = self.hang(every, R, o, np.zeros(len(every)), SEGMENTS[1:])
+    def coordinates(self) -> Array:
+        frames = np.arange(len(self.position))
+        R, o, solved = self.pelvis()
+        q, poses = self.align(frames, R, o, np.zeros(len(frames)), SEGMENTS[1:])
         for first, limb in LIMBS.items():
             own = self.columns[first]
-            hard = every[(self.weight[:, own] > 0).sum(axis=1) < SHOW_TWIST]
-            if not len(hard):
+            unclear = frames[(self.weight[:, own] > 0).sum(axis=1) < MIN_MARKERS_AXIAL]
+            if not len(unclear):
                 continue
-            again, twist = np.tile(hard, len(TWISTS)), np.repeat(TWISTS, len(hard))
-            way = [s for s in SEGMENTS[1:] if s in limb or FIRST[s] in support(FIRST[first])]
-            others, tried = self.hang(again, R[again], o[again], twist, way)
-            before = self.implausibility(hard, limb, q[hard], pose, hard)
-            after = self.implausibility(again, limb, others, tried).reshape(len(TWISTS), -1)
-            best = after.argmin(axis=0) * len(hard) + np.arange(len(hard))
+            tries = len(AXIAL_ROTATIONS_RAD)
+            again, axial = np.tile(unclear, tries), np.repeat(AXIAL_ROTATIONS_RAD, len(unclear))
+            chain = [s for s in SEGMENTS[1:] if s in limb or FIRST[s] in support(FIRST[first])]
+            tried_q, tried_poses = self.align(again, R[again], o[again], axial, chain)
+            before = self.misfit(unclear, limb, q[unclear], poses, unclear)
+            after = self.misfit(again, limb, tried_q, tried_poses).reshape(tries, -1)
+            best = after.argmin(axis=0) * len(unclear) + np.arange(len(unclear))
             better = after.min(axis=0) < before
-            chain = slice(FIRST[first], LAST[limb[-1]] + 1)
-            q[hard[better], chain] = others[best[better], chain]
+            coordinates = slice(FIRST[first], LAST[limb[-1]] + 1)
+            q[unclear[better], coordinates] = tried_q[best[better], coordinates]
         q[~solved] = np.nan
         return q
 
-    def root(self) -> tuple[Array, Array, Mask]:
+    def pelvis(self) -> tuple[Array, Array, Mask]:
         """Fit the pelvis to its own markers; if they are few, with its neighbours held neutral."""
         frames = len(self.position)
         R, o = np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3))
         solved = np.zeros(frames, bool)
-        placed = {"pelvis": np.zeros(3)}
+        neutral = {"pelvis": np.zeros(3)}
         for s in SEGMENTS[1:]:
-            placed[s] = placed[PARENT[s]] + self.offsets[s]
-        for chosen in (ROOT_SEGMENTS[:1], ROOT_SEGMENTS[:2], ROOT_SEGMENTS):
-            own = np.concatenate([self.columns[s] for s in chosen])
-            if len(own) < 3 or solved.all():
+            neutral[s] = neutral[PARENT[s]] + self.offsets[s]
+        for segments in (ROOT_SEGMENTS[:1], ROOT_SEGMENTS[:2], ROOT_SEGMENTS):
+            own = np.concatenate([self.columns[s] for s in segments])
+            if len(own) < MIN_ROOT_MARKERS or solved.all():
                 continue
-            model = np.concatenate([placed[s] + self.local[self.columns[s]] for s in chosen])
-            todo = ~solved & ((self.weight[:, own] > 0).sum(axis=1) >= 3)
+            model = np.concatenate([neutral[s] + self.local[self.columns[s]] for s in segments])
+            todo = ~solved & ((self.weight[:, own] > 0).sum(axis=1) >= MIN_ROOT_MARKERS)
             w = self.weight[todo][:, own]
             w = w / w.sum(axis=1, keepdims=True)
             measured = self.position[todo][:, own]
             center, model_center = np.einsum("tk,tki->ti", w, measured), w @ model
-            spread = model - model_center[:, None]
-            R[todo] = nearest_rotation(_cross(w, measured - center[:, None], spread))
+            centered = model - model_center[:, None]
+            R[todo] = nearest_rotation(_cross_covariance(w, measured - center[:, None], centered))
             o[todo] = center - (R[todo] @ model_center[..., None])[..., 0]
             solved |= todo
         return R, o, solved
 
-    def hang(
-        self, rows: Indices, R: Array, o: Array, twist: Array, segments: Iterable[str]
+    def align(
+        self, rows: Indices, R: Array, o: Array, axial: Array, segments: Iterable[str]
     ) -> tuple[Array, Poses]:
-        """Hang segments on a pelvis.
+        """Align segments with their markers, from the pelvis outward.
 
         Parameters
         ----------
         rows
-            Which frames, (F,).
+            Numbers of the frames, (F,).
         R, o
             The pelvis in them, (F, 3, 3) and (F, 3).
-        twist
-            By how much to twist upper arms and thighs about their length, (F,) [rad].
+        axial
+            Additional rotation of upper arms and thighs about their length, (F,) [rad].
         segments
-            Which segments, each after the one it hangs on.
+            The segments, each after its parent.
 
         Returns
         -------
         q
             Coordinates, (F, 46).
-        pose
+        poses
             Segment -> its rotation, (F, 3, 3), and origin, (F, 3).
         """
         q = np.zeros((len(rows), N))
         q[:, :3], q[:, 3:6] = o, three_angles(R, 3)
-        pose = {"pelvis": (R, o)}
+        poses = {"pelvis": (R, o)}
         for s in segments:
-            R, o = pose[PARENT[s]]
+            R, o = poses[PARENT[s]]
             o = o + R @ self.offsets[s]
-            own, back = self.columns[s], np.swapaxes(R, 1, 2)
+            own, to_parent = self.columns[s], np.swapaxes(R, 1, 2)
             w, measured = self.weight[rows[:, None], own], self.position[rows[:, None], own]
-            away = measured - o[:, None]
-            if self.turning[s] and len(own):
-                toward = back @ _cross(w, away, self.local[own]) + NEUTRAL
-                q[:, self.turning[s]], turn = self.turn(s, toward, twist)
-                R = R @ turn
+            from_joint = measured - o[:, None]
+            if self.rotations[s] and len(own):
+                covariance = to_parent @ _cross_covariance(w, from_joint, self.local[own])
+                angles, rotation = self.rotate(s, covariance + NEUTRAL_COVARIANCE, axial)
+                q[:, self.rotations[s]] = angles
+                R = R @ rotation
             elif len(own):
-                slide = (back @ _mean(w, away)[..., None])[..., 0] - _mean(w, self.local[own])
-                q[:, FIRST[s] : LAST[s] + 1] = slide @ self.axis[FIRST[s] : LAST[s] + 1].T
-                o = o + (R @ slide[..., None])[..., 0]
-            pose[s] = R, o
-        return q, pose
+                mean = (to_parent @ _mean(w, from_joint)[..., None])[..., 0]
+                translation = mean - _mean(w, self.local[own])
+                along = self.axis[FIRST[s] : LAST[s] + 1]
+                q[:, FIRST[s] : LAST[s] + 1] = translation @ along.T
+                o = o + (R @ translation[..., None])[..., 0]
+            poses[s] = R, o
+        return q, poses
 
-    def implausibility(
-        self, rows: Indices, limb: tuple[str, ...], q: Array, pose: Poses, at: Indices | None = None
+    def misfit(
+        self,
+        rows: Indices,
+        limb: tuple[str, ...],
+        q: Array,
+        poses: Poses,
+        selected: Indices | None = None,
     ) -> Array:
-        """Sum squared distances of a limb's markers, and more where its hinge bends backwards.
+        """Sum squared distances of a limb's markers, and 1 where its hinge bends the wrong way.
 
         Parameters
         ----------
         rows
-            Which frames, (F,).
+            Numbers of the frames, (F,).
         limb
-            Its segments, the elbow or knee between the first two.
+            Its segments, elbow or knee between the first two.
         q
             Coordinates in them, (F, 46).
-        pose
-            Poses of the segments, in these frames or, if ``at`` is given, there.
-        at
-            Which of the poses, (F,).
+        poses
+            Of the segments, in these frames.
+        selected
+            Rows of the poses that belong to these frames, (F,); by default all.
 
         Returns
         -------
         Array
-            (F,) [m² times the weights], and 1 more where the hinge bends backwards.
+            (F,) [m² times the weights].
         """
-        total = (q[:, FIRST[limb[1]]] < BACKWARDS).astype(float)
+        total = (q[:, FIRST[limb[1]]] < MIN_FLEXION_RAD).astype(float)
         for s in limb:
-            own, (R, o) = self.columns[s], (x if at is None else x[at] for x in pose[s])
+            R, o = (x if selected is None else x[selected] for x in poses[s])
+            own = self.columns[s]
             model = self.local[own] @ np.swapaxes(R, 1, 2) + o[:, None]
-            away = self.position[rows[:, None], own] - model
-            total += np.einsum("tk,tki,tki->t", self.weight[rows[:, None], own], away, away)
+            error = self.position[rows[:, None], own] - model
+            total += np.einsum("tk,tki,tki->t", self.weight[rows[:, None], own], error, error)
         return np.asarray(total)
 
-    def turn(self, s: str, toward: Array, twist: Array) -> tuple[Array, Array]:
-        """Turn a segment's joint onto its markers: angles, (F, n), and rotation, (F, 3, 3)."""
-        joints = self.turning[s]
-        if len(joints) < 3:
-            begins = FOREARM_TURNS if s.endswith("forearm") else (0.0,)
-            return hinge_angles(toward, self.parts[joints], begins)
-        turn = nearest_rotation(toward)
-        if s in LIMBS and twist.any():
-            seen = np.swapaxes(turn, 1, 2) @ toward
-            turn = turn @ rotation_about(_strongest(seen), twist)
-        return three_angles(turn, joints[0]), turn
+    def rotate(self, s: str, covariance: Array, axial: Array) -> tuple[Array, Array]:
+        """Align a segment about its joint: angles, (F, n), and their rotation, (F, 3, 3)."""
+        joint = self.rotations[s]
+        if len(joint) < 3:
+            starts = FOREARM_STARTS_RAD if s.endswith("forearm") else (0.0,)
+            return hinge_angles(covariance, self.terms[joint], starts)
+        rotation = nearest_rotation(covariance)
+        if s in LIMBS and axial.any():
+            in_segment = np.swapaxes(rotation, 1, 2) @ covariance
+            rotation = rotation @ rotation_about(_main_direction(in_segment), axial)
+        return three_angles(rotation, joint[0]), rotation
 
 
-def _cross(w: Array, measured: Array, model: Array) -> Array:
+def _cross_covariance(w: Array, measured: Array, model: Array) -> Array:
     """Give weighted cross-covariances, (F, 3, 3), of (F, K, 3) with (K, 3) or (F, K, 3)."""
     return np.asarray(np.swapaxes(w[..., None] * measured, 1, 2) @ model)
 
@@ -228,6 +257,7 @@ def _mean(w: Array, points: Array) -> Array:
     return np.asarray((share[:, None] @ points)[:, 0])
 
 
-def _strongest(spread: Array) -> Array:
+def _main_direction(covariance: Array) -> Array:
     """Give the direction in which a segment's markers lie from its joint, (F, 3)."""
-    return np.asarray(np.linalg.eigh(spread + np.swapaxes(spread, 1, 2))[1][..., -1])
+    symmetric = covariance + np.swapaxes(covariance, 1, 2)
+    return np.asarray(np.linalg.eigh(symmetric)[1][..., -1])

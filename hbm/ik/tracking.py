@@ -1,10 +1,10 @@
-"""One trial's frames: from starting points to optima, through gaps, to a motion.
+"""A trial's frames: from starting points to optima, through gaps, to a motion.
 
-No frame's answer depends on its neighbours, only its starting point does: it comes from
-interpolating coarsely spaced frames, which in turn start from a segment-wise rigid fit
-(`hbm.ik.start`). Where the answer is far from such a start, the rigid fit gets its say as well, and
-the pose that meets the markers better is kept. Chunks and workers therefore cannot show in the
-result.
+The optimum of a frame does not depend on its neighbours, only its starting point does: it is
+interpolated between coarsely spaced frames, which in turn start from a segment-wise rigid fit
+(`hbm.ik.start`). Where an optimum is far from its start, the frame is solved again from the rigid
+fit, and the pose that meets the markers better is kept. The result therefore depends neither on how
+many frames are solved at once nor on the number of threads.
 """
 
 from collections.abc import Mapping
@@ -24,16 +24,38 @@ from hbm.model import Body
 from hbm.motion import Motion
 from hbm.spatial import Array, Indices, Mask
 
-KEY_EVERY: Final = 15
-CHUNK: Final = 4000
+KEY_FRAME_SPACING: Final = 15
+"""Frames per key frame: 0.15 s at 100 Hz, so that a spline between them starts near the optimum."""
+
+MIN_KEY_FRAMES: Final = 4
+"""That a cubic spline needs."""
+
+MAX_DISTANCE_FROM_START: Final = 0.5
+"""Of any coordinate [rad or m]: an optimum farther away may be the wrong one of several."""
+
+FRAMES_AT_ONCE: Final = 4000
+"""Bounds the memory of the rigid fits."""
+
 LOCK: Final = 1e9
-LEAST_PIVOT: Final = 1e-6
-UNFELT: Final = 1e-8
-LEAST_SHARE: Final = 0.01
-FAR: Final = 0.5
-LEAST_KEYS: Final = 4
-PELVIS: Final = 6
-MOST_ROUNDS: Final = 10
+"""Prior weight of a coordinate that is held [m²/rad², or 1 for a translation]: markers, which weigh
+about 1, move it by about 1e-9 rad."""
+
+MIN_PIVOT: Final = 1e-6
+"""Curvature, per unit of weight, from which on a coordinate counts as observed [m²/rad² or 1]: that
+of a marker 1 mm from the axis."""
+
+MIN_PIVOT_SHARE: Final = 0.01
+"""The same in frames with missing markers, as a share of what is usual in the trial."""
+
+MAX_UNRELATED_PIVOT: Final = 1e-8
+"""Curvature below which no marker depends on an unobserved coordinate: changing it then moves no
+other."""
+
+N_PELVIS: Final = 6
+"""The pelvis' coordinates, the first of all: without them a frame cannot be solved."""
+
+MAX_ACTIVE_SET_ROUNDS: Final = 10
+"""Rounds of holding coordinates at limits and releasing them; a few suffice."""
 
 
 class Tracker:
@@ -70,35 +92,35 @@ class Tracker:
         self.lower, self.upper = np.full(N, -np.inf), np.full(N, np.inf)
         for name, (low, high) in limits.items():
             self.lower[INDEX[name]], self.upper[INDEX[name]] = low, high
-        self.pull, self.toward = np.zeros(N), np.zeros(N)
+        self.prior_weight, self.prior_value = np.zeros(N), np.zeros(N)
         for name, (weight, value) in priors.items():
-            self.pull[INDEX[name]], self.toward[INDEX[name]] = weight, value
+            self.prior_weight[INDEX[name]], self.prior_value[INDEX[name]] = weight, value
         self.locked = np.array([name in body.locked for name in COORDINATES])
-        self.locked |= ~_shown(set(self.segment))
-        self.prior = np.where(self.locked, LOCK, self.pull)
-        self.reference = np.where(self.locked, 0.0, self.toward)
+        self.locked |= ~_with_markers_beyond(set(self.segment))
+        self.prior = np.where(self.locked, LOCK, self.prior_weight)
+        self.reference = np.where(self.locked, 0.0, self.prior_value)
 
     def motion(self) -> Motion:
         """Solve all frames."""
         frames = np.arange(len(self.time))
-        start, usual = self.coarse()
+        start, usual_pivots = self.starting_points()
         found = self.newton(frames, start)
         doubtful = np.flatnonzero(~found.converged | self.far(found.q, start))
-        self.second_opinion(found, doubtful, self.rigid(doubtful))
-        observed = self.observed(found, usual)
-        pelvis: Mask = np.asarray(observed[:, :PELVIS].all(axis=1))
+        self.try_alternative_start(found, doubtful, doubtful, self.rigid_fit(doubtful))
+        observed = self.observed(found, usual_pivots)
+        pelvis: Mask = np.asarray(observed[:, :N_PELVIS].all(axis=1))
         found.q[~pelvis | ~found.converged & observed[:, ~self.locked].all(axis=1)] = np.nan
         found.q[:] = continuous(found.q)
-        self.bridge(found, observed & pelvis[:, None])
+        self.bridge_gaps(found, observed & pelvis[:, None])
         found.converged[~pelvis] = False
         found.q[~found.converged] = np.nan
         found.error[~found.converged] = np.nan
-        nothing = np.full(found.q.shape, np.nan)
+        not_yet = np.full(found.q.shape, np.nan)
         return Motion(
             self.time,
             found.q,
-            nothing,
-            nothing,
+            not_yet,
+            not_yet,
             self.names,
             found.error,
             found.converged,
@@ -106,84 +128,87 @@ class Tracker:
             found.gradient,
         )
 
-    def coarse(self) -> tuple[Array, Array]:
-        """Give every frame a starting point: some solved from scratch, splines between them.
+    def starting_points(self) -> tuple[Array, Array]:
+        """Give every frame a starting point: splines between key frames solved from rigid fits.
 
         Returns
         -------
         start
             Starting points, (T, 46); NaN where nothing is known.
-        usual
-            The usual pivots of the solved frames, (46,).
+        usual_pivots
+            The median pivots of the key frames, (46,).
         """
         frames = np.arange(len(self.time))
         keys = self.key_frames()
-        found = self.newton(keys, self.rigid(keys))
+        found = self.newton(keys, self.rigid_fit(keys))
         solved = np.flatnonzero(found.converged)
-        usual = np.median(found.pivots[solved], axis=0) if len(solved) else np.zeros(N)
-        if len(solved) < LEAST_KEYS:
-            return self.rigid(frames), usual
+        pivots = np.median(found.pivots[solved], axis=0) if len(solved) else np.zeros(N)
+        if len(solved) < MIN_KEY_FRAMES:
+            return self.rigid_fit(frames), pivots
         found.q[solved] = continuous(found.q[solved])
         inner = solved[1:-1]
         between = (found.q[solved[:-2]] + found.q[solved[2:]]) / 2
-        lonely = self.far(found.q[inner], between)
-        self.second_opinion(found, inner[lonely], between[lonely], keys)
+        isolated = self.far(found.q[inner], between)
+        rows = inner[isolated]
+        self.try_alternative_start(found, rows, keys[rows], between[isolated])
         spline = make_interp_spline(keys[solved], continuous(found.q[solved]), k=3)
-        return np.asarray(spline(np.clip(frames, keys[solved[0]], keys[solved[-1]]))), usual
+        return np.asarray(spline(np.clip(frames, keys[solved[0]], keys[solved[-1]]))), pivots
 
     def far(self, q: Array, start: Array) -> Mask:
-        """Whether poses are far from where they began, (F,)."""
-        return np.asarray(np.abs(q - start).max(axis=1, initial=0) > FAR)
+        """Whether poses are far from their starting points, (F,)."""
+        return np.asarray(np.abs(q - start).max(axis=1, initial=0) > MAX_DISTANCE_FROM_START)
 
-    def second_opinion(
-        self, found: Solved, rows: Indices, start: Array, frames: Indices | None = None
+    def try_alternative_start(
+        self, found: Solved, rows: Indices, frames: Indices, start: Array
     ) -> None:
-        """Solve rows of what has been found from elsewhere, too, and keep what is nearer."""
-        solved = self.newton(rows if frames is None else frames[rows], start)
+        """Solve some rows of what was found, and their frames, again; keep the lower optimum."""
+        solved = self.newton(frames, start)
         before, after = (
-            np.where(some.converged, self.cost(some), np.inf)
-            for some in (found.select(rows), solved)
+            np.where(optima.converged, self.cost(optima), np.inf)
+            for optima in (found.select(rows), solved)
         )
         better = after < before
         found.overwrite(rows[better], solved.select(better))
 
     def cost(self, solved: Solved) -> Array:
-        """Give the sum that is minimised, twice, (F,)."""
-        pulled = self.pull * (solved.q - self.toward) ** 2
-        missed = np.nansum(self.attachment.weight * solved.error**2, axis=1)
-        return np.asarray(missed + pulled.sum(axis=1))
+        """Give twice the sum that is minimised, (F,)."""
+        prior = self.prior_weight * (solved.q - self.prior_value) ** 2
+        markers = np.nansum(self.attachment.weight * solved.error**2, axis=1)
+        return np.asarray(markers + prior.sum(axis=1))
 
-    def observed(self, found: Solved, usual: Array) -> Mask:
+    def observed(self, found: Solved, usual_pivots: Array) -> Mask:
         """Which coordinates the visible markers determine, (T, 46).
 
-        The curvature that is left to a coordinate once all beyond it are free tells: nothing, or
-        where markers are missing, a hundredth of what is usual in the trial, is too little.
+        A coordinate is determined where the curvature that remains to it once all coordinates
+        beyond it are free (its pivot) is not nearly zero and, in frames with missing markers, not
+        small against what is usual in the trial.
         """
         missing = np.isnan(found.error)
         gaps = (missing & ~missing.all(axis=0)).any(axis=1)
-        least = np.full(N, LEAST_PIVOT * self.attachment.weight.max())
-        observed = found.pivots - self.pull > least
-        observed[gaps] &= found.pivots[gaps] - self.pull > LEAST_SHARE * usual
+        least = np.full(N, MIN_PIVOT * self.attachment.weight.max())
+        from_markers = found.pivots - self.prior_weight
+        observed = from_markers > least
+        observed[gaps] &= from_markers[gaps] > MIN_PIVOT_SHARE * usual_pivots
         return np.asarray(observed & ~self.locked)
 
     def key_frames(self) -> Indices:
-        """Choose the frame with the most markers of every few, and both ends."""
+        """Choose the frame with the most markers in each interval, and both ends."""
         frames = len(self.time)
-        seen = np.isfinite(self.attachment.position[:, self.attachment.column, 0]).sum(axis=1)
-        padded = np.full(-(-frames // KEY_EVERY) * KEY_EVERY, -1)
-        padded[:frames] = seen
-        windows = padded.reshape(-1, KEY_EVERY)
-        best = windows.argmax(axis=1) + KEY_EVERY * np.arange(len(windows))
+        position, column = self.attachment.position, self.attachment.column
+        count = np.full(-(-frames // KEY_FRAME_SPACING) * KEY_FRAME_SPACING, -1)
+        count[:frames] = np.isfinite(position[:, column, 0]).sum(axis=1)
+        intervals = count.reshape(-1, KEY_FRAME_SPACING)
+        best = intervals.argmax(axis=1) + KEY_FRAME_SPACING * np.arange(len(intervals))
         return np.unique([0, *best, frames - 1])
 
-    def rigid(self, rows: Indices) -> Array:
-        """Give starting points that know of nothing but the frame itself, (F, 46)."""
+    def rigid_fit(self, rows: Indices) -> Array:
+        """Give starting points that depend on the frame itself alone, (F, 46)."""
         start, body = np.empty((len(rows), N)), self.body
-        for first in range(0, len(rows), CHUNK):
-            some = slice(first, first + CHUNK)
-            measured = self.attachment.measured(rows[some])
+        for first in range(0, len(rows), FRAMES_AT_ONCE):
+            block = slice(first, first + FRAMES_AT_ONCE)
+            measured = self.attachment.measured(rows[block])
             seen = np.isfinite(measured[..., 0])
-            start[some] = starting_pose(
+            start[block] = starting_pose(
                 np.where(seen[..., None], measured, 0.0),
                 seen * self.attachment.weight,
                 self.attachment.local,
@@ -201,22 +226,22 @@ class Tracker:
         rows
             Frame numbers, (F,).
         start
-            Where to begin, (F, 46).
+            Starting points, (F, 46).
         held
-            Which coordinates are held, (F, 46), and at which values.
+            Whether coordinates are held, (F, 46), and at which values.
 
         Returns
         -------
         Solved
             The optima.
         """
-        lock, prior, reference = self.locked, self.prior, self.reference
+        locked, prior, reference = self.locked, self.prior, self.reference
         if held is not None:
-            lock = lock | held[0]
+            locked = locked | held[0]
             prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], reference)
-        return self.bounded(rows, np.where(lock, reference, start), prior, reference, lock)
+        return self.bounded(rows, np.where(locked, reference, start), prior, reference, locked)
 
-    def descend(self, rows: Indices, start: Array, prior: Array, reference: Array) -> Solved:
+    def unbounded(self, rows: Indices, start: Array, prior: Array, reference: Array) -> Solved:
         """Solve without limits."""
         return solve_frames(
             self.attachment,
@@ -229,53 +254,51 @@ class Tracker:
         )
 
     def bounded(
-        self, rows: Indices, start: Array, prior: Array, reference: Array, lock: Mask
+        self, rows: Indices, start: Array, prior: Array, reference: Array, locked: Mask
     ) -> Solved:
-        """Hold coordinates at the limits they would pass; release those that pull back inside."""
-        solved = self.descend(rows, start, prior, reference)
+        """Hold coordinates at limits that they would pass; release those that return inside."""
+        solved = self.unbounded(rows, start, prior, reference)
         if np.isinf(self.lower).all() and np.isinf(self.upper).all():
             return solved
-        held, at = np.zeros(start.shape, bool), reference
-        for _ in range(MOST_ROUNDS):
-            low, high = ~lock & (solved.q < self.lower), ~lock & (solved.q > self.upper)
-            inward = held & np.where(at == self.lower, solved.q > at, solved.q < at)
+        held, value = np.zeros(start.shape, bool), reference
+        for _ in range(MAX_ACTIVE_SET_ROUNDS):
+            low, high = ~locked & (solved.q < self.lower), ~locked & (solved.q > self.upper)
+            inward = held & np.where(value == self.lower, solved.q > value, solved.q < value)
             if not ((low | high) & ~held | inward).any():
                 break
             held = (held | low | high) & ~inward
-            at = np.where(
-                held, np.where(low, self.lower, np.where(high, self.upper, at)), reference
-            )
-            solved = self.descend(
-                rows,
-                np.where(held, at, solved.q),
-                np.where(held, LOCK, prior),
-                at,
+            limit = np.where(low, self.lower, np.where(high, self.upper, value))
+            value = np.where(held, limit, reference)
+            solved = self.unbounded(
+                rows, np.where(held, value, solved.q), np.where(held, LOCK, prior), value
             )
         return replace(solved, q=np.clip(solved.q, self.lower, self.upper))
 
-    def bridge(self, found: Solved, observed: Mask) -> None:
-        """Give coordinates that lost their markers the values between their neighbours in time.
+    def bridge_gaps(self, found: Solved, observed: Mask) -> None:
+        """Interpolate coordinates that lost their markers between their neighbours in time.
 
-        Where a marker still feels them the other coordinates adapt.
+        Where a remaining marker depends on them, the other coordinates are solved again.
         """
         present = ~np.isnan(found.q[:, 0])
         lost = ~(observed | self.locked) & present[:, None]
-        felt = ~found.converged[:, None] | (found.pivots - self.pull > UNFELT)
-        rows = np.flatnonzero((lost & felt).any(axis=1))
+        related = ~found.converged[:, None] | (
+            found.pivots - self.prior_weight > MAX_UNRELATED_PIVOT
+        )
+        rows = np.flatnonzero((lost & related).any(axis=1))
         for i in np.flatnonzero(lost.any(axis=0)):
-            gone = np.flatnonzero(lost[:, i])
+            gap = np.flatnonzero(lost[:, i])
             known = np.flatnonzero(observed[:, i] & found.converged)
-            found.q[gone, i] = np.interp(gone, known, found.q[known, i]) if len(known) else 0.0
+            found.q[gap, i] = np.interp(gap, known, found.q[known, i]) if len(known) else 0.0
         found.overwrite(rows, self.newton(rows, found.q[rows], (lost[rows], found.q[rows])))
 
 
-def _shown(segments: set[str]) -> Mask:
-    """Which coordinates have a marker somewhere beyond them."""
-    shown = np.zeros(N, bool)
+def _with_markers_beyond(segments: set[str]) -> Mask:
+    """Which coordinates have one of these segments beyond them, (46,)."""
+    carries = np.zeros(N, bool)
     for i in reversed(range(N)):
         last = i + 1 == N or TREE[i + 1].segment != TREE[i].segment
         if last and TREE[i].segment in segments:
-            shown[i] = True
-        if shown[i] and TREE[i].parent >= 0:
-            shown[TREE[i].parent] = True
-    return shown
+            carries[i] = True
+        if carries[i] and TREE[i].parent >= 0:
+            carries[TREE[i].parent] = True
+    return carries

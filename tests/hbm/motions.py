@@ -7,13 +7,13 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.poses import marker_positions
 
-SLIDES = np.array([c.translates for c in TREE])
+TRANSLATIONS = np.array([c.translates for c in TREE])
 
 
 def swinging(rng, frames=40, rate_hz=100.0, degrees=40.0):
-    """Every coordinate swings sinusoidally in its own time while the person travels."""
+    """Every coordinate oscillates at its own frequency while the person moves forward."""
     time = np.arange(frames) / rate_hz
-    size = np.where(SLIDES, 0.03, np.radians(degrees)) * rng.uniform(0.3, 1, N)
+    size = np.where(TRANSLATIONS, 0.03, np.radians(degrees)) * rng.uniform(0.3, 1, N)
     rate, phase = 2 * np.pi * rng.uniform(0.3, 1.8, N), rng.uniform(0, 2 * np.pi, N)
     angle = np.outer(time, rate) + phase
     q, v, a = size * np.sin(angle), size * rate * np.cos(angle), -size * rate**2 * np.sin(angle)
@@ -24,19 +24,19 @@ def swinging(rng, frames=40, rate_hz=100.0, degrees=40.0):
 
 
 def motion_of(time, q, v, a):
-    """Coordinates that nobody measured, as a Motion."""
+    """A Motion of given coordinates, without markers."""
     frames = len(time)
     seen = np.ones((frames, N), bool)
     return Motion(time, q, v, a, (), np.zeros((frames, 0)), np.ones(frames, bool), seen)
 
 
 def markers_of(body, motion):
-    """Markers that ride exactly on the model."""
+    """Markers exactly where the model has them."""
     return Markers(motion.time, body.markers, marker_positions(body, motion.q))
 
 
 def with_noise(markers, rng, size_m):
-    """The same markers, each sample off by Gaussian noise."""
+    """The same markers with Gaussian noise."""
     noise = rng.normal(scale=size_m, size=markers.position.shape)
     return Markers(markers.time, markers.names, markers.position + noise)
 
@@ -50,7 +50,7 @@ def without(markers, names, frames=slice(None)):
 
 
 def any_pose(rng, frames):
-    """Unrelated poses of a walker: facing anywhere, arms anywhere, within the joints' ranges."""
+    """Unrelated random poses: facing anywhere, arms anywhere, within the joints' ranges."""
     ranges = {
         "PelvisYaw": (-180, 180), "PelvisForwardPitch": (-20, 30), "PelvisRightRoll": (-15, 15),
         "TrunkFlexion": (-20, 50), "TrunkRightBend": (-25, 25), "TrunkLeftTwist": (-35, 35),
@@ -66,7 +66,7 @@ def any_pose(rng, frames):
         if name in ranges or name[1:] in ranges:
             low, high = ranges.get(name, ranges.get(name[1:]))
             q[:, i] = np.radians(rng.uniform(low, high, frames))
-        elif SLIDES[i]:
+        elif TRANSLATIONS[i]:
             q[:, i] = rng.uniform(-0.03, 0.03, frames)
     q[:, :3] += rng.uniform([-3, -1, 0.7], [3, 1, 1.1], (frames, 3))
     return motion_of(np.arange(frames) / 100, q, q, q)

@@ -1,4 +1,4 @@
-"""Inverse kinematics: the optimum, whatever the start, the cut, the gaps and the bounds."""
+"""Inverse kinematics: the optimum, whatever the start, the gaps, the limits and the threads."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
 from tests.hbm.motions import (
-    SLIDES,
+    TRANSLATIONS,
     any_pose,
     markers_of,
     swinging,
@@ -75,7 +75,7 @@ def refined(body, markers, frame, start, bounds=(-np.inf, np.inf), extra=None):
 # -- the optimum ----------------------------------------------------------------------------------
 
 
-def test_the_pose_that_made_the_markers_comes_back(body, truth):
+def test_the_pose_that_made_the_markers_is_recovered(body, truth):
     found = solve_ik(body, markers_of(body, truth))
     np.testing.assert_allclose(found.q[:, SEEN], truth.q[:, SEEN], atol=1e-9)
     assert found.marker_error.max() < 1e-9
@@ -104,15 +104,15 @@ def test_marker_errors_are_distances_from_the_model(body, noisy, solved):
     np.testing.assert_allclose(solved.marker_error, away, atol=1e-12)
 
 
-def test_turning_and_shifting_the_lab_turns_and_shifts_the_pelvis_alone(body, noisy, solved):
+def test_rotating_and_shifting_the_lab_rotates_and_shifts_the_pelvis_alone(body, noisy, solved):
     yaw, shift = 2.3, np.array([3.0, -1.0, 0.2])
     c, s = np.cos(yaw), np.sin(yaw)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     found = solve_ik(body, Markers(noisy.time, noisy.names, noisy.position @ R.T + shift))
     np.testing.assert_allclose(found.q[:, :3], solved.q[:, :3] @ R.T + shift, atol=1e-9)
     np.testing.assert_allclose(found.q[:, 4:], solved.q[:, 4:], atol=1e-9)
-    turned = found.q[:, 3] - solved.q[:, 3] - yaw
-    np.testing.assert_allclose(np.sin(turned / 2), 0, atol=1e-9)
+    difference = found.q[:, 3] - solved.q[:, 3] - yaw
+    np.testing.assert_allclose(np.sin(difference / 2), 0, atol=1e-9)
 
 
 def test_the_order_of_the_markers_does_not_matter(body, noisy, solved):
@@ -122,7 +122,7 @@ def test_the_order_of_the_markers_does_not_matter(body, noisy, solved):
     np.testing.assert_allclose(found.q, solved.q, atol=1e-10)
 
 
-def test_strange_markers_are_ignored(body, noisy, solved):
+def test_unknown_markers_are_ignored(body, noisy, solved):
     extra = np.concatenate([noisy.position, noisy.position[:, :1] + 9.0], axis=1)
     found = solve_ik(body, Markers(noisy.time, (*noisy.names, "wand"), extra))
     np.testing.assert_array_equal(found.q, solved.q)
@@ -131,18 +131,18 @@ def test_strange_markers_are_ignored(body, noisy, solved):
 # -- weights, priors, limits ----------------------------------------------------------------------
 
 
-def test_weights_of_all_markers_alike_change_nothing(body, noisy, solved):
+def test_equal_weights_of_all_markers_change_nothing(body, noisy, solved):
     found = solve_ik(body, noisy, weights=dict.fromkeys(body.markers, 250.0))
     np.testing.assert_allclose(found.q, solved.q, atol=1e-9)
 
 
-def test_a_marker_of_no_weight_might_as_well_be_missing(body, noisy):
+def test_a_marker_of_zero_weight_is_as_good_as_missing(body, noisy):
     weightless = solve_ik(body, noisy, weights={"RLTHI": 0.0, "LLW": 0.0})
     missing = solve_ik(body, without(noisy, ("RLTHI", "LLW")))
     np.testing.assert_allclose(weightless.q, missing.q, atol=1e-9)
 
 
-def test_a_heavier_marker_is_met_more_closely(body, noisy, solved):
+def test_a_marker_of_greater_weight_is_met_more_closely(body, noisy, solved):
     found = solve_ik(body, noisy, weights={"LASIS": 50.0})
     k = found.markers.index("LASIS")
     assert found.marker_error[:, k].mean() < 0.1 * solved.marker_error[:, k].mean()
@@ -150,7 +150,7 @@ def test_a_heavier_marker_is_met_more_closely(body, noisy, solved):
     assert (cost(found, weights) <= cost(solved, weights) + 1e-12).all()
 
 
-def test_a_prior_is_one_more_row_of_least_squares(body, noisy):
+def test_a_prior_is_one_more_row_of_the_least_squares_problem(body, noisy):
     weight, value, i = 0.3, 0.8, INDEX["RKneeFlexion"]
     found = solve_ik(body, noisy, priors={"RKneeFlexion": (weight, value)})
     for frame in (5, 120):
@@ -194,23 +194,25 @@ def test_limits_give_the_bounded_optimum(body, noisy, solved):
         np.testing.assert_allclose(found.q[frame], q, atol=1e-4)
 
 
-def test_limits_that_nothing_reaches_change_nothing(body, noisy, solved):
+def test_limits_that_are_not_reached_change_nothing(body, noisy, solved):
     found = solve_ik(body, noisy, limits={"RKneeFlexion": (-3.0, 3.0)})
     np.testing.assert_allclose(found.q, solved.q, atol=1e-10)
 
 
-# -- cuts and workers -----------------------------------------------------------------------------
+# -- blocks and threads ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("jobs", [2, 7])
-def test_workers_do_not_show_in_the_result(body, noisy, solved, jobs):
+def test_the_result_does_not_depend_on_the_number_of_threads(body, noisy, solved, jobs):
     np.testing.assert_allclose(solve_ik(body, noisy, jobs=jobs).q, solved.q, atol=1e-9)
 
 
-@pytest.mark.parametrize("chunk", [1, 37, 100_000])
-def test_pieces_do_not_show_in_the_result(body, noisy, solved, chunk, monkeypatch):
+@pytest.mark.parametrize("frames", [1, 37, 100_000])
+def test_the_result_does_not_depend_on_how_many_frames_are_solved_at_once(
+    body, noisy, solved, frames, monkeypatch
+):
     for module in (tracking, descent):
-        monkeypatch.setattr(module, "CHUNK", chunk)
+        monkeypatch.setattr(module, "FRAMES_AT_ONCE", frames)
     np.testing.assert_allclose(solve_ik(body, noisy).q, solved.q, atol=1e-9)
 
 
@@ -220,22 +222,22 @@ def test_a_trial_cut_in_two_gives_the_same_coordinates(body, noisy, solved, cut)
         solve_ik(body, Markers(noisy.time[part], noisy.names, noisy.position[part])).q
         for part in (slice(cut), slice(cut, None))
     ]
-    turned = np.concatenate(parts) - solved.q
-    turned[:, ~SLIDES] = 2 * np.sin(turned[:, ~SLIDES] / 2)
-    np.testing.assert_allclose(turned, 0, atol=1e-9)
+    difference = np.concatenate(parts) - solved.q
+    difference[:, ~TRANSLATIONS] = 2 * np.sin(difference[:, ~TRANSLATIONS] / 2)
+    np.testing.assert_allclose(difference, 0, atol=1e-9)
 
 
 # -- cold start -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.005])
-def test_any_pose_is_found_as_if_one_had_started_from_the_truth(body, noise_m):
-    """500 unrelated poses in one trial, and each of some alone: neighbours are of no help."""
+def test_any_pose_is_found_as_from_the_true_pose(body, noise_m):
+    """500 unrelated poses in one trial, and some of them alone: neighbours do not help."""
     poses = any_pose(np.random.default_rng(13), 500)
     markers = with_noise(markers_of(body, poses), np.random.default_rng(14), noise_m)
     tracker = Tracker(body, markers, {}, {}, {}, tolerance=1e-6, jobs=1)
-    informed = tracker.newton(np.arange(500), poses.q)
-    least = (informed.error**2).sum(axis=1)
+    from_truth = tracker.newton(np.arange(500), poses.q)
+    least = (from_truth.error**2).sum(axis=1)
     found = solve_ik(body, markers)
     assert found.converged.all()
     np.testing.assert_allclose(cost(found), least, rtol=1e-9, atol=1e-15)
@@ -249,7 +251,7 @@ def test_any_pose_is_found_as_if_one_had_started_from_the_truth(body, noise_m):
 # -- gaps -----------------------------------------------------------------------------------------
 
 
-def test_random_gaps_leave_every_frame_solved_and_near(body, noisy, solved):
+def test_with_random_gaps_every_frame_is_solved_and_close(body, noisy, solved):
     rng = np.random.default_rng(15)
     position = noisy.position.copy()
     position[rng.random(position.shape[:2]) < 0.05] = np.nan
@@ -259,7 +261,7 @@ def test_random_gaps_leave_every_frame_solved_and_near(body, noisy, solved):
         np.isnan(found.marker_error),
         np.isnan(position[:, [noisy.names.index(n) for n in found.markers], 0]),
     )
-    away = np.abs(found.q - solved.q)[:, SEEN & ~SLIDES]
+    away = np.abs(found.q - solved.q)[:, SEEN & ~TRANSLATIONS]
     assert np.median(away) < np.radians(0.5)
     assert np.quantile(away, 0.99) < np.radians(10)
 
@@ -272,7 +274,7 @@ def test_a_second_without_any_one_marker_is_solved(body, noisy, solved, name):
     np.testing.assert_allclose(found.q[elsewhere], solved.q[elsewhere], atol=1e-9)
 
 
-def test_coordinates_that_lose_their_markers_run_straight_between_their_neighbours(body, noisy):
+def test_coordinates_that_lose_their_markers_are_interpolated_linearly(body, noisy):
     found = solve_ik(body, without(noisy, ["LFIN"], slice(70, 170)))
     hand = [INDEX["LWristFlexion"], INDEX["LHandAbduction"]]
     assert not found.observed[70:170, hand].any()
@@ -284,7 +286,7 @@ def test_coordinates_that_lose_their_markers_run_straight_between_their_neighbou
     assert found.observed[:, others].all()
 
 
-def test_a_frame_whose_pelvis_nothing_shows_is_not_solved(body, noisy, solved):
+def test_a_frame_without_markers_is_not_solved(body, noisy, solved):
     found = solve_ik(body, without(noisy, noisy.names, slice(100, 110)))
     np.testing.assert_array_equal(np.flatnonzero(~found.converged), np.arange(100, 110))
     assert np.isnan(found.q[100:110]).all()
@@ -364,7 +366,7 @@ def test_any_motion_with_any_gaps_is_solved_or_marked(seed):
     np.testing.assert_array_equal(np.isnan(found.q).all(axis=1), ~found.converged)
 
 
-def test_a_trial_of_other_markers_is_refused(body):
+def test_a_trial_without_any_of_the_body_s_markers_is_refused(body):
     strange = Markers(np.zeros(1), ("A", "B"), np.zeros((1, 2, 3)))
     with pytest.raises(ValueError, match=r"none of the body's markers is in the trial; .* A, B"):
         solve_ik(body, strange)
@@ -373,15 +375,27 @@ def test_a_trial_of_other_markers_is_refused(body):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"weights": {"LASI": 1.0}}, "weight for 'LASI', which is no marker of the body"),
-        ({"weights": {"LASIS": -1.0}}, "the weight of LASIS must be a number from 0 up, got -1"),
-        ({"weights": {"LASIS": np.nan}}, "the weight of LASIS must be a number from 0 up, got nan"),
-        ({"limits": {"Knee": (0, 1)}}, "limit for 'Knee', which is no coordinate"),
-        ({"limits": {"RKneeFlexion": (1, 0)}}, "limits of RKneeFlexion must rise, got 1 and 0"),
-        ({"priors": {"Knee": (0, 1)}}, "prior for 'Knee', which is no coordinate"),
-        ({"priors": {"RKneeFlexion": (-1, 0)}}, "prior of RKneeFlexion must be a weight from 0 up"),
+        ({"weights": {"LASI": 1.0}}, "weight for 'LASI', which is not a marker of the body"),
+        (
+            {"weights": {"LASIS": -1.0}},
+            "the weight of LASIS must be 0 or more, got -1",
+        ),
+        (
+            {"weights": {"LASIS": np.nan}},
+            "the weight of LASIS must be 0 or more, got nan",
+        ),
+        ({"limits": {"Knee": (0, 1)}}, "limit for 'Knee', which is not a coordinate"),
+        (
+            {"limits": {"RKneeFlexion": (1, 0)}},
+            "limits of RKneeFlexion are in the wrong order: 1, 0",
+        ),
+        ({"priors": {"Knee": (0, 1)}}, "prior for 'Knee', which is not a coordinate"),
+        (
+            {"priors": {"RKneeFlexion": (-1, 0)}},
+            "prior of RKneeFlexion must be a weight of 0 or more",
+        ),
     ],
 )
-def test_nonsense_is_refused(body, noisy, options, message):
+def test_impossible_options_are_refused(body, noisy, options, message):
     with pytest.raises(ValueError, match=message):
         solve_ik(body, noisy, **options)

@@ -1,4 +1,4 @@
-"""Equal poses told so that angles run on from frame to frame."""
+"""Among equivalent coordinates of the same poses, those whose angles are continuous."""
 
 import numpy as np
 import pytest
@@ -6,13 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.coordinates import COORDINATES, INDEX, N
-from hbm.ik.continuity import BALLS, TURNING, continuous
+from hbm.ik.continuity import BALL_JOINTS, ROTATIONS, continuous
 from hbm.poses import segment_frames
 from tests.synthetic import synthetic_body
 
 
 def swings(frames=200, seed=0, size=2.5):
-    """Smooth motions with arms that swing round far beyond their singular positions."""
+    """Smooth motions whose joints swing far beyond their singular positions."""
     rng = np.random.default_rng(seed)
     time = np.linspace(0, 2, frames)[:, None]
     rate, phase = rng.uniform(0.5, 2, N), rng.uniform(0, 2 * np.pi, N)
@@ -21,32 +21,32 @@ def swings(frames=200, seed=0, size=2.5):
     return q
 
 
-def disguised(q, rng):
-    """The same poses, in every frame told in another way."""
-    told = q.copy()
-    for i in BALLS:
+def scrambled(q, rng):
+    """The same poses, in every frame by a random choice of equivalent coordinates."""
+    equivalent = q.copy()
+    for i in BALL_JOINTS:
         other = rng.random(len(q)) < 0.5
-        told[other, i : i + 3] = told[other, i : i + 3] * [1, -1, 1] + np.pi
-    for i in TURNING:
-        told[:, i] += 2 * np.pi * rng.integers(-2, 3, len(q))
-    return told
+        equivalent[other, i : i + 3] = equivalent[other, i : i + 3] * [1, -1, 1] + np.pi
+    for i in ROTATIONS:
+        equivalent[:, i] += 2 * np.pi * rng.integers(-2, 3, len(q))
+    return equivalent
 
 
 def test_the_joints_with_three_axes_are_pelvis_trunk_head_shoulders_and_hips():
     names = ("PelvisYaw", "TrunkFlexion", "HeadFlexion", "RShoulderAbduction", "LShoulderAbduction")
-    assert {COORDINATES[i] for i in BALLS} == {*names, "RHipFlexion", "LHipFlexion"}
+    assert {COORDINATES[i] for i in BALL_JOINTS} == {*names, "RHipFlexion", "LHipFlexion"}
 
 
 @settings(deadline=None, max_examples=20)
 @given(seed=st.integers(0, 2**31))
-def test_smooth_motion_comes_back_whatever_it_was_told_as(seed):
+def test_smooth_motion_is_recovered_from_any_equivalent_coordinates(seed):
     q = swings(seed=seed)
-    found = continuous(disguised(q, np.random.default_rng(seed)))
+    found = continuous(scrambled(q, np.random.default_rng(seed)))
     np.testing.assert_allclose(found, q, atol=1e-9)
 
 
 def test_the_poses_stay_the_same():
-    q = disguised(swings(), np.random.default_rng(1))
+    q = scrambled(swings(), np.random.default_rng(1))
     for before, after in zip(
         segment_frames(synthetic_body(), q),
         segment_frames(synthetic_body(), continuous(q)),
@@ -55,11 +55,11 @@ def test_the_poses_stay_the_same():
         np.testing.assert_allclose(after, before, atol=1e-9)
 
 
-def test_frames_without_a_solution_are_passed_over():
+def test_frames_without_a_solution_are_skipped():
     q = swings()
-    told = disguised(q, np.random.default_rng(2))
-    told[50:60] = np.nan
-    found = continuous(told)
+    gaps = scrambled(q, np.random.default_rng(2))
+    gaps[50:60] = np.nan
+    found = continuous(gaps)
     assert np.isnan(found[50:60]).all()
     np.testing.assert_allclose(
         np.delete(found, range(50, 60), 0), np.delete(q, range(50, 60), 0), atol=1e-9

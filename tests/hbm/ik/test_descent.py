@@ -1,4 +1,4 @@
-"""Newton's method: one optimum however its input lies in memory and wherever it stands."""
+"""Newton's method: one optimum, whatever the memory layout, the place in the lab, the threads."""
 
 from dataclasses import replace
 
@@ -52,7 +52,7 @@ def solve(problem, **changed):
     return descent.solve_frames(replace(attachment, **markers), **(given | changed))
 
 
-def test_all_frames_converge_and_the_next_step_would_be_nothing(problem):
+def test_all_frames_converge_and_a_further_step_is_negligible(problem):
     solved = solve(problem)
     assert solved.converged.all()
     again = solve(problem, start=solved.q)
@@ -62,10 +62,10 @@ def test_all_frames_converge_and_the_next_step_would_be_nothing(problem):
 
 def test_the_memory_layout_of_the_markers_does_not_matter(problem):
     measured = problem[0].position
-    turned = np.asfortranarray(measured)
+    by_column = np.asfortranarray(measured)
     mixed = np.ascontiguousarray(measured.transpose(1, 0, 2)).transpose(1, 0, 2)
     expected = solve(problem)
-    for layout in (turned, mixed):
+    for layout in (by_column, mixed):
         assert not layout.flags.c_contiguous
         np.testing.assert_array_equal(solve(problem, position=layout).q, expected.q)
 
@@ -81,10 +81,10 @@ def test_a_kilometre_from_the_origin_the_pose_is_the_same(problem):
     np.testing.assert_allclose(away.q[:, :3] - far, here.q[:, :3], atol=1e-7)
 
 
-def test_without_a_compiler_the_numbers_are_the_same(problem, monkeypatch):
+def test_compiled_and_interpreted_descent_find_the_same_optima(problem, monkeypatch):
     ready = kernels()
     if ready.solve_frames is None:
-        pytest.skip("no compiler here: there is only one way")
+        pytest.skip("no compiler here: there is only the interpreted descent")
     compiled = solve(problem)
     monkeypatch.setattr(descent, "kernels", lambda: replace(ready, solve_frames=None))
     interpreted = solve(problem)
@@ -102,7 +102,7 @@ def test_compiled_and_interpreted_descent_use_the_same_constants(
 ):
     ready = kernels()
     if ready.solve_frames is None:
-        pytest.skip("no compiler here: there is only one way")
+        pytest.skip("no compiler here: there is only the interpreted descent")
     start = problem[1] + np.where(problem[2] > 0, 0, 0.3)
     usual = solve(problem, start=start)
     monkeypatch.setattr(descent, constant, value)
@@ -115,7 +115,7 @@ def test_compiled_and_interpreted_descent_use_the_same_constants(
 
 
 @pytest.mark.parametrize("jobs", [2, 7])
-def test_workers_do_not_show_in_the_result(problem, jobs):
+def test_the_result_does_not_depend_on_the_number_of_threads(problem, jobs):
     many = {
         "rows": np.tile(np.arange(FRAMES), 20),
         "start": np.tile(problem[1], (20, 1)),
@@ -137,7 +137,7 @@ def test_frames_are_solved_in_any_order_and_those_without_a_start_not_at_all(pro
     assert np.isnan(solved.q[1]).all()
 
 
-def test_a_missing_marker_has_no_error_and_no_say(problem):
+def test_a_missing_marker_has_no_error_and_no_influence(problem):
     attachment = problem[0]
     solved = solve(problem)
     assert np.isnan(solved.error[4, 7])
