@@ -31,10 +31,10 @@ if TYPE_CHECKING:
         specific_force,
         to_lab,
     )
-    from compensation.platform_markers import PoseFit, fit_pose, neutral_markers
+    from compensation.platform_markers import PoseFit, check_pose, fit_pose, neutral_markers
     from compensation.protocol import belt_signals, pitch_and_sway_signals, validation_signals
     from compensation.roller import Roller, fit_roller
-    from compensation.sensors import check_trial
+    from compensation.sensors import check_calibration, check_trial
     from compensation.signals import (
         Limits,
         Signal,
@@ -81,6 +81,7 @@ _HOME = {
     "specific_force": "platform",
     "to_lab": "platform",
     "PoseFit": "platform_markers",
+    "check_pose": "platform_markers",
     "fit_pose": "platform_markers",
     "neutral_markers": "platform_markers",
     "belt_signals": "protocol",
@@ -88,6 +89,7 @@ _HOME = {
     "validation_signals": "protocol",
     "Roller": "roller",
     "fit_roller": "roller",
+    "check_calibration": "sensors",
     "check_trial": "sensors",
     "Limits": "signals",
     "Signal": "signals",
@@ -116,6 +118,8 @@ __all__ = [
     "belt_acceleration",
     "belt_signals",
     "center_of_pressure",
+    "check_calibration",
+    "check_pose",
     "check_signal",
     "check_trial",
     "commanded_pose",

@@ -105,4 +105,5 @@ def _plain(model: InertiaModel) -> dict[str, Any]:
 
 
 def _model(plain: dict[str, Any]) -> InertiaModel:
-    return InertiaModel(**(plain | {"setup": Setup(**plain["setup"])}))
+    known = {name: value for name, value in plain.items() if name != "warnings"}  # until 0.1
+    return InertiaModel(**(known | {"setup": Setup(**plain["setup"])}))

@@ -109,8 +109,6 @@ class InertiaModel:
         Noise of the accelerometers that the fit allowed for, (k,) [m/s²]; 0 for none.
     samples
         Number of samples fitted.
-    warnings
-        What is suspicious about the calibration, as sentences.
     setup
         How the signals were recorded; None where the caller did not say.
     """
@@ -129,7 +127,6 @@ class InertiaModel:
     acceleration_high: Array
     sensor_noise: Array
     samples: int
-    warnings: tuple[str, ...] = ()
     setup: Setup | None = None
 
     def __post_init__(self) -> None:
@@ -151,7 +148,6 @@ class InertiaModel:
             refuse_gaps(np.atleast_1d(value), f"inertia model: {name}")
             object.__setattr__(self, name, value)
         sensor_names(self.setup, k)
-        object.__setattr__(self, "warnings", tuple(self.warnings))
 
     @property
     def sensors(self) -> tuple[str, ...]:

@@ -11,7 +11,6 @@ from compensation.plausibility import (
     refuse_other_units,
     refuse_other_wrench_units,
     refuse_still_platform,
-    signs_of_a_person,
 )
 from hbm.spatial import Array
 
@@ -138,7 +137,6 @@ def fit_inertia(
         acceleration_high=a.max(axis=0),
         sensor_noise=noise,
         samples=n,
-        warnings=signs_of_a_person(w, sigma),
         setup=setup,
     )
 

@@ -1,11 +1,13 @@
 """The platform's pose from markers on it: rigid fit, gaps, and markers that do not belong."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compensation.platform import PlatformPose
+from hbm.notes import Note
 from hbm.spatial import Array, fit_rotation, read_only
 
 Mask = NDArray[np.bool_]
@@ -27,14 +29,11 @@ class PoseFit:
         Distance of every marker from where the pose puts it, (T, M) [m]; NaN where not seen.
     used
         Which markers the pose rests on, (T, M).
-    warnings
-        Gaps and markers left out, as sentences.
     """
 
     pose: PlatformPose
     marker_error: Array
     used: Mask
-    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "marker_error", read_only(self.marker_error))
@@ -90,7 +89,7 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
     Returns
     -------
     PoseFit
-        Pose, errors, markers used and warnings.
+        Pose, errors and markers used.
 
     Raises
     ------
@@ -129,9 +128,40 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
     )
     rotation[lost], origin[lost], used[lost] = np.nan, np.nan, False
     error[~seen] = np.nan
-    return PoseFit(
-        PlatformPose(rotation, origin), error, used, _warnings(seen, used, lost, outlier_m)
-    )
+    return PoseFit(PlatformPose(rotation, origin), error, used)
+
+
+def check_pose(fit: PoseFit, names: Sequence[str], outlier_m: float) -> tuple[Note, ...]:
+    """Find where a pose from markers is unknown, and markers that it had to leave out.
+
+    Parameters
+    ----------
+    fit
+        What `fit_pose` gave.
+    names
+        The markers' names, (M,).
+    outlier_m
+        As for `fit_pose` [m].
+
+    Returns
+    -------
+    tuple of Note
+        Warnings: ``platform_pose_unknown``, and a ``platform_marker_left_out`` for every marker
+        that was left out in more than 5 % of the frames.
+    """
+    lost = np.isnan(fit.pose.pitch)
+    notes = []
+    if lost.any():
+        notes.append(
+            Note.of("platform_pose_unknown", unknown=np.count_nonzero(lost), frames=len(lost))
+        )
+    left_out = np.mean(np.isfinite(fit.marker_error) & ~fit.used & ~lost[:, None], axis=0)
+    notes += [
+        Note.of("platform_marker_left_out", marker=name, limit_m=outlier_m, share=share)
+        for name, share in zip(names, left_out, strict=True)
+        if share > _OFTEN
+    ]
+    return tuple(notes)
 
 
 def _read_markers(markers: ArrayLike) -> Array:
@@ -199,20 +229,3 @@ def _rank(reference: Array, used: Mask) -> NDArray[np.int64]:
     )
     rank: NDArray[np.int64] = np.sum(spread[:, 1:] > _SPREAD_M, axis=1)
     return rank
-
-
-def _warnings(seen: Mask, used: Mask, lost: Mask, outlier_m: float) -> tuple[str, ...]:
-    found = []
-    if lost.any():
-        found.append(
-            f"the platform's pose is unknown in {lost.sum()} of {len(lost)} frames: fewer than "
-            "three markers that agree"
-        )
-    left_out = np.mean(seen & ~used & ~lost[:, None], axis=0)
-    found += [
-        f"platform marker {m + 1} is more than {1000 * outlier_m:.0f} mm off in {share:.0%} of "
-        "the frames and was left out there: is it loose, swapped or mislabelled?"
-        for m, share in enumerate(left_out)
-        if share > _OFTEN
-    ]
-    return tuple(found)

@@ -5,8 +5,6 @@ import numpy as np
 from hbm.spatial import GRAVITY_MPS2, Array
 
 _STILL = 0.05  # m/s²: standard deviation below which the platform did not move
-_PERSON = 150.0  # N: mean force above which a zeroed plate is not empty
-_EMPTY = 30.0  # N: RMS of force that a fit on an empty plate stays below
 
 
 def refuse_other_units(a: Array, sensors: tuple[str, ...]) -> None:
@@ -45,21 +43,3 @@ def refuse_other_wrench_units(a: Array, w: Array) -> None:
             f"wrench: moments look like a lever arm of {arm:.3g} m, expected 0.001 to 10 m; "
             "moments must be in N·m"
         )
-
-
-def signs_of_a_person(w: Array, sigma: Array) -> tuple[str, ...]:
-    """Say what in a fit, with its residual's standard deviation, is not of an empty plate."""
-    found = []
-    weight = float(np.linalg.norm(w[:, :3].mean(axis=0)))
-    if weight > _PERSON:
-        found.append(
-            f"the plate carried {weight:.0f} N on average: someone stood on the treadmill during "
-            "the calibration, or the plate was not zeroed"
-        )
-    left = float(np.linalg.norm(sigma[:3]))
-    if left > _EMPTY:
-        found.append(
-            f"{left:.0f} N of force are left after the fit, an empty plate leaves a few: someone "
-            "was on the treadmill, or accelerometers and plate are not synchronous"
-        )
-    return tuple(found)

@@ -1,4 +1,4 @@
-"""Accelerometers of a trial against those of the calibration: dead, turned, swapped, clipped."""
+"""Checks of a calibration, and of a trial's accelerometers against it."""
 
 from itertools import combinations
 
@@ -7,11 +7,14 @@ from numpy.typing import ArrayLike
 
 from compensation.inertia import InertiaModel
 from compensation.inputs import read_table
+from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2, Array
 
 _NEAR_LIMIT = 0.98  # share of the sensor's range that counts as clipped
 _MARGIN = 0.05  # share of the calibration's range that a trial may exceed it by
 _TURNED_DEG = 45.0
+_PERSON_N = 150.0  # mean force above which a zeroed plate is not empty
+_EMPTY_N = 30.0  # standard deviation of force that a fit on an empty plate stays below
 _QUIET = 0.05  # m/s²: combinations of channels quieter than this in the calibration are constraints
 _DRIFT = 0.03  # m/s²: what constraints may change by between calibration and trial
 _BROKEN = 9.0  # mean square of the constraints, in those units, that needs an explanation
@@ -19,8 +22,8 @@ _BROKEN = 9.0  # mean square of the constraints, in those units, that needs an e
 
 def check_trial(
     model: InertiaModel, accelerations: ArrayLike, range_g: float = 2.0
-) -> tuple[str, ...]:
-    """Say what in a trial's accelerations makes its compensation doubtful.
+) -> tuple[Note, ...]:
+    """Find what in a trial's accelerations makes its compensation doubtful.
 
     Parameters
     ----------
@@ -34,10 +37,10 @@ def check_trial(
 
     Returns
     -------
-    tuple[str, ...]
-        One sentence for every finding, empty where there is none: a channel that is dead or
-        clipped, a sensor that is turned or upside down, two that are swapped, motion beyond that
-        of the calibration.
+    tuple of Note
+        Warnings, empty where there is nothing to warn of: a channel that is dead or clipped, a
+        sensor that is turned or upside down, two that are swapped, motion beyond that of the
+        calibration.
 
     Raises
     ------
@@ -61,54 +64,80 @@ def check_trial(
     )
 
 
+def check_calibration(model: InertiaModel, plate: str) -> tuple[Note, ...]:
+    """Find what in a calibration is not of an empty plate.
+
+    Parameters
+    ----------
+    model
+        The fitted calibration of one plate.
+    plate
+        The plate's name.
+
+    Returns
+    -------
+    tuple of Note
+        Warnings: ``calibration_loaded`` where the mean force is that of a person,
+        ``calibration_unexplained`` where accelerations leave more force than an empty plate's.
+    """
+    mean = np.append(model.acceleration_mean, 1.0) @ model.gain[:, :3]
+    notes = []
+    if (force := float(np.linalg.norm(mean))) > _PERSON_N:
+        notes.append(Note.of("calibration_loaded", plate=plate, force_n=force))
+    if (left := float(np.linalg.norm(model.sigma[:3]))) > _EMPTY_N:
+        notes.append(Note.of("calibration_unexplained", plate=plate, force_n=left))
+    return tuple(notes)
+
+
 def _channels(model: InertiaModel) -> list[str]:
-    return [f"accelerometer {sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
+    return [f"{sensor} {axis}" for sensor in model.sensors for axis in "xyz"]
 
 
 def _by_sensor(values: Array) -> Array:
     return values.reshape(*values.shape[:-1], -1, 3)
 
 
-def _dead(model: InertiaModel, a: Array) -> tuple[str, ...]:
+def _dead(model: InertiaModel, a: Array) -> tuple[Note, ...]:
     size = np.median(np.linalg.norm(_by_sensor(a), axis=2), axis=0)
     still = np.ptp(a, axis=0) == 0
     silent = [
-        f"accelerometer {sensor} reads {size:.2g} m/s² in the median, gravity is {GRAVITY_MPS2}: "
-        "it is dead or in another unit"
+        Note.of("accelerometer_silent", sensor=sensor, median_mps2=size, gravity_mps2=GRAVITY_MPS2)
         for sensor, size in zip(model.sensors, size, strict=True)
         if not GRAVITY_MPS2 / 2 < size < 2 * GRAVITY_MPS2
     ]
     stuck = [
-        f"{channel} is constant at {value:.3g} m/s² while others move: it is dead"
+        Note.of("accelerometer_constant", channel=channel, value_mps2=value)
         for channel, value, dead in zip(_channels(model), a[0], still, strict=True)
         if dead and not still.all()
     ]
     return (*silent, *stuck)
 
 
-def _clipped(model: InertiaModel, a: Array, limit: float) -> tuple[str, ...]:
+def _clipped(model: InertiaModel, a: Array, limit: float) -> tuple[Note, ...]:
     share = np.mean(np.abs(a) >= _NEAR_LIMIT * limit, axis=0)
     return tuple(
-        f"{channel} is at its limit of {limit:.1f} m/s² in {share:.2%} of the samples: "
-        "the compensation is wrong there"
+        Note.of("accelerometer_clipped", channel=channel, limit_mps2=limit, share=share)
         for channel, share in zip(_channels(model), share, strict=True)
         if share > 0
     )
 
 
-def _turned(model: InertiaModel, a: Array) -> tuple[str, ...]:
+def _turned(model: InertiaModel, a: Array) -> tuple[Note, ...]:
     now, then = _by_sensor(a.mean(axis=0)), _by_sensor(model.acceleration_mean)
     cosine = np.sum(now * then, axis=1) / np.linalg.norm(now, axis=1) / np.linalg.norm(then, axis=1)
     angles = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     return tuple(
-        f"accelerometer {sensor} is turned by {angle:.0f}° since the calibration"
-        + (": it is upside down or its sign is inverted" if angle > 180 - _TURNED_DEG else "")
+        Note.of(
+            "accelerometer_inverted" if angle > 180 - _TURNED_DEG else "accelerometer_turned",
+            sensor=sensor,
+            angle_deg=angle,
+        )
         for sensor, angle in zip(model.sensors, angles, strict=True)
         if angle > _TURNED_DEG
     )
 
 
-def _swapped(model: InertiaModel, a: Array) -> tuple[str, ...]:
+def _swapped(model: InertiaModel, a: Array) -> tuple[Note, ...]:
     variance, directions = np.linalg.eigh(model.acceleration_covariance)
     quiet = variance < _QUIET**2
     if not quiet.any():
@@ -132,13 +161,10 @@ def _swapped(model: InertiaModel, a: Array) -> tuple[str, ...]:
     if best is None or exchanged[best] > as_is / 4:
         return ()
     i, j = best
-    return (
-        f"accelerometers {model.sensors[i]} and {model.sensors[j]} look swapped: exchanged they "
-        "move as in the calibration",
-    )
+    return (Note.of("accelerometers_swapped", first=model.sensors[i], second=model.sensors[j]),)
 
 
-def _beyond(model: InertiaModel, a: Array) -> tuple[str, ...]:
+def _beyond(model: InertiaModel, a: Array) -> tuple[Note, ...]:
     low, high = model.acceleration_low, model.acceleration_high
     margin = _MARGIN * (high - low)
     outside = (a < low - margin) | (a > high + margin)
@@ -147,7 +173,13 @@ def _beyond(model: InertiaModel, a: Array) -> tuple[str, ...]:
         return ()
     worst = int(np.argmax(outside.mean(axis=0)))
     return (
-        f"{share:.1%} of the samples leave the range of the calibration, most in "
-        f"{_channels(model)[worst]} ({a[:, worst].min():.2f} to {a[:, worst].max():.2f} m/s², "
-        f"calibrated {low[worst]:.2f} to {high[worst]:.2f}): the prediction extrapolates there",
+        Note.of(
+            "calibration_range_exceeded",
+            share=share,
+            channel=_channels(model)[worst],
+            low_mps2=a[:, worst].min(),
+            high_mps2=a[:, worst].max(),
+            calibrated_low_mps2=low[worst],
+            calibrated_high_mps2=high[worst],
+        ),
     )

@@ -7,6 +7,7 @@ from scipy.interpolate import BSpline
 from scipy.signal import welch
 
 from compensation.inputs import read_rate, refuse_gaps, refuse_unequal
+from hbm.notes import Note
 from hbm.spatial import Array, read_only
 
 
@@ -95,8 +96,8 @@ class Signal:
         return np.hstack([platform, belt])
 
 
-def check_signal(signal: Signal, limits: Limits) -> tuple[str, ...]:
-    """Say which limits of the machine a signal exceeds, and by how much.
+def check_signal(signal: Signal, limits: Limits) -> tuple[Note, ...]:
+    """Find which limits of the machine a signal exceeds, and by how much.
 
     Parameters
     ----------
@@ -107,8 +108,8 @@ def check_signal(signal: Signal, limits: Limits) -> tuple[str, ...]:
 
     Returns
     -------
-    tuple[str, ...]
-        One sentence per limit exceeded, empty where the signal is within all.
+    tuple of Note
+        One ``signal_beyond_limit`` per limit exceeded, empty where the signal is within all.
     """
     rate, pitch = signal.rate_hz, np.degrees(signal.pitch)
     reached = {
@@ -122,7 +123,13 @@ def check_signal(signal: Signal, limits: Limits) -> tuple[str, ...]:
         "belt_m_per_s2": np.diff(signal.belt_speed) * rate,
     }
     return tuple(
-        f"{signal.name}: {name} reaches {largest:.4g}, the machine allows {getattr(limits, name)}"
+        Note.of(
+            "signal_beyond_limit",
+            signal=signal.name,
+            quantity=name,
+            largest=largest,
+            limit=getattr(limits, name),
+        )
         for name, values in reached.items()
         if (largest := float(np.max(np.abs(values)))) > getattr(limits, name) * (1 + 1e-9)
     )

@@ -14,6 +14,7 @@ from hbm.coordinates import COORDINATES, LAST, MOVING, SEGMENTS, support
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body
+from hbm.notes import Note
 from hbm.overrides import SegmentOverride, apply_overrides
 from hbm.poses import segment_frames
 from hbm.segments import NOTHING, Inertia, Proportions, Sex, proportions, segment_inertia
@@ -104,12 +105,12 @@ def build_body(
         locate_anatomy({mark: at[n] for mark, n in chosen.landmark.items() if n in at}, measures)
         for at in poses
     ]
-    notes = [calibration.said, *dict.fromkeys(note for a in anatomies for note in a.notes)]
+    notes = [calibration.note, *dict.fromkeys(note for a in anatomies for note in a.notes)]
     if height_m is None:
         height_m = float(np.mean([_stature(a) for a in anatomies]))
-        notes.append(f"stature estimated from the legs: {height_m:.2f} m")
+        notes.append(Note.of("stature_estimated", height_m=height_m))
     if overrides:
-        notes.append(f"not by the table of inertias alone: {', '.join(overrides)}")
+        notes.append(Note.of("inertia_overridden", segments=tuple(overrides)))
     shape = average(
         [
             shape_of(anatomy, table, height_m, at, chosen.segment)

@@ -8,15 +8,20 @@ import numpy as np
 from hbm.calibration_pose.anatomy import SIDES, distance
 from hbm.coordinates import MOVING, PARENT, SEGMENTS
 from hbm.markers import Markers
+from hbm.notes import Note
 from hbm.spatial import Array
 
 if TYPE_CHECKING:
     from hbm.model import Body
 
-LEGS_APART_M: Final = 0.03
-MARKERS_APART_M: Final = 0.03
-MASS_APART: Final = 0.05
+MAX_LEG_DIFFERENCE_M: Final = 0.03
+"""True differences rarely exceed 2 cm; a misplaced marker easily makes more."""
+MAX_DISTANCE_CHANGE_M: Final = 0.03
+"""Skin moves markers of one segment against each other by up to 2 or 3 cm in walking."""
+MAX_MASS_DIFFERENCE: Final = 0.05
+"""Share of the body mass: more than clothes, shoes and a plate's gain error together."""
 PAIRS_NAMED: Final = 3
+"""A single displaced marker changes its distances to all others: three name it."""
 
 
 def describe(body: "Body") -> str:
@@ -58,46 +63,45 @@ def describe(body: "Body") -> str:
         offset = body.offsets[s]
         place[s] = place[PARENT[s]] + offset
         lines.append(f"{s:16}{PARENT[s]:16}{_millimetres(offset)}  {_millimetres(place[s])}")
-    lines += ["", *body.notes]
-    if body.locked:
-        lines.append(f"locked at neutral, for no marker shows them: {', '.join(body.locked)}")
-    return "\n".join([*lines, *implausible(body)])
+    locked = [Note.of("coordinates_locked", coordinates=body.locked)] if body.locked else []
+    notes = (*body.notes, *locked, *implausible(body))
+    return "\n".join([*lines, "", *map(str, notes)])
 
 
-def implausible(body: "Body", *, weighed_kg: float | None = None) -> tuple[str, ...]:
-    """Say what looks wrong about a body.
+def implausible(body: "Body", *, carried_kg: float | None = None) -> tuple[Note, ...]:
+    """Find what is implausible about a body.
 
     Parameters
     ----------
     body
         The subject.
-    weighed_kg
-        What force plates say of the body's mass [kg].
+    carried_kg
+        The mass that the force plates carry over whole gait cycles [kg]; None where unknown.
 
     Returns
     -------
-    tuple[str, ...]
-        Sentences: legs that differ by more than 3 cm, mass more than 5 % off the plates.
+    tuple of Note
+        ``legs_differ`` beyond 3 cm; ``mass_differs`` more than 5 % from what the plates carry.
     """
-    said = []
+    notes = []
     legs = {side: _leg(body, side) for side in SIDES}
-    if abs(legs["left"] - legs["right"]) > LEGS_APART_M:
-        said.append(
-            f"warning: the legs differ by {1000 * abs(legs['left'] - legs['right']):.0f} mm (left "
-            f"{legs['left']:.3f} m, right {legs['right']:.3f} m from hip to ankle); check the "
-            "markers of pelvis, knees and ankles"
+    difference = abs(legs["left"] - legs["right"])
+    if difference > MAX_LEG_DIFFERENCE_M:
+        notes.append(
+            Note.of(
+                "legs_differ", difference_m=difference, left_m=legs["left"], right_m=legs["right"]
+            )
         )
-    off = 0.0 if weighed_kg is None else body.mass / weighed_kg - 1
-    if abs(off) > MASS_APART:
-        said.append(
-            f"warning: the body's mass of {body.mass:.1f} kg is {100 * off:+.0f} % off the "
-            f"{weighed_kg:.1f} kg that the plates say"
+    if carried_kg is not None and abs(body.mass / carried_kg - 1) > MAX_MASS_DIFFERENCE:
+        difference = body.mass / carried_kg - 1
+        notes.append(
+            Note.of("mass_differs", mass_kg=body.mass, difference=difference, carried_kg=carried_kg)
         )
-    return tuple(said)
+    return tuple(notes)
 
 
-def changed_distances(body: "Body", markers: Markers) -> tuple[str, ...]:
-    """Say which markers of one segment are not as far from each other as on the body.
+def changed_distances(body: "Body", markers: Markers) -> tuple[Note, ...]:
+    """Find markers of one segment whose distances differ from those on the body.
 
     Parameters
     ----------
@@ -108,11 +112,12 @@ def changed_distances(body: "Body", markers: Markers) -> tuple[str, ...]:
 
     Returns
     -------
-    tuple[str, ...]
-        One sentence per segment: pairs whose median distance in the trial is more than 3 cm off,
-        for a marker that has moved, is swapped with another or means something else.
+    tuple of Note
+        One ``marker_distances_changed`` per segment: pairs whose median distance in the trial
+        differs by more than 3 cm, for a marker has moved, is swapped with another or stands for
+        something else.
     """
-    said = []
+    notes = []
     place = dict(zip(body.markers, body.marker_position, strict=True))
     for s in SEGMENTS:
         own = [
@@ -125,18 +130,22 @@ def changed_distances(body: "Body", markers: Markers) -> tuple[str, ...]:
             apart = markers.position[:, [markers.names.index(n) for n in (a, b)]]
             now = np.linalg.norm(apart[:, 0] - apart[:, 1], axis=-1)
             if np.isfinite(now).any():
-                changes.append((float(np.nanmedian(now)) - distance(place[a], place[b]), a, b))
+                change = float(np.nanmedian(now)) - distance(place[a], place[b])
+                changes.append((f"{a}–{b}", change))
         changes = sorted(
-            (c for c in changes if abs(c[0]) > MARKERS_APART_M), key=lambda c: -abs(c[0])
+            (c for c in changes if abs(c[1]) > MAX_DISTANCE_CHANGE_M), key=lambda c: -abs(c[1])
         )
         if changes:
-            pairs = ", ".join(f"{a}–{b} {1000 * c:+.0f} mm" for c, a, b in changes[:PAIRS_NAMED])
-            more = f" and {len(changes) - PAIRS_NAMED} more" if len(changes) > PAIRS_NAMED else ""
-            said.append(
-                f"warning: on the {s} markers are not as far apart as in the calibration pose: "
-                f"{pairs}{more}; has a marker moved, or are two swapped?"
+            notes.append(
+                Note.of(
+                    "marker_distances_changed",
+                    segment=s,
+                    pairs=len(changes),
+                    limit_m=MAX_DISTANCE_CHANGE_M,
+                    largest_m=dict(changes[:PAIRS_NAMED]),
+                )
             )
-    return tuple(said)
+    return tuple(notes)
 
 
 def _length(body: "Body", s: str) -> float | None:

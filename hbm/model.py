@@ -11,6 +11,7 @@ from hbm.coordinates import COORDINATES, FIRST, LAST, MOVING, SEGMENTS, TREE
 from hbm.describe import describe
 from hbm.kernels.skeleton import OFFSETS, OWN_AXES
 from hbm.markers import MarkerSet
+from hbm.notes import Note
 from hbm.segments import Inertia, Sex
 from hbm.spatial import Array, read_only
 
@@ -39,7 +40,7 @@ class Body:
     locked
         Coordinates that no marker of the set can ever show; they stay at zero.
     notes
-        What was estimated, substituted or looks implausible, as sentences.
+        What was estimated or substituted.
     """
 
     mass: float
@@ -54,7 +55,7 @@ class Body:
     inertias: Mapping[str, Inertia]
     lengths: Mapping[str, float]
     locked: tuple[str, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     def __post_init__(self) -> None:
         expected = (len(self.markers), 3)

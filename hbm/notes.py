@@ -4,14 +4,14 @@ The sentences stand in one catalogue, ``notes.toml``; ``docs/notes.md`` explains
 """
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from numbers import Integral, Real
 from string import Formatter
 from types import MappingProxyType
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal, SupportsFloat, get_args
 
 Level = Literal["warning", "info"]
 NoteValue = str | int | float | tuple[str, ...] | Mapping[str, float]
@@ -54,12 +54,11 @@ of pelvis, knees and ankles
         if set(self.values) != kind.fields:
             wanted, given = (", ".join(sorted(v)) or "none" for v in (kind.fields, self.values))
             raise ValueError(f"note {self.code!r}: its values are {wanted}, got {given}")
-        plain = {name: _plain(value) for name, value in self.values.items()}
-        object.__setattr__(self, "values", MappingProxyType(plain))
+        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
         try:
             _ = self.text
         except (TypeError, ValueError) as error:
-            raise ValueError(f"note {self.code!r}: {error}; got {plain}") from error
+            raise ValueError(f"note {self.code!r}: {error}; got {dict(self.values)}") from error
 
     def __hash__(self) -> int:
         return hash((self.code, self.text))
@@ -71,9 +70,14 @@ of pelvis, knees and ankles
         return Note, (self.code, dict(self.values))
 
     @classmethod
-    def of(cls, code: str, /, **values: NoteValue) -> "Note":
-        """Make a note from its code and its values by name."""
-        return cls(code, values)
+    def of(
+        cls,
+        code: str,
+        /,
+        **values: str | SupportsFloat | Sequence[str] | Mapping[str, SupportsFloat],
+    ) -> "Note":
+        """Make a note from its code and its values by name, in Python's own types or NumPy's."""
+        return cls(code, {name: _plain(value) for name, value in values.items()})
 
     @property
     def level(self) -> Level:
@@ -94,9 +98,15 @@ of pelvis, knees and ankles
         return {"code": self.code, "level": self.level, "text": self.text, "values": values}
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> "Note":
-        """Make the note that `to_dict` wrote; level and text are the catalogue's of today."""
-        return cls(plain["code"], plain["values"])
+    def from_dict(cls, plain: object) -> "Note":
+        """Make the note that `to_dict` wrote; level and text are the catalogue's of today.
+
+        A ValueError where that is no note, or of a code or with values that are unknown today.
+        """
+        if not isinstance(plain, Mapping) or not isinstance(plain.get("values"), Mapping):
+            raise ValueError(f"a note is an object with code and values, got {plain!r}")
+        values = {str(name): _plain(value) for name, value in plain["values"].items()}
+        return cls(str(plain.get("code")), values)
 
 
 def warnings_first(notes: Iterable[Note]) -> tuple[Note, ...]:
@@ -138,7 +148,7 @@ def _catalogue() -> Mapping[str, _Kind]:
 
 
 def _plain(value: object) -> NoteValue:
-    """Give a value in Python's own types: a NumPy number or a list may come in."""
+    """Give a value in Python's own types."""
     if isinstance(value, str):
         return value
     if isinstance(value, Integral):
@@ -147,7 +157,7 @@ def _plain(value: object) -> NoteValue:
         return float(value)
     if isinstance(value, Mapping):
         return {str(name): float(number) for name, number in value.items()}
-    if isinstance(value, tuple | list):
+    if isinstance(value, Sequence):
         return tuple(str(name) for name in value)
     raise ValueError(f"a note's value is a number, text, names or numbers by name, got {value!r}")
 

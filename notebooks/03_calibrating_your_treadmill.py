@@ -22,6 +22,7 @@ from compensation import (
     Limits,
     Signal,
     acceleration_spectrum,
+    check_calibration,
     check_signal,
     check_trial,
     pitch_and_sway_signals,
@@ -55,7 +56,7 @@ cutoff_hz = 20.0
 # %%
 drawn = {signal.name: signal for signal in pitch_and_sway_signals(seed=1, belt_speed=3.0)}
 signal = drawn["all_60s_3mps"]
-print("the default machine:", check_signal(signal, Limits()) or "can do it")
+print("the default machine:", *check_signal(signal, Limits()) or ["can do it"])
 print("a gentler machine:", *check_signal(signal, Limits(sway_m_per_s2=2.0, pitch_deg_per_s=20.0)))
 spectrum = acceleration_spectrum(signal)
 
@@ -108,7 +109,8 @@ for k, name in enumerate(components):
         f"  {name}: RMS {model.rms_measured[k]:6.1f} -> {model.rms_compensated[k]:5.2f},"
         f" R² {model.r_squared[k]:.4f}, noise floor {floor[k]:.2f} {'N' if k < 3 else 'N·m'}"
     )
-print(f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}", *model.warnings)
+print(f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}")
+print(*check_calibration(model, "plate 1"), sep="\n")
 
 # %% [markdown]
 # R² says how much of *this* recording is explained. It is close to one because the machine moved a
@@ -165,7 +167,7 @@ for what, found in (
     ("a dead channel", check_trial(model, dead)),
     ("a sensor upside down", check_trial(model, turned)),
 ):
-    print(f"{what}: {'; '.join(found) or 'nothing to say'}")
+    print(f"{what}: {'; '.join(map(str, found)) or 'no warning'}")
 
 # %% [markdown]
 # ## The picture

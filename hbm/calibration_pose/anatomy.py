@@ -6,6 +6,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from hbm.notes import Note
 from hbm.segments import Sex
 from hbm.spatial import Array
 
@@ -59,7 +60,7 @@ class Anatomy:
     points: dict[str, Array] = field(default_factory=dict)
     axes: dict[str, Array] = field(default_factory=dict)
     frames: dict[str, Array] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
 
 
 def need(landmarks: Mapping[str, Array], *names: str, purpose: str, instead: str) -> list[Array]:

@@ -15,6 +15,7 @@ from hbm.calibration_pose.anatomy import (
     perpendicular,
     unit,
 )
+from hbm.notes import Note
 from hbm.spatial import Array
 
 
@@ -36,14 +37,14 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
         leg = _leg_length(landmarks, letter, spines[letter + "ASIS"])
         anatomy.points[f"{side}_hip"] = origin + R @ hip_center(side, width, depth, leg, measures)
         if leg is None and measures.hip == "harrington":
-            anatomy.notes.append(f"{side} hip by Harrington's rule without leg length")
+            anatomy.notes.append(Note.of("hip_without_leg_length", side=side))
     anatomy.points["pelvis"] = (anatomy.points["right_hip"] + anatomy.points["left_hip"]) / 2
     share = {"male": (-0.264, 0.126), "female": (-0.289, 0.172), "unspecified": (-0.2765, 0.149)}
     back_share, up_share = share[measures.sex]
     anatomy.points["lumbar"] = origin + R @ (width * np.array([back_share, 0.0, up_share]))
 
 
-def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, list[str]]:
+def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, list[Note]]:
     """Give the pelvis frame.
 
     Parameters
@@ -70,14 +71,15 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, l
         back = (at["LPSIS"] + at["RPSIS"]) / 2
     else:
         (back,) = need(at, "SACR", purpose="the pelvis", instead="LPSIS with RPSIS")
-        notes.append("PSIS are missing: the sacrum marker stands for their middle")
+        notes.append(Note.of("psis_missing"))
     origin, across = (left + right) / 2, left - right
     return frame(across, np.cross(origin - back, across), exact="left"), origin, back, notes
 
 
-def _spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]]:
+def _spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[Note]]:
     """Give the landmarks with a single missing spine mirrored from its opposite."""
-    at, notes = dict(landmarks), []
+    at = dict(landmarks)
+    notes: list[Note] = []
     for a, b in (("ASIS", "PSIS"), ("PSIS", "ASIS")):
         if "L" + b in landmarks and "R" + b in landmarks:
             for side, other in ("LR", "RL"):
@@ -86,7 +88,9 @@ def _spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[str]
                     middle = (at["L" + b] + at["R" + b]) / 2
                     point = at[other + a]
                     at[side + a] = point - 2 * ((point - middle) @ normal) * normal
-                    notes.append(f"{side + a} is missing: taken as mirror of {other + a}")
+                    notes.append(
+                        Note.of("pelvis_landmark_mirrored", landmark=side + a, opposite=other + a)
+                    )
     return at, notes
 
 
@@ -165,7 +169,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     if low:
         anatomy.points["xiphoid_level"] = bottom
     else:
-        anatomy.notes.append("T10 or XIPH is missing: the trunk's axis starts at the lumbar joint")
+        anatomy.notes.append(Note.of("trunk_axis_from_lumbar_joint"))
     if "C7" in at and "JN" in at:
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
         R = frame(np.cross(top - bottom, forward), top - bottom, exact="up")
@@ -175,7 +179,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
         top = (at["LSHO"] + at["RSHO"]) / 2
         R = frame(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
         anatomy.points["neck"] = top
-        anatomy.notes.append("C7 or JN is missing: the trunk's axis ends between the acromions")
+        anatomy.notes.append(Note.of("trunk_axis_to_acromions"))
     else:
         front, back, notch = need(
             at, "XIPH", "T10", "JN", purpose="the trunk", instead="C7 with JN, or LSHO with RSHO,"
@@ -185,9 +189,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
         top = root + ((notch - root) @ up) * up
         R = frame(np.cross(up, front - back), up, exact="up")
         anatomy.points["neck"] = top
-        anatomy.notes.append(
-            "C7 is missing: the trunk's axis starts at the lumbar joint, ends at JN's level"
-        )
+        anatomy.notes.append(Note.of("trunk_axis_to_jugular_notch"))
     pelvis = anatomy.frames["pelvis"]
     if R[:, 0] @ pelvis[:, 0] < 0 or R[:, 2] @ pelvis[:, 2] < 0:
         raise ValueError(

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from hbm.markers import Markers
+from hbm.notes import Note
 from hbm.spatial import Array, Indices
 
 QUIET_MPS: Final = 0.05
@@ -24,13 +25,13 @@ class Calibration:
         Evenly spread frames in which all markers that are ever visible are visible, (F,).
     still
         Whether the subject stood still.
-    said
-        One sentence for the user: which window, and whether the subject stood still in it.
+    note
+        Which window, and whether the subject stood still in it.
     """
 
     frames: Indices
     still: bool
-    said: str
+    note: Note
 
 
 def calibrate(
@@ -77,13 +78,17 @@ def calibrate(
     pace = speed[complete]
     moved = float(np.mean(pace[~np.isnan(pace)])) if not np.isnan(pace).all() else 0.0
     still = moved < QUIET_MPS
-    manner = "standing still" if still else f"nobody stands still, moving at {moved:.2f} m/s"
-    return Calibration(
-        frames,
-        still,
-        f"calibration pose from {time[frames[0]]:.2f} to {time[frames[-1]]:.2f} s, "
-        f"{manner} (mean of {len(frames)} instants)",
+    window = {
+        "start_s": float(time[frames[0]]),
+        "stop_s": float(time[frames[-1]]),
+        "instants": len(frames),
+    }
+    note = (
+        Note.of("calibration_pose_still", **window)
+        if still
+        else Note.of("calibration_pose_moving", speed_mps=moved, **window)
     )
+    return Calibration(frames, still, note)
 
 
 def _inside(time: Array, window_s: tuple[float, float] | None) -> Indices:

@@ -14,6 +14,7 @@ from hbm.calibration_pose.anatomy import (
     perpendicular,
     unit,
 )
+from hbm.notes import Note
 from hbm.spatial import Array
 
 
@@ -99,10 +100,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], side: str) -> None:
         if styloids or any(s + name in at for name in ("LEE", "MEE", "FIN")):
             missing = [n for n in (s + "SHO", s + "LEE") if n not in at]
             missing += [] if styloids else [f"{s}LW or {s}MW"]
-            anatomy.notes.append(
-                f"the {side} arm's joints need {', '.join(missing)}, which the calibration pose "
-                "does not show: it hangs neutrally, and its markers beyond the shoulder are unused"
-            )
+            anatomy.notes.append(Note.of("arm_not_located", side=side, missing=tuple(missing)))
         return
     trunk = anatomy.frames["trunk"]
     if {"LSHO", "RSHO"} <= set(at):
@@ -128,7 +126,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], side: str) -> None:
         anatomy.axes[f"{side}_wrist"] = TO_LEFT[side] * unit(styloids[0] - styloids[1])
     else:
         anatomy.axes[f"{side}_wrist"] = anatomy.axes[f"{side}_elbow"]
-        anatomy.notes.append(f"{side} wrist has one marker: its axis is taken as the elbow's")
+        anatomy.notes.append(Note.of("wrist_axis_from_elbow", side=side))
     if s + "FIN" in at:
         anatomy.points[f"{side}_knuckle"] = at[s + "FIN"]
 
@@ -158,7 +156,7 @@ def _hinge(
         (outer,) = need(landmarks, lateral, purpose=f"the {joint}", instead=other)
         center = _beside(outer, proximal, medial, half_width, joint)
         anatomy.notes.append(
-            f"{other} is missing: the {joint} centre lies half the joint's width beside {lateral}"
+            Note.of("joint_center_from_width", marker=other, joint=joint, lateral=lateral)
         )
     anatomy.points[joint] = center
     anatomy.axes[joint] = to_left * unit(center - outer)

@@ -85,7 +85,7 @@ def write_signals(
         If a file cannot be written.
     """
     resampled = [resample_signal(signal, rate_hz) for signal in signals]
-    beyond = [sentence for signal in resampled for sentence in check_signal(signal, limits)]
+    beyond = [str(note) for signal in resampled for note in check_signal(signal, limits)]
     if beyond:
         raise ValueError(f"the machine cannot do this: {'; '.join(beyond)}")
     written = []

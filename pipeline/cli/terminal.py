@@ -5,6 +5,9 @@ from collections.abc import Callable
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from hbm.notes import Note
 
 
 def plain_console() -> Console:
@@ -15,6 +18,13 @@ def plain_console() -> Console:
 def announcer(console: Console) -> Callable[[str], None]:
     """Give what prints a sentence when something takes long."""
     return lambda sentence: console.print(sentence, style="dim")
+
+
+def note_line(note: Note) -> Text:
+    """Lay a note out with its code, under which ``docs/notes.md`` explains it."""
+    warns = note.level == "warning"
+    text = (f"- {'warning: ' * warns}{note} ", "bold" if warns else "")
+    return Text.assemble(text, (f"[{note.code}]", "dim"))
 
 
 class StepProgress(Progress):

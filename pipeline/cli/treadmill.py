@@ -31,8 +31,8 @@ def fit(
     ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
-    from compensation import Calibration, to_json
-    from pipeline.cli.terminal import plain_console
+    from compensation import Calibration, check_calibration, to_json
+    from pipeline.cli.terminal import note_line, plain_console
     from pipeline.config.schema import Treadmill
     from pipeline.config.validation import check_options
     from pipeline.io.units import acceleration_in_mps2
@@ -76,10 +76,14 @@ def fit(
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
     console.print(_fit_table(calibration))
-    for name, model in calibration.plates.items():
-        for warning in model.warnings:
-            console.print(f"- {name}: {warning}", soft_wrap=True)
-    if any(model.warnings for model in calibration.plates.values()):
+    doubts = [
+        note
+        for plate, model in calibration.plates.items()
+        for note in check_calibration(model, plate)
+    ]
+    for note in doubts:
+        console.print(note_line(note), soft_wrap=True)
+    if doubts:
         advice = "do not use it before that is explained"
     else:
         advice = f"next: hbm residuals TRIAL --calibration {out} --platform-markers M1,M2,M3"

@@ -90,6 +90,8 @@ def print_result(result: "TrialResult", console: "Console") -> None:
     import numpy as np
     from rich.table import Table
 
+    from hbm.notes import warnings_first
+    from pipeline.cli.terminal import note_line
     from pipeline.trial.residuals import marker_rows, residual_rows, threshold_rows
 
     rows = residual_rows(result, result.source.stem)
@@ -119,9 +121,8 @@ def print_result(result: "TrialResult", console: "Console") -> None:
     single.sort(key=lambda marker: -np.nan_to_num(marker.rms_mm))
     errors = ", ".join(f"{marker.marker} {marker.rms_mm:.1f}" for marker in single)
     console.print(f"marker error {every.rms_mm:.1f} mm RMS over {len(single)} markers: {errors}")
-    for note in sorted(result.notes, key=lambda note: not note.startswith("warning:")):
-        style = "bold" if note.startswith("warning:") else None
-        console.print(f"- {note}", soft_wrap=True, style=style)
+    for note in warnings_first(result.notes):
+        console.print(note_line(note), soft_wrap=True)
 
 
 def _plates(compensated: bool) -> str:

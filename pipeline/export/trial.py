@@ -9,6 +9,7 @@ import pandas as pd
 from hbm.clinical import AnkleZero, clinical_angles
 from hbm.coordinates import HBM_ORDER, INDEX, TREE
 from hbm.motion import Motion
+from hbm.notes import warnings_first
 from pipeline.export.bids import write_bids
 from pipeline.export.opensim_model import write_osim
 from pipeline.export.opensim_tables import (
@@ -136,6 +137,6 @@ def _processed(
         write_trc(recording.markers, markers)
         written += made
         print(f"forces and loads are of the plates as {best}")
-    for note in result.notes:
-        print(f"- {note}")
+    for note in warnings_first(result.notes):
+        print(f"- {'warning: ' * (note.level == 'warning')}{note} [{note.code}]")
     return written

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 from xml.etree.ElementTree import Element
 
+from hbm.notes import Note, warnings_first
 from pipeline.report.markup import element, table
 from pipeline.report.trial_quality import (
     DELAY_S,
@@ -83,7 +84,7 @@ def trial_tables(results: Results, states: Sequence[TrialState]) -> list[Element
         for (subject, condition), trial in trials
         for part in (
             element("h3", f"{subject} {condition}: {trial.source}"),
-            element("ul", *(element("li", note) for note in trial.notes)),
+            element("ul", *(_noted(note) for note in warnings_first(trial.notes))),
         )
     ]
     summary = element("summary", "What was inferred, locked, filled or refused, trial by trial")
@@ -109,6 +110,11 @@ def trial_tables(results: Results, states: Sequence[TrialState]) -> list[Element
         ),
         element("details", summary, *notes, class_="small"),
     ]
+
+
+def _noted(note: Note) -> Element:
+    text = f"warning: {note}" if note.level == "warning" else str(note)
+    return element("li", f"{text} ", element("span", note.code, class_="small soft"))
 
 
 def _lights(found: Sequence[Check]) -> Element:

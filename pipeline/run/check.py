@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
-from compensation import Calibration
+from compensation import Calibration, check_calibration
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST, support
 from hbm.markers import MarkerSet, did_you_mean
@@ -111,7 +111,7 @@ def _calibration(study: Study, notes: _Notes) -> Calibration | None:
     found = notes.of(path.name, lambda: read_calibration(path, treadmill, study.file.axes))
     if found is not None:
         for plate, model in found.plates.items():
-            notes.remarks += [f"{path.name}: {plate}: {warning}" for warning in model.warnings]
+            notes.remarks += [f"{path.name}: {note}" for note in check_calibration(model, plate)]
         notes.remarks.append(f"{path.name}: compensates {', '.join(found.plates)}")
     return found
 

@@ -1,28 +1,41 @@
-"""What became of a motion's coordinates and frames, in sentences."""
+"""What became of a motion's coordinates and frames."""
 
 import numpy as np
 
 from hbm.body import Body
 from hbm.motion import Motion
+from hbm.notes import Note
 
 
-def motion_notes(body: Body, motion: Motion) -> list[str]:
-    """Say what was locked, bridged or not solved."""
+def motion_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
+    """Give what was locked, interpolated, left out or not solved in a trial's motion.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    motion
+        The motion as the inverse kinematics gave it, unfiltered.
+
+    Returns
+    -------
+    tuple of Note
+        ``coordinates_locked``, ``coordinates_interpolated``, ``marker_samples_missing`` and
+        ``frames_unsolved``, where there are any.
+    """
     notes = []
     if body.locked:
-        notes.append(f"locked at neutral, for no marker shows them: {', '.join(body.locked)}")
-    locked = np.array([name in body.locked for name in motion.names])
-    lost = (~motion.observed & motion.converged[:, None])[:, ~locked]
-    if lost.any():
-        names = np.array(motion.names)[~locked][lost.any(axis=0)]
-        notes.append(
-            f"bridged in time over {np.count_nonzero(lost.any(axis=1))} frames without enough "
-            f"markers: {', '.join(names)}"
-        )
-    gaps = int(np.isnan(motion.marker_error).sum())
-    if gaps:
-        notes.append(f"{gaps} marker samples are missing and were left out of the fit")
-    failed = int(np.count_nonzero(~motion.converged))
-    if failed:
-        notes.append(f"{failed} of {len(motion.time)} frames could not be solved")
-    return notes
+        notes.append(Note.of("coordinates_locked", coordinates=body.locked))
+    free = np.array([name not in body.locked for name in motion.names])
+    unseen = (~motion.observed & motion.converged[:, None])[:, free]
+    if unseen.any():
+        names = np.array(motion.names)[free][unseen.any(axis=0)]
+        frames = np.count_nonzero(unseen.any(axis=1))
+        notes.append(Note.of("coordinates_interpolated", frames=frames, coordinates=tuple(names)))
+    missing = np.count_nonzero(np.isnan(motion.marker_error))
+    if missing:
+        notes.append(Note.of("marker_samples_missing", samples=missing))
+    unsolved = np.count_nonzero(~motion.converged)
+    if unsolved:
+        notes.append(Note.of("frames_unsolved", unsolved=unsolved, frames=len(motion.time)))
+    return tuple(notes)

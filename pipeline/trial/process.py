@@ -1,7 +1,6 @@
 """One trial, from what was recorded to the residuals: the whole method, top to bottom."""
 
 from collections.abc import Mapping
-from typing import Final
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
+from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.poses import segment_frames
 from hbm.signals.filtering import low_pass
@@ -33,11 +33,6 @@ from pipeline.trial.motion_notes import motion_notes
 from pipeline.trial.result import TrialResult
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass, carried_kg
-
-NOT_CARRIED: Final = (
-    "warning: the plates do not carry the subject throughout the gait cycles: a foot beside them, "
-    "a dead plate, or running; in walking, what they miss is in the residuals"
-)
 
 
 def process_recording(
@@ -146,6 +141,8 @@ def process_recording(
     delay, uncertainty, said = _delay(dynamics[best], ground[best], motion)
     vertical = np.sum([wrench[:, 2] for wrench in ground[best].values()], axis=0)
     carried = carried_kg(motion.time, vertical, cycles)
+    walked = any(map(len, cycles.values()))
+    not_carried = (Note.of("subject_not_carried"),) if carried is None and walked else ()
     return TrialResult(
         source=recording.source,
         subject=subject,
@@ -164,16 +161,16 @@ def process_recording(
         delay_uncertainty_s=uncertainty,
         ambiguous=shared[best][1],
         notes=(
-            *recording.notes,
+            *(Note.of("recording_remark", text=text) for text in recording.notes),
             weighed,
-            *implausible(body, weighed_kg=carried),
-            *([NOT_CARRIED] if carried is None and any(map(len, cycles.values())) else []),
+            *implausible(body, carried_kg=carried),
+            *not_carried,
             *changed_distances(body, recording.markers),
             *body.notes,
             *motion_notes(body, raw),
             *acted.notes,
             which,
-            agreement_with_plates(events, shared[best][0], motion.time, threshold),
+            *agreement_with_plates(events, shared[best][0], motion.time, threshold),
             *rejected,
             *missing,
             said,
@@ -296,16 +293,13 @@ def _require_plates(recording: Recording) -> None:
 
 def _delay(
     dynamics: Dynamics, ground: dict[str, Array], motion: Motion
-) -> tuple[float, float, str]:
+) -> tuple[float, float, Note]:
     """Estimate how much later the plates are than the markers."""
     plates = np.sum([wrench[:, :3] for wrench in ground.values()], axis=0)
     needed = dynamics.residual[:, :3] + plates
     try:
         delay, uncertainty = marker_plate_delay(plates, needed, motion.time)
     except ValueError as error:
-        return np.nan, np.nan, f"delay of the plates unknown: {error}"
-    return (
-        delay,
-        uncertainty,
-        f"plates are {delay * 1000:.1f} ± {uncertainty * 1000:.1f} ms later than the markers",
-    )
+        return np.nan, np.nan, Note.of("plate_delay_unknown", reason=str(error))
+    note = Note.of("plate_delay", delay_s=delay, uncertainty_s=uncertainty)
+    return delay, uncertainty, note

@@ -9,6 +9,7 @@ from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.dynamics import Dynamics
 from hbm.motion import Motion
+from hbm.notes import Note
 from hbm.spatial import Array, Mask
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
@@ -50,7 +51,7 @@ class TrialResult:
     overridden_segments
         Segments whose inertia is not by the table alone.
     notes
-        Whatever was inferred, locked, filled or refused, as sentences.
+        Whatever was inferred, locked, filled or refused.
 
     Examples
     --------
@@ -79,6 +80,6 @@ class TrialResult:
     delay_s: float
     delay_uncertainty_s: float
     ambiguous: Mask
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))

@@ -10,14 +10,17 @@ from hbm.body import Body, build_body
 from hbm.calibration_pose.anatomy import HipRule
 from hbm.calibration_pose.functional import functional_hips
 from hbm.markers import MarkerSet, marker_sets
+from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.spatial import Array
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Recording
 from pipeline.trial.weighing import joint_widths, stature
 
-DOUBTFUL_M: Final = 0.03
-IMPOSSIBLE_M: Final = 0.05
+EXPECTED_HIP_DISTANCE_M: Final = 0.03
+"""Harrington's regression misses imaged hip centres by 1 to 2 cm in adults: 3 cm is doubtful."""
+MAX_HIP_DISTANCE_M: Final = 0.05
+"""Beyond this no pelvis explains the difference; the thighs did not swing enough."""
 
 
 def subject_body(
@@ -86,24 +89,27 @@ def subject_body(
         raise ValueError("functional hips need a recording in which the thighs swing (hip_trial)")
     named = marker_sets().get(settings.marker_set or "")
     body = built(functional_hips(hip_trial.markers, marker_set or named))
-    said = _beside_regression(body, built("harrington"), hip_trial.source.name)
-    return replace(body, notes=(*body.notes, said))
+    note = _beside_regression(body, built("harrington"), hip_trial.source.name)
+    return replace(body, notes=(*body.notes, note))
 
 
-def _beside_regression(body: Body, usual: Body, name: str) -> str:
-    """Say how far functional hips are from the regression's; refuse what no pelvis has."""
-    off = {}
+def _beside_regression(body: Body, by_regression: Body, file: str) -> Note:
+    """Give how far functional hips are from the regression's; refuse what no pelvis has."""
+    distance_m = {}
     for side in ("right", "left"):
-        hip, expected = (each.offsets[f"{side}_thigh"] - _pelvis(each) for each in (body, usual))
-        off[side] = float(np.linalg.norm(hip - expected))
-    said = ", ".join(f"{side} {1000 * distance:.0f} mm" for side, distance in off.items())
-    if max(off.values()) > IMPOSSIBLE_M:
+        hip, expected = (
+            each.offsets[f"{side}_thigh"] - _pelvis(each) for each in (body, by_regression)
+        )
+        distance_m[side] = float(np.linalg.norm(hip - expected))
+    largest_m = max(distance_m.values())
+    if largest_m > MAX_HIP_DISTANCE_M:
+        off = ", ".join(f"{side} {1000 * each:.0f} mm" for side, each in distance_m.items())
         raise ValueError(
-            f"{name}: the functional hips are {said} from Harrington's regression, which no pelvis "
+            f"{file}: the functional hips are {off} from Harrington's regression, which no pelvis "
             "has: swing both thighs forward, back and sideways by 30° and more"
         )
-    doubt = "warning: " if max(off.values()) > DOUBTFUL_M else ""
-    return f"{doubt}functional hips from {name}: {said} from Harrington's regression"
+    code = "functional_hips" if largest_m <= EXPECTED_HIP_DISTANCE_M else "functional_hips_far"
+    return Note.of(code, file=file, distance_m=distance_m)
 
 
 def _pelvis(body: Body) -> Array:

@@ -4,11 +4,12 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import ClassVar, Final
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
+from hbm.notes import Note
 from pipeline.config.schema import Settings, Subject
 from pipeline.trial.residuals import (
     MarkerRow,
@@ -23,6 +24,14 @@ from pipeline.trial.result import TrialResult
 FORMAT_VERSION: Final = 1
 """Of stored trials, summary and frames together; raised with every change of what they hold."""
 PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarrow")
+
+
+def _note(stored: object) -> Note:
+    return stored if isinstance(stored, Note) else Note.from_dict(stored)
+
+
+StoredNote = Annotated[Note, PlainValidator(_note), PlainSerializer(Note.to_dict)]
+"""A note that stands in JSON with its code, level, text and values."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +90,7 @@ class TrialSummary:
     marker_set: str
     locked: tuple[str, ...]
     overridden_segments: tuple[str, ...]
-    notes: tuple[str, ...]
+    notes: tuple[StoredNote, ...]
     delay_s: float | None
     delay_uncertainty_s: float | None
     frames: int

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.config.schema import Subject
 from pipeline.io.recording import Recording
@@ -14,7 +15,7 @@ STEADY_SHARE: Final = 0.02
 LEAST_SHARE: Final = 0.3
 
 
-def body_mass(subject: Subject, pose: Recording) -> tuple[float, str]:
+def body_mass(subject: Subject, pose: Recording) -> tuple[float, Note]:
     """Give body mass as stated, or weighed over the first frames of the calibration pose.
 
     Parameters
@@ -28,8 +29,8 @@ def body_mass(subject: Subject, pose: Recording) -> tuple[float, str]:
     -------
     mass
         Body mass [kg].
-    said
-        Where it comes from, as a sentence.
+    note
+        Where it comes from.
 
     Raises
     ------
@@ -38,7 +39,7 @@ def body_mass(subject: Subject, pose: Recording) -> tuple[float, str]:
         has gaps, or its means over tenths of that time vary by more than 2 % (SD); noise does not.
     """
     if subject.mass_kg is not None:
-        return subject.mass_kg, f"body mass {subject.mass_kg:.1f} kg as given"
+        return subject.mass_kg, Note.of("mass_stated", mass_kg=subject.mass_kg)
     name = pose.source.name
     if not pose.plates:
         raise ValueError(f"{name}: mass missing, and there are no plates to weigh by; state it")
@@ -54,7 +55,7 @@ def body_mass(subject: Subject, pose: Recording) -> tuple[float, str]:
             f"{WEIGHING_FRAMES} frames to be weighed; state the mass{hint}"
         )
     mass = float(np.mean(weight)) / GRAVITY_MPS2
-    return mass, f"body mass {mass:.1f} kg by the plates, first {WEIGHING_FRAMES} frames of {name}"
+    return mass, Note.of("mass_weighed", mass_kg=mass, frames=WEIGHING_FRAMES, file=name)
 
 
 def joint_widths(subject: Subject, pose: Recording) -> tuple[float | None, float | None]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hbm.notes import warnings_first
 from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
@@ -98,4 +99,8 @@ def _markers(result: TrialResult) -> str:
 
 
 def _notes(result: TrialResult) -> str:
-    return "\n".join(["## Notes", *(f"- {note}" for note in result.notes)])
+    lines = [
+        f"- {'**warning:** ' * (note.level == 'warning')}{note} `{note.code}`"
+        for note in warnings_first(result.notes)
+    ]
+    return "\n".join(["## Notes", *lines])

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compensation.inertia_fit import fit_inertia, sensor_noise_of
+from compensation.sensors import check_calibration
 
 
 def rms(values):
@@ -229,7 +230,7 @@ def test_offset_of_sensors_and_tare_of_plates_do_not_matter(noisy):
 
 
 def test_an_empty_plate_gives_no_warning(noisy):
-    assert noisy[0].warnings == ()
+    assert check_calibration(noisy[0], "plate 1") == ()
 
 
 def test_a_walker_in_the_calibration_trial_is_noticed(laboratory):
@@ -238,17 +239,19 @@ def test_a_walker_in_the_calibration_trial_is_noticed(laboratory):
     trial = laboratory().random_trial(
         1, noise=11, cutoff_hz=20, person=step * np.array([90, 30, 820, 150, -260, 12.0])
     )
-    warnings = fit_inertia(trial.accelerations, trial.wrench).warnings
-    assert len(warnings) == 2
-    assert "someone" in warnings[0]
+    notes = check_calibration(fit_inertia(trial.accelerations, trial.wrench), "plate 1")
+    assert [note.code for note in notes] == ["calibration_loaded", "calibration_unexplained"]
+    mean = np.linalg.norm(trial.wrench[:, :3].mean(axis=0))
+    assert notes[0].values["force_n"] == pytest.approx(mean)
 
 
 def test_someone_standing_still_in_the_calibration_trial_is_noticed(laboratory):
     trial = laboratory().random_trial(
         1, noise=11, cutoff_hz=20, person=np.array([0, 0, 700.0, 190, 0, 0])
     )
-    (warning,) = fit_inertia(trial.accelerations, trial.wrench).warnings
-    assert "someone stood on the treadmill" in warning
+    (note,) = check_calibration(fit_inertia(trial.accelerations, trial.wrench), "plate 1")
+    assert (note.code, note.level) == ("calibration_loaded", "warning")
+    assert "someone stood on the treadmill" in note.text
 
 
 def test_model_is_read_only(noisy):

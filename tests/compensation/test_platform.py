@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from compensation import check_pose
 from compensation.alignment import estimate_delay
 from compensation.platform import (
     PlatformPose,
@@ -17,11 +18,13 @@ from compensation.platform import (
     to_lab,
 )
 from compensation.platform_markers import fit_pose, neutral_markers
+from hbm.notes import Note
 from hbm.spatial import rotation_about, shift_wrench
 
 MARKERS = np.array(
     [[0.9, 0.7, 0.02], [-1.0, 0.75, 0.03], [-0.95, -0.7, 0.0], [1.0, -0.72, 0.05], [0.1, 0.8, 0.3]]
 )
+NAMES = ("front left", "rear left", "rear right", "front right", "top")
 PIVOT = np.array([0.15, 0.0, -0.4])
 time = np.arange(300) / 100
 SWAY, PITCH = 0.05 * np.sin(3 * time), np.radians(10) * np.sin(2 * time + 0.4)
@@ -141,7 +144,7 @@ def test_exact_markers_give_the_exact_pose(pose):
     fit = fit_pose(seen(pose), MARKERS, outlier_m=0.01)
     same_pose(fit.pose, pose, 1e-12, 1e-12)
     assert fit.used.all()
-    assert fit.warnings == ()
+    assert check_pose(fit, NAMES, 0.01) == ()
 
 
 @settings(deadline=None, max_examples=10)
@@ -178,7 +181,8 @@ def test_fewer_than_three_markers_are_a_gap_and_said(pose):
     fit = fit_pose(markers, MARKERS, outlier_m=0.01)
     gap = np.isnan(fit.pose.position).all(axis=1)
     assert np.flatnonzero(gap).tolist() == list(range(20, 50))
-    assert fit.warnings[0].startswith("the platform's pose is unknown in 30 of 300 frames")
+    note = Note.of("platform_pose_unknown", unknown=30, frames=300)
+    assert check_pose(fit, NAMES, 0.01)[0] == note
 
 
 def test_three_markers_in_a_line_are_a_gap(pose):
@@ -198,8 +202,9 @@ def test_a_loose_marker_is_found_and_left_out(pose, marker):
     same_pose(fit.pose, pose, 2e-3, 2e-3)
     assert not fit.used[100:, marker].any()
     assert fit.used.sum() == 300 * 5 - 200
-    (warning,) = fit.warnings
-    assert warning.startswith(f"platform marker {marker + 1} is more than 10 mm off in 67%")
+    (note,) = check_pose(fit, NAMES, 0.01)
+    assert note.level == "warning"
+    assert str(note).startswith(f"platform marker {NAMES[marker]} is more than 10 mm off in 67 %")
 
 
 def test_two_swapped_markers_are_left_out(pose):

@@ -5,6 +5,7 @@ import pytest
 
 from compensation.inertia_fit import fit_inertia
 from compensation.sensors import check_trial
+from hbm.notes import Note
 
 places = pytest.mark.parametrize("places", ["two", "four"])
 
@@ -23,7 +24,7 @@ def laboratories(laboratory, sensor_places):
 
 
 @pytest.mark.parametrize("places", ["one", "two", "four"])
-def test_sensors_in_order_give_no_sentence(laboratories, places):
+def test_sensors_in_order_give_no_warning(laboratories, places):
     lab, model, brisk = laboratories[places]
     slow = lab.slow_pitch_trial(noise=13, cutoff_hz=20, duration=20).accelerations
     assert check_trial(model, brisk) == ()
@@ -36,8 +37,8 @@ def test_swapped_sensors_are_named(laboratories, places):
     _, model, brisk = laboratories[places]
     swapped = brisk.copy()
     swapped[:, :3], swapped[:, 3:6] = brisk[:, 3:6], brisk[:, :3]
-    findings = check_trial(model, swapped)
-    assert "accelerometers 1 and 2 look swapped" in findings[0]
+    note = Note.of("accelerometers_swapped", first="1", second="2")
+    assert check_trial(model, swapped)[0] == note
 
 
 @pytest.mark.parametrize("places", ["one", "two", "four"])
@@ -45,16 +46,17 @@ def test_a_sensor_upside_down_is_named(laboratories, places):
     _, model, brisk = laboratories[places]
     turned = brisk.copy()
     turned[:, :3] *= [1, -1, -1]
-    (finding,) = (f for f in check_trial(model, turned) if "turned" in f)
-    assert finding.startswith("accelerometer 1 is turned by 1")
-    assert "upside down" in finding
+    (note,) = (n for n in check_trial(model, turned) if n.code.startswith("accelerometer"))
+    assert note.code == "accelerometer_inverted"
+    assert str(note).startswith("accelerometer 1 is turned by 1")
 
 
 def test_a_sensor_on_its_side_is_named(laboratories):
     _, model, brisk = laboratories["two"]
     turned = brisk.copy()
     turned[:, 3:] = turned[:, [4, 5, 3]]
-    assert check_trial(model, turned)[0].startswith("accelerometer 2 is turned by")
+    note = check_trial(model, turned)[0]
+    assert (note.code, note.values["sensor"]) == ("accelerometer_turned", "2")
 
 
 @places
@@ -63,9 +65,9 @@ def test_a_dead_sensor_and_a_dead_channel_are_named(laboratories, places):
     dead, stuck = brisk.copy(), brisk.copy()
     dead[:, 3:6] = 0.02
     stuck[:, 4] = 0.1
-    assert "accelerometer 2 reads 0.035 m/s² in the median" in check_trial(model, dead)[0]
+    assert "accelerometer 2 reads 0.035 m/s² in the median" in str(check_trial(model, dead)[0])
     assert check_trial(model, stuck) == (
-        "accelerometer 2 y is constant at 0.1 m/s² while others move: it is dead",
+        Note.of("accelerometer_constant", channel="2 y", value_mps2=0.1),
     )
 
 
@@ -74,17 +76,19 @@ def test_clipping_at_two_g_is_named_with_its_share(laboratories):
     shaken = brisk.copy()
     shaken[:20, 2] += 15
     clipped = np.clip(shaken, -19.62, 19.62)
-    finding = check_trial(model, clipped)[0]
-    assert finding.startswith("accelerometer 1 z is at its limit of 19.6 m/s² in 1.05%")
-    assert not any("limit" in f for f in check_trial(model, clipped, range_g=6))
+    note = check_trial(model, clipped)[0]
+    assert str(note).startswith("accelerometer 1 z is at its limit of 19.6 m/s² in 1.05 %")
+    codes = {note.code for note in check_trial(model, clipped, range_g=6)}
+    assert "accelerometer_clipped" not in codes
 
 
 def test_motion_beyond_the_calibration_is_named(laboratories):
     lab, _, brisk = laboratories["two"]
     gentle = lab.slow_pitch_trial(noise=14, cutoff_hz=20)
     narrow = fit_inertia(gentle.accelerations, gentle.wrench)
-    (finding,) = (f for f in check_trial(narrow, brisk) if "range of the calibration" in f)
-    assert "extrapolates" in finding
+    notes = check_trial(narrow, brisk)
+    assert [note.code for note in notes].count("calibration_range_exceeded") == 1
+    assert all(note.level == "warning" for note in notes)
 
 
 def test_wrong_input_gets_one_clear_error(laboratories):

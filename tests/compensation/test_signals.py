@@ -66,7 +66,7 @@ def test_all_calibration_signals_respect_the_machine(limits, seed):
         *belt_signals(seed, 1.0, limits),
         *belt_signals(seed, 2.0, limits),
     ]
-    assert [sentence for s in signals for sentence in check_signal(s, limits)] == []
+    assert [note for s in signals for note in check_signal(s, limits)] == []
 
 
 def test_validation_signals_respect_the_machine():
@@ -187,11 +187,12 @@ def test_validation_signals_are_those_of_the_thesis():
 def test_a_signal_beyond_the_machine_is_told_by_which_limit():
     time = np.arange(300) / 100
     wild = Signal("wild", 100, 0.08 * np.sin(9 * time), 0 * time, 0 * time + 7)
-    sentences = check_signal(wild, Limits())
-    assert [s.split(" reaches ")[0] for s in sentences] == [
-        f"wild: {name}" for name in ("sway_m", "sway_m_per_s", "sway_m_per_s2", "belt_m_per_s")
+    notes = check_signal(wild, Limits())
+    assert [note.values["quantity"] for note in notes] == [
+        *("sway_m", "sway_m_per_s", "sway_m_per_s2", "belt_m_per_s")
     ]
-    assert sentences[0].endswith("the machine allows 0.05")
+    assert str(notes[0]).startswith("wild: sway_m reaches ")
+    assert str(notes[0]).endswith("the machine allows 0.05")
 
 
 def test_spectrum_is_flat_above_the_high_pass_and_holds_the_variance(platform):

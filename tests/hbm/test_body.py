@@ -11,6 +11,7 @@ from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, MASSLESS, MOVING, SEG
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, marker_sets
+from hbm.notes import Note
 from hbm.poses import marker_positions, segment_frames
 from hbm.segments import proportions
 from hbm.spatial import rotation_about
@@ -140,7 +141,7 @@ def test_a_walk_without_a_static_trial_gives_nearly_the_same_body(body):
     """What moves is the leg length over bent knees, which Harrington's hip feels a little."""
     walk = markers_of(body, swinging(np.random.default_rng(21), frames=300, degrees=25))
     found = built(walk)
-    assert "nobody stands still" in found.notes[0]
+    assert found.notes[0].code == "calibration_pose_moving"
     for segment, offset in body.offsets.items():
         assert np.linalg.norm(found.offsets[segment] - offset) < 0.005, segment
     for segment, part in body.inertias.items():
@@ -219,7 +220,7 @@ def test_markers_of_an_arm_that_cannot_be_built_are_not_half_used(body):
     found = built(person("LLEE"))
     assert not {"LMEE", "LDELT", "LFRM", "LLW", "LMW", "LFIN"} & set(found.markers)
     assert "LSHO" in found.markers
-    assert any("left arm's joints need LLEE" in note for note in found.notes)
+    assert Note.of("arm_not_located", side="left", missing=("LLEE",)) in found.notes
     motion = solve_ik(found, synthetic_t_pose())
     assert motion.marker_error.max() < 1e-9
 
@@ -247,7 +248,7 @@ def test_a_lower_body_set_estimates_stature_and_hangs_the_rest_from_it(body):
     found = build_body(standing({n: T_POSE_MM[n] for n in names}), mass=MASS_KG, sex="male")
     assert found.marker_set.name == "hbm2_lower"
     assert found.height_m == pytest.approx(STATURE_M, abs=0.1)
-    assert any(note.startswith("stature estimated from the legs: 1.") for note in found.notes)
+    assert Note.of("stature_estimated", height_m=found.height_m) in found.notes
     for part in ("left_upper_arm", "right_forearm", "head"):
         share = proportions("male")[part.split("_", 1)[-1] if "_" in part else part].length
         if part != "head":
@@ -270,21 +271,21 @@ def restless(body, t_pose, *, still=slice(200, 350)):
 def test_the_quiet_second_is_found(body, t_pose):
     markers = with_noise(restless(body, t_pose), np.random.default_rng(28), 0.0003)
     found = built(markers)
-    begin, end = (float(x) for x in found.notes[0].split("from ")[1].split(" s,")[0].split(" to "))
-    assert 2.0 <= begin < end <= 3.5
-    assert "standing still" in found.notes[0]
+    note = found.notes[0]
+    assert note.code == "calibration_pose_still"
+    assert 2.0 <= note.values["start_s"] < note.values["stop_s"] <= 3.5
     same(found, body, atol=0.002)
 
 
 def test_a_stretch_without_markers_is_not_taken_for_a_quiet_one(body, t_pose):
     markers = restless(body, t_pose)
     gone = without(markers, markers.names, slice(0, 150))
-    assert "from 2." in built(gone).notes[0]
+    assert 2.0 <= built(gone).notes[0].values["start_s"] < 3.0
 
 
 def test_a_window_that_is_given_is_taken(body, t_pose):
     found = built(restless(body, t_pose), window_s=(2.5, 3.2))
-    assert found.notes[0].startswith("calibration pose from 2.50 to 3.19 s, standing still")
+    assert str(found.notes[0]).startswith("calibration pose from 2.50 to 3.19 s, standing still")
     same(found, body)
 
 

@@ -50,14 +50,14 @@ def test_numbers_are_the_body_s_own():
     )
 
 
-def test_what_is_locked_and_noted_is_said():
+def test_a_description_ends_with_notes_and_locked_coordinates():
     text = describe(build_body(person("LLEE"), mass=MASS_KG))
-    assert "left arm's joints need LLEE" in text
+    assert "the joints of the left arm need LLEE" in text
     assert "locked at neutral, for no marker shows them: LShoulderAbduction" in text
 
 
 def test_a_plausible_body_raises_no_warning(walk):
-    assert implausible(synthetic_body(), weighed_kg=MASS_KG * 1.02) == ()
+    assert implausible(synthetic_body(), carried_kg=MASS_KG * 1.02) == ()
     assert changed_distances(synthetic_body(), walk) == ()
 
 
@@ -66,30 +66,32 @@ def test_legs_of_different_length_are_noticed():
         n: (*T_POSE_MM[n][:2], T_POSE_MM[n][2] + 40) for n in ("LLM", "LMM", "LHEE", "LMT2", "LMT5")
     }
     body = build_body(person(**short), mass=MASS_KG)
-    (said,) = implausible(body)
-    assert said.startswith("warning: the legs differ by ")
-    assert said in describe(body)
+    (note,) = implausible(body)
+    assert (note.code, note.level) == ("legs_differ", "warning")
+    assert str(note) in describe(body)
 
 
-def test_a_mass_that_the_plates_deny_is_noticed():
-    (said,) = implausible(synthetic_body(), weighed_kg=80.0)
-    assert "74.6 kg is -7 % off the 80.0 kg that the plates say" in said
+def test_a_mass_that_the_plates_contradict_is_noticed():
+    (note,) = implausible(synthetic_body(), carried_kg=80.0)
+    assert note.level == "warning"
+    assert "74.6 kg differs by -7 % from the 80.0 kg that the plates carry" in note.text
 
 
 def test_a_marker_that_moved_is_noticed(walk):
     position = walk.position.copy()
     position[:, walk.names.index("RLTHI"), 2] += 0.08
-    (said,) = changed_distances(synthetic_body(), Markers(walk.time, walk.names, position))
-    assert "on the right_thigh" in said
-    assert "RLTHI" in said
+    (note,) = changed_distances(synthetic_body(), Markers(walk.time, walk.names, position))
+    assert (note.code, note.level) == ("marker_distances_changed", "warning")
+    assert note.values["segment"] == "right_thigh"
+    assert all("RLTHI" in pair for pair in note.values["largest_m"])
 
 
 def test_two_swapped_markers_are_noticed(walk):
     names = list(walk.names)
     a, b = names.index("LLEK"), names.index("LLTHI")
     names[a], names[b] = names[b], names[a]
-    said = changed_distances(synthetic_body(), Markers(walk.time, tuple(names), walk.position))
-    assert any("on the left_thigh" in s for s in said)
+    notes = changed_distances(synthetic_body(), Markers(walk.time, tuple(names), walk.position))
+    assert any(note.values["segment"] == "left_thigh" for note in notes)
 
 
 def test_gaps_do_not_count_as_changes(walk):

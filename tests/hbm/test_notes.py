@@ -69,6 +69,12 @@ def test_a_note_comes_back_from_json_and_from_pickle():
     assert pickle.loads(pickle.dumps(note)) == deepcopy(note) == note
 
 
+@pytest.mark.parametrize("stored", [None, "legs", {"code": "psis_missing"}, {"values": {}}])
+def test_what_is_no_note_is_refused(stored):
+    with pytest.raises(ValueError, match="note"):
+        Note.from_dict(stored)
+
+
 def test_equal_notes_are_one_in_a_set_and_values_cannot_be_changed():
     note, same = (Note.of("legs_differ", **LEGS) for _ in range(2))
     assert {note, same} == {note}

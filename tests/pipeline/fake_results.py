@@ -13,6 +13,7 @@ import numpy as np
 from hbm.coordinates import INDEX
 from hbm.dynamics import Dynamics
 from hbm.motion import Motion
+from hbm.notes import Note
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
 from pipeline.run.store import write_trial
@@ -135,7 +136,10 @@ def fake_trial(
         delay_s=0.004,
         delay_uncertainty_s=0.001,
         ambiguous=np.zeros(frames, bool),
-        notes=("made up for a test", "1 of the frames could not be solved"),
+        notes=(
+            Note.of("mass_stated", mass_kg=70.0),
+            Note.of("frames_unsolved", unsolved=1, frames=2),
+        ),
     )
 
 

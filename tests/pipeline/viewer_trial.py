@@ -10,6 +10,7 @@ import numpy as np
 from compensation.platform import PlatformPose, commanded_pose
 from hbm.dynamics import inverse_dynamics_variants
 from hbm.motion import Motion
+from hbm.notes import Note
 from hbm.poses import marker_positions
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event, Plate, Recording
@@ -55,7 +56,7 @@ def viewer_trial(
         delay_s=0.0,
         delay_uncertainty_s=0.001,
         ambiguous=np.zeros(frames, bool),
-        notes=("made of sines",),
+        notes=(Note.of("mass_stated", mass_kg=70.0), Note.of("plate_constant", plate=2)),
     )
     plates = tuple(_plate(k + 1, y) for k, y in enumerate((0.25, -0.25)))
     return result, Recording(

@@ -3,6 +3,7 @@
 import numpy as np
 
 from compensation.platform import PlatformPose
+from hbm.notes import Note
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.config.schema import Condition
@@ -16,7 +17,7 @@ SWAY_CUTOFF_HZ = 6.0
 
 def select_cycles(
     cycles: dict[str, Array], condition: Condition, onsets: Array | None
-) -> tuple[dict[str, Array], tuple[str, ...]]:
+) -> tuple[dict[str, Array], tuple[Note, ...]]:
     """Choose the gait cycles of a condition.
 
     Parameters
@@ -36,7 +37,7 @@ def select_cycles(
         perturbation counts the cycle whose initial contact came last before it, of either foot;
         two perturbations within one cycle count it once.
     notes
-        What is missing, as sentences.
+        What is missing: ``cycles_missing``, ``perturbation_without_cycle``.
     """
     if condition.perturbed:
         onsets = np.empty(0) if onsets is None else onsets
@@ -50,11 +51,13 @@ def select_cycles(
     if wanted is None:
         return chosen, notes
     if found < wanted:
-        notes = (*notes, f"only {found} of the {wanted} gait cycles wanted are there")
+        notes = (*notes, Note.of("cycles_missing", found=found, wanted=wanted))
     return _first(chosen, wanted), notes
 
 
-def _perturbed(cycles: dict[str, Array], onsets: Array) -> tuple[dict[str, Array], tuple[str, ...]]:
+def _perturbed(
+    cycles: dict[str, Array], onsets: Array
+) -> tuple[dict[str, Array], tuple[Note, ...]]:
     chosen: dict[str, list[Array]] = {side: [] for side in cycles}
     notes = []
     for onset in onsets:
@@ -68,7 +71,7 @@ def _perturbed(cycles: dict[str, Array], onsets: Array) -> tuple[dict[str, Array
             _, side, span = max(hits, key=lambda hit: hit[0])
             chosen[side].append(span)
         else:
-            notes.append(f"no gait cycle contains the perturbation at {onset:.2f} s")
+            notes.append(Note.of("perturbation_without_cycle", onset_s=onset))
     spans = {side: np.unique(np.reshape(found, (-1, 2)), axis=0) for side, found in chosen.items()}
     return spans, tuple(notes)
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hbm.dynamics import Dynamics
+from hbm.notes import Note
 from hbm.signals.resampling import interpolate
 from hbm.spatial import Array
 from pipeline.io.recording import Event
@@ -15,7 +16,7 @@ PLAUSIBLE_DURATION = (0.6, 1.5)
 """Shortest and longest gait cycle, in medians of the trial."""
 
 
-def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[str, ...]]:
+def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[Note, ...]]:
     """Cut a trial into gait cycles, from foot strike to foot strike of one side.
 
     Parameters
@@ -30,10 +31,9 @@ def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[str, .
     spans
         Start and stop of each plausible cycle, half-open, (C, 2) [s].
     rejected
-        One sentence per cycle that was left out, with the reason: its duration is outside
-        ``PLAUSIBLE_DURATION`` medians, or the events in it do not alternate (the foot does not
-        leave the ground once, or the other foot does not strike once), judged where the trial has
-        events of that kind at all.
+        Why cycles were left out: ``cycle_duration`` outside ``PLAUSIBLE_DURATION`` medians, or
+        ``cycle_events`` that do not alternate (the foot does not leave the ground once, or the
+        other foot does not strike once), judged where the trial has events of that kind at all.
 
     Raises
     ------
@@ -48,25 +48,32 @@ def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[str, .
     duration = np.diff(spans, axis=1)[:, 0]
     expected = [("foot_off", side), ("foot_strike", SIDES[1 - SIDES.index(side)])]
     within = {kind: event_times(events, *kind) for kind in expected}
-    accepted, rejected = [], []
+    accepted: list[bool] = []
+    rejected: list[Note] = []
     for start, stop in spans:
-        reasons = []
+        cycle = {"side": side, "start_s": start, "stop_s": stop}
         ratio = (stop - start) / np.median(duration)
         if not PLAUSIBLE_DURATION[0] <= ratio <= PLAUSIBLE_DURATION[1]:
-            reasons.append(f"lasts {ratio:.2f} of the median cycle")
-        for (label, foot), times in within.items():
-            count = np.count_nonzero((times > start) & (times < stop))
-            if times.size and count != 1:
-                reasons.append(f"has {count} {foot} {label.replace('_', ' ')}s where 1 belongs")
-        if reasons:
-            rejected.append(f"{side} cycle {start:.2f}–{stop:.2f} s {' and '.join(reasons)}")
-        accepted.append(not reasons)
+            rejected.append(Note.of("cycle_duration", **cycle, ratio=ratio))
+            accepted.append(False)
+            continue
+        counts = {
+            f"{foot} {label.replace('_', ' ')}": np.count_nonzero((times > start) & (times < stop))
+            for (label, foot), times in within.items()
+            if times.size
+        }
+        wrong = {event: count for event, count in counts.items() if count != 1}
+        rejected += [
+            Note.of("cycle_events", **cycle, event=event, count=count)
+            for event, count in wrong.items()
+        ]
+        accepted.append(not wrong)
     return spans[np.array(accepted, bool)], tuple(rejected)
 
 
 def cut_cycles(
     events: Sequence[Event], variants: Iterable[Dynamics]
-) -> tuple[dict[str, Array], tuple[str, ...]]:
+) -> tuple[dict[str, Array], tuple[Note, ...]]:
     """Cut gait cycles of both sides; leave out those with undefined frames, with the reason.
 
     Parameters
@@ -81,17 +88,18 @@ def cut_cycles(
     cycles
         Side -> start and stop of each cycle, (C, 2) [s].
     rejected
-        One sentence per cycle that was left out.
+        Why cycles were left out: as `gait_cycles`, or ``cycle_unsolved``.
     """
     undefined = np.concatenate([d.time[np.isnan(d.residual).any(axis=1)] for d in variants])
-    cycles, rejected = {}, []
+    cycles: dict[str, Array] = {}
+    rejected: list[Note] = []
     for side in ("left", "right"):
         spans, reasons = gait_cycles(events, side)
         hit = [bool(((undefined >= a) & (undefined < b)).any()) for a, b in spans]
         rejected += [
             *reasons,
             *(
-                f"{side} cycle {a:.2f}–{b:.2f} s has frames without a solution"
+                Note.of("cycle_unsolved", side=side, start_s=a, stop_s=b)
                 for (a, b), bad in zip(spans, hit, strict=True)
                 if bad
             ),

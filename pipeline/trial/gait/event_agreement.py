@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hbm.notes import Note
 from hbm.spatial import Array
 from pipeline.io.recording import Event
 from pipeline.trial.gait.events import LABELS, SIDES, event_times, force_events
@@ -31,13 +32,6 @@ class EventAgreement:
     matched: int
     only_in_first: int
     only_in_second: int
-
-    def __str__(self) -> str:
-        """Say it in one line."""
-        return (
-            f"{self.side} {self.label.replace('_', ' ')}: {self.mean_ms:+.0f} ± {self.sd_ms:.0f} ms"
-            f" ({self.matched} matched, {self.only_in_first} and {self.only_in_second} alone)"
-        )
 
 
 def compare_events(
@@ -74,8 +68,8 @@ def compare_events(
 
 def agreement_with_plates(
     events: Iterable[Event], feet: Mapping[str, Array], time: Array, threshold_n: float
-) -> str:
-    """Say how far gait events are from those of the forces under the feet.
+) -> tuple[Note, ...]:
+    """Give how far gait events are from those of the forces under the feet.
 
     Parameters
     ----------
@@ -90,13 +84,27 @@ def agreement_with_plates(
 
     Returns
     -------
-    str
-        One sentence.
+    tuple of Note
+        One ``event_agreement`` per kind and side of which two events match at least; one
+        ``events_disagree`` where there is no such kind.
     """
     sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
-    found = compare_events(events, force_events(sides, time, threshold_n))
-    matched = "; ".join(str(kind) for kind in found if kind.matched)
-    return f"gait events by those of the plates: {matched or 'none is near any'}"
+    compared = compare_events(events, force_events(sides, time, threshold_n))
+    notes = tuple(
+        Note.of(
+            "event_agreement",
+            side=kind.side,
+            event=kind.label.replace("_", " "),
+            mean_ms=kind.mean_ms,
+            sd_ms=kind.sd_ms,
+            matched=kind.matched,
+            only_events=kind.only_in_first,
+            only_plates=kind.only_in_second,
+        )
+        for kind in compared
+        if kind.matched > 1
+    )
+    return notes or (Note.of("events_disagree"),)
 
 
 def _agreement(

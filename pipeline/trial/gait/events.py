@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import find_peaks
 
 from hbm.markers import Markers
+from hbm.notes import Note
 from hbm.signals.filtering import butterworth
 from hbm.spatial import Array
 from pipeline.io.recording import Event, Recording
@@ -27,7 +28,7 @@ HEEL = ("{}HEE", "{}HEEL", "{}CAL", "{}.Heel")
 TOE = ("{}MT2", "{}TOE", "{}.Toe.Tip")
 
 
-def gait_events(recording: Recording) -> tuple[tuple[Event, ...], str]:
+def gait_events(recording: Recording) -> tuple[tuple[Event, ...], Note]:
     """Give the gait events of a recording: the file's own where it has them, else Zeni's.
 
     Parameters
@@ -39,8 +40,8 @@ def gait_events(recording: Recording) -> tuple[tuple[Event, ...], str]:
     -------
     events
         In order of time.
-    sentence
-        Which events these are and how many, for a person.
+    note
+        Which events these are, and how many.
 
     Raises
     ------
@@ -49,12 +50,11 @@ def gait_events(recording: Recording) -> tuple[tuple[Event, ...], str]:
     """
     strikes = [e.side for e in recording.events if e.label == "foot_strike"]
     if any(strikes.count(side) >= 2 for side in SIDES):
-        events, origin = recording.events, "as the file has them"
+        events, code = recording.events, "events_of_file"
     else:
-        events = zeni_events(recording.markers)
-        origin = "from heel, toe and sacrum markers (Zeni 2008), for the file has none"
-    counts = (f"{event_times(events, 'foot_strike', side).size} {side}" for side in SIDES)
-    return events, f"gait events {origin}: {' and '.join(counts)} foot strikes"
+        events, code = zeni_events(recording.markers), "events_from_markers"
+    left, right = (event_times(events, "foot_strike", side).size for side in SIDES)
+    return events, Note.of(code, left=left, right=right)
 
 
 def zeni_events(markers: Markers) -> tuple[Event, ...]:

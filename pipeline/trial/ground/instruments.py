@@ -5,7 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from compensation import PlatformPose, commanded_pose, fit_pose, neutral_markers
+from compensation import PlatformPose, check_pose, commanded_pose, fit_pose, neutral_markers
+from hbm.notes import Note
 from hbm.signals.resampling import resample
 from hbm.spatial import Array
 from pipeline.config.schema import Platform, Treadmill
@@ -52,7 +53,7 @@ def accelerations(recording: Recording, treadmill: Treadmill) -> tuple[Array, Ar
 
 def platform_pose(
     recording: Recording, platform: Platform | None, time: Array
-) -> tuple[PlatformPose | None, list[str]]:
+) -> tuple[PlatformPose | None, tuple[Note, ...]]:
     """Find the platform's pose at the markers' times.
 
     Parameters
@@ -72,7 +73,7 @@ def platform_pose(
         Where it came from, and what was wrong with it.
     """
     if platform is None:
-        return None, []
+        return None, ()
     if platform.markers:
         names = recording.markers.names
         missing = [name for name in platform.markers if name not in names]
@@ -83,7 +84,8 @@ def platform_pose(
             )
         position = recording.markers.position[:, [names.index(n) for n in platform.markers]]
         fit = fit_pose(position, neutral_markers(position[:NEUTRAL_FRAMES]), OUTLIER_M)
-        return fit.pose, [f"platform's pose from {len(platform.markers)} markers", *fit.warnings]
+        origin = Note.of("platform_pose_from_markers", markers=platform.markers)
+        return fit.pose, (origin, *check_pose(fit, platform.markers, OUTLIER_M))
     channels = {"sway": platform.sway_channel, "pitch": platform.pitch_channel}
     if not any(channels.values()):
         raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
@@ -98,8 +100,15 @@ def platform_pose(
         )
         motion[kind] = resample(clock, signal, time + platform.delay_s)
     pose = _commanded(motion["sway"], motion["pitch"], platform.pivot_m)
-    used = " and ".join(platform.channels)
-    return pose, [f"platform's pose as commanded by {used}, pivot at {platform.pivot_m} m"]
+    x, y, z = platform.pivot_m
+    note = Note.of(
+        "platform_pose_commanded",
+        channels=tuple(platform.channels),
+        pivot_x_m=x,
+        pivot_y_m=y,
+        pivot_z_m=z,
+    )
+    return pose, (note,)
 
 
 def _commanded(sway: Array, pitch: Array, pivot_m: tuple[float, float, float]) -> PlatformPose:

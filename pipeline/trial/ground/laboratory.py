@@ -12,10 +12,12 @@ from compensation import (
     Calibration,
     InertiaModel,
     PlatformPose,
+    check_calibration,
     check_trial,
     moment_error_of_pivot,
     to_lab,
 )
+from hbm.notes import Note
 from hbm.signals.resampling import resample
 from hbm.spatial import Array, transform_wrench
 from pipeline.config.schema import Platform, Treadmill
@@ -65,12 +67,12 @@ class Ground:
     pose
         The platform's pose at the markers' times; None where it stands still.
     notes
-        What was found on the way, as sentences.
+        How it was compensated and placed, and what is doubtful about that.
     """
 
     variants: dict[str, list[Array]]
     pose: PlatformPose | None
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 def ground_wrenches(
@@ -107,7 +109,7 @@ def ground_wrenches(
         "measured": [resample(p.time, p.wrench_in_plate, time + plate_delay_s) for p in plates]
     }
     notes = [
-        f"warning: plate {plate.number} is constant in all of the trial: it is dead, or not wired"
+        Note.of("plate_constant", plate=plate.number)
         for plate in plates
         if not np.ptp(plate.wrench_in_plate, axis=0).any()
     ]
@@ -117,7 +119,7 @@ def ground_wrenches(
         variants["compensated"] = [
             wrench - extra for wrench, extra in zip(variants["measured"], added, strict=True)
         ]
-        notes.append(f"belts compensated by {', '.join(belt.speed_channels)}")
+        notes.append(Note.of("belts_compensated", channels=belt.speed_channels))
     if laboratory.calibration is not None:
         names = laboratory.treadmill.accelerometers
         clock, readings = accelerations(recording, laboratory.treadmill)
@@ -131,26 +133,23 @@ def ground_wrenches(
                 models, variants.get("compensated", variants["measured"]), strict=True
             )
         ]
-        notes += [
-            f"warning: the calibration of plate {plate.number}: {warning}"
-            for plate, model in zip(plates, models, strict=True)
-            for warning in model.warnings
-        ]
+        for plate, model in zip(plates, models, strict=True):
+            notes += check_calibration(model, f"plate {plate.number}")
         known = readings[np.isfinite(readings).all(axis=1)]
-        doubts = check_trial(models[0], known, laboratory.treadmill.accelerometer_range_g)
-        notes += [f"warning: {doubt}" for doubt in doubts]
+        notes += check_trial(models[0], known, laboratory.treadmill.accelerometer_range_g)
         notes.append(
-            f"compensated by {len(names)} accelerometers: {', '.join(names)}; low-passed as in the "
-            f"calibration, {setup.filter_method} at {setup.cutoff_hz:g} Hz"
+            Note.of(
+                "plates_compensated",
+                accelerometers=tuple(names),
+                filter=setup.filter_method,
+                cutoff_hz=laboratory.treadmill.cutoff_hz,
+            )
         )
     platform = laboratory.treadmill.platform
     pose, said = platform_pose(recording, platform, time)
     notes += said
     if pose is None and laboratory.calibration is not None:
-        notes.append(
-            "the platform is taken as level and where it was, since nothing says otherwise; if it "
-            "moved, name its markers (--platform-markers, or treadmill.platform in a study)"
-        )
+        notes.append(Note.of("platform_taken_as_level"))
     if pose is not None and platform is not None and platform.pitch_channel is not None:
         notes.append(_pivot_budget(pose, np.sum(variants["measured"], axis=0)[:, :3]))
     placed = {}
@@ -163,12 +162,12 @@ def ground_wrenches(
     return Ground(placed, pose, tuple(notes))
 
 
-def _pivot_budget(pose: PlatformPose, force: Array) -> str:
-    """Say what a stated pivot that is a little off would do to the moments."""
+def _pivot_budget(pose: PlatformPose, force: Array) -> Note:
+    """Give what a stated pivot that is a little off would do to the moments."""
     pitch = np.arctan2(pose.rotation[:, 0, 2], pose.rotation[:, 0, 0])
     off = [moment_error_of_pivot(PIVOT_OFF_M * axis, pitch, force) for axis in np.eye(3)[[0, 2]]]
     worst = np.nanmax(np.linalg.norm(off, axis=2))
-    return f"a pivot stated {100 * PIVOT_OFF_M:g} cm off would add up to {worst:.1f} N·m"
+    return Note.of("pivot_error_budget", pivot_error_m=PIVOT_OFF_M, moment_nm=float(worst))
 
 
 def models_of(recording: Recording, laboratory: Laboratory) -> list[InertiaModel]:

@@ -125,7 +125,7 @@ def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
         verdict = "passes" if limit.passed else "FAILS"
         assert f"{verdict} Hicks (2015): peak residual {limit.quantity}" in out
     for note in summary.notes:
-        assert note in out
+        assert f"{note} [{note.code}]" in out
     worst = max(summary.markers[:-1], key=lambda row: row.rms_mm)
     assert f"{worst.marker} {worst.rms_mm:.1f}" in out
 

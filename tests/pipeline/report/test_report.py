@@ -152,7 +152,7 @@ def test_every_trial_shows_its_quality(page):
     assert re.search(r"▲ 1of \d+", page.text)  # a frame without a solution
     assert re.search(r"✖ no IC \d+ of \d+ N✖ IC \d+ of \d+ N", page.text)
     assert "4.0 ± 1.0 ms" in page.text
-    assert "made up for a test" in page.text
+    assert "body mass 70.0 kg as stated" in page.text
 
 
 def test_sources_are_on_the_page_and_in_study_json(page, folder):

@@ -81,7 +81,11 @@ def rewrite_summary(source, target, change):
         (b'"version":1', b'"version":2', "written by another version of hbm .format 2"),
         (b'"version":1,', b"", "written by another version of hbm .format unknown"),
         (b'"key":"a key",', b"", "key: field required"),
-        (b'"frames":', b'"sex":"male","frames":', "sex: unexpected keyword argument"),
+        (
+            b'"unsolved_frames":',
+            b'"sex":"male","unsolved_frames":',
+            "sex: unexpected keyword argument",
+        ),
         (b'"frames":1200', b'"frames":"1200"', "frames: input should be a valid integer"),
         (b'"peak":', b'"largest":', r"residuals\.0\.peak: field required"),
         (b"{", b"", "not valid JSON"),

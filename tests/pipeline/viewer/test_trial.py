@@ -250,7 +250,9 @@ def test_summary_says_residuals_thresholds_and_notes(stored, trial):
     assert f" | {rms[True, 'Fy']:.1f} N | " in text
     assert "Hicks" in text
     assert "**fails**" in text
-    assert "- made of sines" in text
+    notes = text.partition("## Notes\n")[2].splitlines()
+    assert notes[0].startswith("- **warning:** plate 2 is constant")
+    assert notes[1] == "- body mass 70.0 kg as stated `mass_stated`"
 
 
 def test_one_recording_and_its_layout_are_in_the_file_and_verify_passes(written):

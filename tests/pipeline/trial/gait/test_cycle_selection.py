@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.markers import Markers
+from hbm.notes import Note
 from pipeline.config.schema import Condition
 from pipeline.io.recording import Analog, Recording
 from pipeline.trial.gait.cycle_selection import pulse_onsets, select_cycles, sway_onsets
@@ -48,10 +49,10 @@ def test_fifty_cycles_of_the_right_foot_count_from_the_start_that_is_skipped():
     assert notes == ()
 
 
-def test_cycles_that_are_missing_are_told():
+def test_cycles_that_are_missing_are_noted():
     chosen, notes = select_cycles(walking(30), Condition(cycles=50), None)
     assert len(chosen["right"]) == 24
-    assert notes == ("only 24 of the 50 gait cycles wanted are there",)
+    assert notes == (Note.of("cycles_missing", found=24, wanted=50),)
 
 
 def test_without_a_number_all_cycles_count():
@@ -91,12 +92,12 @@ def test_perturbations_in_what_is_skipped_do_not_count():
     assert notes == ()
 
 
-def test_a_perturbation_without_a_cycle_is_told():
+def test_a_perturbation_without_a_cycle_is_noted():
     condition = Condition(perturbed=True, cycles=2)
     _, notes = select_cycles(walking(60), condition, np.array([1.0, 20.0]))
     assert notes == (
-        "no gait cycle contains the perturbation at 1.00 s",
-        "only 1 of the 2 gait cycles wanted are there",
+        Note.of("perturbation_without_cycle", onset_s=1.0),
+        Note.of("cycles_missing", found=1, wanted=2),
     )
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compensation import Calibration, to_json
+from compensation import Calibration, check_calibration, to_json
+from hbm.notes import Note
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.resampling import resample
 from pipeline.config.schema import Platform, Treadmill
@@ -97,10 +98,12 @@ def test_a_pose_as_commanded_does_what_markers_do(walker, calibration, motions):
     treadmill = TREADMILL.model_copy(update={"platform": COMMANDED})
     found, ground = acting(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < [2, 2, 2, 1, 1, 1]).all()
-    assert "platform's pose as commanded by Sway and Pitch" in ground.notes[-2]
-    budget = re.fullmatch(r"a pivot stated 1 cm off would add up to (.*) N·m", ground.notes[-1])
+    commanded, budget = ground.notes[-2:]
+    assert commanded.code == "platform_pose_commanded"
+    assert commanded.values["channels"] == ("Sway", "Pitch")
+    assert str(budget).startswith("a pivot stated 1 cm off would add up to ")
     # no more than 2 sin(φ/2) ε F: 10° and the vertical force, which peaks at some 1.4 body weights
-    assert 0.5 < float(budget[1]) < 2 * np.sin(np.radians(5.3)) * 0.01 * 1.6 * 74.6 * 9.81
+    assert 0.5 < budget.values["moment_nm"] < 2 * np.sin(np.radians(5.3)) * 0.01 * 1.6 * 74.6 * 9.81
 
 
 @pytest.mark.parametrize("cutoff_hz", [10.0, 20.0])
@@ -133,19 +136,19 @@ def test_accelerations_of_a_trial_pass_the_low_pass_of_the_calibration(walker, m
 
 def test_the_note_on_compensation_names_its_filter(walker, calibration, motions):
     _, ground = acting(lab.on_platform(walker, motions["sway"]), Laboratory(TREADMILL, calibration))
-    assert any("low-passed as in the calibration, zero_phase at 20 Hz" in n for n in ground.notes)
+    (note,) = (note for note in ground.notes if note.code == "plates_compensated")
+    assert "low-passed as in the calibration, zero_phase at 20 Hz" in note.text
 
 
-def test_sensors_that_clip_are_told_by_their_own_range(walker, calibration, motions):
+def test_sensors_that_clip_are_noted_by_their_own_range(walker, calibration, motions):
     recording = lab.on_platform(walker, motions["both"])
-    told = {}
+    clipped = {}
     for range_g in (1.05, 2.0):
         treadmill = TREADMILL.model_copy(update={"accelerometer_range_g": range_g})
         _, ground = acting(recording, Laboratory(treadmill, calibration))
-        told[range_g] = [note for note in ground.notes if "at its limit" in note]
-    assert told[2.0] == []
-    assert told[1.05]
-    assert all(note.startswith("warning: ") for note in told[1.05])
+        clipped[range_g] = [n for n in ground.notes if n.code == "accelerometer_clipped"]
+    assert clipped[2.0] == []
+    assert clipped[1.05]
 
 
 @pytest.mark.parametrize("delay_s", [0.03, -0.03])
@@ -225,16 +228,17 @@ def test_a_platform_marker_that_is_lost_leaves_a_gap_only_below_three(walker, mo
     _, ground = acting(lost, Laboratory(TREADMILL))
     gap = np.isnan(ground.variants["measured"][0]).any(axis=1)
     assert np.flatnonzero(gap).tolist() == list(range(400, 410))
-    assert any("pose is unknown in 10 of 1200 frames" in note for note in ground.notes)
+    assert Note.of("platform_pose_unknown", unknown=10, frames=1200) in ground.notes
 
 
-def test_a_dead_plate_is_told(walker):
+def test_a_dead_plate_is_noted(walker):
     first, second = walker.plates
     dead = replace(second, wrench_in_plate=np.full_like(second.wrench_in_plate, 3.0))
     standing = Laboratory(Treadmill())
     assert not acting(walker, standing)[1].notes
     (note,) = acting(replace(walker, plates=(first, dead)), standing)[1].notes
-    assert note.startswith("warning: plate 2 is constant")
+    assert (note.code, note.level) == ("plate_constant", "warning")
+    assert note.values["plate"] == 2
 
 
 def without(recording, *channels):
@@ -358,10 +362,10 @@ def test_a_calibration_that_cannot_be_read_is_told_with_its_file(tmp_path, name,
         read_calibration(path, TREADMILL, None)
 
 
-def test_a_calibration_with_somebody_on_the_treadmill_is_told(walker, tmp_path):
+def test_a_calibration_with_somebody_on_the_treadmill_is_noted(walker, tmp_path):
     path = lab.save(lab.on_platform(walker, lab.shaken(DURATION_S)), tmp_path / "walk.c3d")
     model = read_calibration(path, TREADMILL, None).plates["plate 1"]
-    assert any("someone stood on the treadmill" in warning for warning in model.warnings)
+    assert "calibration_loaded" in [n.code for n in check_calibration(model, "plate 1")]
 
 
 def test_a_still_treadmill_is_no_calibration(tmp_path):
