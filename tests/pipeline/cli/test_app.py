@@ -20,7 +20,17 @@ from pipeline.run import one_trial
 from pipeline.run.request import TrialRequest
 from tests.synthetic import synthetic_t_pose
 
-HEAVY = ("casadi", "matplotlib", "pandas", "pinocchio", "pingouin", "rerun", "scipy")
+HEAVY = (
+    "casadi",
+    "matplotlib",
+    "pandas",
+    "pinocchio",
+    "pingouin",
+    "pydantic",
+    "rerun",
+    "rich",
+    "scipy",
+)
 COMMANDS = typer.main.get_command(app).commands
 MASS = ("--mass-kg", "74.6")
 LAB_AXES = ("--axes", "left,back,up")

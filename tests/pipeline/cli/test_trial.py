@@ -130,6 +130,24 @@ def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
     assert f"{worst.marker} {worst.rms_mm:.1f}" in out
 
 
+def test_what_is_typed_is_stored_with_the_result(real_trial, tmp_path):
+    stated = {
+        "--contact-threshold-n": 50.0,
+        "--cutoff-hz": 8.0,
+        "--marker-offset-m": 0.012,
+        "--mass-kg": 55.3,
+        "--knee-width-m": 0.1,
+        "--ankle-width-m": 0.07,
+        "--plate-delay-ms": -4.0,
+    }
+    words = [str(word) for pair in stated.items() for word in pair]
+    _, summary, _ = processed(real_trial, tmp_path, *words)
+    settings, subject = summary.settings, summary.subject
+    assert (settings.contact_threshold_n, settings.cutoff_hz) == (50.0, 8.0)
+    assert (settings.marker_offset_m, settings.plate_delay_s) == (0.012, -0.004)
+    assert (subject.mass_kg, subject.knee_width_m, subject.ankle_width_m) == (55.3, 0.1, 0.07)
+
+
 def test_a_trial_in_opensims_files_runs_the_same_way(shared_data, tmp_path):
     """Beside OpenSim's own inverse dynamics of the same stride, whose model has no arms."""
     subject = shared_data / "opensim_subject01" / "subject01"
