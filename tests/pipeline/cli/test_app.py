@@ -26,7 +26,6 @@ HEAVY = (
     "pandas",
     "pinocchio",
     "pingouin",
-    "pydantic",
     "rerun",
     "rich",
     "scipy",
