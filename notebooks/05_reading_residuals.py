@@ -168,7 +168,7 @@ print(pd.DataFrame(marker_rows(trials["swapped leg"])).nlargest(4, "peak_mm"))
 # `rerun swapped_pelvis.rrd`.
 
 # %%
-write_recording(trials["swapped pelvis"], swapped, Path("swapped_pelvis.rrd"))
+write_recording(trials["swapped pelvis"], Path("swapped_pelvis.rrd"))
 
 # %% [markdown]
 # ## The picture

@@ -8,9 +8,6 @@ import typer
 
 from pipeline.cli.options import ResultsFolder
 
-PERTURBATION_S = 1.0
-"""How long a perturbation is marked in the viewer: a gait cycle or so."""
-
 
 def report(folder: ResultsFolder = Path("results")) -> None:
     """Write tables, statistics, figures and report.html from what run left."""
@@ -38,47 +35,33 @@ def view(
 
     console = plain_console()
     subject, condition = _chosen(folder, subject, condition)
+    result = folder / "trials" / f"{subject}_{condition}.parquet"
     stem = folder / "viewer" / f"{subject}_{condition}"
     trial, cycles, marker = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
     if save is not None:
         with console.status(f"preparing {subject} {condition}"):
-            _write_view(folder, subject, condition, save, None)
+            _write_view(result, save, None)
         console.print(f"recording: {save}", soft_wrap=True)
         return
-    key = read_summary(folder / "trials" / f"{subject}_{condition}.parquet").key
+    key = read_summary(result).key
     fresh = trial.is_file() and cycles.is_file() and marker.is_file() and marker.read_text() == key
     if not fresh:
         with console.status(f"preparing {subject} {condition}"):
-            _write_view(folder, subject, condition, trial, cycles)
+            _write_view(result, trial, cycles)
         marker.write_text(key)
     show([trial, cycles], web=web, tell=lambda line: console.print(line, soft_wrap=True))
 
 
-def _write_view(
-    folder: Path, subject: str, condition: str, trial: Path, cycles: Path | None
-) -> None:
-    """Process a trial again and write it for the viewer, and its mean gait cycle."""
-    from pipeline.config.study import read_study
-    from pipeline.run.store import recall_study
-    from pipeline.trial.process import process_trial, read_file
+def _write_view(result: Path, trial: Path, cycles: Path | None) -> None:
+    """Write a stored trial for the viewer, and its mean gait cycle."""
+    from pipeline.run.store import read_trial
     from pipeline.viewer.trial import write_cycles, write_recording
 
-    where = recall_study(folder)
-    if where is None:
-        raise ValueError(
-            f"{folder}: the study that these results come from is not there any more; "
-            f"run 'hbm run STUDY --out {folder}' again"
-        )
-    study = read_study(where)
-    result = process_trial(study, subject, condition)
-    stated = study.subject(subject).trials[condition]
-    assert stated.file is not None
-    spans = [(float(t), float(t) + PERTURBATION_S, "perturbation") for t in result.onsets]
+    stored = read_trial(result)
     trial.parent.mkdir(parents=True, exist_ok=True)
-    recording = read_file(study, stated.file, stated)
-    write_recording(result, recording, trial, perturbations=spans)
+    write_recording(stored, trial)
     if cycles is not None:
-        write_cycles(result, cycles)
+        write_cycles(stored, cycles)
 
 
 def _chosen(folder: Path, subject: str | None, condition: str | None) -> tuple[str, str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline.run.store import read_summary
+from pipeline.run.store import read_columns, read_summary
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.residuals import AXES
 from pipeline.trial.summary import TrialSummary
@@ -134,12 +134,12 @@ def _curves(path: Path, trial: TrialSummary) -> pd.DataFrame:
     variants = sorted({row.compensated for row in trial.residuals})
     names = {False: "measured", True: "compensated"}
     columns = [f"residual.{names[v]}.{axis}" for v in variants for axis in AXES]
-    frames = pd.read_parquet(path, columns=["time_s", *columns])
+    frames = read_columns(path, ["time_s", *columns])
     parts = []
     for side, spans in trial.cycles.items():
         if not spans:
             continue
-        values = normalise(frames["time_s"].to_numpy(), frames[columns].to_numpy(), spans)
+        values = normalise(frames[:, 0], frames[:, 1:], spans)
         count = len(spans)
         shape = (count, 101, len(variants), len(AXES))
         cycle, percent, variant, axis = (i.ravel() for i in np.indices(shape))

@@ -1,78 +1,55 @@
-"""What one processed trial leaves on disk: per-frame Parquet, CSV, provenance."""
+"""A processed trial on disk: one Parquet file, written whole or not at all, and read back."""
 
 import json
 import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from hbm.coordinates import HBM_ORDER, INDEX
+from hbm.spatial import Array
 from pipeline.io.write import whole_file
-from pipeline.trial.residuals import AXES, reported, variants
+from pipeline.run.frames import frame_table, read_frames
+from pipeline.run.header import TrialHeader, header_of, plates_of
 from pipeline.trial.result import TrialResult
 from pipeline.trial.summary import TrialSummary, summarise
 
 SUMMARY: Final = b"hbm"
-"""Key of the summary in the file's metadata."""
-
-
-def frame_table(result: TrialResult) -> pd.DataFrame:
-    """Lay a trial out with one row per frame.
-
-    Parameters
-    ----------
-    result
-        The trial.
-
-    Returns
-    -------
-    pandas.DataFrame
-        time_s; ``q.NAME``, ``v.NAME``, ``a.NAME`` [rad or m, per s, per s²] and per variant
-        ``tau.measured.NAME`` [N·m or N] in the Human Body Model's order; ``residual.measured.Fx``
-        … ``Mz`` [N, N·m] (x forward, y right, z up, about the pelvis origin); ``marker_error.NAME``
-        [m]; ``event``, such as "left foot_strike", on the frame nearest to it.
-    """
-    motion = result.motion
-    columns: dict[str, object] = {"time_s": motion.time}
-    order = [INDEX[name] for name in HBM_ORDER]
-    for symbol, values in (("q", motion.q), ("v", motion.v), ("a", motion.a)):
-        columns |= {f"{symbol}.{n}": values[:, i] for n, i in zip(HBM_ORDER, order, strict=True)}
-    for variant, dynamics in variants(result).items():
-        columns |= {
-            f"tau.{variant}.{n}": dynamics.tau[:, i] for n, i in zip(HBM_ORDER, order, strict=True)
-        }
-        values = reported(dynamics.residual)
-        columns |= {f"residual.{variant}.{axis}": values[:, k] for k, axis in enumerate(AXES)}
-    columns |= {
-        f"marker_error.{n}": motion.marker_error[:, k] for k, n in enumerate(motion.markers)
-    }
-    said = np.full(len(motion.time), "", dtype=object)
-    for event in result.events:
-        nearest = int(np.argmin(np.abs(motion.time - event.time)))
-        said[nearest] = " ".join(filter(None, (said[nearest], f"{event.side} {event.label}")))
-    columns["event"] = said
-    return pd.DataFrame(columns)
+HEADER: Final = b"hbm.header"
+"""Keys of summary and header in the file's metadata."""
+STUDY_POINTER: Final = "run.json"
 
 
 def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> None:
-    """Write a trial as Parquet: `frame_table`, and its `TrialSummary` in the file's metadata.
+    """Write a trial as Parquet: its frames, and summary and header in the file's metadata.
 
     Parameters
     ----------
     result, condition, key
         As for `pipeline.trial.summary.summarise`.
     path
-        The file; it appears whole or not at all.
+        The file; it appears whole or not at all. `pipeline.run.frames.frame_table` says what its
+        columns are.
     """
-    table = pa.Table.from_pandas(frame_table(result), preserve_index=False)
-    summary = summarise(result, condition, key).to_json()
-    table = table.replace_schema_metadata({**(table.schema.metadata or {}), SUMMARY: summary})
-    with whole_file(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd", use_dictionary=["event"])
+    table = frame_table(result)
+    summary, header = summarise(result, condition, key).to_json(), header_of(result).to_json()
+    with (
+        whole_file(path) as temporary,
+        pq.ParquetWriter(
+            temporary,
+            table.schema,
+            compression="zstd",
+            use_dictionary=["event"],
+            write_statistics=False,
+            store_schema=False,  # it would hold the metadata a second time
+        ) as file,
+    ):
+        file.write_table(table)
+        file.add_key_value_metadata({SUMMARY: summary, HEADER: header})
 
 
 def read_summary(path: Path) -> TrialSummary:
@@ -85,19 +62,92 @@ def read_summary(path: Path) -> TrialSummary:
     OSError
         If it cannot be opened.
     """
-    try:
-        metadata = pq.read_schema(path).metadata or {}
-    except pa.ArrowInvalid as error:
-        raise ValueError(f"{path.name} is damaged: {error}; 'hbm run' makes it again") from error
+    metadata = _metadata(path)
+    with _readable(path):
+        return TrialSummary.from_json(metadata[SUMMARY])
+
+
+def read_trial(path: Path) -> TrialResult:
+    """Read a trial's result back, as it was written.
+
+    Parameters
+    ----------
+    path
+        What `write_trial` wrote.
+
+    Returns
+    -------
+    TrialResult
+        Equal to what was written, to the last bit; of ``source`` the name alone.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged, not a trial's result, or written by another version.
+    OSError
+        If it cannot be opened.
+    """
+    metadata = _metadata(path)
+    with _readable(path):
+        summary = TrialSummary.from_json(metadata[SUMMARY])
+        header = TrialHeader.from_json(metadata[HEADER])
+        frames = read_frames(pq.read_table(path), header)
+    return TrialResult(
+        source=Path(summary.source),
+        subject=summary.subject,
+        settings=summary.settings,
+        body=header.body.to_body(),
+        markers=frames.markers,
+        first_frame=header.first_frame,
+        plates=plates_of(header),
+        motion=frames.motion,
+        measured=frames.dynamics["measured"],
+        compensated=frames.dynamics.get("compensated"),
+        ground=frames.ground,
+        platform=frames.platform,
+        events=header.events,
+        cycles={side: np.reshape(spans, (-1, 2)) for side, spans in summary.cycles.items()},
+        delay_s=np.nan if summary.delay_s is None else summary.delay_s,
+        delay_uncertainty_s=(
+            np.nan if summary.delay_uncertainty_s is None else summary.delay_uncertainty_s
+        ),
+        ambiguous=frames.ambiguous,
+        notes=summary.notes,
+        overridden_segments=summary.overridden_segments,
+        onsets=header.onsets,
+    )
+
+
+def _metadata(path: Path) -> dict[bytes, bytes]:
+    """Read the metadata of a trial's result."""
+    with _readable(path):
+        metadata: dict[bytes, bytes] = pq.read_metadata(path).metadata or {}
     if SUMMARY not in metadata:
         raise ValueError(f"{path.name} is not the result of a trial")
+    return metadata
+
+
+def read_columns(path: Path, names: Sequence[str]) -> Array:
+    """Read columns of numbers of a stored trial, (T, K); raises as `read_trial`."""
+    with _readable(path):
+        table = pq.read_table(path, columns=list(names))
+        return np.column_stack([table.column(name).to_numpy() for name in names])
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turn every fault of a stored trial into one line that names the file."""
+    again = "'hbm run' makes it again"
     try:
-        return TrialSummary.from_json(metadata[SUMMARY])
+        yield
+    except (pa.ArrowException, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise  # the file cannot be opened; without a number, it cannot be decompressed
+        raise ValueError(f"{path.name} is damaged: {error}; {again}") from error
+    except KeyError as error:
+        raise ValueError(f"{path.name} is damaged: no {error.args[0]}; {again}") from error
     except ValueError as error:
-        raise ValueError(f"{path.name}: {error}; 'hbm run' makes it again") from error
-
-
-RUN = "run.json"
+        raise ValueError(f"{path.name}: {error}; {again}") from error
 
 
 def remember_study(folder: Path, study: Path) -> None:
@@ -106,14 +156,14 @@ def remember_study(folder: Path, study: Path) -> None:
         where = os.path.relpath(study.resolve(), folder.resolve())
     except ValueError:
         where = str(study.resolve())
-    with whole_file(folder / RUN) as temporary:
+    with whole_file(folder / STUDY_POINTER) as temporary:
         temporary.write_text(json.dumps({"study": where}), encoding="utf-8")
 
 
 def recall_study(folder: Path) -> Path | None:
     """Give the study that a results folder comes from; None where it does not say or is gone."""
     try:
-        where = json.loads((folder / RUN).read_text(encoding="utf-8"))["study"]
+        where = json.loads((folder / STUDY_POINTER).read_text(encoding="utf-8"))["study"]
     except (OSError, ValueError, KeyError):
         return None
     study = Path(os.path.normpath(folder / where))

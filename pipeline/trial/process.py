@@ -30,7 +30,7 @@ from pipeline.trial.gait.events import gait_events
 from pipeline.trial.ground.belts import read_belts
 from pipeline.trial.ground.laboratory import Laboratory, ground_wrenches, read_calibration
 from pipeline.trial.motion_notes import motion_notes
-from pipeline.trial.result import TrialResult
+from pipeline.trial.result import PlateSurface, TrialResult
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass, carried_kg
 
@@ -148,6 +148,9 @@ def process_recording(
         subject=subject,
         settings=settings,
         body=body,
+        markers=recording.markers,
+        first_frame=recording.first_frame,
+        plates=tuple(PlateSurface(p.number, p.center, p.corners) for p in recording.plates),
         motion=motion,
         measured=dynamics["measured"],
         compensated=dynamics.get("compensated"),

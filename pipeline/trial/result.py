@@ -1,4 +1,4 @@
-"""What is known of a trial once it has been processed: a type only."""
+"""What is known of a trial once it has been processed: types only."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,16 +8,47 @@ import numpy as np
 from compensation.platform import PlatformPose
 from hbm.body import Body
 from hbm.dynamics import Dynamics
+from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.spatial import Array, Mask
+from hbm.spatial import Array, Mask, read_only
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
 
 
 @dataclass(frozen=True, slots=True)
+class PlateSurface:
+    """Where a force plate is, with the platform in neutral.
+
+    Attributes
+    ----------
+    number
+        The plate's number in its file, from 1.
+    center
+        Centre of its surface, (3,) [m].
+    corners
+        Corners of its surface, (4, 3) [m]; NaN where the file does not state them.
+    """
+
+    number: int
+    center: Array
+    corners: Array
+
+    def __post_init__(self) -> None:
+        for name, shape in (("center", (3,)), ("corners", (4, 3))):
+            value = read_only(getattr(self, name))
+            if value.shape != shape:
+                raise ValueError(
+                    f"plate {self.number}: {name} must have shape {shape}, got {value.shape}"
+                )
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, slots=True)
 class TrialResult:
     """Everything that is known of a trial once it has been processed.
+
+    `pipeline.run.store` writes it and reads it back.
 
     Attributes
     ----------
@@ -27,6 +58,12 @@ class TrialResult:
         As stated.
     body
         The subject's body.
+    markers
+        Marker trajectories as measured, at the T frames of the motion.
+    first_frame
+        Number of the first frame in the recording's own counting.
+    plates
+        Where the force plates are.
     motion
         Filtered motion with marker errors.
     measured
@@ -34,8 +71,8 @@ class TrialResult:
     compensated
         Dynamics with the platform's artefacts removed; None without a calibration.
     ground
-        Per variant ("measured", "compensated") the filtered wrench on each foot, (T, 6), lab axes
-        about the lab origin.
+        Variant ("measured", "compensated") -> foot -> filtered wrench on it, (T, 6) [N, N·m], lab
+        axes about the lab origin.
     events
         Gait events.
     cycles
@@ -46,12 +83,12 @@ class TrialResult:
         The platform's pose, (T,) frames; None for a treadmill that stands still.
     ambiguous
         Frames in which the split of a plate between the feet is uncertain, (T,).
-    onsets
-        When the perturbations of a perturbed condition began, (P,) [s].
+    notes
+        What was inferred, locked, filled or refused.
     overridden_segments
         Segments whose inertia is not by the table alone.
-    notes
-        Whatever was inferred, locked, filled or refused.
+    onsets
+        When the perturbations of a perturbed condition began, (P,) [s].
 
     Examples
     --------
@@ -70,6 +107,9 @@ class TrialResult:
     subject: Subject
     settings: Settings
     body: Body
+    markers: Markers
+    first_frame: int
+    plates: tuple[PlateSurface, ...]
     motion: Motion
     measured: Dynamics
     compensated: Dynamics | None
@@ -83,3 +123,10 @@ class TrialResult:
     notes: tuple[Note, ...]
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        frames, measured = len(self.motion.time), len(self.markers.time)
+        if measured != frames:
+            raise ValueError(
+                f"{self.source.name}: markers have {measured} frames, the motion {frames}"
+            )

@@ -23,6 +23,8 @@ from pipeline.trial.result import TrialResult
 
 FORMAT_VERSION: Final = 1
 """Of stored trials, summary and frames together; raised with every change of what they hold."""
+STRICT_JSON: Final = ConfigDict(strict=True, extra="forbid", ser_json_inf_nan="constants")
+"""Nothing unknown, nothing of another type; NaN is written as such."""
 PACKAGES: Final = ("hbm-residuals", "casadi", "numpy", "scipy", "pandas", "pyarrow")
 
 
@@ -74,9 +76,7 @@ class TrialSummary:
         Every marker's distance from the model; the last row is over all markers.
     """
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(
-        strict=True, extra="forbid", ser_json_inf_nan="constants"
-    )
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT_JSON
 
     version: int
     key: str
@@ -117,12 +117,16 @@ class TrialSummary:
         try:
             return _JSON.validate_json(text)
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"])
-            raise ValueError(f"{where}: {first['msg'].lower()}") from error
+            raise ValueError(fault_of(error)) from error
 
 
 _JSON: Final = TypeAdapter(TrialSummary)
+
+
+def fault_of(error: ValidationError) -> str:
+    """Give where stored JSON is at fault, and why, for the first of its faults."""
+    first = error.errors()[0]
+    return f"{'.'.join(str(part) for part in first['loc'])}: {first['msg'].lower()}"
 
 
 def require_format(text: bytes) -> None:

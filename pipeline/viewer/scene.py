@@ -12,8 +12,8 @@ from hbm.markers import Markers
 from hbm.model import Body
 from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.figures.style import COLOURS
-from pipeline.io.recording import Plate
 from pipeline.trial.gait.contact import center_of_pressure
+from pipeline.trial.result import PlateSurface
 from pipeline.viewer.body import log_pose
 from pipeline.viewer.file import Timelines, printable, rgba, send
 
@@ -83,7 +83,7 @@ def log_markers(
 def log_plates(
     stream: rr.RecordingStream,
     timelines: Timelines,
-    plates: Iterable[Plate],
+    plates: Iterable[PlateSurface],
     platform: PlatformPose | None,
 ) -> None:
     """Draw the plates on the platform.
@@ -93,7 +93,7 @@ def log_plates(
     stream, timelines
         Where to and when.
     plates
-        The plates, with the platform in neutral; those of unknown corners are left out.
+        Where the plates are with the platform in neutral; those of unknown corners are left out.
     platform
         The platform's pose at the same T instants; None where it stands still.
     """

@@ -1,9 +1,5 @@
-"""Recordings of a trial for the Rerun viewer.
+"""A processed trial as a recording for the Rerun viewer."""
 
-Only this module and those named ``viewer_*`` know Rerun.
-"""
-
-from collections.abc import Iterable
 from io import BytesIO
 from pathlib import Path
 from typing import Final
@@ -18,7 +14,6 @@ from hbm.poses import segment_frames
 from hbm.spatial import Array
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import COLOURS
-from pipeline.io.recording import Recording
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.residuals import AXES, cycle_residuals, reported, variants
 from pipeline.trial.result import TrialResult
@@ -28,7 +23,6 @@ from pipeline.viewer.file import Timelines, printable, recording_file
 from pipeline.viewer.plots import (
     PERTURBATION_COLOUR,
     UNSURE_COLOUR,
-    Interval,
     log_curves,
     log_intervals,
     log_marker_errors,
@@ -49,6 +43,10 @@ from pipeline.viewer.summary import trial_summary
 
 TRIAL_APPLICATION: Final = "hbm_residuals_trial"
 CYCLE_APPLICATION: Final = "hbm_residuals_gait_cycle"
+VIEW_RATE_HZ: Final = 50.0
+"""Smooth to the eye, and half of the file's size at a camera's 100 Hz."""
+PERTURBATION_S: Final = 1.0
+"""How long a perturbation is drawn; only its onset is known."""
 PELVIS: Final = SEGMENTS.index("pelvis")
 LEGEND: Final = f"""# Legend
 | arrow | plates as measured | compensated |
@@ -75,50 +73,41 @@ that could not be solved has no body.
 """
 
 
-def write_recording(
-    result: TrialResult,
-    recording: Recording,
-    path: Path,
-    *,
-    perturbations: Iterable[Interval] = (),
-    view_hz: float = 50.0,
-) -> None:
+def write_recording(result: TrialResult, path: Path, *, view_hz: float = VIEW_RATE_HZ) -> None:
     """Write a trial for the viewer, with its layout.
 
     Parameters
     ----------
     result
         The processed trial.
-    recording
-        What it was made from.
     path
         The file, ``.rrd``.
-    perturbations
-        Start and stop [s] and label of each.
     view_hz
         Rate of the scene and of the marker errors; residual curves keep the full rate.
 
     Raises
     ------
     ValueError
-        If the recording has another number of frames, or the rate is not positive.
+        If the rate is not positive.
     """
-    motion, markers, body = result.motion, recording.markers, result.body
-    _check(result, recording, view_hz)
+    if not view_hz > 0:
+        raise ValueError(f"view_hz must be positive, got {view_hz}")
+    motion, markers, body = result.motion, result.markers, result.body
     seen = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
     rotation, origin = segment_frames(body, motion.q[seen])
     pelvis = origin[:, PELVIS]
     pose = result.platform and PlatformPose(
         result.platform.rotation[seen], result.platform.position[seen]
     )
-    surface = float(np.mean([plate.center[2] for plate in recording.plates]))
+    surface = float(np.mean([plate.center[2] for plate in result.plates]))
 
     def clock(time: Array) -> Timelines:
         frame = np.rint((time - motion.time[0]) * markers.rate_hz).astype(int)
-        return {"time": time, "frame": frame + recording.first_frame}
+        return {"time": time, "frame": frame + result.first_frame}
 
     whole, view = clock(motion.time), clock(motion.time[seen])
-    perturbed, unsure = list(perturbations), stretches(result.ambiguous, motion.time, "uncertain")
+    perturbed = [(t, t + PERTURBATION_S, "perturbation") for t in result.onsets.tolist()]
+    unsure = stretches(result.ambiguous, motion.time, "uncertain")
     has_cycles = any(len(spans) for spans in result.cycles.values())
     has_lanes = bool(result.events or unsure or perturbed)
     layout = trial_layout(pelvis, lanes=has_lanes, figure=has_cycles)
@@ -128,7 +117,7 @@ def write_recording(
         log_body(stream, view, body, rotation, origin)
         shown = Markers(markers.time[seen], markers.names, markers.position[seen])
         log_markers(stream, view, shown, body, rotation, origin)
-        log_plates(stream, view, recording.plates, pose)
+        log_plates(stream, view, result.plates, pose)
         for name, dynamics in variants(result).items():
             log_ground(
                 stream,
@@ -210,17 +199,6 @@ def write_cycles(result: TrialResult, path: Path) -> None:
 
 def _title(result: TrialResult) -> str:
     return f"{result.subject.id} · {result.source.stem}"
-
-
-def _check(result: TrialResult, recording: Recording, view_hz: float) -> None:
-    frames, recorded = len(result.motion.time), len(recording.markers.time)
-    if recorded != frames:
-        raise ValueError(
-            f"{result.source.name}: the recording has {recorded} frames, the result {frames}; "
-            "give the recording that was processed"
-        )
-    if not view_hz > 0:
-        raise ValueError(f"view_hz must be positive, got {view_hz}")
 
 
 def _figure(result: TrialResult) -> rr.EncodedImage:

@@ -16,13 +16,13 @@ FRAMES = 72000
 
 
 def main(frames: int) -> None:
-    result, recording = viewer_trial(frames)
+    result = viewer_trial(frames)
     memory_before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with tempfile.TemporaryDirectory() as folder:
         for view_hz in (50.0, 100.0):
             path = Path(folder) / f"{view_hz}.rrd"
             start, spent = time.perf_counter(), time.process_time()
-            write_recording(result, recording, path, view_hz=view_hz)
+            write_recording(result, path, view_hz=view_hz)
             wall, cpu = time.perf_counter() - start, time.process_time() - spent
             cost = f"{wall:.2f} s (CPU {cpu:.2f} s), {path.stat().st_size / 1e6:.1f} MB"
             print(f"{frames} frames, scene at {view_hz:g} Hz: {cost}")

@@ -12,6 +12,7 @@ import numpy as np
 
 from hbm.coordinates import INDEX
 from hbm.dynamics import Dynamics
+from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
 from pipeline.config.schema import Settings, Subject
@@ -126,6 +127,9 @@ def fake_trial(
         subject=person,
         settings=settings or Settings(),
         body=replace(body, mass=58.0 + 3 * number, height_m=person.height_m, sex=person.sex),
+        markers=Markers(time, body.markers, np.zeros((frames, len(body.markers), 3))),
+        first_frame=1,
+        plates=(),
         motion=motion,
         measured=dynamics(walking + artefact),
         compensated=dynamics(remains) if compensated else None,

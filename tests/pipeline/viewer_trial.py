@@ -13,21 +13,22 @@ from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.poses import marker_positions
 from pipeline.config.schema import Settings, Subject
-from pipeline.io.recording import Event, Plate, Recording
+from pipeline.io.recording import Event
 from pipeline.trial.gait.cycles import cut_cycles
-from pipeline.trial.result import TrialResult
+from pipeline.trial.result import PlateSurface, TrialResult
 from tests.benchmarks.walker import STRIDE_HZ, Walk, walk
 from tests.synthetic import synthetic_body
 
 FIRST_FRAME = 45
+ONSETS_S = np.array([1.0, 3.0])
 LIFT_M = 0.06
 CORNERS = ((0.85, -0.25), (-0.85, -0.25), (-0.85, 0.25), (0.85, 0.25))
 
 
 def viewer_trial(
     frames: int, *, compensated: bool = True, moving: bool = True, lost: slice | None = None
-) -> tuple[TrialResult, Recording]:
-    """Give a trial and its recording; ``lost`` frames could not be solved and miss markers."""
+) -> TrialResult:
+    """Give a trial; ``lost`` frames could not be solved and miss markers."""
     body, made = synthetic_body(), walk(frames)
     time, q, position = made.time, made.q.copy(), made.markers.position.copy()
     if lost is not None:
@@ -41,11 +42,14 @@ def viewer_trial(
         zip(ground, inverse_dynamics_variants(body, motion, list(ground.values())), strict=True)
     )
     events = _events(np.arange(0.2, time[-1], 1 / STRIDE_HZ))
-    result = TrialResult(
+    return TrialResult(
         source=Path("walk.c3d"),
         subject=Subject(id="sub07", sex="male", mass_kg=body.mass),
         settings=Settings(),
         body=body,
+        markers=markers,
+        first_frame=FIRST_FRAME,
+        plates=tuple(_plate(k + 1, y) for k, y in enumerate((0.25, -0.25))),
         motion=motion,
         measured=dynamics["measured"],
         compensated=dynamics.get("compensated"),
@@ -53,14 +57,11 @@ def viewer_trial(
         platform=sway_and_pitch(time) if moving else None,
         events=events,
         cycles=cut_cycles(events, dynamics.values())[0],
+        onsets=ONSETS_S,
         delay_s=0.0,
         delay_uncertainty_s=0.001,
         ambiguous=np.zeros(frames, bool),
         notes=(Note.of("mass_stated", mass_kg=70.0), Note.of("plate_constant", plate=2)),
-    )
-    plates = tuple(_plate(k + 1, y) for k, y in enumerate((0.25, -0.25)))
-    return result, Recording(
-        Path("walk.c3d"), markers, plates, events=result.events, first_frame=FIRST_FRAME
     )
 
 
@@ -87,12 +88,6 @@ def _events(strikes) -> tuple[Event, ...]:
     )
 
 
-def _plate(number: int, y: float) -> Plate:
-    return Plate(
-        number=number,
-        time=np.arange(2.0),
-        wrench_in_plate=np.zeros((2, 6)),
-        rotation=np.eye(3),
-        center=(0, y, LIFT_M),
-        corners=[(x, y + dy, LIFT_M) for x, dy in CORNERS],
-    )
+def _plate(number: int, y: float) -> PlateSurface:
+    corners = [(x, y + dy, LIFT_M) for x, dy in CORNERS]
+    return PlateSurface(number, np.array([0, y, LIFT_M]), np.array(corners))

@@ -3,6 +3,7 @@
 import errno
 import os
 import time
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -10,13 +11,21 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from hbm.coordinates import HBM_ORDER, INDEX
+from pipeline.io.recording import Event
 from pipeline.io.write import remove_leftovers, require_writable, whole_file, write_csv
 from pipeline.run import store as trial_files
-from pipeline.run.store import read_summary, write_trial
+from pipeline.run.header import TrialHeader, header_of, plates_of
+from pipeline.run.store import SUMMARY, read_summary, read_trial, write_trial
 from pipeline.trial.residuals import reported, residual_table
+from pipeline.trial.result import PlateSurface
 from pipeline.trial.summary import summarise
+from tests.pipeline.equality import assert_identical
+from tests.pipeline.viewer_trial import viewer_trial
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +35,70 @@ def written(processed, tmp_path_factory):
     return path
 
 
-def test_every_frame_is_read_back_as_it_was(processed, written):
+def without_folder(result):
+    """The result as it is stored: of the recording, the file's name alone."""
+    return replace(result, source=Path(result.source.name))
+
+
+def test_a_trial_is_read_back_whole_and_to_the_last_bit(processed, written):
+    assert processed.platform is not None
+    assert processed.compensated is not None
+    assert_identical(read_trial(written), without_folder(processed))
+
+
+@pytest.mark.parametrize("compensated", [True, False])
+@pytest.mark.parametrize("moving", [True, False])
+def test_trials_with_gaps_unsolved_frames_and_onsets_are_read_back(tmp_path, compensated, moving):
+    lost = slice(40, 60)
+    result = viewer_trial(400, compensated=compensated, moving=moving, lost=lost)
+    result = replace(
+        result,
+        plates=(replace(result.plates[0], corners=np.full((4, 3), np.nan)), result.plates[1]),
+        delay_s=np.nan,
+        delay_uncertainty_s=np.nan,
+        overridden_segments=("left_foot",),
+    )
+    write_trial(result, "walk", "", tmp_path / "walk.parquet")
+    assert_identical(read_trial(tmp_path / "walk.parquet"), result)
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(
+    mass=numbers,
+    center=arrays(float, 3, elements=numbers),
+    onsets=arrays(float, st.integers(0, 4), elements=numbers),
+    corners=arrays(float, (4, 3), elements=st.floats(allow_infinity=False)),
+    event_s=numbers,
+)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def test_numbers_beside_the_frames_are_read_back_exactly(
+    processed, mass, center, onsets, corners, event_s
+):
+    foot = replace(processed.body.inertias["left_foot"], mass=abs(mass), center=center)
+    body = replace(processed.body, inertias={**processed.body.inertias, "left_foot": foot})
+    result = replace(
+        processed,
+        body=body,
+        onsets=onsets,
+        plates=(PlateSurface(1, center, corners),),
+        events=(Event(event_s, "foot_strike", "left"),),
+    )
+    header = TrialHeader.from_json(header_of(result).to_json())
+    assert_identical(header.body.to_body(), body)
+    assert_identical(header.onsets, onsets)
+    assert_identical(plates_of(header), result.plates)
+    assert_identical(header.events, result.events)
+
+
+def test_tables_of_a_trial_read_back_are_those_it_was_written_with(processed, written):
+    summary = summarise(read_trial(written), "pitch", "a key")
+    assert summary == read_summary(written)
+    assert summary == summarise(processed, "pitch", "a key")
+
+
+def test_columns_have_the_names_that_others_read(processed, written):
     frames = pd.read_parquet(written)
     motion = processed.motion
     np.testing.assert_array_equal(frames["time_s"], motion.time)
@@ -40,12 +112,16 @@ def test_every_frame_is_read_back_as_it_was(processed, written):
     np.testing.assert_array_equal(frames["residual.measured.My"], expected[:, 4])
     for k, name in enumerate(motion.markers):
         np.testing.assert_array_equal(frames[f"marker_error.{name}"], motion.marker_error[:, k])
+    foot = processed.ground["compensated"]["left_foot"]
+    np.testing.assert_array_equal(frames["ground.compensated.left_foot.fz"], foot[:, 2])
+    heel = processed.markers.position[:, processed.markers.names.index("LHEE")]
+    np.testing.assert_array_equal(frames["marker.LHEE.y"], heel[:, 1])
 
 
 def test_events_stand_on_the_frame_nearest_to_them(processed, written):
     frames = pd.read_parquet(written, columns=["time_s", "event"])
-    said = frames[frames["event"] != ""]
-    assert len(said) > 8
+    labelled = frames[frames["event"] != ""]
+    assert len(labelled) > 8
     for event in processed.events:
         row = frames.iloc[(frames["time_s"] - event.time).abs().argmin()]
         assert f"{event.side} {event.label}" in row["event"]
@@ -67,12 +143,13 @@ def test_the_summary_is_read_without_the_frames(processed, written):
         np.testing.assert_array_equal(summary.cycles[side], spans)
 
 
-def rewrite_summary(source, target, change):
-    """Copy a stored trial with other bytes for its summary."""
-    table = pq.read_table(source)
-    text = change(table.schema.metadata[trial_files.SUMMARY])
-    metadata = table.schema.metadata | {trial_files.SUMMARY: text}
-    pq.write_table(table.replace_schema_metadata(metadata), target)
+def rewrite(source, target, change=lambda summary: summary, drop=()):
+    """Copy a stored trial with another summary, or without some columns."""
+    metadata = pq.read_metadata(source).metadata
+    table = pq.read_table(source).drop_columns(list(drop))
+    with pq.ParquetWriter(target, table.schema, store_schema=False) as file:
+        file.write_table(table)
+        file.add_key_value_metadata(metadata | {SUMMARY: change(metadata[SUMMARY])})
 
 
 @pytest.mark.parametrize(
@@ -93,7 +170,7 @@ def rewrite_summary(source, target, change):
 )
 def test_a_summary_of_another_version_or_shape_is_one_line(written, tmp_path, before, after, said):
     path = tmp_path / "other.parquet"
-    rewrite_summary(written, path, lambda text: text.replace(before, after, 1))
+    rewrite(written, path, lambda text: text.replace(before, after, 1))
     with pytest.raises(ValueError, match=rf"^other\.parquet: {said}.*'hbm run' makes it again$"):
         read_summary(path)
 
@@ -104,31 +181,50 @@ def test_equal_results_give_equal_bytes(processed, written, tmp_path):
     assert again.read_bytes() == written.read_bytes()
 
 
+@pytest.mark.parametrize("read", [read_summary, read_trial])
 @pytest.mark.parametrize("keep", [0, 1, 100, 0.5, -1])
-def test_a_file_cut_short_is_no_result(written, tmp_path, keep):
+def test_a_file_cut_short_is_no_result(written, tmp_path, keep, read):
     whole = written.read_bytes()
     broken = tmp_path / "broken.parquet"
     broken.write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
     with pytest.raises(ValueError, match=r"broken\.parquet is damaged: .*'hbm run' makes it again"):
-        read_summary(broken)
+        read(broken)
 
 
-def test_another_parquet_file_is_no_result(tmp_path):
+def test_damaged_frames_are_one_line(written, tmp_path):
+    """The summary stands at the end of the file and is still readable."""
+    broken = tmp_path / "broken.parquet"
+    whole = bytearray(written.read_bytes())
+    whole[1000:200000] = bytes(199000)
+    broken.write_bytes(whole)
+    assert read_summary(broken).key == "a key"
+    with pytest.raises(ValueError, match=r"broken\.parquet is damaged: .*'hbm run' makes it again"):
+        read_trial(broken)
+
+
+def test_a_missing_column_is_one_line(written, tmp_path):
+    rewrite(written, tmp_path / "less.parquet", drop=["q.LKneeFlexion"])
+    with pytest.raises(ValueError, match=r"less\.parquet is damaged: .*q\.LKneeFlexion"):
+        read_trial(tmp_path / "less.parquet")
+
+
+@pytest.mark.parametrize("read", [read_summary, read_trial])
+def test_another_parquet_file_is_no_result(tmp_path, read):
     other = tmp_path / "other.parquet"
     pd.DataFrame({"x": [1]}).to_parquet(other)
     with pytest.raises(ValueError, match=r"other\.parquet is not the result of a trial"):
-        read_summary(other)
+        read(other)
 
 
 def test_a_write_that_fails_leaves_what_was_there(processed, written, tmp_path, monkeypatch):
     path = tmp_path / "trial.parquet"
     path.write_bytes(written.read_bytes())
 
-    def full(table, where, **_):
-        Path(where).write_bytes(b"half a f")
+    def full(writer, table):
+        writer.where.write_bytes(b"half a f")
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(trial_files.pq, "write_table", full)
+    monkeypatch.setattr(trial_files.pq.ParquetWriter, "write_table", full)
     with pytest.raises(OSError, match="No space left"):
         write_trial(processed, "pitch", "another key", path)
     assert read_summary(path).key == "a key"

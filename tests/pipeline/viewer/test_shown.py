@@ -37,9 +37,9 @@ HARMLESS = re.compile("rasterizer|Docker")
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("viewer")
-    result, recording = viewer_trial(FRAMES)
+    result = viewer_trial(FRAMES)
     paths = folder / "trial.rrd", folder / "cycles.rrd"
-    write_recording(result, recording, paths[0], perturbations=[(2.0, 2.5, "sway")])
+    write_recording(result, paths[0])
     write_cycles(result, paths[1])
     return paths
 
@@ -47,8 +47,8 @@ def recordings(tmp_path_factory):
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory):
     path = tmp_path_factory.mktemp("viewer") / "broken.rrd"
-    result, recording = viewer_trial(FRAMES, compensated=False, moving=False, lost=slice(100, 200))
-    write_recording(result, recording, path)
+    result = viewer_trial(FRAMES, compensated=False, moving=False, lost=slice(100, 200))
+    write_recording(result, path)
     return path
 
 

@@ -21,12 +21,11 @@ from pipeline.viewer.file import printable, recording_file, send
 from pipeline.viewer.scene import pressure_point
 from pipeline.viewer.serve import viewer_binary
 from pipeline.viewer.trial import write_cycles, write_recording
-from tests.pipeline.viewer_trial import FIRST_FRAME, LIFT_M, sway_and_pitch, viewer_trial
+from tests.pipeline.viewer_trial import FIRST_FRAME, LIFT_M, ONSETS_S, sway_and_pitch, viewer_trial
 
 FRAMES = 500
 STEP = 2
 LOST = slice(100, 130)
-SWAYED = [(1.0, 1.5, "sway"), (3.0, 3.4, "sway")]
 LONG_FRAMES = 72000
 MEGABYTE = 1e6
 
@@ -70,7 +69,7 @@ def trial():
 @pytest.fixture(scope="module")
 def written(trial, tmp_path_factory):
     path = tmp_path_factory.mktemp("viewer") / "trial.rrd"
-    write_recording(*trial, path, perturbations=SWAYED)
+    write_recording(trial, path)
     return path
 
 
@@ -82,10 +81,10 @@ def stored(written):
 @pytest.fixture(scope="module")
 def broken(tmp_path_factory):
     """A trial without compensation, on a floor that stands still, with frames without solution."""
-    result, recording = viewer_trial(FRAMES, compensated=False, moving=False, lost=LOST)
+    result = viewer_trial(FRAMES, compensated=False, moving=False, lost=LOST)
     path = tmp_path_factory.mktemp("viewer") / "broken.rrd"
-    write_recording(result, recording, path)
-    return result, recording, path
+    write_recording(result, path)
+    return result, path
 
 
 def single(values):
@@ -93,21 +92,19 @@ def single(values):
 
 
 def test_measured_markers_come_back_at_their_frames_and_times(stored, trial):
-    _, recording = trial
     entity = "lab/markers/measured"
-    expected = single(recording.markers.position[::STEP])
+    expected = single(trial.markers.position[::STEP])
     np.testing.assert_array_equal(np.array(stored.rows(entity, "positions")), expected)
-    np.testing.assert_allclose(stored.times(entity), recording.markers.time[::STEP], atol=1e-9)
+    np.testing.assert_allclose(stored.times(entity), trial.markers.time[::STEP], atol=1e-9)
     np.testing.assert_array_equal(
         stored.times(entity, "frame"), FIRST_FRAME + np.arange(0, FRAMES, STEP)
     )
     names = stored.rows(entity, "labels", static=True)[0]
-    assert tuple(names) == recording.markers.names
+    assert tuple(names) == trial.markers.names
 
 
 def test_segments_stand_where_the_model_has_them(stored, trial):
-    result, _ = trial
-    rotation, origin = segment_frames(result.body, result.motion.q[::STEP])
+    rotation, origin = segment_frames(trial.body, trial.motion.q[::STEP])
     for k, segment in enumerate(SEGMENTS):
         entity = f"lab/body/{segment}"
         at = np.array(stored.rows(entity, "translation"))[:, 0]
@@ -117,7 +114,7 @@ def test_segments_stand_where_the_model_has_them(stored, trial):
 
 
 def test_modelled_markers_ride_on_their_segments(stored, trial):
-    body = trial[0].body
+    body = trial.body
     for segment in set(body.marker_segment):
         mine = [k for k, name in enumerate(body.marker_segment) if name == segment]
         entity = f"lab/body/{segment}/markers"
@@ -129,16 +126,14 @@ def test_modelled_markers_ride_on_their_segments(stored, trial):
         ]
 
 
-def test_lines_join_only_markers_that_are_far_from_the_model(tmp_path):
-    result, recording = viewer_trial(FRAMES)
-    position = recording.markers.position.copy()
+def test_lines_join_only_markers_that_are_far_from_the_model(trial, tmp_path):
+    position = trial.markers.position.copy()
     position[200:300, [3, 7]] = position[200:300, [7, 3]]
-    markers = type(recording.markers)(recording.markers.time, recording.markers.names, position)
-    swapped = type(recording)(recording.source, markers, recording.plates)
-    write_recording(result, swapped, tmp_path / "swapped.rrd")
+    swapped = replace(trial, markers=replace(trial.markers, position=position))
+    write_recording(swapped, tmp_path / "swapped.rrd")
     lines = Stored(tmp_path / "swapped.rrd").rows("lab/markers/error", "strips")
     assert [len(row) for row in lines] == [0] * 100 + [2] * 50 + [0] * 100
-    modelled = marker_positions(result.body, result.motion.q)[:, [3, 7]]
+    modelled = marker_positions(trial.body, trial.motion.q)[:, [3, 7]]
     expected = np.stack([position[:, [3, 7]], modelled], axis=2)[200:300:STEP]
     np.testing.assert_allclose(np.array(lines[100:150]), single(expected), atol=1e-6)
 
@@ -147,10 +142,9 @@ def test_lines_join_only_markers_that_are_far_from_the_model(tmp_path):
 def test_ground_reaction_is_a_metre_per_thousand_newtons_and_absent_where_unloaded(
     stored, trial, variant
 ):
-    result, _ = trial
-    feet = [wrench[::STEP] for wrench in result.ground[variant].values()]
-    pose = sway_and_pitch(result.motion.time[::STEP])
-    at = [pressure_point(w, LIFT_M, pose, result.settings.contact_threshold_n) for w in feet]
+    feet = [wrench[::STEP] for wrench in trial.ground[variant].values()]
+    pose = sway_and_pitch(trial.motion.time[::STEP])
+    at = [pressure_point(w, LIFT_M, pose, trial.settings.contact_threshold_n) for w in feet]
     entity = f"lab/ground_reaction/{variant}"
     arrows = stored.rows(entity, "vectors")
     starts = stored.rows(entity, "origins")
@@ -176,9 +170,8 @@ def test_centre_of_pressure_lies_on_the_moving_surface_and_leaves_only_a_moment_
 
 @pytest.mark.parametrize("variant", ["measured", "compensated"])
 def test_residual_wrench_is_drawn_at_the_pelvis_in_lab_axes(stored, trial, variant):
-    result, _ = trial
-    residual = getattr(result, variant).residual[::STEP]
-    pelvis = segment_frames(result.body, result.motion.q[::STEP])[1][:, SEGMENTS.index("pelvis")]
+    residual = getattr(trial, variant).residual[::STEP]
+    pelvis = segment_frames(trial.body, trial.motion.q[::STEP])[1][:, SEGMENTS.index("pelvis")]
     entity = f"lab/residual/{variant}"
     vectors = np.array(stored.rows(entity, "vectors"))
     np.testing.assert_array_equal(vectors[:, 0], single(residual[:, :3] / 500))
@@ -188,18 +181,17 @@ def test_residual_wrench_is_drawn_at_the_pelvis_in_lab_axes(stored, trial, varia
 
 
 def test_residual_curves_are_the_reported_residuals_to_the_last_bit(stored, trial):
-    result, _ = trial
     for k, axis in enumerate(AXES):
         entity = f"residual/{axis}"
         curves = np.array(stored.rows(entity, "scalars"))
-        for column, dynamics in enumerate((result.measured, result.compensated)):
+        for column, dynamics in enumerate((trial.measured, trial.compensated)):
             np.testing.assert_array_equal(curves[:, column], reported(dynamics.residual)[:, k])
         assert list(stored.rows(entity, "names", static=True)[0]) == ["measured", "compensated"]
-        np.testing.assert_allclose(stored.times(entity), result.motion.time, atol=1e-9)
+        np.testing.assert_allclose(stored.times(entity), trial.motion.time, atol=1e-9)
 
 
 def test_marker_errors_are_in_millimetres_with_the_worst_marker_first(stored, trial):
-    motion = trial[0].motion
+    motion = trial.motion
     names = list(stored.rows("marker_error_mm", "names", static=True)[0])
     columns = [motion.markers.index(name) for name in names]
     errors = np.array(stored.rows("marker_error_mm", "scalars"))
@@ -208,43 +200,41 @@ def test_marker_errors_are_in_millimetres_with_the_worst_marker_first(stored, tr
 
 
 def test_platform_moves_with_its_pose_and_carries_the_plates(stored, trial):
-    result, recording = trial
     at = np.array(stored.rows("lab/platform", "translation"))[:, 0]
     turned = Rotation.from_quat(np.array(stored.rows("lab/platform", "quaternion"))[:, 0])
-    np.testing.assert_array_equal(at, single(result.platform.position[::STEP]))
-    np.testing.assert_allclose(turned.as_matrix(), result.platform.rotation[::STEP], atol=1e-6)
-    for plate in recording.plates:
+    np.testing.assert_array_equal(at, single(trial.platform.position[::STEP]))
+    np.testing.assert_allclose(turned.as_matrix(), trial.platform.rotation[::STEP], atol=1e-6)
+    for plate in trial.plates:
         entity = f"lab/platform/plate_{plate.number}/surface"
         corners = stored.rows(entity, "vertex_positions", static=True)[0]
         np.testing.assert_array_equal(corners, single(plate.corners))
 
 
 def test_plates_of_unknown_corners_are_left_out(trial, tmp_path):
-    result, recording = trial
-    first, second = recording.plates
+    first, second = trial.plates
     unknown = replace(first, corners=np.full((4, 3), np.nan))
-    write_recording(result, replace(recording, plates=(unknown, second)), tmp_path / "trial.rrd")
+    write_recording(replace(trial, plates=(unknown, second)), tmp_path / "trial.rrd")
     entities = Stored(tmp_path / "trial.rrd").entities
     assert not [entity for entity in entities if "plate_1" in entity]
     assert "lab/platform/plate_2/surface" in entities
 
 
-def test_phases_change_at_the_events_and_perturbations_last_as_stated(stored, trial):
-    result, _ = trial
+def test_phases_change_at_the_events_and_perturbations_begin_at_their_onsets(stored, trial):
     for side in ("left", "right"):
-        mine = [event for event in result.events if event.side == side]
+        mine = [event for event in trial.events if event.side == side]
         entity = f"phases/foot_{side}"
         states = [row[0] for row in stored.rows(entity, "state")]
         phase = {"foot_strike": "stance", "foot_off": "swing"}
         assert states == [phase[event.label] for event in mine]
         np.testing.assert_allclose(stored.times(entity), [event.time for event in mine], atol=1e-9)
     states = [list(row) for row in stored.rows("phases/perturbation", "state")]
-    assert states == [["sway"], [], ["sway"], []]
-    np.testing.assert_allclose(stored.times("phases/perturbation"), [1.0, 1.5, 3.0, 3.4])
+    assert states == [["perturbation"], [], ["perturbation"], []]
+    assert ONSETS_S.tolist() == [1.0, 3.0]
+    np.testing.assert_allclose(stored.times("phases/perturbation"), [1.0, 2.0, 3.0, 4.0])
 
 
 def test_summary_says_residuals_thresholds_and_notes(stored, trial):
-    rms = residual_table(trial[0], "walk").set_index(["compensated", "axis"])["rms"]
+    rms = residual_table(trial, "walk").set_index(["compensated", "axis"])["rms"]
     text = str(stored.rows("summary", "text", static=True)[0][0])
     assert f"| Fy | right | {rms[False, 'Fy']:.1f} N | " in text
     assert f" | {rms[True, 'Fy']:.1f} N | " in text
@@ -265,21 +255,21 @@ def test_identifier_is_a_pseudonym_and_differs_between_files_of_the_same_trial(t
     identifiers = set()
     for folder in ("one", "other"):
         path = tmp_path / folder / "trial.rrd"
-        write_recording(*trial, path)
+        write_recording(trial, path)
         identifiers.add(RrdReader(path).recordings()[0].recording_id)
     assert len(identifiers) == 2
     assert not any("sub07" in identifier or "walk" in identifier for identifier in identifiers)
 
 
 def test_without_compensation_its_layers_are_absent(broken):
-    stored = Stored(broken[2])
+    stored = Stored(broken[1])
     assert not [entity for entity in stored.entities if "compensated" in entity]
     assert list(stored.rows("residual/Fx", "names", static=True)[0]) == ["measured"]
     assert ("/lab/platform", False) not in stored.tables
 
 
 def test_frames_without_solution_hide_the_body_and_break_the_curves(broken):
-    result, recording, path = broken
+    result, path = broken
     stored = Stored(path)
     gone = np.zeros(FRAMES, bool)
     gone[LOST] = True
@@ -293,14 +283,13 @@ def test_frames_without_solution_hide_the_body_and_break_the_curves(broken):
     np.testing.assert_array_equal(np.isnan(curve), gone)
     np.testing.assert_array_equal(curve, reported(result.measured.residual)[:, 0])
     markers = np.array(stored.rows("lab/markers/measured", "positions"))
-    np.testing.assert_array_equal(markers, single(recording.markers.position[::STEP]))
+    np.testing.assert_array_equal(markers, single(result.markers.position[::STEP]))
     subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
 
 
 def test_mean_cycle_lies_on_the_percent_of_the_gait_cycle_alone(trial, tmp_path):
-    result, _ = trial
     path = tmp_path / "cycles.rrd"
-    write_cycles(result, path)
+    write_cycles(trial, path)
     stored = Stored(path)
     timelines = {
         name
@@ -318,13 +307,13 @@ def test_mean_cycle_lies_on_the_percent_of_the_gait_cycle_alone(trial, tmp_path)
             stored.times(f"residual/{axis}", "gait_cycle_percent"), percent
         )
         for variant in ("measured", "compensated"):
-            cycles = cycle_residuals(result, variant)["right"][..., k]
+            cycles = cycle_residuals(trial, variant)["right"][..., k]
             mean, sd = cycles.mean(axis=0), cycles.std(axis=0)
             for name, value in (("mean", mean), ("+SD", mean + sd), ("−SD", mean - sd)):
                 column = names.index(f"{variant}, {name}")
                 np.testing.assert_allclose(curves[:, column], value, rtol=1e-12, atol=1e-12)
-    q = normalise(result.motion.time, result.motion.q, result.cycles["right"]).mean(axis=0)
-    _, origin = segment_frames(result.body, q)
+    q = normalise(trial.motion.time, trial.motion.q, trial.cycles["right"]).mean(axis=0)
+    _, origin = segment_frames(trial.body, q)
     for k, segment in enumerate(SEGMENTS):
         at = np.array(stored.rows(f"lab/body/{segment}", "translation"))[:, 0]
         np.testing.assert_allclose(at, origin[:, k], atol=1e-6)
@@ -333,8 +322,8 @@ def test_mean_cycle_lies_on_the_percent_of_the_gait_cycle_alone(trial, tmp_path)
 
 def test_twelve_minutes_stay_under_150_megabytes(tmp_path):
     path = tmp_path / "long.rrd"
-    result, recording = viewer_trial(LONG_FRAMES)
-    write_recording(result, recording, path)
+    result = viewer_trial(LONG_FRAMES)
+    write_recording(result, path)
     assert path.stat().st_size < 150 * MEGABYTE
     batches = [
         chunk.to_record_batch()
@@ -348,7 +337,7 @@ def test_twelve_minutes_stay_under_150_megabytes(tmp_path):
 
 def test_scene_can_be_written_at_the_full_rate(trial, tmp_path):
     path = tmp_path / "full.rrd"
-    write_recording(*trial, path, view_hz=100)
+    write_recording(trial, path, view_hz=100)
     assert len(Stored(path).rows("lab/markers/measured", "positions")) == FRAMES
 
 
@@ -375,19 +364,20 @@ def test_rerun_refuses_what_it_would_otherwise_drop_with_a_warning(trial, tmp_pa
         )
 
 
-def test_another_recording_than_the_processed_one_is_refused(trial, tmp_path):
-    other = viewer_trial(FRAMES - 1)[1]
-    with pytest.raises(
-        ValueError, match=r"walk\.c3d: the recording has 499 frames, the result 500"
-    ):
-        write_recording(trial[0], other, tmp_path / "trial.rrd")
+def test_markers_of_another_recording_are_refused(trial):
+    other = viewer_trial(FRAMES - 1)
+    with pytest.raises(ValueError, match=r"walk\.c3d: markers have 499 frames, the motion 500"):
+        replace(trial, markers=other.markers)
+
+
+def test_a_rate_that_is_not_positive_is_refused(trial, tmp_path):
     with pytest.raises(ValueError, match="view_hz must be positive"):
-        write_recording(*trial, tmp_path / "trial.rrd", view_hz=0)
+        write_recording(trial, tmp_path / "trial.rrd", view_hz=0)
 
 
 def test_a_trial_without_gait_cycles_is_shown_but_has_no_mean_cycle(trial, tmp_path):
-    result = replace(trial[0], cycles={"right": np.empty((0, 2))}, events=())
-    write_recording(result, trial[1], tmp_path / "trial.rrd")
+    result = replace(trial, cycles={"right": np.empty((0, 2))}, events=())
+    write_recording(result, tmp_path / "trial.rrd")
     text = str(Stored(tmp_path / "trial.rrd").rows("summary", "text", static=True)[0][0])
     assert "No gait cycle was found" in text
     with pytest.raises(ValueError, match=r"walk\.c3d: no gait cycle was found"):
