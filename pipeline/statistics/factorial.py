@@ -1,14 +1,27 @@
-"""Factorial analysis of variance between trials, as experiments 1 and 2 need it."""
+"""Factorial analysis of variance between trials, as experiments 1 and 2 need it.
 
+The only module that uses statsmodels, which is imported when something is tested.
+"""
+
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
 from hbm.spatial import Array
+
+if TYPE_CHECKING:
+    from statsmodels.regression.linear_model import RegressionResultsWrapper
+
+CONFIDENCE: Final = 0.95
+"""Of intervals, as everywhere in this project."""
+NO_ERROR: Final = 1e-24
+"""Error sum of squares, per that of the response, which is rounding: (1e-12)²."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +67,7 @@ def box_cox(values: Array) -> BoxCox:
         raise ValueError("a Box–Cox transform needs positive values, none missing")
     if np.ptp(values) == 0:
         raise ValueError("a Box–Cox transform needs values that differ")
-    transformed, exponent, (low, high) = stats.boxcox(values, alpha=0.05)
+    transformed, exponent, (low, high) = stats.boxcox(values, alpha=1 - CONFIDENCE)
     return BoxCox(transformed, float(exponent), float(low), float(high))
 
 
@@ -90,23 +103,24 @@ def anova(
     Notes
     -----
     Effect-coded factors; an effect's sum of squares is what the fit loses without its columns
-    (Yates 1934), so it does not depend on the order of the factors.
+    (Yates 1934), so it does not depend on the order of the factors. By statsmodels, equal to R's
+    ``car::Anova``.
     """
-    blocks = _effects(data, factors, interactions)
-    y = _response(data, response, factors)
-    design = np.hstack(list(blocks.values()))
-    _, ss_error, df_error = _fit(design, y)
-    ms_error = ss_error / df_error
-    rows = []
-    for effect in [name for name in blocks if name]:
-        rest = np.hstack([block for name, block in blocks.items() if name != effect])
-        ss, df = _fit(rest, y)[1] - ss_error, blocks[effect].shape[1]
-        f = ss / df / ms_error
-        p = float(stats.f.sf(f, df, df_error))
-        rows.append((effect, ss, df, ss / df, f, p, ss / (ss + ss_error)))
-    rows.append(("residual", ss_error, df_error, ms_error, np.nan, np.nan, np.nan))
-    columns = ["effect", "ss", "df", "ms", "f", "p", "partial_eta_squared"]
-    return pd.DataFrame(rows, columns=columns)
+    from statsmodels.stats.anova import anova_lm
+
+    table = anova_lm(_fit(data, response, factors, interactions), typ=3).drop("Intercept")
+    ss, df = table["sum_sq"].to_numpy(), table["df"].to_numpy()
+    return pd.DataFrame(
+        {
+            "effect": [*(_effect(term, factors) for term in table.index[:-1]), "residual"],
+            "ss": ss,
+            "df": df.astype(int),
+            "ms": ss / df,
+            "f": table["F"].to_numpy(),
+            "p": table["PR(>F)"].to_numpy(),
+            "partial_eta_squared": [*(ss[:-1] / (ss[:-1] + ss[-1])), np.nan],
+        }
+    )
 
 
 def compare_levels(
@@ -145,69 +159,76 @@ def compare_levels(
     """
     if factor not in factors:
         raise ValueError(f"{factor!r} is not one of the factors {', '.join(factors)}")
-    blocks = _effects(data, factors, interactions)
-    y = _response(data, response, factors)
-    design = np.hstack(list(blocks.values()))
-    coefficients, ss_error, df = _fit(design, y)
-    covariance = ss_error / df * np.linalg.inv(design.T @ design)
-
+    fit = _fit(data, response, factors, interactions)
     levels = np.unique(data[factor].to_numpy())
-    columns = {effect: np.zeros((len(levels), block.shape[1])) for effect, block in blocks.items()}
-    columns[""][:] = 1
-    columns[factor] = _sum_coding(len(levels))
-    margins = np.hstack(list(columns.values()))  # all other effects sum to zero over their levels
-    means = margins @ coefficients
+    column = re.compile(re.escape(_term(factors.index(factor))) + r"\[[^:]*")
+    own = [column.fullmatch(name) is not None for name in fit.model.exog_names]
+    margins = np.zeros((len(levels), len(fit.params)))
+    margins[:, 0] = 1  # all other effects sum to zero over their levels
+    margins[:, own] = np.vstack([np.eye(len(levels) - 1), -np.ones(len(levels) - 1)])
+    means = margins @ fit.params.to_numpy()
 
-    pairs = list(combinations(range(len(levels)), 2))
-    rows = []
-    for first, second in pairs:
-        contrast = margins[first] - margins[second]
-        difference = means[first] - means[second]
-        standard_error = np.sqrt(contrast @ covariance @ contrast)
-        t = difference / standard_error
-        p = float(2 * stats.t.sf(abs(t), df))
-        half = stats.t.isf(0.025 / len(pairs), df) * standard_error
-        rows.append(
-            {
-                "first": levels[first],
-                "second": levels[second],
-                "mean_first": means[first],
-                "mean_second": means[second],
-                "difference": difference,
-                "standard_error": standard_error,
-                "t": t,
-                "df": df,
-                "p_uncorrected": p,
-                "p_bonferroni": min(1.0, len(pairs) * p),
-                "ci_low": difference - half,
-                "ci_high": difference + half,
-            }
-        )
-    return pd.DataFrame(rows)
+    first, second = np.array(list(combinations(range(len(levels)), 2))).T
+    test = fit.t_test(margins[first] - margins[second])
+    low, high = test.conf_int(alpha=(1 - CONFIDENCE) / len(first)).T
+    p = np.atleast_1d(test.pvalue)
+    return pd.DataFrame(
+        {
+            "first": levels[first],
+            "second": levels[second],
+            "mean_first": means[first],
+            "mean_second": means[second],
+            "difference": means[first] - means[second],
+            "standard_error": np.ravel(test.sd),
+            "t": np.ravel(test.tvalue),
+            "df": int(fit.df_resid),
+            "p_uncorrected": p,
+            "p_bonferroni": np.minimum(1.0, len(p) * p),
+            "ci_low": low,
+            "ci_high": high,
+        }
+    )
 
 
-def _sum_coding(levels: int) -> Array:
-    return np.vstack([np.eye(levels - 1), -np.ones(levels - 1)])
+def _fit(
+    data: pd.DataFrame, response: str, factors: Sequence[str], interactions: bool
+) -> "RegressionResultsWrapper":
+    """Fit the linear model with effect-coded factors, or say why it cannot be tested."""
+    from statsmodels.formula.api import ols
 
-
-def _effects(data: pd.DataFrame, factors: Sequence[str], interactions: bool) -> dict[str, Array]:
-    """Give the effect-coded columns of each effect; the intercept's name is empty."""
-    main = {}
-    for factor in factors:
+    table = pd.DataFrame({"y": _response(data, response, factors)})
+    for number, factor in enumerate(factors):
         if data[factor].isna().any():
             raise ValueError(f"factor {factor!r}: a level is missing")
         levels, index = np.unique(data[factor].to_numpy(), return_inverse=True)
         if len(levels) < 2:
             raise ValueError(f"factor {factor!r} has one level only, {levels}")
-        main[factor] = _sum_coding(len(levels))[index]
-    blocks = {"": np.ones((len(data), 1))}
-    for size in range(1, len(factors) + 1 if interactions else 2):
-        for names in combinations(factors, size):
-            block = blocks[""]
-            for name in names:
-                block = (block[:, :, None] * main[name][:, None, :]).reshape(len(data), -1)
-            blocks[":".join(names)] = block
-    return blocks
+        table[f"f{number}"] = index
+    terms = (" * " if interactions else " + ").join(map(_term, range(len(factors))))
+    model = ols(f"y ~ {terms}", table)
+    trials, coefficients = model.exog.shape
+    if np.linalg.matrix_rank(model.exog) < coefficients:
+        raise ValueError(
+            "an effect cannot be estimated: a combination of levels was never measured; "
+            "fit main effects only, or leave a factor out"
+        )
+    if trials <= coefficients:
+        raise ValueError(f"{trials} trials are too few for {coefficients} coefficients")
+    fit = model.fit()
+    if fit.ssr <= NO_ERROR * np.sum(model.endog**2):
+        raise ValueError("the effects explain every value: there is no error to test against")
+    return fit
+
+
+def _term(number: int) -> str:
+    """Name a factor's effect in a formula, in which factors are f0, f1, … whatever their names."""
+    return f"C(f{number}, Sum)"
+
+
+def _effect(term: str, factors: Sequence[str]) -> str:
+    """Name an effect by its factors, given its term in a formula."""
+    numbers = {_term(number): factor for number, factor in enumerate(factors)}
+    return ":".join(numbers[part] for part in term.split(":"))
 
 
 def _response(data: pd.DataFrame, response: str, factors: Sequence[str]) -> Array:
@@ -216,20 +237,3 @@ def _response(data: pd.DataFrame, response: str, factors: Sequence[str]) -> Arra
         trial = data.loc[~np.isfinite(y), list(factors)].iloc[0].to_dict()
         raise ValueError(f"{response!r} is missing at {trial}: leave the trial out, and name it")
     return y
-
-
-def _fit(design: Array, y: Array) -> tuple[Array, float, int]:
-    """Give coefficients, error sum of squares and error degrees of freedom."""
-    coefficients, _, rank, _ = np.linalg.lstsq(design, y)
-    if rank < design.shape[1]:
-        raise ValueError(
-            "an effect cannot be estimated: a combination of levels was never measured; "
-            "fit main effects only, or leave a factor out"
-        )
-    df = len(y) - rank
-    if df < 1:
-        raise ValueError(f"{len(y)} trials are too few for {design.shape[1]} coefficients")
-    ss_error = float(np.sum((y - design @ coefficients) ** 2))
-    if ss_error <= 1e-24 * np.sum(y**2):
-        raise ValueError("the effects explain every value: there is no error to test against")
-    return np.asarray(coefficients, float), ss_error, int(df)
