@@ -24,14 +24,14 @@ def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study."
 
 def check(study: StudyFolder) -> int:
     """Read every TOML and every recording of a study, list all problems, compute nothing."""
-    from pipeline.cli.terminal import plain_console
+    from pipeline.cli.terminal import note_line, plain_console
     from pipeline.config.study import read_study
     from pipeline.run.check import check_study
 
     console, stated = plain_console(), read_study(study)
     findings = check_study(stated)
     for remark in findings.remarks:
-        console.print(f"- {remark}", soft_wrap=True)
+        console.print(note_line(remark.note, remark.place), soft_wrap=True)
     for fault in findings.faults:
         console.print(f"FAULT {fault}", soft_wrap=True)
     trials = sum(t.exclude is None for s in stated.subjects.values() for t in s.trials.values())

@@ -1,14 +1,15 @@
-"""A study looked over before any computing: what a run will use, lock, fill or refuse."""
+"""A study checked before it is processed: what a run will use, leave out or refuse."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from compensation import Calibration, check_calibration
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST, support
-from hbm.markers import MarkerSet, did_you_mean
+from hbm.markers import did_you_mean
+from hbm.notes import Note, NoteValue
 from pipeline.config.schema import Condition, SubjectFile, Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
@@ -27,23 +28,78 @@ from pipeline.trial.process import read_file
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass
 
-SHORTEST_S = 5.0
-SHORTEST_CYCLE_S = 0.8
-OFTEN_MISSING = 0.2
-UNKNOWN_KG = 70.0
-Found = TypeVar("Found")
+MIN_TRIAL_S: Final = 5.0
+"""A few gait cycles, beside what the filter needs at both ends."""
+MIN_CYCLE_S: Final = 0.8
+"""Of fast walking; more cycles than that do not fit into a recording."""
+MAX_MISSING_SHARE: Final = 0.2
+"""Of a recording; a marker that is missing more often is named."""
+ASSUMED_MASS_KG: Final = 70.0
+"""Of a body that is built without its mass: only where its joints are matters to a check."""
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Why a trial cannot be processed: the file or trial at fault, and the reason."""
+
+    place: str
+    reason: str
+
+    def __str__(self) -> str:
+        return self.reason if self.place in self.reason else f"{self.place}: {self.reason}"
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """What is good to know of a file or trial before it is processed."""
+
+    place: str
+    note: Note
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.note}"
 
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What was found: ``faults`` stop a trial, ``remarks`` do not; one sentence each."""
+    """What a check found: faults stop a trial, remarks do not."""
 
-    faults: tuple[str, ...]
-    remarks: tuple[str, ...]
+    faults: tuple[Fault, ...]
+    remarks: tuple[Remark, ...]
+
+
+@dataclass(slots=True)
+class _Collector:
+    """Faults and remarks as they are found."""
+
+    faults: list[Fault] = field(default_factory=list)
+    remarks: list[Remark] = field(default_factory=list)
+
+    def remark(self, place: str, code: str, **values: NoteValue) -> None:
+        self.remarks.append(Remark(place, Note.of(code, **values)))
+
+    def notes(self, place: str, notes: Iterable[Note]) -> None:
+        self.remarks += [Remark(place, note) for note in notes]
+
+    def fault(self, place: str, reason: str) -> None:
+        self.faults.append(Fault(place, reason))
+
+    def attempt(self, place: str, action: Callable[[], Result]) -> Result | None:
+        """Give what a function returns; where it raises, its message is a fault of the place."""
+        try:
+            return action()
+        except (ValueError, OSError) as error:
+            self.fault(place, str(error))
+            return None
+
+    def add(self, other: "_Collector") -> None:
+        self.faults += other.faults
+        self.remarks += other.remarks
 
 
 def check_study(study: Study) -> Findings:
-    """Look at every recording of a study and say what a run will make of it.
+    """Check every recording of a study without processing it.
 
     Parameters
     ----------
@@ -54,204 +110,182 @@ def check_study(study: Study) -> Findings:
     -------
     Findings
         All faults of all files, not only the first. A recording is judged by its header, its
-        beginning and frames spread over it; a fault is held against all of it before it is told.
+        beginning and frames spread over it; before a fault is reported, all of it is read.
     """
-    notes = _Notes()
-    calibration = _calibration(study, notes)
-    seen: dict[Path, str] = {}
+    found = _Collector()
+    calibration = _check_calibration(study, found)
+    trial_of: dict[Path, str] = {}
     for subject, person in study.subjects.items():
         for condition, trial in person.trials.items():
+            name = f"{subject} {condition}"
             if trial.exclude is not None:
-                notes.remarks.append(f"{subject} {condition}: excluded: {trial.exclude}")
+                found.remark(name, "trial_excluded", reason=trial.exclude)
             elif trial.file is not None:
-                path = study.path(trial.file)
-                other = seen.setdefault(path.resolve(), f"{subject} {condition}")
-                if other != f"{subject} {condition}":
-                    said = f"{subject} {condition}: the same recording as {other}"
-                    notes.remarks.append(said)
-                notes += _look(study, condition, person, trial, calibration)
-        missing = [name for name in study.file.conditions if name not in person.trials]
-        if missing:
-            notes.remarks.append(f"{subject}: no trial for {', '.join(missing)}")
-    return Findings(tuple(dict.fromkeys(notes.faults)), tuple(dict.fromkeys(notes.remarks)))
+                other = trial_of.setdefault(study.path(trial.file).resolve(), name)
+                if other != name:
+                    found.remark(name, "recording_used_twice", other=other)
+                found.add(_check_trial(study, condition, person, trial, calibration))
+        without = tuple(name for name in study.file.conditions if name not in person.trials)
+        if without:
+            found.remark(subject, "conditions_without_trial", conditions=without)
+    return Findings(tuple(dict.fromkeys(found.faults)), tuple(dict.fromkeys(found.remarks)))
 
 
-@dataclass(slots=True)
-class _Notes:
-    """Faults and remarks as they are found."""
-
-    faults: list[str] = field(default_factory=list)
-    remarks: list[str] = field(default_factory=list)
-
-    def __iadd__(self, other: "_Notes") -> "_Notes":
-        self.faults += other.faults
-        self.remarks += other.remarks
-        return self
-
-    def of(self, name: str, what: Callable[[], Found]) -> Found | None:
-        """Give what a function finds; where it raises, its reason is a fault of the file."""
-        try:
-            return what()
-        except (ValueError, OSError) as error:
-            text = str(error)
-            self.faults.append(text if name in text else f"{name}: {text}")
-            return None
-
-
-def _calibration(study: Study, notes: _Notes) -> Calibration | None:
-    treadmill = study.file.treadmill
+def _check_calibration(study: Study, found: _Collector) -> Calibration | None:
+    treadmill, axes = study.file.treadmill, study.file.axes
     belt = treadmill.belt
     if belt is not None:
-        path = study.path(belt.calibration)
-        notes.of(path.name, lambda: read_belts(path, belt, study.file.axes))
+        belts_path = study.path(belt.calibration)
+        found.attempt(belts_path.name, lambda: read_belts(belts_path, belt, axes))
     if not treadmill.calibration:
-        notes.remarks.append("study.toml: no treadmill.calibration, so nothing will be compensated")
+        found.remark("study.toml", "calibration_not_stated")
         return None
     path = study.path(treadmill.calibration)
-    found = notes.of(path.name, lambda: read_calibration(path, treadmill, study.file.axes))
-    if found is not None:
-        for plate, model in found.plates.items():
-            notes.remarks += [f"{path.name}: {note}" for note in check_calibration(model, plate)]
-        notes.remarks.append(f"{path.name}: compensates {', '.join(found.plates)}")
-    return found
+    calibration = found.attempt(path.name, lambda: read_calibration(path, treadmill, axes))
+    if calibration is not None:
+        for plate, model in calibration.plates.items():
+            found.notes(path.name, check_calibration(model, plate))
+        found.remark(path.name, "calibration_of_plates", plates=tuple(calibration.plates))
+    return calibration
 
 
-def _look(
+def _check_trial(
     study: Study,
     condition: str,
     person: SubjectFile,
     trial: Trial,
     calibration: Calibration | None,
-) -> _Notes:
-    """Look at one trial: at its beginning, and if that has a fault, at all of it."""
-    file, rule = study.file, study.file.conditions[condition]
-    laboratory = Laboratory(file.treadmill, calibration)
-    name, *_ = trial.files
-    path = study.path(name)
+) -> _Collector:
+    """Check one trial: its beginning, and if that has a fault, all of it."""
+    laboratory = Laboratory(study.file.treadmill, calibration)
+    rule = study.file.conditions[condition]
+    file, *_ = trial.files
+    path = study.path(file)
     forces, record = (study.path(name) if name else None for name in (trial.forces, trial.record))
 
-    def judge(preview: Preview) -> _Notes:
-        notes = _Notes()
+    def check(preview: Preview) -> _Collector:
+        found = _Collector()
         pose: Recording | None = preview.beginning
         static = person.static
         if static is not None:
-            pose = notes.of(study.path(static).name, lambda: read_file(study, static))
-        _recorded(preview, rule, notes)
+            pose = found.attempt(study.path(static).name, lambda: read_file(study, static))
+        _check_contents(preview, rule, found)
         if pose is not None:
-            _body(study, person, preview, pose, notes)
-        _moving(preview.beginning, laboratory, rule, notes)
-        return notes
+            _check_body(study, person, preview, pose, found)
+        _check_ground(preview.beginning, laboratory, rule, found)
+        return found
 
-    notes = _Notes()
-    preview = notes.of(
+    of_beginning, of_whole = _Collector(), _Collector()
+    preview = of_beginning.attempt(
         path.name,
-        lambda: preview_recording(path, file.axes, forces, record=record, rename=file.rename),
+        lambda: preview_recording(
+            path, study.file.axes, forces, record=record, rename=study.file.rename
+        ),
     )
     if preview is not None:
-        notes = judge(preview)
-        if not notes.faults:
-            return notes
-    whole = _Notes()
-    recording = whole.of(path.name, lambda: read_file(study, name, trial))
+        of_beginning = check(preview)
+        if not of_beginning.faults:
+            return of_beginning
+    recording = of_whole.attempt(path.name, lambda: read_file(study, file, trial))
     if recording is None:
-        return whole
+        return of_whole
     missing = preview.missing if preview is not None else {}
-    return judge(Preview(recording, len(recording.markers.time), missing))
+    return check(Preview(recording, len(recording.markers.time), missing))
 
 
-def _recorded(preview: Preview, rule: Condition, notes: _Notes) -> None:
-    """Say what a file holds, and whether that is enough."""
+def _check_contents(preview: Preview, rule: Condition, found: _Collector) -> None:
+    """Note what a file holds, and whether that is enough."""
     recording = preview.beginning
     name, rate_hz = recording.source.name, recording.markers.rate_hz
-    duration = preview.frames / rate_hz
+    duration_s = preview.frames / rate_hz
     plates, analog = recording.plates, recording.analog
-    said = [f"{duration:.1f} s", f"{len(recording.markers.names)} markers at {rate_hz:g} Hz"]
+    contents = [f"{len(recording.markers.names)} markers at {rate_hz:g} Hz"]
     if plates:
-        said.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
+        contents.append(f"{len(plates)} plates at {plates[0].rate_hz:.6g} Hz")
     if analog is not None:
         channels = zip(analog.names, analog.units, strict=True)
-        said.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
-    said.append(f"{len(recording.events) or 'no'} gait events")
-    notes.remarks.append(f"{name}: {', '.join(said)}")
-    notes.remarks += [f"{name}: {note}" for note in recording.notes]
+        contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
+    contents.append(f"{len(recording.events) or 'no'} gait events")
+    found.remark(name, "recording_contents", duration_s=duration_s, contents=tuple(contents))
+    found.notes(name, (Note.of("recording_remark", text=text) for text in recording.notes))
     if not plates:
-        notes.faults.append(f"{name}: no force plates")
-    if duration < SHORTEST_S:
-        said = [f"lasts {duration:.1f} s; a trial needs {SHORTEST_S:g} s at least"]
-        notes.faults.append(f"{name}: {said[0]}")
-    elif rule.cycles and duration < rule.skip_s + rule.cycles * SHORTEST_CYCLE_S:
-        notes.remarks.append(
-            f"{name}: too short for {rule.cycles} gait cycles after {rule.skip_s:g} s"
-        )
-    notes.of(name, lambda: gait_events(recording))
+        found.fault(name, "no force plates")
+    if duration_s < MIN_TRIAL_S:
+        found.fault(name, f"lasts {duration_s:.1f} s; a trial needs {MIN_TRIAL_S:g} s at least")
+    elif rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
+        found.remark(name, "recording_short", cycles=rule.cycles, skip_s=rule.skip_s)
+    found.attempt(name, lambda: gait_events(recording))
 
 
-def _body(
-    study: Study, person: SubjectFile, preview: Preview, pose: Recording, notes: _Notes
+def _check_body(
+    study: Study, person: SubjectFile, preview: Preview, pose: Recording, found: _Collector
 ) -> None:
-    """Say what body will be built, what of it is locked, and which markers have gaps."""
-    settings, name = study.file.settings, preview.beginning.source.name
-    weighed = (
-        notes.of(name, lambda: body_mass(person.person, pose))
-        if pose.plates or person.static
-        else None
-    )
+    """Build the body; note its mass, what of it is locked, and which markers have gaps."""
+    name = preview.beginning.source.name
+    weighed = None
+    if pose.plates or person.static:
+        weighed = found.attempt(name, lambda: body_mass(person.person, pose))
     if weighed is not None:
-        notes.remarks.append(f"{name}: {weighed[1]}")
+        found.notes(name, weighed[1:])
 
     def build() -> Body:
         return subject_body(
             pose,
             person.person,
-            settings,
-            weighed[0] if weighed is not None else UNKNOWN_KG,
+            study.file.settings,
+            weighed[0] if weighed is not None else ASSUMED_MASS_KG,
             marker_set=study.marker_set,
             hip_trial=read_file(study, person.hip_trial) if person.hip_trial else None,
             segments=read_segments(study.path(person.segments)) if person.segments else None,
         )
 
-    body = notes.of(name, build)
-    if body is None:
-        return
-    _markers(name, body, body.marker_set, preview, notes)
-    notes.remarks += [f"{name}: {note}" for note in body.notes]
+    body = found.attempt(name, build)
+    if body is not None:
+        _check_markers(body, preview, found)
+        found.notes(name, body.notes)
 
 
-def _markers(name: str, body: Body, chosen: MarkerSet, preview: Preview, notes: _Notes) -> None:
-    present = [marker for marker in chosen.segment if marker in preview.beginning.markers.names]
-    absent = [marker for marker in chosen.segment if marker not in present]
-    said = f"{len(present)} of the {len(chosen.segment)} markers of {chosen.name}"
-    missing = f"; missing: {', '.join(absent)}" if absent else ""
-    notes.remarks.append(f"{name}: {said}{missing}")
+def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
+    name, known = preview.beginning.source.name, body.marker_set
+    present = [marker for marker in known.segment if marker in preview.beginning.markers.names]
+    absent = tuple(marker for marker in known.segment if marker not in present)
+    counts: dict[str, NoteValue] = {
+        "present": len(present),
+        "count": len(known.segment),
+        "marker_set": known.name,
+    }
+    if absent:
+        found.remark(name, "markers_missing", **counts, missing=absent)
+    else:
+        found.remark(name, "markers_complete", **counts)
     used = [s for m, s in zip(body.markers, body.marker_segment, strict=True) if m in present]
     shown = {i for segment in used for i in support(LAST[segment])}
-    locked = [c for i, c in enumerate(COORDINATES) if i not in shown]
+    locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
     if locked:
-        notes.remarks.append(f"{name}: will be locked at neutral: {', '.join(locked)}")
-    gaps = {m: preview.missing.get(m, 0.0) for m in present}
-    often = [f"{m} {100 * share:.0f} %" for m, share in gaps.items() if share > OFTEN_MISSING]
-    if any(gaps.values()):
-        count = sum(share > 0 for share in gaps.values())
-        said = f"{count} markers have gaps, and will be left out of the fit there"
-        notes.remarks.append(
-            f"{name}: {said}{'; often missing: ' if often else ''}{', '.join(often)}"
-        )
+        found.remark(name, "coordinates_locked", coordinates=locked)
+    gaps = {m: share for m in present if (share := preview.missing.get(m, 0.0)) > 0}
+    if gaps:
+        found.remark(name, "markers_with_gaps", count=len(gaps))
+    often = {marker: share for marker, share in gaps.items() if share > MAX_MISSING_SHARE}
+    if often:
+        found.remark(name, "markers_often_missing", share=often)
 
 
-def _moving(recording: Recording, laboratory: Laboratory, rule: Condition, notes: _Notes) -> None:
-    """Say whether compensation, platform and perturbations will be found."""
+def _check_ground(
+    recording: Recording, laboratory: Laboratory, rule: Condition, found: _Collector
+) -> None:
+    """Look for all that compensation, platform pose and perturbations need."""
     name, treadmill = recording.source.name, laboratory.treadmill
     if laboratory.calibration is not None and recording.plates:
-        readings = notes.of(name, lambda: accelerations(recording, treadmill))
+        readings = found.attempt(name, lambda: accelerations(recording, treadmill))
         if readings is not None:
-            notes.of(name, lambda: models_of(recording, laboratory))
+            found.attempt(name, lambda: models_of(recording, laboratory))
     time, platform = recording.markers.time, treadmill.platform
-    pose = notes.of(name, lambda: platform_pose(recording, platform, time))
+    pose = found.attempt(name, lambda: platform_pose(recording, platform, time))
     if pose is not None:
-        notes.remarks += [f"{name}: {note}" for note in pose[1]]
+        found.notes(name, pose[1])
     known = recording.analog.names if recording.analog is not None else ()
     belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
     for channel in filter(None, (*belts, rule.pulse_channel)):
         if channel not in known:
-            hint = did_you_mean(channel, known)
-            notes.faults.append(f"{name}: no analog channel {channel!r}{hint}")
+            found.fault(name, f"no analog channel {channel!r}{did_you_mean(channel, known)}")

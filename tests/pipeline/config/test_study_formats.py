@@ -52,7 +52,7 @@ def test_both_are_found_fit_and_processed_alike(folder):
     study = read_study(folder)
     found = check_study(study)
     assert found.faults == ()
-    assert any("Belt.Speed" in remark for remark in found.remarks)
+    assert any("Belt.Speed" in str(remark) for remark in found.remarks)
     trc, dflow = (process_trial(study, "sub01", name) for name in ("trc", "dflow"))
     assert {k: len(v) for k, v in trc.cycles.items()} == {
         k: len(v) for k, v in dflow.cycles.items()

@@ -1,13 +1,14 @@
-"""``hbm check``: what a run will use, lock, fill or refuse, told before it."""
+"""``hbm check``: what a run will use, leave out or refuse, known before it."""
 
 import re
 import shutil
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from hbm.markers import Markers
+from hbm.notes import Note
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.io.c3d import data as c3d_data
@@ -31,8 +32,21 @@ def study(moving_study, tmp_path):
     return folder
 
 
+@dataclass
+class Found:
+    """Faults and remarks as a person reads them, and the remarks' notes."""
+
+    faults: list[str]
+    remarks: list[str]
+    notes: dict[str, list[Note]]
+
+
 def findings(folder):
-    return check_study(read_study(folder))
+    found = check_study(read_study(folder))
+    notes = {}
+    for remark in found.remarks:
+        notes.setdefault(remark.place, []).append(remark.note)
+    return Found(list(map(str, found.faults)), list(map(str, found.remarks)), notes)
 
 
 def edit(path, old, new):
@@ -88,9 +102,9 @@ def shorter(seconds):
     return cut
 
 
-def test_a_sound_study_has_no_fault_and_says_what_it_will_use(moving_study):
+def test_a_sound_study_has_no_fault_and_its_remarks_list_what_will_be_used(moving_study):
     found = findings(moving_study)
-    assert found.faults == ()
+    assert found.faults == []
     for name in TRIALS:
         said = [r.removeprefix(f"{name}.c3d: ") for r in found.remarks if r.startswith(name)]
         assert said[0].startswith("12.0 s, 50 markers at 100 Hz, 2 plates at 1000 Hz, channels ")
@@ -100,28 +114,28 @@ def test_a_sound_study_has_no_fault_and_says_what_it_will_use(moving_study):
         assert any("axes point left, back, up" in line for line in said)
         assert any(re.fullmatch(r"body mass 74\.\d kg by the plates, .*", line) for line in said)
         assert "46 of the 46 markers of hbm2" in said
-        assert "will be locked at neutral: RToeFlexion, LToeFlexion" in said
+        assert "locked at neutral, for no marker shows them: RToeFlexion, LToeFlexion" in said
         assert f"platform pose from the markers {', '.join(lab.PLATFORM_MARKERS_M)}" in said
     assert "empty.c3d: compensates plate 1, plate 2" in found.remarks
 
 
-def test_what_is_predicted_comes_true(study, tmp_path):
-    """Locked coordinates, mass and body as check says them, and as the run then notes them."""
+def test_what_a_check_predicts_is_what_processing_finds(study, tmp_path):
+    """Locked coordinates and weighed mass."""
     arm = [f"R{name}" for name in ("LEE", "MEE", "FRM", "LW", "MW", "FIN")]
     change(study, "sub01_pitch", markers=without_markers(*arm))
     found = findings(study)
-    assert found.faults == ()
+    assert found.faults == []
     notes = process_trial(read_study(study), "sub01", "pitch").notes
-    said = [r.removeprefix("sub01_pitch.c3d: ") for r in found.remarks]
-    locked = next(str(note) for note in notes if note.code == "coordinates_locked")
-    predicted = next(r for r in said if r.startswith("will be locked") and "RElbow" in r)
-    assert predicted.split(": ")[1] == locked.split(": ")[1]
-    assert "RElbowFlexion" in locked
-    assert next(str(note) for note in notes if note.code == "mass_weighed") in said
-    assert any(line.endswith(f"missing: {', '.join(arm)}") for line in said)
+    predicted = found.notes["sub01_pitch.c3d"]
+    locked = next(note for note in notes if note.code == "coordinates_locked")
+    assert locked in predicted
+    assert "RElbowFlexion" in locked.values["coordinates"]
+    assert next(note for note in notes if note.code == "mass_weighed") in predicted
+    missing = next(note for note in predicted if note.code == "markers_missing")
+    assert missing.values["missing"] == tuple(arm)
 
 
-def test_gaps_are_told_with_the_markers_that_are_often_missing(study):
+def test_markers_with_gaps_are_counted_and_those_often_missing_named(study):
     def gaps(recording):
         position = recording.markers.position.copy()
         position[600:, recording.markers.names.index("LHEAD")] = np.nan
@@ -130,10 +144,10 @@ def test_gaps_are_told_with_the_markers_that_are_often_missing(study):
 
     change(study, "sub01_sway", markers=gaps)
     found = findings(study)
-    assert found.faults == ()
-    line = next(r for r in found.remarks if "have gaps" in r)
-    assert line.startswith("sub01_sway.c3d: 2 markers have gaps, and will be left out of the fit")
-    assert line.endswith("often missing: LHEAD 50 %")
+    assert found.faults == []
+    gaps = "sub01_sway.c3d: 2 markers have gaps and are left out of the fit there"
+    assert gaps in found.remarks
+    assert "sub01_sway.c3d: often missing: LHEAD 50 %" in found.remarks
 
 
 @pytest.mark.parametrize(
@@ -193,19 +207,19 @@ def test_a_trial_without_the_belts_speed_is_a_fault(study):
     assert any(f == "sub01_sway.c3d: no analog channel 'Belt.L'" for f in findings(study).faults)
 
 
-def test_faults_of_all_files_are_told_at_once(study):
+def test_faults_of_all_files_are_listed_at_once(study):
     change(study, "sub01_sway", analog=without_channels("Pulse", "A2X"), plates=lambda r: ())
     change(study, "sub01_pitch", markers=without_markers("PF1", "PF2", "LASIS", "RASIS"))
     found = findings(study)
-    told = "\n".join(found.faults)
+    faults = "\n".join(found.faults)
     assert main(["check", str(study)]) == 2
-    assert "sub01_sway.c3d: no force plates" in told
-    assert "sub01_sway.c3d: no analog channel 'Pulse'" in told
-    assert "sub01_pitch.c3d: platform markers PF1, PF2" in told
-    assert len([f for f in found.faults if f.startswith("sub01_pitch")]) == 2, told
+    assert "sub01_sway.c3d: no force plates" in faults
+    assert "sub01_sway.c3d: no analog channel 'Pulse'" in faults
+    assert "sub01_pitch.c3d: platform markers PF1, PF2" in faults
+    assert len([f for f in found.faults if f.startswith("sub01_pitch")]) == 2, faults
 
 
-def test_a_mass_that_cannot_be_weighed_is_asked_for(study):
+def test_a_mass_that_cannot_be_weighed_has_to_be_stated(study):
     def restless(recording):
         plates = []
         for plate in recording.plates:
@@ -217,7 +231,7 @@ def test_a_mass_that_cannot_be_weighed_is_asked_for(study):
     change(study, "sub01_sway", plates=restless)
     assert any("mass missing: nobody stands still" in fault for fault in findings(study).faults)
     edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nmass_kg = 74.6')
-    assert findings(study).faults == ()
+    assert findings(study).faults == []
 
 
 def test_a_trial_too_short_for_its_cycles_is_remarked(study):
@@ -236,26 +250,26 @@ def test_what_is_excluded_missing_or_twice_is_remarked(study):
     assert "sub03: no trial for baseline, sway, pitch" in remarks
 
 
-def test_a_study_without_calibration_is_told_that_nothing_is_compensated(study):
+def test_of_a_study_without_calibration_nothing_is_compensated(study):
     edit(study / "study.toml", 'calibration = "empty.c3d"', "")
     found = findings(study)
-    assert found.faults == ()
+    assert found.faults == []
     assert "study.toml: no treadmill.calibration, so nothing will be compensated" in found.remarks
 
 
-def test_a_static_recording_is_looked_at_too(study):
+def test_a_static_recording_is_checked_too(study):
     edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
     shutil.copy(study / "sub01_baseline.c3d", study / "pose.c3d")
     found = findings(study)
-    assert found.faults == ()
+    assert found.faults == []
     assert any("first 100 frames of pose.c3d" in remark for remark in found.remarks)
     (study / "pose.c3d").write_bytes(b"no c3d")
     (fault,) = findings(study).faults
     assert fault.startswith("pose.c3d: not a C3D file, nor ")
 
 
-def test_a_pose_after_the_beginning_is_found(study, monkeypatch):
-    """A fault of the beginning alone is none: here a marker that is covered for the first 3 s."""
+def test_a_marker_hidden_at_the_beginning_is_no_fault(study, monkeypatch):
+    """Where the beginning alone has a fault, the whole file decides: LASIS is hidden for 3 s."""
     monkeypatch.setattr("pipeline.io.preview.BEGINNING_FRAMES", 300)
 
     def covered(recording):
@@ -264,7 +278,7 @@ def test_a_pose_after_the_beginning_is_found(study, monkeypatch):
         return replace(recording.markers, position=position)
 
     change(study, "sub01_sway", markers=covered)
-    assert findings(study).faults == ()
+    assert findings(study).faults == []
 
 
 def test_hbm_check_prints_everything_and_what_to_do_next(moving_study, capsys):
@@ -323,4 +337,4 @@ def test_a_static_pose_without_plates_cannot_weigh(study):
     edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
     assert any("no plates to weigh by" in fault for fault in findings(study).faults)
     edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nmass_kg = 74.6')
-    assert findings(study).faults == ()
+    assert findings(study).faults == []
