@@ -10,14 +10,14 @@ from hbm.calibration_pose.anatomy import SIDES, Anatomy, HipRule, Measures, dist
 from hbm.calibration_pose.instants import calibrate
 from hbm.calibration_pose.landmarks import locate_anatomy
 from hbm.calibration_pose.shape import Shape, average, shape_of
-from hbm.coordinates import COORDINATES, LAST, MOVING, SEGMENTS, support
+from hbm.coordinates import COORDINATES, LAST_Q, SEGMENTS, SEGMENTS_WITH_MASS, support
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride, apply_overrides
 from hbm.poses import segment_frames
-from hbm.segments import NOTHING, Inertia, Proportions, Sex, proportions, segment_inertia
+from hbm.segments import NO_INERTIA, Inertia, Proportions, Sex, proportions, segment_inertia
 from hbm.spatial import Array, Indices
 
 __all__ = ["Body", "build_body"]
@@ -173,13 +173,13 @@ def _unlocated(anatomy: Anatomy) -> set[str]:
 
 def _unseen(seen: set[str]) -> tuple[str, ...]:
     """Coordinates beyond which no marker rides."""
-    shown = {i for s in seen for i in support(LAST[s])}
+    shown = {i for s in seen for i in support(LAST_Q[s])}
     return tuple(name for i, name in enumerate(COORDINATES) if i not in shown)
 
 
 def _inertias(shape: Shape, table: Mapping[str, Proportions], mass: float) -> dict[str, Inertia]:
     """Inertias of the moving segments; the toes' token mass is the foot's."""
-    inertias = {s: NOTHING for s in MOVING}
+    inertias = {s: NO_INERTIA for s in SEGMENTS_WITH_MASS}
     for s, parts in PARTS.items():
         for part in parts:
             row = table[part.removeprefix("right_").removeprefix("left_")]

@@ -1,17 +1,17 @@
-"""Clinical angles: the coordinates as the Human Body Model's export names and orders them.
+"""Clinical angles: the coordinates in the order and sequences of the Human Body Model's export.
 
-All coordinates but the shoulders' three turns are clinical angles already. Zero is the anatomical
-position: upright, arms hanging, palms forward, feet at right angles to the shanks (foot pronation
-and toes as in the calibration pose). A positive value means, on either side of the body alike:
+All coordinates but the shoulders' three rotations are clinical angles already. Zero is the
+anatomical position: upright, arms hanging, palms forward, feet at right angles to the shanks (foot
+pronation and toes as in the calibration pose). A positive value means, on both sides of the body:
 
 =========================  =====================================================================
 PelvisX, Y, Z              forward, left, up
-PelvisYaw                  turned to the left
+PelvisYaw                  rotated to the left
 PelvisForwardPitch         top tilted forward
 PelvisRightRoll            right side down
 Trunk-, HeadFlexion        bent forward
 Trunk-, HeadRightBend      bent to the right
-Trunk-, HeadLeftTwist      turned to the left
+Trunk-, HeadLeftTwist      rotated to the left
 ShoulderUp, -Forward       shoulder point up, forward
 ShoulderInward             shoulder point towards the middle of the body
 ShoulderFlexion            arm forward
@@ -30,9 +30,9 @@ FootPronation              lateral edge of the foot up
 ToeFlexion                 toes down
 =========================  =====================================================================
 
-About the lab's axes this means opposite turns left and right wherever the motion goes away from or
-towards the middle of the body: abduction turns about -x on the right and +x on the left, internal
-rotation about +z on the right and -z on the left.
+About the lab's axes, left and right are therefore opposite where the motion is away from or towards
+the middle of the body: abduction is about -x on the right and +x on the left, internal rotation
+about +z on the right and -z on the left.
 """
 
 from typing import Final, Literal
@@ -45,6 +45,7 @@ from hbm.spatial import Array
 
 AnkleZero = Literal["right_angle", "in_line"]
 ANKLE_IN_LINE_RAD: Final = np.radians(-78.0)
+"""Ankle angle of neutral standing in the Human Body Model: -90° + 12° (Wang's gait2d model)."""
 
 
 def clinical_angles(q: ArrayLike, *, ankle_zero: AnkleZero = "right_angle") -> Array:
@@ -55,9 +56,9 @@ def clinical_angles(q: ArrayLike, *, ankle_zero: AnkleZero = "right_angle") -> A
     q
         Coordinates in the order of `hbm.coordinates.COORDINATES`, (..., 46) [m and rad].
     ankle_zero
-        Where AnklePlantarFlexion is zero: "right_angle", foot at a right angle to the shank, or
-        "in_line", foot in line with the shank, as the Human Body Model has it: neutral standing
-        reads -78° there.
+        Zero of AnklePlantarFlexion: "right_angle", foot at a right angle to the shank, or
+        "in_line", foot in line with the shank, as in the Human Body Model, where neutral standing
+        is -78°.
 
     Returns
     -------
@@ -67,29 +68,29 @@ def clinical_angles(q: ArrayLike, *, ankle_zero: AnkleZero = "right_angle") -> A
     Raises
     ------
     ValueError
-        If the last dimension is not 46 or the ankle's zero is unknown.
+        If the last dimension is not 46 or ``ankle_zero`` is neither of the two.
 
     Notes
     -----
-    The body's shoulder turns by abduction a, flexion f, rotation i; the export's by flexion F,
-    abduction A, rotation I, each about the axes that the turns before it left. The same orientation
-    of the arm gives, on both sides::
+    The body's shoulder rotates by abduction a, flexion f, internal rotation i; the export's by
+    flexion F, abduction A, internal rotation I, each about axes moved by those before it. For the
+    same orientation of the arm, on both sides::
 
         sin A = sin a cos f
         F     = atan2(sin f, cos a cos f)
         I     = i + atan2(sin a sin f, cos a)
 
-    and a second solution F ± 180°, 180° - A, I ± 180°, which is taken where a is beyond 90°.
+    and a second solution F ± 180°, 180° - A, I ± 180°, which is used where a is beyond 90°.
 
     Singular at A = ±90°, that is an arm held straight out sideways, as in a T-pose: only the sum or
-    difference of F and I is defined there, and noise in them grows as 1/cos A. At the singularity
-    itself F is zero; passing it, F and I may jump by 180°. With hanging arms none of this happens.
+    difference of F and I is defined there, and their noise grows as 1/cos A. At the singularity
+    itself F is zero; across it, F and I may jump by 180°. Hanging arms are far from it.
 
     The ankle's zero is that of Wang's conversion to the gait2d model, ankle = -APF - 90° + 12°.
 
     Deviations from the original
     ----------------------------
-    The original solves for these shoulder angles directly, so which of the two solutions it is on
+    The original solves for these shoulder angles directly, so which of the two solutions it gives
     depends on the frames before.
     """
     q = np.asarray(q, float)
@@ -99,7 +100,7 @@ def clinical_angles(q: ArrayLike, *, ankle_zero: AnkleZero = "right_angle") -> A
         raise ValueError(f"ankle_zero must be 'right_angle' or 'in_line', got {ankle_zero!r}")
     out = q[..., [INDEX[name] for name in HBM_ORDER]]
     for side in "RL":
-        names = [f"{side}Shoulder{turn}" for turn in ("Abduction", "Flexion", "InternalRotation")]
+        names = [f"{side}Shoulder{axis}" for axis in ("Abduction", "Flexion", "InternalRotation")]
         own = np.stack([q[..., INDEX[name]] for name in names])
         for name, angle in zip(names, _flexion_first(*own), strict=True):
             out[..., HBM_ORDER.index(name)] = angle
@@ -109,16 +110,16 @@ def clinical_angles(q: ArrayLike, *, ankle_zero: AnkleZero = "right_angle") -> A
 
 
 def _flexion_first(a: Array, f: Array, i: Array) -> tuple[Array, Array, Array]:
-    """Give abduction, flexion and rotation of the sequence that begins with flexion."""
+    """Give abduction, flexion and internal rotation of the sequence that begins with flexion."""
     beyond = np.cos(a) < 0
     sign = np.where(beyond, -1.0, 1.0)
     abduction = np.arcsin(np.clip(np.sin(a) * np.cos(f), -1, 1))
     abduction = np.where(beyond, np.pi - abduction, abduction)
     flexion = np.arctan2(sign * np.sin(f), sign * np.cos(a) * np.cos(f))
     rotation = i + np.arctan2(sign * np.sin(a) * np.sin(f), sign * np.cos(a))
-    return _same_turn(abduction, a), _same_turn(flexion, f), rotation
+    return _nearest_equivalent(abduction, a), _nearest_equivalent(flexion, f), rotation
 
 
-def _same_turn(angle: Array, reference: Array) -> Array:
-    """Add full turns until an angle is within half a turn of the reference."""
+def _nearest_equivalent(angle: Array, reference: Array) -> Array:
+    """Add the full turns that bring an angle within half a turn of a reference."""
     return angle + 2 * np.pi * np.round((reference - angle) / (2 * np.pi))

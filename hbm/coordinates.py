@@ -4,16 +4,16 @@ Every coordinate is a joint with a single axis, so positions and velocities have
 Names are those of the Human Body Model (van den Bogert et al. 2013, Med Biol Eng Comput 51:1069).
 In the neutral pose (all coordinates zero) the person stands upright with the arms hanging, palms
 forward, and the frames of all segments are parallel to the lab: x forward, y left, z up.
-Of the original's 18 segments the mid trunk is welded to the thorax (no coordinate moves it), so
-17 move; the two shoulder points are massless frames that only carry the acromion markers.
+Of the original's 18 segments the mid trunk is welded to the thorax (no coordinate moves it), so 17
+have a mass; the two shoulder points are massless frames that only carry the acromion markers.
 
 Deviations from the original
 ----------------------------
 * Coordinates are numbered depth first (a limb from trunk to tip, right before left), because
   Pinocchio's composite-rigid-body algorithm needs contiguous subtrees; `HBM_ORDER` is the order of
   the original's export, which alternates right and left.
-* The shoulder turns by abduction, flexion, internal rotation, in this order. The original's order,
-  flexion first, is singular at 90° of abduction, that is in the T-pose.
+* The shoulder rotates by abduction, flexion, internal rotation, in this order. The original's
+  order, flexion first, is singular at 90° of abduction, that is in the T-pose.
 """
 
 from dataclasses import dataclass
@@ -30,18 +30,18 @@ DOWN: Final[Vector] = (0.0, 0.0, -1.0)
 
 @dataclass(frozen=True, slots=True)
 class Coordinate:
-    """One single-axis joint.
+    """A single-axis joint.
 
     Attributes
     ----------
     name
         The Human Body Model's name.
     segment
-        The segment that this coordinate, after the earlier ones of the same joint, moves.
+        The segment that it moves, together with the other coordinates of the same joint.
     parent
         Number of the coordinate before it in the chain, -1 at the ground.
     translates
-        Whether it slides along its axis [m] instead of turning about it [rad].
+        Whether it is a translation along its axis [m] instead of a rotation about it [rad].
     axis
         Axis in the neutral pose; None where the subject's own landmarks define it.
     """
@@ -53,7 +53,7 @@ class Coordinate:
     axis: Vector | None
 
 
-def _side(side: str) -> list[tuple[str, str, str, str, Vector | None]]:
+def _arm_and_leg(side: str) -> list[tuple[str, str, str, str, Vector | None]]:
     """Give the joints of one side: parent segment, segment, coordinate, kind, axis."""
     medial, outward, inward = (LEFT, BACK, UP) if side == "R" else (RIGHT, FORWARD, DOWN)
     name = {"R": "right_", "L": "left_"}[side]
@@ -62,41 +62,41 @@ def _side(side: str) -> list[tuple[str, str, str, str, Vector | None]]:
     )
     thigh, shank, foot, toes = (f"{name}{s}" for s in ("thigh", "shank", "foot", "toes"))
     return [
-        ("trunk", shoulder, f"{side}ShoulderUp", "slide", UP),
-        ("trunk", shoulder, f"{side}ShoulderForward", "slide", FORWARD),
-        ("trunk", shoulder, f"{side}ShoulderInward", "slide", medial),
-        (shoulder, arm, f"{side}ShoulderAbduction", "turn", outward),
-        (shoulder, arm, f"{side}ShoulderFlexion", "turn", RIGHT),
-        (shoulder, arm, f"{side}ShoulderInternalRotation", "turn", inward),
-        (arm, forearm, f"{side}ElbowFlexion", "turn", None),
-        (arm, forearm, f"{side}ForeArmPronation", "turn", None),
-        (forearm, hand, f"{side}WristFlexion", "turn", None),
-        (forearm, hand, f"{side}HandAbduction", "turn", None),
-        ("pelvis", thigh, f"{side}HipFlexion", "turn", RIGHT),
-        ("pelvis", thigh, f"{side}HipAbduction", "turn", outward),
-        ("pelvis", thigh, f"{side}HipInternalRotation", "turn", inward),
-        (thigh, shank, f"{side}KneeFlexion", "turn", None),
-        (shank, foot, f"{side}AnklePlantarFlexion", "turn", None),
-        (shank, foot, f"{side}FootPronation", "turn", None),
-        (foot, toes, f"{side}ToeFlexion", "turn", None),
+        ("trunk", shoulder, f"{side}ShoulderUp", "translation", UP),
+        ("trunk", shoulder, f"{side}ShoulderForward", "translation", FORWARD),
+        ("trunk", shoulder, f"{side}ShoulderInward", "translation", medial),
+        (shoulder, arm, f"{side}ShoulderAbduction", "rotation", outward),
+        (shoulder, arm, f"{side}ShoulderFlexion", "rotation", RIGHT),
+        (shoulder, arm, f"{side}ShoulderInternalRotation", "rotation", inward),
+        (arm, forearm, f"{side}ElbowFlexion", "rotation", None),
+        (arm, forearm, f"{side}ForeArmPronation", "rotation", None),
+        (forearm, hand, f"{side}WristFlexion", "rotation", None),
+        (forearm, hand, f"{side}HandAbduction", "rotation", None),
+        ("pelvis", thigh, f"{side}HipFlexion", "rotation", RIGHT),
+        ("pelvis", thigh, f"{side}HipAbduction", "rotation", outward),
+        ("pelvis", thigh, f"{side}HipInternalRotation", "rotation", inward),
+        (thigh, shank, f"{side}KneeFlexion", "rotation", None),
+        (shank, foot, f"{side}AnklePlantarFlexion", "rotation", None),
+        (shank, foot, f"{side}FootPronation", "rotation", None),
+        (foot, toes, f"{side}ToeFlexion", "rotation", None),
     ]
 
 
 def _tree() -> tuple[Coordinate, ...]:
-    right, left = _side("R"), _side("L")
+    right, left = _arm_and_leg("R"), _arm_and_leg("L")
     rows = [
-        ("ground", "pelvis", "PelvisX", "slide", FORWARD),
-        ("ground", "pelvis", "PelvisY", "slide", LEFT),
-        ("ground", "pelvis", "PelvisZ", "slide", UP),
-        ("ground", "pelvis", "PelvisYaw", "turn", UP),
-        ("ground", "pelvis", "PelvisForwardPitch", "turn", LEFT),
-        ("ground", "pelvis", "PelvisRightRoll", "turn", FORWARD),
-        ("pelvis", "trunk", "TrunkFlexion", "turn", LEFT),
-        ("pelvis", "trunk", "TrunkRightBend", "turn", FORWARD),
-        ("pelvis", "trunk", "TrunkLeftTwist", "turn", UP),
-        ("trunk", "head", "HeadFlexion", "turn", LEFT),
-        ("trunk", "head", "HeadRightBend", "turn", FORWARD),
-        ("trunk", "head", "HeadLeftTwist", "turn", UP),
+        ("ground", "pelvis", "PelvisX", "translation", FORWARD),
+        ("ground", "pelvis", "PelvisY", "translation", LEFT),
+        ("ground", "pelvis", "PelvisZ", "translation", UP),
+        ("ground", "pelvis", "PelvisYaw", "rotation", UP),
+        ("ground", "pelvis", "PelvisForwardPitch", "rotation", LEFT),
+        ("ground", "pelvis", "PelvisRightRoll", "rotation", FORWARD),
+        ("pelvis", "trunk", "TrunkFlexion", "rotation", LEFT),
+        ("pelvis", "trunk", "TrunkRightBend", "rotation", FORWARD),
+        ("pelvis", "trunk", "TrunkLeftTwist", "rotation", UP),
+        ("trunk", "head", "HeadFlexion", "rotation", LEFT),
+        ("trunk", "head", "HeadRightBend", "rotation", FORWARD),
+        ("trunk", "head", "HeadLeftTwist", "rotation", UP),
         *right[:10],
         *left[:10],
         *right[10:],
@@ -106,21 +106,31 @@ def _tree() -> tuple[Coordinate, ...]:
     last = {"ground": -1}
     for parent, segment, name, kind, axis in rows:
         before = last.get(segment, last[parent])
-        tree.append(Coordinate(name, segment, before, kind == "slide", axis))
+        tree.append(Coordinate(name, segment, before, kind == "translation", axis))
         last[segment] = len(tree) - 1
     return tuple(tree)
 
 
 TREE: Final = _tree()
+"""All coordinates, every one after its parent."""
+
 COORDINATES: Final = tuple(c.name for c in TREE)
-N: Final = len(TREE)
+N_Q: Final = len(TREE)
 INDEX: Final = {name: i for i, name in enumerate(COORDINATES)}
+"""Coordinate -> its number."""
+
+SIDES: Final = {"right": "R", "left": "L"}
+"""Side in the names of segments -> in those of coordinates, markers and landmarks."""
+
 SEGMENTS: Final = tuple(dict.fromkeys(c.segment for c in TREE))
 MASSLESS: Final = ("right_shoulder", "left_shoulder")
-MOVING: Final = tuple(s for s in SEGMENTS if s not in MASSLESS)
-LAST: Final = {c.segment: i for i, c in enumerate(TREE)}
-FIRST: Final = {s: next(i for i, c in enumerate(TREE) if c.segment == s) for s in SEGMENTS}
-PARENT: Final = {s: TREE[TREE[FIRST[s]].parent].segment for s in SEGMENTS if s != "pelvis"}
+SEGMENTS_WITH_MASS: Final = tuple(s for s in SEGMENTS if s not in MASSLESS)
+FIRST_Q: Final = {s: next(i for i, c in enumerate(TREE) if c.segment == s) for s in SEGMENTS}
+LAST_Q: Final = {c.segment: i for i, c in enumerate(TREE)}
+"""Segment -> numbers of the first and the last coordinate of its joint."""
+
+PARENT: Final = {s: TREE[TREE[FIRST_Q[s]].parent].segment for s in SEGMENTS if s != "pelvis"}
+"""Segment -> the segment that it is attached to."""
 
 
 def support(i: int) -> tuple[int, ...]:
@@ -148,3 +158,4 @@ def _hbm_order() -> tuple[str, ...]:
 
 
 HBM_ORDER: Final = _hbm_order()
+"""Names of the coordinates in the order of the original's export."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from hbm.calibration_pose.anatomy import SIDES, distance
-from hbm.coordinates import MOVING, PARENT, SEGMENTS
+from hbm.coordinates import PARENT, SEGMENTS, SEGMENTS_WITH_MASS
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
@@ -47,7 +47,7 @@ def describe(body: "Body") -> str:
         f"{'segment':16}{'mass':>8}{'length':>9}  {'centre of mass':>21}  {'inertia':>24}",
         f"{'':16}{'kg':>8}{'m':>9}  {'mm forward, left, up':>21}  {'kg·m², principal':>24}",
     ]
-    for s in MOVING:
+    for s in SEGMENTS_WITH_MASS:
         part, length = body.inertias[s], _length(body, s)
         moments = np.linalg.eigvalsh(part.tensor)
         lines.append(

@@ -6,19 +6,20 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import COORDINATES, INDEX, LAST, SEGMENTS, N, support
+from hbm.coordinates import COORDINATES, INDEX, LAST_Q, N_Q, SEGMENTS, support
 from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth
 from hbm.spatial import Array, read_only, shift_wrench
 
-CHUNK: Final = 2000
+FRAMES_AT_ONCE: Final = 2000
+"""Bounds the memory for the coordinates' motions, 2.2 kB a frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """Forces that a motion needs.
+    """Generalized forces and pelvis residual of a motion.
 
     Attributes
     ----------
@@ -41,8 +42,8 @@ class Dynamics:
 
     def __post_init__(self) -> None:
         frames = len(self.time)
-        shapes = {"time": (frames,), "tau": (frames, N), "residual": (frames, 6)}
-        for name, shape in (shapes | {"power": (frames, N)}).items():
+        shapes = {"time": (frames,), "tau": (frames, N_Q), "residual": (frames, 6)}
+        for name, shape in (shapes | {"power": (frames, N_Q)}).items():
             value = read_only(getattr(self, name))
             if value.shape != shape:
                 raise ValueError(f"dynamics: {name} must have shape {shape}, got {value.shape}")
@@ -85,7 +86,7 @@ def filter_motion(motion: Motion, *, cutoff: float = 6.0, method: Method = "zero
 def inverse_dynamics(
     body: Body, motion: Motion, wrenches: Mapping[str, Array], *, jobs: int = 1
 ) -> Dynamics:
-    """Find the generalized forces that a motion needs, given what acts on it from outside.
+    """Find the generalized forces of a motion under external wrenches.
 
     Parameters
     ----------
@@ -95,8 +96,8 @@ def inverse_dynamics(
         Filtered motion, with ``v`` and ``a``.
     wrenches
         Segment -> wrench acting on it, (T, 6) [N, N·m], lab axes about the lab origin; low-passed
-        with the same filter as the motion. The residual does not depend on which segment a wrench
-        is given to; the joints' forces do.
+        with the same filter as the motion. The joints' forces depend on the segment that a wrench
+        acts on; the residual does not.
     jobs
         Threads.
 
@@ -127,7 +128,7 @@ def inverse_dynamics(
 def inverse_dynamics_variants(
     body: Body, motion: Motion, variants: list[Mapping[str, Array]], *, jobs: int = 1
 ) -> list[Dynamics]:
-    """Do `inverse_dynamics` for several sets of wrenches in one pass over the kinematics.
+    """Do `inverse_dynamics` for several sets of wrenches in one evaluation of the kinematics.
 
     Parameters
     ----------
@@ -153,25 +154,25 @@ def inverse_dynamics_variants(
     if frames and np.isnan(motion.v).all() and not np.isnan(motion.q).all():
         raise ValueError("the motion has no velocities; filter it first with filter_motion")
 
-    forces = [np.empty((frames, N)) for _ in variants]
+    forces = [np.empty((frames, N_Q)) for _ in variants]
     residuals = [np.empty((frames, 6)) for _ in variants]
-    for first in range(0, frames, CHUNK):
-        some = slice(first, first + CHUNK)
-        rates = (x[some] for x in (motion.q, motion.v, motion.a))
+    for first in range(0, frames, FRAMES_AT_ONCE):
+        block = slice(first, first + FRAMES_AT_ONCE)
+        state = (x[block] for x in (motion.q, motion.v, motion.a))
         tau, needed, subspace = kernels().newton_euler(
-            *rates, body.geometry, body.inertia_vector, jobs=jobs
+            *state, body.geometry, body.inertia_vector, jobs=jobs
         )
-        subspace = subspace.reshape(-1, N, 6)
+        subspace = subspace.reshape(-1, N_Q, 6)
         for wrenches, force, residual in zip(variants, forces, residuals, strict=True):
-            outside = np.zeros_like(needed)
-            force[some] = tau
+            external = np.zeros_like(needed)
+            force[block] = tau
             for segment, wrench in wrenches.items():
-                own = np.asarray(wrench, float)[some]
-                outside += own
-                chain = np.array(support(LAST[segment]))
-                moment_first = np.concatenate([own[:, 3:], own[:, :3]], axis=1)
-                force[some, chain] -= np.einsum("tci,ti->tc", subspace[:, chain], moment_first)
-            residual[some] = shift_wrench(needed - outside, motion.q[some, :3])
+                acting = np.asarray(wrench, float)[block]
+                external += acting
+                chain = np.array(support(LAST_Q[segment]))
+                moment_first = np.concatenate([acting[:, 3:], acting[:, :3]], axis=1)
+                force[block, chain] -= np.einsum("tci,ti->tc", subspace[:, chain], moment_first)
+            residual[block] = shift_wrench(needed - external, motion.q[block, :3])
     return [
         Dynamics(motion.time, force, residual, force * motion.v)
         for force, residual in zip(forces, residuals, strict=True)

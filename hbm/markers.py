@@ -1,9 +1,8 @@
-"""Marker trajectories and marker sets: what the body model is fed, and what rides on what."""
+"""Marker trajectories, and marker sets: the segment and the landmark of each marker."""
 
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
 from typing import Any, Final
@@ -12,6 +11,7 @@ import numpy as np
 
 from hbm.coordinates import SEGMENTS
 from hbm.spatial import Array, read_only
+from hbm.spelling import did_you_mean
 
 LANDMARKS: Final = (
     *("LASIS", "RASIS", "LPSIS", "RPSIS", "SACR", "C7", "T10", "JN", "XIPH"),
@@ -20,6 +20,13 @@ LANDMARKS: Final = (
     *(f"{side}{name}" for side in "LR" for name in ("HEE", "MT2", "MT5", "TOE")),
     *(f"{side}{name}" for side in "LR" for name in ("SHO", "LEE", "MEE", "LW", "MW", "FIN")),
 )
+"""Anatomical landmarks that a marker can mark; ``marker_sets.toml`` explains their names."""
+
+MIN_SHARE_OF_SET: Final = 2 / 3
+"""Of a marker set's labels that must be present for a trial to be recognised as using it."""
+
+MAX_LABELS_LISTED: Final = 8
+"""In an error message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +73,7 @@ class Markers:
 
 @dataclass(frozen=True, slots=True)
 class MarkerSet:
-    """Which marker rides on which segment, and which anatomical landmark it marks.
+    """The segment that each marker is attached to, and the landmark that it marks.
 
     Attributes
     ----------
@@ -75,7 +82,7 @@ class MarkerSet:
     segment
         Marker -> segment.
     landmark
-        Landmark -> marker; markers that mark none only track.
+        Landmark -> marker. A marker without a landmark only tracks its segment.
     """
 
     name: str
@@ -93,12 +100,12 @@ def read_marker_set(text: str, name: str = "own") -> MarkerSet:
         TOML with a table ``[markers]``: ``LABEL = ["segment"]`` for a tracking marker,
         ``LABEL = ["segment", "LANDMARK"]`` for a landmark. An optional ``title``.
     name
-        What to call it.
+        Its name, also in errors.
 
     Returns
     -------
     MarkerSet
-        The set, checked.
+        The checked set.
 
     Raises
     ------
@@ -140,12 +147,6 @@ def _marker_set(name: str, table: dict[str, Any]) -> MarkerSet:
     return MarkerSet(name, title, segment, landmark)
 
 
-def did_you_mean(word: object, known: Iterable[str]) -> str:
-    """Give ``", did you mean 'x'?"`` for the nearest known word, or nothing."""
-    close = get_close_matches(str(word), list(known), n=1)
-    return f", did you mean {close[0]!r}?" if close else ""
-
-
 @cache
 def marker_sets() -> Mapping[str, MarkerSet]:
     """Give the marker sets that ship with the package, by name."""
@@ -164,31 +165,31 @@ def recognise_marker_set(names: Iterable[str]) -> MarkerSet:
     Returns
     -------
     MarkerSet
-        The set with the most labels present, relative to the larger of set and match; at least
-        two thirds of a set have to be there.
+        The set of which most labels are present; of equals the smaller. At least two thirds of
+        its labels must be.
 
     Raises
     ------
     ValueError
-        If the labels match no set; the message says what is nearest.
+        If the labels match no set; the message names the nearest.
     """
     present = set(names)
     found = {s.name: len(present & set(s.segment)) for s in marker_sets().values()}
     best = max(marker_sets().values(), key=lambda s: (found[s.name], -len(s.segment)))
-    if found[best.name] < 2 / 3 * len(best.segment):
+    if found[best.name] < MIN_SHARE_OF_SET * len(best.segment):
         missing = sorted(set(best.segment) - present)
+        more = ", …" if len(missing) > MAX_LABELS_LISTED else ""
         raise ValueError(
             f"the markers match no known set; nearest is {best.name!r} with {found[best.name]} of "
-            f"{len(best.segment)} present (missing {', '.join(missing[:8])}"
-            f"{', …' if len(missing) > 8 else ''}){_other_capitals(names)}; rename them or give a "
-            "marker set of your own"
+            f"{len(best.segment)} present (missing {', '.join(missing[:MAX_LABELS_LISTED])}{more})"
+            f"{_other_case(names)}; rename them or give a marker set of your own"
         )
     return best
 
 
-def _other_capitals(names: Iterable[str]) -> str:
-    """Say which labels are known ones but for their capitals."""
+def _other_case(names: Iterable[str]) -> str:
+    """Say which labels differ from known ones only in upper and lower case."""
     known = {name.casefold(): name for each in marker_sets().values() for name in each.segment}
     pairs = [(name, known[name.casefold()]) for name in names if name.casefold() in known]
     differ = [f"{name!r} for {label}" for name, label in pairs if name != label]
-    return f"; {len(differ)} differ in capitals only, such as {differ[0]}" if differ else ""
+    return f"; {len(differ)} differ in case only, such as {differ[0]}" if differ else ""

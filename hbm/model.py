@@ -7,9 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from hbm.coordinates import COORDINATES, FIRST, LAST, MOVING, SEGMENTS, TREE
+from hbm.coordinates import (
+    COORDINATES,
+    FIRST_Q,
+    LAST_Q,
+    SEGMENTS,
+    SEGMENTS_WITH_MASS,
+    TREE,
+)
 from hbm.describe import describe
-from hbm.kernels.skeleton import OFFSETS, OWN_AXES
+from hbm.kernels.skeleton import JOINTED_SEGMENTS, SUBJECT_AXES
 from hbm.markers import MarkerSet
 from hbm.notes import Note
 from hbm.segments import Inertia, Sex
@@ -80,14 +87,14 @@ class Body:
     @property
     def geometry(self) -> Array:
         """Offsets and hinge axes as one vector, in the order the kernels take them."""
-        axes = [self.axes[COORDINATES[i]] for i in OWN_AXES]
-        return np.concatenate([*(self.offsets[s] for s in OFFSETS), *axes])
+        axes = [self.axes[COORDINATES[i]] for i in SUBJECT_AXES]
+        return np.concatenate([*(self.offsets[s] for s in JOINTED_SEGMENTS), *axes])
 
     @property
     def inertia_vector(self) -> Array:
         """Mass, centre and inertia (xx yy zz xy xz yz) of the moving segments as one vector."""
         rows = []
-        for s in MOVING:
+        for s in SEGMENTS_WITH_MASS:
             i, t = self.inertias[s], self.inertias[s].tensor
             products = [t[0, 1], t[0, 2], t[1, 2]]
             rows.append([i.mass, *i.center, *np.diag(t), *products])
@@ -120,17 +127,17 @@ def pin_model(body: Body) -> Any:
     model.name = "human_body_model"
     for i, c in enumerate(TREE):
         axis = np.array(body.axes[c.name] if c.axis is None else c.axis)
-        first = i == FIRST[c.segment] and c.segment in body.offsets
+        first = i == FIRST_Q[c.segment] and c.segment in body.offsets
         offset = np.array(body.offsets[c.segment]) if first else np.zeros(3)
         kind = pin.JointModelPrismaticUnaligned if c.translates else pin.JointModelRevoluteUnaligned
         model.addJoint(c.parent + 1, kind(*axis), pin.SE3(np.eye(3), offset), c.name)
     for s, part in body.inertias.items():
         inertia = pin.Inertia(part.mass, np.array(part.center), np.array(part.tensor))
-        model.appendBodyToJoint(LAST[s] + 1, inertia, pin.SE3.Identity())
+        model.appendBodyToJoint(LAST_Q[s] + 1, inertia, pin.SE3.Identity())
     for s in SEGMENTS:
-        model.addFrame(pin.Frame(s, LAST[s] + 1, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+        model.addFrame(pin.Frame(s, LAST_Q[s] + 1, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     rows = zip(body.markers, body.marker_segment, body.marker_position, strict=True)
     for name, s, position in rows:
         place = pin.SE3(np.eye(3), np.array(position))
-        model.addFrame(pin.Frame(name, LAST[s] + 1, 0, place, pin.FrameType.SENSOR))
+        model.addFrame(pin.Frame(name, LAST_Q[s] + 1, 0, place, pin.FrameType.SENSOR))
     return model

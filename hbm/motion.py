@@ -1,11 +1,11 @@
-"""Motion: the coordinates of a trial over time, and how well they explain the markers."""
+"""Motion: the coordinates of a trial over time, and how closely they fit the markers."""
 
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import COORDINATES, INDEX, N
+from hbm.coordinates import COORDINATES, INDEX, N_Q
 from hbm.spatial import Array, Mask, read_only
 
 FLAGS: Final = ("converged", "observed")
@@ -25,14 +25,14 @@ class Motion:
         [m and rad, per s, per s²]. ``v`` and ``a`` are NaN until the motion has been filtered. A
         frame that could not be solved is NaN.
     markers
-        Names of the markers it was solved from, (K,).
+        Names of the markers that it was solved from, (K,).
     marker_error
         Distance of each marker from the model, (T, K) [m]; NaN where the marker was missing.
     converged
         Whether the inverse kinematics converged, (T,).
     observed
-        Which coordinates the visible markers determined, (T, 46); the others were locked at
-        neutral or bridged in time.
+        Whether the visible markers determined each coordinate, (T, 46); the others were held at
+        zero or interpolated in time.
     gradient
         Largest entry of the cost's gradient at the last step, (T,) [m and m²/rad]; NaN where
         nothing was solved.
@@ -52,12 +52,12 @@ class Motion:
         frames = len(self.time)
         shapes = {
             "time": (frames,),
-            "q": (frames, N),
-            "v": (frames, N),
-            "a": (frames, N),
+            "q": (frames, N_Q),
+            "v": (frames, N_Q),
+            "a": (frames, N_Q),
             "marker_error": (frames, len(self.markers)),
             "converged": (frames,),
-            "observed": (frames, N),
+            "observed": (frames, N_Q),
         }
         if self.gradient is None:
             object.__setattr__(self, "gradient", np.full(frames, np.nan))

@@ -1,4 +1,4 @@
-"""What is known of a segment better than the table says: prostheses, braces, shoes, scans."""
+"""Segment inertias that are known better than from a table: prostheses, braces, shoes, scans."""
 
 import tomllib
 from collections.abc import Mapping
@@ -7,19 +7,27 @@ from typing import Any, Final
 
 import numpy as np
 
-from hbm.coordinates import MOVING
-from hbm.markers import did_you_mean
+from hbm.coordinates import SEGMENTS_WITH_MASS
 from hbm.segments import Inertia
 from hbm.spatial import Array, read_only
+from hbm.spelling import did_you_mean
 
-LONGEST_M: Final = 1.0
-MOST_KG_M2: Final = 10.0
+MAX_CENTER_DISTANCE_M: Final = 1.0
+"""Of a centre of mass from the joint: no segment is longer; numbers beyond it are millimetres."""
+
+MAX_MOMENT_KG_M2: Final = 10.0
+"""Of a principal moment of inertia: several times that of a heavy person's trunk."""
+
+MAX_ROUNDING: Final = 1e-9
+"""Relative to the largest principal moment, when a tensor is checked."""
+
 COUNTS: Final = {"mass_kg": (1,), "center_m": (3,), "inertia_kg_m2": (3, 6)}
+"""Key of the file -> how many numbers it may have."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SegmentOverride:
-    """What replaces the table's values of one segment; what is None stays.
+    """Values that replace the table's for one segment; None keeps the table's.
 
     Attributes
     ----------
@@ -32,7 +40,8 @@ class SegmentOverride:
         Moment of inertia about the centre of mass in that frame, (3, 3) [kg·m²]. Without it the
         table's scales with the mass.
     worn
-        What the segment carries besides: a shoe, a brace, a part of an exoskeleton, in its frame.
+        What is worn on the segment in addition: a shoe, a brace, a part of an exoskeleton, in the
+        segment's frame.
     """
 
     mass_kg: float | None = None
@@ -49,10 +58,10 @@ class SegmentOverride:
                 continue
             if np.shape(value) != shape or not np.isfinite(value).all():
                 raise ValueError(f"{name} must be {shape} finite numbers, got {value}")
-            if name == "center_m" and np.abs(value).max() > LONGEST_M:
+            if name == "center_m" and np.abs(value).max() > MAX_CENTER_DISTANCE_M:
                 raise ValueError(
-                    f"center_m must be within {LONGEST_M:g} m of the joint, got {list(value)}; "
-                    "that looks like millimetres"
+                    f"center_m must be within {MAX_CENTER_DISTANCE_M:g} m of the joint, "
+                    f"got {list(value)}; that looks like millimetres"
                 )
             object.__setattr__(self, name, read_only(value))
         for tensor in (self.inertia_kg_m2, self.worn.tensor if self.worn else None):
@@ -61,18 +70,18 @@ class SegmentOverride:
 
 
 def _require_physical(tensor: Array) -> None:
-    """Refuse what no body can have: moments are not negative, none exceeds the other two's sum."""
+    """Refuse a tensor with a negative moment, or with one above the sum of the other two."""
     moments = np.linalg.eigvalsh(tensor)
-    slack = 1e-9 * max(1e-12, float(moments[2]))
+    slack = MAX_ROUNDING * max(1e-12, float(moments[2]))
     if not np.allclose(tensor, tensor.T) or moments[0] < -slack:
         raise ValueError("inertia_kg_m2 must be symmetric with no negative principal moment")
-    if moments[2] > MOST_KG_M2:
+    if moments[2] > MAX_MOMENT_KG_M2:
         raise ValueError(
-            f"inertia_kg_m2 must be at most {MOST_KG_M2:g} kg·m², got {moments[2]:g}; no segment "
-            "of a person has more"
+            f"inertia_kg_m2 must be at most {MAX_MOMENT_KG_M2:g} kg·m², got {moments[2]:g}; no "
+            "segment of a person has more"
         )
     if moments[2] > moments[0] + moments[1] + slack:
-        raise ValueError("inertia_kg_m2 has a principal moment greater than the other two together")
+        raise ValueError("inertia_kg_m2 has a principal moment above the sum of the other two")
 
 
 def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverride]:
@@ -85,7 +94,7 @@ def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverr
         principal moments, or 6: xx yy zz xy xz yz), each optional. A table ``worn`` in it, with
         the same keys, of which mass and centre are needed, is added to the segment.
     name
-        What to call the text in errors.
+        Name of the text in errors.
 
     Returns
     -------
@@ -95,8 +104,8 @@ def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverr
     Raises
     ------
     ValueError
-        If the text is not TOML, a segment or key is unknown, or a value makes no sense; the
-        message lists all such faults.
+        If the text is not TOML, a segment or key is unknown, or a value is impossible; the message
+        lists all such faults.
     """
     try:
         table = tomllib.loads(text)
@@ -104,8 +113,8 @@ def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverr
         raise ValueError(f"{name} is not valid TOML: {error}") from error
     overrides, faults = {}, []
     for segment, entry in table.items():
-        if segment not in MOVING:
-            faults.append(f"no segment {segment!r}{did_you_mean(segment, MOVING)}")
+        if segment not in SEGMENTS_WITH_MASS:
+            faults.append(f"no segment {segment!r}{did_you_mean(segment, SEGMENTS_WITH_MASS)}")
             continue
         try:
             overrides[segment] = _override(entry)
@@ -132,16 +141,17 @@ def _override(entry: Any) -> SegmentOverride:
 
 
 def _values(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Check numbers and their count; a mass is one number, the others are arrays."""
+    """Check the numbers of a table; a mass becomes one number, the others become arrays."""
     values: dict[str, Any] = {}
     for key, value in entry.items():
         if key not in COUNTS:
             raise ValueError(f"no key {key!r}{did_you_mean(key, (*COUNTS, 'worn'))}")
         numbers = [value] if key == "mass_kg" else value
-        right = isinstance(numbers, list) and len(numbers) in COUNTS[key]
-        if not right or any(type(x) not in (int, float) for x in numbers):
+        counted = isinstance(numbers, list) and len(numbers) in COUNTS[key]
+        if not counted or any(type(x) not in (int, float) for x in numbers):
             wanted = " or ".join(str(n) for n in COUNTS[key])
-            raise ValueError(f"{key} must be {wanted} in number, got {value!r}")
+            plural = "" if COUNTS[key] == (1,) else "s"
+            raise ValueError(f"{key} must be {wanted} number{plural}, got {value!r}")
         values[key] = float(value) if key == "mass_kg" else np.array(numbers, float)
     if "inertia_kg_m2" in values:
         xx, yy, zz, xy, xz, yz = [*values["inertia_kg_m2"], 0.0, 0.0, 0.0][:6]
@@ -152,7 +162,7 @@ def _values(entry: Mapping[str, Any]) -> dict[str, Any]:
 def apply_overrides(
     inertias: Mapping[str, Inertia], overrides: Mapping[str, SegmentOverride], mass: float
 ) -> dict[str, Inertia]:
-    """Put overrides into a body's inertias so that the whole still weighs what the plates say.
+    """Replace a body's inertias by overrides without changing its total mass.
 
     Parameters
     ----------
@@ -161,12 +171,13 @@ def apply_overrides(
     overrides
         By segment.
     mass
-        Everything together, prostheses and shoes included [kg].
+        Total mass, prostheses and shoes included [kg].
 
     Returns
     -------
     dict[str, Inertia]
-        Segments whose mass is not overridden share the rest in the table's proportions.
+        By segment. Segments whose mass is not overridden share the remaining mass in the table's
+        proportions.
 
     Raises
     ------
@@ -176,7 +187,7 @@ def apply_overrides(
     for segment in overrides:
         if segment not in inertias:
             hint = did_you_mean(segment, inertias)
-            raise ValueError(f"override for {segment!r}, which is no moving segment{hint}")
+            raise ValueError(f"override for {segment!r}, which is not a segment with mass{hint}")
     stated = {s: o.mass_kg for s, o in overrides.items() if o.mass_kg is not None}
     worn = sum(o.worn.mass for o in overrides.values() if o.worn)
     table = sum(part.mass for s, part in inertias.items() if s not in stated)

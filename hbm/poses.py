@@ -1,4 +1,4 @@
-"""Where segments and markers of a body are at given coordinates."""
+"""Poses of segments and positions of markers at given coordinates."""
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def segment_frames(body: Body, q: Array, *, jobs: int = 1) -> tuple[Array, Array
 
 
 def marker_positions(body: Body, q: Array, *, jobs: int = 1) -> Array:
-    """Give the markers' places on the model, in the order of ``body.markers``.
+    """Give the positions of the markers on the model, in the order of ``body.markers``.
 
     Parameters
     ----------
@@ -51,5 +51,5 @@ def marker_positions(body: Body, q: Array, *, jobs: int = 1) -> Array:
     """
     rotation, origin = segment_frames(body, q, jobs=jobs)
     own = [SEGMENTS.index(s) for s in body.marker_segment]
-    turned = np.einsum("tkij,kj->tki", rotation[:, own], body.marker_position)
-    return np.asarray(origin[:, own] + turned)
+    from_joint = np.einsum("tkij,kj->tki", rotation[:, own], body.marker_position)
+    return np.asarray(origin[:, own] + from_joint)

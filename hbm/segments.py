@@ -16,13 +16,15 @@ from hbm.spatial import Array, read_only, skew
 
 Sex = Literal["male", "female", "unspecified"]
 SEXES: Final[tuple[Sex, ...]] = ("male", "female", "unspecified")
-STATURE_M: Final = {"male": 1.741, "female": 1.735}
+SAMPLE_STATURE_M: Final = {"male": 1.741, "female": 1.735}
+"""Mean of de Leva's samples."""
+
 PAIRED: Final = ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
 
 
 @dataclass(frozen=True, slots=True)
 class Proportions:
-    """What the table says of one segment.
+    """One segment's row of the table.
 
     Attributes
     ----------
@@ -58,7 +60,7 @@ def _table(sex: Literal["male", "female"]) -> dict[str, Proportions]:
                 float(row["k_transverse_pct"]) / 100,
                 float(row["k_longitudinal_pct"]) / 100,
             ),
-            length=float(row["length_mm"]) / 1000 / STATURE_M[sex],
+            length=float(row["length_mm"]) / 1000 / SAMPLE_STATURE_M[sex],
         )
         for s, row in raw.items()
     }
@@ -108,7 +110,7 @@ def _mean(a: Proportions, b: Proportions) -> Proportions:
 
 @dataclass(frozen=True, slots=True)
 class Inertia:
-    """Inertia of a rigid part in some frame.
+    """Mass, centre of mass and moment of inertia of a rigid part, in a frame.
 
     Attributes
     ----------
@@ -127,7 +129,7 @@ class Inertia:
     def __post_init__(self) -> None:
         center, tensor = read_only(self.center), read_only(self.tensor)
         if not self.mass >= 0:
-            raise ValueError(f"a mass cannot be negative, got {self.mass:g} kg")
+            raise ValueError(f"a mass must not be negative, got {self.mass:g} kg")
         if center.shape != (3,) or tensor.shape != (3, 3):
             raise ValueError(
                 f"centre and inertia must have shapes (3,) and (3, 3), "
@@ -137,30 +139,31 @@ class Inertia:
         object.__setattr__(self, "tensor", tensor)
 
     def __add__(self, other: "Inertia") -> "Inertia":
-        """Weld two parts given in the same frame (parallel-axis theorem)."""
+        """Join two parts rigidly, given in the same frame (parallel-axis theorem)."""
         mass = self.mass + other.mass
         if mass == 0:
             return self
         center = (self.mass * self.center + other.mass * other.center) / mass
         tensor = np.zeros((3, 3))
         for part in (self, other):
-            away = skew(part.center - center)
-            tensor += part.tensor - part.mass * away @ away
+            lever = skew(part.center - center)
+            tensor += part.tensor - part.mass * lever @ lever
         return Inertia(mass, center, tensor)
 
-    def seen_from(self, rotation: Array, origin: Array) -> "Inertia":
-        """Give the same part in a frame with this orientation and origin (columns: its axes)."""
-        back = rotation.T
-        return Inertia(self.mass, back @ (self.center - origin), back @ self.tensor @ rotation)
+    def in_frame(self, rotation: Array, origin: Array) -> "Inertia":
+        """Give the same part in a frame of this orientation (columns: its axes) and origin."""
+        inverse = rotation.T
+        center = inverse @ (self.center - origin)
+        return Inertia(self.mass, center, inverse @ self.tensor @ rotation)
 
 
-NOTHING: Final = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+NO_INERTIA: Final = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def segment_inertia(
     part: Proportions, mass: float, proximal: Array, distal: Array, lateral: Array
 ) -> Inertia:
-    """Place a segment's inertia between its ends.
+    """Scale a segment's inertia to its ends.
 
     Parameters
     ----------

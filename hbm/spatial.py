@@ -107,8 +107,8 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Array:
         Rotation matrices, (..., 3, 3).
     """
     cross, angle = skew(axis), np.asarray(angle, float)[..., None, None]
-    turn: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-    return turn
+    rotation: Array = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    return rotation
 
 
 def skew(vector: ArrayLike) -> Array:

@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import TREE, N
+from hbm.coordinates import N_Q, TREE
 from hbm.spatial import Array
 
 ROTATIONS: Final = tuple(i for i, c in enumerate(TREE) if not c.translates)
@@ -14,7 +14,7 @@ MIN_JUMP_RAD: Final = np.pi / 2
 
 def _ball_joints() -> tuple[int, ...]:
     """First coordinates of joints that rotate about three axes at right angles."""
-    triples = [TREE[i : i + 3] for i in range(N - 2)]
+    triples = [TREE[i : i + 3] for i in range(N_Q - 2)]
     return tuple(
         i
         for i, joint in enumerate(triples)

@@ -13,7 +13,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from hbm.coordinates import N
+from hbm.coordinates import N_Q
 from hbm.ik.attachment import MarkerAttachment
 from hbm.kernels.kernel import Kernels, in_threads
 from hbm.kernels.native import kernels
@@ -75,10 +75,10 @@ class Solved:
     def empty(cls, frames: int, markers: int) -> "Solved":
         """Give room for the optima of frames."""
         return cls(
-            np.empty((frames, N)),
+            np.empty((frames, N_Q)),
             np.zeros(frames, bool),
             np.full(frames, np.nan),
-            np.empty((frames, N)),
+            np.empty((frames, N_Q)),
             np.empty((frames, markers)),
         )
 
@@ -219,7 +219,7 @@ def _interpreted(
     measured = attachment.measured(rows) - origin[:, None, :3]
     terms = attachment.sums(measured), prior, reference - origin
     q = start - origin
-    accepted_q, step, pivots = q.copy(), np.zeros((total, N)), np.full((total, N), np.nan)
+    accepted_q, step, pivots = q.copy(), np.zeros((total, N_Q)), np.full((total, N_Q), np.nan)
     cost, gradient = np.full(total, np.inf), np.full(total, np.nan)
     curvature, reductions, converged = np.ones(total), np.zeros(total, int), np.zeros(total, bool)
     active = np.flatnonzero(~np.isnan(start).any(axis=1))

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import FIRST, LAST, PARENT, SEGMENTS, TREE, N, support
+from hbm.coordinates import FIRST_Q, LAST_Q, N_Q, PARENT, SEGMENTS, TREE, support
 from hbm.ik.rotations import hinge_angles, nearest_rotation, rotation_terms, three_angles
 from hbm.spatial import Array, Indices, Mask, rotation_about
 
@@ -98,7 +98,8 @@ class _Start:
         own = np.array(segment)
         self.columns = {s: np.flatnonzero(own == s) for s in SEGMENTS}
         self.rotations = {
-            s: [i for i in range(FIRST[s], LAST[s] + 1) if not TREE[i].translates] for s in SEGMENTS
+            s: [i for i in range(FIRST_Q[s], LAST_Q[s] + 1) if not TREE[i].translates]
+            for s in SEGMENTS
         }
         self.axis = np.array([axes[c.name] if c.axis is None else c.axis for c in TREE], float)
         self.terms = rotation_terms(self.axis)
@@ -114,13 +115,13 @@ class _Start:
                 continue
             tries = len(AXIAL_ROTATIONS_RAD)
             again, axial = np.tile(unclear, tries), np.repeat(AXIAL_ROTATIONS_RAD, len(unclear))
-            chain = [s for s in SEGMENTS[1:] if s in limb or FIRST[s] in support(FIRST[first])]
+            chain = [s for s in SEGMENTS[1:] if s in limb or FIRST_Q[s] in support(FIRST_Q[first])]
             tried_q, tried_poses = self.align(again, R[again], o[again], axial, chain)
             before = self.misfit(unclear, limb, q[unclear], poses, unclear)
             after = self.misfit(again, limb, tried_q, tried_poses).reshape(tries, -1)
             best = after.argmin(axis=0) * len(unclear) + np.arange(len(unclear))
             better = after.min(axis=0) < before
-            coordinates = slice(FIRST[first], LAST[limb[-1]] + 1)
+            coordinates = slice(FIRST_Q[first], LAST_Q[limb[-1]] + 1)
             q[unclear[better], coordinates] = tried_q[best[better], coordinates]
         q[~solved] = np.nan
         return q
@@ -172,7 +173,7 @@ class _Start:
         poses
             Segment -> its rotation, (F, 3, 3), and origin, (F, 3).
         """
-        q = np.zeros((len(rows), N))
+        q = np.zeros((len(rows), N_Q))
         q[:, :3], q[:, 3:6] = o, three_angles(R, 3)
         poses = {"pelvis": (R, o)}
         for s in segments:
@@ -189,8 +190,8 @@ class _Start:
             elif len(own):
                 mean = (to_parent @ _mean(w, from_joint)[..., None])[..., 0]
                 translation = mean - _mean(w, self.local[own])
-                along = self.axis[FIRST[s] : LAST[s] + 1]
-                q[:, FIRST[s] : LAST[s] + 1] = translation @ along.T
+                along = self.axis[FIRST_Q[s] : LAST_Q[s] + 1]
+                q[:, FIRST_Q[s] : LAST_Q[s] + 1] = translation @ along.T
                 o = o + (R @ translation[..., None])[..., 0]
             poses[s] = R, o
         return q, poses
@@ -223,7 +224,7 @@ class _Start:
         Array
             (F,) [m² times the weights].
         """
-        total = (q[:, FIRST[limb[1]]] < MIN_FLEXION_RAD).astype(float)
+        total = (q[:, FIRST_Q[limb[1]]] < MIN_FLEXION_RAD).astype(float)
         for s in limb:
             R, o = (x if selected is None else x[selected] for x in poses[s])
             own = self.columns[s]

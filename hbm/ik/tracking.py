@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
+from hbm.coordinates import COORDINATES, INDEX, N_Q, SEGMENTS, TREE
 from hbm.ik.attachment import MarkerAttachment
 from hbm.ik.continuity import continuous
 from hbm.ik.descent import Solved, solve_frames
@@ -89,10 +89,10 @@ class Tracker:
             markers.position,
             np.array([markers.names.index(name) for name in self.names]),
         )
-        self.lower, self.upper = np.full(N, -np.inf), np.full(N, np.inf)
+        self.lower, self.upper = np.full(N_Q, -np.inf), np.full(N_Q, np.inf)
         for name, (low, high) in limits.items():
             self.lower[INDEX[name]], self.upper[INDEX[name]] = low, high
-        self.prior_weight, self.prior_value = np.zeros(N), np.zeros(N)
+        self.prior_weight, self.prior_value = np.zeros(N_Q), np.zeros(N_Q)
         for name, (weight, value) in priors.items():
             self.prior_weight[INDEX[name]], self.prior_value[INDEX[name]] = weight, value
         self.locked = np.array([name in body.locked for name in COORDINATES])
@@ -142,7 +142,7 @@ class Tracker:
         keys = self.key_frames()
         found = self.newton(keys, self.rigid_fit(keys))
         solved = np.flatnonzero(found.converged)
-        pivots = np.median(found.pivots[solved], axis=0) if len(solved) else np.zeros(N)
+        pivots = np.median(found.pivots[solved], axis=0) if len(solved) else np.zeros(N_Q)
         if len(solved) < MIN_KEY_FRAMES:
             return self.rigid_fit(frames), pivots
         found.q[solved] = continuous(found.q[solved])
@@ -185,7 +185,7 @@ class Tracker:
         """
         missing = np.isnan(found.error)
         gaps = (missing & ~missing.all(axis=0)).any(axis=1)
-        least = np.full(N, MIN_PIVOT * self.attachment.weight.max())
+        least = np.full(N_Q, MIN_PIVOT * self.attachment.weight.max())
         from_markers = found.pivots - self.prior_weight
         observed = from_markers > least
         observed[gaps] &= from_markers[gaps] > MIN_PIVOT_SHARE * usual_pivots
@@ -203,7 +203,7 @@ class Tracker:
 
     def rigid_fit(self, rows: Indices) -> Array:
         """Give starting points that depend on the frame itself alone, (F, 46)."""
-        start, body = np.empty((len(rows), N)), self.body
+        start, body = np.empty((len(rows), N_Q)), self.body
         for first in range(0, len(rows), FRAMES_AT_ONCE):
             block = slice(first, first + FRAMES_AT_ONCE)
             measured = self.attachment.measured(rows[block])
@@ -294,9 +294,9 @@ class Tracker:
 
 def _with_markers_beyond(segments: set[str]) -> Mask:
     """Which coordinates have one of these segments beyond them, (46,)."""
-    carries = np.zeros(N, bool)
-    for i in reversed(range(N)):
-        last = i + 1 == N or TREE[i + 1].segment != TREE[i].segment
+    carries = np.zeros(N_Q, bool)
+    for i in reversed(range(N_Q)):
+        last = i + 1 == N_Q or TREE[i + 1].segment != TREE[i].segment
         if last and TREE[i].segment in segments:
             carries[i] = True
         if carries[i] and TREE[i].parent >= 0:

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import casadi as ca
 
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import N_Q, SEGMENTS
 from hbm.kernels import skeleton
 from hbm.kernels.kernel import CONSTANT_INPUTS, casadi_function, kernel_sizes
 
@@ -66,7 +66,7 @@ def read_c_file(name: str) -> str:
 
 def _array_sizes() -> str:
     sizes = {
-        "N_Q": skeleton.N_Q,
+        "N_Q": N_Q,
         "SEGMENTS": len(SEGMENTS),
         "SUMS": skeleton.N_SUMS,
         "GEOMETRY": skeleton.N_GEOMETRY,

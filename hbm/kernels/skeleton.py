@@ -1,19 +1,19 @@
-r"""The skeleton in symbols: one tree, swept up and down, gives every kernel of the package.
+r"""The skeleton in symbols: sweeps up and down one tree give every kernel of the package.
 
 All vectors are in lab axes about the lab origin, so nothing is transformed between segments: what
 a joint carries is a plain sum over what lies beyond it.
 
-**Pose.** From root to tip, coordinate :math:`i` with axis :math:`\hat a_i` turns (or slides) its
-frame: :math:`o_i = o_p + R_p b_i`, :math:`R_i = R_p \exp(q_i [\hat a_i])`. A unit of
+**Pose.** From root to tip, coordinate :math:`i` with axis :math:`\hat a_i` rotates (or translates)
+its frame: :math:`o_i = o_p + R_p b_i`, :math:`R_i = R_p \exp(q_i [\hat a_i])`. A unit of
 :math:`\dot q_i` moves a point :math:`r` beyond the joint at :math:`\omega_i \times r + v_i`, with
-:math:`\omega_i = R_p \hat a_i,\ v_i = o_i \times \omega_i` (turning) or
-:math:`\omega_i = 0,\ v_i = R_p \hat a_i` (sliding).
+:math:`\omega_i = R_p \hat a_i,\ v_i = o_i \times \omega_i` (rotation) or
+:math:`\omega_i = 0,\ v_i = R_p \hat a_i` (translation).
 
 **Markers.** Minimise :math:`\tfrac12 \sum_k w_k |e_k|^2`, :math:`e_k = r_k - m_k`, where marker
 :math:`k` sits at :math:`p_k` in its segment and was measured at :math:`m_k`. As
 :math:`r_k = o + R p_k`, a segment's markers enter only through the sums
 :math:`\sum w,\ \sum w p,\ \sum w p p^T,\ \sum w m,\ \sum w m p^T,\ \sum w m^T m`
-(`marker_sums`), however many there are. With the tree sums beyond joint :math:`l`
+(see `N_SUMS`), however many there are. With the tree sums beyond joint :math:`l`
 
 .. math::
    n=\sum w,\quad h=\sum w r,\quad K=\sum w r r^T,\quad E=\sum w e,\quad P=\sum w r e^T
@@ -27,12 +27,13 @@ for :math:`j` at or before :math:`l`
    F_l = \omega_l\times h + n v_l,\qquad
    N_l = (\mathrm{tr}K - K)\,\omega_l + h\times v_l .
 
-The curvature of the joints completes it to the exact Hessian: turning :math:`j` turns the velocity
-that :math:`l` gives, which adds to :math:`N_l` the vector :math:`(B - \mathrm{tr}B)\,\omega_l`,
-:math:`B = P - o_l E^T` (turning), or :math:`\hat a_l \times E` (sliding).
+The curvature of the joints completes it to the exact Hessian: a rotation of :math:`j` rotates the
+velocity that :math:`l` gives, which adds to :math:`N_l` the vector
+:math:`(B - \mathrm{tr}B)\,\omega_l`, :math:`B = P - o_l E^T` (rotation), or
+:math:`\hat a_l \times E` (translation).
 
 **Solution.** :math:`H = L^T D L` from tip to root has no fill-in (Featherstone 2005, Int J Robot
-Res 24:487): a coordinate meets only its own ancestors.
+Res 24:487): a coordinate has non-zero entries only with its own ancestors.
 
 **Dynamics.** Newton–Euler on the same tree: velocities and accelerations outward, forces
 :math:`m(a_c - g)` and moments inward, :math:`\tau_j = \omega_j\cdot M_j + v_j\cdot F_j`.
@@ -46,27 +47,44 @@ from typing import Any, Final
 
 import casadi as ca
 
-from hbm.coordinates import FIRST, LAST, MOVING, SEGMENTS, TREE, support
+from hbm.coordinates import (
+    FIRST_Q,
+    LAST_Q,
+    N_Q,
+    SEGMENTS,
+    SEGMENTS_WITH_MASS,
+    TREE,
+    support,
+)
 from hbm.spatial import GRAVITY_MPS2
 
 SX = Any  # casadi.SX: the package ships no types
 
-N_Q: Final = len(TREE)
-OWN_AXES: Final = tuple(i for i, c in enumerate(TREE) if c.axis is None)
-OFFSETS: Final = tuple(s for s in SEGMENTS if s != "pelvis" and TREE[FIRST[s]].parent >= 0)
-N_GEOMETRY: Final = 3 * (len(OFFSETS) + len(OWN_AXES))
-N_SUMS: Final = 23  # per segment: w, w p (3), w p pᵀ (6), w m (3), w m pᵀ (9), w mᵀm
-N_INERTIA: Final = 10  # per segment: mass, centre of mass (3), inertia about it (6)
+SUBJECT_AXES: Final = tuple(i for i, c in enumerate(TREE) if c.axis is None)
+"""Coordinates whose axes the subject's landmarks define."""
+
+JOINTED_SEGMENTS: Final = tuple(s for s in SEGMENTS if s != "pelvis")
+"""Segments whose proximal joint has an offset in the parent's frame."""
+
+N_GEOMETRY: Final = 3 * (len(JOINTED_SEGMENTS) + len(SUBJECT_AXES))
+"""Offsets and subject-defined axes, in this order, 3 numbers each."""
+
+N_SUMS: Final = 23
+"""Per segment, summed over its markers: w, w p (3), w p pᵀ (xx yy zz xy xz yz), w m (3), w m pᵀ
+(9), w mᵀm, where w is the weight, p the position in the segment and m the measured position."""
+
+N_INERTIA: Final = 10
+"""Per segment: mass, centre of mass (3), moment of inertia about it (xx yy zz xy xz yz)."""
 
 
-def _turn(axis: SX, angle: SX) -> SX:
+def _rotation(axis: SX, angle: SX) -> SX:
     """Give the rotation about a unit axis (Rodrigues)."""
     cross = ca.skew(axis)
     return ca.SX.eye(3) + ca.sin(angle) * cross + (1 - ca.cos(angle)) * (cross @ cross)
 
 
 def _symmetric(six: SX) -> SX:
-    """Unpack xx, yy, zz, xy, xz, yz."""
+    """Give the symmetric matrix of xx, yy, zz, xy, xz, yz."""
     xx, yy, zz, xy, xz, yz = ca.vertsplit(six)
     return ca.blockcat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
@@ -80,13 +98,13 @@ class Pose:
 
     def __init__(self, q: SX, geometry: SX) -> None:
         columns = ca.horzsplit(ca.reshape(geometry, 3, -1))
-        offset = dict(zip(OFFSETS, columns, strict=False))
-        own_axis = dict(zip(OWN_AXES, columns[len(OFFSETS) :], strict=True))
+        offset = dict(zip(JOINTED_SEGMENTS, columns, strict=False))
+        own_axis = dict(zip(SUBJECT_AXES, columns[len(JOINTED_SEGMENTS) :], strict=True))
         frame = {-1: (ca.SX.eye(3), ca.SX(3, 1))}
         self.w, self.v, self.axis, self.origin = [], [], [], []
         for i, c in enumerate(TREE):
             R, o = frame[c.parent]
-            if i == FIRST[c.segment] and c.segment in offset:
+            if i == FIRST_Q[c.segment] and c.segment in offset:
                 o = o + R @ offset[c.segment]
             local = own_axis[i] if c.axis is None else ca.sparsify(ca.SX(list(c.axis)))
             axis = R @ local
@@ -98,19 +116,19 @@ class Pose:
             else:
                 self.w.append(axis)
                 self.v.append(ca.cross(o, axis))
-                R = R @ _turn(local, q[i])
+                R = R @ _rotation(local, q[i])
             self.origin.append(o)
             frame[i] = R, o
-        self.R = {s: frame[LAST[s]][0] for s in SEGMENTS}
-        self.o = {s: frame[LAST[s]][1] for s in SEGMENTS}
+        self.R = {s: frame[LAST_Q[s]][0] for s in SEGMENTS}
+        self.o = {s: frame[LAST_Q[s]][1] for s in SEGMENTS}
 
 
-def _gather(per_segment: dict[str, list[SX]], zero: Callable[[], list[SX]]) -> list[list[SX]]:
-    """Sum what segments carry over all that lies beyond each coordinate, tip to root."""
+def _sum_beyond(per_segment: dict[str, list[SX]], zero: Callable[[], list[SX]]) -> list[list[SX]]:
+    """Sum the segments' quantities over all segments beyond each coordinate, tip to root."""
     beyond = [zero() for _ in TREE]
     for i in reversed(range(N_Q)):
         c = TREE[i]
-        if i == LAST[c.segment] and c.segment in per_segment:
+        if i == LAST_Q[c.segment] and c.segment in per_segment:
             beyond[i] = [a + b for a, b in zip(beyond[i], per_segment[c.segment], strict=True)]
         if c.parent >= 0:
             parent = beyond[c.parent]
@@ -125,10 +143,11 @@ def newton_step() -> SX:
     -------
     casadi.Function
         ``(q, sums, prior, reference, damping, curvature, geometry) -> (step, report)``.
-        ``sums`` (23 per segment, see `N_SUMS`); ``prior`` (46) pulls each coordinate to
-        ``reference`` (46) [m² or m²/rad² per unit marker weight]; ``damping`` is added to the
-        diagonal; ``curvature`` is 1 for Newton, 0 for Gauss–Newton. ``report`` is the cost at
-        ``q``, the gradient's largest entry, and the 46 pivots of the factorisation.
+        ``sums`` are the marker sums (23 per segment, see `N_SUMS`); ``prior`` (46) is the weight of
+        each coordinate's squared distance from ``reference`` (46) [m² or m²/rad² per unit marker
+        weight]; ``damping`` is added to the diagonal; ``curvature`` is 1 for Newton, 0 for
+        Gauss–Newton. ``report`` is the cost at ``q``, the gradient's largest entry, and the 46
+        pivots of the factorisation.
     """
     q, geometry = ca.SX.sym("q", N_Q), ca.SX.sym("geometry", N_GEOMETRY)
     sums = ca.SX.sym("sums", N_SUMS * len(SEGMENTS))
@@ -136,7 +155,7 @@ def newton_step() -> SX:
     damping, curvature = ca.SX.sym("damping"), ca.SX.sym("curvature")
     pose = Pose(q, geometry)
 
-    cost, carried = ca.dot(prior, (q - reference) ** 2), {}
+    cost, of_segment = ca.dot(prior, (q - reference) ** 2), {}
     for s, own in zip(SEGMENTS, ca.vertsplit(sums, N_SUMS), strict=True):
         R, o = pose.R[s], pose.o[s]
         n, p, pp, m = own[0], own[1:4], _symmetric(own[4:10]), own[10:13]
@@ -146,15 +165,15 @@ def newton_step() -> SX:
         K = R @ pp @ R.T + Rp @ o.T + o @ h.T
         rm = R @ mp.T + o @ m.T
         cost += ca.trace(K) - 2 * ca.trace(rm) + mm
-        carried[s] = [n, h, K, h - m, K - rm]
+        of_segment[s] = [n, h, K, h - m, K - rm]
 
-    def nothing() -> list[SX]:
+    def zero() -> list[SX]:
         return [ca.SX(1, 1), ca.SX(3, 1), ca.SX(3, 3), ca.SX(3, 1), ca.SX(3, 3)]
 
     eye = ca.SX.eye(3)
     H: dict[tuple[int, int], SX] = {}
     g = []
-    for i, (n, h, K, E, P) in enumerate(_gather(carried, nothing)):
+    for i, (n, h, K, E, P) in enumerate(_sum_beyond(of_segment, zero)):
         w, v = pose.w[i], pose.v[i]
         torque = ca.vertcat(P[1, 2] - P[2, 1], P[2, 0] - P[0, 2], P[0, 1] - P[1, 0])
         g.append(ca.dot(w, torque) + ca.dot(v, E) + prior[i] * (q[i] - reference[i]))
@@ -220,18 +239,19 @@ def newton_euler() -> SX:
     -------
     casadi.Function
         ``(q, v, a, geometry, inertia) -> (tau, wrench, motion)``. ``inertia`` is 10 numbers per
-        moving segment (see `N_INERTIA`), in its own frame; ``tau`` (46) [N, N·m]; ``wrench`` (6)
-        is what the surroundings must exert on the body in all, in lab axes about the lab origin;
-        ``motion`` (6 per coordinate) is its motion per unit rate, so that a wrench ``(F, M)`` on a
-        segment takes ``w·M + v·F`` off the torque of each coordinate that carries the segment.
+        segment with mass (see `N_INERTIA`), in its own frame; ``tau`` (46) [N, N·m]; ``wrench`` (6)
+        is the total action that the motion needs from the surroundings, in lab axes about the lab
+        origin; ``motion`` (6 per coordinate) is its motion per unit rate, so that a wrench
+        ``(F, M)`` on a segment reduces the force of each coordinate that carries the segment by
+        ``w·M + v·F``.
     """
     q, qd, qdd = (ca.SX.sym(name, N_Q) for name in ("q", "v", "a"))
     geometry = ca.SX.sym("geometry", N_GEOMETRY)
-    inertia = ca.SX.sym("inertia", N_INERTIA * len(MOVING))
+    inertia = ca.SX.sym("inertia", N_INERTIA * len(SEGMENTS_WITH_MASS))
     pose = Pose(q, geometry)
 
-    rest = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1), ca.sparsify(ca.SX([0, 0, GRAVITY_MPS2]))
-    motion: dict[int, tuple[SX, SX, SX, SX]] = {-1: rest}
+    ground = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1), ca.sparsify(ca.SX([0, 0, GRAVITY_MPS2]))
+    motion: dict[int, tuple[SX, SX, SX, SX]] = {-1: ground}
     for i, joint in enumerate(TREE):
         w, v, alpha, a = motion[joint.parent]
         dw, dv = pose.w[i] * qd[i], pose.v[i] * qd[i]
@@ -239,15 +259,15 @@ def newton_euler() -> SX:
         a = a + pose.v[i] * qdd[i] + ca.cross(w, dv) + ca.cross(v, dw)
         motion[i] = w + dw, v + dv, alpha, a
 
-    carried = {}
-    for s, own in zip(MOVING, ca.vertsplit(inertia, N_INERTIA), strict=True):
-        R, (w, v, alpha, a) = pose.R[s], motion[LAST[s]]
+    of_segment = {}
+    for s, own in zip(SEGMENTS_WITH_MASS, ca.vertsplit(inertia, N_INERTIA), strict=True):
+        R, (w, v, alpha, a) = pose.R[s], motion[LAST_Q[s]]
         c = pose.o[s] + R @ own[1:4]
         I = R @ _symmetric(own[4:10]) @ R.T  # noqa: E741
         F = own[0] * (a + ca.cross(alpha, c) + ca.cross(w, v + ca.cross(w, c)))
-        carried[s] = [F, ca.cross(c, F) + I @ alpha + ca.cross(w, I @ w)]
+        of_segment[s] = [F, ca.cross(c, F) + I @ alpha + ca.cross(w, I @ w)]
 
-    beyond = _gather(carried, lambda: [ca.SX(3, 1), ca.SX(3, 1)])
+    beyond = _sum_beyond(of_segment, lambda: [ca.SX(3, 1), ca.SX(3, 1)])
     tau = [ca.dot(pose.w[i], M) + ca.dot(pose.v[i], F) for i, (F, M) in enumerate(beyond)]
     subspace = [ca.vertcat(pose.w[i], pose.v[i]) for i in range(N_Q)]
     return ca.Function(

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from hbm.markers import did_you_mean
+from hbm.spelling import did_you_mean
 from pipeline.config.schema import StudyFile, SubjectFile
 from pipeline.config.toml_file import Table, read_segments
 

@@ -7,7 +7,7 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from hbm.markers import did_you_mean
+from hbm.spelling import did_you_mean
 
 Model = TypeVar("Model", bound=BaseModel)
 Option = str | float | bool | None | Mapping[str, tuple[str, str, str]]

@@ -9,7 +9,7 @@ import numpy as np
 
 from hbm.body import Body
 from hbm.coordinates import MASSLESS, PARENT, SEGMENTS, TREE, Coordinate
-from hbm.segments import NOTHING
+from hbm.segments import NO_INERTIA
 from hbm.spatial import GRAVITY_MPS2
 
 FORMAT: Final = "40000"
@@ -73,7 +73,7 @@ def _numbers(values: Iterable[float]) -> str:
 
 
 def _body(bodies: ET.Element, body: Body, segment: str) -> None:
-    inertia = NOTHING if segment in MASSLESS else body.inertias[segment]
+    inertia = NO_INERTIA if segment in MASSLESS else body.inertias[segment]
     t = inertia.tensor
     element = _add(bodies, "Body", name=segment)
     _add(element, "mass", _numbers([inertia.mass]))

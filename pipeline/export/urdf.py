@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from hbm.body import Body
-from hbm.coordinates import FIRST, LAST, MASSLESS, TREE
+from hbm.coordinates import FIRST_Q, LAST_Q, MASSLESS, TREE
 from hbm.segments import Inertia
 from hbm.spatial import Array
 
@@ -41,10 +41,10 @@ def write_urdf(body: Body, path: str | Path) -> None:
     ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", fusestatic="false")
     ET.SubElement(robot, "link", name="ground")
     for i, c in enumerate(TREE):
-        carries = i == LAST[c.segment] and c.segment not in MASSLESS
+        carries = i == LAST_Q[c.segment] and c.segment not in MASSLESS
         _link(robot, _name(i), body.inertias[c.segment] if carries else SPECK)
         kind = "prismatic" if c.translates else "revolute"
-        first = i == FIRST[c.segment] and c.segment in body.offsets
+        first = i == FIRST_Q[c.segment] and c.segment in body.offsets
         place = body.offsets[c.segment] if first else np.zeros(3)
         joint = _joint(robot, c.name, kind, _name(c.parent), _name(i), place)
         axis = body.axes[c.name] if c.axis is None else c.axis
@@ -64,7 +64,7 @@ def _name(i: int) -> str:
     if i < 0:
         return "ground"
     segment = TREE[i].segment
-    return segment if i == LAST[segment] else f"{TREE[i].name}_link"
+    return segment if i == LAST_Q[segment] else f"{TREE[i].name}_link"
 
 
 def _link(robot: ET.Element, name: str, inertia: Inertia) -> None:

@@ -7,9 +7,9 @@ from typing import Final, TypeVar
 
 from compensation import Calibration, check_calibration
 from hbm.body import Body
-from hbm.coordinates import COORDINATES, LAST, support
-from hbm.markers import did_you_mean
+from hbm.coordinates import COORDINATES, LAST_Q, support
 from hbm.notes import Note, NoteValue
+from hbm.spelling import did_you_mean
 from pipeline.config.schema import Condition, SubjectFile, Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
@@ -259,7 +259,7 @@ def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
     else:
         found.remark(name, "markers_complete", **counts)
     used = [s for m, s in zip(body.markers, body.marker_segment, strict=True) if m in present]
-    shown = {i for segment in used for i in support(LAST[segment])}
+    shown = {i for segment in used for i in support(LAST_Q[segment])}
     locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
     if locked:
         found.remark(name, "coordinates_locked", coordinates=locked)

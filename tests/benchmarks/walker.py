@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.coordinates import INDEX, TREE, N
+from hbm.coordinates import INDEX, N_Q, TREE
 from hbm.dynamics import filter_motion
 from hbm.kernels.native import kernels
 from hbm.kinematics import solve_ik
@@ -59,8 +59,8 @@ def walk(frames: int, seed: int = 1) -> Walk:
     mean, amplitude = _mean_and_amplitude()
     q, v, a = (np.tile(mean * k, (frames, 1)) for k in (1, 0, 0))
     for h in range(1, HARMONICS + 1):
-        size = amplitude * rng.uniform(0.5, 1, N) / h**2
-        angle = h * phase[:, None] + rng.uniform(0, 2 * np.pi, N)
+        size = amplitude * rng.uniform(0.5, 1, N_Q) / h**2
+        angle = h * phase[:, None] + rng.uniform(0, 2 * np.pi, N_Q)
         q += size * np.sin(angle)
         v += size * h * rate[:, None] * np.cos(angle)
         a += size * h * (change[:, None] * np.cos(angle) - h * rate[:, None] ** 2 * np.sin(angle))
@@ -106,7 +106,7 @@ def _strides(time: Array) -> tuple[Array, Array, Array]:
 def _mean_and_amplitude() -> tuple[Array, Array]:
     """Mean and amplitude of every coordinate."""
     mean, amplitude = (
-        np.zeros(N),
+        np.zeros(N_Q),
         np.where(TRANSLATIONS, AMPLITUDE_M, np.radians(OTHER_AMPLITUDE_DEG)),
     )
     for table, out in ((MEAN_DEG, mean), (AMPLITUDE_DEG, amplitude)):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hbm.coordinates import INDEX, TREE, N
+from hbm.coordinates import INDEX, N_Q, TREE
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.poses import marker_positions
@@ -13,8 +13,8 @@ TRANSLATIONS = np.array([c.translates for c in TREE])
 def swinging(rng, frames=40, rate_hz=100.0, degrees=40.0):
     """Every coordinate oscillates at its own frequency while the person moves forward."""
     time = np.arange(frames) / rate_hz
-    size = np.where(TRANSLATIONS, 0.03, np.radians(degrees)) * rng.uniform(0.3, 1, N)
-    rate, phase = 2 * np.pi * rng.uniform(0.3, 1.8, N), rng.uniform(0, 2 * np.pi, N)
+    size = np.where(TRANSLATIONS, 0.03, np.radians(degrees)) * rng.uniform(0.3, 1, N_Q)
+    rate, phase = 2 * np.pi * rng.uniform(0.3, 1.8, N_Q), rng.uniform(0, 2 * np.pi, N_Q)
     angle = np.outer(time, rate) + phase
     q, v, a = size * np.sin(angle), size * rate * np.cos(angle), -size * rate**2 * np.sin(angle)
     q[:, INDEX["PelvisX"]] += 1.3 * time
@@ -26,7 +26,7 @@ def swinging(rng, frames=40, rate_hz=100.0, degrees=40.0):
 def motion_of(time, q, v, a):
     """A Motion of given coordinates, without markers."""
     frames = len(time)
-    seen = np.ones((frames, N), bool)
+    seen = np.ones((frames, N_Q), bool)
     return Motion(time, q, v, a, (), np.zeros((frames, 0)), np.ones(frames, bool), seen)
 
 
@@ -61,7 +61,7 @@ def any_pose(rng, frames):
         "HipFlexion": (-30, 80), "HipAbduction": (-20, 40), "HipInternalRotation": (-40, 40),
         "KneeFlexion": (-5, 110), "AnklePlantarFlexion": (-30, 45), "FootPronation": (-25, 25),
     }  # fmt: skip
-    q = np.zeros((frames, N))
+    q = np.zeros((frames, N_Q))
     for name, i in INDEX.items():
         if name in ranges or name[1:] in ranges:
             low, high = ranges.get(name, ranges.get(name[1:]))

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, MASSLESS, MOVING, SEGMENTS, N
+from hbm.coordinates import (
+    COORDINATES,
+    HBM_ORDER,
+    INDEX,
+    MASSLESS,
+    N_Q,
+    SEGMENTS,
+    SEGMENTS_WITH_MASS,
+)
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, marker_sets
@@ -53,15 +61,19 @@ def same(one, other, atol=1e-9):
 def test_the_model_has_46_coordinates_one_axis_each_with_the_human_body_model_s_names(body):
     pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
     model = body.model
-    assert model.nq == model.nv == N == 46
+    assert model.nq == model.nv == N_Q == 46
     assert tuple(model.names)[1:] == COORDINATES
     assert sorted(COORDINATES) == sorted(HBM_ORDER)
     assert body.model is model
 
 
 def test_17_segments_move_and_two_points_carry_the_acromions():
-    assert len(MOVING) == 17
-    assert set(SEGMENTS) - set(MOVING) == set(MASSLESS) == {"left_shoulder", "right_shoulder"}
+    assert len(SEGMENTS_WITH_MASS) == 17
+    assert (
+        set(SEGMENTS) - set(SEGMENTS_WITH_MASS)
+        == set(MASSLESS)
+        == {"left_shoulder", "right_shoulder"}
+    )
 
 
 def test_all_46_markers_ride_and_only_the_toes_are_locked(body):
@@ -78,7 +90,7 @@ def test_the_calibration_pose_is_met_exactly(body):
 
 
 def test_neutral_is_upright_with_hanging_arms_and_frames_parallel_to_the_lab(body):
-    rotation, origin = segment_frames(body, np.zeros((1, N)))
+    rotation, origin = segment_frames(body, np.zeros((1, N_Q)))
     np.testing.assert_allclose(rotation[0], np.tile(np.eye(3), (len(SEGMENTS), 1, 1)), atol=1e-12)
     height = dict(zip(SEGMENTS, origin[0, :, 2], strict=True))
     assert height["right_hand"] < height["right_forearm"] < height["right_upper_arm"]
@@ -174,7 +186,7 @@ def test_scaled_by_s_a_person_s_inertias_scale_by_s_squared():
         hip={side: s * at for side, at in HIPS.items()},
         height_m=s * STATURE_M,
     )
-    for segment in set(MOVING) - {"left_toes", "right_toes"}:
+    for segment in set(SEGMENTS_WITH_MASS) - {"left_toes", "right_toes"}:
         one, other = small.inertias[segment], large.inertias[segment]
         assert other.mass == pytest.approx(one.mass, rel=1e-12)
         np.testing.assert_allclose(other.center, s * one.center, atol=1e-12)
@@ -210,7 +222,7 @@ def test_an_arm_without_markers_hangs_locked_and_is_reported(body):
     }
     hand = found.inertias["left_hand"]
     assert hand.mass == pytest.approx(body.inertias["left_hand"].mass)
-    origin = segment_frames(found, np.zeros((1, N)))[1][0]
+    origin = segment_frames(found, np.zeros((1, N_Q)))[1][0]
     assert (
         origin[SEGMENTS.index("left_hand"), 2] < origin[SEGMENTS.index("left_upper_arm"), 2] - 0.4
     )
@@ -344,7 +356,7 @@ def test_a_marker_position_too_many_is_refused(body):
 
 
 def test_markers_on_the_model_follow_their_segments(body):
-    q = np.zeros((1, N))
+    q = np.zeros((1, N_Q))
     q[0, INDEX["PelvisYaw"]] = 0.4
-    before, after = marker_positions(body, np.zeros((1, N)))[0], marker_positions(body, q)[0]
+    before, after = marker_positions(body, np.zeros((1, N_Q)))[0], marker_positions(body, q)[0]
     np.testing.assert_allclose(after, before @ rotation_about([0, 0, 1], 0.4).T, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Clinical angles: the same pose, told in the original's order and signs."""
+"""Clinical angles: the same pose in the original's order, sequences and signs."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.clinical import clinical_angles
-from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, SEGMENTS, TREE, N
+from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, N_Q, SEGMENTS, TREE
 from hbm.kernels.native import kernels
 from hbm.spatial import rotation_about
 from tests.synthetic import synthetic_body
 
-MIDDLE_TURNED_ROUND = (
+SIGN_CHANGES_IN_MIRROR = (
     *("PelvisY", "PelvisYaw", "PelvisRightRoll", "TrunkRightBend", "TrunkLeftTwist"),
     *("HeadRightBend", "HeadLeftTwist"),
 )
@@ -19,7 +19,7 @@ angles = st.floats(-np.pi, np.pi)
 
 
 def pose(**values):
-    q = np.zeros(N)
+    q = np.zeros(N_Q)
     for name, value in values.items():
         q[INDEX[name]] = value
     return q
@@ -33,15 +33,15 @@ def mirrored(values, names):
     out = np.empty_like(values)
     for k, name in enumerate(names):
         other = {"R": "L", "L": "R"}.get(name[0], name[0]) + name[1:]
-        sign = -1 if name in MIDDLE_TURNED_ROUND else 1
+        sign = -1 if name in SIGN_CHANGES_IN_MIRROR else 1
         out[..., k] = sign * values[..., names.index(other)]
     return out
 
 
-def orientation(values, names, turns, side):
+def orientation(values, names, sequence, side):
     R = np.eye(3)
-    for turn in turns:
-        name = f"{side}Shoulder{turn}"
+    for rotation in sequence:
+        name = f"{side}Shoulder{rotation}"
         R = R @ rotation_about(TREE[INDEX[name]].axis, values[names.index(name)])
     return R
 
@@ -49,7 +49,7 @@ def orientation(values, names, turns, side):
 @pytest.mark.parametrize("side", ["R", "L"])
 @settings(deadline=None, max_examples=50)
 @given(a=angles, f=angles, i=angles)
-def test_the_arm_points_the_same_way_in_both_sequences(side, a, f, i):
+def test_the_arm_has_the_same_orientation_in_both_sequences(side, a, f, i):
     names = [f"{side}Shoulder{t}" for t in ("Abduction", "Flexion", "InternalRotation")]
     q = pose(**dict(zip(names, (a, f, i), strict=True)))
     ours = orientation(q, COORDINATES, ("Abduction", "Flexion", "InternalRotation"), side)
@@ -60,15 +60,15 @@ def test_the_arm_points_the_same_way_in_both_sequences(side, a, f, i):
 
 
 @pytest.mark.parametrize("side", ["R", "L"])
-@pytest.mark.parametrize("turn", ["Flexion", "Abduction", "InternalRotation"])
+@pytest.mark.parametrize("rotation", ["Flexion", "Abduction", "InternalRotation"])
 @pytest.mark.parametrize("degrees", [-100, -30, 0, 45, 90, 120, 200])
-def test_a_turn_about_one_axis_alone_keeps_its_value(side, turn, degrees):
-    q = pose(**{f"{side}Shoulder{turn}": np.radians(degrees)})
+def test_a_rotation_about_a_single_axis_keeps_its_value(side, rotation, degrees):
+    q = pose(**{f"{side}Shoulder{rotation}": np.radians(degrees)})
     expected = q[[INDEX[name] for name in HBM_ORDER]]
     np.testing.assert_allclose(clinical_angles(q), expected, rtol=0, atol=1e-7)
 
 
-def test_known_answer_for_an_arm_in_front_and_out():
+def test_known_angles_of_an_arm_raised_forward_and_outward():
     """45° abduction then 45° flexion: sin A = 1/2, tan F = √2, I = atan2(1/2, 1/√2)."""
     q = pose(RShoulderAbduction=np.pi / 4, RShoulderFlexion=np.pi / 4)
     np.testing.assert_allclose(clinical("RShoulderAbduction", q), np.pi / 6)
@@ -76,22 +76,22 @@ def test_known_answer_for_an_arm_in_front_and_out():
     np.testing.assert_allclose(clinical("RShoulderInternalRotation", q), np.arctan(np.sqrt(0.5)))
 
 
-def test_mirrored_people_have_mirrored_angles():
-    q = np.random.default_rng(2).uniform(-1.2, 1.2, (50, N))
+def test_a_mirrored_pose_has_mirrored_angles():
+    q = np.random.default_rng(2).uniform(-1.2, 1.2, (50, N_Q))
     theirs = clinical_angles(mirrored(q, COORDINATES))
     np.testing.assert_allclose(theirs, mirrored(clinical_angles(q), HBM_ORDER), atol=1e-14)
 
 
 def test_other_coordinates_are_only_put_in_the_originals_order():
-    q = np.random.default_rng(4).normal(size=(7, N))
+    q = np.random.default_rng(4).normal(size=(7, N_Q))
     out = clinical_angles(q)
     for k, name in enumerate(HBM_ORDER):
-        turns = ("ShoulderAbduction", "ShoulderFlexion", "ShoulderInternalRotation")
-        if not name.endswith(turns):
+        shoulder = ("ShoulderAbduction", "ShoulderFlexion", "ShoulderInternalRotation")
+        if not name.endswith(shoulder):
             np.testing.assert_array_equal(out[:, k], q[:, INDEX[name]])
 
 
-def test_the_originals_ankle_reads_minus_78_degrees_in_neutral():
+def test_the_originals_ankle_is_minus_78_degrees_in_neutral():
     q = pose(LAnklePlantarFlexion=np.radians(20))
     assert clinical("RAnklePlantarFlexion", q) == 0
     in_line = {
@@ -103,7 +103,7 @@ def test_the_originals_ankle_reads_minus_78_degrees_in_neutral():
 
 def test_swinging_arms_give_continuous_angles():
     phase = np.linspace(0, 4 * np.pi, 400)
-    q = np.zeros((400, N))
+    q = np.zeros((400, N_Q))
     for side, sign in (("R", 1), ("L", -1)):
         q[:, INDEX[f"{side}ShoulderFlexion"]] = sign * 0.6 * np.sin(phase)
         q[:, INDEX[f"{side}ShoulderAbduction"]] = 0.3 + 0.1 * np.cos(phase)
@@ -111,18 +111,18 @@ def test_swinging_arms_give_continuous_angles():
 
 
 def test_gaps_stay_gaps_and_do_not_spread():
-    q = np.zeros((3, N))
+    q = np.zeros((3, N_Q))
     q[1] = np.nan
     out = clinical_angles(q)
     assert np.isnan(out[1]).all()
     assert np.isfinite(out[[0, 2]]).all()
 
 
-def test_nonsense_is_refused():
+def test_wrong_shapes_and_options_are_refused():
     with pytest.raises(ValueError, match=r"shape \(\.\.\., 46\), got \(3, 45\)"):
         clinical_angles(np.zeros((3, 45)))
     with pytest.raises(ValueError, match="ankle_zero must be 'right_angle' or 'in_line'"):
-        clinical_angles(np.zeros(N), ankle_zero="neutral")
+        clinical_angles(np.zeros(N_Q), ankle_zero="neutral")
 
 
 OUTWARD, INWARD = "outward", "inward"
@@ -155,14 +155,14 @@ SIGNS = {
 
 
 @pytest.mark.parametrize("name", [n for n in COORDINATES if n.lstrip("RL") in SIGNS])
-def test_positive_angles_move_the_body_as_the_table_says(name):
+def test_positive_angles_move_the_body_as_documented(name):
     body = synthetic_body()
     paired = name not in SIGNS
-    marker, way = SIGNS[name[1:] if paired else name]
+    marker, direction = SIGNS[name[1:] if paired else name]
     moved = displacement(body, name, f"{name[0]}{marker}" if paired else marker)
     outward = -1 if name[0] == "R" else 1
-    component = {"x": 0, "y": 1, "z": 2, OUTWARD: 1, INWARD: 1}[way.lstrip("-")]
-    sign = {OUTWARD: outward, INWARD: -outward}.get(way, -1 if way[0] == "-" else 1)
+    component = {"x": 0, "y": 1, "z": 2, OUTWARD: 1, INWARD: 1}[direction.lstrip("-")]
+    sign = {OUTWARD: outward, INWARD: -outward}.get(direction, -1 if direction[0] == "-" else 1)
     assert sign * moved[component] > 0.5 * np.abs(moved).max()
 
 
@@ -195,12 +195,12 @@ def segment_poses(body, q):
 
 
 def displacement(body, name, marker, **start):
-    """Give how a marker moves when one coordinate grows by a little from neutral."""
+    """Displacement of a marker when one coordinate increases a little from neutral."""
     k = body.markers.index(marker)
     segment, local = SEGMENTS.index(body.marker_segment[k]), body.marker_position[k]
 
-    def place(**values):
+    def position(**values):
         frame = segment_poses(body, pose(**values))[segment]
         return local @ frame[:3] + frame[3]
 
-    return place(**start, **{name: 0.01}) - place(**start)
+    return position(**start, **{name: 0.01}) - position(**start)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import MOVING, SEGMENTS
+from hbm.coordinates import SEGMENTS, SEGMENTS_WITH_MASS
 from hbm.describe import changed_distances, describe, implausible
 from hbm.markers import Markers
 from tests.hbm.motions import markers_of, swinging, with_noise, without
@@ -28,7 +28,7 @@ def test_a_body_prints_itself():
 
 def test_every_moving_segment_and_every_joint_has_a_row():
     text = describe(synthetic_body())
-    for s in MOVING:
+    for s in SEGMENTS_WITH_MASS:
         assert row(text, s)
     joints = text[text.index("joint of") :]
     for s in SEGMENTS[1:]:

@@ -7,7 +7,7 @@ import pytest
 
 from hbm import dynamics
 from hbm.center_of_mass import center_of_mass
-from hbm.coordinates import INDEX, LAST, MOVING, SEGMENTS, TREE, support
+from hbm.coordinates import INDEX, LAST_Q, SEGMENTS, SEGMENTS_WITH_MASS, TREE, support
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
 from hbm.poses import segment_frames
 from hbm.spatial import GRAVITY_MPS2, rotation_about, shift_wrench, transform_wrench
@@ -62,7 +62,7 @@ def test_residual_vanishes_when_the_ground_carries_the_motion(body, motion):
     agree(closed.tau[:, :6], 0)
 
 
-def test_added_wrench_comes_back_with_opposite_sign(body, motion, wrenches):
+def test_an_added_wrench_appears_in_the_residual_with_opposite_sign(body, motion, wrenches):
     before = inverse_dynamics(body, motion, wrenches).residual
     extra = np.random.default_rng(3).normal(size=(len(motion.time), 6)) * 100
     more = wrenches | {"left_foot": wrenches["left_foot"] + extra}
@@ -70,7 +70,7 @@ def test_added_wrench_comes_back_with_opposite_sign(body, motion, wrenches):
     agree(change, -shift_wrench(extra, motion.q[:, PELVIS]))
 
 
-def test_residual_does_not_care_which_segment_a_wrench_is_given_to(body, motion, wrenches):
+def test_residual_does_not_depend_on_the_segment_that_a_wrench_acts_on(body, motion, wrenches):
     feet = inverse_dynamics(body, motion, wrenches)
     left, right = wrenches.values()
     elsewhere = inverse_dynamics(body, motion, {"head": left, "right_hand": right})
@@ -85,8 +85,8 @@ def test_wrenches_on_two_segments_are_the_sum_of_each_alone(body, motion, wrench
     agree(together, sum(each))
 
 
-def test_turning_and_shifting_the_lab_turns_and_shifts_the_answer(body, motion, wrenches):
-    """Turned about the vertical, the only direction that gravity leaves free."""
+def test_rotating_and_shifting_the_lab_rotates_and_shifts_the_residual(body, motion, wrenches):
+    """Rotated about the vertical, the only axis about which gravity stays the same."""
     yaw, shift = 2.1, np.array([0.7, -1.9, 0.4])
     R = rotation_about([0, 0, 1], yaw)
     q, v, a = motion.q.copy(), motion.v.copy(), motion.a.copy()
@@ -100,8 +100,7 @@ def test_turning_and_shifting_the_lab_turns_and_shifts_the_answer(body, motion, 
     agree(after.tau[:, 3:], before.tau[:, 3:])
 
 
-def test_residual_at_the_pelvis_says_the_same_as_the_forces_on_its_coordinates(body, motion):
-    """What the pelvis coordinates need is the residual's projection onto their axes."""
+def test_residual_projected_on_the_pelvis_axes_is_the_force_on_its_coordinates(body, motion):
     found = inverse_dynamics(body, motion, {})
     rotation, _ = segment_frames(body, motion.q)
     yaw = rotation_about([0.0, 0, 1], motion.q[:, INDEX["PelvisYaw"]])
@@ -112,7 +111,7 @@ def test_residual_at_the_pelvis_says_the_same_as_the_forces_on_its_coordinates(b
     agree(found.tau[:, 3:6], np.einsum("tci,ti->tc", axes, found.residual[:, 3:]))
 
 
-def test_standing_still_needs_body_weight_through_the_centre_of_mass(body):
+def test_standing_still_the_residual_is_body_weight_through_the_centre_of_mass(body):
     q = swinging(np.random.default_rng(4)).q
     needed = inverse_dynamics(body, still(q), {}).residual
     agree(needed[:, :3], np.tile([0, 0, WEIGHT], (len(q), 1)))
@@ -120,7 +119,7 @@ def test_standing_still_needs_body_weight_through_the_centre_of_mass(body):
     agree(needed[:, 3:], np.cross(arm, [0, 0, WEIGHT]))
 
 
-def test_body_in_free_fall_needs_nothing(body):
+def test_in_free_fall_all_forces_vanish(body):
     q = swinging(np.random.default_rng(5)).q
     falling = np.zeros_like(q)
     falling[:, INDEX["PelvisZ"]] = -GRAVITY_MPS2
@@ -136,7 +135,7 @@ def multiply(a, b):
     return [sum(a[i] @ b[k - i] for i in range(k + 1)) for k in range(min(len(a), len(b)))]
 
 
-def turn(axis, q, v, a):
+def rotation_series(axis, q, v, a):
     """Series of the rotation about a unit axis by an angle with these derivatives."""
     cross = np.cross(np.eye(3), axis)  # cross @ b == np.cross(axis, b)
     s, c = np.sin(q), np.cos(q)
@@ -160,15 +159,15 @@ def frames_by_hand(body, q, v, a):
         along = [offset + axis * q[i], axis * v[i], axis * a[i] / 2] if c.translates else [offset]
         moved = multiply(R, [*along, zero, zero])
         o = [x + y for x, y in zip(o, moved, strict=True)]
-        frames[i] = (R if c.translates else multiply(R, turn(axis, q[i], v[i], a[i]))), o
-    return {s: frames[LAST[s]] for s in SEGMENTS}
+        frames[i] = (R if c.translates else multiply(R, rotation_series(axis, q[i], v[i], a[i]))), o
+    return {s: frames[LAST_Q[s]] for s in SEGMENTS}
 
 
 def needed_by_hand(body, q, v, a):
     """Sum m (a − g) and the rate of angular momentum about the lab origin, segment by segment."""
     force, moment = np.zeros(3), np.zeros(3)
     for s, (R, o) in frames_by_hand(body, q, v, a).items():
-        if s not in MOVING:
+        if s not in SEGMENTS_WITH_MASS:
             continue
         part, zero = body.inertias[s], np.zeros(3)
         c = [x + y for x, y in zip(o, multiply(R, [part.center, zero, zero]), strict=True)]
@@ -187,8 +186,8 @@ def test_residual_equals_newton_and_euler_summed_by_hand(body, motion, wrenches)
     found = inverse_dynamics(body, motion, wrenches).residual
     rows = zip(motion.q, motion.v, motion.a, strict=True)
     needed = np.array([needed_by_hand(body, *row) for row in rows])
-    outside = sum(wrenches.values())
-    agree(found, shift_wrench(needed - outside, motion.q[:, PELVIS]))
+    external = sum(wrenches.values())
+    agree(found, shift_wrench(needed - external, motion.q[:, PELVIS]))
 
 
 # -- Pinocchio, on the body's own model -----------------------------------------------------------
@@ -199,11 +198,11 @@ def test_pinocchio_finds_the_same_generalized_forces(pin, body, motion, wrenches
     expected = []
     for k, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
         pin.forwardKinematics(model, data, q)
-        outside = [pin.Force.Zero() for _ in range(model.njoints)]
+        external = [pin.Force.Zero() for _ in range(model.njoints)]
         for segment, wrench in wrenches.items():
-            joint = LAST[segment] + 1
-            outside[joint] = data.oMi[joint].actInv(pin.Force(wrench[k]))
-        expected.append(pin.rnea(model, data, q, v, a, outside))
+            joint = LAST_Q[segment] + 1
+            external[joint] = data.oMi[joint].actInv(pin.Force(wrench[k]))
+        expected.append(pin.rnea(model, data, q, v, a, external))
     agree(inverse_dynamics(body, motion, wrenches).tau, np.array(expected))
 
 
@@ -217,15 +216,15 @@ def test_pinocchio_finds_the_same_rate_of_momentum(pin, body, motion):
     agree(inverse_dynamics(body, motion, {}).residual, np.array(expected))
 
 
-def test_pinocchio_and_the_kernels_put_markers_and_segments_at_the_same_places(pin, body, motion):
+def test_pinocchio_and_the_kernels_give_the_same_segment_frames(pin, body, motion):
     model, data = body.model, body.model.createData()
     rotation, origin = segment_frames(body, motion.q)
     for k, q in enumerate(motion.q):
         pin.framesForwardKinematics(model, data, q)
         for s, name in enumerate(SEGMENTS):
-            place = data.oMf[model.getFrameId(name)]
-            np.testing.assert_allclose(rotation[k, s], place.rotation, atol=1e-12)
-            np.testing.assert_allclose(origin[k, s], place.translation, atol=1e-12)
+            frame = data.oMf[model.getFrameId(name)]
+            np.testing.assert_allclose(rotation[k, s], frame.rotation, atol=1e-12)
+            np.testing.assert_allclose(origin[k, s], frame.translation, atol=1e-12)
 
 
 def test_power_of_all_forces_is_the_rate_of_mechanical_energy(pin, body):
@@ -254,13 +253,15 @@ def test_variants_in_one_pass_equal_each_alone(body, motion, wrenches):
         np.testing.assert_array_equal(one.residual, alone.residual)
 
 
-@pytest.mark.parametrize("chunk", [1, 7])
-def test_pieces_do_not_show_in_the_forces(body, motion, wrenches, chunk, monkeypatch):
+@pytest.mark.parametrize("frames", [1, 7])
+def test_the_forces_do_not_depend_on_how_many_frames_are_evaluated_at_once(
+    body, motion, wrenches, frames, monkeypatch
+):
     whole = inverse_dynamics(body, motion, wrenches)
-    monkeypatch.setattr(dynamics, "CHUNK", chunk)
-    pieces = inverse_dynamics(body, motion, wrenches)
-    np.testing.assert_array_equal(pieces.tau, whole.tau)
-    np.testing.assert_array_equal(pieces.residual, whole.residual)
+    monkeypatch.setattr(dynamics, "FRAMES_AT_ONCE", frames)
+    blocks = inverse_dynamics(body, motion, wrenches)
+    np.testing.assert_array_equal(blocks.tau, whole.tau)
+    np.testing.assert_array_equal(blocks.residual, whole.residual)
 
 
 def test_frames_without_a_solution_or_a_wrench_are_undefined_and_no_others(body, motion, wrenches):
@@ -272,15 +273,13 @@ def test_frames_without_a_solution_or_a_wrench_are_undefined_and_no_others(body,
     np.testing.assert_array_equal(np.flatnonzero(undefined), [3, 7])
 
 
-def test_joints_above_an_undefined_wrench_are_undefined_and_the_rest_are_not(
-    body, motion, wrenches
-):
+def test_only_joints_that_carry_an_undefined_wrench_are_undefined(body, motion, wrenches):
     wrenches["left_foot"][7] = np.nan
     undefined = np.isnan(inverse_dynamics(body, motion, wrenches).tau[7])
-    np.testing.assert_array_equal(np.flatnonzero(undefined), sorted(support(LAST["left_foot"])))
+    np.testing.assert_array_equal(np.flatnonzero(undefined), sorted(support(LAST_Q["left_foot"])))
 
 
-def test_a_force_can_be_asked_for_by_its_coordinate(body, motion):
+def test_a_force_is_found_by_the_name_of_its_coordinate(body, motion):
     found = inverse_dynamics(body, motion, {})
     np.testing.assert_array_equal(found.force("RKneeFlexion"), found.tau[:, INDEX["RKneeFlexion"]])
     with pytest.raises(KeyError, match="no coordinate 'RKnee'; there are: PelvisX"):
@@ -302,13 +301,13 @@ def test_wrong_wrenches_are_refused(body, motion, wrenches, message):
         inverse_dynamics(body, motion, wrenches)
 
 
-def test_motion_that_was_never_filtered_is_refused(body, motion):
-    nothing = np.full_like(motion.q, np.nan)
+def test_an_unfiltered_motion_is_refused(body, motion):
+    undefined = np.full_like(motion.q, np.nan)
     with pytest.raises(ValueError, match="filter it first with filter_motion"):
-        inverse_dynamics(body, replace(motion, v=nothing, a=nothing), {})
+        inverse_dynamics(body, replace(motion, v=undefined, a=undefined), {})
 
 
-def test_results_cannot_be_changed_by_accident(body, motion):
+def test_results_are_read_only_and_of_the_right_shape(body, motion):
     found = inverse_dynamics(body, motion, {})
     with pytest.raises(ValueError, match="read-only"):
         found.tau[0] = 0
@@ -316,22 +315,22 @@ def test_results_cannot_be_changed_by_accident(body, motion):
         Dynamics(found.time, found.tau[:, :6], found.residual, found.power)
 
 
-def test_zero_phase_filter_keeps_slow_movement_and_gives_its_derivatives():
+def test_zero_phase_filter_preserves_slow_movement_and_gives_its_derivatives():
     motion = swinging(np.random.default_rng(7), frames=400, degrees=20)
     smooth = filter_motion(motion, cutoff=12.0, method="zero_phase")
     inner = slice(100, -100)
     for mine, truth in ((smooth.q, motion.q), (smooth.v, motion.v), (smooth.a, motion.a)):
-        away = np.abs(mine - truth)[inner].max(axis=0)
-        assert (away < 0.01 * np.abs(truth).max(axis=0)).all()
+        error = np.abs(mine - truth)[inner].max(axis=0)
+        assert (error < 0.01 * np.abs(truth).max(axis=0)).all()
 
 
-def test_real_time_filter_is_late_by_its_known_delay():
-    """A second-order Butterworth delays what is slow by sqrt(2) / (2 pi cutoff)."""
+def test_real_time_filter_has_its_known_delay():
+    """A second-order Butterworth delays slow movement by sqrt(2) / (2 pi cutoff)."""
     motion = swinging(np.random.default_rng(7), frames=400, degrees=20)
     smooth = filter_motion(motion, cutoff=6.0, method="realtime")
     x, v = INDEX["PelvisX"], motion.v[-1, INDEX["PelvisX"]]
-    late = (motion.q - smooth.q)[200:, x] / v
-    assert late.mean() == pytest.approx(np.sqrt(2) / (2 * np.pi * 6), rel=0.1)
+    delay_s = (motion.q - smooth.q)[200:, x] / v
+    assert delay_s.mean() == pytest.approx(np.sqrt(2) / (2 * np.pi * 6), rel=0.1)
 
 
 def test_filtering_changes_only_coordinates_and_derivatives():

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from hbm.coordinates import COORDINATES, INDEX, N
+from hbm.coordinates import COORDINATES, INDEX, N_Q
 from hbm.ik import descent, tracking
 from hbm.ik.tracking import Tracker
 from hbm.kinematics import solve_ik
@@ -58,16 +58,16 @@ def refined(body, markers, frame, start, bounds=(-np.inf, np.inf), extra=None):
     seen = np.isfinite(measured[:, 0])
 
     def away(x):
-        q = np.zeros(N)
+        q = np.zeros(N_Q)
         q[SEEN] = x
         model = marker_positions(body, q[None])[0, own]
         rows = (model - measured)[seen].ravel()
         return rows if extra is None else np.append(rows, extra(q))
 
-    lower, upper = (np.broadcast_to(b, N)[SEEN] for b in bounds)
+    lower, upper = (np.broadcast_to(b, N_Q)[SEEN] for b in bounds)
     begin = np.clip(start[SEEN], lower + 1e-6, upper - 1e-6)
     answer = least_squares(away, begin, bounds=(lower, upper), xtol=1e-13, ftol=1e-14, gtol=1e-13)
-    q = np.zeros(N)
+    q = np.zeros(N_Q)
     q[SEEN] = answer.x
     return q, 2 * answer.cost
 
@@ -179,7 +179,7 @@ def test_limits_give_the_bounded_optimum(body, noisy, solved):
     }
     found = solve_ik(body, noisy, limits=limits)
     assert found.converged.all()
-    lower, upper = np.full(N, -np.inf), np.full(N, np.inf)
+    lower, upper = np.full(N_Q, -np.inf), np.full(N_Q, np.inf)
     for name, (low, high) in limits.items():
         lower[INDEX[name]], upper[INDEX[name]] = low, high
     assert (found.q >= lower).all()
@@ -303,7 +303,7 @@ def test_a_trial_without_one_arm_holds_it_at_neutral(body, noisy, solved):
     arm = [i for n, i in INDEX.items() if n[0] == "L" and i < INDEX["RHipFlexion"]]
     np.testing.assert_allclose(found.q[:, arm], 0, atol=1e-9)
     assert not found.observed[:, arm].any()
-    legs = np.arange(INDEX["RHipFlexion"], N)
+    legs = np.arange(INDEX["RHipFlexion"], N_Q)
     np.testing.assert_allclose(found.q[:, legs], solved.q[:, legs], atol=0.02)
 
 

@@ -1,4 +1,4 @@
-"""Marker sets as tables, and marker trajectories as they are kept."""
+"""Marker sets and marker trajectories."""
 
 from collections import Counter
 
@@ -8,7 +8,7 @@ import pytest
 from hbm.markers import LANDMARKS, Markers, marker_sets, read_marker_set, recognise_marker_set
 
 PAIRED = {name[1:] for name in LANDMARKS if f"L{name[1:]}" in LANDMARKS and name[0] == "R"}
-OWN = """
+CUSTOM = """
 title = "Our pelvis"
 [markers]
 LASI = ["pelvis", "LASIS"]
@@ -20,7 +20,7 @@ RASI = ["pelvis", "RASIS"]
 @pytest.mark.parametrize(
     ("name", "count"), [("hbm2", 46), ("hbm2_lower", 26), ("hbm1", 47), ("hbm1_lower", 25)]
 )
-def test_shipped_sets_have_the_markers_that_they_are_known_for(name, count):
+def test_shipped_sets_have_the_documented_number_of_markers(name, count):
     assert len(marker_sets()[name].segment) == count
 
 
@@ -32,19 +32,19 @@ def test_lower_body_sets_are_parts_of_the_full_ones(name):
 
 
 @pytest.mark.parametrize("name", ["hbm2", "hbm2_lower", "hbm1", "hbm1_lower"])
-def test_sets_are_as_symmetric_as_people(name):
+def test_sets_are_symmetric(name):
     chosen = marker_sets()[name]
-    worn = Counter(chosen.segment.values())
-    for segment, count in worn.items():
+    attached = Counter(chosen.segment.values())
+    for segment, count in attached.items():
         side, _, part = segment.partition("_")
         other = {"left": f"right_{part}", "right": f"left_{part}"}.get(side, segment)
-        assert worn[other] == count
+        assert attached[other] == count
     left, right = ({m[1:] for m in chosen.landmark if m[0] == s and m[1:] in PAIRED} for s in "LR")
     assert left == right
 
 
 @pytest.mark.parametrize("name", ["hbm2", "hbm2_lower", "hbm1", "hbm1_lower"])
-def test_a_trial_s_labels_tell_its_set_even_if_one_is_missing(name):
+def test_a_trial_s_labels_identify_its_set_even_if_one_is_missing(name):
     labels = list(marker_sets()[name].segment)
     assert recognise_marker_set([*labels, "extra"]).name == name
     assert recognise_marker_set(labels[1:]).name == name
@@ -58,18 +58,18 @@ def test_unknown_labels_are_refused_with_the_nearest_set():
         recognise_marker_set(labels)
 
 
-def test_labels_that_differ_in_capitals_only_are_told():
+def test_labels_that_differ_in_case_only_are_named():
     labels = [name.lower() for name in marker_sets()["hbm2"].segment]
-    with pytest.raises(ValueError, match=r"46 differ in capitals only, such as 'lasis' for LASIS"):
+    with pytest.raises(ValueError, match=r"46 differ in case only, such as 'lasis' for LASIS"):
         recognise_marker_set(labels)
 
 
-def test_a_set_of_one_s_own_is_a_table():
-    own = read_marker_set(OWN, "lab")
-    assert own.name == "lab"
-    assert own.title == "Our pelvis"
-    assert own.segment == {"LASI": "pelvis", "RASI": "pelvis", "PEL 3": "pelvis"}
-    assert own.landmark == {"LASIS": "LASI", "RASIS": "RASI"}
+def test_a_custom_set_is_a_table():
+    custom = read_marker_set(CUSTOM, "lab")
+    assert custom.name == "lab"
+    assert custom.title == "Our pelvis"
+    assert custom.segment == {"LASI": "pelvis", "RASI": "pelvis", "PEL 3": "pelvis"}
+    assert custom.landmark == {"LASIS": "LASI", "RASIS": "RASI"}
 
 
 def test_all_faults_of_a_set_are_listed_at_once():
@@ -86,7 +86,7 @@ def test_all_faults_of_a_set_are_listed_at_once():
     """
     with pytest.raises(ValueError, match="marker set 'lab'") as caught:
         read_marker_set(text, "lab")
-    said = str(caught.value)
+    message = str(caught.value)
     for fault in (
         "A: no segment 'pelvsi', did you mean 'pelvis'?",
         "B: no landmark 'LASI', did you mean 'LASIS'?",
@@ -96,8 +96,8 @@ def test_all_faults_of_a_set_are_listed_at_once():
         "G must be [segment] or [segment, landmark], got [3]",
         "H must be [segment] or [segment, landmark], got ['pelvis', ['C7']]",
     ):
-        assert fault in said
-    assert "\n" not in said
+        assert fault in message
+    assert "\n" not in message
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_all_faults_of_a_set_are_listed_at_once():
         ("markers = 3", r"needs a \[markers\] table with at least one marker"),
     ],
 )
-def test_what_is_no_set_is_refused(text, message):
+def test_a_malformed_set_is_refused(text, message):
     with pytest.raises(ValueError, match=message):
         read_marker_set(text)
 
@@ -120,7 +120,7 @@ def test_a_gap_in_one_direction_is_a_gap():
     assert np.isnan(Markers([0.0, 0.1], ("A",), position).position[1]).all()
 
 
-def test_markers_keep_their_own_copy_that_nobody_changes():
+def test_markers_keep_a_read_only_copy():
     position = np.zeros((2, 1, 3))
     markers = Markers([0.0, 0.1], ("A",), position)
     position[:] = 9
@@ -139,6 +139,6 @@ def test_markers_keep_their_own_copy_that_nobody_changes():
         ([0, 0], ("A",), (2, 1, 3), "marker times must increase"),
     ],
 )
-def test_markers_that_cannot_be_are_refused(time, names, shape, message):
+def test_inconsistent_markers_are_refused(time, names, shape, message):
     with pytest.raises(ValueError, match=message):
         Markers(time, names, np.zeros(shape))

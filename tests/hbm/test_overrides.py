@@ -1,10 +1,10 @@
-"""Overrides of single segments: what is stated is taken, and the whole still weighs the same."""
+"""Overrides of single segments: stated values are used, and the total mass stays the same."""
 
 import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import INDEX, MOVING
+from hbm.coordinates import INDEX, SEGMENTS_WITH_MASS
 from hbm.dynamics import inverse_dynamics
 from hbm.overrides import SegmentOverride, read_overrides
 from hbm.segments import Inertia
@@ -42,20 +42,20 @@ def changed():
     return built(read_overrides(TOML))
 
 
-def test_stated_values_are_taken(changed):
+def test_stated_values_are_used(changed):
     shank = changed.inertias["right_shank"]
     assert shank.mass == pytest.approx(1.9)
     np.testing.assert_allclose(shank.center, [0.01, 0, -0.12])
     np.testing.assert_allclose(shank.tensor, np.diag([0.012, 0.012, 0.002]))
 
 
-def test_the_whole_still_weighs_what_the_plates_say(changed):
+def test_the_total_mass_stays_the_same(changed):
     assert sum(part.mass for part in changed.inertias.values()) == pytest.approx(MASS_KG)
 
 
 def test_other_segments_share_the_rest_in_the_table_s_proportions(changed):
     table = synthetic_body().inertias
-    others = [s for s in MOVING if s not in ("right_shank", "left_foot", "trunk")]
+    others = [s for s in SEGMENTS_WITH_MASS if s not in ("right_shank", "left_foot", "trunk")]
     share = [changed.inertias[s].mass / table[s].mass for s in others]
     np.testing.assert_allclose(share, share[0])
     for s in others:
@@ -63,7 +63,7 @@ def test_other_segments_share_the_rest_in_the_table_s_proportions(changed):
         np.testing.assert_allclose(changed.inertias[s].tensor, share[0] * table[s].tensor)
 
 
-def test_what_is_worn_is_welded_on(changed):
+def test_what_is_worn_is_added_to_the_segment(changed):
     own = 0.8 / synthetic_body().inertias["left_foot"].mass
     foot = synthetic_body().inertias["left_foot"]
     bare = Inertia(0.8, foot.center, own * foot.tensor)
@@ -78,13 +78,13 @@ def test_what_is_worn_is_welded_on(changed):
     np.testing.assert_allclose(shod.tensor, expected)
 
 
-def test_six_numbers_hold_the_products_of_inertia():
+def test_six_numbers_include_the_products_of_inertia():
     worn = read_overrides(TOML)["trunk"].worn
     expected = [[0.1, 0, 0.01], [0, 0.08, 0], [0.01, 0, 0.06]]
     np.testing.assert_allclose(worn.tensor, expected)
 
 
-def test_a_heavier_shank_needs_more_at_the_knee_and_no_other_kinematics(changed):
+def test_a_heavier_shank_raises_the_knee_moment_and_changes_no_geometry(changed):
     motion = swinging(np.random.default_rng(9))
     heavy = built({"right_shank": SegmentOverride(mass_kg=12.0)})
     before, after = (inverse_dynamics(b, motion, {}) for b in (synthetic_body(), heavy))
@@ -93,7 +93,7 @@ def test_a_heavier_shank_needs_more_at_the_knee_and_no_other_kinematics(changed)
     np.testing.assert_allclose(heavy.geometry, synthetic_body().geometry, atol=1e-12)
 
 
-def test_overrides_of_nothing_change_nothing():
+def test_empty_overrides_change_nothing():
     bare, stated = synthetic_body(), built({"head": SegmentOverride()})
     np.testing.assert_allclose(stated.inertia_vector, bare.inertia_vector, rtol=1e-12, atol=1e-15)
 
@@ -105,13 +105,13 @@ def test_overrides_of_nothing_change_nothing():
         ("[rigth_shank]\nmass_kg = 1.0", "no segment 'rigth_shank', did you mean 'right_shank'"),
         ("right_shank = 2.0", "right_shank: must be a table with some of mass_kg"),
         ("[head]\nmas_kg = 1.0", "head: no key 'mas_kg', did you mean 'mass_kg'"),
-        ("[head]\nmass_kg = '4'", "head: mass_kg must be 1 in number, got '4'"),
-        ("[head]\nmass_kg = true", "head: mass_kg must be 1 in number, got True"),
+        ("[head]\nmass_kg = '4'", "head: mass_kg must be 1 number, got '4'"),
+        ("[head]\nmass_kg = true", "head: mass_kg must be 1 number, got True"),
         ("[head]\nmass_kg = -4", "head: mass_kg must be positive, got -4"),
-        ("[head]\ncenter_m = [0.0, 1.0]", "head: center_m must be 3 in number"),
+        ("[head]\ncenter_m = [0.0, 1.0]", "head: center_m must be 3 numbers"),
         ("[head]\ncenter_m = [0.0, 1.0, nan]", "head: center_m must be .* finite numbers"),
-        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 1.0, 1.0]", "inertia_kg_m2 must be 3 or 6 in number"),
-        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 2.5]", "greater than the other two together"),
+        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 1.0, 1.0]", "inertia_kg_m2 must be 3 or 6 numbers"),
+        ("[head]\ninertia_kg_m2 = [1.0, 1.0, 2.5]", "above the sum of the other two"),
         ("[head]\ninertia_kg_m2 = [1.0, 1.0, -0.1]", "no negative principal moment"),
         ("[head.worn]\nmass_kg = 1.0", "head: worn needs mass_kg and center_m"),
     ],
@@ -126,11 +126,11 @@ def test_all_faults_are_listed_at_once():
         read_overrides("[neck]\nmass_kg = 1.0\n[head]\nmass_kg = 0.0")
 
 
-def test_overrides_that_leave_nothing_are_refused():
+def test_overrides_that_leave_no_mass_for_other_segments_are_refused():
     with pytest.raises(ValueError, match=r"weigh 80.00 kg, which leaves nothing of 74.6 kg"):
         built({"trunk": SegmentOverride(mass_kg=80.0)})
 
 
-def test_an_override_for_no_segment_is_refused():
-    with pytest.raises(ValueError, match="override for 'left_leg', which is no moving segment"):
+def test_an_override_for_an_unknown_segment_is_refused():
+    with pytest.raises(ValueError, match="override for 'left_leg', which is not a segment"):
         built({"left_leg": SegmentOverride(mass_kg=8.0)})

@@ -16,7 +16,7 @@ points = st.tuples(numbers, numbers, numbers).map(np.array)
 
 
 @pytest.mark.parametrize("sex", SEXES)
-def test_the_segments_of_a_whole_body_weigh_the_whole_body(sex):
+def test_the_masses_of_all_segments_sum_to_the_body_s(sex):
     table = proportions(sex)
     total = sum(part.mass * (2 if s in PAIRED else 1) for s, part in table.items())
     assert total == pytest.approx(1.0, abs=1e-15)
@@ -60,7 +60,7 @@ def test_unspecified_sex_is_the_mean_of_both():
     np.testing.assert_allclose(both.gyration, np.add(men.gyration, women.gyration) / 2)
 
 
-def test_the_foot_s_long_axis_lies_level():
+def test_the_foot_s_long_axis_is_horizontal():
     """Heel to toe is the longitudinal axis: the smallest moment is about it."""
     foot = segment_inertia(
         proportions("male")["foot"], 80.0, np.zeros(3), np.array([0.26, 0, 0]), LEFT
@@ -83,29 +83,29 @@ def test_lengths_scaled_by_s_scale_inertias_by_s_squared(a, b, scale, mass):
 
 @settings(deadline=None, max_examples=25)
 @given(a=points, b=points, shift=points, angle=st.floats(-3, 3))
-def test_a_welded_pair_seen_from_elsewhere_is_the_pair_welded_there(a, b, shift, angle):
+def test_joining_two_parts_and_changing_the_frame_commute(a, b, shift, angle):
     R = rotation_about([0.6, 0.0, 0.8], angle)
     one, two = Inertia(3.0, a, np.diag([0.2, 0.3, 0.4])), Inertia(1.5, b, 0.1 * np.eye(3))
-    welded = (one + two).seen_from(R, shift)
-    there = one.seen_from(R, shift) + two.seen_from(R, shift)
-    assert welded.mass == pytest.approx(4.5)
-    np.testing.assert_allclose(welded.center, there.center, atol=1e-12)
-    np.testing.assert_allclose(welded.tensor, there.tensor, atol=1e-12)
+    joined = (one + two).in_frame(R, shift)
+    there = one.in_frame(R, shift) + two.in_frame(R, shift)
+    assert joined.mass == pytest.approx(4.5)
+    np.testing.assert_allclose(joined.center, there.center, atol=1e-12)
+    np.testing.assert_allclose(joined.tensor, there.tensor, atol=1e-12)
 
 
-def test_two_welded_points_turn_about_their_centre_like_a_dumbbell():
+def test_two_joined_points_have_the_inertia_of_a_dumbbell():
     nothing = np.zeros((3, 3))
     rod = Inertia(2.0, np.array([0.0, 0, 0.5]), nothing) + Inertia(2.0, np.zeros(3), nothing)
     np.testing.assert_allclose(rod.center, [0, 0, 0.25])
     np.testing.assert_allclose(rod.tensor, np.diag([0.25, 0.25, 0]), atol=1e-15)
 
 
-def test_nonsense_is_refused():
+def test_impossible_values_are_refused():
     with pytest.raises(ValueError, match="sex must be one of male, female, unspecified, got 'man'"):
         proportions("man")
     with pytest.raises(ValueError, match="two ends coincide"):
         segment_inertia(proportions("male")["head"], 80.0, np.ones(3), np.ones(3), LEFT)
-    with pytest.raises(ValueError, match="a mass cannot be negative, got -1 kg"):
+    with pytest.raises(ValueError, match="a mass must not be negative, got -1 kg"):
         Inertia(-1.0, np.zeros(3), np.eye(3))
     with pytest.raises(ValueError, match=r"shapes \(3,\) and \(3, 3\)"):
         Inertia(1.0, np.zeros(2), np.eye(3))

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from hbm.coordinates import COORDINATES, INDEX, TREE, N
+from hbm.coordinates import COORDINATES, INDEX, N_Q, TREE
 from hbm.spatial import Array
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
 from tests.virtual_gait.gait_optimum import Target, nodes, optimise
@@ -129,7 +129,7 @@ def target_of(
 ) -> tuple[Target, Array]:
     """Give the optimisation's target, and foot pitch and progression as coefficients [deg]."""
     series = wanted(mean)
-    joints, widths = np.zeros((len(nodes()), N)), np.zeros(N)
+    joints, widths = np.zeros((len(nodes()), N_Q)), np.zeros(N_Q)
     for i, name in enumerate(COORDINATES):
         left = name.startswith("L")
         source = "R" + name[1:] if left else name

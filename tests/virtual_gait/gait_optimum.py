@@ -12,7 +12,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from hbm.coordinates import COORDINATES, INDEX, MOVING, TREE, N
+from hbm.coordinates import COORDINATES, INDEX, N_Q, SEGMENTS_WITH_MASS, TREE
 from hbm.kernels import skeleton
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.virtual_lab.person.sole import LEFT, OUTWARD, orientation, rolled, sole_of
@@ -95,7 +95,7 @@ def columns(harmonics: int) -> list[tuple[str, int, int]]:
 
 def design(phase: Array, unknowns: list[tuple[str, int, int]], stride_s: float) -> Array:
     """Give the matrices from unknowns to coordinates and two derivatives, (T, 3 · 46, C)."""
-    out = np.zeros((len(phase), 3, N, len(unknowns)))
+    out = np.zeros((len(phase), 3, N_Q, len(unknowns)))
     for j, (name, k, part) in enumerate(unknowns):
         for side in ("R", "L") if name.startswith("R") else ("",):
             i = INDEX[side + name[1:] if side else name]
@@ -104,7 +104,7 @@ def design(phase: Array, unknowns: list[tuple[str, int, int]], stride_s: float) 
             for d in range(3):
                 turned = angle - part * np.pi / 2 + d * np.pi / 2
                 out[:, d, i, j] = rate**d * np.cos(turned)
-    return out.reshape(len(phase), 3 * N, len(unknowns))
+    return out.reshape(len(phase), 3 * N_Q, len(unknowns))
 
 
 def optimise(subject: VirtualSubject, target: Target, harmonics: int) -> dict[str, Array]:
@@ -139,7 +139,7 @@ def optimise(subject: VirtualSubject, target: Target, harmonics: int) -> dict[st
     rough = ROUGHNESS * (np.array([u[1] for u in unknowns]) / 4.0) ** 3 / unit * middle
 
     x = np.zeros(count + 3)
-    flat = matrices[:, :N].reshape(-1, count)
+    flat = matrices[:, :N_Q].reshape(-1, count)
     x[:count] = np.linalg.lstsq(flat, target.joints.ravel(), rcond=None)[0]
     x[count:] = 0.3, 0.07, 0.0
     for _ in range(ITERATIONS):
@@ -151,7 +151,7 @@ def optimise(subject: VirtualSubject, target: Target, harmonics: int) -> dict[st
             value, slope = node(np.concatenate([matrix @ x[:count], x[count:]]), given)
             slope = np.array(slope)
             residuals.append(np.array(value).ravel())
-            jacobians.append(np.hstack([slope[:, : 3 * N] @ matrix, slope[:, 3 * N :]]))
+            jacobians.append(np.hstack([slope[:, : 3 * N_Q] @ matrix, slope[:, 3 * N_Q :]]))
         step = np.linalg.lstsq(np.vstack(jacobians), -np.concatenate(residuals), rcond=None)[0]
         x += STEP * step
     found = {name: np.zeros((harmonics + 1, 2)) for name in dict.fromkeys(names)}
@@ -171,20 +171,20 @@ def _node(subject: VirtualSubject, target: Target) -> tuple[Symbol, Array]:
     phase = {"right": nodes(), "left": nodes() + 0.5}
     data = [target.joints, target.vertical[:, None], loading(phase["right"])[:, None]]
     tilt = rotation_about(LEFT, -target.slope)
-    unknown = ca.SX.sym("unknown", 3 * N + 3)
-    q, v, a = (unknown[k * N : (k + 1) * N] for k in range(3))
-    ahead, aside, shift = (unknown[3 * N + k] for k in range(3))
-    given = ca.SX.sym("given", N + 2 + 2 * 12)
+    unknown = ca.SX.sym("unknown", 3 * N_Q + 3)
+    q, v, a = (unknown[k * N_Q : (k + 1) * N_Q] for k in range(3))
+    ahead, aside, shift = (unknown[3 * N_Q + k] for k in range(3))
+    given = ca.SX.sym("given", N_Q + 2 + 2 * 12)
     pose = skeleton.Pose(q, ca.SX(ca.DM(body.geometry)))
     _, wrench, _ = skeleton.newton_euler()(
         q, v, a, ca.DM(body.geometry), ca.DM(body.inertia_vector)
     )
 
-    terms = [NORM_WEIGHT / 2 * (q - given[:N]) / ca.DM(target.spread)]
+    terms = [NORM_WEIGHT / 2 * (q - given[:N_Q]) / ca.DM(target.spread)]
     knees = ca.vertcat(*(q[INDEX[side + "KneeFlexion"]] for side in "RL"))
     terms.append(ca.fmax(0, STRAIGHT_KNEE - knees) / WORTH["knee_rad"])
     upright = [INDEX["PelvisForwardPitch"], INDEX["TrunkFlexion"]]
-    terms.append(ca.sum1((q - given[:N])[upright]) / WORTH["lean_rad"])
+    terms.append(ca.sum1((q - given[:N_Q])[upright]) / WORTH["lean_rad"])
     pressure = ca.SX.zeros(2)
     for n, (side, sole) in enumerate(soles.items()):
         cycle, out = phase[side] % 1, OUTWARD[side]
@@ -198,14 +198,14 @@ def _node(subject: VirtualSubject, target: Target) -> tuple[Symbol, Array]:
         ahead_of = along[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
         firm = hold(cycle)
         data += [placed.reshape(NODES, 9), ahead_of - travelled[:, :2], firm[:, None]]
-        own = given[N + 2 + 12 * n : N + 2 + 12 * (n + 1)]
+        own = given[N_Q + 2 + 12 * n : N_Q + 2 + 12 * (n + 1)]
         base = ca.vertcat(ahead, out * aside, 0)
         for k, point in enumerate((points - sole.origin) @ sole.rotation):
             place = tilt.T @ (pose.o[sole.segment] + pose.R[sole.segment] @ ca.DM(point))
             terms.append(own[11] * (place - base - own[3 * k : 3 * k + 3]) / WORTH["foot_m"])
             low = ca.fmax(0, CLEARANCE_M - place[2]) / WORTH["clearance_m"]
             terms.append((1 - own[11]) * low)
-        share = given[N + 1] if side == "right" else 1 - given[N + 1]
+        share = given[N_Q + 1] if side == "right" else 1 - given[N_Q + 1]
         pressure += share * (base[:2] + own[9:11] + ca.vertcat(shift, 0))
 
     on_belt = tilt.T @ wrench[:3], tilt.T @ wrench[3:]
@@ -213,8 +213,8 @@ def _node(subject: VirtualSubject, target: Target) -> tuple[Symbol, Array]:
     under = tilt @ ca.vertcat(pressure, 0)
     center = sum(
         body.inertias[s].mass * (pose.o[s] + pose.R[s] @ ca.DM(np.array(body.inertias[s].center)))
-        for s in MOVING
-    ) / sum(body.inertias[s].mass for s in MOVING)
+        for s in SEGMENTS_WITH_MASS
+    ) / sum(body.inertias[s].mass for s in SEGMENTS_WITH_MASS)
     to_center = center - under
     leaning = wrench[:2] - wrench[2] * to_center[:2] / to_center[2]
     terms += [
@@ -222,7 +222,7 @@ def _node(subject: VirtualSubject, target: Target) -> tuple[Symbol, Array]:
         (moment[0] - pressure[1] * force[2]) / (weight * WORTH["cop_left_m"]),
         (moment[1] + pressure[0] * force[2]) / (weight * WORTH["cop_forward_m"]),
         (moment[2] - pressure[0] * force[1] + pressure[1] * force[0]) / WORTH["free_moment_nm"],
-        (wrench[2] / weight - given[N]) / WORTH["vertical_bw"],
+        (wrench[2] / weight - given[N_Q]) / WORTH["vertical_bw"],
         leaning / (weight * WORTH["horizontal_bw"]),
     ]
     residual = ca.vertcat(*terms)

@@ -12,8 +12,8 @@ from joblib import Parallel, delayed
 from compensation import InertiaModel
 from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.kernels.native import kernels
-from hbm.markers import did_you_mean
 from hbm.spatial import Array, Mask
+from hbm.spelling import did_you_mean
 from pipeline.trial.residuals import AXES, UNITS
 from pipeline.virtual_lab.analysis.idealised_processing import Case, fit_models, residual_of
 from pipeline.virtual_lab.faults import BodyFaults, Faults

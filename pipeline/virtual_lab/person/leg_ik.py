@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from hbm.body import Body
-from hbm.coordinates import INDEX, SEGMENTS, N
+from hbm.coordinates import INDEX, N_Q, SEGMENTS
 from hbm.kernels.native import kernels
 from hbm.kernels.skeleton import N_SUMS
 from hbm.spatial import Array
@@ -71,7 +71,7 @@ def reach(
     Least squares over four points of each sole by Gauss–Newton, with the inverse kinematics'
     kernel.
     """
-    pull = np.full(N, FIXED)
+    pull = np.full(N_Q, FIXED)
     pull[INDEX["PelvisZ"]] = height_pull
     for name, value in PULL.items():
         for side in "RL":

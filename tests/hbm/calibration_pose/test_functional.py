@@ -5,7 +5,7 @@ import pytest
 
 from hbm.body import build_body
 from hbm.calibration_pose.functional import functional_hips
-from hbm.coordinates import INDEX, N
+from hbm.coordinates import INDEX, N_Q
 from hbm.markers import Markers, marker_sets
 from hbm.poses import marker_positions
 from tests.hbm.motions import markers_of, motion_of
@@ -18,7 +18,7 @@ HBM2 = marker_sets()["hbm2"]
 def swings(swing=30.0, sideways=30.0):
     """Each leg swings forward and back, sideways, and round, while the pelvis sways and turns."""
     time = np.arange(0, 12, 1 / RATE_HZ)
-    q = np.zeros((len(time), N))
+    q = np.zeros((len(time), N_Q))
     q[:, INDEX["PelvisYaw"]] = 2.0 + 0.2 * np.sin(0.7 * time)
     q[:, INDEX["PelvisX"]] = 0.05 * np.sin(1.1 * time)
     q[:, INDEX["PelvisZ"]] = 0.95
@@ -63,7 +63,7 @@ def test_gaps_cost_frames_but_not_the_answer():
 def test_a_body_takes_the_centres_as_they_come():
     hips = functional_hips(star_arc(), HBM2)
     body = build_body(synthetic_t_pose(), mass=MASS_KG, sex="male", hip=hips)
-    at = dict(zip(body.markers, marker_positions(body, np.zeros((1, N)))[0], strict=True))
+    at = dict(zip(body.markers, marker_positions(body, np.zeros((1, N_Q)))[0], strict=True))
     middle = (at["LASIS"] + at["RASIS"]) / 2
     for side in ("right", "left"):
         np.testing.assert_allclose(body.offsets[f"{side}_thigh"], middle + hips[side], atol=1e-9)

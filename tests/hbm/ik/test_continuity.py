@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hbm.coordinates import COORDINATES, INDEX, N
+from hbm.coordinates import COORDINATES, INDEX, N_Q
 from hbm.ik.continuity import BALL_JOINTS, ROTATIONS, continuous
 from hbm.poses import segment_frames
 from tests.synthetic import synthetic_body
@@ -15,7 +15,7 @@ def swings(frames=200, seed=0, size=2.5):
     """Smooth motions whose joints swing far beyond their singular positions."""
     rng = np.random.default_rng(seed)
     time = np.linspace(0, 2, frames)[:, None]
-    rate, phase = rng.uniform(0.5, 2, N), rng.uniform(0, 2 * np.pi, N)
+    rate, phase = rng.uniform(0.5, 2, N_Q), rng.uniform(0, 2 * np.pi, N_Q)
     q = size * (np.sin(rate * time + phase) - np.sin(phase))
     q[:, :3] *= 0.1
     return q
@@ -68,9 +68,9 @@ def test_frames_without_a_solution_are_skipped():
 
 @pytest.mark.parametrize("frames", [0, 1])
 def test_recordings_of_no_or_one_frame_work(frames):
-    q = np.full((frames, N), 0.1)
+    q = np.full((frames, N_Q), 0.1)
     q[:, INDEX["RShoulderFlexion"]] = 3.0
     found = continuous(q)
-    assert found.shape == (frames, N)
+    assert found.shape == (frames, N_Q)
     assert (np.abs(found) <= np.pi).all()
     assert (np.abs(found[:, INDEX["RShoulderFlexion"]]) <= np.pi / 2).all()

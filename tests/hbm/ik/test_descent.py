@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import COORDINATES, SEGMENTS, N
+from hbm.coordinates import COORDINATES, N_Q, SEGMENTS
 from hbm.ik import descent
 from hbm.ik.attachment import MarkerAttachment
 from hbm.kernels.native import kernels
@@ -22,7 +22,7 @@ def problem():
     body = build_body(synthetic_t_pose(), mass=70.0)
     random = np.random.default_rng(3)
     locked = np.array([name in body.locked for name in COORDINATES])
-    q = np.where(locked, 0, random.normal(0, 0.2, (FRAMES, N)))
+    q = np.where(locked, 0, random.normal(0, 0.2, (FRAMES, N_Q)))
     measured = marker_positions(body, q)
     measured += random.normal(0, 0.003, measured.shape)
     measured[4, 7] = np.nan
@@ -120,7 +120,7 @@ def test_the_result_does_not_depend_on_the_number_of_threads(problem, jobs):
         "rows": np.tile(np.arange(FRAMES), 20),
         "start": np.tile(problem[1], (20, 1)),
         "prior": problem[2][0],
-        "reference": np.zeros(N),
+        "reference": np.zeros(N_Q),
     }
     np.testing.assert_array_equal(solve(problem, **many, jobs=jobs).q, solve(problem, **many).q)
 
@@ -130,7 +130,7 @@ def test_frames_are_solved_in_any_order_and_those_without_a_start_not_at_all(pro
     rows = np.array([9, 3, 3, 20])
     begin = start[rows]
     begin[1] = np.nan
-    solved = solve(problem, rows=rows, start=begin, prior=prior[rows], reference=np.zeros(N))
+    solved = solve(problem, rows=rows, start=begin, prior=prior[rows], reference=np.zeros(N_Q))
     expected = solve(problem).q[rows]
     np.testing.assert_array_equal(solved.converged, [True, False, True, True])
     np.testing.assert_allclose(solved.q[[0, 2, 3]], expected[[0, 2, 3]], atol=TIGHT)

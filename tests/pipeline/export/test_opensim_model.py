@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hbm.body import Body, build_body
-from hbm.coordinates import COORDINATES, INDEX, SEGMENTS, TREE, N
+from hbm.coordinates import COORDINATES, INDEX, N_Q, SEGMENTS, TREE
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics
 from hbm.kernels.native import kernels
 from hbm.kinematics import solve_ik
@@ -67,8 +67,8 @@ def marker_positions(body, q):
 def synthetic_trial(rng):
     """Every coordinate swings in its own time, 10 to 25 degrees or mm; 5 mm of noise; a gap."""
     body, time = synthetic_body(), 0.5 + np.arange(FRAMES) / RATE_HZ
-    size = np.where(SLIDES, 0.025, np.radians(25)) * rng.uniform(0.4, 1, N)
-    frequency, phase = rng.uniform(0.3, 1.5, N), rng.uniform(0, 2 * np.pi, N)
+    size = np.where(SLIDES, 0.025, np.radians(25)) * rng.uniform(0.4, 1, N_Q)
+    frequency, phase = rng.uniform(0.3, 1.5, N_Q), rng.uniform(0, 2 * np.pi, N_Q)
     q = size * np.sin(2 * np.pi * np.outer(time, frequency) + phase)
     q[:, INDEX["PelvisX"]] += 1.2 * time
     q[:, INDEX["PelvisZ"]] += 0.95
@@ -109,8 +109,8 @@ def case(request, tmp_path_factory):
     raw = solve_ik(body, markers)
     motion = filter_motion(raw)
     dynamics = inverse_dynamics(body, motion, wrenches)
-    poses = rng.uniform(-1, 1, (200, N)) * np.where(SLIDES, 0.3, np.pi)
-    speeds = rng.normal(size=(200, N)) * np.where(SLIDES, 0.3, 3)
+    poses = rng.uniform(-1, 1, (200, N_Q)) * np.where(SLIDES, 0.3, np.pi)
+    speeds = rng.normal(size=(200, N_Q)) * np.where(SLIDES, 0.3, 3)
 
     write_osim(body, folder / "body.osim")
     write_trc(markers, folder / "markers.trc")

@@ -5,7 +5,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from hbm.coordinates import HBM_ORDER, INDEX, TREE, N
+from hbm.coordinates import HBM_ORDER, INDEX, N_Q, TREE
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers
 from hbm.motion import Motion
@@ -34,10 +34,10 @@ def assert_same(back, written):
 
 
 def test_coordinates_come_back_in_degrees_and_metres_in_the_original_order(rng, tmp_path):
-    q = rng.normal(size=(20, N))
+    q = rng.normal(size=(20, N_Q))
     q[7] = np.nan
-    nothing = np.full((20, N), np.nan)
-    flags = np.ones(20, bool), np.ones((20, N), bool)
+    nothing = np.full((20, N_Q), np.nan)
+    flags = np.ones(20, bool), np.ones((20, N_Q), bool)
     motion = Motion(TIME, q, nothing, nothing, (), np.empty((20, 0)), *flags)
     write_coordinates(motion, tmp_path / "trial.mot")
     table = read_mot(tmp_path / "trial.mot")
@@ -50,12 +50,12 @@ def test_coordinates_come_back_in_degrees_and_metres_in_the_original_order(rng, 
 
 
 def test_forces_come_back_under_the_names_that_opensim_gives_them(rng, tmp_path):
-    tau = rng.normal(size=(20, N))
-    dynamics = Dynamics(TIME, tau, np.zeros((20, 6)), np.zeros((20, N)))
+    tau = rng.normal(size=(20, N_Q))
+    dynamics = Dynamics(TIME, tau, np.zeros((20, 6)), np.zeros((20, N_Q)))
     write_forces(dynamics, tmp_path / "trial_id.sto")
     table = read_sto(tmp_path / "trial_id.sto")
     assert not table.in_degrees
-    assert len(table.names) == N
+    assert len(table.names) == N_Q
     for name in HBM_ORDER:
         kind = "force" if TREE[INDEX[name]].translates else "moment"
         assert_same(table.column(f"{name}_{kind}"), dynamics.force(name))

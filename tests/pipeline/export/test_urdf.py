@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hbm.coordinates import COORDINATES, MOVING, SEGMENTS, TREE, N
+from hbm.coordinates import COORDINATES, N_Q, SEGMENTS, SEGMENTS_WITH_MASS, TREE
 from hbm.kernels.native import kernels
 from pipeline.export.urdf import SPECK, write_urdf
 from tests.synthetic import synthetic_body
@@ -29,7 +29,7 @@ def path(body, tmp_path_factory):
 @pytest.fixture(scope="module")
 def q():
     rng = np.random.default_rng(5)
-    return rng.uniform(-1, 1, (POSES, N)) * np.where(SLIDES, 0.5, np.pi)
+    return rng.uniform(-1, 1, (POSES, N_Q)) * np.where(SLIDES, 0.5, np.pi)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def marker_positions(body, poses):
 
 def test_pinocchio_puts_segments_and_markers_where_we_do(body, path, q, poses, marker_positions):
     model = pin.buildModelFromUrdf(str(path))
-    assert model.nq == model.nv == N
+    assert model.nq == model.nv == N_Q
     assert set(model.names) - {"universe"} == set(COORDINATES)
     data = model.createData()
     order = order_in(model)
@@ -62,7 +62,7 @@ def test_pinocchio_puts_segments_and_markers_where_we_do(body, path, q, poses, m
 
 def test_pinocchio_finds_our_generalized_forces(body, path, q):
     rng = np.random.default_rng(6)
-    v, a = rng.normal(size=(2, POSES, N))
+    v, a = rng.normal(size=(2, POSES, N_Q))
     ours, _, _ = kernels().newton_euler(q, v, a, body.geometry, body.inertia_vector)
     model = pin.buildModelFromUrdf(str(path))
     data, order = model.createData(), order_in(model)
@@ -74,7 +74,7 @@ def test_pinocchio_finds_our_generalized_forces(body, path, q):
 def test_mujoco_puts_segments_and_markers_where_we_do(body, path, q, poses, marker_positions):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     model = mujoco.MjModel.from_xml_path(str(path))
-    assert model.nq == model.nv == N
+    assert model.nq == model.nv == N_Q
     state = mujoco.MjData(model)
     for k in range(POSES):
         for name, value in zip(COORDINATES, q[k], strict=True):
@@ -93,7 +93,7 @@ def test_mujoco_puts_segments_and_markers_where_we_do(body, path, q, poses, mark
 def test_mujoco_finds_our_generalized_forces(body, path, q):
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     rng = np.random.default_rng(7)
-    v, a = rng.normal(size=(2, POSES, N))
+    v, a = rng.normal(size=(2, POSES, N_Q))
     ours, _, _ = kernels().newton_euler(q, v, a, body.geometry, body.inertia_vector)
     model = mujoco.MjModel.from_xml_path(str(path))
     state = mujoco.MjData(model)
@@ -107,7 +107,7 @@ def test_mujoco_finds_our_generalized_forces(body, path, q):
 def test_links_between_coordinates_weigh_nothing_that_matters(body, path):
     model = pin.buildModelFromUrdf(str(path))
     total = sum(inertia.mass for inertia in model.inertias)
-    specks = N - len(MOVING)
+    specks = N_Q - len(SEGMENTS_WITH_MASS)
     segments = sum(part.mass for part in body.inertias.values())
     np.testing.assert_allclose(total, segments + specks * SPECK.mass, rtol=1e-14)
 
