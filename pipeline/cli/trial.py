@@ -1,6 +1,7 @@
 """One trial on the command line: residuals, export."""
 
 import os
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,6 +14,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from pipeline.trial.result import TrialResult
+
+RESULT = ".parquet"
+"""How the file of a processed trial ends."""
 
 
 @takes_trial_request
@@ -61,11 +65,56 @@ def export(
     subject: Annotated[str, typer.Option(help="BIDS label of the person.")] = "01",
     task: Annotated[str, typer.Option(help="BIDS label of the task.")] = "walk",
 ) -> None:
-    """Write the body as OpenSim or URDF model, results as OpenSim tables, a trial as BIDS."""
-    from pipeline.export import trial as exports
+    """Write the body as OpenSim or URDF model, results as OpenSim tables, a trial as BIDS.
 
-    target = exports.BidsTarget(bids, subject, task) if bids else None
-    exports.run(request, osim=osim, urdf=urdf, tables=tables, ankle_zero=ankle_zero, bids=target)
+    TRIAL may be a result, RESULTS/trials/*.parquet: it is exported as it is, not processed again.
+    """
+    from hbm.notes import warnings_first
+    from pipeline.cli.terminal import note_line, plain_console
+    from pipeline.export.bids import write_bids
+    from pipeline.export.trial import write_models, write_tables
+    from pipeline.run.one_trial import process_request, read_requested
+    from pipeline.run.store import read_trial
+
+    if not (osim or urdf or tables or bids):
+        raise ValueError(
+            "nothing to export; name --osim FILE, --urdf FILE, --tables DIR or --bids DIR"
+        )
+    processed = request.trial.suffix == RESULT
+    if processed:
+        _require_no_options(request)
+    if processed and bids:
+        raise ValueError(
+            f"{request.trial.name} is a result; BIDS holds what was recorded: "
+            "give the recording instead"
+        )
+    console, written = plain_console(), []
+    if bids:
+        written += write_bids(read_requested(request), bids, subject, task)
+    if osim or urdf or tables:
+        result = read_trial(request.trial) if processed else process_request(request)[0]
+        written += write_models(result, osim=osim, urdf=urdf)
+        if tables:
+            written += write_tables(result, tables, request.trial.stem, ankle_zero)
+            plates = _plates(result.compensated is not None)
+            console.print(f"forces and loads are of the plates as {plates}")
+        for note in warnings_first(result.notes):
+            console.print(note_line(note), soft_wrap=True)
+    console.print("written: " + ", ".join(map(str, written)), soft_wrap=True)
+
+
+def _require_no_options(request: TrialRequest) -> None:
+    """Refuse options of a trial that has been processed already."""
+    given = [
+        f"--{field.name.replace('_', '-')}"
+        for field in fields(request)
+        if field.default is not MISSING and getattr(request, field.name) != field.default
+    ]
+    if given:
+        raise ValueError(
+            f"{request.trial.name} is a result, processed with the options of its own; leave out "
+            f"{', '.join(given)}, or give the recording instead"
+        )
 
 
 def _require_folder(out: Path) -> None:

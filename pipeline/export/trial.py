@@ -1,6 +1,5 @@
-"""A trial's body and results in the files of other programs."""
+"""A processed trial in the files of other programs."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,6 @@ import pandas as pd
 from hbm.clinical import AnkleZero, clinical_angles
 from hbm.coordinates import HBM_ORDER, INDEX, TREE
 from hbm.motion import Motion
-from hbm.notes import warnings_first
-from pipeline.export.bids import write_bids
 from pipeline.export.opensim_model import write_osim
 from pipeline.export.opensim_tables import (
     write_coordinates,
@@ -20,59 +17,69 @@ from pipeline.export.opensim_tables import (
 )
 from pipeline.export.urdf import write_urdf
 from pipeline.io.write import write_csv
-from pipeline.run.one_trial import process_request, read_requested
-from pipeline.run.request import TrialRequest
+from pipeline.trial.residuals import variants
+from pipeline.trial.result import TrialResult
 
 
-@dataclass(frozen=True, slots=True)
-class BidsTarget:
-    """Where a recording goes in a BIDS data set: its folder, and labels of subject and task."""
-
-    folder: Path
-    subject: str
-    task: str
-
-
-def run(
-    request: TrialRequest,
-    *,
-    osim: Path | None = None,
-    urdf: Path | None = None,
-    tables: Path | None = None,
-    ankle_zero: AnkleZero = "right_angle",
-    bids: BidsTarget | None = None,
-) -> None:
-    """Write what was asked for; process the trial where that needs it.
+def write_models(
+    result: TrialResult, *, osim: Path | None = None, urdf: Path | None = None
+) -> list[Path]:
+    """Write a trial's body as a model.
 
     Parameters
     ----------
-    request
-        Which trial, and how.
+    result
+        The processed trial.
     osim, urdf
-        Model files; not written where None.
-    tables
-        Folder for coordinates and external loads (.mot), generalized forces (.sto), markers (.trc)
-        and clinical angles (.csv), named after the trial; not written where None.
-    ankle_zero
-        Where the angles' ankle is zero, "right_angle" or "in_line" (`hbm.clinical`).
-    bids
-        Data set that the recording is added to, unprocessed; not written where None.
+        Model files for OpenSim 4, and for Pinocchio, MuJoCo and ROS; not written where None.
 
-    Raises
-    ------
-    ValueError, OSError
-        If nothing was asked for, or the trial cannot be processed.
+    Returns
+    -------
+    list of Path
+        The files written.
     """
-    if not (osim or urdf or tables or bids):
-        raise ValueError(
-            "nothing to export; name --osim FILE, --urdf FILE, --tables DIR or --bids DIR"
-        )
     written = []
-    if bids is not None:
-        written += write_bids(read_requested(request), bids.folder, bids.subject, bids.task)
-    if osim or urdf or tables:
-        written += _processed(request, osim, urdf, tables, ankle_zero)
-    print("written: " + ", ".join(str(path) for path in written))
+    for path, write in ((osim, write_osim), (urdf, write_urdf)):
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write(result.body, path)
+            written.append(path)
+    return written
+
+
+def write_tables(
+    result: TrialResult, folder: Path, name: str, ankle_zero: AnkleZero = "right_angle"
+) -> list[Path]:
+    """Write a trial's coordinates, forces, loads, markers and clinical angles.
+
+    Parameters
+    ----------
+    result
+        The processed trial. Forces and loads are of the plates compensated, where they are.
+    folder
+        Where; made where there is none.
+    name
+        What the files' names begin with.
+    ankle_zero
+        See `angle_table`.
+
+    Returns
+    -------
+    list of Path
+        Coordinates and external loads (.mot), generalized forces (.sto), measured markers (.trc),
+        clinical angles (.csv), and the description of the loads (.xml).
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    suffixes = "_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc"
+    written = [folder / f"{name}{suffix}" for suffix in suffixes]
+    angles, coordinates, forces, loads, markers = written
+    variant, dynamics = list(variants(result).items())[-1]
+    write_csv(angle_table(result.motion, ankle_zero), angles)
+    write_coordinates(result.motion, coordinates)
+    write_forces(dynamics, forces)
+    write_external_loads(result.motion.time, result.ground[variant], loads)
+    write_trc(result.markers, markers)
+    return [*written, loads.with_suffix(".xml")]
 
 
 def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.DataFrame:
@@ -83,7 +90,8 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
     motion
         The coordinates.
     ankle_zero
-        See `hbm.clinical.clinical_angles`, which also gives the meaning of every sign.
+        Where the ankle is zero, "right_angle" or "in_line"; see
+        `hbm.clinical.clinical_angles`, which also gives the meaning of every sign.
 
     Returns
     -------
@@ -105,38 +113,3 @@ def angle_table(motion: Motion, ankle_zero: AnkleZero = "right_angle") -> pd.Dat
         else:
             columns[f"{name}_deg"] = np.degrees(value)
     return pd.DataFrame(columns)
-
-
-def _processed(
-    request: TrialRequest,
-    osim: Path | None,
-    urdf: Path | None,
-    tables: Path | None,
-    ankle_zero: AnkleZero,
-) -> list[Path]:
-    """Process the trial and write the models and tables asked for."""
-    result, recording = process_request(request)
-    written = []
-    for path, write in ((osim, write_osim), (urdf, write_urdf)):
-        if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write(result.body, path)
-            written.append(path)
-    if tables is not None:
-        tables.mkdir(parents=True, exist_ok=True)
-        stem = tables / request.trial.stem
-        angles, coordinates, forces, loads, markers = made = [
-            Path(f"{stem}{suffix}")
-            for suffix in ("_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc")
-        ]
-        best = "measured" if result.compensated is None else "compensated"
-        write_csv(angle_table(result.motion, ankle_zero), angles)
-        write_coordinates(result.motion, coordinates)
-        write_forces(result.compensated or result.measured, forces)
-        write_external_loads(result.motion.time, result.ground[best], loads)
-        write_trc(recording.markers, markers)
-        written += made
-        print(f"forces and loads are of the plates as {best}")
-    for note in warnings_first(result.notes):
-        print(f"- {'warning: ' * (note.level == 'warning')}{note} [{note.code}]")
-    return written

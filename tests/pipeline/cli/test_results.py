@@ -44,3 +44,43 @@ def test_a_result_of_another_version_is_one_line(moved, capsys):
 def test_a_trial_that_is_not_there_is_named_with_those_that_are(moved, capsys):
     assert main(["view", str(moved), "--subject", "sub09"]) == 2
     assert "there are: sub01 baseline" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def stored(walker, tmp_path_factory):
+    """The result of the walker's trial, as ``hbm residuals`` leaves it."""
+    out = tmp_path_factory.mktemp("stored")
+    assert main(["residuals", str(walker.source), "--sex", "female", "--out", str(out)]) == 0
+    return out / f"{walker.source.stem}.parquet"
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_result_is_exported_as_its_recording_is_without_processing_it_again(
+    walker, stored, tmp_path, monkeypatch
+):
+    def export(folder, *trial):
+        models = ["--osim", str(folder / "body.osim"), "--urdf", str(folder / "body.urdf")]
+        assert main(["export", *map(str, trial), *models, "--tables", str(folder)]) == 0
+
+    export(tmp_path / "recording", walker.source, "--sex", "female")
+    monkeypatch.setattr("pipeline.run.one_trial.process_request", None)
+    export(tmp_path / "result", stored)
+    assert contents(tmp_path / "result") == contents(tmp_path / "recording")
+    assert len(contents(tmp_path / "result")) == 8
+
+
+def test_bids_needs_the_recording_itself(stored, tmp_path, capsys):
+    assert main(["export", str(stored), "--bids", str(tmp_path / "set")]) == 2
+    assert (
+        "is a result; BIDS holds what was recorded: give the recording" in capsys.readouterr().err
+    )
+    assert not (tmp_path / "set").exists()
+
+
+def test_options_of_a_trial_that_is_processed_already_are_refused(stored, tmp_path, capsys):
+    asked = ["export", str(stored), "--tables", str(tmp_path), "--mass-kg", "70", "--hip", "bell"]
+    assert main(asked) == 2
+    assert "leave out --mass-kg, --hip, or give the recording" in capsys.readouterr().err
