@@ -24,7 +24,7 @@ def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study."
 
 def check(study: StudyFolder) -> int:
     """Read every TOML and every recording of a study, list all problems, compute nothing."""
-    from pipeline.cli.terminal import note_line, plain_console
+    from pipeline.cli.terminal import counted, note_line, plain_console
     from pipeline.config.study import read_study
     from pipeline.run.check import check_study
 
@@ -36,7 +36,8 @@ def check(study: StudyFolder) -> int:
         console.print(f"FAULT {fault}", soft_wrap=True)
     trials = sum(t.exclude is None for s in stated.subjects.values() for t in s.trials.values())
     console.print(
-        f"{len(stated.subjects)} subjects, {trials} trials, {len(findings.faults)} faults"
+        f"{counted(len(stated.subjects), 'subject')}, {counted(trials, 'trial')}, "
+        f"{counted(len(findings.faults), 'fault')}"
         + ("" if findings.faults else f"; next: hbm run {study}"),
         soft_wrap=True,
     )
@@ -55,7 +56,7 @@ def run(
 ) -> int:
     """Process a study; finished trials are skipped, failed ones listed with reasons."""
     from hbm.kernels.native import kernels
-    from pipeline.cli.terminal import StepProgress, announcer, plain_console
+    from pipeline.cli.terminal import StepProgress, announcer, counted, plain_console
     from pipeline.config.study import read_study
     from pipeline.io.write import remove_leftovers, require_writable
     from pipeline.run.failures import collect_failures, record_failure
@@ -103,7 +104,7 @@ def run(
             ],
         )
     console.print(
-        f"{counts['done']} trials processed, {counts['kept']} were there already, "
+        f"{counted(counts['done'], 'trial')} processed, {counts['kept']} were there already, "
         f"{counts['failed']} failed, in {time.monotonic() - start:.1f} s; next: hbm report {out}",
         soft_wrap=True,
     )

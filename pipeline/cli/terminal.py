@@ -36,6 +36,11 @@ def note_line(note: Note, place: str = "") -> Text:
     return Text.assemble(text, (f"[{note.code}]", "dim"))
 
 
+def counted(number: int, noun: str) -> str:
+    """Give a number with its noun, "1 trial" or "2 trials"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 class StepProgress(Progress):
     """Progress of long work: a bar with the time left in a terminal, a line per step elsewhere.
 

@@ -140,14 +140,13 @@ def print_result(result: "TrialResult", console: "Console") -> None:
     from rich.table import Table
 
     from hbm.notes import warnings_first
-    from pipeline.cli.terminal import note_line
+    from pipeline.cli.terminal import counted, note_line
     from pipeline.trial.residuals import marker_rows, residual_rows, threshold_rows
 
     rows = residual_rows(result, result.source.stem)
-    count = rows[0].n_cycles
     table = Table(
         title=f"Pelvis residuals, {result.source.name}, "
-        f"{count} gait cycle{'' if count == 1 else 's'} "
+        f"{counted(rows[0].n_cycles, 'gait cycle')} "
         f"({result.settings.filter} {result.settings.cutoff_hz:g} Hz)",
         caption="x forward, y right, z up; moments about mid-hip; % of body weight, or of body "
         "weight × stature",

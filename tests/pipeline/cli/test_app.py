@@ -1,4 +1,4 @@
-"""The command line: what it loads, which code it leaves, and its one line for every mistake."""
+"""The command line: what it loads, its exit codes, and its one line for every mistake."""
 
 import dataclasses
 import os
@@ -47,7 +47,7 @@ def plate(number, vertical):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A person who stands in a T-pose for a second, and what people take for a trial."""
+    """A person who stands in a T-pose for a second, and files that are no usable trial."""
     folder = tmp_path_factory.mktemp("trials")
     person = synthetic_t_pose()
     half = np.full(1000, 74.6 * 9.81 / 2)
@@ -78,7 +78,7 @@ def refused(capsys, *arguments):
 
 
 @pytest.mark.parametrize(
-    ("file", "options", "said"),
+    ("file", "options", "expected"),
     [
         ("absent.c3d", MASS, ["absent.c3d", "no such file"]),
         ("renamed.c3d", MASS, ["renamed.c3d", "not a C3D file"]),
@@ -106,9 +106,11 @@ def refused(capsys, *arguments):
         ("still.c3d", ["--colour", "red"], ["--colour", "--help"]),
     ],
 )
-def test_a_mistake_is_one_line_with_what_is_wrong(folder, tmp_path, capsys, file, options, said):
+def test_a_mistake_is_one_line_with_what_is_wrong(
+    folder, tmp_path, capsys, file, options, expected
+):
     line = refused(capsys, "residuals", folder / file, "--out", tmp_path / "out", *options)
-    for words in said:
+    for words in expected:
         assert words in line
     assert not (tmp_path / "out").exists()
 
@@ -150,20 +152,20 @@ def test_a_command_without_its_argument_is_one_line(capsys):
     assert "trial" in refused(capsys, "residuals").lower()
 
 
-def test_a_file_in_the_place_of_the_output_folder_is_noticed_before_the_work(
+def test_a_file_in_place_of_the_output_folder_is_refused_before_processing(
     folder, capsys, monkeypatch
 ):
-    monkeypatch.setattr(one_trial, "process_request", lambda *_: pytest.fail("it began to work"))
+    monkeypatch.setattr(one_trial, "process_request", lambda *_: pytest.fail("processing began"))
     for out in (folder / "still.txt", folder / "still.txt" / "deeper"):
         line = refused(capsys, "residuals", folder / "still.c3d", "--out", out)
         assert "still.txt is a file, not a folder" in line
 
 
-def test_a_folder_without_permission_is_noticed_before_the_work(
+def test_a_folder_without_permission_is_refused_before_processing(
     folder, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
-    monkeypatch.setattr(one_trial, "process_request", lambda *_: pytest.fail("it began to work"))
+    monkeypatch.setattr(one_trial, "process_request", lambda *_: pytest.fail("processing began"))
     line = refused(capsys, "residuals", folder / "still.c3d", "--out", tmp_path / "results")
     assert f"no permission to write into {tmp_path}" in line
 
@@ -175,7 +177,7 @@ def test_debug_shows_where_an_error_arose(folder):
 
 
 def test_the_help_of_every_command_loads_nothing_heavy():
-    """Which is why it answers at once."""
+    """So that it answers at once."""
     code = (
         "import sys\n"
         "from pipeline.cli.app import main\n"
@@ -194,7 +196,7 @@ def test_hbm_alone_prints_its_help(capsys):
     assert err == ""
 
 
-def test_an_interrupt_ends_with_the_customary_code(monkeypatch):
+def test_an_interrupt_ends_with_130(monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
@@ -211,7 +213,7 @@ def test_doctor_names_versions_the_backend_and_its_speed(capsys):
 
 
 def test_square_brackets_are_printed_as_they_are(capsys, monkeypatch):
-    """They are no markup: folders, extras, channel names and units may have them."""
+    """Not as markup: names of folders and channels, and units may have them."""
     monkeypatch.setattr(native, "cache_directory", lambda: "data [bold] [2024]")
     assert main(["doctor"]) == 0
     assert "data [bold] [2024]" in capsys.readouterr().out
@@ -239,7 +241,7 @@ def test_a_study_of_excluded_trials_only_has_nothing_to_process(tmp_path, capsys
     assert "no subject has a trial" in capsys.readouterr().err
 
 
-def test_simulating_writes_over_nothing(tmp_path, capsys):
+def test_simulating_overwrites_nothing(tmp_path, capsys):
     (tmp_path / "sub01_baseline.c3d").write_text("a year's work")
     assert main(["simulate", str(tmp_path)]) == 2
     assert "is not empty" in capsys.readouterr().err

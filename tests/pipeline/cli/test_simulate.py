@@ -1,4 +1,4 @@
-"""The demonstration, start to end: what it promises is there, and what it says is true."""
+"""The demonstration from start to end: its files exist, and its residuals are right."""
 
 from dataclasses import replace
 
@@ -70,7 +70,7 @@ def without_artefact(out):
     return pd.concat(tables).set_index(["subject", "condition", "axis"])["rms"]
 
 
-def test_everything_promised_is_there(out):
+def test_the_report_and_all_other_files_are_written(out):
     results = out / "results"
     for name in ("report.html", "table_3.md", "statistics.csv", "viewer/sub01_sway.rrd"):
         assert (results / name).stat().st_size > 0

@@ -29,7 +29,7 @@ def residuals(moving_study, out, *options):
     return table.pivot_table("rms", index="axis", columns="compensated")
 
 
-def test_a_treadmill_of_ones_own_is_calibrated_and_its_trials_compensated(
+def test_a_calibration_fitted_to_a_recording_compensates_its_trials(
     moving_study, fitted, tmp_path, capsys
 ):
     platform = read_study(moving_study).file.treadmill.platform
@@ -40,14 +40,12 @@ def test_a_treadmill_of_ones_own_is_calibrated_and_its_trials_compensated(
     assert "taken as level" not in capsys.readouterr().out
 
 
-def test_a_platform_whose_pose_nobody_states_is_told_to_stand_still(
-    moving_study, fitted, tmp_path, capsys
-):
+def test_a_platform_without_a_stated_pose_is_taken_as_level(moving_study, fitted, tmp_path, capsys):
     assert residuals(moving_study, tmp_path, "--calibration", fitted) is not None
     assert "the platform is taken as level" in " ".join(capsys.readouterr().out.split())
 
 
-def test_a_recording_in_the_place_of_a_calibration_says_how_to_fit_it(
+def test_a_recording_given_as_a_calibration_is_refused_with_how_to_fit_one(
     moving_study, tmp_path, capsys
 ):
     assert residuals(moving_study, tmp_path, "--calibration", moving_study / "empty.c3d") is None
@@ -67,7 +65,7 @@ def in_volts(recording):
     return replace(analog, units=units)
 
 
-def test_a_unit_that_the_file_states_wrongly_is_stated_once(moving_study, fitted, tmp_path, capsys):
+def test_a_unit_that_the_file_states_wrongly_can_be_stated(moving_study, fitted, tmp_path, capsys):
     path = changed(moving_study, tmp_path / "volts.c3d", analog=in_volts)
     out = tmp_path / "lab.json"
     command = ["calibration", "fit", str(path), "-o", str(out)]

@@ -67,7 +67,7 @@ def test_the_figure_is_written_for_paper_and_for_screen(result):
 
 
 def test_the_readme_shows_what_the_command_prints(result):
-    """Within a tenth: the text need not follow every rounding, but no claim may go stale."""
+    """Within a tenth: rounding may differ, no number may be out of date."""
     readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
     rows = [line.split("│")[1:-1] for line in readme.splitlines() if line.startswith("│")]
     shown = {axis.strip(): float(rms) for _, axis, rms, *_ in rows}
@@ -76,7 +76,7 @@ def test_the_readme_shows_what_the_command_prints(result):
     assert f"{table['n_cycles'].iloc[0]} gait cycles" in readme
 
 
-def test_nothing_else_and_nothing_half_written_is_left(result):
+def test_no_other_file_is_written(result):
     assert sorted(path.name for path in result[0].iterdir()) == [
         "treadmill_events.parquet",
         "treadmill_events_residuals.csv",
@@ -98,7 +98,7 @@ def test_a_name_with_dots_keeps_all_of_it(real_trial, tmp_path):
     ]
 
 
-def test_the_facts_say_what_made_the_result(result):
+def test_the_summary_holds_what_the_result_was_made_from(result):
     summary = result[2]
     assert summary.source == "treadmill_events.c3d"
     assert summary.subject.sex == "female"

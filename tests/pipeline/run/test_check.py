@@ -25,7 +25,7 @@ TRIALS = ("sub01_baseline", "sub01_pitch", "sub01_sway")
 
 @pytest.fixture
 def study(moving_study, tmp_path):
-    """A copy of the study with one subject, that may be changed."""
+    """A copy of the study with one subject; tests may change it."""
     folder = shutil.copytree(moving_study, tmp_path / "study")
     for path in folder.glob("sub02*"):
         path.unlink()
@@ -106,16 +106,16 @@ def test_a_sound_study_has_no_fault_and_its_remarks_list_what_will_be_used(movin
     found = findings(moving_study)
     assert found.faults == []
     for name in TRIALS:
-        said = [r.removeprefix(f"{name}.c3d: ") for r in found.remarks if r.startswith(name)]
-        assert said[0].startswith("12.0 s, 50 markers at 100 Hz, 2 plates at 1000 Hz, channels ")
-        assert "Acc1.X [g]" in said[0]
-        assert "Pulse [V]" in said[0]
-        assert said[0].endswith("no gait events")
-        assert any("axes point left, back, up" in line for line in said)
-        assert any(re.fullmatch(r"body mass 74\.\d kg by the plates, .*", line) for line in said)
-        assert "46 of the 46 markers of hbm2" in said
-        assert "locked at neutral, for no marker shows them: RToeFlexion, LToeFlexion" in said
-        assert f"platform pose from the markers {', '.join(lab.PLATFORM_MARKERS_M)}" in said
+        remarks = [r.removeprefix(f"{name}.c3d: ") for r in found.remarks if r.startswith(name)]
+        assert remarks[0].startswith("12.0 s, 50 markers at 100 Hz, 2 plates at 1000 Hz, channels ")
+        assert "Acc1.X [g]" in remarks[0]
+        assert "Pulse [V]" in remarks[0]
+        assert remarks[0].endswith("no gait events")
+        assert any("axes point left, back, up" in line for line in remarks)
+        assert any(re.fullmatch(r"body mass 74\.\d kg by the plates, .*", line) for line in remarks)
+        assert "46 of the 46 markers of hbm2" in remarks
+        assert "locked at neutral, for no marker shows them: RToeFlexion, LToeFlexion" in remarks
+        assert f"platform pose from the markers {', '.join(lab.PLATFORM_MARKERS_M)}" in remarks
     assert "empty.c3d: compensates plate 1, plate 2" in found.remarks
 
 
@@ -151,7 +151,7 @@ def test_markers_with_gaps_are_counted_and_those_often_missing_named(study):
 
 
 @pytest.mark.parametrize(
-    ("harm", "said"),
+    ("change_study", "fault"),
     [
         (
             lambda f: change(f, "sub01_sway", plates=lambda r: ()),
@@ -192,11 +192,11 @@ def test_markers_with_gaps_are_counted_and_those_often_missing_named(study):
         (lambda f: shorter(4.0)(f, "sub01_sway"), "sub01_sway.c3d: lasts 4.0 s; a trial needs 5 s"),
     ],
 )
-def test_what_a_run_would_refuse_is_a_fault(study, tmp_path, harm, said):
-    harm(study)
+def test_what_a_run_would_refuse_is_a_fault(study, tmp_path, change_study, fault):
+    change_study(study)
     found = findings(study)
-    assert any(fault.startswith(said) for fault in found.faults), found.faults
-    if "lasts" not in said:
+    assert any(line.startswith(fault) for line in found.faults), found.faults
+    if "lasts" not in fault:
         outcomes = list(run_study(read_study(study), tmp_path / "out", conditions=["sway"]))
         assert [outcome.state for outcome in outcomes] == ["failed"]
 
@@ -236,8 +236,8 @@ def test_a_mass_that_cannot_be_weighed_has_to_be_stated(study):
 
 def test_a_trial_too_short_for_its_cycles_is_remarked(study):
     edit(study / "study.toml", "cycles = 4", "cycles = 50")
-    said = "sub01_pitch.c3d: too short for 50 gait cycles after 6 s"
-    assert said in findings(study).remarks
+    remark = "sub01_pitch.c3d: too short for 50 gait cycles after 6 s"
+    assert remark in findings(study).remarks
 
 
 def test_what_is_excluded_missing_or_twice_is_remarked(study):
@@ -283,9 +283,11 @@ def test_a_marker_hidden_at_the_beginning_is_no_fault(study, monkeypatch):
 
 def test_hbm_check_prints_everything_and_what_to_do_next(moving_study, capsys):
     assert main(["check", str(moving_study)]) == 0
-    said = capsys.readouterr().out
-    assert "Acc1.X [g]" in said
-    assert said.splitlines()[-1] == f"2 subjects, 6 trials, 0 faults; next: hbm run {moving_study}"
+    printed = capsys.readouterr().out
+    assert "Acc1.X [g]" in printed
+    assert (
+        printed.splitlines()[-1] == f"2 subjects, 6 trials, 0 faults; next: hbm run {moving_study}"
+    )
 
 
 def test_the_template_checks_to_what_is_missing(tmp_path, capsys):
@@ -297,7 +299,7 @@ def test_the_template_checks_to_what_is_missing(tmp_path, capsys):
     assert all("no file 'sub01_" in line for line in lines)
 
 
-def test_a_preview_reads_little_of_a_long_file(moving_study, monkeypatch):
+def test_a_preview_reads_a_small_part_of_a_long_file(moving_study, monkeypatch):
     path = moving_study / "sub01_sway.c3d"
     whole = read_c3d(path)
     read = []

@@ -1,4 +1,4 @@
-"""What may happen to a run from outside: killed, doubled, out of disk, without permission."""
+"""A run that is killed, interrupted, started twice, out of disk space or without permission."""
 
 import json
 import os
@@ -88,7 +88,7 @@ def results(out):
     return {path.name: path.read_bytes() for path in (out / "trials").glob("*.parquet")}
 
 
-def test_killed_twenty_times_at_random_it_still_ends_with_the_same(
+def test_a_run_killed_twenty_times_still_ends_with_the_same_results(
     moving_study, finished, tmp_path
 ):
     """Every kill hits the whole process group; what was finished before is never redone."""
@@ -106,7 +106,9 @@ def test_killed_twenty_times_at_random_it_still_ends_with_the_same(
     assert json.loads((tmp_path / "failures.json").read_text("utf-8")) == {}
 
 
-def test_killed_with_all_its_workers_it_still_ends_with_the_same(moving_study, finished, tmp_path):
+def test_a_run_killed_with_its_workers_still_ends_with_the_same_results(
+    moving_study, finished, tmp_path
+):
     for patience in (3.0, 4.5, 6.0):
         running = hbm("run", moving_study, "--out", tmp_path, "--jobs", 2)
         time.sleep(patience)
@@ -118,9 +120,9 @@ def test_killed_with_all_its_workers_it_still_ends_with_the_same(moving_study, f
 
 def test_two_runs_at_once_do_not_harm_each_other(moving_study, finished, tmp_path):
     both = [hbm("run", moving_study, "--out", tmp_path) for _ in range(2)]
-    said = [running.communicate()[0] for running in both]
-    assert [running.returncode for running in both] == [0, 0], said
-    assert all("0 failed" in text for text in said)
+    printed = [running.communicate()[0] for running in both]
+    assert [running.returncode for running in both] == [0, 0], printed
+    assert all("0 failed" in text for text in printed)
     assert results(tmp_path) == results(finished)
     assert not list((tmp_path / "trials").glob(".*"))
 
@@ -141,15 +143,15 @@ def test_runs_of_different_subjects_at_once_keep_all_failures(moving_study, tmp_
     ]
 
 
-def test_interrupted_it_stops_with_130_and_leaves_nothing_half_written(moving_study, tmp_path):
+def test_an_interrupted_run_ends_with_130_and_leaves_nothing_half_written(moving_study, tmp_path):
     running = hbm("run", moving_study, "--out", tmp_path, "--jobs", 2)
     while not (tmp_path / "run.json").exists():
         time.sleep(0.05)
     time.sleep(1.0)
     running.send_signal(signal.SIGINT)
-    _, said = running.communicate(timeout=20)
+    _, errors = running.communicate(timeout=20)
     assert running.returncode == 130
-    assert "Traceback" not in said
+    assert "Traceback" not in errors
 
 
 def test_a_run_that_the_shell_shields_from_interrupts_goes_on(moving_study, finished, tmp_path):
@@ -176,9 +178,9 @@ def test_files_that_may_not_grow_fail_with_one_line_each(moving_study, tmp_path)
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 
     running = hbm("run", moving_study, "--out", tmp_path, "--subject", "sub01", before=restrict)
-    said, _ = running.communicate()
+    printed, _ = running.communicate()
     assert running.returncode == 1
-    failed = [line for line in said.splitlines() if line.startswith("FAILED")]
+    failed = [line for line in printed.splitlines() if line.startswith("FAILED")]
     assert len(failed) == 3
     assert all("File too large" in line for line in failed), failed
     assert not results(tmp_path)
@@ -201,8 +203,8 @@ def small_disk(tmp_path):
 
 def test_a_full_disk_is_one_clear_line(moving_study, finished, small_disk, capsys):
     assert main(["run", str(moving_study), "--out", str(small_disk)]) == 1
-    said = capsys.readouterr().out
-    failed = [line for line in said.splitlines() if line.startswith("FAILED")]
+    printed = capsys.readouterr().out
+    failed = [line for line in printed.splitlines() if line.startswith("FAILED")]
     assert failed
     assert all("No space left on device" in line for line in failed), failed
     written, whole = results(small_disk), results(finished)

@@ -1,4 +1,4 @@
-"""A study's run: every trial once, nothing redone, nothing lost, a failure stops no other."""
+"""Running a study: every trial once, nothing redone or lost, a failure stops no other trial."""
 
 import importlib
 import json
@@ -26,7 +26,7 @@ TRIALS = [f"sub0{n}_{c}" for n in (1, 2) for c in ("baseline", "pitch", "sway")]
 
 @pytest.fixture
 def study(moving_study, tmp_path):
-    """A copy of the study that may be changed."""
+    """A copy of the study; tests may change it."""
     return shutil.copytree(moving_study, tmp_path / "study")
 
 
@@ -68,7 +68,7 @@ def test_every_trial_has_a_result_with_the_key_of_all_that_went_into_it(moving_s
         assert summary.condition == job.condition
 
 
-def test_what_is_there_is_kept_untouched(moving_study, out, monkeypatch):
+def test_finished_results_are_kept_untouched(moving_study, out, monkeypatch):
     monkeypatch.setattr(process, "process_trial", None)
     before = {path: path.stat().st_mtime_ns for path in (out / "trials").iterdir()}
     outcomes = list(run_study(read_study(moving_study), out, jobs=2))
@@ -132,7 +132,7 @@ def test_another_program_or_library_redoes_everything(moving_study, out, monkeyp
     assert not set(before) & set(after)
 
 
-def test_a_result_that_is_missing_or_damaged_is_made_again_and_the_same(study, out, finished):
+def test_a_missing_or_damaged_result_is_made_again_and_equal(study, out, finished):
     forget(out, "sub01_sway")
     damaged = out / "trials" / "sub02_pitch.parquet"
     damaged.write_bytes(damaged.read_bytes()[:-1000])
@@ -141,13 +141,13 @@ def test_a_result_that_is_missing_or_damaged_is_made_again_and_the_same(study, o
     assert contents(out) == contents(finished)
 
 
-def test_two_side_by_side_give_what_one_after_another_gives(moving_study, finished, tmp_path):
+def test_two_trials_at_a_time_give_the_same_results_as_one(moving_study, finished, tmp_path):
     outcomes = list(run_study(read_study(moving_study), tmp_path, jobs=2))
     assert set(states(outcomes).values()) == {"done"}
     assert contents(tmp_path) == contents(finished)
 
 
-def test_a_dask_cluster_gives_the_same(moving_study, finished, tmp_path):
+def test_a_dask_cluster_gives_the_same_results(moving_study, finished, tmp_path):
     distributed = pytest.importorskip("dask.distributed", reason="the extra 'cluster' is not here")
     patience = importlib.import_module("dask").config.set(
         {"distributed.comm.timeouts.connect": "120s"}
@@ -185,7 +185,7 @@ def test_a_cluster_that_is_not_there_is_one_line(moving_study, tmp_path, capsys,
 
 
 class VanishingCluster:
-    """A stand-in for dask.distributed whose workers, or scheduler, go and never come back."""
+    """A stand-in for dask.distributed whose workers or scheduler disappear for good."""
 
     CancelledError = KilledWorker = RuntimeError
 
@@ -218,7 +218,7 @@ class VanishingCluster:
 @pytest.mark.parametrize(
     "answers", [[1, 0], [0, 1, 2, 0], [1, OSError("connection lost")], [OSError("no scheduler")]]
 )
-def test_a_cluster_that_goes_away_is_given_up(moving_study, tmp_path, monkeypatch, answers):
+def test_a_cluster_that_disappears_is_given_up(moving_study, tmp_path, monkeypatch, answers):
     monkeypatch.setattr(cluster, "import_module", lambda _: VanishingCluster([*answers, 0, 0]))
     monkeypatch.setattr(cluster, "MAX_WITHOUT_WORKERS_S", 1e-9)
     outcomes = list(run_study(read_study(moving_study), tmp_path, scheduler="tcp://somewhere:1"))
@@ -252,17 +252,17 @@ def test_a_worker_may_run_in_another_folder(moving_study, tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(
-    ("option", "said"),
+    ("option", "message"),
     [
         (["--subject", "sub3"], "no subject 'sub3', did you mean 'sub0"),
         (["--condition", "swy"], "no condition 'swy', did you mean 'sway'?; there are baseline"),
     ],
 )
 def test_an_unknown_subject_or_condition_is_wrong_usage(
-    moving_study, tmp_path, capsys, option, said
+    moving_study, tmp_path, capsys, option, message
 ):
     assert main(["run", str(moving_study), *option, "--out", str(tmp_path / "new")]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
 
 
@@ -271,10 +271,10 @@ def test_a_failing_trial_is_listed_with_its_reason_and_stops_no_other(study, out
     sound = (study / "sub01_sway.c3d").read_bytes()
     (study / "sub01_sway.c3d").write_bytes(sound[:100_000])
     assert main(["run", str(study), "--out", str(out)]) == 1
-    said = capsys.readouterr().out
-    line = next(line for line in said.splitlines() if line.startswith("FAILED"))
+    printed = capsys.readouterr().out
+    line = next(line for line in printed.splitlines() if line.startswith("FAILED"))
     assert line.startswith("FAILED sub01 sway: sub01_sway.c3d: the file says it has")
-    assert "1 trials processed, 4 were there already, 1 failed" in said
+    assert "1 trial processed, 4 were there already, 1 failed" in printed
     failures = json.loads((out / "failures.json").read_text(encoding="utf-8"))
     assert list(failures) == ["sub01 sway"]
     assert failures["sub01 sway"] in line
@@ -295,7 +295,7 @@ def test_a_trial_that_is_excluded_has_no_longer_failed(study, out):
     assert json.loads((out / "failures.json").read_text("utf-8")) == {}
 
 
-def test_a_file_that_disappears_midway_fails_its_own_trial_only(study, out, finished):
+def test_a_file_that_disappears_midway_fails_only_its_own_trial(study, out, finished):
     forget(out, "sub01_sway", "sub02_pitch")
     planned = plan(read_study(study), out)
     (study / "sub01_sway.c3d").unlink()
@@ -325,7 +325,7 @@ def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out
 
 
 @pytest.mark.parametrize(
-    ("error", "said"),
+    ("error", "message"),
     [
         (ValueError("no markers\nat all"), "no markers at all"),
         (ValueError(), "ValueError:  (test_run.py, line "),
@@ -338,7 +338,7 @@ def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out
     ],
 )
 def test_whatever_goes_wrong_in_a_trial_is_a_failure_of_that_trial(
-    moving_study, out, monkeypatch, error, said
+    moving_study, out, monkeypatch, error, message
 ):
     def broken(*given, **named):
         raise error
@@ -347,12 +347,12 @@ def test_whatever_goes_wrong_in_a_trial_is_a_failure_of_that_trial(
     monkeypatch.setattr(process, "process_trial", broken)
     failed = only(run_study(read_study(moving_study), out), "failed")
     assert list(failed) == ["sub01_sway"]
-    assert failed["sub01_sway"].startswith(said)
+    assert failed["sub01_sway"].startswith(message)
     assert "\n" not in failed["sub01_sway"]
 
 
-class DeadlyStudy(Study):
-    """A study one of whose trials ends the process that works on it, as want of memory does."""
+class StudyThatKillsItsWorker(Study):
+    """A study with a trial that kills the process working on it, as lack of memory does."""
 
     __slots__ = ()
 
@@ -364,12 +364,14 @@ class DeadlyStudy(Study):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals")
-def test_a_worker_that_dies_takes_its_own_trial_only(study, out, finished):
+def test_a_worker_that_dies_fails_only_its_own_trial(study, out, finished):
     (study / "process_of_the_test").write_text(str(os.getpid()))
     forget(out, "sub01_sway", "sub02_pitch", "sub02_sway")
     read = read_study(study)
-    deadly = DeadlyStudy(read.folder, read.file, read.subjects, read.marker_set)
-    outcomes = list(run_study(deadly, out, jobs=2))
+    study_that_kills = StudyThatKillsItsWorker(
+        read.folder, read.file, read.subjects, read.marker_set
+    )
+    outcomes = list(run_study(study_that_kills, out, jobs=2))
     failed = only(outcomes, "failed")
     assert list(failed) == ["sub01_sway"]
     assert "the process that worked on it died" in failed["sub01_sway"]
@@ -402,7 +404,7 @@ def test_the_biggest_recordings_come_first(moving_study, tmp_path, monkeypatch):
     assert order == TRIALS[::-1]
 
 
-def test_progress_tells_the_time_left_and_leftovers_are_removed(moving_study, out, capsys):
+def test_progress_shows_the_time_left_and_leftovers_are_removed(moving_study, out, capsys):
     forget(out, "sub01_sway", "sub02_pitch")
     dead = out / "trials" / ".sub01_sway.parquet.deadbeef.part"
     dead.write_bytes(b"half")
