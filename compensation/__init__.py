@@ -14,14 +14,17 @@ if TYPE_CHECKING:
         rms_orthogonal,
         wrench_of_weight,
     )
-    from compensation.alignment import Delay, estimate_delay, hammer_delay, undo_delay
-    from compensation.belt import BeltModel, belt_acceleration, fit_belt, low_pass
-    from compensation.calibration import Calibration, from_json, to_json
-    from compensation.cutoff import cutoff_of_spline, spline_smoothing
-    from compensation.inertia import InertiaModel, Setup
-    from compensation.inertia_fit import fit_inertia, sensor_noise_of
-    from compensation.plate_calibration import PlateCalibration, fit_plate_calibration
-    from compensation.platform import (
+    from compensation.alignment.delay import Delay, estimate_delay, hammer_delay, undo_delay
+    from compensation.alignment.plate import PlateCalibration, fit_plate_calibration
+    from compensation.belt.cutoff import cutoff_of_spline, spline_smoothing
+    from compensation.belt.model import BeltModel, belt_acceleration, fit_belt, low_pass
+    from compensation.belt.roller import Roller, fit_roller
+    from compensation.inertia.calibration import Calibration, from_json, to_json
+    from compensation.inertia.checks import check_calibration, check_trial
+    from compensation.inertia.fit import fit_inertia, sensor_noise_of
+    from compensation.inertia.model import InertiaModel, Setup
+    from compensation.platform.markers import PoseFit, check_pose, fit_pose, neutral_markers
+    from compensation.platform.pose import (
         PlatformPose,
         center_of_pressure,
         commanded_pose,
@@ -31,11 +34,12 @@ if TYPE_CHECKING:
         specific_force,
         to_lab,
     )
-    from compensation.platform_markers import PoseFit, check_pose, fit_pose, neutral_markers
-    from compensation.protocol import belt_signals, pitch_and_sway_signals, validation_signals
-    from compensation.roller import Roller, fit_roller
-    from compensation.sensors import check_calibration, check_trial
-    from compensation.signals import (
+    from compensation.signals.protocol import (
+        belt_signals,
+        pitch_and_sway_signals,
+        validation_signals,
+    )
+    from compensation.signals.signal import (
         Limits,
         Signal,
         Spectrum,
@@ -53,50 +57,50 @@ _HOME = {
     "rms_difference": "accuracy",
     "rms_orthogonal": "accuracy",
     "wrench_of_weight": "accuracy",
-    "Delay": "alignment",
-    "estimate_delay": "alignment",
-    "hammer_delay": "alignment",
-    "undo_delay": "alignment",
-    "BeltModel": "belt",
-    "belt_acceleration": "belt",
-    "fit_belt": "belt",
-    "low_pass": "belt",
-    "Calibration": "calibration",
-    "from_json": "calibration",
-    "to_json": "calibration",
-    "cutoff_of_spline": "cutoff",
-    "spline_smoothing": "cutoff",
-    "InertiaModel": "inertia",
-    "Setup": "inertia",
-    "fit_inertia": "inertia_fit",
-    "sensor_noise_of": "inertia_fit",
-    "PlateCalibration": "plate_calibration",
-    "fit_plate_calibration": "plate_calibration",
-    "PlatformPose": "platform",
-    "center_of_pressure": "platform",
-    "commanded_pose": "platform",
-    "free_moment": "platform",
-    "moment_error_of_pivot": "platform",
-    "pose_delay": "platform",
-    "specific_force": "platform",
-    "to_lab": "platform",
-    "PoseFit": "platform_markers",
-    "check_pose": "platform_markers",
-    "fit_pose": "platform_markers",
-    "neutral_markers": "platform_markers",
-    "belt_signals": "protocol",
-    "pitch_and_sway_signals": "protocol",
-    "validation_signals": "protocol",
-    "Roller": "roller",
-    "fit_roller": "roller",
-    "check_calibration": "sensors",
-    "check_trial": "sensors",
-    "Limits": "signals",
-    "Signal": "signals",
-    "Spectrum": "signals",
-    "acceleration_spectrum": "signals",
-    "check_signal": "signals",
-    "resample_signal": "signals",
+    "Delay": "alignment.delay",
+    "estimate_delay": "alignment.delay",
+    "hammer_delay": "alignment.delay",
+    "undo_delay": "alignment.delay",
+    "BeltModel": "belt.model",
+    "belt_acceleration": "belt.model",
+    "fit_belt": "belt.model",
+    "low_pass": "belt.model",
+    "Calibration": "inertia.calibration",
+    "from_json": "inertia.calibration",
+    "to_json": "inertia.calibration",
+    "cutoff_of_spline": "belt.cutoff",
+    "spline_smoothing": "belt.cutoff",
+    "InertiaModel": "inertia.model",
+    "Setup": "inertia.model",
+    "fit_inertia": "inertia.fit",
+    "sensor_noise_of": "inertia.fit",
+    "PlateCalibration": "alignment.plate",
+    "fit_plate_calibration": "alignment.plate",
+    "PlatformPose": "platform.pose",
+    "center_of_pressure": "platform.pose",
+    "commanded_pose": "platform.pose",
+    "free_moment": "platform.pose",
+    "moment_error_of_pivot": "platform.pose",
+    "pose_delay": "platform.pose",
+    "specific_force": "platform.pose",
+    "to_lab": "platform.pose",
+    "PoseFit": "platform.markers",
+    "check_pose": "platform.markers",
+    "fit_pose": "platform.markers",
+    "neutral_markers": "platform.markers",
+    "belt_signals": "signals.protocol",
+    "pitch_and_sway_signals": "signals.protocol",
+    "validation_signals": "signals.protocol",
+    "Roller": "belt.roller",
+    "fit_roller": "belt.roller",
+    "check_calibration": "inertia.checks",
+    "check_trial": "inertia.checks",
+    "Limits": "signals.signal",
+    "Signal": "signals.signal",
+    "Spectrum": "signals.signal",
+    "acceleration_spectrum": "signals.signal",
+    "check_signal": "signals.signal",
+    "resample_signal": "signals.signal",
 }
 
 __all__ = [

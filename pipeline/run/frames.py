@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from compensation.platform import PlatformPose
+from compensation.platform.pose import PlatformPose
 from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers

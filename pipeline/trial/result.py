@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compensation.platform import PlatformPose
+from compensation.platform.pose import PlatformPose
 from hbm.body import Body
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers

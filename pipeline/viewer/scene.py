@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from compensation.platform import PlatformPose
+from compensation.platform.pose import PlatformPose
 from hbm.coordinates import SEGMENTS
 from hbm.markers import Markers
 from hbm.model import Body

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from compensation.platform import PlatformPose
+from compensation.platform.pose import PlatformPose
 from hbm.notes import Note
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation.platform import PlatformPose, commanded_pose
+from compensation.platform.pose import PlatformPose, commanded_pose
 from hbm.spatial import Array
 from pipeline.virtual_lab.machine.treadmill import PlatformMotion
 from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth_step

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 from scipy.linalg import solve_banded
 
-from compensation.platform import PlatformPose
+from compensation.platform.pose import PlatformPose
 from hbm.spatial import GRAVITY_MPS2, Array
 
 RATE_HZ: Final = 100.0

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from compensation.platform import PlatformPose
+from compensation.platform.pose import PlatformPose
 from hbm.center_of_mass import center_of_mass
 from hbm.coordinates import INDEX, SEGMENTS
 from hbm.kernels.native import kernels

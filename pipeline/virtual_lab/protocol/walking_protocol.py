@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field
 
-from compensation.protocol import DURATIONS_S, PLATFORM_KINDS
+from compensation.signals.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.spatial import Array
 from pipeline.config.schema import InputModel
 from pipeline.virtual_lab.faults import Faults
@@ -54,8 +54,8 @@ class Protocol(InputModel):
 
     The belts start after ``standing_s`` of T-pose and lowering the arms and reach their speed
     within ``starting_s``; durations of the conditions count from then. ``calibration`` is one of
-    the signals of `compensation.protocol`, by belts at 0 or 3 m/s; ``pose`` says whether the
-    study's files take the platform's pose from its markers or from its channels.
+    the signals of `compensation.signals.protocol`, by belts at 0 or 3 m/s; ``pose`` says whether
+    the study's files take the platform's pose from its markers or from its channels.
     """
 
     conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = (

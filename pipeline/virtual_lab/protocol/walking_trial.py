@@ -5,8 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from compensation.protocol import pitch_and_sway_signals
-from compensation.signals import Signal, resample_signal
+from compensation.signals.protocol import pitch_and_sway_signals
+from compensation.signals.signal import Signal, resample_signal
 from pipeline.io.recording import Recording
 from pipeline.virtual_lab.machine.motion import (
     ANALOG_HZ,

@@ -5,13 +5,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inertia import InertiaModel, Setup, sensor_names
-from compensation.inputs import COMPONENTS, read_table, refuse_constant, refuse_unequal
-from compensation.plausibility import (
+from compensation.inertia.model import InertiaModel, Setup, sensor_names
+from compensation.inertia.plausibility import (
     refuse_other_units,
     refuse_other_wrench_units,
     refuse_still_platform,
 )
+from compensation.inputs import COMPONENTS, read_table, refuse_constant, refuse_unequal
 from hbm.spatial import Array
 
 _SAMPLES_PER_UNKNOWN = 10
@@ -70,7 +70,7 @@ def fit_inertia(
       With fewer, or four in one plane, the centripetal products ``ωᵢωⱼ`` are approximated.
 
     Not linear, hence not removed: saturation, bending of the platform, unequal filters or delays,
-    drift, and moving parts (belt acceleration: see `compensation.belt`).
+    drift, and moving parts (belt acceleration: see `compensation.belt.model`).
 
     Noise in the accelerometers biases ordinary least squares towards zero where the calibration
     moves little, and pitch of ± 10° changes the vertical specific force by 0.15 m/s² only: the

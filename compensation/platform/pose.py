@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.alignment import Delay, estimate_delay
+from compensation.alignment.delay import Delay, estimate_delay
 from compensation.inputs import (
     read_rate,
     read_signal,

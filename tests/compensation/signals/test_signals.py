@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compensation.inertia_fit import fit_inertia, sensor_noise_of
-from compensation.protocol import (
+from compensation.inertia.fit import fit_inertia, sensor_noise_of
+from compensation.signals.protocol import (
     BELT_KINDS,
     PLATFORM_KINDS,
     belt_signals,
     pitch_and_sway_signals,
     validation_signals,
 )
-from compensation.signals import (
+from compensation.signals.signal import (
     Limits,
     Signal,
     acceleration_spectrum,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from compensation.platform import PlatformPose
+from compensation.platform.pose import PlatformPose
 from hbm.notes import Note
 from hbm.spatial import Array, fit_rotation, read_only
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from compensation.inertia_fit import fit_inertia
-from compensation.sensors import check_trial
+from compensation.inertia.checks import check_trial
+from compensation.inertia.fit import fit_inertia
 from hbm.notes import Note
 
 places = pytest.mark.parametrize("places", ["two", "four"])

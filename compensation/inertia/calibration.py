@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from compensation.inertia import InertiaModel, Setup
+from compensation.inertia.model import InertiaModel, Setup
 
 _FORMAT = "hbm-residuals inertia calibration"
 _VERSION = 2

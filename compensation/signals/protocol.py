@@ -11,7 +11,7 @@ begins and ends at rest.
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from compensation.signals import Limits, Signal
+from compensation.signals.signal import Limits, Signal
 from hbm.spatial import Array
 
 RATE_HZ = 100.0

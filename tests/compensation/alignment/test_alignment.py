@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compensation.alignment import estimate_delay, hammer_delay, undo_delay
-from compensation.plate_calibration import PlateCalibration, fit_plate_calibration
+from compensation.alignment.delay import estimate_delay, hammer_delay, undo_delay
+from compensation.alignment.plate import PlateCalibration, fit_plate_calibration
 
 # Delays from motion -----------------------------------------------------------------------------
 

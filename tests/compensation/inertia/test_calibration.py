@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from compensation import check_calibration
-from compensation.calibration import Calibration, from_json, to_json
-from compensation.inertia import Setup
-from compensation.inertia_fit import fit_inertia
+from compensation.inertia.calibration import Calibration, from_json, to_json
+from compensation.inertia.fit import fit_inertia
+from compensation.inertia.model import Setup
 from hbm.signals.filtering import low_pass
 
 SETUP = Setup(sensors=("rear left", "front right"), rate_hz=100.0, cutoff_hz=20.0)

@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inertia import InertiaModel
+from compensation.inertia.model import InertiaModel
 from compensation.inputs import read_table
 from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2, Array

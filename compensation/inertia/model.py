@@ -11,8 +11,8 @@ from typing import get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from compensation.inertia.plausibility import refuse_other_units
 from compensation.inputs import read_rate, read_table, refuse_gaps, refuse_unequal
-from compensation.plausibility import refuse_other_units
 from hbm.signals.filtering import Method, low_pass
 from hbm.spatial import Array, read_only
 

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compensation.inertia_fit import fit_inertia, sensor_noise_of
-from compensation.sensors import check_calibration
+from compensation.inertia.checks import check_calibration
+from compensation.inertia.fit import fit_inertia, sensor_noise_of
 
 
 def rms(values):

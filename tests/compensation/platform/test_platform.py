@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from compensation import check_pose
-from compensation.alignment import estimate_delay
-from compensation.platform import (
+from compensation.alignment.delay import estimate_delay
+from compensation.platform.markers import fit_pose, neutral_markers
+from compensation.platform.pose import (
     PlatformPose,
     center_of_pressure,
     commanded_pose,
@@ -17,7 +18,6 @@ from compensation.platform import (
     specific_force,
     to_lab,
 )
-from compensation.platform_markers import fit_pose, neutral_markers
 from hbm.notes import Note
 from hbm.spatial import rotation_about, shift_wrench
 

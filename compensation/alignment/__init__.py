@@ -1,0 +1,1 @@
+"""Plates, cameras and accelerometers brought to one clock and one place."""

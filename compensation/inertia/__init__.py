@@ -1,0 +1,1 @@
+"""What sway and pitch leave in the plates: inertia and weight of the belt assemblies."""

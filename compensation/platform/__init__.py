@@ -1,0 +1,1 @@
+"""The moving platform: its pose, and plate wrenches in the lab."""

@@ -1,0 +1,1 @@
+"""Commanded motion of the treadmill: the calibration and validation signals."""
