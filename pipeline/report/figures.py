@@ -43,7 +43,7 @@ def study_figures(results: Results, statistics: pd.DataFrame) -> Iterator[tuple[
     for condition in drawn_conditions(results.residuals):
         yield f"gait_cycle_{condition}", gait_cycle_figure(results.cycles, condition)
     yield "marginal_means", marginal_means_figure(results.residuals, statistics)
-    subject = raw_subject(results.residuals)
+    subject = example_subject(results.residuals)
     spans = {c: trial.cycles for (s, c), trial in results.summaries.items() if s == subject}
     own = results.cycles[results.cycles["subject"] == subject]
     for axis in AXES:
@@ -56,7 +56,7 @@ def drawn_conditions(residuals: pd.DataFrame) -> list[str]:
     return [name for name in conditions if name != BASELINE] or conditions
 
 
-def raw_subject(residuals: pd.DataFrame) -> str:
+def example_subject(residuals: pd.DataFrame) -> str:
     """Give the subject with most cells, the first of equals, whose raw residuals are drawn."""
     return str(residuals.groupby("subject", sort=True).size().idxmax())
 

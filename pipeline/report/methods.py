@@ -9,7 +9,7 @@ import pandas as pd
 
 from pipeline.config.schema import Condition, Treadmill
 from pipeline.config.study import Study
-from pipeline.report.references import BIBTEX
+from pipeline.report.references import references
 from pipeline.run.load import Results
 from pipeline.statistics.design import PLANNED_PAIRS, in_order
 from pipeline.statistics.verdict import MARGIN, join_names
@@ -61,7 +61,7 @@ def cited(results: Results) -> list[str]:
     """Give the keys of the works that the Methods cite, and of the thesis, in order."""
     hips = {HIP[trial.settings.hip][1] for trial in results.summaries.values()}
     unused = {key for _, key in HIP.values()} - hips
-    return [key for key in BIBTEX if key not in unused]
+    return [key for key in references() if key not in unused]
 
 
 def _subjects(results: Results) -> str:

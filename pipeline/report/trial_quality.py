@@ -1,4 +1,4 @@
-"""How good each trial is: what a reader should look at before believing its residuals."""
+"""Quality of a trial: what to check before its residuals are interpreted."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,37 +7,60 @@ from typing import Final, Literal
 from pipeline.trial.residuals import MarkerRow, ThresholdRow
 from pipeline.trial.summary import TrialSummary
 
-MARKER_RMS_MM: Final = 20.0
-MARKER_PEAK_MM: Final = 40.0
+MAX_MARKER_RMS_MM: Final = 20.0
+MAX_MARKER_PEAK_MM: Final = 40.0
 """OpenSim's guideline for inverse kinematics: RMS error below 2 cm, largest below 4 cm."""
-GAP_PERCENT: Final = 10.0
-DELAY_S: Final = 0.010
-"""Own levels, of no authority: a tenth of a marker's samples, one frame of a 100 Hz camera."""
+MAX_GAP_PERCENT: Final = 10.0
+"""No published limit: above a tenth, much of a marker's path is interpolated or unknown."""
+MAX_DELAY_S: Final = 0.010
+"""No published limit: one frame of a 100 Hz camera."""
 
-Light = Literal["good", "look", "bad", "none"]
+Rating = Literal["pass", "check", "fail", "none"]
+SYMBOLS: Final[dict[Rating, str]] = {"pass": "✔", "check": "▲", "fail": "✖", "none": ""}
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing to look at: what was found, and how that is.
+    """One finding and its rating.
 
     Attributes
     ----------
     value
-        For a person.
-    light
-        "good"; "look" at it; "bad": outside a published limit; "none" where there is no limit.
+        As shown.
+    rating
+        "pass"; "check": to be looked at; "fail": outside a published limit; "none": no limit.
     detail
-        What stands behind it, such as the worst marker.
+        What it consists of, such as the worst marker.
     """
 
     value: str
-    light: Light
+    rating: Rating
     detail: str = ""
 
+    @property
+    def symbol(self) -> str:
+        """Symbol of the rating, which must not depend on colour alone."""
+        return SYMBOLS[self.rating]
 
-def trial_checks(trial: TrialSummary) -> dict[str, list[Check]]:
-    """Judge a trial by its summary.
+
+@dataclass(frozen=True, slots=True)
+class Criterion:
+    """One criterion of quality and its findings.
+
+    Attributes
+    ----------
+    name
+        Head of its column.
+    checks
+        One, or one without and one with compensation.
+    """
+
+    name: str
+    checks: tuple[Check, ...]
+
+
+def trial_quality(trial: TrialSummary) -> tuple[Criterion, ...]:
+    """Rate a trial by its summary.
 
     Parameters
     ----------
@@ -46,60 +69,59 @@ def trial_checks(trial: TrialSummary) -> dict[str, list[Check]]:
 
     Returns
     -------
-    dict
-        What was looked at -> findings: one each, but of the peak residuals against the limits of
-        Hicks et al. (2015) one without and one with compensation.
+    tuple of Criterion
+        The same criteria in the same order for every trial.
     """
     counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
     sides = ", ".join(f"{n} {side}" for side, n in counts.items())
     unsolved = trial.unsolved_frames
-    return {
-        "Gait cycles": [Check(str(sum(counts.values())), "none", sides)],
-        "Marker error (RMS)": [_marker_error(trial.markers)],
-        "Marker gaps": [_gaps(trial.markers)],
-        "Delay of plates": [_delay(trial.delay_s, trial.delay_uncertainty_s)],
-        "Unsolved frames": [
-            Check(str(unsolved), "look" if unsolved else "good", f"of {trial.frames}")
-        ],
-        "Locked": [Check(str(len(trial.locked)), "none")],
-        "Peak force": _hicks(trial.thresholds, "force"),
-        "Peak moment": _hicks(trial.thresholds, "moment"),
-    }
+    return (
+        Criterion("Gait cycles", (Check(str(sum(counts.values())), "none", sides),)),
+        Criterion("Marker error (RMS)", (_marker_error(trial.markers),)),
+        Criterion("Marker gaps", (_marker_gaps(trial.markers),)),
+        Criterion("Delay of plates", (_delay(trial.delay_s, trial.delay_uncertainty_s),)),
+        Criterion(
+            "Unsolved frames",
+            (Check(str(unsolved), "check" if unsolved else "pass", f"of {trial.frames}"),),
+        ),
+        Criterion("Locked", (Check(str(len(trial.locked)), "none"),)),
+        Criterion("Peak force", _peaks(trial.thresholds, "force")),
+        Criterion("Peak moment", _peaks(trial.thresholds, "moment")),
+    )
 
 
 def _marker_error(markers: Sequence[MarkerRow]) -> Check:
-    every, single = markers[-1], markers[:-1]
+    overall, single = markers[-1], markers[:-1]
     worst = max(single, key=lambda row: row.rms_mm)
-    light: Light = "good" if every.rms_mm < MARKER_RMS_MM else "bad"
-    if light == "good" and every.peak_mm > MARKER_PEAK_MM:
-        light = "look"
-    detail = f"{worst.marker} {worst.rms_mm:.1f}, peak {every.peak_mm:.0f}"
-    return Check(f"{every.rms_mm:.1f} mm", light, detail)
+    rating: Rating = "pass" if overall.rms_mm < MAX_MARKER_RMS_MM else "fail"
+    if rating == "pass" and overall.peak_mm > MAX_MARKER_PEAK_MM:
+        rating = "check"
+    detail = f"{worst.marker} {worst.rms_mm:.1f}, peak {overall.peak_mm:.0f}"
+    return Check(f"{overall.rms_mm:.1f} mm", rating, detail)
 
 
-def _gaps(markers: Sequence[MarkerRow]) -> Check:
-    every, single = markers[-1], markers[:-1]
+def _marker_gaps(markers: Sequence[MarkerRow]) -> Check:
+    overall, single = markers[-1], markers[:-1]
     worst = max(single, key=lambda row: row.missing_percent)
-    light: Light = "look" if worst.missing_percent > GAP_PERCENT else "good"
-    detail = f"{worst.marker} {worst.missing_percent:.1f} %"
-    value = f"{every.missing_percent:.1f} %"
-    return Check(value, light, detail if worst.missing_percent else "")
+    rating: Rating = "check" if worst.missing_percent > MAX_GAP_PERCENT else "pass"
+    detail = f"{worst.marker} {worst.missing_percent:.1f} %" if worst.missing_percent else ""
+    return Check(f"{overall.missing_percent:.1f} %", rating, detail)
 
 
-def _hicks(rows: Sequence[ThresholdRow], quantity: str) -> list[Check]:
-    return [
+def _peaks(thresholds: Sequence[ThresholdRow], quantity: str) -> tuple[Check, ...]:
+    return tuple(
         Check(
             f"{'IC' if row.compensated else 'no IC'} {row.peak:.0f} of {row.limit:.0f} {row.unit}",
-            "good" if row.passed else "bad",
+            "pass" if row.passed else "fail",
         )
-        for row in rows
+        for row in thresholds
         if row.quantity == quantity
-    ]
+    )
 
 
 def _delay(delay_s: float | None, uncertainty_s: float | None) -> Check:
     if delay_s is None:
-        return Check("unknown", "look")
+        return Check("unknown", "check")
     spread = "" if uncertainty_s is None else f" ± {1000 * uncertainty_s:.1f}"
-    light: Light = "look" if abs(delay_s) > DELAY_S else "good"
-    return Check(f"{1000 * delay_s:.1f}{spread} ms", light)
+    rating: Rating = "check" if abs(delay_s) > MAX_DELAY_S else "pass"
+    return Check(f"{1000 * delay_s:.1f}{spread} ms", rating)

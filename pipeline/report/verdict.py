@@ -1,38 +1,96 @@
 """The verdict on the page of a report: one cell per residual and condition."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import isnan, nan
 from typing import Final
-from xml.etree.ElementTree import Element
 
 import pandas as pd
 
-from pipeline.report.markup import element, table
 from pipeline.report.tables import number
 from pipeline.statistics.design import CONDITIONS, in_order
-from pipeline.statistics.verdict import BASELINE, MARGIN, Verdict, headline
+from pipeline.statistics.verdict import BASELINE, MARGIN, Answer, Verdict, headline
 from pipeline.trial.residuals import AXES, DIRECTIONS
 
-WORDS: Final = {
-    "at baseline": ("✔", "at baseline level"),
-    "above": ("✖", "above baseline"),
-    "inconclusive": ("?", "inconclusive"),
-    "no interval": ("○", "no interval"),
-    "no data": ("–", "no data"),
+MARGIN_PERCENT: Final = 100 * MARGIN
+MAX_AXIS_PERCENT: Final = 100.0
+"""Longest half-axis of the graphs [% of the baseline]; larger differences end at the border."""
+HALF_WIDTH_PERCENT: Final = 48
+"""Half of a graph's width; the rest is room for the symbol of the mean."""
+LABELS: Final[dict[Answer, tuple[str, str, str]]] = {
+    "at baseline": ("✔", "at baseline level", "pass"),
+    "above": ("✖", "above baseline", "fail"),
+    "inconclusive": ("?", "inconclusive", "check"),
+    "no interval": ("○", "no interval", "none"),
+    "no data": ("–", "no data", "none"),
 }
-WORDS_BASELINE: Final = WORDS | {
-    "at baseline": ("✔", "unchanged"),
-    "above": ("✖", "increased"),
+"""Answer -> symbol, label, class in the style sheet."""
+BASELINE_LABELS: Final[dict[Answer, tuple[str, str, str]]] = LABELS | {
+    "at baseline": ("✔", "unchanged", "pass"),
+    "above": ("✖", "increased", "fail"),
 }
-CSS_CLASSES: Final = {"at baseline": "yes", "above": "no", "inconclusive": "open"}
-JUDGED: Final = (*CONDITIONS[1:], BASELINE)
-"""The question first, then the check on the baseline."""
+SHOWN_CONDITIONS: Final = (*CONDITIONS[1:], BASELINE)
+"""The perturbed conditions first, then the check that compensation leaves the baseline as it is."""
 
 
-def verdict_section(
-    found: Sequence[Verdict], residuals: pd.DataFrame, reservations: Sequence[Element]
-) -> list[Element]:
-    """Say whether compensation brings each residual back to baseline.
+@dataclass(frozen=True, slots=True)
+class IntervalGraph:
+    """A difference with its interval over the margin: positions from the left, such as "50%"."""
+
+    margin_left: str
+    margin_width: str
+    low: str
+    mean: str
+    high: str
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictCell:
+    """The verdict on one residual in one condition."""
+
+    symbol: str
+    label: str
+    css_class: str
+    lines: tuple[str, ...] = ()
+    interval: IntervalGraph | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictRow:
+    """The verdicts on one residual."""
+
+    axis: str
+    direction: str
+    cells: tuple[VerdictCell, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class VerdictSection:
+    """Whether compensation returns each residual to baseline.
+
+    Attributes
+    ----------
+    headline
+        The answer in sentences.
+    questions
+        Heads of the columns after the first.
+    rows
+        One per residual; none where there is nothing to compare.
+    subjects
+        Most subjects of a comparison.
+    margin_percent
+        Non-inferiority margin.
+    """
+
+    headline: tuple[str, ...]
+    questions: tuple[str, ...] = ()
+    rows: tuple[VerdictRow, ...] = ()
+    subjects: int = 0
+    margin_percent: str = f"{MARGIN_PERCENT:g}"
+
+
+def verdict_section(found: Sequence[Verdict], residuals: pd.DataFrame) -> VerdictSection:
+    """Arrange verdicts for the page.
 
     Parameters
     ----------
@@ -40,127 +98,79 @@ def verdict_section(
         The verdicts.
     residuals
         Long table of RMS residuals, to say why there is no verdict.
-    reservations
-        What stands right below the headline.
 
     Returns
     -------
-    list of Element
-        Headline, reservations, one cell per residual and condition, what the signs mean.
+    VerdictSection
+        Headline and one cell per residual and condition.
     """
-    shown = [c for c in JUDGED if any(v.condition == c and v.n for v in found)]
+    shown = [c for c in SHOWN_CONDITIONS if any(v.condition == c and v.n for v in found)]
     most = max((v.n for v in found), default=0)
-    said = [f"{headline(found, condition)}." for condition in shown]
+    sentences = tuple(f"{headline(found, condition)}." for condition in shown)
     if most < 2:
-        said = [_why_not(residuals, most)]
-    lead = element("div", *(element("p", text) for text in said), class_="headline")
+        sentences = (_why_no_verdict(residuals, most),)
     if not shown:
-        return [lead, *reservations]
-    reach = max([2 * MARGIN * 100, *(abs(v.percent(x)) for v in found for x in (v.low, v.high))])
+        return VerdictSection(sentences)
+    reach = max([2 * MARGIN_PERCENT, *(abs(v.percent(x)) for v in found for x in (v.low, v.high))])
+    reach = min(reach, MAX_AXIS_PERCENT)
     rows = []
     for k, axis in enumerate(AXES):
         own = {v.condition: v for v in found if v.axis == axis}
         if own:
-            about = "" if k < 3 else "about "
-            name = element(
-                "span", f"{axis} ", element("span", f"{about}{DIRECTIONS[k]}", class_="soft")
-            )
-            rows.append([name, *(_cell(own[c], min(reach, 100.0), most) for c in shown)])
-    heads = ["Residual", *(f"{c}: {_question(c)}?" for c in shown)]
-    caption = (
-        "RMS without → with compensation (IC), and its difference from the baseline without IC; "
-        f"n = {most} unless stated"
+            direction = f"{'' if k < 3 else 'about '}{DIRECTIONS[k]}"
+            cells = tuple(_cell(own[condition], reach, most) for condition in shown)
+            rows.append(VerdictRow(axis, direction, cells))
+    questions = tuple(
+        f"{condition}: {'unchanged' if condition == BASELINE else 'at baseline level'}?"
+        for condition in shown
     )
-    shown_table = table(heads, rows, caption=caption, class_="verdicts")
-    return [lead, *reservations, shown_table, *([_legend()] if most > 1 else [])]
+    return VerdictSection(sentences, questions, tuple(rows), most)
 
 
-def _question(condition: str) -> str:
-    return "unchanged" if condition == BASELINE else "at baseline level"
-
-
-def _why_not(residuals: pd.DataFrame, most: int) -> str:
-    """Say what stands in the way of a verdict."""
-    if most == 1:
-        return "One subject shows sizes, but not how certain they are."
+def _why_no_verdict(residuals: pd.DataFrame, subjects: int) -> str:
+    if subjects == 1:
+        return "With one subject there are means, but no confidence intervals."
     if not residuals["compensated"].any():
         return (
-            "There is no compensation to judge: the trials were processed with the plates as "
-            "measured only. State treadmill.calibration in study.toml and run again."
+            "There is no compensation to assess: the trials were processed with the plates as "
+            "measured only. State treadmill.calibration in study.toml and run the study again."
         )
     return (
-        f"This cannot be told: the comparison needs the conditions {', '.join(CONDITIONS)}, by "
-        "these names, in the same subjects; here are "
-        f"{', '.join(in_order(residuals['condition']))}. The table of means stands for itself."
+        f"No comparison is possible: it needs the conditions {', '.join(CONDITIONS)}, by these "
+        "names, in the same subjects; the conditions of this study are "
+        f"{', '.join(in_order(residuals['condition']))}. Their means are in the table below."
     )
 
 
-def _cell(verdict: Verdict, reach: float, most: int) -> Element:
-    words = WORDS_BASELINE if verdict.condition == BASELINE else WORDS
-    symbol, said = words[verdict.answer]
-    kind = CSS_CLASSES.get(verdict.answer, "none")
-    mark = element("span", f"{symbol} {said}", class_="mark")
+def _cell(verdict: Verdict, reach: float, most: int) -> VerdictCell:
+    labels = BASELINE_LABELS if verdict.condition == BASELINE else LABELS
+    label = labels[verdict.answer]
     if not verdict.n:
-        return element("div", mark, class_=kind)
+        return VerdictCell(*label)
     unit = verdict.unit
     change = 100 * (verdict.ic / verdict.no_ic - 1) if verdict.no_ic > 0 else nan
     relative = "" if isnan(change) else f" ({number(change, '+z.0f')} %)"
-    sizes = f"{number(verdict.no_ic, '.1f')} → {verdict.ic:.1f} {unit}{relative}"
     difference, low, high = (
         number(value, "+z.1f") for value in (verdict.difference, verdict.low, verdict.high)
     )
     percent = number(verdict.percent(verdict.difference), "+z.0f")
+    lines = (
+        f"{number(verdict.no_ic, '.1f')} → {verdict.ic:.1f} {unit}{relative}",
+        f"from baseline {difference} {unit} ({percent} %)",
+    )
+    if isnan(verdict.high):
+        return VerdictCell(*label, lines)
     count = f", n = {verdict.n}" * (verdict.n < most)
-    against = f"from baseline {difference} {unit} ({percent} %)"
-    parts = [mark, element("p", sizes), element("p", against)]
-    if not isnan(verdict.high):
-        parts += [
-            element("p", f"CI {low} to {high} {unit}{count}"),
-            _interval_picture(verdict, reach),
-        ]
-    return element("div", *parts, class_=kind)
+    interval = f"CI {low} to {high} {unit}{count}"
+    return VerdictCell(*label, (*lines, interval), _graph(verdict, reach))
 
 
-def _interval_picture(verdict: Verdict, reach: float) -> Element:
-    """Draw a difference's interval in percent of the baseline over the margin, as the text says."""
+def _graph(verdict: Verdict, reach: float) -> IntervalGraph:
+    """Draw a difference in percent of the baseline on an axis from -reach to +reach."""
 
     def at(percent: float) -> str:
-        return f"{50 + 48 * max(-1.0, min(1.0, percent / reach)):.2f}%"
+        return f"{50 + HALF_WIDTH_PERCENT * max(-1.0, min(1.0, percent / reach)):.2f}%"
 
-    margin = 100 * MARGIN
     low, mean, high = (verdict.percent(x) for x in (verdict.low, verdict.difference, verdict.high))
-    width = f"{2 * 48 * margin / reach:.2f}%"
-    return element(
-        "svg",
-        element("rect", x=at(-margin), y="0", width=width, height="100%", fill="#fff"),
-        element(
-            "line", x1=at(0), x2=at(0), y1="0", y2="100%", stroke="#56616b", stroke_dasharray="2"
-        ),
-        element(
-            "line", x1=at(low), x2=at(high), y1="50%", y2="50%", stroke="#1b2126", stroke_width="2"
-        ),
-        element("circle", cx=at(mean), cy="50%", r="4", fill="#1b2126"),
-        aria_hidden="true",
-    )
-
-
-def _legend() -> Element:
-    percent = f"{100 * MARGIN:g} %"
-    return element(
-        "div",
-        element(
-            "p",
-            f"✔ the whole interval lies below {percent} above the baseline: back at baseline (or "
-            "below it). ✖ the interval lies above zero and is not within the margin: the residual "
-            "is larger than at baseline. ? neither is shown; no significant difference does not "
-            f"mean no difference. The {percent} is a convention; the intervals let you apply your "
-            "own.",
-        ),
-        element(
-            "p",
-            "CI: simultaneous 95 % confidence interval over the five planned pairs (Bonferroni). "
-            "Pictures: the difference in percent of the baseline, with its interval; white is the "
-            "margin, the dashed line no difference.",
-        ),
-        class_="small soft",
-    )
+    width = f"{2 * HALF_WIDTH_PERCENT * MARGIN_PERCENT / reach:.2f}%"
+    return IntervalGraph(at(-MARGIN_PERCENT), width, at(low), at(mean), at(high))

@@ -7,7 +7,7 @@ import pandas as pd
 
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
-from pipeline.io.write import whole_file, write_csv
+from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.figures import study_figures
 from pipeline.report.page import Report, write_page
 from pipeline.run.failures import read_failures
@@ -21,7 +21,7 @@ from pipeline.statistics.verdict import verdicts
 def write_report(
     folder: Path,
     study_folder: Path | None = None,
-    announce: Callable[[str], None] = lambda sentence: None,
+    announce: Callable[[str], None] = lambda step: None,
 ) -> Path:
     """Write tables, statistics, figures and ``report.html`` into a results folder.
 
@@ -31,9 +31,9 @@ def write_report(
         Results folder: ``trials/`` and, where trials failed, ``failures.json`` ("subject
         condition" -> reason).
     study_folder
-        The study, for what it states, the trials it excludes and the hashes of its files.
+        The study, for its conditions and treadmill, its excluded trials and its input files.
     announce
-        Is told what is being done, one sentence at a time.
+        Called with every step as it begins, such as "drawing marginal_means".
 
     Returns
     -------
@@ -51,48 +51,44 @@ def write_report(
 
     Notes
     -----
-    Every file appears whole or not at all; equal results give equal files, for none is dated.
+    Every file is written completely or not at all. Equal results give equal files: none holds a
+    date.
     """
     study = read_study(study_folder) if study_folder is not None else None
-    announce("gathering the trials")
+    announce("collecting the trials")
     results = collect(folder)
     states = trial_states(results, read_failures(folder), study)
     results = only(results, {(s.subject, s.condition) for s in states if s.in_tables})
-    announce("testing")
-    tests = statistics(results.residuals, _everyone(results.subjects, study))
-    layout = table_3(results.residuals, tests)
+    announce("computing statistics")
+    tests = statistics(results.residuals, _all_subjects(results.subjects, study))
+    table = table_3(results.residuals, tests)
 
     write_csv(results.residuals, folder / "residuals.csv")
     write_csv(tests, folder / "statistics.csv")
-    write_csv(layout, folder / "table_3.csv")
-    _write_text(table_3_markdown(layout), folder / "table_3.md")
+    write_csv(table, folder / "table_3.csv")
+    write_text(table_3_markdown(table), folder / "table_3.md")
     with whole_file(folder / "cycles.parquet") as temporary:
         results.cycles.to_parquet(temporary, index=False, compression="zstd")
     if study is not None:
         announce("hashing the study's files")
     source = provenance(results, states, study)
-    _write_text(source.to_json(), folder / "study.json")
+    write_text(source.to_json(), folder / "study.json")
 
     figures = folder / "figures"
     for name, figure in study_figures(results, tests):
         announce(f"drawing {name}")
         save_figure(figure, figures / name)
     found = verdicts(results.residuals, tests)
-    page = write_page(Report(results, tests, layout, found, states, source, figures, study))
-    _write_text(page, folder / "report.html")
+    page = write_page(Report(results, tests, table, found, states, source, figures, study))
+    write_text(page, folder / "report.html")
     return folder / "report.html"
 
 
-def _everyone(subjects: pd.DataFrame, study: Study | None) -> pd.DataFrame:
-    """Add the study's subjects who have no result at all, so that the tests name them too."""
+def _all_subjects(subjects: pd.DataFrame, study: Study | None) -> pd.DataFrame:
+    """Add the study's subjects without any result, so that the statistics name them too."""
     known = set(subjects["subject"])
     others = [
         person for name, person in (study.subjects if study else {}).items() if name not in known
     ]
     absent = [{"subject": p.id, "sex": p.sex, "height_m": p.height_m} for p in others]
     return pd.DataFrame([*subjects.to_dict("records"), *absent], columns=subjects.columns)
-
-
-def _write_text(text: str, path: Path) -> None:
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")

@@ -143,6 +143,7 @@ def fake_trial(
         notes=(
             Note.of("mass_stated", mass_kg=70.0),
             Note.of("frames_unsolved", unsolved=1, frames=2),
+            Note.of("legs_differ", difference_m=0.041, left_m=0.843, right_m=0.802),
         ),
     )
 

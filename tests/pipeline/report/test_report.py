@@ -1,4 +1,4 @@
-"""The report: every file of the contract, one page that needs nothing else, nothing left unsaid."""
+"""The report: all result files, a self-contained page, and every trial accounted for."""
 
 import json
 import re
@@ -18,13 +18,14 @@ FIGURES = ("gait_cycle_sway", "gait_cycle_pitch", "marginal_means", *(f"raw_{a}"
 
 
 class Page(HTMLParser):
-    """What a page consists of."""
+    """Tags, attributes and text of a page."""
 
     def __init__(self, path):
         super().__init__()
         self.open, self.tags, self.attributes, self.text = [], [], [], ""
         self.source = path.read_text(encoding="utf-8")
         self.feed(self.source)
+        self.text = " ".join(self.text.split())
 
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
@@ -68,7 +69,7 @@ def page(folder):
 
 @pytest.fixture
 def quick(monkeypatch):
-    """Figures are drawn, but saved as empty files: their looks are not what is tested."""
+    """Save figures as empty files: their appearance is not tested here."""
 
     def save(figure, path):
         path.parent.mkdir(exist_ok=True)
@@ -78,17 +79,17 @@ def quick(monkeypatch):
     monkeypatch.setattr(report, "save_figure", save)
 
 
-def test_every_file_of_the_contract_is_there(folder):
+def test_every_result_file_is_written(folder):
     names = (
         "report.html study.json residuals.csv cycles.parquet statistics.csv table_3.csv table_3.md"
     )
     figures = [f"figures/{name}{suffix}" for name in FIGURES for suffix in (".png", ".svg")]
     for name in (*names.split(), *figures):
         assert (folder / name).stat().st_size > 0, name
-    assert not [path for path in folder.rglob(".*")]  # nothing half-written is left
+    assert not [path for path in folder.rglob(".*")]  # no incomplete file is left
 
 
-def test_tables_on_disk_are_the_trials(folder):
+def test_tables_on_disk_hold_all_trials(folder):
     residuals = pd.read_csv(folder / "residuals.csv")
     assert len(residuals) == 10 * 2 * 6
     cycles = pd.read_parquet(folder / "cycles.parquet")
@@ -99,7 +100,7 @@ def test_tables_on_disk_are_the_trials(folder):
     assert "sub02 (no sway no IC" in pd.read_csv(folder / "statistics.csv")["note"].str.cat()
 
 
-def test_the_page_is_well_formed_and_needs_nothing_else(page):
+def test_the_page_is_well_formed_and_self_contained(page):
     assert page.open == []
     assert "script" not in page.tags
     assert "link" not in page.tags
@@ -113,7 +114,7 @@ def test_the_page_is_well_formed_and_needs_nothing_else(page):
     assert "default-src 'none'" in page.source
 
 
-def test_links_lead_somewhere_and_pictures_say_what_they_show(page):
+def test_links_have_targets_and_figures_have_descriptions(page):
     found = page.attributes
     assert {v[1:] for n, v in found if n == "href"} <= {v for n, v in found if n == "id"}
     assert page.tags.count("img") == len(FIGURES)
@@ -126,7 +127,7 @@ def test_the_verdict_comes_first_with_sizes_and_uncertainty(page):
     verdict = page.text[:after]
     assert re.search(r"In sway, \d of 6 residuals are at baseline level with compensation", verdict)
     assert re.search(r"\d+\.\d → \d+\.\d N \(−\d\d %\)", verdict)
-    assert re.search(r"from baseline [+−]\d+\.\d N \([+−]\d+ %\)CI [+−]\d+\.\d to", verdict)
+    assert re.search(r"from baseline [+−]\d+\.\d N \([+−]\d+ %\) CI [+−]\d+\.\d to", verdict)
     assert any(sign in verdict for sign in ("✔ at baseline", "✖ above", "? inconclusive"))
 
 
@@ -138,7 +139,7 @@ def test_table_3_on_the_page_is_that_on_disk(page, folder):
     assert "sway without sub02" in page.text
 
 
-def test_failed_and_excluded_trials_are_named_before_the_numbers(page):
+def test_failed_and_excluded_trials_are_named_before_the_results(page):
     banner = page.text[: page.text.index("✔ ")]
     assert "2 of 12 trials are not in the tables" in banner
     assert "sub02 sway failed: sub02_sway.c3d: marker <b>LHEE</b> & others" in banner
@@ -149,18 +150,25 @@ def test_failed_and_excluded_trials_are_named_before_the_numbers(page):
 def test_every_trial_shows_its_quality(page):
     assert page.text.count("mm") > 10
     assert "✔ 5.0 mm" in page.text
-    assert re.search(r"▲ 1of \d+", page.text)  # a frame without a solution
-    assert re.search(r"✖ no IC \d+ of \d+ N✖ IC \d+ of \d+ N", page.text)
+    assert re.search(r"▲ 1 of \d+", page.text)  # a frame without a solution
+    assert re.search(r"✖ no IC \d+ of \d+ N ✖ IC \d+ of \d+ N", page.text)
     assert "4.0 ± 1.0 ms" in page.text
-    assert "body mass 70.0 kg as stated" in page.text
 
 
-def test_sources_are_on_the_page_and_in_study_json(page, folder):
-    said = json.loads((folder / "study.json").read_text(encoding="utf-8"))
-    assert said["name"] == "A study that never took place"
-    for digest in (said["program"]["sha256"], *said["inputs"].values()):
+def test_notes_are_shown_with_their_codes_warnings_first(page):
+    warnings, _, information = page.text.partition("What was inferred, locked or filled")
+    assert "Warnings, trial by trial" in warnings
+    assert re.search(r"the legs differ by 41 mm .* legs_differ", warnings)
+    assert "body mass 70.0 kg as stated mass_stated" in information
+    assert "legs_differ" not in information
+
+
+def test_settings_versions_and_hashes_are_on_the_page_and_in_study_json(page, folder):
+    stored = json.loads((folder / "study.json").read_text(encoding="utf-8"))
+    assert stored["name"] == "A study that never took place"
+    for digest in (stored["program"]["sha256"], *stored["inputs"].values()):
         assert digest in page.text
-    assert len(said["trials"]) == 12
+    assert len(stored["trials"]) == 12
     assert "@software{hbm_residuals" in page.text
     assert "10.1007/s11517-013-1076-z" in page.text
 
@@ -177,7 +185,7 @@ def test_equal_results_give_an_equal_report(tmp_path, study, quick, monkeypatch)
     assert len(before) == 7
 
 
-def test_a_condition_with_a_hostile_name_breaks_nothing(tmp_path, quick):
+def test_markup_in_the_name_of_a_condition_is_shown_as_text(tmp_path, quick):
     name = "<b>$x$\"'&"
     for condition in ("baseline", name):
         result = fake_trial(1, condition, cycles=2)
@@ -189,13 +197,13 @@ def test_a_condition_with_a_hostile_name_breaks_nothing(tmp_path, quick):
 
 
 @pytest.mark.parametrize(
-    ("made", "said"),
+    ("study", "text"),
     [
-        ({"subjects": 1}, "One subject shows sizes, but not how certain they are."),
-        ({"subjects": 2, "compensated": False}, "There is no compensation to judge"),
+        ({"subjects": 1}, "With one subject there are means, but no confidence intervals."),
+        ({"subjects": 2, "compensated": False}, "There is no compensation to assess"),
         (
             {"subjects": 2, "conditions": ("walking", "lateral")},
-            "here are lateral, walking. The table of means stands for itself",
+            "the conditions of this study are lateral, walking. Their means are in the table below",
         ),
         ({"subjects": 2, "conditions": ("baseline",)}, "6 of 6 residuals are unchanged"),
         ({"subjects": 3, "without": {("sub01", "baseline")}}, "sub01 baseline missing"),
@@ -203,14 +211,14 @@ def test_a_condition_with_a_hostile_name_breaks_nothing(tmp_path, quick):
     ],
     ids=["one subject", "measured only", "other names", "baseline only", "gap", "one more"],
 )
-def test_whatever_there_is_gets_an_honest_report(tmp_path, quick, made, said):
-    found = Page(write_report(write_fake_results(tmp_path, cycles=2, **made)))
+def test_incomplete_studies_are_reported_with_what_is_missing(tmp_path, quick, study, text):
+    found = Page(write_report(write_fake_results(tmp_path, cycles=2, **study)))
     assert found.open == []
-    assert said in found.text
+    assert text in found.text
     assert "nan" not in re.sub(r"[a-z]+nan|nan[a-z]+", "", found.text.lower())
 
 
-def test_trials_of_different_settings_are_not_silently_mixed(tmp_path, quick):
+def test_trials_with_different_settings_are_reported(tmp_path, quick):
     from pipeline.config.schema import Settings
 
     write_fake_results(tmp_path, subjects=2, conditions=("baseline",), cycles=2)
@@ -230,14 +238,14 @@ def test_a_trial_excluded_after_it_was_processed_is_in_no_table(tmp_path, study,
     assert "pitch without sub04" in (tmp_path / "table_3.md").read_text(encoding="utf-8")
 
 
-def test_no_results_is_one_line_that_says_what_next(tmp_path):
+def test_without_results_the_error_names_the_command_to_run(tmp_path):
     with pytest.raises(ValueError, match=r"no results of trials here; run 'hbm run STUDY"):
         write_report(tmp_path)
 
 
 def test_progress_is_announced(tmp_path, quick):
-    sentences = []
+    steps = []
     folder = write_fake_results(tmp_path, subjects=1, conditions=("baseline",), cycles=2)
-    write_report(folder, announce=sentences.append)
-    assert sentences[0] == "gathering the trials"
-    assert "drawing marginal_means" in sentences
+    write_report(folder, announce=steps.append)
+    assert steps[0] == "collecting the trials"
+    assert "drawing marginal_means" in steps

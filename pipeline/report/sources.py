@@ -1,0 +1,61 @@
+"""Settings, versions and input files on the page of a report."""
+
+from dataclasses import dataclass
+
+from pipeline.report.tables import Table
+from pipeline.run.provenance import Provenance
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """What a study's results were made from.
+
+    Attributes
+    ----------
+    tables
+        Settings, versions and program.
+    inputs
+        Files of the study with their SHA-256; None without its folder.
+    """
+
+    tables: tuple[Table, ...]
+    inputs: Table | None
+
+
+def source_section(provenance: Provenance) -> Sources:
+    """Show settings, versions and hashes.
+
+    Parameters
+    ----------
+    provenance
+        What the results were made from.
+
+    Returns
+    -------
+    Sources
+        Tables.
+    """
+    tables = []
+    for settings in provenance.settings:
+        stated = {k: "recognised from the files" if v is None else str(v) for k, v in settings}
+        tables.append(_pairs("Settings of the trials", ("Setting", "Value"), stated))
+    package = ("Package", "Version")
+    for versions in provenance.versions:
+        tables.append(_pairs("The trials were processed with", package, dict(versions)))
+    tables.append(_pairs("The report was made with", package, dict(provenance.report)))
+    program = {
+        "Source code, SHA-256": provenance.program.sha256,
+        "Git commit": provenance.program.git_commit or "not in a repository",
+    }
+    tables.append(_pairs("The program", ("Program", "Identity"), program, "hashes"))
+    inputs = None
+    if provenance.inputs is not None:
+        heads = ("File", "SHA-256")
+        inputs = _pairs("Files of the study", heads, dict(provenance.inputs), "hashes")
+    return Sources(tuple(tables), inputs)
+
+
+def _pairs(
+    caption: str, heads: tuple[str, str], values: dict[str, str], css_class: str = ""
+) -> Table:
+    return Table(caption, heads, tuple(values.items()), css_class)
