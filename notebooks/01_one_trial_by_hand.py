@@ -7,15 +7,15 @@
 # ---
 
 # %% [markdown]
-# # One trial by hand
+# # One trial, step by step
 #
-# A man walks on a treadmill that stands still. Cameras see 46 markers on him, two force plates
-# measure what he treads on. We go from the file to the pelvis residuals, one step at a time.
-# `pipeline.process_recording` does the same, and more, in one call.
+# A man walks on a level treadmill. Cameras record 46 markers, two force plates the ground reaction.
+# We go from the file to the pelvis residuals one step at a time. `pipeline.process_recording` does
+# the same, and more, in one call.
 #
-# **The question behind it.** If we know how every segment moves and how heavy it is, we know which
-# force and moment the ground must give. The plates say which force and moment it gave. The
-# difference is the *residual*. With perfect measurements and a perfect model it is zero.
+# **The principle.** From the motion and mass of every segment follow the force and moment that the
+# ground must exert. The plates measure the force and moment that it did exert. The difference is
+# the *residual*. With perfect measurements and a perfect model it is zero.
 
 # %%
 import matplotlib.pyplot as plt
@@ -37,8 +37,9 @@ from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 # %% [markdown]
 # ## 1. A recording
 #
-# The virtual laboratory writes a C3D file like any other. The markers are 0.5 mm noisy, the plates
-# 0.5 N; the body is exactly the one that the model will assume, and nothing slides on the skin.
+# The virtual laboratory writes a C3D file like any other. Noise is 0.5 mm on the markers and 0.5 N
+# on the plates; the body is exactly the one that the model assumes, and there is no soft-tissue
+# motion.
 
 # %%
 simulate_trial("walk.c3d", duration_s=25.0, speed_mps=1.3)
@@ -50,8 +51,8 @@ print(*trial.notes, sep="\n")
 # %% [markdown]
 # ## 2. A body
 #
-# He stands in a T-pose first. From that second come joint centres, axes and lengths; segment
-# masses and moments of inertia follow from total mass, sex and lengths (de Leva 1996).
+# The recording begins with a T-pose. Joint centres, axes and segment lengths are taken from it;
+# segment masses and moments of inertia follow from body mass, sex and lengths (de Leva 1996).
 
 # %%
 mass = float(trial.metadata["mass_kg"])
@@ -61,19 +62,19 @@ print(f"{body.mass:.1f} kg, {body.height_m:.2f} m, marker set {body.marker_set.n
 # %% [markdown]
 # ## 3. A motion
 #
-# In every frame the 46 coordinates are those that bring the model's markers closest to the
-# measured ones. The filter also gives velocity and acceleration.
+# In every frame, inverse kinematics finds the 46 coordinates that bring the model's markers closest
+# to the measured ones. The filter also gives velocities and accelerations.
 
 # %%
 raw = hbm.solve_ik(body, trial.markers)
 motion = hbm.filter_motion(raw, cutoff=6.0, method="zero_phase")
-print(f"markers are {1000 * np.sqrt(np.mean(raw.marker_error**2)):.2f} mm (RMS) from the model")
+print(f"marker error {1000 * np.sqrt(np.mean(raw.marker_error**2)):.2f} mm RMS")
 
 # %% [markdown]
 # ## 4. Forces under the feet
 #
-# Each plate's wrench goes to the foot that stood on it, at the markers' times, through the same
-# filter as the motion. A filter of another kind would leave residuals of its own.
+# Each plate's wrench is resampled at the markers' times, assigned to the foot on that plate, and
+# filtered like the motion. A different filter would add residuals of its own.
 
 # %%
 plates = [resample(plate.time, plate.wrench, motion.time) for plate in trial.plates]
@@ -89,7 +90,7 @@ ground = {
 # %%
 dynamics = hbm.inverse_dynamics(body, motion, ground)
 measured = sum(ground.values())
-needed = measured + dynamics.residual  # forces only: moments refer to different points
+required = measured + dynamics.residual  # forces only: the moments have different reference points
 
 # %% [markdown]
 # ## 6. Over the gait cycle
@@ -97,7 +98,7 @@ needed = measured + dynamics.residual  # forces only: moments refer to different
 # %%
 events, which = gait_events(trial)
 cycles, _ = gait_cycles(events, "right")
-cycles = cycles[cycles[:, 0] > 8.0]  # the belts have their speed
+cycles = cycles[cycles[:, 0] > 8.0]  # at constant belt speed
 curves = normalise(motion.time, reported(dynamics.residual), cycles)
 rms = np.sqrt(np.mean(curves**2, axis=(0, 1)))
 print(which)
@@ -107,16 +108,16 @@ print(*(f"{name} {value:.2f}" for name, value in zip(AXES, rms, strict=True)))
 # %% [markdown]
 # ## The picture
 #
-# Above, the vertical force that the plates measured (vermilion) and the one that the motion needs
-# (black, dashed): two ways to know the same force. Below, what is left between them, in six
-# components: a few newtons and about one newton metre.
+# Top: the vertical force measured by the plates (vermilion) and the one required by the motion
+# (black, dashed). Below: their difference in all six components, a few newtons and about one newton
+# metre.
 #
-# **What to notice.** The residuals ripple a few times per step, and most of that is the filter: it
-# smooths angles on one side of the equations and forces on the other, and what connects them is
-# not linear. Write the file again with `marker_noise_m=0, plate_noise_n=0`, and Fz keeps most of
-# its ripple; raise both cutoffs to 12 Hz as well, and it falls to about a quarter. With real noise
-# a high cutoff would let that through instead. A real person is also not the model: notebook 05
-# shows what errors of that kind look like.
+# **What to notice.** The residuals oscillate a few times per step, mostly because of the filter: it
+# is applied to angles on one side of the equations of motion and to forces on the other, and the
+# equations are nonlinear. Simulate the trial again with `marker_noise_m=0, plate_noise_n=0`, and
+# most of the oscillation in Fz remains; with both cut-offs at 12 Hz as well, about a quarter of it.
+# With real noise, a higher cut-off would let the noise through instead. A real subject also differs
+# from the model: notebook 05 shows what such errors look like.
 
 # %%
 percent = np.arange(101)
@@ -128,7 +129,7 @@ for foot, style in (("right_foot", "-"), ("left_foot", ":")):
     above.plot(percent, mean, style, color="grey", label=foot.replace("_", " "))
 for label, force, line in (
     ("both feet, measured", measured, {"color": COLOURS["measured"], "lw": 3}),
-    ("needed by the motion", needed, {"color": "black", "ls": "--"}),
+    ("required by the motion", required, {"color": "black", "ls": "--"}),
 ):
     above.plot(
         percent, normalise(motion.time, force[:, 2], cycles).mean(axis=0), label=label, **line
@@ -140,5 +141,5 @@ for k, panel in enumerate(panels):
     mean, spread = curves[..., k].mean(axis=0), curves[..., k].std(axis=0)
     draw_band(panel, percent, mean, spread, COLOURS["compensated"])
 name_panels(panels)
-figure.suptitle("One trial by hand: two ways to know a force, and what is left between them")
+figure.suptitle("Measured force, force required by the motion, and the residuals between them")
 figure.savefig("01_one_trial_by_hand.png", dpi=100)

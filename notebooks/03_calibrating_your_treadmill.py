@@ -9,10 +9,9 @@
 # %% [markdown]
 # # Calibrating your treadmill
 #
-# Notebook 02 showed what a moving platform does to its plates. Here we plan the recording that
-# teaches the compensation, judge the fit, and ask how many accelerometers it takes.
-# On your own machine the same steps are `hbm calibration signals`, a recording, and
-# `hbm calibration fit`.
+# Notebook 02 showed what a moving platform adds to its plates. Here we plan the calibration
+# recording, assess the fit, and determine how many accelerometers are needed. On your own machine,
+# the same steps are `hbm calibration signals`, a recording, and `hbm calibration fit`.
 
 # %%
 import matplotlib.pyplot as plt
@@ -42,16 +41,16 @@ cutoff_hz = 20.0
 # %% [markdown]
 # ## 1. A signal that the machine can follow
 #
-# Random sway and pitch, with quick moves and held positions in between. Ask first whether your
-# machine can do it.
+# Random sway and pitch, with quick moves and held positions in between. First check that the
+# machine can follow it.
 #
-# Why this one of the 28 that the package writes? In ten simulated experiments the trials with all
-# variations left 0.73 times the RMS that plain random motion left in trials the fit had not seen,
-# those with held pitch 0.81, and those with square waves of sway 0.98 (95 % interval 0.97–1.00).
-# Gravity turns with the platform for as long as it stands tilted, in random motion only for
-# moments; sways are quick enough in it as they are. The study that this package repeats found
-# square waves of sway best, in one experiment; in ours the winner changes from one to the next.
-# `hbm calibration rank` tells which is best on your machine, and how sure that is.
+# Why this one of the 28 signals of the package? In ten simulated experiments, calibrations with all
+# variations left 0.73 times the RMS of plain random motion in trials that were not used for the
+# fit, those with held pitch 0.81, and those with square waves of sway 0.98 (95 % interval
+# 0.97–1.00). Holding a tilted position gives the fit a constant component of gravity, which random
+# motion has only for moments; its sways are quick enough as they are. The study that this package
+# reproduces found square waves of sway best, in one experiment; in ours, the best one varies
+# between experiments. `hbm calibration rank` finds the best on your machine, with its uncertainty.
 
 # %%
 drawn = {signal.name: signal for signal in pitch_and_sway_signals(seed=1, belt_speed=3.0)}
@@ -63,9 +62,9 @@ spectrum = acceleration_spectrum(signal)
 # %% [markdown]
 # ## 2. The recording
 #
-# The treadmill is empty, its belts run, and four accelerometers are on its frame; we can leave out
-# some of them later. We also record what the calibration has never seen: quick sway, slow pitch,
-# and a machine at rest, which shows the noise floor: better than that nothing can become.
+# The treadmill is empty, its belts run, and four accelerometers are mounted on its frame; some of
+# them are left out later. We also record trials that are not used for the fit: quick sway, slow
+# pitch, and the machine at rest, which shows the noise floor, the limit of any compensation.
 
 # %%
 virtual_treadmill = make_treadmill(Faults(accelerometers=AccelerometerFaults(sensors=4)), seed=1)
@@ -85,7 +84,7 @@ recordings = {
 
 
 def treadmill_with(sensors):
-    """State which accelerometers there are."""
+    """Describe a treadmill with some of the accelerometers."""
     return Treadmill(
         accelerometers={name: tuple(f"{name}.{axis}" for axis in "XYZ") for name in sensors},
         cutoff_hz=cutoff_hz,
@@ -93,12 +92,12 @@ def treadmill_with(sensors):
 
 
 def plate_of(recording):
-    """Give what plate 1 measures, low-passed as in the fit."""
+    """Give the wrench of plate 1, low-passed as in the fit."""
     return low_pass(recording.plates[0].wrench_in_plate, 1000.0, cutoff_hz, "zero_phase")
 
 
 # %% [markdown]
-# ## 3. The fit, and how good it is
+# ## 3. The fit and its quality
 
 # %%
 model = fit_calibration(recordings["calibration"], treadmill_with(SENSORS[:2])).plates["plate 1"]
@@ -113,8 +112,9 @@ print(f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}"
 print(*check_calibration(model, "plate 1"), sep="\n")
 
 # %% [markdown]
-# R² says how much of *this* recording is explained. It is close to one because the machine moved a
-# lot, and it says nothing about the next trial. For that, look at trials that the fit never saw.
+# R² is the share of *this* recording that is explained. It is close to one because the machine
+# moved a lot, and it does not predict the next trial. For that, use trials that were not part of
+# the fit.
 
 # %% [markdown]
 # ## 4. One, two, three or four accelerometers
@@ -126,9 +126,11 @@ for count in (1, 2, 3, 4):
     fitted = fit_calibration(recordings["calibration"], treadmill).plates["plate 1"]
     for name in ("sway", "pitch"):
         recording = recordings[name]
-        felt = low_pass(accelerations(recording, treadmill)[1], 1000.0, cutoff_hz, "zero_phase")
-        left = fitted.compensate(felt, plate_of(recording))
-        remaining[name, count] = np.std(left, axis=0)
+        acceleration = low_pass(
+            accelerations(recording, treadmill)[1], 1000.0, cutoff_hz, "zero_phase"
+        )
+        compensated = fitted.compensate(acceleration, plate_of(recording))
+        remaining[name, count] = np.std(compensated, axis=0)
 before = {name: np.std(plate_of(recordings[name]), axis=0) for name in ("sway", "pitch")}
 for name, measured in before.items():
     print(f"{name}: standard deviation      ", *(f"{c:>6}" for c in components))
@@ -137,45 +139,45 @@ for name, measured in before.items():
         print(f"  {count} accelerometer(s)     ", *(f"{v:6.2f}" for v in remaining[name, count]))
 
 # %% [markdown]
-# One accelerometer is enough for sway. In pitch it is not: a single sensor feels the platform's
-# angle and its angular acceleration through the same channels and cannot tell them apart, so the
-# fit settles on a compromise that suits its own recording. Fz comes out *worse* than it was
-# measured. The second sensor, at the other end of the platform, settles that. A third and fourth
-# only average noise.
+# One accelerometer is enough for sway, but not for pitch: a single sensor measures the platform's
+# angle and its angular acceleration in the same channels and cannot distinguish them, so the fit is
+# a compromise that suits its own recording. Fz becomes *larger* than measured. A second sensor at
+# the other end of the platform resolves this; a third and a fourth only average noise.
 #
-# Notice the price as well: components that were quiet to begin with (Fx in sway) gain a few
-# tenths of a newton, the accelerometers' noise times the mass of the belt.
+# There is a cost: components that were small before (Fx in sway) gain a few tenths of a newton, the
+# accelerometers' noise times the mass of the belt assembly.
 
 # %% [markdown]
-# ## 5. What a calibration does not know
+# ## 5. Limits of a calibration
 #
-# It holds where it has been. A trial that moves more than the calibration did, or in which a sensor
-# died or was remounted, is not silently compensated: `check_trial` says so, and so does every
-# trial's list of notes.
+# It is valid in the range in which it was recorded. When a trial exceeds that range, or a sensor
+# failed or was remounted, `check_trial` returns warnings, and so do the notes of every trial.
 
 # %%
 treadmill = treadmill_with(SENSORS[:2])
-felt = accelerations(recordings["sway"], treadmill)[1]
+acceleration = accelerations(recordings["sway"], treadmill)[1]
 gentle = Signal("gentle", 100.0, 0.3 * signal.sway, 0.3 * signal.pitch, signal.belt_speed)
-timid = fit_calibration(run_signal(virtual_treadmill, gentle, np.random.default_rng(9)), treadmill)
-dead, turned = felt.copy(), felt.copy()
-dead[:, 1] = felt[0, 1]
-turned[:, 3:] *= -1
-for what, found in (
-    ("full calibration", check_trial(model, felt)),
-    ("timid calibration", check_trial(timid.plates["plate 1"], felt)),
+gentle_fit = fit_calibration(
+    run_signal(virtual_treadmill, gentle, np.random.default_rng(9)), treadmill
+)
+dead, inverted = acceleration.copy(), acceleration.copy()
+dead[:, 1] = acceleration[0, 1]
+inverted[:, 3:] *= -1
+for case, warnings in (
+    ("full calibration", check_trial(model, acceleration)),
+    ("gentle calibration", check_trial(gentle_fit.plates["plate 1"], acceleration)),
     ("a dead channel", check_trial(model, dead)),
-    ("a sensor upside down", check_trial(model, turned)),
+    ("a sensor upside down", check_trial(model, inverted)),
 ):
-    print(f"{what}: {'; '.join(map(str, found)) or 'no warning'}")
+    print(f"{case}: {'; '.join(map(str, warnings)) or 'no warning'}")
 
 # %% [markdown]
 # ## The picture
 #
-# Above: what the machine is told, and where in frequency its acceleration is. A calibration can
-# only teach what it excites. Below, for two trials that the fit never saw: the empty plate as
-# measured (vermilion) and with one to four accelerometers (light to dark blue), on a logarithmic
-# scale. The dashes are the noise floor. In pitch, Fz and My show why two sensors are the least.
+# Top: the commanded motion and the spectrum of its acceleration; a calibration identifies only what
+# it excites. Bottom, for two trials that were not part of the fit: the empty plate as measured
+# (vermilion) and with one to four accelerometers (light to dark blue), on a logarithmic scale, with
+# the noise floor (dashed). In pitch, Fz and My show why two sensors are the minimum.
 
 # %%
 figure, panels = plt.subplots(2, 2, figsize=(11, 7), layout="constrained")
@@ -184,15 +186,15 @@ panels[0, 0].plot(time, 100 * signal.sway, color=COLOURS["compensated"], label="
 panels[0, 0].plot(
     time, np.degrees(signal.pitch), color=COLOURS["measured"], label="pitch (°)", lw=1
 )
-panels[0, 0].set(title="what the machine is told", xlabel="time (s)")
+panels[0, 0].set(title="commanded motion", xlabel="time (s)")
 panels[0, 0].legend(frameon=False, ncols=2)
 
 density = panels[0, 1]
 frequency = spectrum.frequency[1:]
 density.loglog(frequency, spectrum.sway[1:], color=COLOURS["compensated"], label="sway (m/s²)²/Hz")
 density.loglog(frequency, spectrum.pitch[1:], color=COLOURS["measured"], label="pitch (rad/s²)²/Hz")
-density.axvline(cutoff_hz, color="grey", ls=":", label="cutoff of the fit")
-density.set(title="its accelerations", xlabel="frequency (Hz)", xlim=(0.1, 50), ylim=(1e-6, 10))
+density.axvline(cutoff_hz, color="grey", ls=":", label="cut-off of the fit")
+density.set(title="acceleration spectra", xlabel="frequency (Hz)", xlim=(0.1, 50), ylim=(1e-6, 10))
 density.legend(frameon=False)
 
 place = np.arange(6)
@@ -210,7 +212,7 @@ for panel, (name, measured) in zip(panels[1], before.items(), strict=True):
     panel.hlines(floor, place - 0.5, place + 0.5, color="black", ls="--", label="noise floor")
     panel.set_yscale("log")
     panel.set_xticks(place, components)
-    panel.set(title=f"left over in {name}", ylabel="standard deviation (N, N·m)")
+    panel.set(title=f"{name}: empty plate", ylabel="standard deviation (N, N·m)")
 panels[1, 1].legend(frameon=False, fontsize=8)
-figure.suptitle("Calibrating a treadmill: the signal, and what one to four accelerometers leave")
+figure.suptitle("Calibration signal, and the compensated plate with one to four accelerometers")
 figure.savefig("03_calibrating_your_treadmill.png", dpi=100)

@@ -9,12 +9,12 @@
 # %% [markdown]
 # # Experiment 3
 #
-# The question of the whole project: when a treadmill sways or pitches under a walking person, does
-# inertia compensation bring the pelvis residuals back to what they are when it stands still?
+# The main question of this project: when a treadmill sways or pitches under a walking subject, does
+# inertia compensation return the pelvis residuals to their values on a level, stationary treadmill?
 #
-# Here with three virtual people and short trials, from their files to the statistics. What `hbm
-# demo` does with a report and a viewer, and `hbm demo --full` with nine people and 2.4 hours of
-# walking.
+# Here with three simulated subjects and short trials, from the files to the statistics. `hbm demo`
+# does the same and adds a report and a viewer recording; `hbm demo --full` simulates nine subjects
+# and 2.4 hours of walking.
 
 # %%
 from pathlib import Path
@@ -31,8 +31,9 @@ from pipeline.virtual_lab.protocol.walking_study import simulate_study
 # %% [markdown]
 # ## 1. A study is a folder
 #
-# `study.toml` says how it was recorded and how to process it, one more TOML file per person says
-# who and which trials, and there are the recordings: one of the empty treadmill, three per person.
+# `study.toml` describes the laboratory and the settings, one TOML file per subject describes the
+# subject and the trials, and there are the recordings: one of the empty treadmill, three per
+# subject.
 
 # %%
 small = Protocol(subjects=3, baseline_s=20.0, pitch_s=35.0, waits_s=(12.0, 12.0))
@@ -43,7 +44,7 @@ print((folder / "study.toml").read_text(encoding="utf-8"))
 # %% [markdown]
 # ## 2. Every trial, with and without compensation
 #
-# What is done already is not done again, so the same line continues a run that was interrupted.
+# Finished trials are skipped, so the same call continues a run that was interrupted.
 
 # %%
 for outcome in run_study(read_study(folder), Path("results"), jobs=2):
@@ -52,9 +53,9 @@ for outcome in run_study(read_study(folder), Path("results"), jobs=2):
 # %% [markdown]
 # ## 3. Statistics
 #
-# Two factors, repeated over people: compensation (no IC, IC) and condition (baseline, sway,
-# pitch). The table is laid out as the thesis' Table III. `hbm report results` writes all of it,
-# with figures and a paragraph of methods, as one page.
+# Two within-subject factors: compensation (no IC, IC) and condition (baseline, sway, pitch). The
+# table has the layout of Table III of the thesis. `hbm report results` writes everything, with
+# figures and a paragraph for the Methods section, as one page.
 
 # %%
 results = collect(Path("results"))
@@ -65,14 +66,14 @@ print(table_3_markdown(table_3(results.residuals, tests)))
 # ## The picture
 #
 # Every panel is one residual: its RMS in the three conditions, without (dashed) and with (solid)
-# compensation, mean and 95 % confidence interval over three people, each of them as a thin line.
-# Without compensation, sway shows in Fy, Mx and Mz and pitch in Fx, My and Fz. With it, the blue
-# line is nearly level: the residuals are what they are on a treadmill that stands still, ten
-# newtons or so, which no compensation of the plates removes, for they come from body and markers.
-# That lines part in one condition only is what the ANOVA calls an interaction.
+# compensation, mean and 95 % confidence interval over three subjects, with a thin line for each.
+# Without compensation, sway affects Fy, Mx and Mz, and pitch Fx, My and Fz. With compensation
+# (blue), the lines are nearly level: the residuals are those of a stationary treadmill, about ten
+# newtons, which come from body and markers and which no compensation of the plates can remove.
+# Lines that diverge in one condition only are an interaction in the ANOVA.
 #
-# Three people show how it works, not that it is so: a Wilcoxon test with three pairs cannot become
-# significant however large the effect, as the table's column of 1.000 says.
+# Three subjects show how the analysis works but prove nothing: a Wilcoxon test with three pairs
+# cannot become significant, however large the effect (the column of 1.000 in the table).
 
 # %%
 figure = marginal_means_figure(results.residuals, tests)

@@ -7,12 +7,12 @@
 # ---
 
 # %% [markdown]
-# # Reading residuals: which fault looks how
+# # Recognising faults in the residuals
 #
-# A residual is large. Why? We take one trial in which everything is in order, spoil one thing at a
-# time, and look at what each does to the six curves, to the thresholds, and to what the viewer
-# shows. The platform pitches in this trial, ten degrees up and down in half a minute, and the
-# plates are compensated.
+# A residual is large. Why? We take a trial without faults, introduce one fault at a time, and look
+# at its effect on the six curves, on the thresholds, and on what the viewer shows. The platform
+# pitches in this trial, ten degrees up and down within half a minute, and the plates are
+# compensated.
 
 # %%
 from dataclasses import replace
@@ -42,10 +42,11 @@ from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_trial, study_subject
 
 # %% [markdown]
-# ## The trial, in order
+# ## The reference trial
 #
-# "In order" is not "perfect": skin moves, the body is not quite de Leva's, cells and cameras are
-# noisy. That is what a good laboratory has, and what the grey curves in the picture show.
+# The reference is realistic, not perfect: there is soft-tissue motion, the body differs from de
+# Leva's regression, and load cells and cameras are noisy, as in a good laboratory. The grey curves
+# in the picture show it.
 
 # %%
 setting = Setting(seed=1, protocol=Protocol(subjects=1, pitch_s=32.0))
@@ -66,7 +67,7 @@ walking = Condition(skip_s=setting.protocol.steady_s)
 
 
 def process(recording=recording, subject=subject, settings=None, treadmill=treadmill):
-    """Process the trial as stated, every time in the same way."""
+    """Process the trial with the same settings unless stated otherwise."""
     return process_recording(
         recording,
         subject,
@@ -76,24 +77,24 @@ def process(recording=recording, subject=subject, settings=None, treadmill=tread
     )
 
 
-trials = {"in order": process()}
+trials = {"reference": process()}
 
 # %% [markdown]
-# ## Five faults
+# ## Six faults
 #
-# **A swapped marker.** For three seconds the left front and back pelvis markers carry each other's
-# labels. And, in a trial of its own, so do knee and ankle of the right leg.
+# **Swapped markers.** For three seconds, the labels of the left anterior and posterior pelvis
+# markers are exchanged; and, in a separate trial, those of the right knee and ankle.
 
 # %%
 markers = recording.markers
-hit = (markers.time > 22.0) & (markers.time < 25.0)
+swapped_frames = (markers.time > 22.0) & (markers.time < 25.0)
 
 
 def swap(first, second):
-    """Exchange two markers for three seconds."""
+    """Exchange the labels of two markers for three seconds."""
     pair = [markers.names.index(name) for name in (first, second)]
     position = markers.position.copy()
-    position[np.ix_(hit, pair)] = position[np.ix_(hit, pair[::-1])]
+    position[np.ix_(swapped_frames, pair)] = position[np.ix_(swapped_frames, pair[::-1])]
     return replace(recording, markers=Markers(markers.time, markers.names, position))
 
 
@@ -102,28 +103,28 @@ trials["swapped pelvis"] = process(swapped)
 trials["swapped leg"] = process(swap("RLEK", "RLM"))
 
 # %% [markdown]
-# **A delay of 30 ms.** The plates are late: two devices that were started by hand, or a filter in
-# one of them.
+# **A delay of 30 ms.** The plates are delayed: two devices were started manually, or one of them
+# filters.
 
 # %%
-late = tuple(replace(plate, time=plate.time + 0.03) for plate in recording.plates)
-trials["plates 30 ms late"] = process(replace(recording, plates=late))
+delayed = tuple(replace(plate, time=plate.time + 0.03) for plate in recording.plates)
+trials["plates delayed 30 ms"] = process(replace(recording, plates=delayed))
 
 # %% [markdown]
-# **A wrong mass.** Someone typed 73 for 83 kg.
+# **A wrong mass.** 73 kg was entered instead of 83 kg.
 
 # %%
 trials["10 kg too light"] = process(subject=subject.model_copy(update={"mass_kg": 73.0}))
 
 # %% [markdown]
-# **No platform pose.** The plates tilt, but nobody told the software: their forces stay in the axes
-# that they had in neutral.
+# **No platform pose.** The plates tilt, but the software does not know: their forces stay in the
+# axes of the neutral position.
 
 # %%
 trials["no platform pose"] = process(treadmill=treadmill.model_copy(update={"platform": None}))
 
 # %% [markdown]
-# **A dead accelerometer.** One channel, forward on the rear left sensor, is stuck.
+# **A dead accelerometer.** One channel, the forward axis of the rear left sensor, is constant.
 
 # %%
 analog = recording.analog
@@ -133,7 +134,7 @@ values[:, channel] = values[0, channel]
 trials["dead accelerometer"] = process(replace(recording, analog=replace(analog, values=values)))
 
 # %% [markdown]
-# ## What the numbers say
+# ## The numbers
 
 # %%
 print(f"{'RMS':20s}", *(f"{axis:>7}" for axis in AXES), "  Hicks F, M   markers  delay")
@@ -151,21 +152,21 @@ for name, result in trials.items():
     )
 
 # %% [markdown]
-# And what the software itself says that it did not say of the trial in order:
+# And the notes that these trials have but the reference does not:
 
 # %%
-usual = set(trials["in order"].notes)
+reference_notes = set(trials["reference"].notes)
 for name, result in trials.items():
     for note in result.notes:
-        if note not in usual:
+        if note not in reference_notes:
             print(f"{name}: {note}")
 print(pd.DataFrame(marker_rows(trials["swapped leg"])).nlargest(4, "peak_mm"))
 
 # %% [markdown]
 # ## What the viewer shows
 #
-# For a study, `hbm view results` opens it. Here we write one trial; open it with
-# `rerun swapped_pelvis.rrd`.
+# `hbm view results` opens the trials of a study. Here we write a single trial; open it with `rerun
+# swapped_pelvis.rrd`.
 
 # %%
 write_recording(trials["swapped pelvis"], Path("swapped_pelvis.rrd"))
@@ -173,54 +174,54 @@ write_recording(trials["swapped pelvis"], Path("swapped_pelvis.rrd"))
 # %% [markdown]
 # ## The picture
 #
-# One row per fault, one column per residual; every thin line is one gait cycle, grey for the
-# trial in order. Each fault has a signature.
+# One row per fault, one column per residual; every thin line is one gait cycle, grey in the
+# reference. Each fault has a signature.
 #
-# **Swapped pelvis markers.** Stray cycles; all others lie on the grey. The pelvis jumps when the
-# swap begins and when it ends, and the jump needs forces that nobody gave. So the *peaks* break
-# the thresholds (6 and 14 times) while the RMS has moved far less. In the viewer: two of the marker
-# errors rise together to 20 cm and fall again three seconds later; in the scene lines lead from
-# these markers to where the model wants them, each to the other's place.
+# **Swapped pelvis markers.** A few outlying cycles; all others coincide with the reference. The
+# model's pelvis jumps when the swap begins and ends, and the jump requires forces that did not act.
+# The *peaks* therefore exceed the thresholds (6 and 14 times), while the RMS changes far less. In
+# the viewer: two marker errors rise together to 20 cm and fall again three seconds later; in the
+# scene, a line connects each of these markers to its position on the model, near the other one.
 #
-# **Swapped knee and ankle.** Nothing to see! Both pull along the shank, in opposite directions,
-# and the fit stays where it was. Residuals do not find every fault: the marker errors do, half a
-# metre here. Look at both.
+# **Swapped knee and ankle.** Not visible in the residuals! Both act along the shank in opposite
+# directions, and the fit does not change. Residuals do not reveal every fault: here the marker
+# errors do, with half a metre. Look at both.
 #
-# **Plates 30 ms late.** The same shape in every cycle, largest in Fx and Fz where the forces change
-# fastest, after each foot strike and around push-off, and crossing zero: an early copy minus a late
-# one. The software estimates the delay itself: 33 ms, of which 3 were there before. Give it back as
-# `plate_delay_s`. In the viewer: residual arrows that flip with every step.
+# **Plates delayed 30 ms.** The same shape in every cycle, largest in Fx and Fz where the forces
+# change fastest, after foot strike and around push-off, and crossing zero: the difference of a
+# curve and its delayed copy. The software estimates the delay: 33 ms, of which the reference has 3.
+# State it as `plate_delay_s`. In the viewer: residual arrows that change direction with every step.
 #
-# **10 kg too light.** Fz keeps its shape and moves down by 98 N, ten kilograms' weight; the other
-# forces hardly care. Down means that the ground carries more than the model weighs. In the viewer:
-# an arrow at the pelvis that points down all the time, standing still as well.
+# **10 kg too light.** Fz keeps its shape and decreases by 98 N, the weight of ten kilograms; the
+# other forces hardly change. A negative Fz means that the plates measure more than the model
+# weighs. In the viewer: an arrow at the pelvis that always points down, also while the subject
+# stands still.
 #
-# **No platform pose.** A fan: each cycle higher or lower than the last as the platform tilts. Fx
-# up to a quarter of body weight, and My with it; more while the force is large. In the
-# viewer: the plates stay level while the markers on the platform's rim go up and down.
+# **No platform pose.** A fan: the cycles shift up and down as the platform tilts. Fx reaches a
+# quarter of body weight, and My follows; both are larger while the ground reaction is large. In the
+# viewer: the plates stay level while the markers on the platform move up and down.
 #
-# **Dead accelerometer.** The same fan, in the same residuals, because here the plates' own weight
-# is left in. The notes tell them apart: the dead channel is named. And so does the shape. Without
-# a pose the fan swells with the force under the feet; with a dead sensor it hardly
-# cares about steps. In the viewer, the compensated curve is a smaller copy of the measured one.
+# **Dead accelerometer.** A similar fan in the same residuals, because part of the plates' own
+# weight is not compensated. The notes distinguish the two: they name the dead channel. So does the
+# shape: without a pose, the fan grows with the ground reaction; with a dead sensor, it hardly
+# depends on the gait cycle. In the viewer, the compensated curve is a scaled copy of the measured
+# one.
 
 # %%
 shown = list(trials)[1:]
 figure, panels = plt.subplots(
     len(shown), 6, figsize=(15, 2 * len(shown)), sharex=True, sharey="col", layout="constrained"
 )
-usual_curves = cycle_residuals(trials["in order"], "compensated")["right"]
+reference_curves = cycle_residuals(trials["reference"], "compensated")["right"]
 for row, name in zip(panels, shown, strict=True):
     curves = cycle_residuals(trials[name], "compensated")["right"]
     for k, panel in enumerate(row):
         panel.plot(curves[..., k].T, color=COLOURS["measured"], lw=0.6)
-        panel.plot(usual_curves[..., k].T, color="0.55", lw=0.4)
+        panel.plot(reference_curves[..., k].T, color="0.55", lw=0.4)
         panel.axhline(0, color="black", lw=0.5)
     row[0].set_ylabel(name)
 for k in range(6):
     panels[0, k].set_title(f"{axis_name(k)}, {UNITS[k]}")
     panels[-1, k].set(xlabel="gait cycle (%)", xlim=(0, 100))
-figure.suptitle(
-    "Which fault looks how: every right gait cycle (vermilion) and the trial in order (grey)"
-)
+figure.suptitle("Every right gait cycle with each fault (vermilion) and in the reference (grey)")
 figure.savefig("05_reading_residuals.png", dpi=100)
