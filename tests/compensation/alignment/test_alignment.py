@@ -31,6 +31,7 @@ def test_a_known_delay_between_sensors_and_plate_comes_back(
     assert found.explained > 0.99
 
 
+@pytest.mark.slow
 def test_stated_uncertainty_of_a_delay_is_honest(laboratory):
     scores = []
     for seed in range(16):

@@ -220,6 +220,7 @@ def test_a_kernel_refuses_input_of_the_wrong_shape():
         kernel(np.zeros((3, 45)), np.zeros(kernel.sizes_in[1]))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("ziglang") is None, reason="the extra 'compiler' is not installed")
 def test_the_compiler_that_pip_brings_compiles_and_runs_the_kernels(cache, monkeypatch, messages):
     monkeypatch.setenv("PATH", "")

@@ -89,6 +89,7 @@ def test_where_the_bootstrap_is_sure_every_seed_has_the_same_winner(seed):
     assert "no other trial is likely to be better" in recommendation(ranking, "sway")
 
 
+@pytest.mark.slow
 def test_trials_that_differ_by_chance_alone_have_no_sure_winner():
     sure = []
     for seed in range(4):
@@ -279,6 +280,7 @@ def repeated():
     return rankings
 
 
+@pytest.mark.slow
 def test_an_order_that_the_bootstrap_is_sure_of_is_found_again(repeated):
     tables = [ranking.table.set_index("trial") for ranking in repeated]
     held = []
@@ -297,6 +299,7 @@ def left(ranking, kind):
     return float(np.exp((by_kind[kind] - by_kind["random"]).mean()))
 
 
+@pytest.mark.slow
 def test_held_pitch_helps_in_every_experiment_and_square_waves_of_sway_less(repeated):
     """Gravity turns with the platform for as long as it stands tilted; sway is known already."""
     for ranking in repeated:

@@ -88,6 +88,7 @@ def results(out):
     return {path.name: path.read_bytes() for path in (out / "trials").glob("*.parquet")}
 
 
+@pytest.mark.slow
 def test_a_run_killed_twenty_times_still_ends_with_the_same_results(
     moving_study, finished, tmp_path
 ):
@@ -106,6 +107,7 @@ def test_a_run_killed_twenty_times_still_ends_with_the_same_results(
     assert json.loads((tmp_path / "failures.json").read_text("utf-8")) == {}
 
 
+@pytest.mark.slow
 def test_a_run_killed_with_its_workers_still_ends_with_the_same_results(
     moving_study, finished, tmp_path
 ):
@@ -118,6 +120,7 @@ def test_a_run_killed_with_its_workers_still_ends_with_the_same_results(
     assert results(tmp_path) == results(finished)
 
 
+@pytest.mark.slow
 def test_two_runs_at_once_do_not_harm_each_other(moving_study, finished, tmp_path):
     both = [hbm("run", moving_study, "--out", tmp_path) for _ in range(2)]
     printed = [running.communicate()[0] for running in both]
@@ -127,6 +130,7 @@ def test_two_runs_at_once_do_not_harm_each_other(moving_study, finished, tmp_pat
     assert not list((tmp_path / "trials").glob(".*"))
 
 
+@pytest.mark.slow
 def test_runs_of_different_subjects_at_once_keep_all_failures(moving_study, tmp_path):
     study = shutil.copytree(moving_study, tmp_path / "study")
     for name in ("sub01_sway.c3d", "sub02_pitch.c3d"):

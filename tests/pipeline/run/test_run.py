@@ -147,6 +147,7 @@ def test_two_trials_at_a_time_give_the_same_results_as_one(moving_study, finishe
     assert contents(tmp_path) == contents(finished)
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_results(moving_study, finished, tmp_path):
     distributed = pytest.importorskip("dask.distributed", reason="the extra 'cluster' is not here")
     patience = importlib.import_module("dask").config.set(

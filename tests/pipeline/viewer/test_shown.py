@@ -85,7 +85,11 @@ def test_serving_ends_with_the_command_and_leaves_no_process(recordings, sent, c
     )
     command = [sys.executable, "-c", program, str(recordings[0])]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).resolve().parents[3]
+        command,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).resolve().parents[3],
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as shown:
         assert "http://127.0.0.1:" in shown.stdout.readline()
         (server,) = psutil.Process(shown.pid).children()

@@ -320,6 +320,7 @@ def test_mean_cycle_lies_on_the_percent_of_the_gait_cycle_alone(trial, tmp_path)
     subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
 
 
+@pytest.mark.slow
 def test_twelve_minutes_stay_under_150_megabytes(tmp_path):
     path = tmp_path / "long.rrd"
     result = viewer_trial(LONG_FRAMES)

@@ -36,12 +36,14 @@ def added(table, case, condition):
     return own.set_index("axis")["added"]
 
 
+@pytest.mark.slow
 def test_the_table_has_a_row_for_every_case_condition_and_axis(table):
     assert len(table) == len(ONE_EACH) * len(CONDITIONS) * 6
     assert tuple(dict.fromkeys(table["case"])) == ONE_EACH
     assert np.isfinite(table["added"]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_nothing_wrong_adds_nothing(table, condition):
     own = table[(table["case"] == "zero phase, 30 Hz") & (table["condition"] == condition)]
@@ -49,6 +51,7 @@ def test_nothing_wrong_adds_nothing(table, condition):
     assert (own["rms"] < 0.5).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_later_plates_are_worse_in_proportion(table, condition):
     """A residual from a small delay is the delay by the rate of change of the load."""
@@ -56,6 +59,7 @@ def test_later_plates_are_worse_in_proportion(table, condition):
     np.testing.assert_allclose(ratio, 3, rtol=0.15)
 
 
+@pytest.mark.slow
 def test_faults_of_the_platform_show_where_the_platform_moves(table):
     assert added(table, "pivot 5 cm off", "baseline").max() < 1e-6
     assert added(table, "pivot 5 cm off", "pitch")["My"] > 2
@@ -76,6 +80,7 @@ def test_an_unknown_case_is_refused_with_the_nearest():
         ablation(SMALL, names=("skin that move",))
 
 
+@pytest.mark.slow
 def test_the_figure_shows_every_number_of_the_table(table):
     figure = ablation_figure(table, 1)
     panels = figure.axes
@@ -86,6 +91,7 @@ def test_the_figure_shows_every_number_of_the_table(table):
         assert len(panel.texts) == len(ONE_EACH) * 6
 
 
+@pytest.mark.slow
 def test_one_command_leaves_the_table_and_its_figure(tmp_path, monkeypatch, table):
     asked = {}
 

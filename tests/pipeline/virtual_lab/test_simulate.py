@@ -54,6 +54,7 @@ def trial(request, study):
     return read_c3d(study / f"{name}.c3d"), pd.read_parquet(study / "truth" / f"{name}.parquet")
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_bytes_in_one_process_or_two_and_other_seeds_others(tmp_path):
     first = contents(simulated(tmp_path / "1", protocol=TINY))
     assert contents(simulated(tmp_path / "2", protocol=TINY, jobs=2)) == first

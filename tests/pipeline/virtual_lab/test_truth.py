@@ -190,6 +190,7 @@ def test_compensation_brings_residuals_back_to_baseline(usual, condition):
     assert (after < 1.6 * baseline + [3, 3, 3, 1, 1, 1]).all()
 
 
+@pytest.mark.slow
 def test_nine_people_leave_residuals_that_differ_as_people_do(walked):
     """Same laboratory, nine people: as a statistician expects, neither copies nor strangers."""
     treadmill = make_treadmill(Faults(), 1)

@@ -65,6 +65,7 @@ def test_nine_people_are_not_nine_copies(norms, angles, title):
     assert 0.1 < spread / norms[title].sd.mean() < 1.5
 
 
+@pytest.mark.slow
 def test_the_fitted_gait_is_what_its_script_makes_of_the_norms(shared_data):
     """The level walk, again from the published table, against the data file."""
     path = shared_data / "normative_gait" / "pinzone_2014.csv"

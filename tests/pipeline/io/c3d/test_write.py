@@ -133,6 +133,7 @@ def test_an_independent_reader_reads_the_same_from_the_written_file(tmp_path, su
     np.testing.assert_allclose(vertical, plates[0].wrench_in_plate[:, 2], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_twelve_minutes_are_written_and_read_whole(tmp_path):
     n_frames, n_markers = 72_000, 33
     time = np.arange(n_frames) / 100
