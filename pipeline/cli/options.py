@@ -14,6 +14,9 @@ from pipeline.run.request import OptionHelp, TrialRequest
 USAGE = 2
 """Exit code for wrong usage or input."""
 
+RESULT = ".parquet"
+"""How the file of a processed trial ends."""
+
 Out = Annotated[Path, typer.Option("--out", help="Folder for what it writes.")]
 Jobs = Annotated[int, typer.Option(min=1, help="How many trials at a time.")]
 Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals and results.")]

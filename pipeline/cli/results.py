@@ -6,7 +6,11 @@ from typing import Annotated
 
 import typer
 
-from pipeline.cli.options import ResultsFolder
+from pipeline.cli.options import RESULT, ResultsFolder
+
+ResultsToView = Annotated[
+    Path, typer.Argument(help="Folder that hbm run wrote, or a single result (.parquet).")
+]
 
 
 def report(folder: ResultsFolder = Path("results")) -> None:
@@ -22,7 +26,7 @@ def report(folder: ResultsFolder = Path("results")) -> None:
 
 
 def view(
-    folder: ResultsFolder = Path("results"),
+    results: ResultsToView = Path("results"),
     subject: Annotated[str | None, typer.Option(help="Default: the first.")] = None,
     condition: Annotated[str | None, typer.Option(help="Default: the first.")] = None,
     web: Annotated[bool, typer.Option("--web", help="In a browser on this machine.")] = False,
@@ -30,55 +34,46 @@ def view(
 ) -> None:
     """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
     from pipeline.cli.terminal import plain_console
-    from pipeline.run.store import read_summary
+    from pipeline.run.store import read_summary, read_trial
     from pipeline.viewer.serve import view as show
+    from pipeline.viewer.trial import write_cycles, write_recording
 
     console = plain_console()
-    subject, condition = _chosen(folder, subject, condition)
-    result = folder / "trials" / f"{subject}_{condition}.parquet"
-    stem = folder / "viewer" / f"{subject}_{condition}"
-    trial, cycles, marker = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
+    result = results if results.suffix == RESULT else _result_of(results, subject, condition)
     if save is not None:
-        with console.status(f"preparing {subject} {condition}"):
-            _write_view(result, save, None)
+        with console.status(f"preparing {result.stem}"):
+            save.parent.mkdir(parents=True, exist_ok=True)
+            write_recording(read_trial(result), save)
         console.print(f"recording: {save}", soft_wrap=True)
         return
+    folder = result.parent.parent if result.parent.name == "trials" else result.parent
+    stem = folder / "viewer" / result.stem
+    trial, cycles, shown = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
     key = read_summary(result).key
-    fresh = trial.is_file() and cycles.is_file() and marker.is_file() and marker.read_text() == key
-    if not fresh:
-        with console.status(f"preparing {subject} {condition}"):
-            _write_view(result, trial, cycles)
-        marker.write_text(key)
+    fresh = trial.is_file() and cycles.is_file() and shown.is_file() and shown.read_text() == key
+    if not (key and fresh):
+        with console.status(f"preparing {result.stem}"):
+            stem.parent.mkdir(parents=True, exist_ok=True)
+            stored = read_trial(result)
+            write_recording(stored, trial)
+            write_cycles(stored, cycles)
+        shown.write_text(key)
     show([trial, cycles], web=web, tell=lambda line: console.print(line, soft_wrap=True))
 
 
-def _write_view(result: Path, trial: Path, cycles: Path | None) -> None:
-    """Write a stored trial for the viewer, and its mean gait cycle."""
-    from pipeline.run.store import read_trial
-    from pipeline.viewer.trial import write_cycles, write_recording
-
-    stored = read_trial(result)
-    trial.parent.mkdir(parents=True, exist_ok=True)
-    write_recording(stored, trial)
-    if cycles is not None:
-        write_cycles(stored, cycles)
-
-
-def _chosen(folder: Path, subject: str | None, condition: str | None) -> tuple[str, str]:
-    """Find the trial asked for among the results."""
+def _result_of(folder: Path, subject: str | None, condition: str | None) -> Path:
+    """Find the result of the trial asked for; the first where it is not said."""
     from pipeline.run.store import read_summary
 
-    there = []
-    for path in sorted((folder / "trials").glob("*.parquet")):
+    names = []
+    for path in sorted((folder / "trials").glob(f"*{RESULT}")):
         trial = read_summary(path)
-        there.append((trial.subject.id, trial.condition))
-    for found in there:
-        if subject in (None, found[0]) and condition in (None, found[1]):
-            return found
-    if not there:
+        if subject in (None, trial.subject.id) and condition in (None, trial.condition):
+            return path
+        names.append(f"{trial.subject.id} {trial.condition}")
+    if not names:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
-    known = ", ".join(" ".join(found) for found in there)
-    raise ValueError(f"{folder}: no such trial; there are: {known}")
+    raise ValueError(f"{folder}: no such trial; there are: {', '.join(names)}")
 
 
 def print_study_residuals(folder: Path) -> None:

@@ -7,16 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pipeline.cli.options import Out, takes_trial_request
+from pipeline.cli.options import RESULT, Out, takes_trial_request
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from pipeline.trial.result import TrialResult
-
-RESULT = ".parquet"
-"""How the file of a processed trial ends."""
 
 
 @takes_trial_request
@@ -32,7 +29,7 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
 
     console = plain_console()
     _require_folder(out)
-    result, _ = process_request(request, announcer(console))
+    result = process_request(request, announcer(console))
     print_result(result, console)
     name = request.trial.stem
     write_trial(result, name, "", out / f"{name}.parquet")
@@ -92,7 +89,7 @@ def export(
     if bids:
         written += write_bids(read_requested(request), bids, subject, task)
     if osim or urdf or tables:
-        result = read_trial(request.trial) if processed else process_request(request)[0]
+        result = read_trial(request.trial) if processed else process_request(request)
         written += write_models(result, osim=osim, urdf=urdf)
         if tables:
             written += write_tables(result, tables, request.trial.stem, ankle_zero)
@@ -112,7 +109,7 @@ def _require_no_options(request: TrialRequest) -> None:
     ]
     if given:
         raise ValueError(
-            f"{request.trial.name} is a result, processed with the options of its own; leave out "
+            f"{request.trial.name} is a result that has been processed already; leave out "
             f"{', '.join(given)}, or give the recording instead"
         )
 

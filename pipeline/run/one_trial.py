@@ -18,7 +18,7 @@ from pipeline.trial.result import TrialResult
 
 def process_request(
     request: TrialRequest, announce: Callable[[str], None] | None = None
-) -> tuple[TrialResult, Recording]:
+) -> TrialResult:
     """Read and process one trial.
 
     Parameters
@@ -30,8 +30,8 @@ def process_request(
 
     Returns
     -------
-    tuple
-        The processed trial, and its recording.
+    TrialResult
+        The processed trial.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def process_request(
     recording = read_requested(request)
     kernels(announce)
     try:
-        result = process_recording(
+        return process_recording(
             recording,
             subject,
             settings,
@@ -59,7 +59,6 @@ def process_request(
         if request.trial.name not in str(error):
             error.add_note(f"while processing {request.trial.name}")
         raise
-    return result, recording
 
 
 def read_requested(request: TrialRequest) -> Recording:
