@@ -7,21 +7,22 @@ if TYPE_CHECKING:
     from hbm.body import Body, build_body
     from hbm.calibration_pose.functional import functional_hips
     from hbm.coordinates import COORDINATES, HBM_ORDER
-    from hbm.describe import changed_distances, describe, implausible
+    from hbm.describe import describe
     from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
     from hbm.kinematics import solve_ik
     from hbm.markers import Markers, MarkerSet, marker_sets, read_marker_set
     from hbm.motion import Motion
     from hbm.overrides import SegmentOverride, read_overrides
+    from hbm.plausibility import changed_distances, implausible
 
 _HOME = {
     "Body": "body",
     "build_body": "body",
     "COORDINATES": "coordinates",
     "HBM_ORDER": "coordinates",
-    "changed_distances": "describe",
+    "changed_distances": "plausibility",
     "describe": "describe",
-    "implausible": "describe",
+    "implausible": "plausibility",
     "Dynamics": "dynamics",
     "filter_motion": "dynamics",
     "functional_hips": "calibration_pose.functional",

@@ -6,11 +6,18 @@ from typing import Final
 
 import numpy as np
 
-from hbm.calibration_pose.anatomy import SIDES, Anatomy, HipRule, Measures, distance
-from hbm.calibration_pose.instants import calibrate
+from hbm.calibration_pose.anatomy import Anatomy, HipRule, Measures
+from hbm.calibration_pose.frame_selection import select_frames
 from hbm.calibration_pose.landmarks import locate_anatomy
 from hbm.calibration_pose.shape import Shape, average, shape_of
-from hbm.coordinates import COORDINATES, LAST_Q, SEGMENTS, SEGMENTS_WITH_MASS, support
+from hbm.coordinates import (
+    COORDINATES,
+    LAST_Q,
+    SEGMENTS,
+    SEGMENTS_WITH_MASS,
+    SIDES,
+    support,
+)
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body
@@ -18,7 +25,7 @@ from hbm.notes import Note
 from hbm.overrides import SegmentOverride, apply_overrides
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia, Proportions, Sex, proportions, segment_inertia
-from hbm.spatial import Array, Indices
+from hbm.spatial import Array, Indices, distance
 
 __all__ = ["Body", "build_body"]
 
@@ -32,8 +39,23 @@ PARTS: Final = {
         for part in ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
     },
 }
+"""Segment -> the rows of de Leva's table, with their side, that make up its inertia."""
+
 TOES_KG: Final = 1e-6
-LEG_SHARE: Final = 0.245 + 0.246
+"""Mass of the toes, which de Leva's foot includes: not zero, so that no inertia is singular."""
+
+TOES_GYRATION_M: Final = 0.01
+"""Their radius of gyration, of the order of the toes' own."""
+
+LEGS_PER_STATURE: Final = 0.245 + 0.246
+"""Thigh and shank, as shares of stature (Drillis and Contini 1966, as in Winter 2009, Fig. 4.1)."""
+
+MIN_MASS_KG, MAX_MASS_KG = 10, 400
+"""From a toddler to beyond the load of instrumented treadmills; grams and pounds of light people
+fall outside."""
+
+MIN_STATURE_M, MAX_STATURE_M = 0.5, 2.6
+"""From an infant to beyond the tallest people; centimetres fall outside."""
 
 
 def build_body(
@@ -55,57 +77,62 @@ def build_body(
     Parameters
     ----------
     static_markers
-        A T-pose, A-pose, quiet standing, or any stretch of walking; lab axes, facing anywhere.
+        A T-pose, A-pose, quiet standing, or a recording of walking; lab axes, in any direction.
     mass
         Body mass [kg].
     sex
-        Which column of de Leva's table: "male", "female", or "unspecified" for the mean.
+        Column of de Leva's table: "male", "female", or "unspecified" for the mean.
     marker_set
-        Name of a shipped set or a set of one's own; by default recognised from the labels.
+        Name of a shipped set, or a custom set; by default recognised from the labels.
     height_m
         Stature [m], for parts that no marker shows; by default estimated from the legs.
     window_s
-        Start and end of the calibration pose [s]; by default the quietest second, or the whole
-        recording where nobody stands still.
+        Start and end of the calibration pose [s]; by default the second in which the markers move
+        least, or the whole recording where the subject never stands still.
     hip
         "harrington", "bell", or functional centres (see `hbm.calibration_pose.anatomy.Measures`).
     knee_width_m, ankle_width_m, marker_offset_m
         See `hbm.calibration_pose.anatomy.Measures`.
     overrides
-        Segment -> what is known better than de Leva's table; the whole still weighs ``mass``.
+        Segment -> inertia that is known better than from de Leva's table; the total mass stays
+        ``mass``.
 
     Returns
     -------
     Body
         Geometry averaged over the window, inertias by de Leva (1996). If the subject moves in the
-        window, markers that are no landmarks sit where the skeleton, fitted to the same instants,
-        sees them on average.
+        window, markers that are no landmarks are placed where the skeleton, fitted to the same
+        frames, has them on average.
 
     Raises
     ------
     ValueError
         If mass or stature is implausible, no marker set fits, an override is impossible, or a
-        landmark is missing that nothing can stand in for.
+        landmark is missing that no rule can replace.
     """
-    if not 10 <= mass <= 400:
+    if not MIN_MASS_KG <= mass <= MAX_MASS_KG:
         hint = "; that looks like grams, give kilograms" if mass > 1000 else ""
-        raise ValueError(f"body mass must be between 10 and 400 kg, got {mass:g}{hint}")
-    if height_m is not None and not 0.5 <= height_m <= 2.6:
-        raise ValueError(f"stature must be between 0.5 and 2.6 m, got {height_m:g}")
-    chosen = _choose(marker_set, static_markers)
+        raise ValueError(
+            f"body mass must be between {MIN_MASS_KG} and {MAX_MASS_KG} kg, got {mass:g}{hint}"
+        )
+    if height_m is not None and not MIN_STATURE_M <= height_m <= MAX_STATURE_M:
+        raise ValueError(
+            f"stature must be between {MIN_STATURE_M} and {MAX_STATURE_M} m, got {height_m:g}"
+        )
+    chosen = _marker_set(marker_set, static_markers)
     measures = Measures(sex, hip, knee_width_m, ankle_width_m, marker_offset_m)
     table = proportions(sex)
 
     used = [name for name in chosen.segment if name in static_markers.names]
-    calibration = calibrate(static_markers, used, window_s)
-    instants = _take(static_markers, used, calibration.frames)
-    poses = [dict(zip(used, p, strict=True)) for p in instants.position]
+    selection = select_frames(static_markers, used, window_s)
+    calibration = _take(static_markers, used, selection.frames)
+    poses = [dict(zip(used, p, strict=True)) for p in calibration.position]
     poses = [{name: p for name, p in at.items() if not np.isnan(p[0])} for at in poses]
     anatomies = [
         locate_anatomy({mark: at[n] for mark, n in chosen.landmark.items() if n in at}, measures)
         for at in poses
     ]
-    notes = [calibration.note, *dict.fromkeys(note for a in anatomies for note in a.notes)]
+    notes = [selection.note, *dict.fromkeys(note for a in anatomies for note in a.notes)]
     if height_m is None:
         height_m = float(np.mean([_stature(a) for a in anatomies]))
         notes.append(Note.of("stature_estimated", height_m=height_m))
@@ -117,7 +144,8 @@ def build_body(
             for anatomy, at in zip(anatomies, poses, strict=True)
         ]
     )
-    markers = tuple(n for n in shape.markers if chosen.segment[n] not in _unlocated(anatomies[0]))
+    unlocated = _unlocated_segments(anatomies[0])
+    markers = tuple(n for n in shape.markers if chosen.segment[n] not in unlocated)
     segments = tuple(chosen.segment[name] for name in markers)
     body = Body(
         mass=float(mass),
@@ -131,13 +159,13 @@ def build_body(
         axes=shape.axes,
         inertias=apply_overrides(_inertias(shape, table, mass), overrides or {}, mass),
         lengths={part: distance(ends[0], ends[1]) for part, ends in shape.ends.items()},
-        locked=_unseen(set(segments)),
+        locked=_never_shown(set(segments)),
         notes=tuple(notes),
     )
-    return body if calibration.still else _with_tracking_markers(body, instants)
+    return body if selection.still else _with_fitted_tracking_markers(body, calibration)
 
 
-def _choose(marker_set: str | MarkerSet | None, markers: Markers) -> MarkerSet:
+def _marker_set(marker_set: str | MarkerSet | None, markers: Markers) -> MarkerSet:
     if marker_set is None:
         return recognise_marker_set(markers.names)
     if isinstance(marker_set, MarkerSet):
@@ -153,32 +181,33 @@ def _take(markers: Markers, names: list[str], frames: Indices) -> Markers:
 
 
 def _stature(anatomy: Anatomy) -> float:
-    """Stature from both legs: hip to ankle is 0.491 of it (Drillis and Contini 1966).
+    """Estimate stature [m] from the mean length of the legs.
 
-    De Leva's mean lengths would not do: the women's thigh ends at another hip than the men's.
+    De Leva's mean lengths are not used: the women's thigh ends at another hip centre than the
+    men's.
     """
     legs = [
         distance(anatomy.points[f"{side}_{a}"], anatomy.points[f"{side}_{b}"])
         for side in SIDES
         for a, b in (("hip", "knee"), ("knee", "ankle"))
     ]
-    return sum(legs) / 2 / LEG_SHARE
+    return sum(legs) / 2 / LEGS_PER_STATURE
 
 
-def _unlocated(anatomy: Anatomy) -> set[str]:
-    """Segments of arms whose joints could not be found; where their markers ride is unknown."""
+def _unlocated_segments(anatomy: Anatomy) -> set[str]:
+    """Segments of arms whose joints could not be found, so that their markers have no place."""
     arm = ("upper_arm", "forearm", "hand")
     return {f"{side}_{s}" for side in SIDES if f"{side}_elbow" not in anatomy.points for s in arm}
 
 
-def _unseen(seen: set[str]) -> tuple[str, ...]:
-    """Coordinates beyond which no marker rides."""
-    shown = {i for s in seen for i in support(LAST_Q[s])}
+def _never_shown(segments: set[str]) -> tuple[str, ...]:
+    """Coordinates beyond which there is none of the segments with markers."""
+    shown = {i for s in segments for i in support(LAST_Q[s])}
     return tuple(name for i, name in enumerate(COORDINATES) if i not in shown)
 
 
 def _inertias(shape: Shape, table: Mapping[str, Proportions], mass: float) -> dict[str, Inertia]:
-    """Inertias of the moving segments; the toes' token mass is the foot's."""
+    """Inertias of the segments with mass; that of the toes is taken from the foot."""
     inertias = {s: NO_INERTIA for s in SEGMENTS_WITH_MASS}
     for s, parts in PARTS.items():
         for part in parts:
@@ -187,23 +216,23 @@ def _inertias(shape: Shape, table: Mapping[str, Proportions], mass: float) -> di
     for side in SIDES:
         foot = inertias[f"{side}_foot"]
         inertias[f"{side}_foot"] = replace(foot, mass=foot.mass - TOES_KG)
-        inertias[f"{side}_toes"] = Inertia(TOES_KG, np.zeros(3), TOES_KG * 1e-4 * np.eye(3))
+        tensor = TOES_KG * TOES_GYRATION_M**2 * np.eye(3)
+        inertias[f"{side}_toes"] = Inertia(TOES_KG, np.zeros(3), tensor)
     return inertias
 
 
-def _with_tracking_markers(body: Body, instants: Markers) -> Body:
-    """Move markers that are no landmarks to where the fitted skeleton sees them on average."""
-    motion = solve_ik(body, instants)
+def _with_fitted_tracking_markers(body: Body, calibration: Markers) -> Body:
+    """Move markers that are no landmarks to their mean position on the fitted skeleton."""
+    motion = solve_ik(body, calibration)
     if not motion.converged.any():
         raise ValueError(
-            "the skeleton fits the calibration pose in none of its instants; check the markers' "
-            "names and the lab axes"
+            "the skeleton fits no frame of the calibration pose; check the markers' names and the "
+            "lab axes"
         )
     rotation, origin = segment_frames(body, motion.q[motion.converged])
     own = [SEGMENTS.index(s) for s in body.marker_segment]
-    measured = _take(instants, list(body.markers), np.flatnonzero(motion.converged)).position
-    away = measured - origin[:, own]
-    local = np.einsum("tkji,tkj->tki", rotation[:, own], away).mean(axis=0)
+    measured = _take(calibration, list(body.markers), np.flatnonzero(motion.converged)).position
+    local = np.einsum("tkji,tkj->tki", rotation[:, own], measured - origin[:, own]).mean(axis=0)
     landmark = np.array([name in body.marker_set.landmark.values() for name in body.markers])
     position = np.where(landmark[:, None], body.marker_position, local)
     return replace(body, marker_position=position)

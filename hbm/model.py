@@ -1,4 +1,4 @@
-"""The body as the kernels and Pinocchio take it."""
+"""The body, and its form for the kernels and for Pinocchio."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,6 @@ from hbm.coordinates import (
     SEGMENTS_WITH_MASS,
     TREE,
 )
-from hbm.describe import describe
 from hbm.kernels.skeleton import JOINTED_SEGMENTS, SUBJECT_AXES
 from hbm.markers import MarkerSet
 from hbm.notes import Note
@@ -34,18 +33,18 @@ class Body:
     marker_set
         The marker set it was built with.
     markers
-        Marker names, (K,); ``marker_segment`` the segment of each, ``marker_position`` its place in
-        that segment's frame, (K, 3) [m].
+        Marker names, (K,); ``marker_segment`` is the segment of each, ``marker_position`` its
+        position in that segment's frame, (K, 3) [m].
     offsets
         Segment -> its proximal joint in the parent's frame, (3,) [m].
     axes
         Coordinate -> hinge axis, (3,), for the hinges that the subject's landmarks define.
     inertias
-        Moving segment -> mass, centre of mass and inertia in its frame.
+        Segment with mass -> mass, centre of mass and moment of inertia in its frame.
     lengths
         Inertial part of de Leva's table, with its side -> distance between its ends [m].
     locked
-        Coordinates that no marker of the set can ever show; they stay at zero.
+        Coordinates that none of the markers depends on; they stay at zero.
     notes
         What was estimated or substituted.
     """
@@ -77,7 +76,10 @@ class Body:
             object.__setattr__(self, name, vectors)
 
     def __str__(self) -> str:
-        return describe(self)
+        return (
+            f"{self.mass:.1f} kg, {self.height_m:.2f} m, {self.sex}; "
+            f"markers: {len(self.markers)} of {self.marker_set.title}"
+        )
 
     @property
     def model(self) -> Any:
@@ -86,13 +88,13 @@ class Body:
 
     @property
     def geometry(self) -> Array:
-        """Offsets and hinge axes as one vector, in the order the kernels take them."""
+        """Offsets and hinge axes as one vector, in the order of the kernels."""
         axes = [self.axes[COORDINATES[i]] for i in SUBJECT_AXES]
         return np.concatenate([*(self.offsets[s] for s in JOINTED_SEGMENTS), *axes])
 
     @property
     def inertia_vector(self) -> Array:
-        """Mass, centre and inertia (xx yy zz xy xz yz) of the moving segments as one vector."""
+        """Mass, centre and inertia (xx yy zz xy xz yz) of the segments with mass as one vector."""
         rows = []
         for s in SEGMENTS_WITH_MASS:
             i, t = self.inertias[s], self.inertias[s].tensor
@@ -138,6 +140,6 @@ def pin_model(body: Body) -> Any:
         model.addFrame(pin.Frame(s, LAST_Q[s] + 1, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     rows = zip(body.markers, body.marker_segment, body.marker_position, strict=True)
     for name, s, position in rows:
-        place = pin.SE3(np.eye(3), np.array(position))
-        model.addFrame(pin.Frame(name, LAST_Q[s] + 1, 0, place, pin.FrameType.SENSOR))
+        pose = pin.SE3(np.eye(3), np.array(position))
+        model.addFrame(pin.Frame(name, LAST_Q[s] + 1, 0, pose, pin.FrameType.SENSOR))
     return model

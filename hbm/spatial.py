@@ -5,7 +5,7 @@ A wrench is ``[fx fy fz mx my mz]``. Unless a suffix says otherwise it is expres
 dimensions and broadcasts them.
 """
 
-from typing import Final, overload
+from typing import Final, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -155,3 +155,30 @@ def fit_rotation(covariance: ArrayLike) -> Array:
     sign[..., 2] = np.sign(np.linalg.det(u @ vt))
     rotation: Array = (u * sign[..., None, :]) @ vt
     return rotation
+
+
+def unit(vector: Array) -> Array:
+    """Give a vector's direction, (3,)."""
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def perpendicular(vector: Array, to: Array) -> Array:
+    """Give the direction of the part of a vector that is perpendicular to another, (3,)."""
+    along = unit(to)
+    return unit(vector - (vector @ along) * along)
+
+
+def axes_from(left: Array, up: Array, exact: Literal["left", "up"]) -> Array:
+    """Give a rotation (columns: forward, left, up) from two directions, one of them exact."""
+    if exact == "left":
+        y = unit(left)
+        z = perpendicular(up, y)
+    else:
+        z = unit(up)
+        y = perpendicular(left, z)
+    return np.column_stack([np.cross(y, z), y, z])
+
+
+def distance(a: Array, b: Array) -> float:
+    """Give the distance between two points [m]."""
+    return float(np.linalg.norm(a - b))

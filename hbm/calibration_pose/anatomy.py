@@ -4,14 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
-import numpy as np
-
 from hbm.notes import Note
 from hbm.segments import Sex
 from hbm.spatial import Array
 
 HipRule = Literal["harrington", "bell"]
-SIDES: Final = {"right": "R", "left": "L"}
 TO_LEFT: Final = {"right": 1.0, "left": -1.0}
 
 
@@ -72,30 +69,3 @@ def need(landmarks: Mapping[str, Array], *names: str, purpose: str, instead: str
             f"no marker shows in the calibration pose; {instead} would do instead"
         )
     return [landmarks[name] for name in names]
-
-
-def unit(vector: Array) -> Array:
-    """Give a vector's direction, (3,)."""
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def perpendicular(vector: Array, to: Array) -> Array:
-    """Give the direction of the part of a vector that is perpendicular to another, (3,)."""
-    along = unit(to)
-    return unit(vector - (vector @ along) * along)
-
-
-def frame(left: Array, up: Array, exact: Literal["left", "up"]) -> Array:
-    """Give a rotation (columns: forward, left, up) from two directions, one kept exactly."""
-    if exact == "left":
-        y = unit(left)
-        z = perpendicular(up, y)
-    else:
-        z = unit(up)
-        y = perpendicular(left, z)
-    return np.column_stack([np.cross(y, z), y, z])
-
-
-def distance(a: Array, b: Array) -> float:
-    """Give the distance between two points [m]."""
-    return float(np.linalg.norm(a - b))

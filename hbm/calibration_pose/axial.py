@@ -4,19 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hbm.calibration_pose.anatomy import (
-    SIDES,
-    TO_LEFT,
-    Anatomy,
-    Measures,
-    distance,
-    frame,
-    need,
-    perpendicular,
-    unit,
-)
+from hbm.calibration_pose.anatomy import TO_LEFT, Anatomy, Measures, need
+from hbm.coordinates import SIDES
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.spatial import Array, axes_from, distance, perpendicular, unit
 
 
 def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Measures) -> None:
@@ -73,7 +64,7 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, l
         (back,) = need(at, "SACR", purpose="the pelvis", instead="LPSIS with RPSIS")
         notes.append(Note.of("psis_missing"))
     origin, across = (left + right) / 2, left - right
-    return frame(across, np.cross(origin - back, across), exact="left"), origin, back, notes
+    return axes_from(across, np.cross(origin - back, across), exact="left"), origin, back, notes
 
 
 def _spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[Note]]:
@@ -172,12 +163,12 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
         anatomy.notes.append(Note.of("trunk_axis_from_lumbar_joint"))
     if "C7" in at and "JN" in at:
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
-        R = frame(np.cross(top - bottom, forward), top - bottom, exact="up")
+        R = axes_from(np.cross(top - bottom, forward), top - bottom, exact="up")
         anatomy.points["neck"] = at["C7"] + _neck(forward, R[:, 2], measures)
         anatomy.points["cervicale"] = at["C7"]
     elif "LSHO" in at and "RSHO" in at:
         top = (at["LSHO"] + at["RSHO"]) / 2
-        R = frame(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
+        R = axes_from(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
         anatomy.points["neck"] = top
         anatomy.notes.append(Note.of("trunk_axis_to_acromions"))
     else:
@@ -187,7 +178,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
         root = anatomy.points["lumbar"]
         up = unit(bottom - root)
         top = root + ((notch - root) @ up) * up
-        R = frame(np.cross(up, front - back), up, exact="up")
+        R = axes_from(np.cross(up, front - back), up, exact="up")
         anatomy.points["neck"] = top
         anatomy.notes.append(Note.of("trunk_axis_to_jugular_notch"))
     pelvis = anatomy.frames["pelvis"]
@@ -215,5 +206,5 @@ def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:
     if not {"LHEAD", "RHEAD", "THEAD"} <= set(at):
         return
     across, middle = at["LHEAD"] - at["RHEAD"], (at["LHEAD"] + at["RHEAD"]) / 2
-    anatomy.frames["head"] = frame(across, at["THEAD"] - middle, exact="left")
+    anatomy.frames["head"] = axes_from(across, at["THEAD"] - middle, exact="left")
     anatomy.points["vertex"] = at["THEAD"]

@@ -7,9 +7,10 @@ whichever way the subject faces makes no difference.
 
 from collections.abc import Mapping
 
-from hbm.calibration_pose.anatomy import SIDES, Anatomy, Measures
+from hbm.calibration_pose.anatomy import Anatomy, Measures
 from hbm.calibration_pose.axial import locate_head, locate_pelvis, locate_trunk
 from hbm.calibration_pose.limbs import locate_arm, locate_leg
+from hbm.coordinates import SIDES
 from hbm.spatial import Array
 
 

@@ -4,18 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hbm.calibration_pose.anatomy import (
-    SIDES,
-    TO_LEFT,
-    Anatomy,
-    Measures,
-    distance,
-    need,
-    perpendicular,
-    unit,
-)
+from hbm.calibration_pose.anatomy import TO_LEFT, Anatomy, Measures, need
+from hbm.coordinates import SIDES
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.spatial import Array, distance, perpendicular, unit
 
 
 def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, side: str) -> None:

@@ -15,10 +15,10 @@ from typing import Final
 
 import numpy as np
 
-from hbm.calibration_pose.anatomy import SIDES, Anatomy, frame, perpendicular, unit
-from hbm.coordinates import DOWN, FORWARD, LEFT, PARENT
+from hbm.calibration_pose.anatomy import Anatomy
+from hbm.coordinates import DOWN, FORWARD, LEFT, PARENT, SIDES
 from hbm.segments import Proportions
-from hbm.spatial import Array, rotation_about
+from hbm.spatial import Array, axes_from, perpendicular, rotation_about, unit
 
 INCLINATION: Final = np.radians(42.0)
 DEVIATION: Final = np.radians(16.0)
@@ -175,7 +175,7 @@ class _Builder:
             elbow_axis = wrist_axis = trunk[:, 1]
         knuckle = at.get(f"{side}_knuckle")
 
-        R = frame(elbow_axis, shoulder - elbow, exact="up")
+        R = axes_from(elbow_axis, shoulder - elbow, exact="up")
         self.frames[f"{side}_shoulder"] = trunk, shoulder
         self.frames[arm] = R, shoulder
 
@@ -206,7 +206,7 @@ class _Builder:
         hip, knee, ankle = (at[f"{side}_{x}"] for x in ("hip", "knee", "ankle"))
         knee_axis, ankle_axis = self.axes[f"{side}_knee"], self.axes[f"{side}_ankle"]
 
-        R = frame(knee_axis, hip - knee, exact="up")
+        R = axes_from(knee_axis, hip - knee, exact="up")
         self.frames[thigh] = R, hip
         bend = R.T @ knee_axis
         R = R @ rotation_about(bend, _swing(bend, np.array(DOWN), R.T @ unit(ankle - knee)))

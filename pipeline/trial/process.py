@@ -6,13 +6,13 @@ import numpy as np
 
 from hbm.body import Body
 from hbm.coordinates import SEGMENTS
-from hbm.describe import changed_distances, implausible
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
+from hbm.plausibility import changed_distances, implausible
 from hbm.poses import segment_frames
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array

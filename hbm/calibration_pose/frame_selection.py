@@ -1,0 +1,143 @@
+"""The frames of a calibration recording that the body is built from."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from hbm.markers import Markers
+from hbm.notes import Note
+from hbm.spatial import Array, Indices
+
+MAX_STILL_SPEED_MPS: Final = 0.05
+"""Mean speed of the markers up to which a subject stands still: sway makes 0.01 to 0.02 m/s, slow
+walking 0.3 m/s."""
+
+WINDOW_S: Final = 1.0
+"""Duration of the calibration pose that is looked for."""
+
+SPEED_INTERVAL_S: Final = 0.1
+"""Over which speeds are measured: marker noise of 1 mm makes 0.01 m/s, and tremor averages out."""
+
+MAX_FRAMES: Final = 100
+"""Frames that the body is averaged over; more make no difference."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSelection:
+    """The frames that show the calibration pose.
+
+    Attributes
+    ----------
+    frames
+        Evenly spread frames in which all markers that are ever visible are visible, (F,).
+    still
+        Whether the subject stood still.
+    note
+        The window, and whether the subject stood still in it.
+    """
+
+    frames: Indices
+    still: bool
+    note: Note
+
+
+def select_frames(
+    markers: Markers, used: list[str], window_s: tuple[float, float] | None
+) -> FrameSelection:
+    """Select the frames that the body is built from.
+
+    Parameters
+    ----------
+    markers
+        The calibration recording.
+    used
+        Labels of the marker set that are in it.
+    window_s
+        Start and end [s]; by default the second in which the markers move least or, where the
+        subject never stands still, the whole recording: over many strides periodic motion of the
+        skin averages out.
+
+    Returns
+    -------
+    FrameSelection
+        At most 100 frames.
+
+    Raises
+    ------
+    ValueError
+        If the window holds no frame, or no frame shows all markers at once.
+    """
+    time = markers.time
+    position = markers.position[:, [markers.names.index(name) for name in used]]
+    window = _inside(time, window_s)
+    seen = ~np.isnan(position[window, :, 0])
+    complete = window[seen[:, seen.any(axis=0)].all(axis=1)]
+    if not len(complete):
+        rarest = used[int(np.argmin(np.where(seen.any(axis=0), seen.sum(axis=0), np.inf)))]
+        raise ValueError(
+            f"no frame from {time[window[0]]:.2f} to {time[window[-1]]:.2f} s shows all "
+            f"calibration markers at once; {rarest} is missing most often; choose another window"
+        )
+    speed = _speed(position, time)
+    if window_s is None:
+        complete = _stillest(complete, speed, time)
+    spread = np.unique(np.linspace(0, len(complete) - 1, MAX_FRAMES).round().astype(int))
+    frames = complete[spread]
+    known = speed[complete][~np.isnan(speed[complete])]
+    mean_speed = float(np.mean(known)) if len(known) else 0.0
+    still = mean_speed < MAX_STILL_SPEED_MPS
+    extent = {
+        "start_s": float(time[frames[0]]),
+        "stop_s": float(time[frames[-1]]),
+        "instants": len(frames),
+    }
+    note = (
+        Note.of("calibration_pose_still", **extent)
+        if still
+        else Note.of("calibration_pose_moving", speed_mps=mean_speed, **extent)
+    )
+    return FrameSelection(frames, still, note)
+
+
+def _inside(time: Array, window_s: tuple[float, float] | None) -> Indices:
+    if window_s is None:
+        return np.arange(len(time))
+    inside = np.flatnonzero((time >= window_s[0]) & (time < window_s[1]))
+    if not len(inside):
+        raise ValueError(
+            f"the calibration window {window_s[0]:g}–{window_s[1]:g} s holds no frame; the "
+            f"recording runs from {time[0]:g} to {time[-1]:g} s"
+        )
+    return np.asarray(inside)
+
+
+def _speed(position: Array, time: Array) -> Array:
+    """Give the mean speed of the visible markers around each frame, (T,) [m/s]."""
+    speed = np.full(len(position), np.nan)
+    if len(position) < 2:
+        return speed
+    step = min(max(1, round(SPEED_INTERVAL_S / float(np.median(np.diff(time))))), len(position) - 1)
+    interval_s = (time[step:] - time[:-step])[:, None]
+    each = np.linalg.norm(position[step:] - position[:-step], axis=-1) / interval_s
+    seen = ~np.isnan(each)
+    count = seen.sum(axis=1)
+    mean = np.where(seen, each, 0).sum(axis=1) / np.maximum(count, 1)
+    speed[step // 2 : step // 2 + len(mean)] = np.where(count > 0, mean, np.nan)
+    return speed
+
+
+def _stillest(complete: Indices, speed: Array, time: Array) -> Indices:
+    """Keep the complete frames of the stillest second; all of them if the subject never stands."""
+    known = complete[~np.isnan(speed[complete])]
+    if not len(known):
+        return complete
+    total = np.concatenate([[0.0], np.cumsum(speed[known])])
+    starts, stops = np.arange(len(known)), np.searchsorted(time[known], time[known] + WINDOW_S)
+    count = stops - starts
+    mean = np.where(2 * count >= count.max(), (total[stops] - total[starts]) / count, np.inf)
+    best = int(np.argmin(mean))
+    if mean[best] >= MAX_STILL_SPEED_MPS:
+        return complete
+    begin = time[known[best]]
+    return np.asarray(complete[(time[complete] >= begin) & (time[complete] < begin + WINDOW_S)])
