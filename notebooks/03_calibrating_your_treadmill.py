@@ -32,7 +32,8 @@ from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.laboratory import accelerations, fit_calibration
 from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
-from pipeline.virtual_lab.protocol.instrumented_treadmill import SENSORS, make_treadmill
+from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
+from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol.walking_trial import run_signal
 
 components = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -100,7 +101,9 @@ def plate_of(recording):
 # ## 3. The fit and its quality
 
 # %%
-model = fit_calibration(recordings["calibration"], treadmill_with(SENSORS[:2])).plates["plate 1"]
+model = fit_calibration(recordings["calibration"], treadmill_with(SENSOR_NAMES[:2])).plates[
+    "plate 1"
+]
 floor = np.std(plate_of(recordings["rest"]), axis=0)
 print("two accelerometers, plate 1, on the calibration itself:")
 for k, name in enumerate(components):
@@ -122,7 +125,7 @@ print(*check_calibration(model, "plate 1"), sep="\n")
 # %%
 remaining = {}
 for count in (1, 2, 3, 4):
-    treadmill = treadmill_with(SENSORS[:count])
+    treadmill = treadmill_with(SENSOR_NAMES[:count])
     fitted = fit_calibration(recordings["calibration"], treadmill).plates["plate 1"]
     for name in ("sway", "pitch"):
         recording = recordings[name]
@@ -154,7 +157,7 @@ for name, measured in before.items():
 # failed or was remounted, `check_trial` returns warnings, and so do the notes of every trial.
 
 # %%
-treadmill = treadmill_with(SENSORS[:2])
+treadmill = treadmill_with(SENSOR_NAMES[:2])
 acceleration = accelerations(recordings["sway"], treadmill)[1]
 gentle = Signal("gentle", 100.0, 0.3 * signal.sway, 0.3 * signal.pitch, signal.belt_speed)
 gentle_fit = fit_calibration(

@@ -37,7 +37,7 @@ from pipeline.trial.residuals import (
     threshold_rows,
 )
 from pipeline.viewer.trial import write_recording
-from pipeline.virtual_lab.protocol.instrumented_treadmill import PLATFORM_MARKERS, make_treadmill
+from pipeline.virtual_lab.protocol.instrumented_treadmill import PLATFORM_MARKERS_M, make_treadmill
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_trial, study_subject
 
@@ -59,7 +59,7 @@ treadmill = Treadmill(
         sensor.name: tuple(f"{sensor.name}.{axis}" for axis in "XYZ")
         for sensor in virtual_treadmill.sensors
     },
-    platform=Platform(markers=tuple(PLATFORM_MARKERS)),
+    platform=Platform(markers=tuple(PLATFORM_MARKERS_M)),
 )
 calibration = fit_calibration(empty, treadmill)
 subject = Subject(id="sub01", sex="male", mass_kg=83.0, height_m=1.85)

@@ -17,12 +17,13 @@ from hbm.spelling import did_you_mean
 from pipeline.trial.residuals import AXES, UNITS
 from pipeline.virtual_lab.analysis.idealised_processing import Case, fit_models, residual_of
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.machine.motion import TreadmillMotion
-from pipeline.virtual_lab.machine.treadmill import Machine
+from pipeline.virtual_lab.machine.instruments.sampling import SAMPLES_PER_FRAME
+from pipeline.virtual_lab.machine.treadmill import Machine, TreadmillMotion
 from pipeline.virtual_lab.person.walk import Walk
-from pipeline.virtual_lab.protocol.instrumented_treadmill import PER_FRAME, make_treadmill
+from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol.walking_protocol import (
-    ONSET,
+    ANALYSED_CONDITIONS,
+    ONSET_PHASE,
     SHORT,
     ConditionName,
     Protocol,
@@ -30,7 +31,6 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
 )
 from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_walk, study_subject
 
-CONDITIONS: Final[tuple[ConditionName, ...]] = ("baseline", "sway", "pitch")
 TRANSPARENT_HZ: Final = 30.0
 EDGE_S: Final = 1.0
 FILTER: Final = "filter"
@@ -185,7 +185,7 @@ def _squares(
     own = [_one(setting, group, case, number) for number in range(subjects)]
     return {
         condition: tuple(np.sqrt(np.mean([p[condition] for p in own], axis=0)))
-        for condition in CONDITIONS
+        for condition in ANALYSED_CONDITIONS
     }
 
 
@@ -195,7 +195,7 @@ def _one(setting: Setting, group: str, case: Case, number: int) -> dict[str, tup
     models = _models(setting, case) if case.removal == "calibrated" else ()
     reference = TRANSPARENT_HZ if group == FILTER else Case().cutoff_hz
     found: dict[str, tuple[Array, Array]] = {}
-    for condition in CONDITIONS:
+    for condition in ANALYSED_CONDITIONS:
         who = _Who(setting.seed, setting.protocol, case.faults.body, number, condition)
         walk, motion = _walked(who)
         rng = np.random.default_rng((setting.seed, number, 9))
@@ -246,10 +246,10 @@ def _models(setting: Setting, case: Case) -> tuple[InertiaModel, ...]:
 
 def _counted(protocol: Protocol, motion: TreadmillMotion, walk: Walk) -> Mask:
     """Tell which frames count: steady walking, or the perturbed gait cycles, (T,)."""
-    time = motion.time[::PER_FRAME]
+    time = motion.time[::SAMPLES_PER_FRAME]
     inside = (time > protocol.steady_s + EDGE_S) & (time < time[-1] - EDGE_S)
     if len(motion.onsets):
         stride = 2 * walk.placement.pace_s
-        since = time[:, None] - motion.onsets + ONSET * stride
+        since = time[:, None] - motion.onsets + ONSET_PHASE * stride
         inside = inside & ((since >= 0) & (since < stride)).any(axis=1)
     return np.asarray(inside, bool)

@@ -13,17 +13,17 @@ from hbm.signals.filtering import Method, butterworth, low_pass
 from hbm.signals.resampling import resample
 from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.io.recording import Recording
+from pipeline.io.units import acceleration_in_mps2
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.motion import ANALOG_HZ, TreadmillMotion
+from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
+from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME, delayed
+from pipeline.virtual_lab.machine.treadmill import TreadmillMotion
 from pipeline.virtual_lab.person.walk import Walk
 from pipeline.virtual_lab.protocol.instrumented_treadmill import (
-    G_MPS2,
-    PER_FRAME,
     PITCH_CHANNEL,
     SWAY_CHANNEL,
     InstrumentedTreadmill,
     record,
-    treadmill_wrenches,
 )
 
 FIT_CUTOFF_HZ: Final = 20.0
@@ -123,9 +123,11 @@ def fit_models(treadmill: InstrumentedTreadmill, recording: Recording) -> tuple[
 def _pose(case: Case, motion: TreadmillMotion, recording: Recording) -> PlatformPose:
     true = motion.platform.pose
     if not case.told_pose:
-        return PlatformPose(true.rotation[::PER_FRAME], true.position[::PER_FRAME])
+        return PlatformPose(true.rotation[::SAMPLES_PER_FRAME], true.position[::SAMPLES_PER_FRAME])
     assert recording.analog is not None
-    sway, pitch = (recording.analog.channel(c)[::PER_FRAME] for c in (SWAY_CHANNEL, PITCH_CHANNEL))
+    sway, pitch = (
+        recording.analog.channel(c)[::SAMPLES_PER_FRAME] for c in (SWAY_CHANNEL, PITCH_CHANNEL)
+    )
     stated = motion.platform.pivot + np.array([0.0, 0.0, case.faults.platform.pivot_error_m])
     return commanded_pose(sway / 1000, np.radians(pitch), stated)
 
@@ -145,12 +147,11 @@ def _without_treadmill(
         felt = resample(clock, _felt(treadmill, recording), time)
         own = [model.compensate(felt, wrench) for model, wrench in zip(models, own, strict=True)]
     elif case.removal == "known":
-        late = case.faults.plates.delay_s
         for k, (plate, true) in enumerate(
-            zip(recording.plates, treadmill_wrenches(treadmill, motion), strict=True)
+            zip(recording.plates, treadmill_wrenches(treadmill.machine, motion), strict=True)
         ):
-            seen = np.column_stack([np.interp(plate.time - late, plate.time, x) for x in true.T])
-            own[k] -= resample(plate.time, shift_wrench(seen, plate.center), time)
+            late = delayed(true, case.faults.plates.delay_s, plate.time)
+            own[k] -= resample(plate.time, shift_wrench(late, plate.center), time)
     return [
         transform_wrench(wrench, plate.rotation, plate.center)
         for wrench, plate in zip(own, recording.plates, strict=True)
@@ -160,4 +161,6 @@ def _without_treadmill(
 def _felt(treadmill: InstrumentedTreadmill, recording: Recording) -> Array:
     assert recording.analog is not None
     names = [f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ"]
-    return G_MPS2 * np.column_stack([recording.analog.channel(name) for name in names])
+    return acceleration_in_mps2("g") * np.column_stack(
+        [recording.analog.channel(name) for name in names]
+    )

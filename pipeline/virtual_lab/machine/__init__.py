@@ -1,1 +1,1 @@
-"""The virtual treadmill: its motion and its instruments."""
+"""The moving treadmill: its mechanics and its instruments."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.motion import BeltRamp
+from pipeline.virtual_lab.machine.treadmill import BeltRamp
 from pipeline.virtual_lab.person.gait_pattern import foot_angles
 from pipeline.virtual_lab.person.sole import OUTWARD, SIDES, Sole
 from pipeline.virtual_lab.person.stance import LEAVING, STANCE, roll_over

@@ -1,4 +1,6 @@
-"""The ground wrench shared between the feet."""
+"""The ground reaction of a walk: under each foot, and on each plate."""
+
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -18,48 +20,88 @@ def foot_wrenches(walk: Walk, time: Array, jobs: int = 1) -> dict[str, Array]:
     time
         When, (T,) [s].
     jobs
-        Threads.
+        Number of threads.
 
     Returns
     -------
-    dict[str, Array]
+    dict of str to Array
         "left" and "right" -> action on the subject, lab axes about the lab origin, (T, 6) [N,
-        N·m]. Their sum is what the equations of motion ask for, to rounding.
+        N·m]. Their sum is what the equations of motion require, to rounding.
 
     Notes
     -----
-    In single support the stance foot carries all. In double support the weight passes smoothly;
-    the total's centre of pressure splits into one under each foot, and each foot's force leans
-    from there to the centre of mass as the total does from its own, so that the leading foot
-    brakes and the trailing foot pushes; the free moment is shared as the weight.
+    In single support the stance foot carries all. In double support the weight is transferred
+    smoothly; the total's centre of pressure is split into one under each foot, and each foot's
+    force is inclined from there towards the centre of mass as the total is from its own centre of
+    pressure, so that the leading foot brakes and the trailing foot pushes; the free moment is
+    shared in proportion to the weight.
     """
     total = ground_wrench(walk.subject, walk.motion, time, jobs)
     pose = walk.platform.pose(time)
-    back = np.swapaxes(pose.rotation, 1, 2)
-    away = (back @ pose.position[..., None])[..., 0]
-    local = transform_wrench(total, back, -away)
+    to_platform = np.swapaxes(pose.rotation, 1, 2)
+    origin = (to_platform @ pose.position[..., None])[..., 0]
+    on_platform = transform_wrench(total, to_platform, -origin)
     share = walk.placement.left_share(time)
     pressure = pressure_on_platform(total, pose)
-    under = {side: walk.placement.pressure(side, time) for side in SIDES}
-    error = pressure - (share[:, None] * under["left"] + (1 - share)[:, None] * under["right"])
+    intended = {side: walk.placement.pressure(side, time) for side in SIDES}
+    error = pressure - (
+        share[:, None] * intended["left"] + (1 - share)[:, None] * intended["right"]
+    )
 
     height = float(walk.subject.standing[2])
-    left = np.zeros_like(local)
-    place = under["left"] + error
-    left[:, 2] = share * local[:, 2]
-    lean = local[:, 2:3] * (pressure - place) / height
-    left[:, :2] = share[:, None] * (local[:, :2] + lean)
-    other = under["right"] + error
-    lean = local[:, 2:3] * (pressure - other) / height
-    right_force = (1 - share)[:, None] * (local[:, :2] + lean)
-    twist = local[:, 5] - _twist(place, left[:, :2]) - _twist(other, right_force)
-    left[:, 3] = place[:, 1] * left[:, 2]
-    left[:, 4] = -place[:, 0] * left[:, 2]
-    left[:, 5] = _twist(place, left[:, :2]) + share * twist
+    vertical = on_platform[:, 2:3]
+    left = np.zeros_like(on_platform)
+    left_pressure = intended["left"] + error
+    left[:, 2] = share * on_platform[:, 2]
+    inclined = vertical * (pressure - left_pressure) / height
+    left[:, :2] = share[:, None] * (on_platform[:, :2] + inclined)
+    right_pressure = intended["right"] + error
+    inclined = vertical * (pressure - right_pressure) / height
+    right_shear = (1 - share)[:, None] * (on_platform[:, :2] + inclined)
+    free_moment = (
+        on_platform[:, 5]
+        - _moment_of_shear(left_pressure, left[:, :2])
+        - _moment_of_shear(right_pressure, right_shear)
+    )
+    left[:, 3] = left_pressure[:, 1] * left[:, 2]
+    left[:, 4] = -left_pressure[:, 0] * left[:, 2]
+    left[:, 5] = _moment_of_shear(left_pressure, left[:, :2]) + share * free_moment
     left[share == 0] = 0.0
     in_lab = transform_wrench(left, pose.rotation, pose.position)
     return {"left": in_lab, "right": total - in_lab}
 
 
-def _twist(place: Array, force: Array) -> Array:
-    return np.asarray(place[:, 0] * force[:, 1] - place[:, 1] * force[:, 0])
+def plate_wrenches(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[Array]:
+    """Give the wrench of the person on each plate.
+
+    Parameters
+    ----------
+    walk
+        The walk.
+    feet
+        Side -> wrench on the foot in lab axes about the lab origin, (N, 6) [N, N·m].
+    time
+        When, (N,) [s].
+
+    Returns
+    -------
+    list of Array
+        Left and right plate, in the moving platform's frame about its origin, (N, 6) each [N,
+        N·m]. A foot is on one plate for the whole of a step, even if it reaches beyond the
+        middle.
+    """
+    pose = walk.platform.pose(time)
+    to_platform = np.swapaxes(pose.rotation, 1, 2)
+    origin = -(to_platform @ pose.position[..., None])[..., 0]
+    plates = [np.zeros((len(time), 6)), np.zeros((len(time), 6))]
+    for side, wrench in feet.items():
+        on_platform = transform_wrench(wrench, to_platform, origin)
+        on_left = walk.placement.lateral(side, time) > 0
+        plates[0] += np.where(on_left[:, None], on_platform, 0.0)
+        plates[1] += np.where(on_left[:, None], 0.0, on_platform)
+    return plates
+
+
+def _moment_of_shear(place: Array, shear: Array) -> Array:
+    """Give the vertical moment of horizontal forces at places of the surface, (T,) [N·m]."""
+    return np.asarray(place[:, 0] * shear[:, 1] - place[:, 1] * shear[:, 0])

@@ -17,7 +17,8 @@ from hbm.coordinates import INDEX, SEGMENTS
 from hbm.kernels.native import kernels
 from hbm.poses import segment_frames
 from hbm.spatial import Array
-from pipeline.virtual_lab.machine.motion import BeltRamp, PlatformTrajectory
+from pipeline.virtual_lab.machine.platform import PlatformTrajectory
+from pipeline.virtual_lab.machine.treadmill import BeltRamp
 from pipeline.virtual_lab.person.balance import (
     RATE_HZ,
     balanced,
@@ -69,7 +70,7 @@ class Walk:
     platform: PlatformTrajectory
 
 
-def walk(
+def simulate_walk(
     subject: VirtualSubject,
     steps: Steps,
     belt: BeltRamp,

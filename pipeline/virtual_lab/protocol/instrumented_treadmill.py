@@ -1,4 +1,4 @@
-"""The laboratory's instruments: drawn once, then they record trial after trial."""
+"""The treadmill of the walking study with its instruments, and what they record of a trial."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,63 +8,77 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.poses import marker_positions
-from hbm.spatial import Array
+from hbm.spatial import Array, shift_wrench
 from pipeline.io.recording import Analog, Event, Plate, Recording
-from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.cameras import move_skin, see
-from pipeline.virtual_lab.machine.instruments import (
+from pipeline.io.units import acceleration_in_mps2
+from pipeline.virtual_lab.faults import CameraFaults, Faults
+from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
+from pipeline.virtual_lab.machine.instruments.accelerometer import (
     Accelerometer,
-    LoadCells,
     make_accelerometers,
-    make_load_cells,
 )
-from pipeline.virtual_lab.machine.motion import ANALOG_HZ, TreadmillMotion
-from pipeline.virtual_lab.machine.treadmill import Machine, assembly_wrench, belt_moment
-from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
+from pipeline.virtual_lab.machine.instruments.belt_speed import BeltSpeedSensor
+from pipeline.virtual_lab.machine.instruments.cameras import measure_markers
+from pipeline.virtual_lab.machine.instruments.force_plate import (
+    PLATE_CENTERS_M,
+    ForcePlate,
+    make_force_plate,
+    recorded_plate,
+)
+from pipeline.virtual_lab.machine.instruments.sampling import (
+    ANALOG_HZ,
+    FRAME_HZ,
+    SAMPLES_PER_FRAME,
+    delayed,
+)
+from pipeline.virtual_lab.machine.platform import specific_force
+from pipeline.virtual_lab.machine.treadmill import Machine, TreadmillMotion
+from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
+from pipeline.virtual_lab.person.soft_tissue import displace_markers
 from pipeline.virtual_lab.person.walk import Walk, segment_poses
-from pipeline.virtual_lab.protocol.plate_loads import plate, plate_wrenches
 
-FRAME_HZ: Final = 100.0
-PER_FRAME: Final = 10
-BELT_HZ: Final = 200.0
-G_MPS2: Final = 9.80665
-PLATFORM_MARKERS: Final = {  # on the platform's rim, in its frame [m]
+PLATFORM_MARKERS_M: Final = {
     "ROT_REF": (1.10, 0.72, 0.06),
     "ROT_C1": (1.10, -0.72, 0.02),
     "ROT_C2": (-1.10, -0.72, 0.08),
     "ROT_C3": (-1.10, 0.72, 0.02),
     "ROT_C4": (0.35, 0.76, 0.05),
 }
-SENSORS: Final = ("rear_left", "front_right", "front_left", "rear_right")
-PULSE_CHANNEL: Final = "Perturbation"
+"""Markers on the platform's rim, in its frame; assumed, not all in one plane and not symmetric."""
+BELT_NOISE_MPS: Final = 0.005
+"""Standard deviation of noise on the belt-speed channels; assumed."""
+BELT_CHANNELS: Final = ("Belt.Left", "Belt.Right")
 SWAY_CHANNEL: Final = "Platform.Sway"
 PITCH_CHANNEL: Final = "Platform.Pitch"
-BELT_CHANNELS: Final = ("Belt.Left", "Belt.Right")
-PULSE_V, PULSE_S = 5.0, 0.02
-BELT_NOISE_MPS: Final = 0.005
-CHANNEL_NOISE: Final = 0.01
-CHUNK: Final = 60_000
+PULSE_CHANNEL: Final = "Perturbation"
+PULSE_V: Final = 5.0
+"""Height of the pulse that marks the onset of a perturbation: a logic level."""
+PULSE_S: Final = 0.02
+PULSE_NOISE_V: Final = 0.01
+"""Duration of the pulse, and noise on its channel; assumed."""
+CHUNK_SAMPLES: Final = 60_000
+"""Samples of a minute are computed at a time, to bound memory in long trials."""
 
 
 @dataclass(frozen=True, slots=True)
 class InstrumentedTreadmill:
-    """Instruments with their errors.
+    """A treadmill and its instruments with their errors.
 
     Attributes
     ----------
     machine
-        What the treadmill is made of.
+        Mechanical properties of the treadmill.
     faults
         Sizes of all errors.
-    cells
-        Left and right plate.
+    plates
+        Left and right plate; their errors are about the platform's origin.
     sensors
         Accelerometers.
     """
 
     machine: Machine
     faults: Faults
-    cells: tuple[LoadCells, LoadCells]
+    plates: tuple[ForcePlate, ForcePlate]
     sensors: tuple[Accelerometer, ...]
 
 
@@ -78,29 +92,19 @@ def make_treadmill(
     faults
         Sizes of their errors.
     seed
-        Of the drawing.
+        Seed of the errors.
     machine
-        The treadmill; by default as it comes.
+        The treadmill; by default `Machine` with its default properties.
 
     Returns
     -------
     InstrumentedTreadmill
-        Ready to record.
+        Equal seeds give equal instruments.
     """
     rng = np.random.default_rng((seed, 7))
-    cells = make_load_cells(faults.plates, rng), make_load_cells(faults.plates, rng)
-    return InstrumentedTreadmill(
-        machine or Machine(), faults, cells, make_accelerometers(faults.accelerometers, rng)
-    )
-
-
-def treadmill_wrenches(treadmill: InstrumentedTreadmill, motion: TreadmillMotion) -> list[Array]:
-    """Give what each plate's cells carry of the treadmill itself, (N, 6), in the platform frame."""
-    pitching = belt_moment(treadmill.machine, np.gradient(motion.belt, 1 / ANALOG_HZ), ANALOG_HZ)
-    wrenches = [assembly_wrench(motion.platform, part) for part in treadmill.machine.assemblies]
-    for wrench in wrenches:
-        wrench[:, 4] += pitching
-    return wrenches
+    plates = make_force_plate(faults.plates, rng), make_force_plate(faults.plates, rng)
+    sensors = make_accelerometers(faults.accelerometers, rng)
+    return InstrumentedTreadmill(machine or Machine(), faults, plates, sensors)
 
 
 def record(
@@ -117,21 +121,21 @@ def record(
     treadmill
         The instruments.
     motion
-        What the treadmill does.
+        How the treadmill moves.
     walk
         The person on it; None for an empty treadmill.
     name
-        Of the file.
+        Name of the file.
     rng
         Source of all noise.
 
     Returns
     -------
     Recording
-        Markers of person and platform at 100 Hz; plates, accelerometers, belt speeds, pose channels
-        and pulses at 1000 Hz.
+        Markers of person and platform at 100 Hz; plates, accelerometers, belt speeds, platform
+        channels and pulses at 1000 Hz.
     """
-    frames = motion.time[::PER_FRAME]
+    frames = motion.time[::SAMPLES_PER_FRAME]
     plates = _plates(treadmill, motion, walk, rng)
     return Recording(
         source=Path(name),
@@ -149,19 +153,23 @@ def _plates(
     walk: Walk | None,
     rng: np.random.Generator,
 ) -> tuple[Plate, ...]:
-    late, time = treadmill.faults.plates.delay_s, motion.time
-    measured = [_delayed(wrench, late, time) for wrench in treadmill_wrenches(treadmill, motion)]
+    delay_s, time = treadmill.faults.plates.delay_s, motion.time
+    wrenches = [delayed(w, delay_s, time) for w in treadmill_wrenches(treadmill.machine, motion)]
     if walk is not None:
-        for start in range(0, len(time), CHUNK):
-            part = slice(start, start + CHUNK)
-            when = np.maximum(time[part] - late, 0.0)
-            loads = plate_wrenches(walk, foot_wrenches(walk, when), when)
-            for wrench, load in zip(measured, loads, strict=True):
+        for start in range(0, len(time), CHUNK_SAMPLES):
+            part = slice(start, start + CHUNK_SAMPLES)
+            sampled = np.maximum(time[part] - delay_s, 0.0)
+            loads = plate_wrenches(walk, foot_wrenches(walk, sampled), sampled)
+            for wrench, load in zip(wrenches, loads, strict=True):
                 wrench[part] += load
+    measured = [
+        plate.measure(wrench, time, rng)
+        for plate, wrench in zip(treadmill.plates, wrenches, strict=True)
+    ]
     return tuple(
-        plate(number, time, cells.measure(wrench, time, rng))
-        for number, (cells, wrench) in enumerate(
-            zip(treadmill.cells, measured, strict=True), start=1
+        recorded_plate(number, time, shift_wrench(wrench, center))
+        for number, (wrench, center) in enumerate(
+            zip(measured, PLATE_CENTERS_M, strict=True), start=1
         )
     )
 
@@ -174,40 +182,46 @@ def _markers(
     rng: np.random.Generator,
 ) -> Markers:
     pose = motion.platform.pose
-    rotation, position = pose.rotation[::PER_FRAME], pose.position[::PER_FRAME]
-    rim = np.stack([position + rotation @ np.array(p) for p in PLATFORM_MARKERS.values()], axis=1)
-    rim += treadmill.faults.platform.marker_noise_m * rng.normal(size=rim.shape)
+    rotation, position = pose.rotation[::SAMPLES_PER_FRAME], pose.position[::SAMPLES_PER_FRAME]
+    rim = [position + rotation @ np.array(place) for place in PLATFORM_MARKERS_M.values()]
+    rim_faults = CameraFaults(noise_m=treadmill.faults.platform.marker_noise_m, gaps_per_minute=0.0)
+    platform = measure_markers(np.stack(rim, axis=1), rim_faults, rng, FRAME_HZ)
     if walk is None:
-        return Markers(frames, tuple(PLATFORM_MARKERS), rim)
+        return Markers(frames, tuple(PLATFORM_MARKERS_M), platform)
     body, cameras = walk.subject.body, treadmill.faults.cameras
     q = walk.motion.at(frames)
-    true = marker_positions(body, q)
-    names = list(dict.fromkeys(body.marker_segment))
-    turned = {s: R for s, (R, _) in zip(names, segment_poses(walk.subject, q, names), strict=True)}
+    segments = list(dict.fromkeys(body.marker_segment))
+    poses = segment_poses(walk.subject, q, segments)
+    orientation = {s: R for s, (R, _) in zip(segments, poses, strict=True)}
     phase = walk.placement.phase("right", np.maximum(frames, walk.placement.steps.contact[0]))
-    skin = move_skin(true, body.marker_segment, turned, phase, cameras, rng, FRAME_HZ)
-    seen = see(skin, cameras, rng, FRAME_HZ)
-    return Markers(frames, (*body.markers, *PLATFORM_MARKERS), np.concatenate([seen, rim], axis=1))
+    on_skin = displace_markers(
+        marker_positions(body, q), body.marker_segment, orientation, phase, cameras, rng, FRAME_HZ
+    )
+    person = measure_markers(on_skin, cameras, rng, FRAME_HZ)
+    return Markers(
+        frames, (*body.markers, *PLATFORM_MARKERS_M), np.concatenate([person, platform], axis=1)
+    )
 
 
 def _analog(
     treadmill: InstrumentedTreadmill, motion: TreadmillMotion, rng: np.random.Generator
 ) -> Analog:
-    faults, time, count = treadmill.faults, motion.time, len(motion.time)
+    faults, time = treadmill.faults, motion.time
     names, units, columns = [], [], []
     for sensor in treadmill.sensors:
-        reading = sensor.read(motion.platform, rng) / G_MPS2
-        columns.append(_delayed(reading, faults.accelerometers.delay_s, time))
+        reading = sensor.measure(specific_force(motion.platform, sensor.place), rng)
+        in_g = reading / acceleration_in_mps2("g")
+        columns.append(delayed(in_g, faults.accelerometers.delay_s, time))
         names += [f"{sensor.name}.{axis}" for axis in "XYZ"]
         units += ["g"] * 3
-    held = np.repeat(motion.belt[:: round(ANALOG_HZ / BELT_HZ)], round(ANALOG_HZ / BELT_HZ))
+    belt = BeltSpeedSensor(BELT_NOISE_MPS)
     for channel in BELT_CHANNELS:
-        columns.append((held[:count] + BELT_NOISE_MPS * rng.normal(size=count))[:, None])
+        columns.append(belt.measure(motion.belt, ANALOG_HZ, rng)[:, None])
         names.append(channel)
         units.append("m/s")
-    told = np.column_stack([1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])])
-    columns.append(_delayed(told, faults.platform.delay_s, time))
-    pulse = CHANNEL_NOISE * rng.normal(size=count)
+    sway_mm, pitch_deg = 1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])
+    columns.append(delayed(np.column_stack([sway_mm, pitch_deg]), faults.platform.delay_s, time))
+    pulse = PULSE_NOISE_V * rng.normal(size=len(time))
     for onset in motion.onsets:
         pulse[(time >= onset) & (time < onset + PULSE_S)] += PULSE_V
     columns.append(pulse[:, None])
@@ -216,21 +230,14 @@ def _analog(
     return Analog(time, tuple(names), tuple(units), np.hstack(columns))
 
 
-def _delayed(values: Array, late: float, time: Array) -> Array:
-    """Give what a device that is late reports at the times of the others, (N, C)."""
-    if late == 0:
-        return values
-    return np.column_stack([np.interp(time - late, time, column) for column in values.T])
-
-
 def _events(walk: Walk, end: float) -> tuple[Event, ...]:
-    steps, found = walk.placement.steps, []
+    steps, events = walk.placement.steps, []
     for k in range(1, len(steps.contact)):
         side = steps.side(k)
         for time, label in ((steps.contact[k], "foot_strike"), (steps.off[k], "foot_off")):
             if time <= end:
-                found.append(Event(float(time), label, side))
-    return tuple(sorted(found, key=lambda event: event.time))
+                events.append(Event(float(time), label, side))
+    return tuple(sorted(events, key=lambda event: event.time))
 
 
 def _metadata(walk: Walk) -> dict[str, object]:

@@ -1,7 +1,10 @@
-"""Experiment 1 in the virtual laboratory: known weights on plates with known errors."""
+"""Experiment 1 in the virtual laboratory: known weights on plates with known errors.
+
+The weights, speeds and profiles are those of van de Loosdrecht (2018), II.A.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
@@ -14,25 +17,78 @@ from hbm.markers import Markers
 from hbm.spatial import GRAVITY_MPS2, Array, shift_wrench, transform_wrench
 from pipeline.config.plate_study import FILE
 from pipeline.io.c3d.write import write_c3d
-from pipeline.io.recording import Plate
+from pipeline.virtual_lab.faults import CameraFaults
+from pipeline.virtual_lab.machine.instruments.cameras import measure_markers
+from pipeline.virtual_lab.machine.instruments.force_plate import (
+    PLATE_CENTERS_M,
+    PLATE_WIDTH_M,
+    ForcePlate,
+    recorded_plate,
+)
+from pipeline.virtual_lab.machine.instruments.sampling import (
+    ANALOG_HZ,
+    FRAME_HZ,
+    SAMPLES_PER_FRAME,
+    delayed,
+)
 
-FRAME_HZ: Final = 100.0
-PER_FRAME: Final = 10
-TRAVEL_M: Final = 1.5
-START_M: Final = 0.65
-HARDEST: Final = 4.0
-CENTER_M: Final = 0.15
-TOP_M: Final = 0.35
-CENTERS: Final = {"left": 0.25, "right": -0.25}
+PLATES: Final = {"left": 0, "right": 1}
+
 WEIGHTS_KG: Final = (13.44, 22.56, 36.00, 45.08)
 SPEEDS_MPS: Final = (0.3, 0.7, 1.0)
+POSITIONS_M: Final = (0.15, 0.25, 0.35)
+"""Masses, belt speeds, and distances from the belt's outer edge; masses and speeds are the
+thesis', which has three positions per belt too."""
 FULL_SCALE_N: Final = 510.0
-CORNERS: Final = ((0.9, 0.25, 0), (0.9, -0.25, 0), (-0.9, -0.25, 0), (-0.9, 0.25, 0))
+"""Full scale of the plates' linearity, as in the thesis."""
+MAX_ACCELERATION_MPS2: Final = 4.0
+"""Of the belts in square profiles, as in the thesis."""
+TRAVEL_M: Final = 1.5
+START_M: Final = 0.65
+"""How far the belt carries the weight back and forth, and how far ahead of the plate's middle it
+starts: nearly the whole plate."""
+REPETITIONS: Final = 3
+"""Of the weight's way back and forth in a recording."""
+SMOOTHING_S: Final = 0.02
+"""Standard deviation of the Gaussian that rounds the corners of a square profile's speed."""
+CENTER_HEIGHT_M: Final = 0.15
+MARKER_HEIGHT_M: Final = 0.35
+"""Heights of the weight's centre of mass and of the marker on its pole above the belt; assumed."""
+SUPPORTED_VIBRATION: Final = 0.25
+"""Share of the vibration that is left with the metal supports; assumed, the thesis states less of
+it without a number for the vibration alone."""
+MAX_PHASE_RAD: Final = 6.3
+"""The vibration starts anywhere in a cycle."""
+
+STATIC_MASS_KG: Final = WEIGHTS_KG[1]
+STATIC_ALONG_M: Final = np.linspace(-0.75, 0.75, 11)
+STATIC_ACROSS_M: Final = np.linspace(-0.18, 0.18, 5)
+"""Mass and places of the static calibration: 55 places on each belt, as in the thesis."""
+STATIC_S: Final = 1.0
+LIFT_M: Final = 0.3
+"""How long the weight stands at a place and is on the way to the next, and how high it is lifted;
+assumed."""
+
+BLOWS: Final = 15
+BLOW_INTERVAL_S: Final = 2.0
+BLOW_SPREAD_S: Final = 0.3
+HAMMER_S: Final = 33.0
+"""Blows with the hammer on each belt (the thesis' number), mean time between them, how far the time
+of a blow is from that, and duration of the recording."""
+BLOW_N: Final = 300
+BLOW_S: Final = 0.006
+"""Force and duration of a blow; assumed."""
+HAMMER_MARKER_M: Final = 0.05
+HAMMER_LIFT_S: Final = 0.25
+"""Height of the hammer's marker at a blow, and for how long it rises at 1 m/s afterwards."""
+
+MOMENT_NOISE_M: Final = 0.2
+"""Noise of a plate's moments per noise of its forces [N·m per N]; assumed."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlateErrors:
-    """What is wrong with a plate.
+    """What is wrong with both plates and their mounting.
 
     Attributes
     ----------
@@ -53,7 +109,7 @@ class PlateErrors:
         White noise of the forces at 1000 Hz, SD; of the moments, a fifth as many N·m.
     """
 
-    cross_talk: dict[tuple[int, int], float] = field(default_factory=dict)
+    cross_talk: Mapping[tuple[int, int], float] = field(default_factory=dict)
     angle_rad: float = 0.0
     offset_m: tuple[float, float] = (0.0, 0.0)
     delay_s: float = 0.0
@@ -62,6 +118,20 @@ class PlateErrors:
     vibration_hz: float = 3.0
     drift_n_per_s: float = 0.0
     noise_n: float = 1.0
+
+    @property
+    def noise(self) -> Array:
+        """Standard deviation of a plate's white noise, (6,) [N, N·m]."""
+        return self.noise_n * np.repeat([1.0, MOMENT_NOISE_M], 3)
+
+    @property
+    def plate(self) -> ForcePlate:
+        """A plate with these errors, about its centre."""
+        gain = np.eye(6)
+        for (measured, true), share in self.cross_talk.items():
+            gain[measured, true] += share
+        drift = np.array([0.0, 0.0, self.drift_n_per_s, 0.0, 0.0, 0.0])
+        return ForcePlate(gain, self.curvature, FULL_SCALE_N, drift=drift, noise=self.noise)
 
 
 THESIS_ERRORS: Final = PlateErrors(
@@ -75,6 +145,29 @@ THESIS_ERRORS: Final = PlateErrors(
 delay of the left belt, and a centre of pressure up to 3 cm wide where supports were missing."""
 
 
+@dataclass(frozen=True, slots=True)
+class _SetUp:
+    """Plates and cameras with their errors, and the source of their noise."""
+
+    errors: PlateErrors
+    cameras: CameraFaults
+    rng: np.random.Generator
+
+    def record_marker(self, place: Array) -> Array:
+        """Record a marker whose place at 1000 Hz is given, (T, 1, 3) [m]."""
+        frames = place[::SAMPLES_PER_FRAME, None]
+        return measure_markers(frames, self.cameras, self.rng, FRAME_HZ)
+
+    def measure(self, wrench: Array, belt: str) -> Array:
+        """Record a wrench about the cameras' origin by a plate about its centre, (N, 6)."""
+        errors, time = self.errors, _times(wrench)
+        late = delayed(wrench, errors.delay_s, time)
+        c, s = np.cos(errors.angle_rad), np.sin(errors.angle_rad)
+        rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+        aligned = transform_wrench(late, rotation, np.array([*errors.offset_m, 0.0]))
+        return errors.plate.measure(shift_wrench(aligned, _center(belt)), time, self.rng)
+
+
 def simulate_plates(
     folder: Path,
     errors: PlateErrors | None = None,
@@ -82,9 +175,9 @@ def simulate_plates(
     seed: int = 0,
     speeds: Sequence[float] = SPEEDS_MPS,
     weights: Sequence[float] = WEIGHTS_KG,
-    positions: Sequence[float] = (0.15, 0.25, 0.35),
+    positions: Sequence[float] = POSITIONS_M,
     profiles: Sequence[str] = ("sine", "square"),
-    belts: Sequence[str] = ("left", "right"),
+    belts: Sequence[str] = tuple(PLATES),
     supports: Sequence[bool] = (True, False),
     marker_noise_m: float = 0.0001,
 ) -> None:
@@ -97,31 +190,31 @@ def simulate_plates(
     errors
         Of both plates; by default only noise.
     seed
-        Of the noise.
+        Seed of the noise.
     speeds, weights, positions, profiles, belts, supports
-        Of the recordings, in all combinations; positions are from the belt's outer edge [m].
+        Of the recordings, in all combinations: [m/s], [kg], from the belt's outer edge [m].
         Supports take three quarters of the vibration away.
     marker_noise_m
         White noise of the cameras at 100 Hz, SD [m].
     """
     folder.mkdir(parents=True, exist_ok=True)
-    errors, rng = errors or PlateErrors(), np.random.default_rng(seed)
+    errors = errors or PlateErrors()
+    cameras = CameraFaults(noise_m=marker_noise_m, gaps_per_minute=0.0)
+    lab = _SetUp(errors, cameras, np.random.default_rng(seed))
     lines = ['name = "virtual plates"', 'axes = "left,back,up"']
-    lines += [f"center_height_m = {CENTER_M}", f"full_scale_n = {FULL_SCALE_N}", ""]
+    lines += [f"center_height_m = {CENTER_HEIGHT_M}", f"full_scale_n = {FULL_SCALE_N}", ""]
     for belt in belts:
-        _static(folder / f"static_{belt}.c3d", belt, errors, marker_noise_m, rng)
-        _hammer(folder / f"hammer_{belt}.c3d", belt, errors, marker_noise_m, rng)
+        _static(folder / f"static_{belt}.c3d", belt, lab)
+        _hammer(folder / f"hammer_{belt}.c3d", belt, lab)
         for part in ("static", "hammer"):
             lines += [f"[[{part}]]", f'file = "{part}_{belt}.c3d"', f'belt = "{belt}"', ""]
-    cells = product(belts, speeds, profiles, positions, weights, supports)
-    for n, (belt, speed, profile, position, mass, supported) in enumerate(cells):
+    combinations = product(belts, speeds, profiles, positions, weights, supports)
+    for n, (belt, speed, profile, position, mass, supported) in enumerate(combinations):
         name = f"weight_{n + 1:03d}.c3d"
-        side = 1 if belt == "left" else -1
-        lateral = side * (0.5 - position)
-        still = 0.25 if supported else 1.0
-        path = _course(speed, profile, lateral)
-        _write(
-            folder / name, belt, path, mass, errors, marker_noise_m, rng, still * errors.vibration_m
+        lateral = (1 if belt == "left" else -1) * (PLATE_WIDTH_M - position)
+        vibration_m = (SUPPORTED_VIBRATION if supported else 1.0) * errors.vibration_m
+        _weight(
+            folder / name, belt, lab, _path_of_marker(speed, profile, lateral), mass, vibration_m
         )
         lines += [
             "[[weights]]",
@@ -137,115 +230,89 @@ def simulate_plates(
     (folder / FILE).write_text("\n".join(lines), encoding="utf-8")
 
 
-def _course(speed: float, profile: str, lateral: float) -> Array:
-    """Give the weight's place over time at 1000 Hz, back and forth three times, (N, 3) [m]."""
-    rate = FRAME_HZ * PER_FRAME
+def _path_of_marker(speed: float, profile: str, lateral: float) -> Array:
+    """Give the marker's place over time at 1000 Hz, back and forth, (N, 3) [m]."""
     if profile == "sine":
         period = TRAVEL_M * np.pi / speed
-        time = np.arange(round(3 * period * rate)) / rate
+        time = np.arange(round(REPETITIONS * period * ANALOG_HZ)) / ANALOG_HZ
         x = START_M - TRAVEL_M / 2 * (1 - np.cos(2 * np.pi * time / period))
     else:
-        half = round(TRAVEL_M / speed * rate)
-        wanted = np.tile(np.repeat([-speed, speed], half), 3)
-        ramp = round(2 * speed / HARDEST * rate)
+        half = round(TRAVEL_M / speed * ANALOG_HZ)
+        wanted = np.tile(np.repeat([-speed, speed], half), REPETITIONS)
+        ramp = round(2 * speed / MAX_ACCELERATION_MPS2 * ANALOG_HZ)
         kernel = np.ones(ramp) / ramp
-        smooth = np.convolve(np.pad(wanted, ramp, mode="edge"), kernel, mode="same")[ramp:-ramp]
-        x = START_M + np.cumsum(gaussian_filter1d(smooth, 20.0, mode="nearest")) / rate
-    count = len(x) // PER_FRAME * PER_FRAME
-    return np.column_stack([x[:count], np.full(count, lateral), np.full(count, TOP_M)])
+        limited = np.convolve(np.pad(wanted, ramp, mode="edge"), kernel, mode="same")[ramp:-ramp]
+        smooth = gaussian_filter1d(limited, SMOOTHING_S * ANALOG_HZ, mode="nearest")
+        x = START_M + np.cumsum(smooth) / ANALOG_HZ
+    count = len(x) // SAMPLES_PER_FRAME * SAMPLES_PER_FRAME
+    return np.column_stack([x[:count], np.full(count, lateral), np.full(count, MARKER_HEIGHT_M)])
 
 
-def _write(
-    path: Path,
-    belt: str,
-    place: Array,
-    mass: float,
-    errors: PlateErrors,
-    marker_noise_m: float,
-    rng: np.random.Generator,
-    vibration_m: float,
+def _weight(
+    path: Path, belt: str, lab: _SetUp, place: Array, mass: float, vibration_m: float
 ) -> None:
-    rate = FRAME_HZ * PER_FRAME
-    acceleration = np.gradient(np.gradient(place, 1 / rate, axis=0), 1 / rate, axis=0)
+    """Write a weight that the belt carries along a way of its marker."""
+    step = 1 / ANALOG_HZ
+    acceleration = np.gradient(np.gradient(place, step, axis=0), step, axis=0)
     force = mass * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
-    center = place - [0, 0, TOP_M - CENTER_M]
+    center = place - [0, 0, MARKER_HEIGHT_M - CENTER_HEIGHT_M]
     wrench = np.hstack([force, np.cross(center, force)])
-    time = np.arange(len(place)) / rate
-    shake = vibration_m * np.sin(2 * np.pi * errors.vibration_hz * time + rng.uniform(0, 6.3))
-    wrench[:, 4] -= wrench[:, 2] * shake
-    markers = place[::PER_FRAME, None] + marker_noise_m * rng.normal(size=(len(place) // 10, 1, 3))
-    _save(path, belt, markers, "WEIGHT", _measured(wrench, belt, errors, rng))
+    phase = lab.rng.uniform(0, MAX_PHASE_RAD)
+    vibration = vibration_m * np.sin(2 * np.pi * lab.errors.vibration_hz * _times(place) + phase)
+    wrench[:, 4] -= wrench[:, 2] * vibration
+    markers = lab.record_marker(place)
+    _save(path, belt, "WEIGHT", markers, lab.measure(wrench, belt))
 
 
-def _static(
-    path: Path, belt: str, errors: PlateErrors, marker_noise_m: float, rng: np.random.Generator
-) -> None:
-    """Write 55 places of one second each, with a second in the air between them."""
-    grid = product(np.linspace(-0.75, 0.75, 11), np.linspace(-0.18, 0.18, 5))
-    rate = round(FRAME_HZ * PER_FRAME)
+def _static(path: Path, belt: str, lab: _SetUp) -> None:
+    """Write a weight that stands at each place of the grid and is lifted in between."""
+    samples, middle = round(STATIC_S * ANALOG_HZ), _center(belt)[1]
     places, loads = [], []
-    last = np.array([-0.75, CENTERS[belt] - 0.18, TOP_M])
-    for x, y in grid:
-        here = np.array([x, CENTERS[belt] + y, TOP_M])
-        s = np.linspace(0, 1, rate)[:, None]
-        lifted = last + (here - last) * s + np.array([0, 0, 0.3]) * np.sin(np.pi * s)
-        places += [lifted, np.broadcast_to(here, (rate, 3))]
-        loads += [np.zeros(rate), np.full(rate, WEIGHTS_KG[1] * GRAVITY_MPS2)]
+    last = np.array([STATIC_ALONG_M[0], middle + STATIC_ACROSS_M[0], MARKER_HEIGHT_M])
+    for along, across in product(STATIC_ALONG_M, STATIC_ACROSS_M):
+        here = np.array([along, middle + across, MARKER_HEIGHT_M])
+        share = np.linspace(0, 1, samples)[:, None]
+        lift = np.array([0, 0, LIFT_M]) * np.sin(np.pi * share)
+        places += [last + (here - last) * share + lift, np.broadcast_to(here, (samples, 3))]
+        loads += [np.zeros(samples), np.full(samples, STATIC_MASS_KG * GRAVITY_MPS2)]
         last = here
     place, load = np.vstack(places), np.concatenate(loads)
     force = load[:, None] * [0, 0, 1]
     wrench = np.hstack([force, np.cross(place * [1, 1, 0], force)])
-    noisy = place[::PER_FRAME, None] + marker_noise_m * rng.normal(size=(len(place) // 10, 1, 3))
-    _save(path, belt, noisy, "WEIGHT", _measured(wrench, belt, errors, rng))
+    markers = lab.record_marker(place)
+    _save(path, belt, "WEIGHT", markers, lab.measure(wrench, belt))
 
 
-def _hammer(
-    path: Path, belt: str, errors: PlateErrors, marker_noise_m: float, rng: np.random.Generator
-) -> None:
-    """Write 15 blows, 2 s apart."""
-    rate = FRAME_HZ * PER_FRAME
-    time = np.arange(round(33 * rate)) / rate
-    hits = 2.0 * np.arange(1, 16) + rng.uniform(-0.3, 0.3, 15)
-    away = np.min(np.abs(time[:, None] - hits), axis=1)
-    height = 0.05 + np.minimum(away, 0.25)
-    since = time[:, None] - hits - errors.delay_s
-    load = np.sum(np.where((since >= 0) & (since < 0.006), 1, 0) * 300, axis=1)
+def _hammer(path: Path, belt: str, lab: _SetUp) -> None:
+    """Write blows with a hammer that carries a marker."""
+    time = np.arange(round(HAMMER_S * ANALOG_HZ)) / ANALOG_HZ
+    spread = lab.rng.uniform(-BLOW_SPREAD_S, BLOW_SPREAD_S, BLOWS)
+    blows = BLOW_INTERVAL_S * np.arange(1, BLOWS + 1) + spread
+    away_s = np.min(np.abs(time[:, None] - blows), axis=1)
+    height = HAMMER_MARKER_M + np.minimum(away_s, HAMMER_LIFT_S)
+    since = time[:, None] - blows - lab.errors.delay_s
     wrench = np.zeros((len(time), 6))
-    wrench[:, 2] = load
-    noise = errors.noise_n * rng.normal(size=wrench.shape) * ([1] * 3 + [0.2] * 3)
-    place = np.column_stack([0 * time, np.full(len(time), CENTERS[belt]), height])[::PER_FRAME]
-    seen = place[:, None] + marker_noise_m * rng.normal(size=(len(place), 1, 3))
-    _save(path, belt, seen, "HAMMER", wrench + noise)
+    wrench[:, 2] = np.sum(np.where((since >= 0) & (since < BLOW_S), 1, 0) * BLOW_N, axis=1)
+    measured = ForcePlate(noise=lab.errors.noise).measure(wrench, time, lab.rng)
+    middle = np.full(len(time), _center(belt)[1])
+    markers = lab.record_marker(np.column_stack([0 * time, middle, height]))
+    _save(path, belt, "HAMMER", markers, shift_wrench(measured, _center(belt)))
 
 
-def _measured(wrench: Array, belt: str, errors: PlateErrors, rng: np.random.Generator) -> Array:
-    """Give what a plate makes of a wrench about the cameras' origin, in its own coordinates."""
-    time = np.arange(len(wrench)) / (FRAME_HZ * PER_FRAME)
-    if errors.delay_s:
-        late = time - errors.delay_s
-        wrench = np.column_stack([np.interp(late, time, channel) for channel in wrench.T])
-    c, s = np.cos(errors.angle_rad), np.sin(errors.angle_rad)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-    seen = transform_wrench(wrench, turn, np.array([*errors.offset_m, 0.0]))
-    center = np.array([0.0, CENTERS[belt], 0.0])
-    seen = shift_wrench(seen, center)  # cells and their errors are about the middle of the plate
-    matrix = np.eye(6)
-    for (measured, true), share in errors.cross_talk.items():
-        matrix[measured, true] += share
-    seen = seen @ matrix.T
-    seen[:, 2] += errors.curvature * seen[:, 2] ** 2 / FULL_SCALE_N
-    seen[:, 2] += errors.drift_n_per_s * time
-    seen += errors.noise_n * rng.normal(size=seen.shape) * ([1] * 3 + [0.2] * 3)
-    return np.asarray(shift_wrench(seen, -center))
-
-
-def _save(path: Path, belt: str, position: Array, marker: str, wrench: Array) -> None:
-    frames = np.arange(len(position)) / FRAME_HZ
-    time = np.arange(len(wrench)) / (FRAME_HZ * PER_FRAME)
-    plates = []
-    for number, (name, y) in enumerate(CENTERS.items(), start=1):
-        center = np.array([0.0, y, 0.0])
-        corners = center + np.array(CORNERS)
-        own = shift_wrench(wrench if name == belt else 0 * wrench, center)
-        plates.append(Plate(number, time, own, np.eye(3), center, corners))
+def _save(path: Path, belt: str, marker: str, position: Array, wrench_in_plate: Array) -> None:
+    """Write a recording; the other plate measures nothing."""
+    frames, time = np.arange(len(position)) / FRAME_HZ, _times(wrench_in_plate)
+    plates = [
+        recorded_plate(k + 1, time, wrench_in_plate if name == belt else 0 * wrench_in_plate)
+        for name, k in PLATES.items()
+    ]
     write_c3d(path, Markers(frames, (marker,), position), plates)
+
+
+def _times(samples: Array) -> Array:
+    return np.arange(len(samples)) / ANALOG_HZ
+
+
+def _center(belt: str) -> Array:
+    """Give the centre of a belt's plate, (3,) [m]."""
+    return np.asarray(PLATE_CENTERS_M[PLATES[belt]])

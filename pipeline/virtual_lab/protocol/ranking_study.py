@@ -1,7 +1,7 @@
 """Experiment 2 in the virtual laboratory: all calibration and validation recordings."""
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -11,36 +11,84 @@ from compensation import Signal, belt_signals, pitch_and_sway_signals, validatio
 from hbm.spatial import Array
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
+from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
 from pipeline.virtual_lab.machine.treadmill import Machine
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.ranking_trial import Imperfections, record, times
+from pipeline.virtual_lab.protocol.calibration_trial import (
+    Imperfections,
+    record_signal_trial,
+    sample_times,
+)
 
 TRIALS: Final = 54
-PEOPLE: Final = {
+"""28 calibration trials of the platform, 20 of the belts, 5 validation trials, and belt pulses with
+a person on the platform."""
+PLATFORM_BELT_SPEEDS_MPS: Final = (0.0, 3.0)
+BELT_SPEEDS_MPS: Final = (1.0, 2.0)
+"""Belt speeds of the calibration trials of the platform, and mean speeds of those of the belts: the
+thesis'."""
+
+LoadPattern = Callable[[Array, np.random.Generator], Array]
+BYSTANDERS: Final[dict[str, LoadPattern]] = {
     "sway": bystander.walking,
     "pitch": bystander.walking,
     "running": bystander.running,
-    "boarding": bystander.boarding,
+    "boarding": bystander.stepping_on_boards,
 }
+"""Validation trial -> what the person on the platform beside the empty plate does."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedTrial:
+    """A trial of the experiment.
+
+    Attributes
+    ----------
+    folder
+        Sub-folder of the experiment that its recording belongs to.
+    signal
+        What the treadmill is commanded.
+    load
+        What the person on the platform does; None for nobody.
+    """
+
+    folder: str
+    signal: Signal
+    load: LoadPattern | None = None
+
+
+def planned_trials(seed: int) -> Iterator[PlannedTrial]:
+    """List the trials of the experiment in the order in which they are recorded."""
+    for n, speed in enumerate(PLATFORM_BELT_SPEEDS_MPS):
+        for signal in pitch_and_sway_signals(2 * seed + n, speed):
+            yield PlannedTrial("calibration", signal)
+    for n, speed in enumerate(BELT_SPEEDS_MPS):
+        for signal in belt_signals(2 * seed + n, speed):
+            yield PlannedTrial("belt_calibration", signal)
+    *platform, belt = validation_signals()
+    for signal in platform:
+        yield PlannedTrial("validation", signal, BYSTANDERS[signal.name])
+    yield PlannedTrial("belt_validation", belt)
+    yield PlannedTrial("belt_person", replace(belt, name="belt_with_person"), bystander.walking)
 
 
 def recordings(
     seed: int,
     *,
-    rate_hz: float = 1000.0,
+    rate_hz: float = ANALOG_HZ,
     machine: Machine | None = None,
     imperfections: Imperfections | None = None,
 ) -> Iterator[tuple[str, Recording]]:
-    """Record the 28 + 20 calibration and 5 validation trials, and belt pulses with a person.
+    """Record the trials of the experiment.
 
     Parameters
     ----------
     seed
-        Of signals, people and noise.
+        Seed of signals, people and noise.
     rate_hz
-        Of the analog channels [Hz].
+        Sampling rate of the analog channels [Hz].
     machine, imperfections
-        By default as they come.
+        By default those of `Machine` and `Imperfections`.
 
     Yields
     ------
@@ -48,14 +96,14 @@ def recordings(
         Sub-folder of the experiment and recording.
     """
     rng = np.random.default_rng((seed, 7))
-    for folder, signal, who in _plan(seed):
+    for trial in planned_trials(seed):
         load: Array | None = None
-        if who is not None:
-            load = PEOPLE[who](times(signal, rate_hz), rng)
+        if trial.load is not None:
+            load = trial.load(sample_times(trial.signal, rate_hz), rng)
         yield (
-            folder,
-            record(
-                signal,
+            trial.folder,
+            record_signal_trial(
+                trial.signal,
                 seed=int(rng.integers(2**31)),
                 rate_hz=rate_hz,
                 machine=machine,
@@ -65,7 +113,7 @@ def recordings(
         )
 
 
-def simulate_ranking(folder: Path, seed: int, rate_hz: float = 1000.0) -> Iterator[Path]:
+def simulate_ranking(folder: Path, seed: int, rate_hz: float = ANALOG_HZ) -> Iterator[Path]:
     """Write `recordings` as C3D files into the sub-folders that `hbm calibration rank` reads.
 
     Yields
@@ -78,17 +126,3 @@ def simulate_ranking(folder: Path, seed: int, rate_hz: float = 1000.0) -> Iterat
         path.parent.mkdir(parents=True, exist_ok=True)
         write_c3d(path, recording.markers, recording.plates, analog=recording.analog)
         yield path
-
-
-def _plan(seed: int) -> Iterator[tuple[str, Signal, str | None]]:
-    for n, speed in enumerate((0.0, 3.0)):
-        for signal in pitch_and_sway_signals(2 * seed + n, speed):
-            yield "calibration", signal, None
-    for n, speed in enumerate((1.0, 2.0)):
-        for signal in belt_signals(2 * seed + n, speed):
-            yield "belt_calibration", signal, None
-    *platform, belt = validation_signals()
-    for signal in platform:
-        yield "validation", signal, signal.name
-    yield "belt_validation", belt, None
-    yield "belt_person", replace(belt, name="belt_with_person"), "sway"

@@ -1,4 +1,4 @@
-"""One trial on a treadmill that stands still: T-pose, then walking, written as a C3D file."""
+"""One trial on a stationary treadmill: T-pose, then walking, written as a C3D file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,21 +8,31 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.poses import marker_positions
-from hbm.spatial import Array
+from hbm.spatial import Array, shift_wrench
 from pipeline.io.c3d.write import write_c3d
-from pipeline.virtual_lab.machine.motion import BeltRamp, stationary_platform
-from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
+from pipeline.virtual_lab.faults import CameraFaults
+from pipeline.virtual_lab.machine.instruments.cameras import measure_markers
+from pipeline.virtual_lab.machine.instruments.force_plate import (
+    PLATE_CENTERS_M,
+    ForcePlate,
+    recorded_plate,
+)
+from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, FRAME_HZ
+from pipeline.virtual_lab.machine.platform import stationary_platform
+from pipeline.virtual_lab.machine.treadmill import BeltRamp
+from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
 from pipeline.virtual_lab.person.steps import schedule
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
-from pipeline.virtual_lab.person.walk import walk
-from pipeline.virtual_lab.protocol.plate_loads import plate, plate_wrenches
+from pipeline.virtual_lab.person.walk import simulate_walk
 from pipeline.virtual_lab.trajectories import Trajectory
 
-FRAME_HZ: Final = 100.0
-ANALOG_HZ: Final = 1000.0
-START_S: Final = 2.5
-RAMP_S: Final = 3.5
+STANDING_S: Final = 2.5
+"""Standing before the belts start: the T-pose, then lowering the arms."""
+STARTING_S: Final = 3.5
+"""Time that the belts take to their speed."""
 MOMENT_NOISE_M: Final = 0.3
+"""Noise of a plate's moments per noise of its forces [N·m per N]: about the distance of the load
+cells from its centre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +42,13 @@ class Truth:
     Attributes
     ----------
     subject
-        Who walked.
+        Who walk.
     motion
-        The coordinates as a function of time, 46 columns [rad, m].
+        The coordinates as functions of time, 46 columns [rad, m].
     time
         Frame times, (T,) [s].
     q
-        Coordinates at the frames, (T, 46).
+        Coordinates at the frames, (T, 46) [rad, m].
     left, right
         Wrenches on the feet at the frames, (T, 6) [N, N·m], lab axes about the lab origin.
     """
@@ -61,7 +71,7 @@ def simulate_trial(
     marker_noise_m: float = 0.0005,
     plate_noise_n: float = 0.5,
 ) -> Truth:
-    """Let a person stand in a T-pose, then walk, and write what the laboratory records.
+    """Simulate a person who stands in a T-pose and then walks, and write it as C3D.
 
     Parameters
     ----------
@@ -86,25 +96,24 @@ def simulate_trial(
     """
     rng = np.random.default_rng(seed)
     subject = make_subject(person or Person())
-    steps = schedule(subject.habits, speed_mps, START_S, duration_s, rng)
-    belt = BeltRamp(speed_mps, START_S, RAMP_S)
-    walked = walk(subject, steps, belt, stationary_platform(duration_s), duration_s, rng)
+    steps = schedule(subject.habits, speed_mps, STANDING_S, duration_s, rng)
+    belt = BeltRamp(speed_mps, STANDING_S, STARTING_S)
+    walk = simulate_walk(subject, steps, belt, stationary_platform(), duration_s, rng)
 
-    time = np.arange(round(duration_s * FRAME_HZ)) / FRAME_HZ
-    q = walked.motion.at(time)
-    position = marker_positions(subject.body, q)
-    position += rng.normal(0, marker_noise_m, position.shape)
-    clock = np.arange(round(duration_s * ANALOG_HZ)) / ANALOG_HZ
-    grain = plate_noise_n * np.array([1.0, 1.0, 1.0, *[MOMENT_NOISE_M] * 3])
+    frames = np.arange(round(duration_s * FRAME_HZ)) / FRAME_HZ
+    q = walk.motion.at(frames)
+    cameras = CameraFaults(noise_m=marker_noise_m, gaps_per_minute=0.0)
+    markers = measure_markers(marker_positions(subject.body, q), cameras, rng, FRAME_HZ)
+    time = np.arange(round(duration_s * ANALOG_HZ)) / ANALOG_HZ
+    plate = ForcePlate(noise=plate_noise_n * np.repeat([1.0, MOMENT_NOISE_M], 3))
+    wrenches = plate_wrenches(walk, foot_wrenches(walk, time), time)
     plates = [
-        plate(number, clock, wrench + rng.normal(size=wrench.shape) * grain)
-        for number, wrench in enumerate(
-            plate_wrenches(walked, foot_wrenches(walked, clock), clock), 1
-        )
+        recorded_plate(number, time, shift_wrench(plate.measure(wrench, time, rng), center))
+        for number, (wrench, center) in enumerate(zip(wrenches, PLATE_CENTERS_M, strict=True), 1)
     ]
     write_c3d(
         path,
-        Markers(time, subject.body.markers, position),
+        Markers(frames, subject.body.markers, markers),
         plates,
         metadata={
             "subject": subject.person.name,
@@ -113,5 +122,5 @@ def simulate_trial(
             "marker_set": subject.body.marker_set.name,
         },
     )
-    feet = foot_wrenches(walked, time)
-    return Truth(subject, walked.motion, time, q, feet["left"], feet["right"])
+    feet = foot_wrenches(walk, frames)
+    return Truth(subject, walk.motion, frames, q, feet["left"], feet["right"])

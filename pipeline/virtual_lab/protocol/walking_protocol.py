@@ -1,4 +1,4 @@
-"""The thesis' third experiment: who walked, and what the treadmill did to them.
+"""The protocol of the walking study, the thesis' third experiment: subjects and perturbations.
 
 Source: van de Loosdrecht (2018), II.C and D.5.
 """
@@ -17,13 +17,12 @@ from pipeline.virtual_lab.person.subject import Person
 from pipeline.virtual_lab.trajectories import smooth_step
 
 ConditionName = Literal["familiarisation", "baseline", "sway", "pitch"]
-Seconds = Annotated[float, Field(gt=0)]
-Wait = Annotated[float, Field(ge=12.0)]  # the platform has to be back before it sways again
+CONDITIONS: Final[tuple[ConditionName, ...]] = ("familiarisation", "baseline", "sway", "pitch")
+"""All conditions; what is random in a trial depends on the place of its condition here."""
+ANALYSED_CONDITIONS: Final = CONDITIONS[1:]
+"""Those that the thesis analyses."""
 
-_SIGNALS: Final = rf"^({'|'.join(PLATFORM_KINDS)})_({'|'.join(map(str, DURATIONS_S))})s_[03]mps$"
-CalibrationSignal = Annotated[str, Field(pattern=_SIGNALS)]
-
-PERSONS: Final = (  # six men, three women; 26 ± 3.8 y, 1.78 ± 0.13 m, 74.6 ± 11.45 kg
+PERSONS: Final = (
     Person("sub01", "male", 83.0, 1.85, 22),
     Person("sub02", "female", 58.9, 1.64, 27),
     Person("sub03", "male", 74.7, 1.77, 26),
@@ -34,35 +33,49 @@ PERSONS: Final = (  # six men, three women; 26 ± 3.8 y, 1.78 ± 0.13 m, 74.6 ±
     Person("sub08", "female", 58.7, 1.59, 23),
     Person("sub09", "male", 83.8, 1.93, 29),
 )
+"""Six men and three women with the mean and standard deviation of age (26 ± 3.8 years), stature
+(1.78 ± 0.13 m) and mass (74.6 ± 11.45 kg) that the thesis states; their own values are invented."""
 WAITS_S: Final = (
     *(17.0, 58.0, 37.0, 17.0, 23.0, 52.0, 22.0, 51.0, 22.0, 57.0),
     *(27.0, 20.0, 22.0, 41.0, 34.0, 27.0, 52.0, 39.0, 38.0, 56.0),
 )
+"""Waits before the 20 perturbations, from full belt speed on: the thesis'."""
 SWAY_M: Final = 0.05
 SWAY_MPS: Final = 0.30
 RETURN_AFTER_S: Final = 7.0
+"""Size and speed of a sway perturbation, and when the platform starts to return: the thesis'."""
 RETURN_S: Final = 3.0
-ONSET: Final = 0.10  # of the gait cycle, after initial contact: the time to notice it
+"""How long the return takes; the thesis says only that it is slow."""
+ONSET_PHASE: Final = 0.10
+"""When a perturbation starts, in gait cycles after initial contact: the thesis'."""
+MIN_WAIT_S: Final = 12.0
+"""The platform has to be back in neutral before it sways again (`RETURN_AFTER_S`, `RETURN_S`)."""
 PITCH_DEG: Final = 10.0
 PITCH_PERIOD_S: Final = 30.0
+"""Amplitude and period of the pitch sine: the thesis'."""
 FADE_S: Final = 2.0
-AFTER_S: Final = 12.0  # of walking on after the last perturbation
+"""Time in which the pitch sine reaches its amplitude; assumed."""
+AFTER_S: Final = 12.0
+"""Walking after the last perturbation begins, until the platform is back; assumed."""
+
+Seconds = Annotated[float, Field(gt=0)]
+Wait = Annotated[float, Field(ge=MIN_WAIT_S)]
+_SIGNALS: Final = rf"^({'|'.join(PLATFORM_KINDS)})_({'|'.join(map(str, DURATIONS_S))})s_[03]mps$"
+CalibrationSignal = Annotated[str, Field(pattern=_SIGNALS)]
 
 
 class Protocol(InputModel):
-    """What every person does; the defaults are the thesis'.
+    """What every subject does; the defaults are the thesis'.
 
     The belts start after ``standing_s`` of T-pose and lowering the arms and reach their speed
     within ``starting_s``; durations of the conditions count from then. ``calibration`` is one of
-    the signals of `compensation.signals.protocol`, by belts at 0 or 3 m/s; ``pose`` says whether
-    the study's files take the platform's pose from its markers or from its channels.
+    the signals of `compensation.signals.protocol`, with the belts at 0 or 3 m/s. ``pose`` is
+    whether the study takes the platform's pose from its markers or from its channels.
+    ``individuality`` and ``variability`` scale the differences between people and between a
+    person's steps.
     """
 
-    conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = (
-        "baseline",
-        "sway",
-        "pitch",
-    )
+    conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = ANALYSED_CONDITIONS
     subjects: Annotated[int, Field(ge=1, le=len(PERSONS))] = len(PERSONS)
     speed_mps: Annotated[float, Field(ge=0.5, le=1.8)] = 1.3
     standing_s: Seconds = 4.0
@@ -79,11 +92,11 @@ class Protocol(InputModel):
 
     @property
     def steady_s(self) -> float:
-        """When the belts have their speed [s]."""
+        """When the belts have reached their speed [s]."""
         return self.standing_s + self.starting_s
 
     def duration(self, condition: ConditionName) -> float:
-        """Give how long a trial is [s]."""
+        """Give the duration of a trial [s]."""
         walking = {
             "familiarisation": self.familiarisation_s,
             "baseline": self.baseline_s,
@@ -94,14 +107,14 @@ class Protocol(InputModel):
 
 
 SHORT: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
-"""Enough of every condition to see what an instrument does to it."""
+"""Shorter trials of three subjects: enough of every condition to compare instruments."""
 
 DEMO: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 14.0, 12.0, 13.0))
 """Enough of every condition for statistics, in less than two minutes on two cores."""
 
 
 class Setting(InputModel):
-    """A laboratory and what happens in it: protocol, faults and the seed of all chance."""
+    """A simulated study: its protocol, its laboratory's faults, and the seed of what is random."""
 
     seed: int = 1
     protocol: Protocol = Protocol()
@@ -109,44 +122,45 @@ class Setting(InputModel):
 
 
 def perturbations(protocol: Protocol, steps: Steps, seed: int) -> tuple[Array, Array]:
-    """Decide when the platform sways, and to which side.
+    """Choose when the platform sways, and to which side.
 
     Parameters
     ----------
     protocol
         The waits between perturbations.
     steps
-        When the person's feet come down: a perturbation starts at 10 % of a gait cycle.
+        The person's steps: a perturbation starts at 10 % of a gait cycle.
     seed
-        The order of sides, the same for all subjects: half of them at right initial contacts.
+        Seed of the order of sides, the same for all subjects: half of the perturbations start at
+        right initial contacts.
 
     Returns
     -------
     onsets
         (P,) [s].
-    sides
-        +1 to the left, at a right initial contact; -1 to the right, (P,).
+    directions
+        +1 to the left, after a right initial contact; -1 to the right, (P,).
     """
     count = len(protocol.waits_s)
-    sides = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
-    np.random.default_rng((seed, count)).shuffle(sides)
-    wanted = protocol.steady_s + np.cumsum(protocol.waits_s)
+    directions = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
+    np.random.default_rng((seed, count)).shuffle(directions)
+    planned = protocol.steady_s + np.cumsum(protocol.waits_s)
     right = np.arange(len(steps.contact)) % 2 == 1
     onsets = []
-    for time, side in zip(wanted, sides, strict=True):
-        own = steps.contact[right == (side > 0)]
-        k = int(np.searchsorted(own, time))
-        onsets.append(own[k] + ONSET * (own[k + 1] - own[k]))
-    return np.array(onsets), sides
+    for time, direction in zip(planned, directions, strict=True):
+        contact = steps.contact[right == (direction > 0)]
+        k = int(np.searchsorted(contact, time))
+        onsets.append(contact[k] + ONSET_PHASE * (contact[k + 1] - contact[k]))
+    return np.array(onsets), directions
 
 
-def sway_command(onsets: Array, sides: Array, time: Array) -> Array:
+def sway_command(onsets: Array, directions: Array, time: Array) -> Array:
     """Give the commanded sway: out at constant speed, back slowly after seven seconds, (N,) [m]."""
     sway = np.zeros(len(time))
-    for onset, side in zip(onsets, sides, strict=True):
+    for onset, direction in zip(onsets, directions, strict=True):
         since = time - onset
         out = np.clip(since * SWAY_MPS / SWAY_M, 0, 1)
-        sway += side * SWAY_M * (out - smooth_step((since - RETURN_AFTER_S) / RETURN_S))
+        sway += direction * SWAY_M * (out - smooth_step((since - RETURN_AFTER_S) / RETURN_S))
     return sway
 
 

@@ -1,4 +1,4 @@
-"""A whole study from the virtual laboratory: files as a laboratory has them, and the truth."""
+"""A whole simulated walking study: its files as a laboratory has them, and the truth."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,19 +12,18 @@ from hbm.kernels.native import kernels
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
+from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
+from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
+from pipeline.virtual_lab.machine.instruments.sampling import SAMPLES_PER_FRAME
 from pipeline.virtual_lab.machine.treadmill import Machine
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
 from pipeline.virtual_lab.person.subject import Person
 from pipeline.virtual_lab.protocol.instrumented_treadmill import (
-    PER_FRAME,
     PITCH_CHANNEL,
-    PLATFORM_MARKERS,
+    PLATFORM_MARKERS_M,
     PULSE_CHANNEL,
-    SENSORS,
     SWAY_CHANNEL,
-    InstrumentedTreadmill,
     make_treadmill,
-    treadmill_wrenches,
 )
 from pipeline.virtual_lab.protocol.setting_file import setting_toml
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, ConditionName, Protocol, Setting
@@ -39,15 +38,21 @@ WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 CALIBRATION: Final = "calibration.c3d"
 TRUTH: Final = "truth"
 CYCLES: Final = 50
-SETTLE_S: Final = 2.0
 CUTOFF_HZ: Final = 6.0
-Progress = Callable[[str, int, int], None]
+"""Gait cycles per condition, and cut-off frequency: the thesis'."""
+SETTLE_S: Final = 2.0
+"""After the belts have reached their speed, before the gait cycles are counted; assumed."""
+ProgressCallback = Callable[[str, int, int], None]
+"""Called with the name of what is done, how many are done, and how many there are."""
 
 
 def simulate_study(
-    out: str | Path, setting: Setting | None = None, progress: Progress | None = None, jobs: int = 2
+    out: str | Path,
+    setting: Setting | None = None,
+    progress: ProgressCallback | None = None,
+    jobs: int = 2,
 ) -> Path:
-    """Simulate a study and write it as a laboratory would hand it over.
+    """Simulate a study and write its files as a laboratory would.
 
     Parameters
     ----------
@@ -55,11 +60,11 @@ def simulate_study(
         Folder to write: ``study.toml``, one TOML and C3D files per subject, ``calibration.c3d`` of
         the empty treadmill, and in ``truth`` the setting and one Parquet file per trial.
     setting
-        Protocol, faults and seed; by default the thesis' protocol in a usual laboratory.
+        Protocol, faults and seed; by default the thesis' protocol and the default faults.
     progress
-        Told the name of every file that is done, how many are done, and how many there will be.
+        Called after every file with its name, the number of files written, and of all files.
     jobs
-        Processes. The files do not depend on it.
+        Number of processes. The files do not depend on it.
 
     Returns
     -------
@@ -68,8 +73,8 @@ def simulate_study(
 
     Notes
     -----
-    Equal settings give files that are equal byte by byte on the same machine. Memory is what one
-    trial per process needs, however many there are.
+    Equal settings give files that are equal byte by byte on the same computer. Memory is bounded by
+    one trial per process.
     """
     folder, setting = Path(out), setting or Setting()
     (folder / TRUTH).mkdir(parents=True, exist_ok=True)
@@ -80,7 +85,7 @@ def simulate_study(
         text = _subject_toml(person, protocol)
         (folder / f"{person.name}.toml").write_text(text, encoding="utf-8")
 
-    kernels()  # compiled once, before the processes start
+    kernels()  # compiled once before the processes start
     tasks = [delayed(_write_calibration)(folder, setting)]
     tasks += [
         delayed(_write_trial)(folder, setting, number, condition)
@@ -106,41 +111,41 @@ def write_recording(path: Path, recording: Recording) -> None:
     )
 
 
-def truth_table(trial: WalkingTrial, treadmill: InstrumentedTreadmill) -> pd.DataFrame:
+def truth_table(trial: WalkingTrial, machine: Machine) -> pd.DataFrame:
     """Give what really happened, frame by frame.
 
     Parameters
     ----------
     trial
         The trial.
-    treadmill
-        The instruments that recorded it.
+    machine
+        The treadmill it was on.
 
     Returns
     -------
     pd.DataFrame
         At the markers' times: ``time``; the 46 coordinates [rad, m]; ``left_fx`` to ``right_mz``,
         the wrenches on the feet, lab axes about the lab origin; ``artefact_1_fx`` to
-        ``artefact_2_mz``, what the plates' cells carry of the treadmill, in the moving platform's
-        frame about its origin; ``residual_fx`` to ``residual_mz``, what the equations of motion
-        leave about mid-hip; ``sway`` [m] and ``pitch`` [rad] of the platform.
+        ``artefact_2_mz``, what the plates' load cells carry of the treadmill itself, in the moving
+        platform's frame about its origin; ``residual_fx`` to ``residual_mz``, the residual of the
+        equations of motion about mid-hip; ``sway`` [m] and ``pitch`` [rad] of the platform.
     """
     motion, walk = trial.motion, trial.walk
-    time = motion.time[::PER_FRAME]
+    time = motion.time[::SAMPLES_PER_FRAME]
     q = walk.motion.at(time)
     feet = foot_wrenches(walk, time)
     columns: dict[str, Array] = {"time": time} | dict(zip(COORDINATES, q.T, strict=True))
     for side, wrench in feet.items():
         columns |= _named(side, wrench)
-    for number, wrench in enumerate(treadmill_wrenches(treadmill, motion), start=1):
-        columns |= _named(f"artefact_{number}", wrench[::PER_FRAME])
+    for number, wrench in enumerate(treadmill_wrenches(machine, motion), start=1):
+        columns |= _named(f"artefact_{number}", wrench[::SAMPLES_PER_FRAME])
     state = [walk.motion.at(time, k) for k in range(3)]
     body = walk.subject.body
-    needed = kernels().newton_euler(*state, body.geometry, body.inertia_vector)[1]
-    left = shift_wrench(needed - feet["left"] - feet["right"], q[:, :3])
-    columns |= _named("residual", left)
+    required = kernels().newton_euler(*state, body.geometry, body.inertia_vector)[1]
+    residual = shift_wrench(required - feet["left"] - feet["right"], q[:, :3])
+    columns |= _named("residual", residual)
     columns["sway"], columns["pitch"] = (
-        x[0][::PER_FRAME] for x in (motion.platform.sway, motion.platform.pitch)
+        x[0][::SAMPLES_PER_FRAME] for x in (motion.platform.sway, motion.platform.pitch)
     )
     return pd.DataFrame(columns)
 
@@ -160,15 +165,15 @@ def _write_trial(folder: Path, setting: Setting, number: int, condition: Conditi
     trial = run_trial(setting, treadmill, study_subject(setting, number), number, condition)
     name = trial.recording.source.name
     write_recording(folder / name, trial.recording)
-    table = truth_table(trial, treadmill)
+    table = truth_table(trial, treadmill.machine)
     table.to_parquet(folder / TRUTH / Path(name).with_suffix(".parquet"), index=False)
     return name
 
 
 def _platform_toml(setting: Setting) -> str:
-    """State how the laboratory knows the platform's pose, as wrong as it may be."""
+    """State how the laboratory knows the platform's pose, with its error."""
     if setting.protocol.pose == "markers":
-        names = ", ".join(f'"{name}"' for name in PLATFORM_MARKERS)
+        names = ", ".join(f'"{name}"' for name in PLATFORM_MARKERS_M)
         return f"markers = [{names}]"
     x, y, z = Machine().pivot_m
     return f"""\
@@ -182,18 +187,18 @@ def _study_toml(setting: Setting) -> str:
     protocol = setting.protocol
     sensors = "\n".join(
         f'{name} = ["{name}.X", "{name}.Y", "{name}.Z"]'
-        for name in SENSORS[: setting.faults.accelerometers.sensors]
+        for name in SENSOR_NAMES[: setting.faults.accelerometers.sensors]
     )
     skip = protocol.steady_s + SETTLE_S
-    own = {
+    keys = {
         "familiarisation": f"cycles = {CYCLES}\nskip_s = {skip:g}",
         "baseline": f"cycles = {CYCLES}\nskip_s = {skip:g}",
         "sway": f'perturbed = true\npulse_channel = "{PULSE_CHANNEL}"',
         "pitch": f"cycles = {CYCLES}\nskip_s = {skip:g}",
     }
-    conditions = "\n\n".join(f"[conditions.{name}]\n{own[name]}" for name in protocol.conditions)
+    conditions = "\n\n".join(f"[conditions.{name}]\n{keys[name]}" for name in protocol.conditions)
     return f"""\
-# A study recorded in the virtual laboratory. truth/setting.toml says what is wrong in it.
+# A study recorded in the virtual laboratory. truth/setting.toml lists its faults.
 name = "virtual laboratory"
 
 [settings]

@@ -1,25 +1,22 @@
-"""One trial of the protocol: a person, the treadmill's motion, and the recording of both."""
+"""One trial of the walking study: how the person and the treadmill move, and the recording."""
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from compensation.signals.protocol import pitch_and_sway_signals
 from compensation.signals.signal import Signal, resample_signal
 from pipeline.io.recording import Recording
-from pipeline.virtual_lab.machine.motion import (
-    ANALOG_HZ,
-    BeltRamp,
-    TreadmillMotion,
-    platform_trajectory,
-)
-from pipeline.virtual_lab.machine.treadmill import Machine, drive_belt, move_platform
+from pipeline.virtual_lab.machine.actuators import drive_belt, move_platform
+from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME
+from pipeline.virtual_lab.machine.platform import platform_trajectory
+from pipeline.virtual_lab.machine.treadmill import BeltRamp, Machine, TreadmillMotion
 from pipeline.virtual_lab.person.steps import schedule
 from pipeline.virtual_lab.person.subject import VirtualSubject, make_subject
-from pipeline.virtual_lab.person.walk import Walk, walk
+from pipeline.virtual_lab.person.walk import Walk, simulate_walk
 from pipeline.virtual_lab.protocol.instrumented_treadmill import InstrumentedTreadmill, record
 from pipeline.virtual_lab.protocol.walking_protocol import (
+    CONDITIONS,
     PERSONS,
     ConditionName,
     Setting,
@@ -27,8 +24,6 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
     pitch_command,
     sway_command,
 )
-
-CONDITIONS: Final[tuple[ConditionName, ...]] = ("familiarisation", "baseline", "sway", "pitch")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +33,11 @@ class WalkingTrial:
     Attributes
     ----------
     walk
-        What the person did.
+        How the person moved.
     motion
-        What the treadmill did.
+        How the treadmill moved.
     recording
-        What the instruments made of it.
+        What the instruments recorded.
     """
 
     walk: Walk
@@ -70,7 +65,7 @@ def run_trial(
     number: int,
     condition: ConditionName,
 ) -> WalkingTrial:
-    """Let a person do one trial, and record it.
+    """Simulate and record one trial of one subject.
 
     Parameters
     ----------
@@ -79,19 +74,19 @@ def run_trial(
     treadmill
         The instruments, from `make_treadmill` with the setting's faults.
     subject, number
-        Who, and the number that chance depends on.
+        Who walks, and the subject's number in the study, on which everything random depends.
     condition
-        What.
+        Which condition.
 
     Returns
     -------
     WalkingTrial
-        The same for the same seed.
+        Equal seeds give equal trials.
     """
-    walked, motion = run_walk(setting, treadmill.machine, subject, number, condition)
+    walk, motion = run_walk(setting, treadmill.machine, subject, number, condition)
     name = f"{subject.person.name}_{condition}.c3d"
     noise = np.random.default_rng((setting.seed, number, CONDITIONS.index(condition), 1))
-    return WalkingTrial(walked, motion, record(treadmill, motion, walked, name, noise))
+    return WalkingTrial(walk, motion, record(treadmill, motion, walk, name, noise))
 
 
 def run_walk(
@@ -101,35 +96,55 @@ def run_walk(
     number: int,
     condition: ConditionName,
 ) -> tuple[Walk, TreadmillMotion]:
-    """Let a person do one trial with nobody recording; arguments as for `run_trial`."""
+    """Simulate one trial without recording it; parameters as for `run_trial`."""
     protocol, duration = setting.protocol, setting.protocol.duration(condition)
     rng = np.random.default_rng((setting.seed, number, CONDITIONS.index(condition)))
     steps = schedule(subject.habits, protocol.speed_mps, protocol.standing_s, duration, rng)
-    onsets, sides = np.empty(0), np.empty(0)
+    onsets, directions = np.empty(0), np.empty(0)
     if condition == "sway":
-        onsets, sides = perturbations(protocol, steps, setting.seed)
+        onsets, directions = perturbations(protocol, steps, setting.seed)
 
     time = np.arange(round(duration * ANALOG_HZ)) / ANALOG_HZ
     pitch = pitch_command(protocol, time) if condition == "pitch" else np.zeros(len(time))
-    platform = move_platform(machine, sway_command(onsets, sides, time), pitch, ANALOG_HZ)
+    platform = move_platform(machine, sway_command(onsets, directions, time), pitch, ANALOG_HZ)
     belt = BeltRamp(protocol.speed_mps, protocol.standing_s, protocol.starting_s)
     motion = TreadmillMotion(time, platform, belt.speed(time), onsets)
-    ride = platform_trajectory(platform, ANALOG_HZ)
-    return walk(subject, steps, belt, ride, duration, rng), motion
+    trajectory = platform_trajectory(platform, ANALOG_HZ)
+    return simulate_walk(subject, steps, belt, trajectory, duration, rng), motion
 
 
 def run_signal(
     treadmill: InstrumentedTreadmill, signal: Signal, rng: np.random.Generator
 ) -> Recording:
-    """Record the empty treadmill while it follows a signal, after a second at rest in neutral."""
-    fine = resample_signal(signal, ANALOG_HZ)
-    count, still = len(fine.sway) // 10 * 10, round(ANALOG_HZ)
-    sway, pitch, belt = (
-        np.pad(x[:count], (still, 0), constant_values=first)
-        for x, first in ((fine.sway, 0.0), (fine.pitch, 0.0), (fine.belt_speed, fine.belt_speed[0]))
+    """Record the empty treadmill while it follows a signal, after a second at rest in neutral.
+
+    Parameters
+    ----------
+    treadmill
+        The treadmill with its instruments.
+    signal
+        What it is commanded.
+    rng
+        Source of all noise.
+
+    Returns
+    -------
+    Recording
+        Named as the signal; its markers are those of the platform.
+    """
+    command = resample_signal(signal, ANALOG_HZ)
+    count = len(command.sway) // SAMPLES_PER_FRAME * SAMPLES_PER_FRAME
+    rest = round(ANALOG_HZ)
+    sway, pitch, belt_speed = (
+        np.pad(values[:count], (rest, 0), constant_values=first)
+        for values, first in (
+            (command.sway, 0.0),
+            (command.pitch, 0.0),
+            (command.belt_speed, command.belt_speed[0]),
+        )
     )
     platform = move_platform(treadmill.machine, sway, pitch, ANALOG_HZ)
-    speed = drive_belt(treadmill.machine, belt, ANALOG_HZ)
+    speed = drive_belt(treadmill.machine, belt_speed, ANALOG_HZ)
     motion = TreadmillMotion(np.arange(len(sway)) / ANALOG_HZ, platform, speed, np.empty(0))
     return record(treadmill, motion, None, f"{signal.name}.c3d", rng)
 

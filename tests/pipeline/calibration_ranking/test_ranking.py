@@ -16,7 +16,12 @@ from pipeline.calibration_ranking.trials import BeltTrial, Rules, factors, platf
 from pipeline.cli.app import main
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol import ranking_study
-from pipeline.virtual_lab.protocol.ranking_trial import PERFECT, Imperfections, record, times
+from pipeline.virtual_lab.protocol.calibration_trial import (
+    PERFECT,
+    Imperfections,
+    record_signal_trial,
+    sample_times,
+)
 
 RATE = 200.0
 RANDOM = pitch_and_sway_signals(3, 0.0)[0]
@@ -25,14 +30,16 @@ SHORT = replace(RANDOM, name="short")
 
 def trial(signal, seed, *, name=None, load=None, **faults):
     imperfections = replace(Imperfections(), **faults)
-    recording = record(signal, seed=seed, rate_hz=RATE, imperfections=imperfections, load=load)
+    recording = record_signal_trial(
+        signal, seed=seed, rate_hz=RATE, imperfections=imperfections, load=load
+    )
     return replace(platform_trial(recording, Rules()), name=name or signal.name)
 
 
 def validation(seed, **faults):
     trials = []
     for signal, person in zip(validation_signals()[:2], (bystander.walking,) * 2, strict=True):
-        load = person(times(signal, RATE), np.random.default_rng(seed))
+        load = person(sample_times(signal, RATE), np.random.default_rng(seed))
         trials.append(trial(signal, seed, load=load, **faults))
     return trials
 
@@ -67,7 +74,7 @@ def test_columns_in_one_order_agree_completely():
 
 def test_a_rigid_platform_with_ideal_instruments_is_compensated_completely():
     faults = {name: getattr(PERFECT, name) for name in PERFECT.__dataclass_fields__}
-    faults["plate_noise"] = 1e-9  # a dead channel is refused
+    faults["plate_noise_n"] = 1e-9  # a dead channel is refused
     calibration = [trial(RANDOM, 1, **faults), trial(SHORT, 2, name="b", **faults)]
     moved = trial(validation_signals()[1], 3, **faults)
     ranking = rank_platform(calibration, [moved])
@@ -77,7 +84,7 @@ def test_a_rigid_platform_with_ideal_instruments_is_compensated_completely():
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_where_the_bootstrap_is_sure_every_seed_has_the_same_winner(seed):
-    noisy = {"plate_noise": 1000.0, "acceleration_noise": 3.0}
+    noisy = {"plate_noise_n": 1000.0, "acceleration_noise_mps2": 3.0}
     calibration = [
         trial(RANDOM, 10 * seed, name="good"),
         *(trial(RANDOM, 10 * seed + k, name=f"noisy {k}", **noisy) for k in (1, 2, 3)),
@@ -219,7 +226,7 @@ def test_real_belts_lose_82_percent_of_their_pitch_moment(shared_data):
 
 
 def test_the_protocol_has_28_and_20_calibration_and_5_validation_trials():
-    planned = [folder for folder, _, _ in ranking_study._plan(0)]
+    planned = [trial.folder for trial in ranking_study.planned_trials(0)]
     counts = {name: planned.count(name) for name in planned}
     assert counts == {
         "calibration": 28,
@@ -232,9 +239,9 @@ def test_the_protocol_has_28_and_20_calibration_and_5_validation_trials():
 
 
 def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
-    every = list(ranking_study._plan(0))
+    every = list(ranking_study.planned_trials(0))
     few = [every[k] for k in (0, 1, 28, 29, 48, 52, 53)]
-    monkeypatch.setattr(ranking_study, "_plan", lambda seed: iter(few))
+    monkeypatch.setattr(ranking_study, "planned_trials", lambda seed: iter(few))
     folder, out = tmp_path / "lab", tmp_path / "out"
     assert main(["calibration", "rank", str(folder), "--simulate", "--out", str(out)]) == 0
     assert "for pitch and sway: mean rank" in capsys.readouterr().out

@@ -14,8 +14,9 @@ from pipeline.run.load import collect
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
+from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
 from pipeline.virtual_lab.protocol import walking_protocol
-from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill, treadmill_wrenches
+from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_trial, study_subject
 
@@ -55,7 +56,9 @@ def without_artefact(out):
             trial = run_trial(setting, treadmill, virtual, number, condition)
             plates = []
             for plate, added in zip(
-                trial.recording.plates, treadmill_wrenches(treadmill, trial.motion), strict=True
+                trial.recording.plates,
+                treadmill_wrenches(treadmill.machine, trial.motion),
+                strict=True,
             ):
                 seen = [np.interp(plate.time - late, plate.time, column) for column in added.T]
                 wrench = plate.wrench_in_plate - shift_wrench(np.transpose(seen), plate.center)

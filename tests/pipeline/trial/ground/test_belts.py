@@ -17,7 +17,7 @@ from pipeline.trial.ground.belts import belt_axes, belt_speed, fit_belts
 from pipeline.trial.ground.laboratory import Laboratory, fit_calibration, ground_wrenches
 from pipeline.trial.process import process_trial
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.ranking_trial import record, times
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 
 RATE = 1000.0
 BELT = Belt(calibration="belts.c3d", speed_channels=("BeltSpeed",))
@@ -28,12 +28,14 @@ PULSES = validation_signals()[4]
 
 @pytest.fixture(scope="module")
 def models():
-    return fit_belts(record(belt_signals(1, 1.0)[0], seed=1), BELT)
+    return fit_belts(record_signal_trial(belt_signals(1, 1.0)[0], seed=1), BELT)
 
 
 @pytest.fixture(scope="module")
 def calibration():
-    return fit_calibration(record(pitch_and_sway_signals(1, 0.0)[6], seed=2), TREADMILL)
+    return fit_calibration(
+        record_signal_trial(pitch_and_sway_signals(1, 0.0)[6], seed=2), TREADMILL
+    )
 
 
 def left_over(recording, models, calibration=None):
@@ -47,30 +49,30 @@ def left_over(recording, models, calibration=None):
 
 
 def with_person(seed=3):
-    load = bystander.walking(times(PULSES, RATE), np.random.default_rng(seed))
-    return record(PULSES, seed=seed, load=load)
+    load = bystander.walking(sample_times(PULSES, RATE), np.random.default_rng(seed))
+    return record_signal_trial(PULSES, seed=seed, load=load)
 
 
 def test_pulses_of_the_belt_leave_a_twentieth_of_their_pitch_moment(models):
-    raw, left = left_over(record(PULSES, seed=3), models)
+    raw, left = left_over(record_signal_trial(PULSES, seed=3), models)
     assert raw > 5
     assert left < 0.05 * raw
 
 
 def test_what_a_person_adds_is_not_repaired(models):
-    _, empty = left_over(record(PULSES, seed=3), models)
+    _, empty = left_over(record_signal_trial(PULSES, seed=3), models)
     _, left = left_over(with_person(), models)
     unmoved = replace(PULSES, belt_speed=0 * PULSES.belt_speed)
-    load = bystander.walking(times(PULSES, RATE), np.random.default_rng(3))
-    person_alone, _ = left_over(record(unmoved, seed=3, load=load), models)
+    load = bystander.walking(sample_times(PULSES, RATE), np.random.default_rng(3))
+    person_alone, _ = left_over(record_signal_trial(unmoved, seed=3, load=load), models)
     assert left > 3 * empty
     assert np.sqrt(left**2 - empty**2) > 0.9 * person_alone
 
 
 def test_accelerometers_take_off_what_a_person_adds_through_the_platform(models, calibration):
-    _, empty = left_over(record(PULSES, seed=3), models)
+    _, empty = left_over(record_signal_trial(PULSES, seed=3), models)
     _, by_belts = left_over(with_person(), models)
-    _, empty_by_both = left_over(record(PULSES, seed=3), models, calibration)
+    _, empty_by_both = left_over(record_signal_trial(PULSES, seed=3), models, calibration)
     _, by_both = left_over(with_person(), models, calibration)
     assert by_both < 0.7 * by_belts
     assert by_both**2 - empty_by_both**2 < 0.1 * (by_belts**2 - empty**2)
@@ -78,12 +80,12 @@ def test_accelerometers_take_off_what_a_person_adds_through_the_platform(models,
 
 def test_a_belt_at_constant_speed_changes_nothing(models):
     steady = replace(PULSES, belt_speed=np.full_like(PULSES.belt_speed, 1.3))
-    raw, left = left_over(record(steady, seed=5), models)
+    raw, left = left_over(record_signal_trial(steady, seed=5), models)
     assert left < raw + 0.05  # the noise of the belt speed
 
 
 def test_the_pitch_axis_of_a_plate_does_not_depend_on_the_lab_axes(tmp_path):
-    recording = record(PULSES, seed=6)
+    recording = record_signal_trial(PULSES, seed=6)
     path = tmp_path / "belt.c3d"
     write_c3d(path, recording.markers, recording.plates, analog=recording.analog)
     axes = [belt_axes(read_c3d(path, a).plates[0]) for a in ("left,back,up", "right,forward,up")]
@@ -94,7 +96,7 @@ def test_the_pitch_axis_of_a_plate_does_not_depend_on_the_lab_axes(tmp_path):
 
 
 def test_a_channel_that_is_no_speed_is_refused():
-    recording = record(PULSES, seed=6)
+    recording = record_signal_trial(PULSES, seed=6)
     with pytest.raises(ValueError, match=r"Acc1.X is in 'g', expected a speed"):
         belt_speed(recording, "Acc1.X")
     with pytest.raises(ValueError, match=r"no analog channel 'Belt' .*; there: Acc1.X"):

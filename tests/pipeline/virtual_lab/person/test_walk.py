@@ -7,11 +7,10 @@ from hbm.coordinates import COORDINATES, INDEX
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.virtual_lab.person.balance import balanced, in_lab, pressure_on_platform
 from pipeline.virtual_lab.person.gait_pattern import posture
-from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
+from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
 from pipeline.virtual_lab.person.sole import SIDES, orientation, rolled
 from pipeline.virtual_lab.person.subject import Person, make_subject
 from pipeline.virtual_lab.person.walk import ground_wrench, segment_poses
-from pipeline.virtual_lab.protocol.plate_loads import plate_wrenches
 from tests.virtual_gait import fit_gait, gait_optimum
 from tests.virtual_gait.realism import ANGLES, angle_curves, force_curves, read_norms
 

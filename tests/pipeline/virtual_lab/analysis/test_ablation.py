@@ -6,9 +6,9 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli.app import app
-from pipeline.virtual_lab.analysis.ablation import CONDITIONS, FILTER, ablation, cases
+from pipeline.virtual_lab.analysis.ablation import FILTER, ablation, cases
 from pipeline.virtual_lab.analysis.ablation_figure import ablation_figure
-from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import ANALYSED_CONDITIONS, SHORT, Setting
 from tests.pipeline.virtual_lab import conftest
 from tests.virtual_gait.realism import realism_figure
 
@@ -38,13 +38,13 @@ def added(table, case, condition):
 
 @pytest.mark.slow
 def test_the_table_has_a_row_for_every_case_condition_and_axis(table):
-    assert len(table) == len(ONE_EACH) * len(CONDITIONS) * 6
+    assert len(table) == len(ONE_EACH) * len(ANALYSED_CONDITIONS) * 6
     assert tuple(dict.fromkeys(table["case"])) == ONE_EACH
     assert np.isfinite(table["added"]).all()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("condition", CONDITIONS)
+@pytest.mark.parametrize("condition", ANALYSED_CONDITIONS)
 def test_nothing_wrong_adds_nothing(table, condition):
     own = table[(table["case"] == "zero phase, 30 Hz") & (table["condition"] == condition)]
     assert (own["added"] == 0).all()
@@ -52,7 +52,7 @@ def test_nothing_wrong_adds_nothing(table, condition):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("condition", CONDITIONS)
+@pytest.mark.parametrize("condition", ANALYSED_CONDITIONS)
 def test_later_plates_are_worse_in_proportion(table, condition):
     """A residual from a small delay is the delay by the rate of change of the load."""
     ratio = added(table, "30 ms late", condition) / added(table, "10 ms late", condition)
@@ -84,7 +84,7 @@ def test_an_unknown_case_is_refused_with_the_nearest():
 def test_the_figure_shows_every_number_of_the_table(table):
     figure = ablation_figure(table, 1)
     panels = figure.axes
-    assert [panel.get_title() for panel in panels] == list(CONDITIONS)
+    assert [panel.get_title() for panel in panels] == list(ANALYSED_CONDITIONS)
     rows = [label.get_text() for label in panels[0].get_yticklabels()]
     assert set(ONE_EACH) < set(rows)
     for panel in panels:

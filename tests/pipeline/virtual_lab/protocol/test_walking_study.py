@@ -11,7 +11,7 @@ from hbm.signals.resampling import resample
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.virtual_lab.protocol.instrumented_treadmill import (
-    PLATFORM_MARKERS,
+    PLATFORM_MARKERS_M,
     PULSE_CHANNEL,
     make_treadmill,
     record,
@@ -111,9 +111,9 @@ def test_a_person_wears_all_markers_of_the_set_and_the_platform_its_own(marker_s
     treadmill, subject = make_treadmill(setting.faults, 1), study_subject(setting, 0)
     walk, motion = run_walk(setting, treadmill.machine, subject, 0, "baseline")
     names = record(treadmill, motion, walk, "x.c3d", np.random.default_rng(0)).markers.names
-    assert set(PLATFORM_MARKERS) <= set(names)
+    assert set(PLATFORM_MARKERS_M) <= set(names)
     assert names[:-5] == tuple(subject.body.marker_set.segment)
-    assert len(names) == count + len(PLATFORM_MARKERS)
+    assert len(names) == count + len(PLATFORM_MARKERS_M)
 
 
 def test_the_truth_is_complete_and_closes(trial):

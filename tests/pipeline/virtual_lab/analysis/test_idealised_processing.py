@@ -10,10 +10,10 @@ from hbm.kinematics import solve_ik
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.virtual_lab.analysis.idealised_processing import Case, fit_models, residual_of
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.motion import ANALOG_HZ
-from pipeline.virtual_lab.protocol.instrumented_treadmill import PER_FRAME, make_treadmill
+from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME
+from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol.walking_protocol import (
-    ONSET,
+    ONSET_PHASE,
     PITCH_DEG,
     PITCH_PERIOD_S,
     SWAY_MPS,
@@ -34,14 +34,14 @@ def rms(values):
 
 def steady(motion):
     """Frames of walking at full speed."""
-    time = motion.time[::PER_FRAME]
+    time = motion.time[::SAMPLES_PER_FRAME]
     return (time > SHORT.steady_s + 1) & (time < time[-1] - 1)
 
 
 def perturbed(walk, motion):
     """Frames of the gait cycles that contain a perturbation."""
-    time, stride = motion.time[::PER_FRAME], 2 * walk.placement.pace_s
-    since = time[:, None] - motion.onsets + ONSET * stride
+    time, stride = motion.time[::SAMPLES_PER_FRAME], 2 * walk.placement.pace_s
+    since = time[:, None] - motion.onsets + ONSET_PHASE * stride
     return ((since >= 0) & (since < stride)).any(axis=1)
 
 
@@ -101,7 +101,7 @@ def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(per
     assert mass == 300.0
     expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(np.linspace(0, PITCH_PERIOD_S, 1000))))
     assert expected == pytest.approx(330, rel=0.15)
-    since = trial.motion.time[::PER_FRAME][steady(trial.motion)] - SHORT.steady_s
+    since = trial.motion.time[::SAMPLES_PER_FRAME][steady(trial.motion)] - SHORT.steady_s
     expected = mass * GRAVITY_MPS2 * rms(np.sin(pitch_angle(since)))
     found = rms(left_over(trial, treadmill, removal="none")[steady(trial.motion)])
     assert found[FORWARD] == pytest.approx(expected, rel=0.1)
@@ -116,9 +116,9 @@ def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
     trial, treadmill = perfect("pitch")
     masses = np.array([part.mass for part in treadmill.machine.assemblies])
     center = masses @ [part.center for part in treadmill.machine.assemblies] / masses.sum()
-    hip = trial.walk.motion.at(trial.motion.time[::PER_FRAME])[:, :3]
+    hip = trial.walk.motion.at(trial.motion.time[::SAMPLES_PER_FRAME])[:, :3]
     pivot = np.array(treadmill.machine.pivot_m)
-    angle = trial.motion.platform.pitch[0][::PER_FRAME]
+    angle = trial.motion.platform.pitch[0][::SAMPLES_PER_FRAME]
     sine, cosine = np.sin(angle), np.cos(angle)
     away = center - pivot
     lever_x = pivot[0] + away[0] * cosine + away[2] * sine - hip[:, 0]
@@ -140,10 +140,10 @@ def test_sway_without_compensation_leaves_mass_times_acceleration(perfect):
         treadmill.machine.sway_hz, trial.motion.time, trial.motion.onsets
     )
     inside = perturbed(trial.walk, trial.motion)
-    expected = rms(push[::PER_FRAME][inside])
+    expected = rms(push[::SAMPLES_PER_FRAME][inside])
     found = rms(left_over(trial, treadmill, removal="none")[inside])
     assert found[LEFTWARD] == pytest.approx(expected, rel=0.1)
-    hip = trial.walk.motion.at(trial.motion.time[::PER_FRAME][inside])[:, 2].mean()
+    hip = trial.walk.motion.at(trial.motion.time[::SAMPLES_PER_FRAME][inside])[:, 2].mean()
     depth = np.mean([part.center[2] for part in treadmill.machine.assemblies])
     assert found[ROLL] == pytest.approx(expected * (hip - depth), rel=0.1)
 

@@ -1,0 +1,117 @@
+"""Force plates side by side, one under each belt: where they are, and what they report."""
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from hbm.spatial import Array
+from pipeline.io.recording import Plate
+from pipeline.virtual_lab.faults import PlateFaults
+
+PLATE_LENGTH_M: Final = 1.8
+PLATE_WIDTH_M: Final = 0.5
+"""Belt surface of each plate; assumed, as on usual split-belt treadmills."""
+PLATE_CENTERS_M: Final = np.array([[0.0, PLATE_WIDTH_M / 2, 0.0], [0.0, -PLATE_WIDTH_M / 2, 0.0]])
+"""Centres of the left and the right plate's surface with the platform in neutral."""
+MOMENT_ARM_M: Final = 1 / 3
+"""By which errors drawn for forces are multiplied to give those of moments [N·m per N]: about how
+far the load cells are from the centre of a plate."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForcePlate:
+    """How a plate's load cells report a wrench: all errors are about one point of the plate.
+
+    Attributes
+    ----------
+    gain
+        Cross-talk and gain: measured = gain @ true, (6, 6).
+    curvature
+        Vertical force too large by this share of full scale at full scale, growing with its square.
+    full_scale_n
+        Vertical force at which ``curvature`` is stated [N].
+    offset
+        Zero error, (6,) [N, N·m].
+    drift
+        Change of the zero, (6,) [N/s, N·m/s].
+    noise
+        Standard deviation of white noise from sample to sample, (6,) [N, N·m].
+    """
+
+    gain: Array = field(default_factory=lambda: np.eye(6))
+    curvature: float = 0.0
+    full_scale_n: float = 1.0
+    offset: Array = field(default_factory=lambda: np.zeros(6))
+    drift: Array = field(default_factory=lambda: np.zeros(6))
+    noise: Array = field(default_factory=lambda: np.zeros(6))
+
+    def measure(self, wrench: Array, time: Array, rng: np.random.Generator) -> Array:
+        """Report true wrenches.
+
+        Parameters
+        ----------
+        wrench
+            True wrenches at the instants at which the plate samples, (N, 6) [N, N·m].
+        time
+            Times of the samples, from which the drift counts, (N,) [s].
+        rng
+            Source of the noise.
+
+        Returns
+        -------
+        Array
+            (N, 6) [N, N·m], about the same point.
+        """
+        measured = wrench @ self.gain.T
+        measured[:, 2] += self.curvature * measured[:, 2] ** 2 / self.full_scale_n
+        measured = measured + self.offset + time[:, None] * self.drift
+        return np.asarray(measured + rng.normal(size=wrench.shape) * self.noise)
+
+
+def make_force_plate(faults: PlateFaults, rng: np.random.Generator) -> ForcePlate:
+    """Draw a plate's errors.
+
+    Parameters
+    ----------
+    faults
+        Their standard deviations.
+    rng
+        Source of chance.
+
+    Returns
+    -------
+    ForcePlate
+        Errors of moments are a third of those of forces, in N·m and N (`MOMENT_ARM_M`).
+    """
+    scale = np.array([1.0, 1.0, 1.0, *[MOMENT_ARM_M] * 3])
+    gain = np.eye(6) + faults.cross_talk * rng.normal(size=(6, 6)) * scale[:, None]
+    return ForcePlate(
+        gain=gain,
+        offset=faults.offset_n * rng.normal(size=6) * scale,
+        drift=faults.drift_n_per_min / 60 * rng.normal(size=6) * scale,
+        noise=np.repeat([faults.force_noise_n, faults.moment_noise_nm], 3),
+    )
+
+
+def recorded_plate(number: int, time: Array, wrench_in_plate: Array) -> Plate:
+    """Give a plate as a recording holds it.
+
+    Parameters
+    ----------
+    number
+        1 for the left plate, 2 for the right.
+    time
+        Sample times, (N,) [s].
+    wrench_in_plate
+        In the platform's axes about the plate's centre, (N, 6) [N, N·m].
+
+    Returns
+    -------
+    Plate
+        Its axes are parallel to the platform's.
+    """
+    center = PLATE_CENTERS_M[number - 1]
+    x, y = PLATE_LENGTH_M / 2, PLATE_WIDTH_M / 2
+    corners = center + np.array([[x, y, 0], [x, -y, 0], [-x, -y, 0], [-x, y, 0]])
+    return Plate(number, time, wrench_in_plate, np.eye(3), center, corners)

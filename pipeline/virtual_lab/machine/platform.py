@@ -1,0 +1,114 @@
+"""The platform that carries both plates: how it sways and pitches, and what its points undergo.
+
+All formulas are those of a rigid body with one rotation axis, written out.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from compensation.platform.pose import PlatformPose, commanded_pose
+from hbm.spatial import GRAVITY_MPS2, Array
+from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory
+
+STATIONARY_KNOTS: Final = 20
+"""Enough samples for a spline; a platform that does not move needs no more, however long it is."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlatformMotion:
+    """How the platform moves; rows of ``sway`` and ``pitch`` are value, velocity, acceleration.
+
+    Attributes
+    ----------
+    sway
+        Along the lab's left axis, (3, N) [m, m/s, m/s²].
+    pitch
+        About the lab's left axis, positive lowers the front, (3, N) [rad, rad/s, rad/s²].
+    pivot
+        A point of the pitch axis with the platform in neutral, (3,) [m].
+    """
+
+    sway: Array
+    pitch: Array
+    pivot: Array
+
+    @property
+    def pose(self) -> PlatformPose:
+        """The platform's true pose."""
+        return commanded_pose(self.sway[0], self.pitch[0], self.pivot)
+
+    def at_rest(self) -> "PlatformMotion":
+        """Give the same platform at rest in neutral for as many samples."""
+        return PlatformMotion(0 * self.sway, 0 * self.pitch, self.pivot)
+
+
+def specific_force(motion: PlatformMotion, point: Array) -> Array:
+    """Give acceleration minus gravity of a point of the platform, in the platform's axes.
+
+    Parameters
+    ----------
+    motion
+        Of the platform.
+    point
+        In the platform frame, (3,) [m].
+
+    Returns
+    -------
+    Array
+        What an ideal accelerometer there measures, (N, 3) [m/s²].
+
+    Notes
+    -----
+    With ``d`` from the pitch axis to the point: ``φ̈ ŷ×d − φ̇² (d − (d·ŷ) ŷ) + ÿ ŷ − Rᵀ g``.
+    """
+    (_, _, sway_acceleration), (angle, rate, acceleration) = motion.sway, motion.pitch
+    d = np.asarray(point, float) - motion.pivot
+    x = acceleration * d[2] - rate**2 * d[0] - GRAVITY_MPS2 * np.sin(angle)
+    z = -acceleration * d[0] - rate**2 * d[2] + GRAVITY_MPS2 * np.cos(angle)
+    return np.column_stack([x, sway_acceleration, z])
+
+
+@dataclass(frozen=True, slots=True)
+class PlatformTrajectory:
+    """The platform's motion at any time: sway to the left [m] and pitch [rad], front down.
+
+    Attributes
+    ----------
+    trajectory
+        Sway and pitch as functions of time, two columns.
+    pivot
+        A point of the pitch axis with the platform in neutral, (3,) [m].
+    """
+
+    trajectory: Trajectory
+    pivot: Array
+
+    def sway(self, time: Array) -> Array:
+        """Give the sideways position, (T,) [m]."""
+        return self._at(time)[:, 0]
+
+    def slope(self, time: Array) -> Array:
+        """Give how steeply the belts rise forward, (T,) [rad]."""
+        return -self._at(time)[:, 1]
+
+    def pose(self, time: Array) -> PlatformPose:
+        """Give the platform's pose at T times; before its start and after its end it rests."""
+        sway, pitch = self._at(time).T
+        return commanded_pose(sway, pitch, self.pivot)
+
+    def _at(self, time: Array) -> Array:
+        begin = self.trajectory.start
+        return self.trajectory.at(np.clip(time, begin, begin + self.trajectory.duration))
+
+
+def platform_trajectory(motion: PlatformMotion, rate_hz: float) -> PlatformTrajectory:
+    """Interpolate the platform's motion between its samples."""
+    values = np.column_stack([motion.sway[0], motion.pitch[0]])
+    return PlatformTrajectory(fit_trajectory(values, rate_hz), motion.pivot)
+
+
+def stationary_platform() -> PlatformTrajectory:
+    """Give a platform that does not move."""
+    return PlatformTrajectory(fit_trajectory(np.zeros((STATIONARY_KNOTS, 2)), 1.0), np.zeros(3))

@@ -1,0 +1,45 @@
+"""Soft tissue artefact: its size, and what it follows."""
+
+import numpy as np
+import pytest
+
+from pipeline.virtual_lab.faults import CameraFaults
+from pipeline.virtual_lab.person.soft_tissue import SKIN_RMS_M, displace_markers
+
+STRIDE_FRAMES = 108
+
+
+def displacement(segment, frames, markers, seed, *, standing=False):
+    """Displace markers at the origin of a segment that does not rotate."""
+    phase = np.zeros(frames) if standing else np.arange(frames) / STRIDE_FRAMES
+    return displace_markers(
+        np.zeros((frames, markers, 3)),
+        (segment,) * markers,
+        {segment: np.tile(np.eye(3), (frames, 1, 1))},
+        phase,
+        CameraFaults(),
+        np.random.default_rng(seed),
+        100.0,
+    )
+
+
+def rms(moved):
+    return np.sqrt(np.mean(np.sum(moved**2, axis=2)))
+
+
+@pytest.mark.parametrize(("part", "size_m"), list(SKIN_RMS_M.items()))
+def test_the_skin_of_every_segment_moves_by_its_published_size_in_walking(part, size_m):
+    segment = part if part in ("pelvis", "trunk", "head") else f"right_{part}"
+    assert rms(displacement(segment, 4000, 6, seed=1)) == pytest.approx(size_m, rel=0.3)
+
+
+@pytest.mark.parametrize("segment", ["pelvis", "right_thigh"])
+def test_the_skin_does_not_move_in_standing(segment):
+    assert np.abs(displacement(segment, 4000, 6, seed=1, standing=True)).max() == 0
+
+
+def test_markers_of_a_segment_move_partly_together():
+    moved = displacement("left_thigh", 6000, 3, seed=0)
+    assert rms(moved) == pytest.approx(0.009, rel=0.25)
+    together = np.corrcoef(moved[:, 0, 0], moved[:, 1, 0])[0, 1]
+    assert 0.2 < abs(together) < 0.95

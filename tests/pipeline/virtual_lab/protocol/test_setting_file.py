@@ -1,0 +1,93 @@
+"""The setting of a virtual laboratory in TOML: everything can be stated, and has an effect."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill, record
+from pipeline.virtual_lab.protocol.setting_file import read_setting, setting_toml
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
+from tests.pipeline.virtual_lab.conftest import SHORT
+
+FAULTS = [
+    (table, name, value)
+    for table, own in Faults().model_dump().items()
+    for name, value in own.items()
+]
+NEEDS = {"gap_s": {"gaps_per_minute": 60.0}, "range_g": {"range_g": 0.5}, "sensors": {"sensors": 4}}
+SIZE = {
+    "swaps_per_minute": 60.0,
+    "gaps_per_minute": 60.0,
+    "platform.delay_s": 0.03,
+    "pivot_error_m": 0.05,
+}
+
+
+def test_a_setting_is_the_same_after_being_written_and_read():
+    for setting in (Setting(), Setting(seed=7, faults=Faults.none(), protocol=SHORT)):
+        assert read_setting(setting_toml(setting)) == setting
+
+
+def test_the_example_of_the_documentation_is_a_setting():
+    page = Path(__file__).resolve().parents[4] / "docs" / "ablation.md"
+    example = page.read_text(encoding="utf-8").split("```toml\n")[1].split("```")[0]
+    setting = read_setting(example)
+    assert (setting.seed, setting.protocol.subjects, setting.protocol.pose) == (7, 3, "channels")
+    assert setting.faults.accelerometers.sensors == 4
+    assert setting.faults.platform.delay_s == 0.03
+
+
+def test_all_faults_can_be_switched_off_in_toml():
+    off = "\n".join(
+        f"[faults.{table}]\n" + "\n".join(f"{k} = {v}" for k, v in own.items())
+        for table, own in Faults.none().model_dump().items()
+    )
+    assert read_setting(off).faults == Faults.none()
+
+
+@pytest.mark.parametrize(("table", "name", "value"), FAULTS)
+def test_every_fault_has_an_effect(short_recording, table, name, value):
+    """One fault in a perfect laboratory changes the recording or, in a body, the body itself."""
+    sizes = NEEDS.get(name, {name: SIZE.get(f"{table}.{name}", SIZE.get(name, value))})
+    perfect, changed = Faults.none(), dict(getattr(Faults.none(), table)) | sizes
+    text = f"[faults.{table}]\n" + "\n".join(f"{k} = {v}" for k, v in changed.items())
+    faults = perfect.model_copy(update={table: getattr(read_setting(text).faults, table)})
+    assert faults != perfect
+    if table == "body":
+        with_it, without = (study_subject(Setting(faults=f), 0).body for f in (faults, perfect))
+        same = np.array_equal(with_it.geometry, without.geometry) and np.array_equal(
+            with_it.inertia_vector, without.inertia_vector
+        )
+    else:
+        same = short_recording(faults) == short_recording(perfect)
+    assert same is (name == "pivot_error_m")  # it is in the study file
+
+
+@pytest.fixture(scope="module")
+def short_recording():
+    """Give a function of faults: everything that is recorded in a few seconds, as bytes."""
+    protocol = Protocol(pitch_s=3.0, standing_s=1.5, starting_s=1.5)
+    setting = Setting(protocol=protocol, faults=Faults.none())
+    treadmill = make_treadmill(setting.faults, setting.seed)
+    walk, motion = run_walk(setting, treadmill.machine, study_subject(setting, 0), 0, "pitch")
+
+    def recorded(faults):
+        drawn, rng = make_treadmill(faults, 1), np.random.default_rng(2)
+        recording = record(drawn, motion, walk, "x.c3d", rng)
+        parts = [recording.markers.position, recording.analog.values]
+        parts += [plate.wrench_in_plate for plate in recording.plates]
+        return tuple(part.tobytes() for part in parts)
+
+    return recorded
+
+
+def test_a_fault_that_does_not_exist_is_refused_by_name():
+    with pytest.raises(ValueError, match=r"faults\.plates\.cross_talks"):
+        read_setting("[faults.plates]\ncross_talks = 1.0")
+    with pytest.raises(ValueError, match="not valid TOML"):
+        read_setting("[faults.plates\n")
+    with pytest.raises(ValueError, match="calibration"):
+        read_setting('[protocol]\ncalibration = "random_30s_3mps"')
