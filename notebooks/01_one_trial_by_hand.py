@@ -55,8 +55,7 @@ print(*trial.notes, sep="\n")
 # segment masses and moments of inertia follow from body mass, sex and lengths (de Leva 1996).
 
 # %%
-mass = float(trial.metadata["mass_kg"])
-body = hbm.build_body(trial.markers, mass=mass, sex="male")
+body = hbm.build_body(trial.markers, mass=trial.metadata.mass_kg, sex="male")
 print(f"{body.mass:.1f} kg, {body.height_m:.2f} m, marker set {body.marker_set.name}")
 
 # %% [markdown]

@@ -153,7 +153,7 @@ def _system(
         "RecordingType": "continuous",
         "MissingValues": "n/a",
         "TrackingSystemName": stem.name.rpartition("-")[2],
-        "SoftwareVersions": str(recording.metadata.get("software") or "n/a"),
+        "SoftwareVersions": str(recording.metadata.software or "n/a"),
     }
     space = {
         "reference_frame": {

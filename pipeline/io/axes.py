@@ -1,17 +1,19 @@
-"""Axes of a recording's own lab: stated by a person, or inferred from the recording; checked.
+"""Axes of a file: stated by a person or inferred from what was recorded, and checked.
 
 A direction string such as ``"left,back,up"`` names the lab direction of the file's x, y and z
 axis, in that order.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hbm.notes import Note
 from hbm.spatial import Array
 
-DIRECTIONS = {
+DIRECTIONS: Final = {
     "forward": (1, 0, 0),
     "back": (-1, 0, 0),
     "left": (0, 1, 0),
@@ -19,13 +21,19 @@ DIRECTIONS = {
     "up": (0, 0, 1),
     "down": (0, 0, -1),
 }
-LOADED_N = 50.0
-FACING_ONE_WAY = 0.9
-PELVIS_AND_SHOULDERS = ("ASI", "ASIS", "PSI", "PSIS", "SHO", "ACR", "ACROMIUM", "ACROMION")
-HEELS = ("HEE", "HEEL", "CAL")
-TOES = ("TOE", "MT2", "MT5", "TOETIP", "MT1")
-ANKLES = ("ANK", "LM", "MM")
-ASK = 'state the axes, for example axes="forward,left,up"'
+MIN_MEAN_LOAD_N: Final = 50.0
+"""Mean force of a plate on which somebody stood; drift of an empty plate is less."""
+MIN_SHARE_FACING_ONE_WAY: Final = 0.9
+"""Of the frames in which left and right are seen; the rest may be swapped labels."""
+MAX_ANGLE_TO_AXIS_DEG: Final = 30.0
+"""Beyond it a direction is too close to the diagonal to belong to one axis."""
+PELVIS_AND_SHOULDERS: Final = ("ASI", "ASIS", "PSI", "PSIS", "SHO", "ACR", "ACROMIUM", "ACROMION")
+HEELS: Final = ("HEE", "HEEL", "CAL")
+TOES: Final = ("TOE", "MT2", "MT5", "TOETIP", "MT1")
+ANKLES: Final = ("ANK", "LM", "MM")
+PAIRS_NAMED: Final = 3
+"""Marker pairs that a note or message names: enough to check by eye."""
+ASK: Final = 'state the axes, for example axes="forward,left,up"'
 
 
 def parse_axes(axes: str) -> Array:
@@ -66,7 +74,7 @@ def settle_axes(
     plate_normals: ArrayLike = (),
     plate_forces: ArrayLike = (),
     screen_up: str = "",
-) -> tuple[str, str]:
+) -> tuple[str, tuple[Note, ...]]:
     """Infer the axes of a recording, or check those that a person states.
 
     Parameters
@@ -86,8 +94,11 @@ def settle_axes(
 
     Returns
     -------
-    str, str
-        The directions, and a sentence for a person that states them with the evidence.
+    axes
+        The directions.
+    notes
+        ``axes_stated`` or ``axes_inferred`` with the evidence; ``subject_faces_sideways`` where the
+        subject does not face forward by the stated axes.
 
     Raises
     ------
@@ -97,58 +108,67 @@ def settle_axes(
 
     Notes
     -----
-    Up is where loaded plates push the subject and where the pelvis and shoulders lie from the
-    feet; left is from right-side to left-side markers; forward is left × up, checked against heel
-    to toe. Stated axes are refused by up only, for a subject may face either way in a lab; that
-    they let the subject face elsewhere than forward is said.
+    Up is where loaded plates push the subject, and from the feet to pelvis and shoulders; left is
+    from right-side to left-side markers; forward is left × up, checked against heel to toe. Stated
+    axes are refused where up contradicts them; a subject may face any way in a lab, so that facing
+    another way than forward is a warning only.
     """
     position = np.asarray(position, float)
-    places = {name: k for k, name in enumerate(names)}
-    rise = _rise(position, places)
+    columns = {name: k for k, name in enumerate(names)}
+    rise = _rise(position, columns)
     loads = _loads(plate_forces)
     if axes is not None:
         if rise is not None:
             _check_up(parse_axes(axes)[2], {"pelvis or shoulders above feet": rise, **loads})
-        return axes, _sentence(axes, "as stated") + _faces(axes, position, places)
+        stated = Note.of("axes_stated", axes=_listed(axes))
+        return axes, (stated, *_not_forward(axes, position, columns))
     if not np.isfinite(position).any():
         raise ValueError(f"axes cannot be inferred: no marker is ever visible; {ASK}")
-    up, why_up = _infer_up(rise, loads, plate_normals, screen_up)
-    left, why_left = _infer_left(position, places, up)
+    up, up_evidence = _infer_up(rise, loads, plate_normals, screen_up)
+    left, pairs = _infer_left(position, columns, up)
     forward = np.cross(left, up)
-    toes = _mean(_differences(position, _heel_toe_pairs(places)))
-    why_forward = ""
+    toes = _mean(_differences(position, _heel_toe_pairs(columns)))
+    forward_evidence = ["left and up"]
     if np.isfinite(toes).all():
         if toes @ forward < 0:
             raise ValueError(
-                f"axes cannot be inferred: forward is {_axis_name(forward)} by {why_left}, "
-                f"but the toes point the other way; {ASK}"
+                f"axes cannot be inferred: forward is {_axis_name(forward)} by the marker pairs "
+                f"{', '.join(pairs)}, but the toes point the other way; {ASK}"
             )
-        why_forward = ", and the toes point forward"
+        forward_evidence.append("the direction of the toes")
     rotation = np.array([forward, left, up])
     axes = ",".join(_direction_name(column) for column in rotation.T)
-    return axes, _sentence(axes, f"up by {why_up}; left by {why_left}{why_forward}")
+    inferred = Note.of(
+        "axes_inferred",
+        axes=_listed(axes),
+        up_evidence=up_evidence,
+        marker_pairs=pairs,
+        forward_evidence=forward_evidence,
+    )
+    return axes, (inferred,)
 
 
-def _faces(axes: str, position: Array, places: dict[str, int]) -> str:
-    """Say where the subject faces by the stated axes, if that is one way and not forward."""
+def _not_forward(axes: str, position: Array, columns: Mapping[str, int]) -> tuple[Note, ...]:
+    """Warn where the subject faces one way by the stated axes, and that is not forward."""
     rotation = parse_axes(axes)
     try:
-        left, why = _infer_left(position, places, rotation[2])
+        left, pairs = _infer_left(position, columns, rotation[2])
     except ValueError:
-        return ""
+        return ()
     facing = _direction_name(rotation @ np.cross(left, rotation[2]))
     if facing == "forward":
-        return ""
-    return f" warning: by them the subject faces {facing}, for {why} tell left; are they right?"
+        return ()
+    return (Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs),)
 
 
-def _sentence(axes: str, why: str) -> str:
-    return f"The file's x, y, z axes point {axes.replace(',', ', ')}: {why}."
+def _listed(axes: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in axes.split(","))
 
 
-def _rise(position: Array, places: dict[str, int]) -> Array | None:
-    high = _sites(places, PELVIS_AND_SHOULDERS)
-    low = _sites(places, HEELS + TOES + ANKLES)
+def _rise(position: Array, columns: Mapping[str, int]) -> Array | None:
+    """Give the mean vector from feet to pelvis and shoulders, (3,); None where not seen."""
+    high = _sites(columns, PELVIS_AND_SHOULDERS)
+    low = _sites(columns, HEELS + TOES + ANKLES)
     rise = _mean(position[:, high]) - _mean(position[:, low])
     return rise if np.isfinite(rise).all() else None
 
@@ -158,77 +178,82 @@ def _loads(plate_forces: ArrayLike) -> dict[str, Array]:
     return {
         f"the load on plate {k}": force
         for k, force in enumerate(forces, start=1)
-        if np.linalg.norm(force) > LOADED_N
+        if np.linalg.norm(force) > MIN_MEAN_LOAD_N
     }
 
 
 def _check_up(up: Array, evidence: dict[str, Array]) -> None:
-    for why, vector in evidence.items():
+    for source, vector in evidence.items():
         if vector @ up < 0:
             raise ValueError(
-                f"{_axis_name(up)} is up by the stated axes, but {why} says the opposite: "
+                f"{_axis_name(up)} is up by the stated axes, but down by {source}: "
                 "the axes are wrong, or the plate stores the force that acts on itself"
             )
 
 
 def _infer_up(
     rise: Array | None, loads: dict[str, Array], plate_normals: ArrayLike, screen_up: str
-) -> tuple[Array, str]:
+) -> tuple[Array, list[str]]:
+    """Give the file's axis that points up, (3,), and what shows it."""
     evidence = dict(loads)
     if rise is not None:
         evidence["pelvis or shoulders above feet"] = rise
     if not evidence:
         raise ValueError(f"axes cannot be inferred: no loaded plate, no known markers; {ASK}")
-    signed = {why: _nearest_axis(vector, why) for why, vector in evidence.items()}
+    signed = {source: _nearest_axis(vector, source) for source, vector in evidence.items()}
     normals = np.reshape(np.asarray(plate_normals, float), (-1, 3))
     surfaces = {f"the surface of plate {k}": normal for k, normal in enumerate(normals, start=1)}
-    lines = {why: _nearest_axis(normal, why) for why, normal in surfaces.items()}
+    lines = {source: _nearest_axis(normal, source) for source, normal in surfaces.items()}
     if screen_up[-1:].upper() in {"X", "Y", "Z"}:
         lines["Y_SCREEN"] = np.eye(3)["XYZ".index(screen_up[-1].upper())]
     first, up = next(iter(signed.items()))
-    against = [why for why, axis in signed.items() if axis @ up < 0.5]
-    against += [why for why, axis in lines.items() if abs(axis @ up) < 0.5]
-    if against:
+    contradicting = [source for source, axis in signed.items() if axis @ up < 0.5]
+    contradicting += [source for source, axis in lines.items() if abs(axis @ up) < 0.5]
+    if contradicting:
         raise ValueError(
-            f"axes cannot be inferred: {first} says that {_axis_name(up)} is up, "
-            f"but {' and '.join(against)} says otherwise; {ASK}"
+            f"axes cannot be inferred: {_axis_name(up)} is up by {first}, "
+            f"but not by {' and '.join(contradicting)}; {ASK}"
         )
-    return up, ", ".join([*signed, *lines])
+    return up, [*signed, *lines]
 
 
-def _infer_left(position: Array, places: dict[str, int], up: Array) -> tuple[Array, str]:
-    pairs = _side_pairs(places)
+def _infer_left(
+    position: Array, columns: Mapping[str, int], up: Array
+) -> tuple[Array, tuple[str, ...]]:
+    """Give the file's axis that points to the subject's left, (3,), and marker pairs for it."""
+    pairs = _side_pairs(columns)
     trunk = [pair for pair in pairs if _bare(pair[0])[1:] in PELVIS_AND_SHOULDERS]
     used = trunk or pairs
-    across = _differences(position, [(places[right], places[left]) for left, right in used])
+    across = _differences(position, [(columns[right], columns[left]) for left, right in used])
     mean = _mean(across)
     if not np.isfinite(mean).all():
         raise ValueError(
-            f"axes cannot be inferred: no marker pair such as LASIS and RASIS tells left; {ASK}"
+            f"axes cannot be inferred: no marker pair such as LASIS and RASIS shows left; {ASK}"
         )
-    why = "the pairs " + ", ".join("/".join(pair) for pair in used[:3])
-    left = _nearest_axis(mean - (mean @ up) * up, why)
+    named = tuple("/".join(pair) for pair in used[:PAIRS_NAMED])
+    left = _nearest_axis(mean - (mean @ up) * up, f"the marker pairs {', '.join(named)}")
     seen = across[np.isfinite(across).all(axis=-1)]
-    if trunk and np.mean(seen @ left > 0) < FACING_ONE_WAY:
+    if trunk and np.mean(seen @ left > 0) < MIN_SHARE_FACING_ONE_WAY:
         raise ValueError(f"axes cannot be inferred: the subject turns around; {ASK}")
-    return left, why
+    return left, named
 
 
-def _sites(places: dict[str, int], sites: Iterable[str]) -> list[int]:
-    return [k for name, k in places.items() if _bare(name)[1:] in sites]
+def _sites(columns: Mapping[str, int], sites: Iterable[str]) -> list[int]:
+    return [k for name, k in columns.items() if _bare(name)[1:] in sites]
 
 
-def _side_pairs(places: dict[str, int]) -> list[tuple[str, str]]:
-    swap = {"L": "R", "l": "r"}
+def _side_pairs(columns: Mapping[str, int]) -> list[tuple[str, str]]:
+    """Give the labels that differ by side only, (left, right)."""
+    opposite = {"L": "R", "l": "r"}
     return [
         (name, other)
-        for name in places
-        if name[:1] in swap and (other := swap[name[0]] + name[1:]) in places
+        for name in columns
+        if name[:1] in opposite and (other := opposite[name[0]] + name[1:]) in columns
     ]
 
 
-def _heel_toe_pairs(places: dict[str, int]) -> list[tuple[int, int]]:
-    found = {_bare(name): k for name, k in places.items()}
+def _heel_toe_pairs(columns: Mapping[str, int]) -> list[tuple[int, int]]:
+    found = {_bare(name): k for name, k in columns.items()}
     return [
         (found[side + heel], found[side + toe])
         for side in "LR"
@@ -252,12 +277,12 @@ def _mean(vectors: Array) -> Array:
     return known.mean(axis=0) if len(known) else np.full(3, np.nan)
 
 
-def _nearest_axis(vector: Array, why: str) -> Array:
+def _nearest_axis(vector: Array, source: str) -> Array:
     k = int(np.argmax(np.abs(vector)))
-    if not abs(vector[k]) > np.cos(np.deg2rad(30)) * np.linalg.norm(vector):
+    if not abs(vector[k]) > np.cos(np.deg2rad(MAX_ANGLE_TO_AXIS_DEG)) * np.linalg.norm(vector):
         raise ValueError(
-            f"axes cannot be inferred: the direction from {why} is more than 30° away from "
-            f"every axis of the file; {ASK}"
+            f"axes cannot be inferred: the direction of {source} is more than "
+            f"{MAX_ANGLE_TO_AXIS_DEG:g}° away from every axis of the file; {ASK}"
         )
     return np.asarray(np.sign(vector[k]) * np.eye(3)[k])
 

@@ -1,4 +1,4 @@
-"""Motek D-Flow's text files (mocap module, with or without the record module) -> Recording."""
+"""Text files of Motek D-Flow's mocap module, with or without one of its record module."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -9,25 +9,34 @@ from typing import Final, Literal
 import numpy as np
 
 from hbm.markers import Markers
+from hbm.notes import Note
 from hbm.spatial import Array, rotate_wrench
 from pipeline.io.axes import parse_axes, settle_axes
 from pipeline.io.dflow_record import on_clock, read_record
-from pipeline.io.labels import renamed
+from pipeline.io.labels import rename_markers
 from pipeline.io.moment_reference import wrench_about_origin
-from pipeline.io.recording import Analog, Plate, Recording
+from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.text_table import parse_rows, read_lines
 from pipeline.io.units import check_span
 
 AXES: Final = "right,up,back"
-RATES_HZ: Final = np.array(
+"""D-Flow's own, of x, y and z."""
+CUSTOMARY_RATES_HZ: Final = np.array(
     [30, 50, 60, 100, 120, 125, 128, 150, 200, 240, 250, 256, 300, 400, 500, 1000], float
 )
-NEAR_A_RATE: Final = 0.02
+MAX_RATE_DIFFERENCE: Final = 0.02
+"""Relative: the slope of time stamps that lag is a customary rate to 2 %."""
+MIN_FRAME_S: Final = 1e-4
+MAX_FRAME_S: Final = 1.0
+"""Time per frame of a camera system; beyond it the stamps are not in seconds."""
+MAX_DROPPED_RATIO: Final = 2
+"""Frames spanned per frame held: with more dropped, this is not one recording."""
 SEGMENTS: Final = {
     *("pelvis", "thorax", "spine", "pelvislegs", "toes", "head"),
     *(f"{side}{name}" for side in "lr" for name in ("femur", "tibia", "foot", "toes")),
     *(f"{side}{name}" for side in "lr" for name in ("humerus", "forearm", "hand", "clavicle")),
 }
+"""Columns of D-Flow's body model that are named as markers are."""
 UNITS: Final = {".Anlg": "V", ".Ang": "deg", ".Mom": "N·m", ".Pow": "W"}
 PLATE: Final = re.compile(r"FP(\d+)\.For[XYZ]")
 MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
@@ -42,7 +51,7 @@ class _Table:
     stamps: Array
     first_frame: int
     rate_hz: float
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
 
     def vector(self, stem: str) -> Array:
         wanted = [f"{stem}{axis}" for axis in "XYZ"]
@@ -69,8 +78,8 @@ def read_dflow(
         Lab directions of the file's x, y and z axis; by default D-Flow's, "right,up,back". Up is
         checked against markers and plates.
     record
-        A record file of the same session: its signals come onto the cameras' clock as analog
-        channels, its events into ``metadata["dflow_events"]``: letter -> times [s].
+        A record file of the same session: its signals become analog channels on the cameras'
+        clock, its events ``metadata.dflow_events``.
     rename
         Label in the file -> label wanted.
     missing
@@ -94,10 +103,10 @@ def read_dflow(
 
     Notes
     -----
-    A marker that stands in exactly the same place, to the micrometre, as in the frame before was
-    not seen: noise never repeats itself in three coordinates. Force is taken as acting on the
-    subject, and moments as about the common origin of plates and cameras; `wrench_about_origin`
-    checks this against the centres of pressure and takes another point where they demand it.
+    A marker at exactly the same place, to the micrometre, as in the frame before was not seen:
+    noise never repeats itself in three coordinates. Force is taken as acting on the subject, and
+    moments as about the common origin of plates and cameras; `wrench_about_origin` checks this
+    against the centres of pressure and takes another point where they demand it.
     """
     path = Path(path)
     try:
@@ -120,30 +129,32 @@ def _read(
     check_span(position, "m")
     plates = dict.fromkeys(int(m[1]) for name in table.names if (m := PLATE.fullmatch(name)))
     forces = [table.vector(f"FP{k}.For") for k in plates]
-    names = tuple(renamed(dict.fromkeys(stems, 0), rename))
+    names = tuple(rename_markers(dict.fromkeys(stems, 0), rename))
     loads = [np.nan_to_num(force).mean(axis=0) for force in forces]
-    settled, note = settle_axes(axes or AXES, position, names, plate_forces=loads)
+    settled, axes_notes = settle_axes(axes or AXES, position, names, plate_forces=loads)
+    if axes is None:
+        default = Note.of("axes_of_format", axes=AXES.split(","), program="D-Flow")
+        axes_notes = (default, *axes_notes[1:])
     to_lab = parse_axes(settled)
     time = np.arange(len(position)) / table.rate_hz
-    found = [_plate(table, k, time, to_lab) for k in plates]
+    placed = [_plate(table, k, time, to_lab) for k in plates]
     used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
     used |= {f"FP{k}.{q}{axis}" for k in plates for q in ("For", "Mom", "Cop") for axis in "XYZ"}
     analog = _analog(table, used, time)
-    metadata: dict[str, object] = {"software": "D-Flow"}
-    notes = [note if axes else note.replace("as stated", "D-Flow's axes"), *table.notes, *gaps]
+    notes = [*axes_notes, *table.notes, *gaps]
+    events: Mapping[str, tuple[float, ...]] = {}
     if record:
         signals = read_record(record)
-        analog, events, said = on_clock(signals, record.name, table.stamps, time, analog)
-        metadata["dflow_events"] = events
-        notes.append(said)
+        analog, events, note = on_clock(signals, record.name, table.stamps, time, analog)
+        notes.append(note)
     return Recording(
         source=path,
         markers=Markers(time, names, position @ to_lab.T),
-        plates=tuple(plate for plate, _ in found),
+        plates=tuple(plate for plate, _ in placed),
         analog=analog,
         first_frame=table.first_frame,
-        metadata=metadata,
-        notes=(*notes, *(said for _, said in found)),
+        metadata=Metadata(software="D-Flow", dflow_events=events),
+        notes=(*notes, *(note for _, note in placed)),
     )
 
 
@@ -169,76 +180,71 @@ def _table(path: Path) -> _Table:
     frames, stamps, values = frames[new], stamps[new], values[new]
     index = (frames - frames[0]).astype(int)
     total = index[-1] + 1
-    if len(frames) < 2 or total > 2 * len(frames):
+    if len(frames) < 2 or total > MAX_DROPPED_RATIO * len(frames):
         raise ValueError(
             f"FrameNumber spans {total} frames, but the file holds {len(frames)} of them"
         )
     full = np.full((total, values.shape[1]), np.nan)
     full[index] = values
-    notes = [f"{np.count_nonzero(~new)} rows repeat a frame and were left out."] * (not new.all())
+    rate, clock = _rate(index, stamps)
+    notes = [clock]
+    if not new.all():
+        notes.append(Note.of("rows_repeated", rows=np.count_nonzero(~new)))
     if total > len(frames):
-        notes.append(f"{total - len(frames)} of {total} frames were dropped; they are gaps.")
-    rate, said = _rate(index, stamps)
+        notes.append(Note.of("frames_dropped", dropped=total - len(frames), frames=total))
     return _Table(
         names=tuple(names),
         values=full,
         stamps=full[:, names.index("TimeStamp")],
         first_frame=int(frames[0]),
         rate_hz=rate,
-        notes=(said, *notes),
+        notes=tuple(notes),
     )
 
 
-def _rate(index: Array, stamps: Array) -> tuple[float, str]:
+def _rate(index: Array, stamps: Array) -> tuple[float, Note]:
     """Give the cameras' rate: the slope of the time stamps, or the customary rate next to it."""
     offset = index - index.mean()
     slope = float(offset @ stamps / (offset @ offset))
-    if not 1e-4 < slope < 1:
+    if not MIN_FRAME_S < slope < MAX_FRAME_S:
         raise ValueError(
             f"its time stamps advance {slope:.3g} s per frame, expected seconds of a camera system"
         )
-    nearest = float(RATES_HZ[np.argmin(np.abs(RATES_HZ * slope - 1))])
-    rate = nearest if abs(nearest * slope - 1) < NEAR_A_RATE else 1 / slope
-    late = stamps - stamps[0] - index / rate
-    return rate, (
-        f"The frame number drives time at {rate:g} Hz; time stamps scatter "
-        f"{1000 * np.ptp(late - np.median(late)):.0f} ms about it."
-    )
+    nearest = float(CUSTOMARY_RATES_HZ[np.argmin(np.abs(CUSTOMARY_RATES_HZ * slope - 1))])
+    rate = nearest if abs(nearest * slope - 1) < MAX_RATE_DIFFERENCE else 1 / slope
+    scatter_s = float(np.ptp(stamps - index / rate))
+    return rate, Note.of("frame_clock", rate_hz=rate, scatter_s=scatter_s)
 
 
-def _gaps(position: Array, names: Sequence[str], missing: str) -> list[str]:
-    """Make markers that no camera saw NaN, in place; say how many."""
+def _gaps(position: Array, names: Sequence[str], missing: str) -> list[Note]:
+    """Make markers that no camera saw NaN, in place, and note how many."""
     zero = (position == 0).all(axis=-1)
     held = np.zeros_like(zero)
     held[1:] = (np.diff(position, axis=0) == 0).all(axis=-1) & ~zero[1:]
     notes = []
-    for kind, hit, words in (("zero", zero, "written as zero"), ("held", held, "held in place")):
-        if missing in ("auto", kind) and hit.any():
-            position[hit] = np.nan
-            where = ", ".join(
-                name for name, lost in zip(names, hit.any(axis=0), strict=True) if lost
-            )
-            count = np.count_nonzero(hit)
-            notes.append(f"{count} marker samples {words} are gaps ({where}).")
+    for kind, unseen, code in (
+        ("zero", zero, "markers_written_as_zero"),
+        ("held", held, "markers_held"),
+    ):
+        if missing in ("auto", kind) and unseen.any():
+            position[unseen] = np.nan
+            with_gaps = unseen.any(axis=0)
+            markers = [name for name, gap in zip(names, with_gaps, strict=True) if gap]
+            notes.append(Note.of(code, samples=np.count_nonzero(unseen), markers=markers))
     return notes
 
 
-def _plate(table: _Table, number: int, time: Array, to_lab: Array) -> tuple[Plate, str]:
+def _plate(table: _Table, number: int, time: Array, to_lab: Array) -> tuple[Plate, Note]:
     force, moment = (table.vector(f"FP{number}.{quantity}") for quantity in ("For", "Mom"))
-    pressed = f"FP{number}.CopX" in table.names
+    has_pressure = f"FP{number}.CopX" in table.names
     wrench, note = wrench_about_origin(
         force,
         moment,
-        table.vector(f"FP{number}.Cop") if pressed else None,
+        table.vector(f"FP{number}.Cop") if has_pressure else None,
         to_lab[2],
         f"plate {number}",
     )
-    return plate_at_origin(number, time, rotate_wrench(wrench, to_lab)), note
-
-
-def plate_at_origin(number: int, time: Array, wrench: Array) -> Plate:
-    """Give a plate of which only the wrench in the lab about its origin is known."""
-    return Plate(number, time, wrench, np.eye(3), np.zeros(3), np.full((4, 3), np.nan))
+    return Plate.at_origin(number, time, rotate_wrench(wrench, to_lab)), note
 
 
 def _analog(table: _Table, used: set[str], time: Array) -> Analog | None:

@@ -1,4 +1,4 @@
-"""D-Flow's record module: signals at D-Flow's own uneven rate, and events between the rows."""
+"""Text files of D-Flow's record module: signals at uneven times, and events between the rows."""
 
 import re
 from collections import Counter
@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.notes import Note
 from hbm.spatial import Array, read_only
 from pipeline.io.recording import Analog
 from pipeline.io.text_table import parse_rows, read_lines
@@ -102,7 +103,7 @@ def _parse(lines: list[str]) -> Record:
 
 def on_clock(
     record: Record, name: str, stamps: Array, time: Array, analog: Analog | None
-) -> tuple[Analog, dict[str, tuple[float, ...]], str]:
+) -> tuple[Analog, dict[str, tuple[float, ...]], Note]:
     """Bring a record onto the cameras' clock.
 
     Parameters
@@ -125,7 +126,7 @@ def on_clock(
     events
         Letter -> times [s] on the recording's clock.
     note
-        What was done, a sentence.
+        ``record_interpolated``.
 
     Raises
     ------
@@ -134,7 +135,7 @@ def on_clock(
 
     Notes
     -----
-    Stamps scatter and stack up when D-Flow lags, so the clocks are related by a straight line
+    Time stamps scatter and bunch up when D-Flow lags, so the clocks are related by a straight line
     through all of them, not frame by frame.
     """
     seen = np.isfinite(stamps)
@@ -164,12 +165,6 @@ def on_clock(
         letter: tuple((at - start) / float(rate) for at in times)
         for letter, times in record.events.items()
     }
-    counted = ", ".join(f"{letter} ×{len(times)}" for letter, times in events.items())
-    return (
-        both,
-        events,
-        (
-            f"{len(record.names)} signals of {name} were interpolated onto the markers' clock; "
-            f"events: {counted or 'none'}."
-        ),
-    )
+    counted = [f"{letter} ×{len(times)}" for letter, times in events.items()] or ["none"]
+    note = Note.of("record_interpolated", signals=len(record.names), file=name, events=counted)
+    return both, events, note

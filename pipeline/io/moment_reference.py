@@ -1,20 +1,27 @@
-"""About which point a file's plate moments are: found from its own centres of pressure."""
+"""The point about which a file's plate moments are, found from its own centres of pressure."""
 
 from typing import Final
 
 import numpy as np
 
+from hbm.notes import Note
 from hbm.spatial import Array
 
-LOADED_N: Final = 100.0
-FEWEST: Final = 10
-SAME_M: Final = 1e-4
-AGREES_M: Final = 0.01
+MIN_VERTICAL_FORCE_N: Final = 100.0
+"""Below it the centre of pressure is too noisy to compare with."""
+MIN_LOADED_SAMPLES: Final = 10
+"""Samples from which the point is found; it has up to three unknown coordinates."""
+EQUAL_MISFIT_M: Final = 1e-4
+"""Files round centres of pressure to tenths of a millimetre: less is no difference."""
+EQUAL_MISFIT_RATIO: Final = 1.05
+"""A simpler point that fits 5 % worse than the best one is as good."""
+MAX_MISFIT_M: Final = 0.01
+"""Moments of one plate agree with its centres of pressure within millimetres."""
 
 
 def wrench_about_origin(
     force: Array, moment: Array, pressure: Array | None, up: Array, plate: str
-) -> tuple[Array, str]:
+) -> tuple[Array, Note]:
     """Give a plate's wrench about the origin of the file's axes.
 
     Parameters
@@ -33,7 +40,8 @@ def wrench_about_origin(
     wrench
         (N, 6) [N, N·m].
     note
-        What was checked or assumed, a sentence.
+        ``moments_located``, or ``moments_without_pressure`` or ``moments_unloaded`` where the
+        moments are taken as about the origin unchecked.
 
     Raises
     ------
@@ -48,35 +56,32 @@ def wrench_about_origin(
     displacement of the centre of pressure that would explain it, median over the samples.
     """
     wrench = np.hstack([force, moment])
-    loaded = np.abs(force @ up) > LOADED_N
+    loaded = np.abs(force @ up) > MIN_VERTICAL_FORCE_N
     if loaded.any() and not (moment[loaded] @ up).any():
         raise ValueError(
             f"{plate}: the vertical moment is zero while the plate is loaded, so it was not "
             "exported; export all three moments"
         )
-    assumed = f"{plate}: moments are taken as about the origin of the file's axes"
     if pressure is None:
-        return wrench, f"{assumed}; without centres of pressure this cannot be checked."
+        return wrench, Note.of("moments_without_pressure", plate=plate)
     loaded &= np.isfinite(pressure).all(axis=1) & pressure.any(axis=1)
     loaded &= np.isfinite(wrench).all(axis=1)
-    if np.count_nonzero(loaded) < FEWEST:
-        return wrench, f"{assumed}; the plate is never loaded enough to check this."
+    if np.count_nonzero(loaded) < MIN_LOADED_SAMPLES:
+        return wrench, Note.of("moments_unloaded", plate=plate)
     point, misfit = _simplest(force[loaded], moment[loaded], pressure[loaded], up)
-    if misfit > AGREES_M:
+    if misfit > MAX_MISFIT_M:
         raise ValueError(
             f"{plate}: moments and centres of pressure disagree by {1000 * misfit:.0f} mm about "
-            f"whatever point, expected less than {1000 * AGREES_M:.0f} mm: the units, axes or "
+            f"any point, expected less than {1000 * MAX_MISFIT_M:.0f} mm: the units, axes or "
             "signs of its columns are not those of one plate"
         )
     wrench[:, 3:] += np.cross(point, force)
-    where = ", ".join(f"{x:.3f}" for x in point) if point.any() else "0, 0, 0"
-    return wrench, (
-        f"{plate}: moments are about the point ({where}) m of the file's axes, where they agree "
-        f"with the centres of pressure within {1000 * misfit:.1f} mm."
-    )
+    x, y, z = (float(coordinate) for coordinate in point)
+    return wrench, Note.of("moments_located", plate=plate, x_m=x, y_m=y, z_m=z, misfit_m=misfit)
 
 
 def _simplest(force: Array, moment: Array, pressure: Array, up: Array) -> tuple[Array, float]:
+    """Give the simplest point about which the moments may be, (3,), and its misfit [m]."""
     axes = np.eye(3)
     level = axes[np.abs(axes @ up) < 0.5]
     tilt = moment - np.cross(pressure, force)
@@ -91,6 +96,6 @@ def _simplest(force: Array, moment: Array, pressure: Array, up: Array) -> tuple[
         solved = np.linalg.lstsq(np.stack(columns, 1), -(tilt @ level.T).ravel())[0]
         candidates.append(solved @ directions)
     misfits = [misfit(point) for point in candidates]
-    enough = min(misfits) * 1.05 + SAME_M
+    enough = min(misfits) * EQUAL_MISFIT_RATIO + EQUAL_MISFIT_M
     chosen = next(k for k, value in enumerate(misfits) if value <= enough)
     return candidates[chosen], misfits[chosen]

@@ -1,4 +1,4 @@
-"""Motek's .mox files (XML) -> Recording."""
+"""Motek's .mox files (XML)."""
 
 import re
 from collections.abc import Mapping
@@ -9,17 +9,19 @@ from xml.etree import ElementTree
 import numpy as np
 
 from hbm.markers import Markers
+from hbm.notes import Note
 from hbm.spatial import Array, rotate_wrench
 from pipeline.io.axes import parse_axes, settle_axes
-from pipeline.io.dflow import plate_at_origin
-from pipeline.io.labels import renamed
+from pipeline.io.labels import rename_markers
 from pipeline.io.moment_reference import wrench_about_origin
-from pipeline.io.recording import Analog, Plate, Recording
+from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.text_table import decoded, read_number
 from pipeline.io.units import check_span
 
 ROOT: Final = "moxie_viewer_datafile"
-HEADER: Final = {"patient_id": "subject", "trial_date": "date", "comments": "comments"}
+MAX_RATE_HZ: Final = 1e6
+MAX_VALUE: Final = 1e9
+"""Beyond these nothing was measured: the file is damaged."""
 MARKER: Final = re.compile(
     r"(?:(?:Marker|Position)[ -]+(?P<a>\S+) |(?P<b>\S+)\.Pos)(?P<axis>[XYZ])"
 )
@@ -60,8 +62,8 @@ def read_mox(
     -----
     No sample of the format is public; the structure is that of two programs which read it. They
     do not agree on the sign of horizontal forces. Here force acts on the subject and the moment is
-    about the origin of the file's axes, checked against Cop channels where there are any; the
-    notes of the recording say that this stands unconfirmed.
+    about the origin of the file's axes, checked against Cop channels where there are any; a note
+    of the recording states that this is unconfirmed.
     """
     path = Path(path)
     try:
@@ -91,25 +93,27 @@ def _read(path: Path, axes: str | None, rename: Mapping[str, str]) -> Recording:
         np.nan_to_num(_vectors(parts, [f"{n} for"], channels, rates)[1][:, 0]).mean(axis=0)
         for n in numbers
     ]
-    names = tuple(renamed(dict.fromkeys(stems, 0), rename))
-    settled, note = settle_axes(axes, position, names, plate_forces=loads)
+    names = tuple(rename_markers(dict.fromkeys(stems, 0), rename))
+    settled, axes_notes = settle_axes(axes, position, names, plate_forces=loads)
     to_lab = parse_axes(settled)
     plates = [_plate(n, parts, channels, rates, to_lab) for n in numbers]
     rest = [k for k in channels if k not in marked and k not in on_plates]
-    analog, said = _analog(rest, channels, rates, rate, len(position))
-    doubt = "The sign of this .mox file's forces is taken as acting on the subject, unconfirmed."
+    analog, analog_notes = _analog(rest, channels, rates, rate, len(position))
+    plate_notes = [note for _, note in plates]
+    if plates:
+        plate_notes.append(Note.of("force_sign_unconfirmed"))
     return Recording(
         source=path,
         markers=Markers(np.arange(len(position)) / rate, names, position @ to_lab.T),
         plates=tuple(plate for plate, _ in plates),
         analog=analog,
         metadata=header,
-        notes=(note, *(text for _, text in plates), *([doubt] if plates else []), *said),
+        notes=(*axes_notes, *plate_notes, *analog_notes),
     )
 
 
-def _channels(content: bytes) -> tuple[dict[str, object], dict[str, Array], dict[str, float]]:
-    """Give the header, and each channel's samples and rate [Hz]."""
+def _channels(content: bytes) -> tuple[Metadata, dict[str, Array], dict[str, float]]:
+    """Give what the header says, and each channel's samples and rate [Hz]."""
     decoded(content)
     try:
         root = ElementTree.fromstring(content)
@@ -119,9 +123,10 @@ def _channels(content: bytes) -> tuple[dict[str, object], dict[str, Array], dict
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != ROOT:
         raise ValueError(f"not a .mox file: its root is {root.tag!r}, expected {ROOT!r}")
-    stated = {key: root.findtext(f"viewer_header/{tag}", "") for tag, key in HEADER.items()}
-    header: dict[str, object] = {key: text.strip() for key, text in stated.items() if text.strip()}
-    count = root.findtext("viewer_header/nr_of_samples", "").strip()
+    subject, date, comments, count = (
+        root.findtext(f"viewer_header/{tag}", "").strip()
+        for tag in ("patient_id", "trial_date", "comments", "nr_of_samples")
+    )
     channels: dict[str, Array] = {}
     rates: dict[str, float] = {}
     for element in root.iterfind("viewer_data/viewer_channel"):
@@ -135,13 +140,13 @@ def _channels(content: bytes) -> tuple[dict[str, object], dict[str, Array], dict
             channels[name] = np.array(words, float)
         except ValueError:
             channels[name] = np.array([read_number(word, f"channel {name!r}") for word in words])
-        if not 0 < rates[name] < 1e6 or not (np.abs(channels[name]) < 1e9).all():
-            raise ValueError(f"channel {name!r} holds a rate or value that was never measured")
+        if not 0 < rates[name] < MAX_RATE_HZ or not (np.abs(channels[name]) < MAX_VALUE).all():
+            raise ValueError(f"channel {name!r} holds a rate or value that cannot be measured")
     if not channels:
         raise ValueError("it holds no channels (viewer_data/viewer_channel)")
     if count and all(str(len(samples)) != count for samples in channels.values()):
         raise ValueError(f"its header says nr_of_samples {count}, but no channel holds as many")
-    return header, channels, rates
+    return Metadata(subject=subject, date=date, comments=comments), channels, rates
 
 
 def _vectors(
@@ -172,16 +177,16 @@ def _plate(
     channels: Mapping[str, Array],
     rates: Mapping[str, float],
     to_lab: Array,
-) -> tuple[Plate, str]:
-    pressed = (f"{number} cop", "X") in parts
-    stems = [f"{number} {what}" for what in ("for", "mom", *(["cop"] if pressed else []))]
+) -> tuple[Plate, Note]:
+    has_pressure = (f"{number} cop", "X") in parts
+    stems = [f"{number} {what}" for what in ("for", "mom", *(["cop"] if has_pressure else []))]
     rate, vectors = _vectors(parts, stems, channels, rates)
     force, moment, *pressure = vectors.transpose(1, 0, 2)
     wrench, note = wrench_about_origin(
-        force, moment, pressure[0] if pressed else None, to_lab[2], f"plate {number}"
+        force, moment, pressure[0] if has_pressure else None, to_lab[2], f"plate {number}"
     )
     time = np.arange(len(force)) / rate
-    return plate_at_origin(number, time, rotate_wrench(wrench, to_lab)), note
+    return Plate.at_origin(number, time, rotate_wrench(wrench, to_lab)), note
 
 
 def _analog(
@@ -190,8 +195,8 @@ def _analog(
     rates: Mapping[str, float],
     marker_rate: float,
     frames: int,
-) -> tuple[Analog | None, list[str]]:
-    """Give the channels of the commonest clock but the markers'; say what is left out."""
+) -> tuple[Analog | None, list[Note]]:
+    """Give the channels of the commonest rate and length, and note which are left out."""
     clocks = [(rates[k], len(channels[k])) for k in names]
     if not clocks:
         return None, []
@@ -200,5 +205,5 @@ def _analog(
     left = [k for k in names if k not in kept]
     time = np.arange(clock[1]) / clock[0]
     values = np.column_stack([channels[k] for k in kept])
-    notes = [f"Channels of another rate were left out: {', '.join(left)}."] if left else []
+    notes = [Note.of("channels_left_out", channels=left)] if left else []
     return Analog(time, tuple(kept), ("",) * len(kept), values), notes

@@ -1,4 +1,4 @@
-"""Vicon Nexus' ASCII exports -> Recording."""
+"""ASCII exports of Vicon Nexus."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from hbm.markers import Markers
+from hbm.notes import Note
 from hbm.spatial import Array, rotate_wrench
 from pipeline.io.axes import parse_axes, settle_axes
-from pipeline.io.dflow import plate_at_origin
-from pipeline.io.labels import renamed
+from pipeline.io.labels import rename_markers
 from pipeline.io.moment_reference import wrench_about_origin
 from pipeline.io.nexus_blocks import Block, Group, read_blocks
-from pipeline.io.recording import Analog, Plate, Recording
+from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.text_table import read_lines
 from pipeline.io.units import check_span, force_in_n, length_in_m, moment_in_nm
 
@@ -59,10 +59,10 @@ def read_nexus(
 
     Notes
     -----
-    Nexus exports forces in the lab's axes, by its settings on the plate or on the subject: nobody
-    hangs from a plate, so that forces which pull down are those on the plate, and change sign. Its
-    moments are about the plate's centre, which the file does not state: `wrench_about_origin` finds
-    it from the centres of pressure.
+    Nexus exports forces in the lab's axes, by its settings as acting on the plate or on the
+    subject. Forces that pull down on average are those on the plate, for nobody hangs from one, and
+    change sign. Its moments are about the plate's centre, which the file does not state:
+    `wrench_about_origin` finds it from the centres of pressure.
     """
     path = Path(path)
     try:
@@ -89,24 +89,26 @@ def _read(path: Path, axes: str | None, rename: Mapping[str, str]) -> Recording:
     )
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     check_span(position, markers[0].units[0])
-    names = tuple(renamed(dict.fromkeys(labels, 0), rename))
-    settled, note = settle_axes(axes, position, names)
+    names = tuple(rename_markers(dict.fromkeys(labels, 0), rename))
+    settled, axes_notes = settle_axes(axes, position, names)
     to_lab = parse_axes(settled)
-    notes = [note, *skipped]
+    notes = [*axes_notes, *skipped]
     if owners:
-        notes.append(f"Subject prefixes were removed from the labels: {', '.join(owners)}.")
+        notes.append(Note.of("subject_prefixes_removed", subjects=owners))
     plates: list[Plate] = []
     analog = None
     if "devices" in blocks:
-        plates, analog, said = _devices(blocks["devices"], block.frame[0], block.rate_hz, to_lab)
-        notes += said
+        plates, analog, device_notes = _devices(
+            blocks["devices"], block.frame[0], block.rate_hz, to_lab
+        )
+        notes += device_notes
     return Recording(
         source=path,
         markers=Markers((block.frame - block.frame[0]) / block.rate_hz, names, position @ to_lab.T),
         plates=tuple(plates),
         analog=analog,
         first_frame=int(block.frame[0]),
-        metadata={"software": "Vicon Nexus", **({"subject": owners[0]} if owners else {})},
+        metadata=Metadata(software="Vicon Nexus", subject=next(iter(owners), "")),
         model_outputs=_outputs(blocks.get("model outputs"), block),
         notes=tuple(notes),
     )
@@ -114,7 +116,8 @@ def _read(path: Path, axes: str | None, rename: Mapping[str, str]) -> Recording:
 
 def _devices(
     block: Block, first: float, rate_hz: float, to_lab: Array
-) -> tuple[list[Plate], Analog | None, list[str]]:
+) -> tuple[list[Plate], Analog | None, list[Note]]:
+    """Give plates and analog channels in lab axes."""
     per_frame = block.rate_hz / rate_hz
     if abs(per_frame - round(per_frame)) > 1e-6 or block.sub_frame.max() >= round(per_frame):
         raise ValueError(
@@ -134,7 +137,7 @@ def _devices(
     found = {stem: _channels(block, stem, parts) for stem, parts in measured.items()}
     push = sum(float(np.nan_to_num(c.force @ to_lab[2]).mean()) for c in found.values())
     sign = -1.0 if push < 0 else 1.0
-    notes = ["The file's forces act on the plates; their sign was changed."] * (push < 0)
+    notes = [Note.of("forces_reversed")] if push < 0 else []
     plates = []
     for number, (stem, channels) in enumerate(found.items(), start=1):
         wrench, note = wrench_about_origin(
@@ -144,7 +147,7 @@ def _devices(
             to_lab[2],
             f"plate {number} ({stem})",
         )
-        plates.append(plate_at_origin(number, time, rotate_wrench(wrench, to_lab)))
+        plates.append(Plate.at_origin(number, time, rotate_wrench(wrench, to_lab)))
         notes.append(note)
     used = [group for parts in measured.values() for group in parts.values()]
     return plates, _analog(block, [g for g in block.groups if g not in used], time), notes

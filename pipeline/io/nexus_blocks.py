@@ -1,4 +1,4 @@
-"""The blocks of a Vicon Nexus ASCII export, before anything is known of what they mean."""
+"""The blocks of a Vicon Nexus ASCII export: tables of numbers under groups of columns."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,12 +6,16 @@ from typing import Final
 
 import numpy as np
 
+from hbm.notes import Note
 from hbm.spatial import Array
 from pipeline.io.text_table import parse_rows
 
 TITLES: Final = ("devices", "trajectories", "model outputs")
 SEPARATORS: Final = ("\t", ";", ",")
 HEADER_LINES: Final = 5
+"""Title, rate, groups, components, units."""
+MAX_RATE_HZ: Final = 1e6
+"""Beyond it the line is no rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +44,12 @@ class Block:
 
 
 def is_nexus(lines: Sequence[str]) -> bool:
-    """Say whether a text begins like a Nexus export: a title, a rate, later "Frame, Sub Frame"."""
+    """Whether a text begins like a Nexus export: a title, a rate, then "Frame, Sub Frame"."""
     filled = [line for line in lines if _bare(line)][:4]
     return len(filled) > 2 and "".join(filled[2:]).lower().replace(" ", "").find("subframe") >= 0
 
 
-def read_blocks(lines: Sequence[str]) -> tuple[dict[str, Block], list[str]]:
+def read_blocks(lines: Sequence[str]) -> tuple[dict[str, Block], list[Note]]:
     """Cut an export into blocks.
 
     Parameters
@@ -58,7 +62,7 @@ def read_blocks(lines: Sequence[str]) -> tuple[dict[str, Block], list[str]]:
     blocks
         Title in small letters -> block; of devices, trajectories and model outputs.
     notes
-        Which other blocks were left out.
+        ``blocks_left_out`` where there are other blocks.
 
     Raises
     ------
@@ -86,7 +90,7 @@ def read_blocks(lines: Sequence[str]) -> tuple[dict[str, Block], list[str]]:
         else:
             skipped.append(title[:40])
         start = stop
-    notes = [f"Blocks that are not read: {', '.join(skipped)}."] if skipped else []
+    notes = [Note.of("blocks_left_out", blocks=skipped)] if skipped else []
     return blocks, notes
 
 
@@ -135,7 +139,7 @@ def _rate(text: str) -> float:
         rate = float(text)
     except ValueError as error:
         raise ValueError(f"its second line is {text[:40]!r}, expected a rate in Hz") from error
-    if not 0 < rate < 1e6:
+    if not 0 < rate < MAX_RATE_HZ:
         raise ValueError(f"its rate is {rate:g} Hz")
     return rate
 

@@ -1,11 +1,14 @@
-"""What a file holds once it has been read: types only, no reading."""
+"""Types of what a file holds once it has been read."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
+
 from hbm.markers import Markers
+from hbm.notes import Note
 from hbm.spatial import Array, read_only, transform_wrench
 
 
@@ -58,6 +61,11 @@ class Plate:
     def rate_hz(self) -> float:
         """Sampling rate [Hz]."""
         return _rate_hz(self.time)
+
+    @classmethod
+    def at_origin(cls, number: int, time: Array, wrench: Array) -> "Plate":
+        """Make a plate of which only the wrench in the lab about its origin is known, (N, 6)."""
+        return cls(number, time, wrench, np.eye(3), np.zeros(3), np.full((4, 3), np.nan))
 
     @property
     def wrench(self) -> Array:
@@ -115,6 +123,45 @@ class Analog:
 
 
 @dataclass(frozen=True, slots=True)
+class Metadata:
+    """What a file says of its subject and origin; empty or None where it does not say.
+
+    Attributes
+    ----------
+    subject, marker_set
+        Names.
+    manufacturer, software, date, comments
+        Of the recording, as the file writes them.
+    mass_kg, height_m
+        Body mass and stature.
+    left_leg_length_m, right_leg_length_m, left_knee_width_m, right_knee_width_m, \
+left_ankle_width_m, right_ankle_width_m
+        As measured on the subject.
+    dflow_events
+        Letter of a D-Flow event -> its times, (E,) [s].
+    """
+
+    subject: str = ""
+    marker_set: str = ""
+    manufacturer: str = ""
+    software: str = ""
+    date: str = ""
+    comments: str = ""
+    mass_kg: float | None = None
+    height_m: float | None = None
+    left_leg_length_m: float | None = None
+    right_leg_length_m: float | None = None
+    left_knee_width_m: float | None = None
+    right_knee_width_m: float | None = None
+    left_ankle_width_m: float | None = None
+    right_ankle_width_m: float | None = None
+    dflow_events: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "dflow_events", MappingProxyType(dict(self.dflow_events)))
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
     """One trial as recorded, in SI units and lab axes (X forward, Y left, Z up).
 
@@ -133,20 +180,20 @@ class Recording:
     first_frame
         Number of the first frame in the file's own counting; times start at 0 there.
     metadata
-        What else the file says: subject, mass_kg, height_m, marker_set, manufacturer, …
+        What the file says of its subject and origin.
     model_outputs
         Angles, moments and powers that another program stored in the file: name -> (T, 3) in the
         file's own units.
     notes
-        What was inferred or changed on reading, as sentences for a person: axes, units, names.
+        What was inferred or changed on reading: axes, units, names.
 
     Examples
     --------
     >>> import hbm, numpy as np, pipeline
     >>> time = np.arange(50) / 100
     >>> heel = hbm.Markers(time, ("LHEE",), np.zeros((50, 1, 3)))
-    >>> pipeline.Recording("heel.c3d", heel, metadata={"mass_kg": 74.6}).metadata["mass_kg"]
-    74.6
+    >>> pipeline.Recording("heel.c3d", heel).markers.rate_hz
+    100.0
     """
 
     source: Path
@@ -155,15 +202,33 @@ class Recording:
     analog: Analog | None = None
     events: tuple[Event, ...] = ()
     first_frame: int = 1
-    metadata: Mapping[str, object] = field(default_factory=dict)
+    metadata: Metadata = field(default_factory=Metadata)
     model_outputs: Mapping[str, Array] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "source", Path(self.source))
-        for name in ("metadata", "model_outputs"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        object.__setattr__(self, "model_outputs", MappingProxyType(dict(self.model_outputs)))
         object.__setattr__(self, "events", tuple(sorted(self.events, key=lambda e: e.time)))
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """A recording at a glance.
+
+    Attributes
+    ----------
+    beginning
+        Its first frames.
+    frames
+        Number of frames in the file.
+    missing
+        Marker -> share of the sampled frames in which it is missing.
+    """
+
+    beginning: Recording
+    frames: int
+    missing: Mapping[str, float]
 
 
 def _rate_hz(time: Array) -> float:

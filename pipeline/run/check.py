@@ -13,8 +13,8 @@ from hbm.spelling import did_you_mean
 from pipeline.config.schema import Condition, SubjectFile, Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.preview import Preview, preview_recording
-from pipeline.io.recording import Recording
+from pipeline.io.preview import preview_recording
+from pipeline.io.recording import Preview, Recording
 from pipeline.trial.gait.events import gait_events
 from pipeline.trial.ground.belts import read_belts
 from pipeline.trial.ground.laboratory import (
@@ -207,7 +207,7 @@ def _check_contents(preview: Preview, rule: Condition, found: _Collector) -> Non
         contents.append("channels " + " ".join(f"{c} [{unit}]" for c, unit in channels))
     contents.append(f"{len(recording.events) or 'no'} gait events")
     found.remark(name, "recording_contents", duration_s=duration_s, contents=tuple(contents))
-    found.notes(name, (Note.of("recording_remark", text=text) for text in recording.notes))
+    found.notes(name, recording.notes)
     if not plates:
         found.fault(name, "no force plates")
     if duration_s < MIN_TRIAL_S:

@@ -164,7 +164,7 @@ def process_recording(
         delay_uncertainty_s=uncertainty,
         ambiguous=shared[best][1],
         notes=(
-            *(Note.of("recording_remark", text=text) for text in recording.notes),
+            *recording.notes,
             weighed,
             *implausible(body, carried_kg=carried),
             *not_carried,

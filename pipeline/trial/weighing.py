@@ -73,17 +73,18 @@ def joint_widths(subject: Subject, pose: Recording) -> tuple[float | None, float
     knee, ankle
         As stated, else the mean of both sides as the recording says; None where nobody says [m].
     """
-
-    def recorded(joint: str) -> float | None:
-        sides = (pose.metadata.get(f"{side}_{joint}_width_m") for side in ("left", "right"))
-        known = [width for width in sides if isinstance(width, float)]
-        return float(np.mean(known)) if known else None
-
+    recorded = pose.metadata
     knee, ankle = subject.knee_width_m, subject.ankle_width_m
-    return (
-        recorded("knee") if knee is None else knee,
-        recorded("ankle") if ankle is None else ankle,
-    )
+    if knee is None:
+        knee = _mean_of_known(recorded.left_knee_width_m, recorded.right_knee_width_m)
+    if ankle is None:
+        ankle = _mean_of_known(recorded.left_ankle_width_m, recorded.right_ankle_width_m)
+    return knee, ankle
+
+
+def _mean_of_known(*values: float | None) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
 
 
 def carried_kg(time: Array, vertical: Array, cycles: Mapping[str, Array]) -> float | None:
@@ -129,7 +130,7 @@ def stature(subject: Subject, pose: Recording) -> float | None:
     float or None
         Stature [m]; None where nobody says.
     """
-    recorded = pose.metadata.get("height_m")
-    if subject.height_m is None and isinstance(recorded, float) and 0.5 <= recorded <= 2.6:
+    recorded = pose.metadata.height_m
+    if subject.height_m is None and recorded is not None and 0.5 <= recorded <= 2.6:
         return recorded
     return subject.height_m

@@ -1,19 +1,27 @@
-"""The data section of a C3D file: how many frames it really holds, and their samples.
+"""The data section of a C3D file: the number of frames that it really holds, and their samples.
 
 Samples are decoded in slices straight from the file, so that the memory needed is that of the
-result: a 12-minute trial never exists in any other form than the arrays that are returned.
+arrays that are returned, for a trial of any length.
 """
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.io.c3d.header import BLOCK, Header, Parameters, floats, integer_type
 
-FRAMES_PER_SLICE = 4096
-MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 100_000.0
+FRAMES_PER_SLICE: Final = 4096
+"""Some megabytes at a time: large enough for NumPy, small beside the result."""
+MIN_RATE_HZ: Final = 0.1
+MAX_RATE_HZ: Final = 100_000.0
+"""Wider than any camera or analog system; beyond it the header is damaged."""
+MAX_COUNT: Final = 65535
+"""Of a 16-bit number: frame counts stop there or start over."""
+MAX_SCALE_DIFFERENCE: Final = 1e-3
+"""Between the header's scale and POINT:SCALE, which programs round differently."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +45,7 @@ class Samples:
 
 
 def read_samples(
-    path: Path, header: Header, parameters: Parameters, most_frames: int | None = None
+    path: Path, header: Header, parameters: Parameters, max_frames: int | None = None
 ) -> Samples:
     """Read all points and analog channels.
 
@@ -47,7 +55,7 @@ def read_samples(
         The C3D file.
     header, parameters
         What `read_header` gave for it.
-    most_frames
+    max_frames
         Read no more than these first frames; by default all.
 
     Returns
@@ -82,7 +90,7 @@ def read_samples(
     _check_scale(header, parameters)
     unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
     frames = count_frames(path, header, parameters)
-    frames = frames if most_frames is None else min(frames, most_frames)
+    frames = frames if max_frames is None else min(frames, max_frames)
     offset, scale = _analog_scaling(parameters, channels, unsigned)
     points = np.empty((frames, n_points, 3))
     analog = np.empty((frames, per_frame, channels))
@@ -100,7 +108,7 @@ def read_samples(
 
 
 def missing_share(
-    path: Path, header: Header, parameters: Parameters, looks: int
+    path: Path, header: Header, parameters: Parameters, sampled: int
 ) -> NDArray[np.float64]:
     """Estimate how often each point is missing, from frames spread evenly over the file.
 
@@ -110,8 +118,8 @@ def missing_share(
         The C3D file.
     header, parameters
         What `read_header` gave for it.
-    looks
-        How many frames to look at; all if there are fewer.
+    sampled
+        Number of frames to sample; all if there are fewer.
 
     Returns
     -------
@@ -124,7 +132,7 @@ def missing_share(
         As `count_frames`.
     """
     frames = count_frames(path, header, parameters)
-    chosen = np.unique(np.linspace(0, frames - 1, looks).round().astype(int))
+    chosen = np.unique(np.linspace(0, frames - 1, sampled).round().astype(int))
     size, start = bytes_per_frame(header), (header.data_block - 1) * BLOCK
     data = bytearray()
     with path.open("rb") as file:
@@ -164,8 +172,8 @@ def count_frames(path: Path, header: Header, parameters: Parameters) -> int:
     Notes
     -----
     Header and POINT:FRAMES have 16 bits: they stop at 65535 or start over. TRIAL:ACTUAL_*_FIELD
-    and POINT:LONG_FRAMES know the truth where a program wrote them; otherwise the size of the data
-    section decides between the numbers that 16 bits may stand for.
+    and POINT:LONG_FRAMES hold the true number where a program wrote them; otherwise the size of the
+    data section decides between the numbers that 16 bits may stand for.
     """
     size, data_start = path.stat().st_size, (header.data_block - 1) * BLOCK
     per_frame = bytes_per_frame(header)
@@ -176,18 +184,18 @@ def count_frames(path: Path, header: Header, parameters: Parameters) -> int:
     if parameters.has("POINT", "LONG_FRAMES"):
         long_counts.append(parameters.integer("POINT", "LONG_FRAMES", 0))
     start, end = (
-        parameters.integers("TRIAL", f"ACTUAL_{which}_FIELD").ravel() for which in ("START", "END")
+        parameters.integers("TRIAL", f"ACTUAL_{limit}_FIELD").ravel() for limit in ("START", "END")
     )
     if start.size == 2 and end.size == 2:
-        long_counts.append(int((end[0] - start[0]) + 65536 * (end[1] - start[1]) + 1))
+        long_counts.append(int((end[0] - start[0]) + (MAX_COUNT + 1) * (end[1] - start[1]) + 1))
     short_counts = [header.last_frame - header.first_frame + 1]
     short_counts.append(parameters.integer("POINT", "FRAMES", short_counts[0]))
 
     slack = BLOCK // per_frame + 1
     fitting = [count for count in long_counts if 0 < count <= held <= count + slack]
-    saturated = 65535 in (header.last_frame, short_counts[1])
-    started_over = any((held - count) % 65536 <= slack for count in short_counts)
-    if not fitting and held > 65535 and (saturated or started_over):
+    saturated = MAX_COUNT in (header.last_frame, short_counts[1])
+    started_over = any((held - count) % (MAX_COUNT + 1) <= slack for count in short_counts)
+    if not fitting and held > MAX_COUNT and (saturated or started_over):
         return held - _padding_frames(path, header, held, slack)
     fitting += [count for count in short_counts if 0 < count <= held <= count + slack]
     if fitting:
@@ -235,7 +243,8 @@ def _decode(
 
 def _check_scale(header: Header, parameters: Parameters) -> None:
     scale = float(next(iter(parameters.numbers("POINT", "SCALE").flat), header.scale))
-    if scale * header.scale <= 0 or (header.scale > 0 and abs(scale / header.scale - 1) > 1e-3):
+    differs = header.scale > 0 and abs(scale / header.scale - 1) > MAX_SCALE_DIFFERENCE
+    if scale * header.scale <= 0 or differs:
         raise ValueError(
             f"the header scales points by {header.scale:.5g}, but POINT:SCALE says {scale:.5g}"
         )

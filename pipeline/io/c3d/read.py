@@ -1,52 +1,53 @@
 """C3D files -> Recording: units, axes, labels and plates are settled here, once.
 
-The file is parsed by this package itself (`c3d_header`, `c3d_data`): every count and offset is
-checked against the file's size before it is used, so that a damaged file ends in one line. The
-native library ezc3d 1.7.2 is the oracle of the tests and not on this path. Of the sample files it
-refuses the SGI ones and takes 34 s and 12.6 GB to refuse one with a broken parameter section; it
-reads a truncated file short without a word, and one in 400 files with random damage ends the
-interpreter. A pre-check that prevents all this has to read all that a reader reads; a process of
-its own for each file would still need the memory.
+The file is parsed here (`header`, `data`): every count and offset is checked against the file's
+size before it is used, so that a damaged file gives one line of error. The native library ezc3d
+1.7.2 is not used; the tests compare with it. Of the sample files it refuses the SGI ones and takes
+34 s and 12.6 GB to refuse one with a broken parameter section; it reads a truncated file short
+without a warning, and one in 400 files with random damage ends the interpreter. A check beforehand
+that prevents all this has to read all that a reader reads; a process of its own for each file would
+still need the memory.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from hbm.markers import Markers
+from hbm.notes import Note
 from hbm.spatial import Array
 from pipeline.io.axes import parse_axes, settle_axes
 from pipeline.io.c3d.data import Samples, read_samples
 from pipeline.io.c3d.force_plates import MeasuredPlate, measured_plates
 from pipeline.io.c3d.header import Header, Parameters, read_header
-from pipeline.io.labels import PointLabels, sort_labels
-from pipeline.io.recording import Analog, Event, Plate, Recording
+from pipeline.io.c3d.labels import PointLabels, sort_labels
+from pipeline.io.recording import Analog, Event, Metadata, Plate, Recording
 from pipeline.io.units import check_span, length_in_m
 
-EVENT_LABELS = {
+EVENT_LABELS: Final = {
     "foot strike": "foot_strike",
     "heel strike": "foot_strike",
     "initial contact": "foot_strike",
     "foot off": "foot_off",
     "toe off": "foot_off",
 }
-OLD_EVENT_LABELS = {
+OLD_EVENT_LABELS: Final = {
     "RHS": ("foot_strike", "right"),
     "LHS": ("foot_strike", "left"),
     "RTO": ("foot_off", "right"),
     "LTO": ("foot_off", "left"),
 }
-PROCESSING = {
-    "BODYMASS": ("mass_kg", 1.0, 5.0, 500.0),
-    "HEIGHT": ("height_m", 1e-3, 0.3, 2.7),
-    "LLEGLENGTH": ("left_leg_length_m", 1e-3, 0.1, 1.5),
-    "RLEGLENGTH": ("right_leg_length_m", 1e-3, 0.1, 1.5),
-    "LKNEEWIDTH": ("left_knee_width_m", 1e-3, 0.01, 0.5),
-    "RKNEEWIDTH": ("right_knee_width_m", 1e-3, 0.01, 0.5),
-    "LANKLEWIDTH": ("left_ankle_width_m", 1e-3, 0.01, 0.5),
-    "RANKLEWIDTH": ("right_ankle_width_m", 1e-3, 0.01, 0.5),
+MEASURES: Final = {
+    "BODYMASS": (1.0, 5.0, 500.0),
+    "HEIGHT": (1e-3, 0.3, 2.7),
+    **dict.fromkeys(("LLEGLENGTH", "RLEGLENGTH"), (1e-3, 0.1, 1.5)),
+    **dict.fromkeys(("LKNEEWIDTH", "RKNEEWIDTH"), (1e-3, 0.01, 0.5)),
+    **dict.fromkeys(("LANKLEWIDTH", "RANKLEWIDTH"), (1e-3, 0.01, 0.5)),
 }
+"""PROCESSING parameter -> factor to SI from the file's kg and mm, and bounds beyond which its unit
+is another one [kg or m]."""
 
 
 def read_c3d(
@@ -55,7 +56,7 @@ def read_c3d(
     *,
     rename: Mapping[str, str] | None = None,
     subject: str | None = None,
-    most_frames: int | None = None,
+    max_frames: int | None = None,
 ) -> Recording:
     """Read a C3D file.
 
@@ -70,7 +71,7 @@ def read_c3d(
         Label in the file (without subject prefix) -> label wanted.
     subject
         Label prefix of the subject wanted, needed only where two subjects carry the same labels.
-    most_frames
+    max_frames
         Read no more than these first frames; by default all.
 
     Returns
@@ -100,7 +101,7 @@ def read_c3d(
     """
     path = Path(path)
     try:
-        return _read(path, axes, rename, subject, most_frames)
+        return _read(path, axes, rename, subject, max_frames)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
 
@@ -110,10 +111,10 @@ def _read(
     axes: str | None,
     rename: Mapping[str, str] | None,
     subject: str | None,
-    most_frames: int | None,
+    max_frames: int | None,
 ) -> Recording:
     header, parameters = read_header(path)
-    samples = read_samples(path, header, parameters, most_frames)
+    samples = read_samples(path, header, parameters, max_frames)
     labels = sort_labels(parameters, header.n_points, subject=subject, rename=rename)
     unit = parameters.text("POINT", "UNITS")
     metre = length_in_m(unit)
@@ -122,7 +123,7 @@ def _read(
 
     position = samples.points[:, list(labels.markers.values())] * metre
     check_span(position, unit)
-    axes, axes_note = settle_axes(
+    axes, axes_notes = settle_axes(
         axes,
         position,
         tuple(labels.markers),
@@ -144,7 +145,7 @@ def _read(
         metadata=_metadata(parameters, labels),
         model_outputs={name: samples.points[:, k] for name, k in labels.outputs.items()},
         notes=(
-            axes_note,
+            *axes_notes,
             *labels.notes,
             *event_notes,
             *_plate_notes(parameters, measured),
@@ -194,7 +195,7 @@ def _first_frame(header: Header, parameters: Parameters) -> int:
 
 def _events(
     header: Header, parameters: Parameters, rate_hz: float
-) -> tuple[tuple[Event, ...], list[str]]:
+) -> tuple[tuple[Event, ...], list[Note]]:
     start = (_first_frame(header, parameters) - 1) / rate_hz
     times = parameters.numbers("EVENT", "TIMES")
     if times.size:
@@ -213,34 +214,39 @@ def _events(
         for time, kind, side in found
         if kind and side in ("left", "right") and np.isfinite(time)
     )
-    other = total - len(events)
-    note = f"Events other than a foot strike or foot off of either side were left out: {other}."
-    return events, [note] if other else []
+    others = total - len(events)
+    return events, [Note.of("events_left_out", events=others)] if others else []
 
 
-def _metadata(parameters: Parameters, labels: PointLabels) -> dict[str, object]:
-    found: dict[str, object] = {
-        "subject": parameters.text("SUBJECTS", "NAMES") or labels.subject,
-        "marker_set": parameters.text("SUBJECTS", "MARKER_SETS"),
-        "manufacturer": parameters.text("MANUFACTURER", "COMPANY"),
-        "software": " ".join(
-            parameters.texts("MANUFACTURER", "SOFTWARE")
-            + parameters.texts("MANUFACTURER", "VERSION_LABEL")
-        ),
-    }
-    for name, (key, scale, lowest, highest) in PROCESSING.items():
-        for value in parameters.numbers("PROCESSING", name).flat:
-            if lowest < value * scale < highest:
-                found[key] = float(value * scale)
-    return {key: value for key, value in found.items() if value}
+def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
+    software = parameters.texts("MANUFACTURER", "SOFTWARE")
+    software += parameters.texts("MANUFACTURER", "VERSION_LABEL")
+    return Metadata(
+        subject=parameters.text("SUBJECTS", "NAMES") or labels.subject,
+        marker_set=parameters.text("SUBJECTS", "MARKER_SETS"),
+        manufacturer=parameters.text("MANUFACTURER", "COMPANY"),
+        software=" ".join(software),
+        mass_kg=_measure(parameters, "BODYMASS"),
+        height_m=_measure(parameters, "HEIGHT"),
+        left_leg_length_m=_measure(parameters, "LLEGLENGTH"),
+        right_leg_length_m=_measure(parameters, "RLEGLENGTH"),
+        left_knee_width_m=_measure(parameters, "LKNEEWIDTH"),
+        right_knee_width_m=_measure(parameters, "RKNEEWIDTH"),
+        left_ankle_width_m=_measure(parameters, "LANKLEWIDTH"),
+        right_ankle_width_m=_measure(parameters, "RANKLEWIDTH"),
+    )
 
 
-def _plate_notes(parameters: Parameters, plates: list[MeasuredPlate]) -> list[str]:
-    notes = []
+def _measure(parameters: Parameters, name: str) -> float | None:
+    """Give a measure of the subject in SI units; None where it is absent or implausible."""
+    scale, lowest, highest = MEASURES[name]
+    values = [float(value * scale) for value in parameters.numbers("PROCESSING", name).flat]
+    plausible = [value for value in values if lowest < value < highest]
+    return plausible[-1] if plausible else None
+
+
+def _plate_notes(parameters: Parameters, plates: list[MeasuredPlate]) -> list[Note]:
     zero = parameters.integers("FORCE_PLATFORM", "ZERO").ravel()
     if plates and zero.size == 2 and 0 < zero[0] < zero[1]:
-        notes.append(
-            f"FORCE_PLATFORM:ZERO names frames {zero[0]} to {zero[1]} as the plates' baseline; "
-            "it was not subtracted."
-        )
-    return notes
+        return [Note.of("plate_baseline_not_subtracted", first=zero[0], last=zero[1])]
+    return []

@@ -1,16 +1,17 @@
-"""Markers, plates, analog channels and events -> a C3D file like those of common lab software.
+"""Write markers, plates, analog channels and events as common lab software does.
 
-Floating-point Intel files of any length: the true number of frames stands in TRIAL and
-POINT:LONG_FRAMES, since the header's 16 bits end at 65535. There is no ROTATION group, which makes
-some readers stop there.
+Files are floating-point, Intel, of any length: the true number of frames is in TRIAL and
+POINT:LONG_FRAMES, since the header's 16 bits end at 65535. There is no ROTATION group, at which
+some readers stop.
 """
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hbm.markers import Markers
 from hbm.spatial import Array, rotate_wrench, shift_wrench
@@ -18,10 +19,14 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.encoding import MAX_ENTRIES, Groups, Value, parameter_section
 from pipeline.io.c3d.force_plates import plate_axes
 from pipeline.io.c3d.header import BLOCK
-from pipeline.io.recording import Analog, Event, Plate
+from pipeline.io.recording import Analog, Event, Metadata, Plate
 
-FRAMES_PER_SLICE = 4096
-MM = 1000.0
+FRAMES_PER_SLICE: Final = 4096
+"""Some megabytes at a time: large enough for NumPy, small beside the trial."""
+MM_PER_M: Final = 1000.0
+MAX_COUNT: Final = 65535
+"""Of a 16-bit number."""
+PROGRAM: Final = "hbm-residuals"
 
 
 def write_c3d(
@@ -33,7 +38,7 @@ def write_c3d(
     events: Sequence[Event] = (),
     axes: str = "left,back,up",
     first_frame: int = 1,
-    metadata: Mapping[str, object] | None = None,
+    metadata: Metadata | None = None,
 ) -> None:
     """Write one trial as a C3D file.
 
@@ -55,8 +60,7 @@ def write_c3d(
     first_frame
         Number of the first frame.
     metadata
-        ``subject, mass_kg, height_m, marker_set, manufacturer, software`` as `Recording` has them;
-        other names are not written.
+        Of it ``subject, mass_kg, height_m, marker_set, manufacturer, software`` are written.
 
     Raises
     ------
@@ -68,7 +72,7 @@ def write_c3d(
     -----
     `read_c3d` gives the same trial back to the precision of 4-byte numbers.
     """
-    path, metadata = Path(path), dict(metadata or {})
+    path, metadata = Path(path), metadata or Metadata()
     if len(markers.time) < 2:
         raise ValueError("a C3D file needs at least two frames, since it states a frame rate")
     to_file = parse_axes(axes).T
@@ -81,8 +85,8 @@ def write_c3d(
         "FORCE_PLATFORM": _force_platform(plates, to_file),
         "EVENT": _events(events, (first_frame - 1) / markers.rate_hz),
         "MANUFACTURER": {
-            "COMPANY": str(metadata.get("manufacturer", "hbm-residuals")),
-            "SOFTWARE": str(metadata.get("software", "hbm-residuals")),
+            "COMPANY": metadata.manufacturer or PROGRAM,
+            "SOFTWARE": metadata.software or PROGRAM,
         },
         "PROCESSING": _processing(metadata),
     }
@@ -91,7 +95,7 @@ def write_c3d(
     with path.open("wb") as file:
         file.write(_header(markers, channels, first_frame, data_block))
         file.write(section.ljust((data_block - 2) * BLOCK, b"\0"))
-        _write_samples(file, markers.position @ to_file.T * MM, channels.values)
+        _write_samples(file, markers.position @ to_file.T * MM_PER_M, channels.values)
         file.write(bytes(-file.tell() % BLOCK))
 
 
@@ -112,7 +116,7 @@ def _channels(
     for plate in plates:
         names += [f"{q}.{q[0]}{axis}{plate.number}" for q in ("Force", "Moment") for axis in "xyz"]
         units += ["N"] * 3 + ["Nmm"] * 3
-        values.append(_wrench_on_disk(plate, to_file) * ([1.0] * 3 + [MM] * 3))
+        values.append(_wrench_on_disk(plate, to_file) * ([1.0] * 3 + [MM_PER_M] * 3))
     if analog is not None:
         names += analog.names
         units += analog.units
@@ -132,19 +136,24 @@ def _wrench_on_disk(plate: Plate, to_file: Array) -> Array:
 def _trial(markers: Markers, first_frame: int) -> dict[str, Value]:
     last = first_frame + len(markers.time) - 1
     return {
-        "ACTUAL_START_FIELD": np.array([first_frame % 65536, first_frame // 65536]),
-        "ACTUAL_END_FIELD": np.array([last % 65536, last // 65536]),
+        "ACTUAL_START_FIELD": _low_and_high_word(first_frame),
+        "ACTUAL_END_FIELD": _low_and_high_word(last),
         "CAMERA_RATE": np.array([markers.rate_hz]),
     }
 
 
-def _subjects(metadata: Mapping[str, object]) -> dict[str, Value]:
+def _low_and_high_word(number: int) -> NDArray[np.integer]:
+    high, low = divmod(number, MAX_COUNT + 1)
+    return np.array([low, high])
+
+
+def _subjects(metadata: Metadata) -> dict[str, Value]:
     return {
         "USED": np.array([1]),
         "IS_STATIC": np.array([0]),
         "USES_PREFIXES": np.array([0]),
-        "NAMES": [str(metadata.get("subject", ""))],
-        "MARKER_SETS": [str(metadata.get("marker_set", ""))],
+        "NAMES": [metadata.subject],
+        "MARKER_SETS": [metadata.marker_set],
     }
 
 
@@ -153,7 +162,7 @@ def _point(markers: Markers, to_file: Array) -> dict[str, Value]:
     forward, up = (_signed_axis(to_file @ direction) for direction in np.eye(3)[[0, 2]])
     return {
         "USED": np.array([len(markers.names)]),
-        "FRAMES": np.array([min(frames, 65535)]),
+        "FRAMES": np.array([min(frames, MAX_COUNT)]),
         "LONG_FRAMES": np.array([float(frames)]),
         "SCALE": np.array([-1.0]),
         "RATE": np.array([markers.rate_hz]),
@@ -186,7 +195,7 @@ def _analog(channels: Analog, markers: Markers) -> dict[str, Value]:
 
 def _force_platform(plates: Sequence[Plate], to_file: Array) -> dict[str, Value]:
     count = len(plates)
-    corners = [plate.corners @ to_file.T * MM for plate in plates]
+    corners = [plate.corners @ to_file.T * MM_PER_M for plate in plates]
     return {
         "USED": np.array([count]),
         "TYPE": np.full(count, 2),
@@ -207,12 +216,12 @@ def _events(events: Sequence[Event], start: float) -> dict[str, Value]:
     }
 
 
-def _processing(metadata: Mapping[str, object]) -> dict[str, Value]:
-    written = {"mass_kg": ("Bodymass", 1.0), "height_m": ("Height", MM)}
+def _processing(metadata: Metadata) -> dict[str, Value]:
+    stated = {"Bodymass": (metadata.mass_kg, 1.0), "Height": (metadata.height_m, MM_PER_M)}
     return {
-        name: np.array([float(str(metadata[key])) * scale])
-        for key, (name, scale) in written.items()
-        if key in metadata
+        name: np.array([value * scale])
+        for name, (value, scale) in stated.items()
+        if value is not None
     }
 
 
@@ -229,14 +238,14 @@ def _paged(name: str, values: Sequence[str] | Array) -> dict[str, Value]:
 
 def _header(markers: Markers, channels: Analog, first_frame: int, data_block: int) -> bytes:
     per_frame = len(channels.time) // len(markers.time)
-    last = min(first_frame + len(markers.time) - 1, 65535)
+    last = min(first_frame + len(markers.time) - 1, MAX_COUNT)
     block = struct.pack(
         "<BBHHHHHfHHf",
         2,
         0x50,
         len(markers.names),
         len(channels.names) * per_frame,
-        min(first_frame, 65535),
+        min(first_frame, MAX_COUNT),
         last,
         0,
         -1.0,

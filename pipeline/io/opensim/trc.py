@@ -1,23 +1,27 @@
-"""TRC files (marker trajectories as text) -> Recording."""
+"""TRC files: marker trajectories as text."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.io.axes import parse_axes, settle_axes
-from pipeline.io.labels import renamed
+from pipeline.io.labels import rename_markers
 from pipeline.io.recording import Recording
 from pipeline.io.text_table import parse_rows, read_lines, read_number
 from pipeline.io.units import check_span, length_in_m
 
+MAX_TIME_ERROR: Final = 0.1
+"""In frames: files round their times, but not by more than this."""
+
 
 @dataclass(frozen=True, slots=True)
 class Trajectories:
-    """What a TRC file holds, in SI units and the file's own axes and clock.
+    """Marker trajectories in SI units and the file's own axes and clock.
 
     Attributes
     ----------
@@ -79,16 +83,16 @@ def read_trc(
     path = Path(path)
     found = read_trajectories(path)
     try:
-        names = tuple(renamed(dict.fromkeys(found.names, 0), rename or {}))
-        axes, note = settle_axes(axes, found.position, names)
+        names = tuple(rename_markers(dict.fromkeys(found.names, 0), rename or {}))
+        axes, notes = settle_axes(axes, found.position, names)
         markers = Markers(found.time - found.time[0], names, found.position @ parse_axes(axes).T)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
-    return Recording(source=path, markers=markers, first_frame=found.first_frame, notes=(note,))
+    return Recording(source=path, markers=markers, first_frame=found.first_frame, notes=notes)
 
 
 def read_trajectories(path: Path) -> Trajectories:
-    """Read a TRC file without turning its axes.
+    """Read a TRC file in its own axes.
 
     Parameters
     ----------
@@ -147,7 +151,7 @@ def _regular(stated: Array, rate_hz: float) -> Array:
     if not 0 < rate_hz < np.inf:
         raise ValueError(f"its header says {rate_hz:g} Hz, expected a positive rate")
     time: Array = stated[0] + np.arange(len(stated)) / rate_hz
-    if not np.abs(stated - time).max() < 0.1 / rate_hz:
+    if not np.abs(stated - time).max() < MAX_TIME_ERROR / rate_hz:
         raise ValueError(f"its times are not the regular times of its rate of {rate_hz:g} Hz")
     return time
 

@@ -1,21 +1,24 @@
-"""OpenSim-format trials (TRC markers with ground reaction forces in a MOT file) -> Recording."""
+"""Trials in OpenSim's formats: markers in a TRC file, ground reaction forces in a MOT file."""
 
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from hbm.markers import Markers
+from hbm.notes import Note
 from hbm.spatial import Array, rotate_wrench
 from pipeline.io.axes import parse_axes, settle_axes
-from pipeline.io.labels import renamed
+from pipeline.io.labels import rename_markers
 from pipeline.io.opensim.sto import Table, read_mot
 from pipeline.io.opensim.trc import read_trajectories
 from pipeline.io.recording import Plate, Recording
 
-ROUNDING = 0.05
-FORCE_COLUMN = re.compile(r"(?P<stem>.*force.*)_v(?P<axis>[xyz])")
+MAX_ROUNDING: Final = 0.05
+"""In steps: times printed with few digits differ from even ones by less."""
+FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_v(?P<axis>[xyz])")
 
 
 def read_opensim_trial(
@@ -77,8 +80,8 @@ def read_opensim_trial(
     found, table = read_trajectories(trc), read_mot(grf_mot)
     wrenches = _wrenches(table, grf_mot.name)
     try:
-        names = tuple(renamed(dict.fromkeys(found.names, 0), rename or {}))
-        axes, note = settle_axes(
+        names = tuple(rename_markers(dict.fromkeys(found.names, 0), rename or {}))
+        axes, axes_notes = settle_axes(
             axes,
             found.position,
             names,
@@ -89,14 +92,7 @@ def read_opensim_trial(
     except ValueError as error:
         raise ValueError(f"{trc.name}: {error}") from error
     plates = tuple(
-        Plate(
-            number=k,
-            time=_unrounded(table.time) - found.time[0],
-            wrench_in_plate=rotate_wrench(wrench, to_lab),
-            rotation=np.eye(3),
-            center=np.zeros(3),
-            corners=np.full((4, 3), np.nan),
-        )
+        Plate.at_origin(k, _evened(table.time) - found.time[0], rotate_wrench(wrench, to_lab))
         for k, wrench in enumerate(wrenches.values(), start=1)
     )
     return Recording(
@@ -105,18 +101,18 @@ def read_opensim_trial(
         plates=plates,
         first_frame=found.first_frame,
         notes=(
-            note,
-            f"Time 0 is {found.time[0]:g} s of {trc.name}.",
-            f"Plates are the forces named {', '.join(wrenches)} in {grf_mot.name}.",
+            *axes_notes,
+            Note.of("time_origin", start_s=found.time[0], file=trc.name),
+            Note.of("plates_from_forces", forces=tuple(wrenches), file=grf_mot.name),
         ),
     )
 
 
-def _unrounded(time: Array) -> Array:
-    """Give the even times that times printed with few digits were rounded from, if they were."""
+def _evened(time: Array) -> Array:
+    """Give even times where the printed ones are those but for their rounding."""
     even = np.linspace(time[0], time[-1], len(time))
     step = even[1] - even[0] if len(time) > 1 else 0.0
-    return even if np.abs(time - even).max() <= ROUNDING * step else time
+    return even if np.abs(time - even).max() <= MAX_ROUNDING * step else time
 
 
 def _wrenches(table: Table, source: str) -> dict[str, Array]:

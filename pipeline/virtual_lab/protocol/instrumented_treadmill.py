@@ -9,7 +9,7 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.poses import marker_positions
 from hbm.spatial import Array, shift_wrench
-from pipeline.io.recording import Analog, Event, Plate, Recording
+from pipeline.io.recording import Analog, Event, Metadata, Plate, Recording
 from pipeline.io.units import acceleration_in_mps2
 from pipeline.virtual_lab.faults import CameraFaults, Faults
 from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
@@ -143,7 +143,7 @@ def record(
         plates=plates,
         analog=_analog(treadmill, motion, rng),
         events=_events(walk, frames[-1]) if walk else (),
-        metadata=_metadata(walk) if walk else {},
+        metadata=_metadata(walk) if walk else Metadata(),
     )
 
 
@@ -240,11 +240,11 @@ def _events(walk: Walk, end: float) -> tuple[Event, ...]:
     return tuple(sorted(events, key=lambda event: event.time))
 
 
-def _metadata(walk: Walk) -> dict[str, object]:
+def _metadata(walk: Walk) -> Metadata:
     person = walk.subject.person
-    return {
-        "subject": person.name,
-        "mass_kg": person.mass_kg,
-        "height_m": person.height_m,
-        "marker_set": walk.subject.body.marker_set.name,
-    }
+    return Metadata(
+        subject=person.name,
+        mass_kg=person.mass_kg,
+        height_m=person.height_m,
+        marker_set=walk.subject.body.marker_set.name,
+    )

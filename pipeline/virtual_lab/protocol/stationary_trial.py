@@ -10,6 +10,7 @@ from hbm.markers import Markers
 from hbm.poses import marker_positions
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.c3d.write import write_c3d
+from pipeline.io.recording import Metadata
 from pipeline.virtual_lab.faults import CameraFaults
 from pipeline.virtual_lab.machine.instruments.cameras import measure_markers
 from pipeline.virtual_lab.machine.instruments.force_plate import (
@@ -115,12 +116,12 @@ def simulate_trial(
         path,
         Markers(frames, subject.body.markers, markers),
         plates,
-        metadata={
-            "subject": subject.person.name,
-            "mass_kg": subject.person.mass_kg,
-            "height_m": subject.person.height_m,
-            "marker_set": subject.body.marker_set.name,
-        },
+        metadata=Metadata(
+            subject=subject.person.name,
+            mass_kg=subject.person.mass_kg,
+            height_m=subject.person.height_m,
+            marker_set=subject.body.marker_set.name,
+        ),
     )
     feet = foot_wrenches(walk, frames)
     return Truth(subject, walk.motion, frames, q, feet["left"], feet["right"])

@@ -26,14 +26,15 @@ def test_there_are_24_right_handed_axes():
 @pytest.mark.parametrize("axes", ALL_AXES)
 def test_any_axes_of_a_file_are_inferred_from_who_stands_in_it(subject, axes):
     position = in_file_axes(subject.position, axes)
-    found, sentence = settle_axes(
+    found, (note,) = settle_axes(
         None, position, subject.names, plate_forces=in_file_axes([[20, 5, 400]], axes)
     )
     assert found == axes
-    assert axes.replace(",", ", ") in sentence
-    assert "the load on plate 1" in sentence
-    assert "LASIS/RASIS" in sentence
-    assert "the toes point forward" in sentence
+    assert note.code == "axes_inferred"
+    assert axes.replace(",", ", ") in note.text
+    assert "the load on plate 1" in note.values["up_evidence"]
+    assert "LASIS/RASIS" in note.values["marker_pairs"]
+    assert "the direction of the toes" in note.values["forward_evidence"]
     np.testing.assert_allclose(position @ parse_axes(found).T, subject.position, atol=1e-12)
 
 
@@ -74,10 +75,10 @@ def test_a_loaded_plate_tells_up_where_no_marker_is_known():
 @pytest.mark.parametrize(
     ("evidence", "complaint"),
     [
-        ({"plate_forces": [[0, 0, -400.0]]}, "the load on plate 1 says that -z is up"),
+        ({"plate_forces": [[0, 0, -400.0]]}, "-z is up by the load on plate 1, but not by"),
         ({"plate_forces": [[0, 0, 400.0], [400.0, 0, 0]]}, "the load on plate 2"),
-        ({"plate_normals": [[0, 0, -1.0], [0, 1.0, 0]]}, "the surface of plate 2 says otherwise"),
-        ({"screen_up": "+Y"}, "Y_SCREEN says otherwise"),
+        ({"plate_normals": [[0, 0, -1.0], [0, 1.0, 0]]}, "but not by the surface of plate 2;"),
+        ({"screen_up": "+Y"}, "but not by Y_SCREEN;"),
     ],
 )
 def test_contradicting_evidence_of_up_asks_for_the_axes(subject, evidence, complaint):
@@ -112,7 +113,7 @@ def test_markers_without_sides_ask_for_the_axes():
 
 
 def test_stated_axes_that_stand_the_subject_on_the_head_are_refused(subject):
-    with pytest.raises(ValueError, match=r"\+z is up.*pelvis or shoulders.*says the opposite"):
+    with pytest.raises(ValueError, match=r"\+z is up by .* but down by pelvis or shoulders"):
         settle_axes("forward,left,up", subject.position * [1, 1, -1], subject.names)
 
 
@@ -124,24 +125,24 @@ def test_plates_that_pull_the_subject_down_are_refused(subject):
 
 
 def test_stated_axes_of_an_empty_treadmill_stand(subject):
-    axes, sentence = settle_axes(
+    axes, (note,) = settle_axes(
         "left,back,up", np.empty((5, 0, 3)), (), plate_forces=[[0, 0, -80.0]]
     )
-    assert (axes, sentence) == (
-        "left,back,up",
-        "The file's x, y, z axes point left, back, up: as stated.",
-    )
+    assert axes == "left,back,up"
+    assert str(note) == "the file's x, y, z axes point left, back, up, as stated"
 
 
 def test_a_subject_may_face_back_in_stated_axes(subject):
-    axes, sentence = settle_axes("back,right,up", subject.position, subject.names)
+    axes, (_, note) = settle_axes("back,right,up", subject.position, subject.names)
     assert axes == "back,right,up"
-    assert "warning: by them the subject faces back" in sentence
+    assert note.values["direction"] == "back"
 
 
-def test_stated_axes_that_confuse_forward_and_sideways_are_told(subject):
+def test_stated_axes_that_confuse_forward_and_sideways_are_warned_of(subject):
     """Or the residuals of x and y would change places in silence."""
     for axes, facing in (("left,back,up", "left"), ("right,forward,up", "right")):
-        sentence = settle_axes(axes, subject.position, subject.names)[1]
-        assert f"warning: by them the subject faces {facing}, for the pairs" in sentence
-    assert "warning" not in settle_axes("forward,left,up", subject.position, subject.names)[1]
+        _, note = settle_axes(axes, subject.position, subject.names)[1]
+        assert (note.code, note.level) == ("subject_faces_sideways", "warning")
+        assert note.values["direction"] == facing
+    (note,) = settle_axes("forward,left,up", subject.position, subject.names)[1]
+    assert note.level == "info"

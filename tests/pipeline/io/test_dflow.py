@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hbm.notes import Note
 from pipeline.io.dflow import read_dflow
 from pipeline.io.dflow_record import read_record
 from pipeline.io.read import read_recording
@@ -43,7 +44,8 @@ def test_the_frame_number_drives_time_whatever_the_stamps_do(trial, tmp_path, rn
     late[100:110] += np.linspace(0.1, 0.01, 10)
     read = read_dflow(write_dflow(trial, tmp_path / "t.txt", stamps=np.arange(300) / 100 + late))
     np.testing.assert_allclose(read.markers.time, np.arange(300) / 100, atol=1e-12)
-    assert any("drives time at 100 Hz" in note for note in read.notes)
+    (clock,) = (note for note in read.notes if note.code == "frame_clock")
+    assert clock.values["rate_hz"] == 100.0
 
 
 def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path):
@@ -57,7 +59,7 @@ def test_dropped_frames_are_gaps_in_markers_plates_and_channels(trial, tmp_path)
     assert np.flatnonzero(empty).tolist() == gone
     assert np.flatnonzero(np.isnan(read.plates[0].wrench).all(axis=1)).tolist() == gone
     assert np.flatnonzero(np.isnan(read.analog.channel("Channel13.Anlg"))).tolist() == gone
-    assert "3 of 300 frames were dropped; they are gaps." in read.notes
+    assert Note.of("frames_dropped", dropped=3, frames=300) in read.notes
     kept = np.delete(np.arange(300), gone)
     np.testing.assert_allclose(read.markers.position[kept], trial.markers.position[kept], atol=1e-6)
 
@@ -68,7 +70,7 @@ def test_rows_that_repeat_a_frame_count_once(trial, tmp_path):
 
     read = read_dflow(write_dflow(trial, tmp_path / "t.txt", edit=[twice]))
     assert len(read.markers.time) == 300
-    assert "1 rows repeat a frame and were left out." in read.notes
+    assert Note.of("rows_repeated", rows=1) in read.notes
 
 
 @pytest.mark.parametrize("way", ["zero", "held"])
@@ -81,8 +83,8 @@ def test_markers_that_no_camera_saw_are_gaps_with_their_count(trial, tmp_path, w
     read = read_dflow(path)
     assert np.array_equal(np.isnan(read.markers.position), np.isnan(position))
     names = trial.markers.names
-    how = "written as zero" if way == "zero" else "held in place"
-    assert f"8 marker samples {how} are gaps ({names[0]}, {names[4]})." in read.notes
+    code = "markers_written_as_zero" if way == "zero" else "markers_held"
+    assert Note.of(code, samples=8, markers=(names[0], names[4])) in read.notes
     other = read_dflow(path, missing="held" if way == "zero" else "zero")
     assert not np.isnan(other.markers.position).any()
 
@@ -103,7 +105,8 @@ def test_moments_about_another_point_are_found_out_from_the_centres_of_pressure(
     read = read_dflow(at_centres)
     for ours, true in zip(read.plates, trial.plates, strict=True):
         np.testing.assert_allclose(ours.wrench, true.wrench[::10], atol=0.01)
-        assert f"plate {true.number}: moments are about the point" in " ".join(read.notes)
+        located = [note.values["plate"] for note in read.notes if note.code == "moments_located"]
+        assert f"plate {true.number}" in located
 
 
 def test_moments_that_no_centre_of_pressure_explains_are_refused(trial, tmp_path):
@@ -158,7 +161,7 @@ def test_a_record_comes_onto_the_markers_clock(trial, tmp_path, rng):
     inside = (clock > time[0] + 0.005) & (clock < time[-1] - 0.005)
     np.testing.assert_allclose(speed[inside], 1 + 0.1 * clock[inside], atol=2e-4)
     assert np.isnan(speed[(clock < time[0] - 0.01) | (clock > time[-1] + 0.01)]).all()
-    found = read.metadata["dflow_events"]
+    found = read.metadata.dflow_events
     middle = {k: (time[k] + time[k + 1]) / 2 - 208.1 for k in events}
     np.testing.assert_allclose(found["A"], [middle[10], middle[100]], atol=2e-3)
     np.testing.assert_allclose(found["B"], [middle[60]], atol=2e-3)
@@ -223,5 +226,5 @@ def test_a_broken_mocap_file_is_one_line(trial, tmp_path, edit, said):
 
 def test_axes_that_contradict_the_markers_are_refused(trial, tmp_path):
     path = write_dflow(trial, tmp_path / "t.txt")
-    with pytest.raises(ValueError, match="says the opposite"):
+    with pytest.raises(ValueError, match="is up by the stated axes, but down by pelvis"):
         read_dflow(path, "forward,down,left")

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from hbm.notes import Note
 from pipeline.io.read import read_recording
 from tests.pipeline.other_formats import excerpt, write_mox, write_nexus
 
@@ -35,9 +36,9 @@ def test_nexus_says_whose_and_which_frames_and_keeps_its_model_outputs(trial, tm
     path.write_text(path.read_text(encoding="utf-8") + OUTPUTS + rows, encoding="utf-8")
     read = read_recording(path)
     assert read.first_frame == 301
-    assert read.metadata["subject"] == "S01"
+    assert read.metadata.subject == "S01"
     np.testing.assert_array_equal(read.model_outputs["LHipAngles"][:, 0], np.arange(100))
-    assert "their sign was changed" in " ".join(read.notes)
+    assert Note.of("forces_reversed") in read.notes
 
 
 def test_other_devices_are_analog_channels(trial, tmp_path):
@@ -80,8 +81,8 @@ def test_millimetres_that_say_metres_are_refused(trial, tmp_path):
 def test_mox_keeps_unknown_channels_and_says_that_its_signs_are_unconfirmed(trial, tmp_path):
     read = read_recording(write_mox(trial, tmp_path / "t.mox"))
     assert read.analog.names == ("Rotation LHipFlex",)
-    assert read.metadata["subject"] == "P7"
-    assert any("unconfirmed" in note for note in read.notes)
+    assert read.metadata.subject == "P7"
+    assert Note.of("force_sign_unconfirmed") in read.notes
 
 
 @pytest.mark.parametrize(

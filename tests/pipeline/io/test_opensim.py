@@ -23,7 +23,7 @@ def test_plates_carry_the_walker_upwards(trial):
     assert len(recording.plates) == 2
     vertical = sum(plate.wrench[:, 2] for plate in recording.plates)
     assert np.median(vertical) == pytest.approx(mass_kg * G, rel=0.1)
-    assert "forward, up, right" in recording.notes[0]
+    assert recording.notes[0].values["axes"] == ("forward", "up", "right")
 
 
 def test_plates_and_markers_share_a_clock_that_starts_at_the_first_frame(trial):

@@ -37,7 +37,7 @@ def test_markers_arrive_in_metres_and_lab_axes(trc_file, subject, unit, per_metr
     np.testing.assert_allclose(recording.markers.position, subject.position, atol=1e-6)
     np.testing.assert_allclose(recording.markers.time, subject.time, atol=1e-12)
     assert recording.first_frame == 7
-    assert "point forward, up, right" in recording.notes[0]
+    assert recording.notes[0].values["axes"] == ("forward", "up", "right")
 
 
 def test_empty_fields_and_zeros_are_gaps(trc_file, subject):
@@ -58,7 +58,7 @@ def test_labels_are_renamed_before_the_axes_are_inferred(trc_file):
     rename = {"LPELVIS_FRONT": "LASIS", "RPELVIS_FRONT": "RASIS"}
     recording = read_trc(path, rename=rename)
     assert recording.markers.names[:2] == ("LASIS", "RASIS")
-    assert "LASIS/RASIS" in recording.notes[0]
+    assert "LASIS/RASIS" in recording.notes[0].values["marker_pairs"]
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from hbm.notes import Note
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.io.c3d import data as c3d_data
+from pipeline.io.c3d.preview import preview_c3d
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
-from pipeline.io.preview import preview_c3d
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.trial.process import process_trial
@@ -270,7 +270,7 @@ def test_a_static_recording_is_checked_too(study):
 
 def test_a_marker_hidden_at_the_beginning_is_no_fault(study, monkeypatch):
     """Where the beginning alone has a fault, the whole file decides: LASIS is hidden for 3 s."""
-    monkeypatch.setattr("pipeline.io.preview.BEGINNING_FRAMES", 300)
+    monkeypatch.setattr("pipeline.io.c3d.preview.BEGINNING_FRAMES", 300)
 
     def covered(recording):
         position = recording.markers.position.copy()
@@ -307,8 +307,8 @@ def test_a_preview_reads_a_small_part_of_a_long_file(moving_study, monkeypatch):
     monkeypatch.setattr(
         c3d_data, "_decode", lambda data, *rest: read.append(len(data)) or real(data, *rest)
     )
-    monkeypatch.setattr("pipeline.io.preview.BEGINNING_FRAMES", 100)
-    monkeypatch.setattr("pipeline.io.preview.LOOKS", 50)
+    monkeypatch.setattr("pipeline.io.c3d.preview.BEGINNING_FRAMES", 100)
+    monkeypatch.setattr("pipeline.io.c3d.preview.SAMPLED_FRAMES", 50)
     preview = preview_c3d(path)
     assert sum(read) < 0.15 * path.stat().st_size
     assert preview.frames == len(whole.markers.time)

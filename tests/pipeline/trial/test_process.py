@@ -10,7 +10,7 @@ from hbm.signals.filtering import butterworth
 from pipeline.config.schema import Condition, Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.recording import Event
+from pipeline.io.recording import Event, Metadata
 from pipeline.trial import process
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.process import process_recording, process_trial
@@ -260,7 +260,7 @@ def test_stature_is_as_stated_else_as_recorded_else_from_the_legs(walker):
     person = PERSON.model_copy(update={"height_m": 1.9})
     assert process_recording(walker, person, Settings()).body.height_m == 1.9
     assert process_recording(walker, PERSON, Settings()).body.height_m == pytest.approx(1.78)
-    bare = replace(walker, metadata={})
+    bare = replace(walker, metadata=Metadata())
     notes = process_recording(bare, PERSON, Settings()).notes
     assert any(note.code == "stature_estimated" for note in notes)
 
@@ -269,7 +269,9 @@ def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded(walker):
     markers = walker.markers
     kept = [k for k, name in enumerate(markers.names) if name not in ("LMEK", "RMEK")]
     names, position = tuple(markers.names[k] for k in kept), markers.position[:, kept]
-    bare = replace(walker, markers=replace(markers, names=names, position=position), metadata={})
+    bare = replace(
+        walker, markers=replace(markers, names=names, position=position), metadata=Metadata()
+    )
 
     def beside_the_knee(recording, **stated):
         person = PERSON.model_copy(update=stated)
@@ -277,7 +279,7 @@ def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded(walker):
         lateral = body.marker_position[body.markers.index("LLEK")]
         return np.linalg.norm(lateral - body.offsets["left_shank"]) - Settings().marker_offset_m
 
-    told = replace(bare, metadata={"left_knee_width_m": 0.13, "right_knee_width_m": 0.11})
+    told = replace(bare, metadata=Metadata(left_knee_width_m=0.13, right_knee_width_m=0.11))
     assert beside_the_knee(told) == pytest.approx(0.06, abs=1e-3)
     assert beside_the_knee(told, knee_width_m=0.1) == pytest.approx(0.05, abs=1e-3)
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
@@ -23,19 +24,19 @@ def test_the_real_treadmill_trial_is_read_in_full(shared_data):
     assert recording.analog.names == tuple(f"Voltage.{k}" for k in range(1, 13))
     assert set(recording.analog.units) == {"V"}
     assert recording.first_frame == 45
-    assert recording.metadata["subject"] == "SI02"
-    assert recording.metadata["marker_set"] == "LowerLimb_Trunk_HBM2"
-    assert recording.metadata["mass_kg"] == pytest.approx(55.326, abs=1e-3)
-    assert recording.metadata["height_m"] == pytest.approx(1.7197, abs=1e-4)
-    assert recording.metadata["right_leg_length_m"] == pytest.approx(0.9047, abs=1e-4)
-    assert recording.metadata["left_ankle_width_m"] == pytest.approx(0.0772, abs=1e-4)
-    assert recording.metadata["manufacturer"] == "Vicon"
-    assert recording.metadata["software"].startswith("Vicon Nexus 2.14")
+    assert recording.metadata.subject == "SI02"
+    assert recording.metadata.marker_set == "LowerLimb_Trunk_HBM2"
+    assert recording.metadata.mass_kg == pytest.approx(55.326, abs=1e-3)
+    assert recording.metadata.height_m == pytest.approx(1.7197, abs=1e-4)
+    assert recording.metadata.right_leg_length_m == pytest.approx(0.9047, abs=1e-4)
+    assert recording.metadata.left_ankle_width_m == pytest.approx(0.0772, abs=1e-4)
+    assert recording.metadata.manufacturer == "Vicon"
+    assert recording.metadata.software.startswith("Vicon Nexus 2.14")
 
 
 def test_the_real_trial_is_in_metres_and_lab_axes(shared_data):
     recording = read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
-    assert "point left, back, up" in recording.notes[0]
+    assert recording.notes[0].values["axes"] == ("left", "back", "up")
     position = dict(
         zip(recording.markers.names, recording.markers.position.mean(axis=0), strict=True)
     )
@@ -232,7 +233,7 @@ def test_events_are_on_the_clock_of_the_first_frame(raw_c3d):
         ("foot_strike", "right"),
     ]
     np.testing.assert_allclose([e.time for e in recording.events], [0, 1, 60.5])
-    assert any(note.endswith("left out: 1.") for note in recording.notes)
+    assert Note.of("events_left_out", events=1) in recording.notes
 
 
 def test_a_subject_prefix_is_removed_and_said(raw_c3d):
@@ -240,8 +241,8 @@ def test_a_subject_prefix_is_removed_and_said(raw_c3d):
     path = raw_c3d(points, POINT={"LABELS": ["S01:LASI", "S01:RASI"]})
     recording = read_c3d(path, AXES)
     assert recording.markers.names == ("LASI", "RASI")
-    assert recording.metadata["subject"] == "S01"
-    assert any("S01" in note for note in recording.notes)
+    assert recording.metadata.subject == "S01"
+    assert Note.of("subject_prefixes_removed", subjects=("S01",)) in recording.notes
 
 
 def test_two_subjects_with_the_same_labels_are_a_question_that_subject_answers(raw_c3d):
@@ -278,7 +279,8 @@ def test_labels_that_occur_twice_or_not_at_all_get_names_of_their_own(raw_c3d):
     path = raw_c3d(points, POINT={"LABELS": ["RKNE", "RKNE", ""]})
     recording = read_c3d(path, AXES)
     assert recording.markers.names == ("RKNE", "RKNE_2", "unlabelled_3", "unlabelled_4")
-    assert any("RKNE occurs again" in note for note in recording.notes)
+    note = Note.of("label_repeated", label="RKNE", new_label="RKNE_2")
+    assert note in recording.notes
 
 
 def test_outputs_are_told_from_markers_by_group_or_by_name(raw_c3d):
@@ -304,4 +306,5 @@ def test_an_implausible_mass_or_length_is_not_passed_on(raw_c3d):
         POINT={"LABELS": ["A"]},
         PROCESSING={"Bodymass": np.array([0.0]), "Height": np.array([1.75])},
     )
-    assert not {"mass_kg", "height_m"} & set(read_c3d(path, AXES).metadata)
+    metadata = read_c3d(path, AXES).metadata
+    assert metadata.mass_kg is metadata.height_m is None
