@@ -83,13 +83,14 @@ def test_every_package_and_data_file_is_in_the_wheel():
     patterns = PROJECT["tool"]["setuptools"]["package-data"]
     for top in PACKAGES:
         for path in (ROOT / top).rglob("*"):
-            package = ".".join(path.parent.relative_to(ROOT).parts)
             if path.is_dir() or "__pycache__" in path.parts:
                 continue
+            home = next(folder for folder in path.parents if (folder / "__init__.py").is_file())
+            package = ".".join(home.relative_to(ROOT).parts)
             assert package in declared, f"{package} is not in [tool.setuptools] packages"
             if path.suffix != ".py":
-                allowed = patterns.get(package, [])
-                assert any(fnmatch.fnmatch(path.name, p) for p in allowed), f"{path} is left out"
+                name, allowed = path.relative_to(home).as_posix(), patterns.get(package, [])
+                assert any(fnmatch.fnmatch(name, p) for p in allowed), f"{path} is left out"
         assert (ROOT / top / "py.typed").is_file()
 
 
