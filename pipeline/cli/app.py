@@ -19,11 +19,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-calibration = typer.Typer(
-    help="Calibrate a moving treadmill: what its empty plates measure.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+calibration = typer.Typer(rich_markup_mode=None)
 
 
 @app.callback()
@@ -32,6 +28,13 @@ def common(
 ) -> None:
     """Take the options that every command has."""
     del debug  # taken from the arguments by main
+
+
+@calibration.callback(invoke_without_command=True)
+def show_help(context: typer.Context) -> None:
+    """Calibrate a moving treadmill: what its empty plates measure."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 for command in (trial.residuals, trial.export, simulate.demo, study.init, study.check, study.run):
@@ -72,7 +75,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def one_line(error: BaseException) -> str:
     """Put an error into one line, with the notes that were added on its way up."""
     if isinstance(error, TyperException):
-        text = f"{error.format_message().rstrip('.')}; see 'hbm --help'"
+        context: typer.Context | None = getattr(error, "ctx", None)
+        command = context.command_path if context is not None else "hbm"
+        text = f"{error.format_message().rstrip('.')}; see '{command} --help'"
     elif isinstance(error, FileExistsError | NotADirectoryError) and error.filename:
         text = f"{error.filename}: a file stands where a folder should be"
     elif isinstance(error, OSError) and error.strerror and error.filename:

@@ -17,7 +17,7 @@ USAGE = 2
 RESULT = ".parquet"
 """How the file of a processed trial ends."""
 
-Out = Annotated[Path, typer.Option("--out", help="Folder for what it writes.")]
+Out = Annotated[Path, typer.Option("--out", help="Folder for the output.")]
 Jobs = Annotated[int, typer.Option(min=1, help="How many trials at a time.")]
 Seed = Annotated[int, typer.Option(min=0, help="Equal seeds give equal signals and results.")]
 Simulate = Annotated[

@@ -14,7 +14,7 @@ ResultsToView = Annotated[
 
 
 def report(folder: ResultsFolder = Path("results")) -> None:
-    """Write tables, statistics, figures and report.html from what run left."""
+    """Write tables, statistics, figures and report.html from the results of hbm run."""
     from pipeline.cli.terminal import plain_console
     from pipeline.report.write import write_report
     from pipeline.run.store import recall_study
@@ -30,7 +30,9 @@ def view(
     subject: Annotated[str | None, typer.Option(help="Default: the first.")] = None,
     condition: Annotated[str | None, typer.Option(help="Default: the first.")] = None,
     web: Annotated[bool, typer.Option("--web", help="In a browser on this machine.")] = False,
-    save: Annotated[Path | None, typer.Option(help="Write the recording here instead.")] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write the Rerun recording to this file instead.")
+    ] = None,
 ) -> None:
     """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
     from pipeline.cli.terminal import plain_console
@@ -62,9 +64,11 @@ def view(
 
 
 def _result_of(folder: Path, subject: str | None, condition: str | None) -> Path:
-    """Find the result of the trial asked for; the first where it is not said."""
+    """Find the result of a trial; of the first where subject or condition are not given."""
     from pipeline.run.store import read_summary
 
+    if folder.is_file():
+        raise ValueError(f"{folder}: is neither a results folder nor a result ({RESULT})")
     names = []
     for path in sorted((folder / "trials").glob(f"*{RESULT}")):
         trial = read_summary(path)

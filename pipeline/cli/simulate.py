@@ -20,7 +20,9 @@ def simulate(
     folder: Annotated[Path, typer.Argument(help="Folder for the study, or for the table.")],
     setting: Annotated[
         Path | None,
-        typer.Option(help="TOML with seed, [protocol] and [faults.…]; default: the thesis'."),
+        typer.Option(
+            help="TOML with seed, [protocol] and [faults.…]; default: the thesis' protocol."
+        ),
     ] = None,
     subjects: Annotated[
         int | None, typer.Option(min=1, max=9, help="How many of the nine people.")
@@ -28,10 +30,11 @@ def simulate(
     seed: Annotated[int | None, typer.Option(help="Equal seeds give equal files.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
     ablation: Annotated[
-        bool, typer.Option("--ablation", help="What each fault adds to each residual instead.")
+        bool,
+        typer.Option("--ablation", help="Tabulate what each fault adds to each residual instead."),
     ] = False,
 ) -> None:
-    """Simulate experiment 3: C3D files, study files, and the truth beside them."""
+    """Simulate experiment 3: C3D files, study files, and the true values beside them."""
     from pipeline.virtual_lab.protocol.setting_file import read_setting
     from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Protocol, Setting
 
@@ -106,8 +109,8 @@ def demo(
     setting = Setting() if full else Setting(protocol=DEMO)
     _simulate_study(study, setting, jobs, console)
     console.print(
-        f"{setting.protocol.subjects} virtual people walked on a treadmill that sways and pitches; "
-        f"their recordings are in {study} ({time.monotonic() - start:.0f} s)",
+        f"{setting.protocol.subjects} simulated subjects walked on a treadmill that sways and "
+        f"pitches; their recordings are in {study} ({time.monotonic() - start:.0f} s)",
         soft_wrap=True,
     )
     code = run(study, jobs=jobs, out=results)

@@ -30,8 +30,11 @@ def check(study: StudyFolder) -> int:
 
     console, stated = plain_console(), read_study(study)
     findings = check_study(stated)
-    for remark in findings.remarks:
-        console.print(note_line(remark.note, remark.place), soft_wrap=True)
+    for place in dict.fromkeys(remark.place for remark in findings.remarks):
+        console.print(place, soft_wrap=True)
+        for remark in findings.remarks:
+            if remark.place == place:
+                console.print(note_line(remark.note), soft_wrap=True)
     for fault in findings.faults:
         console.print(f"FAULT {fault}", soft_wrap=True)
     trials = sum(t.exclude is None for s in stated.subjects.values() for t in s.trials.values())

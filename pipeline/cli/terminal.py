@@ -20,19 +20,10 @@ def announcer(console: Console) -> Callable[[str], None]:
     return lambda sentence: console.print(sentence, style="dim")
 
 
-def note_line(note: Note, place: str = "") -> Text:
-    """Lay a note out with its code, under which ``docs/notes.md`` explains it.
-
-    Parameters
-    ----------
-    note
-        The note.
-    place
-        The file or trial that it is about, where that is not clear.
-    """
+def note_line(note: Note) -> Text:
+    """Lay a note out with its code, under which ``docs/notes.md`` explains it."""
     warns = note.level == "warning"
-    about = f"{place}: " if place else ""
-    text = (f"- {about}{'warning: ' * warns}{note} ", "bold" if warns else "")
+    text = (f"- {'warning: ' * warns}{note} ", "bold" if warns else "")
     return Text.assemble(text, (f"[{note.code}]", "dim"))
 
 

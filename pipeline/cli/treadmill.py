@@ -117,14 +117,14 @@ def signals(
     kind: Annotated[str, typer.Option(help="pitch_sway, belt, validation or all of them.")] = "all",
     rate_hz: Annotated[float, typer.Option(min=100, max=10000, help="Samples per second.")] = 100.0,
     seed: Seed = 0,
-    sway_m: Annotated[float, typer.Option(help="The machine's largest sway.")] = 0.05,
-    sway_m_per_s: Annotated[float, typer.Option(help="Its speed.")] = 0.31,
-    sway_m_per_s2: Annotated[float, typer.Option(help="Its acceleration.")] = 5.0,
-    pitch_deg: Annotated[float, typer.Option(help="The machine's largest pitch.")] = 10.0,
-    pitch_deg_per_s: Annotated[float, typer.Option(help="Its speed.")] = 50.0,
-    pitch_deg_per_s2: Annotated[float, typer.Option(help="Its acceleration.")] = 600.0,
-    belt_m_per_s: Annotated[float, typer.Option(help="The belts' largest speed.")] = 6.0,
-    belt_m_per_s2: Annotated[float, typer.Option(help="Their acceleration.")] = 15.0,
+    sway_m: Annotated[float, typer.Option(help="Largest sway of the machine.")] = 0.05,
+    sway_m_per_s: Annotated[float, typer.Option(help="Largest sway speed.")] = 0.31,
+    sway_m_per_s2: Annotated[float, typer.Option(help="Largest sway acceleration.")] = 5.0,
+    pitch_deg: Annotated[float, typer.Option(help="Largest pitch.")] = 10.0,
+    pitch_deg_per_s: Annotated[float, typer.Option(help="Largest pitch speed.")] = 50.0,
+    pitch_deg_per_s2: Annotated[float, typer.Option(help="Largest pitch acceleration.")] = 600.0,
+    belt_m_per_s: Annotated[float, typer.Option(help="Largest belt speed.")] = 6.0,
+    belt_m_per_s2: Annotated[float, typer.Option(help="Largest belt acceleration.")] = 15.0,
 ) -> None:
     """Write calibration and validation signals for the machine: CSV and pictures."""
     from compensation import Limits
@@ -174,7 +174,7 @@ def rank(
     seed: Seed = 0,
     out: Out = Path("ranking"),
 ) -> None:
-    """Rank calibration trials by what they leave of the validation trials."""
+    """Rank calibration trials by how well they compensate the validation trials."""
     from pipeline.calibration_ranking.experiment import rank_recordings
     from pipeline.calibration_ranking.report import write_experiment
     from pipeline.calibration_ranking.trials import Rules

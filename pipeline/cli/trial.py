@@ -27,6 +27,10 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
     from pipeline.run.store import write_trial
     from pipeline.trial.residuals import residual_table
 
+    if request.trial.suffix == RESULT:
+        raise ValueError(
+            f"{request.trial} is a result already; 'hbm view' shows it, 'hbm export' exports it"
+        )
     console = plain_console()
     _require_folder(out)
     result = process_request(request, announcer(console))
@@ -54,7 +58,7 @@ def export(
     ] = None,
     ankle_zero: Annotated[
         Literal["right_angle", "in_line"],
-        typer.Option(help="Neutral ankle of the angles: right_angle, or in_line as in the HBM."),
+        typer.Option(help="Zero of the ankle angle: right_angle, or in_line as in the HBM."),
     ] = "right_angle",
     bids: Annotated[
         Path | None, typer.Option(help="BIDS data set to add the recording to.")
@@ -94,7 +98,7 @@ def export(
         if tables:
             written += write_tables(result, tables, request.trial.stem, ankle_zero)
             plates = _plates(result.compensated is not None)
-            console.print(f"forces and loads are of the plates as {plates}")
+            console.print(f"forces and loads are from the {plates} plate forces")
         for note in warnings_first(result.notes):
             console.print(note_line(note), soft_wrap=True)
     console.print("written: " + ", ".join(map(str, written)), soft_wrap=True)

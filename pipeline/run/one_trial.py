@@ -40,8 +40,11 @@ def process_request(
     """
     marker_set = _own_marker_set(request.marker_set)
     shipped = request.marker_set if marker_set is None else None
-    settings = _checked(Settings, request, marker_set=shipped)
-    subject = _checked(Subject, request)
+    faults: list[str] = []
+    settings = _checked(Settings, request, faults, marker_set=shipped)
+    subject = _checked(Subject, request, faults)
+    if settings is None or subject is None:
+        raise ValueError("; ".join(faults))
     recording = read_requested(request)
     kernels(announce)
     try:
@@ -84,7 +87,13 @@ def _laboratory(request: TrialRequest) -> Laboratory:
     return Laboratory(Treadmill(platform=Platform(markers=markers) if markers else None))
 
 
-def _checked(kind: type[Model], request: TrialRequest, **other: str | None) -> Model:
+def _checked(
+    kind: type[Model], request: TrialRequest, faults: list[str], **other: str | None
+) -> Model | None:
     """Check those fields of a request that a model has too, ``other`` in their place."""
     stated = {name: getattr(request, name) for name in kind.model_fields if hasattr(request, name)}
-    return check_options(kind, stated | other)
+    try:
+        return check_options(kind, stated | other)
+    except ValueError as error:
+        faults.append(str(error))
+        return None

@@ -142,7 +142,8 @@ def _readable(path: Path) -> Iterator[None]:
         yield
     except (pa.ArrowException, OSError) as error:
         if isinstance(error, OSError) and error.errno is not None:
-            raise  # the file cannot be opened; without a number, it cannot be decompressed
+            # the file cannot be opened; without a number, it cannot be decompressed
+            raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
         raise ValueError(f"{path.name} is damaged: {error}; {again}") from error
     except KeyError as error:
         raise ValueError(f"{path.name} is damaged: no {error.args[0]}; {again}") from error

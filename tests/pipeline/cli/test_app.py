@@ -137,9 +137,11 @@ def test_residuals_and_export_take_the_same_request():
 
 
 def test_all_faults_of_the_options_are_listed_at_once(folder, capsys):
-    line = refused(capsys, "residuals", folder / "still.c3d", "--mass-kg", 2, "--height-m", 178)
-    assert "--mass-kg" in line
-    assert "--height-m" in line
+    options = {"--mass-kg": 2, "--height-m": 178, "--cutoff-hz": 600, "--hip": "left"}
+    words = [word for pair in options.items() for word in pair]
+    line = refused(capsys, "residuals", folder / "still.c3d", *words)
+    for option in options:
+        assert option in line
 
 
 def test_an_unknown_command_is_one_line(capsys):
@@ -148,8 +150,26 @@ def test_an_unknown_command_is_one_line(capsys):
     assert "--help" in line
 
 
-def test_a_command_without_its_argument_is_one_line(capsys):
-    assert "trial" in refused(capsys, "residuals").lower()
+def test_a_command_without_its_argument_is_one_line_that_names_its_help(capsys):
+    line = refused(capsys, "calibration", "fit")
+    assert "'recording'" in line
+    assert "'hbm calibration fit --help'" in line
+
+
+def test_a_result_is_not_processed_again(capsys):
+    line = refused(capsys, "residuals", "results/trials/sub01_sway.parquet")
+    assert "is a result already; 'hbm view' shows it" in line
+
+
+@pytest.mark.parametrize("command", [["view"], ["export", "--osim", "body.osim"]])
+def test_a_result_that_is_not_there_is_one_line(capsys, tmp_path, command):
+    line = refused(capsys, *command, tmp_path / "absent.parquet")
+    assert "absent.parquet: no such file" in line
+
+
+def test_a_recording_cannot_be_viewed_before_it_is_processed(folder, capsys):
+    line = refused(capsys, "view", folder / "still.c3d")
+    assert "still.c3d: is neither a results folder nor a result (.parquet)" in line
 
 
 def test_a_file_in_place_of_the_output_folder_is_refused_before_processing(
@@ -189,10 +209,11 @@ def test_the_help_of_every_command_loads_nothing_heavy():
     assert done.stdout.splitlines()[-1].strip() == "loaded:"
 
 
-def test_hbm_alone_prints_its_help(capsys):
-    assert main([]) == 0
+@pytest.mark.parametrize(("words", "command"), [([], "residuals"), (["calibration"], "rank")])
+def test_a_group_of_commands_alone_prints_its_help(capsys, words, command):
+    assert main(words) == 0
     out, err = capsys.readouterr()
-    assert "residuals" in out
+    assert f"\n  {command} " in out
     assert err == ""
 
 
