@@ -25,7 +25,7 @@ import hbm
 import pipeline
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
-from pipeline.figures.residuals import name_panels
+from pipeline.figures.residuals import label_panels
 from pipeline.figures.style import COLOURS, draw_band
 from pipeline.trial.gait.contact import share_between_feet
 from pipeline.trial.gait.cycles import gait_cycles, normalise
@@ -139,6 +139,6 @@ panels = [figure.add_subplot(grid[1 + k // 3, k % 3]) for k in range(6)]
 for k, panel in enumerate(panels):
     mean, spread = curves[..., k].mean(axis=0), curves[..., k].std(axis=0)
     draw_band(panel, percent, mean, spread, COLOURS["compensated"])
-name_panels(panels)
+label_panels(panels)
 figure.suptitle("Measured force, force required by the motion, and the residuals between them")
 figure.savefig("01_one_trial_by_hand.png", dpi=100)

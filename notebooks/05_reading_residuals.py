@@ -24,7 +24,7 @@ import pandas as pd
 
 from hbm.markers import Markers
 from pipeline.config.schema import Condition, Platform, Settings, Subject, Treadmill
-from pipeline.figures.residuals import axis_name
+from pipeline.figures.residuals import axis_label
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.laboratory import Laboratory, fit_calibration
 from pipeline.trial.process import process_recording
@@ -221,7 +221,7 @@ for row, name in zip(panels, shown, strict=True):
         panel.axhline(0, color="black", lw=0.5)
     row[0].set_ylabel(name)
 for k in range(6):
-    panels[0, k].set_title(f"{axis_name(k)}, {UNITS[k]}")
+    panels[0, k].set_title(f"{axis_label(k)}, {UNITS[k]}")
     panels[-1, k].set(xlabel="gait cycle (%)", xlim=(0, 100))
 figure.suptitle("Every right gait cycle with each fault (vermilion) and in the reference (grey)")
 figure.savefig("05_reading_residuals.png", dpi=100)

@@ -1,1 +1,1 @@
-"""How figures look, and the figure of residuals that several rooms show."""
+"""The style of all figures, and the figure of residuals that several rooms show."""

@@ -1,4 +1,4 @@
-"""Figures: residuals over the gait cycle."""
+"""Residuals over the gait cycle: the figure of one trial, and the labels of its panels."""
 
 from collections.abc import Sequence
 
@@ -23,19 +23,20 @@ def residual_figure(result: TrialResult) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Six panels; forces above, moments below. Left cycles stand in where there are no right ones.
+        Six panels; forces above, moments below. Cycles of the left foot where there are none of
+        the right.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 5), layout="constrained")
         panels = figure.subplots(2, 3, sharex=True).ravel()
-        percent = np.arange(101.0)
         side = "right" if len(result.cycles["right"]) else "left"
         for variant in variants(result):
             curves = cycle_residuals(result, variant)[side]
             mean, sd = np.nanmean(curves, axis=0), np.nanstd(curves, axis=0)
+            percent = np.linspace(0, 100, len(mean))
             for k, panel in enumerate(panels):
                 draw_band(panel, percent, mean[:, k], sd[:, k], COLOURS[variant], label=variant)
-        name_panels(panels)
+        label_panels(panels)
         if len(variants(result)) > 1:
             panels[0].legend(frameon=False)
         count = len(result.cycles[side])
@@ -46,15 +47,15 @@ def residual_figure(result: TrialResult) -> Figure:
     return figure
 
 
-def axis_name(k: int) -> str:
-    """Say a residual's axis with its direction, such as "Mx (about forward)"."""
+def axis_label(k: int) -> str:
+    """Give a residual's axis with its direction, such as "Mx (about forward)"."""
     return f"{AXES[k]} ({'' if k < 3 else 'about '}{DIRECTIONS[k]})"
 
 
-def name_panels(panels: Sequence[Axes]) -> None:
+def label_panels(panels: Sequence[Axes]) -> None:
     """Label six panels of residuals over the gait cycle, two rows of three."""
     for k, panel in enumerate(panels):
-        panel.set_title(axis_name(k), loc="left")
+        panel.set_title(axis_label(k), loc="left")
         panel.set_ylabel(UNITS[k])
         panel.axhline(0, color="black", lw=0.5)
         panel.set_xlim(0, 100)

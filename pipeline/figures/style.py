@@ -1,4 +1,4 @@
-"""How every figure looks, and how it is written."""
+"""The style of all figures, and how they are written."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +12,11 @@ from pipeline.io.write import whole_file
 
 COLOURS: Final = {"measured": "#D55E00", "compensated": "#0072B2", "baseline": "#555555"}
 """Vermilion, blue and grey of the colour-blind safe palette of Okabe and Ito."""
-
+LINE_WIDTH_PT: Final = 1.5
+BAND_OPACITY: Final = 0.2
+"""Two bands and their overlap can be distinguished."""
+DPI: Final = 150
+"""Of PNG files: 1400 pixels for a figure across a page."""
 
 STYLE: Final[Any] = {
     "axes.spines.top": False,
@@ -25,17 +29,39 @@ STYLE: Final[Any] = {
 }
 
 
-def draw_band(panel: Axes, x: Array, mean: Array, spread: Array, colour: str, **line: Any) -> None:
-    """Draw a mean as a line and its spread on both sides as a band, none where it is NaN."""
-    panel.plot(x, mean, color=colour, **({"lw": 1.5} | line))
-    panel.fill_between(x, mean - spread, mean + spread, color=colour, alpha=0.2, lw=0)
+def draw_band(
+    panel: Axes,
+    x: Array,
+    mean: Array,
+    spread: Array,
+    colour: str,
+    *,
+    label: str | None = None,
+    linestyle: str = "-",
+    linewidth: float = LINE_WIDTH_PT,
+) -> None:
+    """Draw a mean as a line and its spread on both sides as a band.
+
+    Parameters
+    ----------
+    panel
+        Where.
+    x, mean, spread
+        (N,) each; no band where `spread` is NaN.
+    colour
+        Of line and band.
+    label, linestyle, linewidth
+        Of the line; its width in points.
+    """
+    panel.plot(x, mean, color=colour, label=label, ls=linestyle, lw=linewidth)
+    panel.fill_between(x, mean - spread, mean + spread, color=colour, alpha=BAND_OPACITY, lw=0)
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG and SVG beside each other, each whole or not at all."""
+    """Write a figure as PNG and SVG beside each other, each completely or not at all."""
     bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
     with mpl.rc_context(STYLE):
-        for suffix, undated in ((".png", None), (".svg", {"Date": None})):
+        for suffix, metadata in ((".png", None), (".svg", {"Date": None})):
             with whole_file(Path(f"{bare}{suffix}")) as temporary:
-                figure.savefig(temporary, format=suffix[1:], dpi=150, metadata=undated)
-            figure.set_layout_engine("none")  # laid out once, alike in both
+                figure.savefig(temporary, format=suffix[1:], dpi=DPI, metadata=metadata)
+            figure.set_layout_engine("none")  # the same layout in both files

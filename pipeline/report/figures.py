@@ -1,7 +1,8 @@
-"""Figures of a study: gait cycles over subjects, marginal means, one subject's raw residuals."""
+"""Figures of a study: gait cycles over subjects, marginal means, every cycle of one subject."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from dataclasses import dataclass
+from typing import Final
 
 import matplotlib as mpl
 import numpy as np
@@ -10,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
-from pipeline.figures.residuals import axis_name, name_panels
-from pipeline.figures.style import COLOURS, STYLE, draw_band
+from pipeline.figures.residuals import axis_label, label_panels
+from pipeline.figures.style import COLOURS, LINE_WIDTH_PT, STYLE, draw_band
 from pipeline.run.load import Results
 from pipeline.statistics.design import CONDITIONS, in_order
 from pipeline.statistics.table_3 import format_p
@@ -19,9 +20,35 @@ from pipeline.trial.residuals import AXES, UNITS
 
 BASELINE: Final = CONDITIONS[0]
 LATERAL: Final = ("Fy", "Mx", "Mz")
-"""Residuals that change sign in a mirror image in the sagittal plane."""
-VARIANTS: Final = {False: ("no IC", "measured", "--"), True: ("IC", "compensated", "-")}
-"""Compensated -> name, its colour, line style."""
+"""Residuals that change sign when mirrored in the sagittal plane."""
+SIX_PANELS_INCH: Final = (9.5, 5.6)
+PANEL_HEIGHT_INCH: Final = 1.4
+MARGIN_HEIGHT_INCH: Final = 1.2
+TITLE_PT: Final = 11
+THIN_LINE_PT: Final = 0.7
+OFFSET: Final = 0.05
+"""Shift of the means of both variants against each other, in steps of conditions."""
+
+
+Spans = Mapping[str, Sequence[Sequence[float]]]
+"""Side -> start and stop of each gait cycle [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """How residuals without or with inertia compensation (IC) are drawn."""
+
+    label: str
+    colour: str
+    linestyle: str
+    marker: str
+    offset: float
+
+
+VARIANTS: Final = {
+    False: Variant("no IC", COLOURS["measured"], "--", "s", -OFFSET),
+    True: Variant("IC", COLOURS["compensated"], "-", "o", OFFSET),
+}
 
 
 def study_figures(results: Results, statistics: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
@@ -32,7 +59,7 @@ def study_figures(results: Results, statistics: pd.DataFrame) -> Iterator[tuple[
     results
         What `hbm run` left.
     statistics
-        What `pipeline.statistics.comparison.statistics` made of it.
+        The table that `pipeline.statistics.comparison.statistics` returned for them.
 
     Yields
     ------
@@ -51,13 +78,13 @@ def study_figures(results: Results, statistics: pd.DataFrame) -> Iterator[tuple[
 
 
 def drawn_conditions(residuals: pd.DataFrame) -> list[str]:
-    """Give the conditions that have a figure of their own: all but the baseline they show too."""
+    """Give the conditions with a figure of their own: all but the baseline, which is in each."""
     conditions = in_order(residuals["condition"])
     return [name for name in conditions if name != BASELINE] or conditions
 
 
 def example_subject(residuals: pd.DataFrame) -> str:
-    """Give the subject with most cells, the first of equals, whose raw residuals are drawn."""
+    """Give the subject with the most cells, the first of several, whose cycles are all drawn."""
     return str(residuals.groupby("subject", sort=True).size().idxmax())
 
 
@@ -69,69 +96,76 @@ def gait_cycle_figure(cycles: pd.DataFrame, condition: str) -> Figure:
     cycles
         As `pipeline.run.load.Results.cycles`.
     condition
-        Which condition; the baseline is drawn beside it.
+        The condition; the baseline is drawn with it.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Six panels: mean ± SD over subjects of each subject's mean cycle; of a single subject, over
-        the cycles. Cycles of the left foot are mirrored, or lateral residuals would cancel.
+        Six panels: mean ± SD over the subjects' mean cycles; for a single subject, over its cycles.
+        Cycles of the left foot are mirrored, as lateral residuals would cancel otherwise.
     """
     shown = cycles[cycles["condition"].isin((BASELINE, condition))]
     mirrored = (shown["side"] == "left") & shown["axis"].isin(LATERAL)
     shown = shown.assign(value=shown["value"].where(~mirrored, -shown["value"]))
     counts = shown.groupby("condition")["subject"].nunique()
-    one = counts.max() == 1
-    unit = ["subject", "side", "cycle"] if one else ["subject"]
+    single = counts.max() == 1
+    unit = ["subject", "side", "cycle"] if single else ["subject"]
     keys = ["condition", "compensated", "axis", "percent"]
     values = shown.groupby([*keys, *unit], sort=False)["value"].mean().groupby(keys)
-    mean, sd = values.mean(), values.std()
-    percent = np.arange(101.0)
+    mean, sd = values.mean().unstack("percent"), values.std().unstack("percent")
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.5, 5.6), layout="constrained")
+        figure = Figure(figsize=SIX_PANELS_INCH, layout="constrained")
         panels = figure.subplots(2, 3, sharex=True).ravel()
         drawn = [(name, compensated) for name in in_order(counts.index) for compensated in VARIANTS]
         for name, compensated in drawn:
             if (name, compensated) not in mean.index:
                 continue
-            said, variant, style = VARIANTS[compensated]
-            colour = COLOURS[variant if name == condition else "baseline"]
-            line: dict[str, Any] = {"label": f"{name}, {said}", "ls": style}
-            if name != condition and compensated:
-                line |= {"lw": 1, "ls": ":"}
+            variant = VARIANTS[compensated]
+            dotted = name != condition and compensated
             for k, panel in enumerate(panels):
-                at = (name, compensated, AXES[k])
-                middle, spread = np.asarray(mean[at]), np.asarray(sd[at])
-                draw_band(panel, percent, middle, spread, colour, **line)
-        name_panels(panels)
-        figure.legend(*panels[0].get_legend_handles_labels(), **_BELOW)
-        over = "gait cycles of one subject" if one else f"{counts[condition]} subjects"
-        figure.suptitle(f"Pelvis residuals, {condition}: mean ± SD over {over}", fontsize=11)
+                key = (name, compensated, AXES[k])
+                draw_band(
+                    panel,
+                    mean.columns.to_numpy(float),
+                    mean.xs(key).to_numpy(),
+                    sd.xs(key).to_numpy(),
+                    variant.colour if name == condition else COLOURS["baseline"],
+                    label=f"{name}, {variant.label}",
+                    linestyle=":" if dotted else variant.linestyle,
+                    linewidth=1.0 if dotted else LINE_WIDTH_PT,
+                )
+        label_panels(panels)
+        _legend_below(figure, panels[0])
+        over = "gait cycles of one subject" if single else f"{counts[condition]} subjects"
+        figure.suptitle(f"Pelvis residuals, {condition}: mean ± SD over {over}", fontsize=TITLE_PT)
     return figure
 
 
-_BELOW: Final[Any] = {"loc": "outside lower center", "ncols": 4, "frameon": False}
+def _legend_below(figure: Figure, panel: Axes) -> None:
+    handles, labels = panel.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
 
 
 def marginal_means_figure(residuals: pd.DataFrame, statistics: pd.DataFrame) -> Figure:
-    """Draw the mean RMS residual of every cell, to see whether compensation acts by condition.
+    """Draw the mean RMS residual of every cell, to show an interaction with the condition.
 
     Parameters
     ----------
     residuals
         Long table of RMS residuals.
     statistics
-        What `pipeline.statistics.comparison.statistics` made of it, for the interaction's p-value.
+        The table that `pipeline.statistics.comparison.statistics` returned for it, for the
+        p-value of the interaction.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Six panels: means and 95 % confidence intervals over the subjects who have all cells (over
-        all, where nobody has), each subject as a thin line.
+        Six panels: means and 95 % confidence intervals over the subjects with all cells (over all
+        subjects where none has them), each subject as a thin line.
     """
     conditions = in_order(residuals["condition"])
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.5, 5.6), layout="constrained")
+        figure = Figure(figsize=SIX_PANELS_INCH, layout="constrained")
         panels = figure.subplots(2, 3, sharex=True).ravel()
         for k, panel in enumerate(panels):
             own = residuals[residuals["axis"] == AXES[k]]
@@ -141,33 +175,32 @@ def marginal_means_figure(residuals: pd.DataFrame, statistics: pd.DataFrame) -> 
             for compensated in sorted(own["compensated"].unique()):
                 rms = cells[compensated].reindex(columns=conditions)
                 _draw_means(panel, rms, VARIANTS[compensated])
-            panel.set_title(axis_name(k), loc="left")
+            panel.set_title(axis_label(k), loc="left")
             panel.set_title(_interaction(statistics, AXES[k]), loc="right", fontsize=8)
             panel.set_ylabel(f"RMS ({UNITS[k]})")
             panel.set_ylim(bottom=0)
             panel.set_xticks(range(len(conditions)), conditions)
             panel.set_xlim(-0.3, len(conditions) - 0.7)
-        figure.legend(*panels[0].get_legend_handles_labels(), **_BELOW)
+        _legend_below(figure, panels[0])
         title = f"RMS residuals, mean and 95 % CI over {len(cells)} subjects"
-        figure.suptitle(title, fontsize=11)
+        figure.suptitle(title, fontsize=TITLE_PT)
     return figure
 
 
-def _draw_means(panel: Axes, rms: pd.DataFrame, variant: tuple[str, str, str]) -> None:
-    name, colour, style = variant[0], COLOURS[variant[1]], variant[2]
+def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> None:
     n = rms.count()
     half = stats.t.isf(0.025, (n - 1).clip(lower=1)) * rms.std() / np.sqrt(n)
-    x = np.arange(len(rms.columns)) + (0.05 if style == "-" else -0.05)
-    panel.plot(x, rms.to_numpy().T, color=colour, lw=0.6, alpha=0.3)
+    x = np.arange(len(rms.columns)) + variant.offset
+    panel.plot(x, rms.to_numpy().T, color=variant.colour, lw=THIN_LINE_PT, alpha=0.3)
     panel.errorbar(
         *(x, rms.mean()),
         yerr=half.fillna(0),
-        color=colour,
-        ls=style,
-        marker="o" if style == "-" else "s",
+        color=variant.colour,
+        ls=variant.linestyle,
+        marker=variant.marker,
         ms=4,
         capsize=3,
-        label=name,
+        label=variant.label,
     )
 
 
@@ -184,48 +217,56 @@ def _interaction(statistics: pd.DataFrame, axis: str) -> str:
     return f"interaction p {written if written.startswith('<') else f'= {written}'}"
 
 
-def raw_figure(
-    cycles: pd.DataFrame, spans: Mapping[str, Mapping[str, Sequence[Sequence[float]]]], axis: str
-) -> Figure:
-    """Draw one residual of one subject, cycle after cycle, for every condition.
+def raw_figure(cycles: pd.DataFrame, spans: Mapping[str, Spans], axis: str) -> Figure:
+    """Draw one residual of one subject in every gait cycle of every condition.
 
     Parameters
     ----------
     cycles
         One subject's gait cycles, as `pipeline.run.load.Results.cycles`.
     spans
-        Condition -> side -> start and stop of each cycle [s], which put both sides in order.
+        Condition -> side -> start and stop of each cycle [s], by which the cycles are ordered.
     axis
-        Which residual.
+        The residual, such as "Fx".
 
     Returns
     -------
     matplotlib.figure.Figure
-        One panel per condition, with and without compensation, as recorded (nothing mirrored).
+        One panel per condition, without and with compensation, as recorded (not mirrored).
     """
     own = cycles[cycles["axis"] == axis]
     conditions = in_order(own["condition"])
     k = AXES.index(axis)
+    height = MARGIN_HEIGHT_INCH + PANEL_HEIGHT_INCH * len(conditions)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9.5, 1.2 + 1.4 * len(conditions)), layout="constrained")
+        figure = Figure(figsize=(SIX_PANELS_INCH[0], height), layout="constrained")
         panels = figure.subplots(len(conditions), 1, squeeze=False)[:, 0]
         for condition, panel in zip(conditions, panels, strict=True):
             for compensated, trial in own[own["condition"] == condition].groupby("compensated"):
-                name, variant, _ = VARIANTS[bool(compensated)]
-                keys = [(s, c) for s, at in spans[condition].items() for c in range(len(at))]
-                keys.sort(key=lambda key: spans[condition][key[0]][key[1]][0])
+                variant = VARIANTS[bool(compensated)]
+                keys = _in_time(spans[condition])
                 curves = trial.pivot(index=["side", "cycle"], columns="percent", values="value")
                 values = curves.loc[keys].to_numpy()
                 x = np.arange(len(values))[:, None] + curves.columns.to_numpy() / 100
                 panel.plot(
-                    x.ravel(), values.ravel(), color=COLOURS[variant], lw=0.7, label=name, zorder=2
+                    *(x.ravel(), values.ravel()),
+                    color=variant.colour,
+                    lw=THIN_LINE_PT,
+                    label=variant.label,
+                    zorder=2,
                 )
             panel.axhline(0, color="black", lw=0.5)
             panel.set_title(condition, loc="left")
             panel.set_ylabel(UNITS[k])
             panel.margins(x=0)
-        panels[-1].set_xlabel("gait cycles that count, one after another")
-        figure.legend(*panels[0].get_legend_handles_labels(), **_BELOW)
-        who = own["subject"].iloc[0]
-        figure.suptitle(f"Residual {axis_name(k)} of {who}, every cycle", fontsize=11)
+        panels[-1].set_xlabel("analysed gait cycles, one after another")
+        _legend_below(figure, panels[0])
+        subject = own["subject"].iloc[0]
+        figure.suptitle(f"Residual {axis_label(k)} of {subject}, every cycle", fontsize=TITLE_PT)
     return figure
+
+
+def _in_time(spans: Spans) -> list[tuple[str, int]]:
+    """Give side and number of a trial's gait cycles in order of their starts."""
+    keys = [(side, number) for side, own in spans.items() for number in range(len(own))]
+    return sorted(keys, key=lambda key: spans[key[0]][key[1]][0])

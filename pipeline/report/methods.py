@@ -1,74 +1,77 @@
-"""The Methods of a study in words, true for its settings, with the works they cite."""
+"""The Methods section of a study, generated from its settings, with the works that it cites."""
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from typing import Final
 
 import pandas as pd
 
+from hbm.signals.filtering import Method
 from pipeline.config.schema import Condition, Treadmill
 from pipeline.config.study import Study
 from pipeline.report.references import references
 from pipeline.run.load import Results
-from pipeline.statistics.design import PLANNED_PAIRS, in_order
+from pipeline.statistics.design import CONDITIONS, PLANNED_PAIRS, in_order
 from pipeline.statistics.verdict import MARGIN, join_names
 from pipeline.trial.summary import TrialSummary
 
-HIP: Final = {
-    "harrington": ("the regression of Harrington et al. 2007", "harrington2007"),
-    "bell": ("the regression of Bell et al. 1990", "bell1990"),
+HIP_METHODS: Final = {
+    "harrington": ("the regression equations of Harrington et al. (2007)", "harrington2007"),
+    "bell": ("the regression equations of Bell et al. (1990)", "bell1990"),
     "functional": ("symmetrical centre of rotation estimation (Ehrig et al. 2006)", "ehrig2006"),
 }
-FILTERS: Final = {
-    "zero_phase": "a second-order Butterworth filter run forward and backward (−3 dB at "
-    "{cutoff_hz:g} Hz after both passes)",
-    "realtime": "a causal second-order Butterworth filter (cut-off {cutoff_hz:g} Hz, as in the "
-    "Human Body Model's real-time filter)",
+"""Setting -> how hip joint centres are located, and the key of its reference."""
+FILTERS: Final[dict[Method, str]] = {
+    "zero_phase": "a second-order Butterworth low-pass filter applied forward and backward (−3 dB "
+    "at {cutoff_hz:g} Hz after both passes)",
+    "realtime": "a causal second-order Butterworth low-pass filter (cut-off {cutoff_hz:g} Hz, as "
+    "in the real-time filter of the Human Body Model)",
 }
+SEXES: Final = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
 
 
 def methods(results: Results, statistics: pd.DataFrame, study: Study | None = None) -> list[str]:
-    """Write the Methods.
+    """Write the Methods section.
 
     Parameters
     ----------
     results
-        What `hbm run` left; the settings are those of its trials.
+        The trials; the settings are theirs.
     statistics
-        What `pipeline.statistics.comparison.statistics` made of it; only tests that could be done
-        are told.
+        The table that `pipeline.statistics.comparison.statistics` returned for their residuals;
+        only tests that were computed are described.
     study
-        The study, if it is at hand: without it, nothing is said of platform and sensors.
+        The study, if its folder is available; without it, platform, accelerometers and the
+        selection of gait cycles are not described.
 
     Returns
     -------
     list of str
-        Paragraphs, for a person to paste and shorten.
+        Paragraphs, to be copied and shortened.
     """
     trials = list(results.summaries.values())
     return [
-        _subjects(results),
-        _body(trials),
+        _participants(results),
+        _kinematics(trials),
         _forces(trials, study),
-        _cycles(trials, study),
-        *_tests(statistics),
+        _gait_cycles(trials, study),
+        *_statistics(statistics),
         _software(trials, statistics),
     ]
 
 
 def cited(results: Results) -> list[str]:
     """Give the keys of the works that the Methods cite, and of the thesis, in order."""
-    hips = {HIP[trial.settings.hip][1] for trial in results.summaries.values()}
-    unused = {key for _, key in HIP.values()} - hips
+    used = {HIP_METHODS[trial.settings.hip][1] for trial in results.summaries.values()}
+    unused = {key for _, key in HIP_METHODS.values()} - used
     return [key for key in references() if key not in unused]
 
 
-def _subjects(results: Results) -> str:
+def _participants(results: Results) -> str:
     people = results.subjects
     sexes = people["sex"].value_counts()
-    said = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
-    counts = [f"{sexes[sex]} {words}" for sex, words in said.items() if sex in sexes]
+    counts = [f"{sexes[sex]} {words}" for sex, words in SEXES.items() if sex in sexes]
     measures = [
         f"{name} {_mean_sd(people[column], form)} {unit}"
         for name, column, form, unit in (
@@ -83,176 +86,188 @@ def _subjects(results: Results) -> str:
     mass = _origin(
         "Body mass",
         [person.mass_kg is not None for person in stated],
-        "weighed by the plates over the first 100 frames of the calibration pose",
+        "measured by the force plates during the first 100 frames of the calibration pose",
     )
     height = _origin(
         "stature",
         [person.height_m is not None for person in stated],
-        "estimated from the length of the legs",
+        "estimated from leg length",
     )
     return (
-        f"The analysis covers {len(people)} subject{'s' * (len(people) > 1)} "
-        f"({'; '.join([*counts, *measures])}) in the condition{'s' * (len(conditions) > 1)} "
-        f"{join_names(conditions)}. {mass}; {height}."
+        f"The analysis included {len(people)} subject{'s' * (len(people) > 1)} "
+        f"({'; '.join([', '.join(counts), *measures])}) in the "
+        f"condition{'s' * (len(conditions) > 1)} {join_names(conditions)}. {mass}; {height}."
     )
 
 
-def _body(trials: Sequence[TrialSummary]) -> str:
-    sets = join_names(sorted({trial.marker_set for trial in trials}))
-    hips = join_names(sorted({HIP[trial.settings.hip][0] for trial in trials}))
-    offsets = join_names(sorted({f"{trial.settings.marker_offset_m * 1000:g}" for trial in trials}))
-    sexes = {trial.subject.sex for trial in trials}
-    table = "of the subject's sex" if "unspecified" not in sexes else "(the mean of both sexes)"
-    if len(sexes) > 1 and "unspecified" in sexes:
-        table = "of the subject's sex (the mean of both where it was not stated)"
+def _kinematics(trials: Sequence[TrialSummary]) -> str:
     settings = [trial.settings for trial in trials]
-    forms = [FILTERS[s.filter].format(cutoff_hz=s.cutoff_hz) for s in settings]
-    filters = join_names(list(dict.fromkeys(forms)))
-    locked = sorted({name for trial in trials for name in trial.locked})
-    known = {
+    marker_sets = _each(trial.marker_set for trial in trials)
+    hips = _each(HIP_METHODS[s.hip][0] for s in settings)
+    offsets = _each(f"{1000 * s.marker_offset_m:g}" for s in settings)
+    filters = _each(FILTERS[s.filter].format(cutoff_hz=s.cutoff_hz) for s in settings)
+    sexes = {trial.subject.sex for trial in trials}
+    sex = "for the subject's sex"
+    if "unspecified" in sexes:
+        sex = "(mean of both sexes)" if len(sexes) == 1 else f"{sex} (mean of both if unspecified)"
+    overridden = {
         f"{trial.subject.id}: {join_names(trial.overridden_segments)}"
         for trial in trials
         if trial.overridden_segments
     }
-    own = f", but for those stated of single segments ({'; '.join(sorted(known))})" if known else ""
-    kept = f" Coordinates that no marker shows were kept at neutral ({join_names(locked)})."
+    own = f", except for stated values ({'; '.join(sorted(overridden))})" if overridden else ""
+    locked = sorted({name for trial in trials for name in trial.locked})
+    held = f" Coordinates without markers were held at neutral ({join_names(locked)})."
     return (
-        "Motion was described by an open implementation of the Human Body Model (van den Bogert "
-        "et al. 2013) with 46 coordinates. Each subject's body was built from a calibration pose "
-        f"with the marker set {sets}: hip joint centres by {hips}, marker "
-        f"centres {offsets} mm from the skin, segment inertias from de Leva's table (1996) "
-        f"{table}{own}."
-        f"{kept if locked else ''} The coordinates of each frame minimised the sum of squared "
-        "distances between measured and modelled markers (Lu and O'Connor 1999). Coordinates and "
-        f"the forces on the feet were low-passed alike by {filters} before velocities, "
-        "accelerations and inverse dynamics were computed."
+        "Kinematics were described by an open-source implementation of the Human Body Model (van "
+        "den Bogert et al. 2013) with 46 degrees of freedom. Each subject's model was built from a "
+        f"calibration pose with the marker set {marker_sets}. Hip joint centres were located by "
+        f"{hips}; marker centres were {offsets} mm from the skin; segment inertial parameters were "
+        f"those of de Leva (1996) {sex}{own}.{held if locked else ''} Inverse kinematics minimised "
+        "the sum of squared distances between measured and modelled markers in each frame (Lu and "
+        "O'Connor 1999). Coordinates and ground reaction wrenches were filtered alike with "
+        f"{filters} before velocities, accelerations and inverse dynamics were computed."
     )
 
 
 def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
     delays = {trial.settings.plate_delay_s for trial in trials}
-    shifted = join_names(sorted(f"{1000 * delay:g}" for delay in delays))
-    taken = f" {shifted} ms later than the markers" if delays != {0.0} else ""
-    thresholds = join_names(sorted({f"{t.settings.contact_threshold_n:g}" for t in trials}))
+    lag = ""
+    if delays != {0.0}:
+        lag = f", taking into account a delay of {_each(f'{1000 * d:g}' for d in delays)} ms,"
+    thresholds = _each(f"{t.settings.contact_threshold_n:g}" for t in trials)
+    treadmill = study.file.treadmill if study else None
     text = (
-        f"The plates' wrenches were resampled to the markers' times{taken}"
-        f"{_moved(study.file.treadmill) if study else ''} and given to the foot that stood there "
-        f"(contact above {thresholds} N). The residual is the wrench that would have to act on the "
-        "pelvis to close the equations of motion, about the middle of the hip joints, in lab axes "
-        "(x forward, y right, z up)."
+        f"Force plate wrenches were resampled to the marker times{lag}"
+        f"{_platform_pose(treadmill)} and assigned to the foot in contact (threshold {thresholds} "
+        "N). The pelvis residual is the wrench that has to act on the pelvis to satisfy the "
+        "equations of motion; it is given about the midpoint of the hip joints in lab axes (x "
+        "forward, y right, z up)."
     )
     if not any(row.compensated for trial in trials for row in trial.residuals):
-        return text + " No compensation for the treadmill's own inertia was applied."
+        return f"{text} Treadmill inertia was not compensated."
     text += (
-        " Every trial was processed twice from the same motion, with the plates as measured (no IC)"
-        " and after inertia compensation (IC): each plate's wrench due to the treadmill's own "
-        "motion was predicted by a linear model of accelerometer signals and subtracted in the "
-        "plate's frame (Hnat et al. 2018)."
+        " Each trial was processed twice with the same kinematics: with the force plate wrenches "
+        "as measured (no IC) and after inertia compensation (IC), for which the wrench due to the "
+        "treadmill's own motion was predicted for each plate by a linear model of accelerometer "
+        "signals and subtracted in the plate's frame (Hnat et al. 2018)."
     )
-    if study and study.file.treadmill.accelerometers:
-        treadmill = study.file.treadmill
-        count = len(treadmill.accelerometers)
+    if treadmill is not None and treadmill.belt is not None:
         text += (
-            f" The model used {count} triaxial accelerometer{'s' * (count > 1)} and was fitted to "
-            "a recording of the empty, moving treadmill; its signals and the accelerations of "
-            f"every trial were low-passed with zero phase (−3 dB at {treadmill.cutoff_hz:g} Hz)."
+            " The pitch moment due to the belts' acceleration was predicted from the belt speed "
+            "and subtracted before (Hnat and van den Bogert 2014)."
         )
-    return text
+    if treadmill is None or not treadmill.accelerometers:
+        return text
+    count = len(treadmill.accelerometers)
+    return (
+        f"{text} The model used {count} triaxial accelerometer{'s' * (count > 1)} and was fitted "
+        "to a recording of the empty, moving treadmill; the signals of this recording and the "
+        "accelerations of each trial were low-pass filtered with zero phase (−3 dB at "
+        f"{treadmill.cutoff_hz:g} Hz)."
+    )
 
 
-def _moved(treadmill: Treadmill) -> str:
-    platform_ = treadmill.platform
-    if platform_ is None:
+def _platform_pose(treadmill: Treadmill | None) -> str:
+    if treadmill is None or treadmill.platform is None:
         return ""
-    if platform_.markers:
-        return (
-            f", moved into the lab with the platform's pose from {len(platform_.markers)} markers,"
-        )
-    return ", moved into the lab with the platform's pose as commanded,"
+    source = "as commanded"
+    if treadmill.platform.markers:
+        source = f"measured with {len(treadmill.platform.markers)} markers"
+    return f", transformed to the lab frame with the platform's pose {source},"
 
 
-def _cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
+def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
     text = (
-        "Gait cycles ran from foot strike to foot strike of one foot. Gait events were the "
-        "recordings' own or, where these had none, found from heel, toe and sacrum markers (Zeni "
-        "et al. 2008)."
+        "Gait cycles were defined from foot strike to foot strike of the same foot. Gait events "
+        "were those of the recordings or, in recordings without events, detected from heel, toe "
+        "and sacrum markers (Zeni et al. 2008)."
     )
     if study:
-        rules = [_rule(name, rule) for name, rule in study.file.conditions.items()]
-        text += f" Counted were {'; '.join(rules)}."
+        rules = [_selection(name, rule) for name, rule in study.file.conditions.items()]
+        text += f" The analysed cycles were {'; '.join(rules)}."
     numbers: dict[str, list[int]] = {}
     for trial in trials:
         count = sum(len(spans) for spans in trial.cycles.values())
         numbers.setdefault(trial.condition, []).append(count)
-    found = [f"{name} {_range(counts)}" for name, counts in numbers.items()]
+    counts = [f"{_range(numbers[name])} ({name})" for name in in_order(numbers)]
     return (
-        f"{text} Cycles per trial: {', '.join(found)}. Each residual was summarised by its root "
-        "mean square (RMS) over all samples of a trial's cycles; curves are normalised to 0–100 % "
-        "of the cycle."
+        f"{text} Each trial contributed {join_names(counts)} gait cycles. Each residual was "
+        "summarised by its root mean square (RMS) over all samples of a trial's gait cycles; "
+        "curves were normalised to 0–100 % of the gait cycle."
     )
 
 
-def _rule(name: str, rule: Condition) -> str:
+def _selection(condition: str, rule: Condition) -> str:
     if rule.perturbed:
-        first = f"the first {rule.cycles} cycles" if rule.cycles else "the cycles"
+        cycles = f"the first {rule.cycles} cycles" if rule.cycles else "the cycles"
         source = "the pulse channel" if rule.pulse_channel else "the platform's motion"
-        return f"in {name} {first} of either foot that contain a perturbation (onset from {source})"
-    first = f"the first {rule.cycles}" if rule.cycles else "all"
-    after = f" after {rule.skip_s:g} s" if rule.skip_s else ""
-    return f"in {name} {first} cycles of the right foot{after}"
-
-
-def _tests(statistics: pd.DataFrame) -> list[str]:
-    done = set(statistics.loc[statistics["p_corrected"].notna(), "test"])
-    parts = []
-    if "RM-ANOVA" in done:
-        parts.append(
-            "RMS residuals were compared by a repeated-measures analysis of variance, compensation "
-            "(IC, no IC) × condition (baseline, sway, pitch), with the Greenhouse–Geisser "
-            "correction where Mauchly's test rejected sphericity or could not be done."
+        return (
+            f"in {condition} {cycles} of either foot that contained a perturbation (onset from "
+            f"{source})"
         )
-    if "paired t" in done:
+    cycles = f"the first {rule.cycles}" if rule.cycles else "all"
+    start = f" after {rule.skip_s:g} s" if rule.skip_s else ""
+    return f"in {condition} {cycles} cycles of the right foot{start}"
+
+
+def _statistics(statistics: pd.DataFrame) -> list[str]:
+    computed = set(statistics.loc[statistics["p_corrected"].notna(), "test"])
+    parts = []
+    if "RM-ANOVA" in computed:
         parts.append(
-            f"The {len(PLANNED_PAIRS)} planned pairs (IC against no IC in every condition; sway "
-            "IC and pitch IC against baseline without IC) were compared by paired t-tests and "
-            "exact Wilcoxon signed-rank tests with Bonferroni correction. A residual was at "
-            "baseline level if the upper end of the simultaneous 95 % confidence interval of its "
-            f"difference from the baseline without IC was at most {100 * MARGIN:g} % of that "
+            "RMS residuals were compared by a two-way repeated-measures analysis of variance with "
+            f"the factors compensation (no IC, IC) and condition ({', '.join(CONDITIONS)}). The "
+            "Greenhouse–Geisser correction was applied where Mauchly's test rejected sphericity or "
+            "could not be computed."
+        )
+    if "paired t" in computed:
+        parts.append(
+            f"The {len(PLANNED_PAIRS)} planned pairs (IC against no IC in each condition; sway IC "
+            "and pitch IC against baseline no IC) were compared by paired t-tests and exact "
+            "Wilcoxon signed-rank tests with Bonferroni correction. A residual was considered to "
+            "be at baseline level if the upper bound of the simultaneous 95 % confidence interval "
+            f"of its difference from baseline no IC was at most {100 * MARGIN:g} % of that "
             "baseline (non-inferiority; Schuirmann 1987)."
         )
     checks = [
-        said
-        for test, said in (
+        name
+        for test, name in (
             ("sign-flip permutation", "sign-flip permutation tests"),
             ("aligned-rank RM-ANOVA", "an aligned-rank analysis of variance"),
             ("Friedman", "Friedman's test"),
         )
-        if test in done
+        if test in computed
     ]
     if checks:
-        parts.append(f"Results were checked by {join_names(checks)}.")
-    for name in sorted(test for test in done if test.startswith("RM-ANOVA with ")):
-        covariates = name.removeprefix("RM-ANOVA with ").replace("height_m", "stature")
-        parts.append(f"The influence of {covariates} was tested by adding them as covariates.")
+        parts.append(f"As a check, the effects were also tested by {join_names(checks)}.")
+    for test in sorted(test for test in computed if test.startswith("RM-ANOVA with ")):
+        covariates = test.removeprefix("RM-ANOVA with ").replace("height_m", "stature")
+        parts.append(f"A further analysis of variance included {covariates} as covariates.")
     return [" ".join([*parts, "The level of significance was 0.05."])] if parts else []
 
 
 def _software(trials: Sequence[TrialSummary], statistics: pd.DataFrame) -> str:
     versions = trials[0].versions
-    own = join_names(sorted({trial.versions["hbm-residuals"] for trial in trials}))
-    others = [f"{name} {versions[name.lower()]}" for name in ("CasADi", "NumPy", "SciPy")]
+    own = _each(trial.versions["hbm-residuals"] for trial in trials)
+    packages = [f"{name} {versions[name.lower()]}" for name in ("CasADi", "NumPy", "SciPy")]
     if statistics["p_corrected"].notna().any():
-        others.append(f"pingouin {version('pingouin')}")
+        packages.append(f"pingouin {version('pingouin')}")
     return (
-        f"All was computed with hbm-residuals {own} on Python {platform.python_version()} with "
-        f"{join_names(others)}."
+        f"All computations were performed with hbm-residuals {own} on Python "
+        f"{platform.python_version()} with {join_names(packages)}."
     )
 
 
-def _origin(what: str, stated: list[bool], otherwise: str) -> str:
+def _origin(quantity: str, stated: list[bool], otherwise: str) -> str:
     if all(stated):
-        return f"{what} was as stated"
-    return f"{what} was {'as stated or, where it was not, ' * any(stated)}{otherwise}"
+        return f"{quantity} was as stated"
+    return f"{quantity} was {'as stated or, where it was not, ' * any(stated)}{otherwise}"
+
+
+def _each(texts: Iterable[str]) -> str:
+    """Join texts that differ between trials."""
+    return join_names(sorted(set(texts)))
 
 
 def _mean_sd(values: pd.Series, form: str) -> str:

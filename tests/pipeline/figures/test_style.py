@@ -1,0 +1,41 @@
+"""How figures are written: the same figure gives the same files, and bands have their spread."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from pipeline.figures.style import COLOURS, draw_band, save_figure
+
+
+def figure():
+    drawn = Figure(figsize=(3, 2), layout="constrained")
+    x = np.linspace(0, 100, 5)
+    draw_band(drawn.subplots(), x, x**2, np.full(5, 3.0), COLOURS["measured"], label="$\\frac")
+    drawn.axes[0].set_title("$\\frac")
+    return drawn
+
+
+def test_a_band_reaches_one_spread_to_both_sides():
+    (band,) = figure().axes[0].collections
+    heights = band.get_paths()[0].vertices[:, 1]
+    assert (heights.min(), heights.max()) == pytest.approx((-3, 10_003))
+
+
+def test_a_figure_is_written_as_png_and_svg_whatever_its_suffix(tmp_path):
+    for name in ("plain", "drawn.svg", "a.b"):
+        save_figure(figure(), tmp_path / name)
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["a.b.png", "a.b.svg", "drawn.png", "drawn.svg", "plain.png", "plain.svg"]
+
+
+def test_equal_figures_give_equal_files(tmp_path):
+    for name in ("a", "b"):
+        save_figure(figure(), tmp_path / name)
+    for suffix in (".svg", ".png"):
+        a, b = (tmp_path / f"{name}{suffix}" for name in ("a", "b"))
+        assert a.read_bytes() == b.read_bytes()
+
+
+def test_a_dollar_sign_is_text_and_no_formula(tmp_path):
+    save_figure(figure(), tmp_path / "dollar")
+    assert "$\\frac" in (tmp_path / "dollar.svg").read_text(encoding="utf-8")
