@@ -1,1 +1,1 @@
-"""From the markers of a calibration pose to joint centres and axes."""
+"""From the markers of a calibration pose to joint centres, axes and segment frames."""

@@ -1,4 +1,4 @@
-"""What a calibration pose shows of a subject's joints, and the directions it is told in."""
+"""Joint centres and axes of a subject in the calibration pose, and the measures they depend on."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,12 +9,13 @@ from hbm.segments import Sex
 from hbm.spatial import Array
 
 HipRule = Literal["harrington", "bell"]
-TO_LEFT: Final = {"right": 1.0, "left": -1.0}
+MEDIAL_SIGN: Final = {"right": 1.0, "left": -1.0}
+"""Side -> sign of the medial direction, where left is positive."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """What is known of a subject beyond the markers.
+    """Properties of a subject that the markers do not show, and the rule for the hips.
 
     Attributes
     ----------
@@ -26,7 +27,7 @@ class Measures:
     knee_width_m, ankle_width_m
         Joint widths, for marker sets without medial markers [m].
     marker_offset_m
-        Marker radius plus base plate: how far a marker's centre is from the skin [m].
+        Marker radius plus base plate: distance of a marker's centre from the skin [m].
     """
 
     sex: Sex = "unspecified"
@@ -43,15 +44,15 @@ class Anatomy:
     Attributes
     ----------
     points
-        Positions by name, such as ``right_knee`` or ``neck``, (3,) [m]. What could not be seen
-        (head or arms without markers) is absent.
+        Positions by name, such as ``right_knee`` or ``neck``, (3,) [m]. Absent for a head or arms
+        without markers.
     axes
         Unit vectors by name, such as ``right_knee``; all point to the subject's left in the
         anatomical position.
     frames
         Orientations of pelvis, trunk and head (columns: forward, left, up), (3, 3).
     notes
-        Which rules stood in for missing landmarks.
+        Rules that replaced missing landmarks.
     """
 
     points: dict[str, Array] = field(default_factory=dict)
@@ -61,7 +62,7 @@ class Anatomy:
 
 
 def need(landmarks: Mapping[str, Array], *names: str, purpose: str, instead: str) -> list[Array]:
-    """Give landmarks, or say in a ValueError which are missing and what would do instead."""
+    """Give landmarks, or raise a ValueError that names the missing and what would replace them."""
     missing = [name for name in names if name not in landmarks]
     if missing:
         raise ValueError(

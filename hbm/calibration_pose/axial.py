@@ -1,22 +1,35 @@
 """Pelvis, trunk and head from their landmarks."""
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
-from hbm.calibration_pose.anatomy import TO_LEFT, Anatomy, Measures, need
+from hbm.calibration_pose.anatomy import MEDIAL_SIGN, Anatomy, Measures, need
 from hbm.coordinates import SIDES
 from hbm.notes import Note
 from hbm.spatial import Array, axes_from, distance, perpendicular, unit
+
+LUMBAR_PER_PELVIS_WIDTH: Final = {
+    "male": (-0.264, 0.126),
+    "female": (-0.289, 0.172),
+    "unspecified": (-0.2765, 0.149),
+}
+"""L5/S1 from mid-ASIS, forward and up, as shares of the distance between the ASIS (Reed et al.
+1999, SAE 1999-01-0959, as adapted to ASIS and PSIS by Dumas et al. 2007, J Biomech 40:543)."""
+
+NECK_PER_C7_TO_NOTCH: Final = {"male": 0.55, "female": 0.53, "unspecified": 0.54}
+NECK_ELEVATION_DEG: Final = {"male": 8.0, "female": 14.0, "unspecified": 11.0}
+"""C7/T1 from C7, as share of the distance from C7 to jugular notch and angle above that line (Reed
+et al. 1999; Dumas et al. 2007)."""
 
 
 def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Measures) -> None:
     """Find the pelvis frame, both hip centres (the body's origin is midway) and the lumbar joint.
 
     The frame is that of ASIS and PSIS. A single missing spine is the mirror image of its opposite;
-    the sacrum marker stands in for both PSIS. Hip centres: `hip_centers`. Lumbar joint (L5/S1) by
-    pelvic width: Reed et al. 1999 (SAE 1999-01-0959), as adapted to ASIS and PSIS by Dumas et al.
-    2007 (J Biomech 40:543).
+    the sacrum marker replaces both PSIS. Hip centres: `hip_center`. Lumbar joint:
+    `LUMBAR_PER_PELVIS_WIDTH`.
     """
     R, origin, back, notes = pelvis_frame(landmarks)
     anatomy.notes += notes
@@ -30,9 +43,8 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
         if leg is None and measures.hip == "harrington":
             anatomy.notes.append(Note.of("hip_without_leg_length", side=side))
     anatomy.points["pelvis"] = (anatomy.points["right_hip"] + anatomy.points["left_hip"]) / 2
-    share = {"male": (-0.264, 0.126), "female": (-0.289, 0.172), "unspecified": (-0.2765, 0.149)}
-    back_share, up_share = share[measures.sex]
-    anatomy.points["lumbar"] = origin + R @ (width * np.array([back_share, 0.0, up_share]))
+    forward, up = LUMBAR_PER_PELVIS_WIDTH[measures.sex]
+    anatomy.points["lumbar"] = origin + R @ (width * np.array([forward, 0.0, up]))
 
 
 def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, list[Note]]:
@@ -46,13 +58,13 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, l
     Returns
     -------
     tuple
-        Orientation (columns: forward, left, up), (3, 3); mid-ASIS and mid-PSIS, (3,) [m]; which
-        rules stood in.
+        Orientation (columns: forward, left, up), (3, 3); mid-ASIS and mid-PSIS, (3,) [m]; rules
+        that replaced missing landmarks.
 
     Raises
     ------
     ValueError
-        If ASIS or PSIS are missing and nothing can stand in for them.
+        If ASIS or PSIS are missing that no rule can replace.
     """
     at, notes = _spines(landmarks)
     left, right = need(
@@ -68,7 +80,7 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, l
 
 
 def _spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[Note]]:
-    """Give the landmarks with a single missing spine mirrored from its opposite."""
+    """Give the landmarks, a single missing spine as the mirror image of its opposite."""
     at = dict(landmarks)
     notes: list[Note] = []
     for a, b in (("ASIS", "PSIS"), ("PSIS", "ASIS")):
@@ -95,11 +107,11 @@ def hip_center(
     side
         "right" or "left".
     width, depth
-        Between the ASIS; from their middle to that of the PSIS [m].
+        Distance between the ASIS; from mid-ASIS to mid-PSIS [m].
     leg
         Leg length from ASIS to medial malleolus [m]; None where unknown.
     measures
-        Which rule.
+        The rule, the sex and the marker offset.
 
     Returns
     -------
@@ -109,15 +121,15 @@ def hip_center(
     Raises
     ------
     ValueError
-        If there is no such rule, or a functional centre is missing.
+        If the rule is unknown, or a functional centre is missing.
 
     Notes
     -----
     Harrington et al. 2007 (J Biomech 40:595), Table 3: by width, depth and leg length, or by the
     best single measures where leg length is unknown. Bell et al. 1990 (J Biomech 23:617). Both
-    refer to bone: a marker's radius and base plate are taken off its distance forward.
+    refer to bone, so that the marker offset is subtracted from the forward coordinate.
     """
-    outward = -TO_LEFT[side]
+    outward = -MEDIAL_SIGN[side]
     if isinstance(measures.hip, Mapping):
         if side not in measures.hip:
             raise ValueError(f"functional hip centres must name right and left, {side} is missing")
@@ -137,7 +149,7 @@ def hip_center(
 
 
 def _leg_length(landmarks: Mapping[str, Array], letter: str, spine: Array) -> float | None:
-    """Leg length ASIS to medial malleolus, over the knee so that a bent leg is as long."""
+    """Leg length from ASIS to medial malleolus by way of the knee, the same when it is flexed."""
     knee = landmarks.get(letter + "MEK", landmarks.get(letter + "LEK"))
     ankle = landmarks.get(letter + "MM", landmarks.get(letter + "LM"))
     if knee is None or ankle is None:
@@ -148,12 +160,11 @@ def _leg_length(landmarks: Mapping[str, Array], letter: str, spine: Array) -> fl
 def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) -> None:
     """Find the trunk's frame, its upper end and the neck.
 
-    The axis runs from the middle of T10 and xiphoid (without both: the lumbar joint) to the middle
-    of C7 and jugular notch. Without C7 or jugular notch the acromions stand in: their middle is the
-    top of the axis. Without an acromion as well, the axis runs from the lumbar joint through the
-    middle of T10 and xiphoid up to the level of the jugular notch. In both cases the neck is the
-    axis' upper end; else it (C7/T1) is 0.55 (women 0.53) of the distance from C7 to jugular notch
-    away from C7, 8° (14°) above that line (Reed et al. 1999; Dumas et al. 2007).
+    The axis runs from the midpoint of T10 and xiphoid (where one is missing: the lumbar joint) to
+    the midpoint of C7 and jugular notch. Without C7 or jugular notch, the midpoint of the acromions
+    is the top of the axis. Without an acromion as well, the axis runs from the lumbar joint through
+    the midpoint of T10 and xiphoid up to the level of the jugular notch. In both cases the neck is
+    the upper end of the axis; else it follows from C7 and notch (`NECK_PER_C7_TO_NOTCH`).
     """
     low = "T10" in at and "XIPH" in at
     bottom = (at["T10"] + at["XIPH"]) / 2 if low else anatomy.points["lumbar"]
@@ -184,25 +195,23 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     pelvis = anatomy.frames["pelvis"]
     if R[:, 0] @ pelvis[:, 0] < 0 or R[:, 2] @ pelvis[:, 2] < 0:
         raise ValueError(
-            "trunk and pelvis face opposite ways; front and back markers (C7, T10 against JN, "
-            "XIPH; ASIS against PSIS) or left and right are probably swapped"
+            "trunk and pelvis face opposite directions; front and back markers (C7, T10 against "
+            "JN, XIPH; ASIS against PSIS) or left and right are probably swapped"
         )
     anatomy.frames["trunk"] = R
     anatomy.points["trunk_top"] = top
 
 
 def _neck(forward: Array, up: Array, measures: Measures) -> Array:
-    """Give the neck's place from C7, (3,) [m]."""
-    rules = {"male": (0.55, 8.0), "female": (0.53, 14.0), "unspecified": (0.54, 11.0)}
-    share, lift = rules[measures.sex]
+    """Give the neck's position from C7, (3,) [m]."""
     ahead, above = unit(forward), perpendicular(up, forward)
-    reach = share * float(np.linalg.norm(forward))
-    angle = np.radians(lift)
-    return np.asarray(reach * (np.cos(angle) * ahead + np.sin(angle) * above))
+    length = NECK_PER_C7_TO_NOTCH[measures.sex] * float(np.linalg.norm(forward))
+    angle = np.radians(NECK_ELEVATION_DEG[measures.sex])
+    return np.asarray(length * (np.cos(angle) * ahead + np.sin(angle) * above))
 
 
 def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:
-    """Find the head's frame from its left, right and top markers; absent if one of them is."""
+    """Find the head's frame from its left, right and top markers; none if one is missing."""
     if not {"LHEAD", "RHEAD", "THEAD"} <= set(at):
         return
     across, middle = at["LHEAD"] - at["RHEAD"], (at["LHEAD"] + at["RHEAD"]) / 2

@@ -1,4 +1,4 @@
-"""Hip centres from a trial in which the thighs swing: functional calibration."""
+"""Functional calibration: hip centres from a trial in which the thighs swing."""
 
 from typing import Final
 
@@ -8,12 +8,17 @@ from hbm.calibration_pose.axial import pelvis_frame
 from hbm.markers import Markers, MarkerSet, recognise_marker_set
 from hbm.spatial import Array, fit_rotation
 
-LEAST_SPREAD: Final = 0.04
-PASSES: Final = 3
+MIN_SINGULAR_VALUE: Final = 0.04
+"""Of the system for the centre, per frame: less than a swing of ±5° in the plane of least motion
+leaves a component of the centre to the noise."""
+
+SHAPE_ITERATIONS: Final = 3
+"""Of fitting poses to a cluster's mean shape and averaging it again: the error is 2e-7 m after the
+first and falls ten thousandfold each time."""
 
 
 def functional_hips(markers: Markers, marker_set: MarkerSet | None = None) -> dict[str, Array]:
-    """Find the hip centres about which the thighs turn.
+    """Find the hip centres about which the thighs rotate.
 
     Parameters
     ----------
@@ -21,7 +26,7 @@ def functional_hips(markers: Markers, marker_set: MarkerSet | None = None) -> di
         A trial in which each thigh swings in more than one plane: star and arc movements, or a
         walk with enough ab-/adduction. Frames with gaps in a cluster are left out.
     marker_set
-        Which marker rides on pelvis and thighs; by default recognised from the labels.
+        Segments of the markers; by default recognised from the labels.
 
     Returns
     -------
@@ -32,7 +37,7 @@ def functional_hips(markers: Markers, marker_set: MarkerSet | None = None) -> di
     Raises
     ------
     ValueError
-        If a cluster has fewer than three markers, or a thigh turns too little or in one plane.
+        If a cluster has fewer than three markers, or a thigh rotates too little or in one plane.
 
     Notes
     -----
@@ -68,23 +73,23 @@ def _cluster(markers: Markers, chosen: MarkerSet, segment: str) -> tuple[list[st
 
 
 def _poses(position: Array) -> tuple[Array, Array, Array]:
-    """Give a cluster's mean shape about its centroid, and its orientation and place over time."""
-    place = position.mean(axis=1)
-    centred = position - place[:, None]
+    """Give a cluster's mean shape about its centroid, its orientation and centroid over time."""
+    centroid = position.mean(axis=1)
+    centred = position - centroid[:, None]
     shape = centred[0]
-    for _ in range(PASSES):
+    for _ in range(SHAPE_ITERATIONS):
         R = fit_rotation(np.einsum("tki,kj->tij", centred, shape))
         shape = np.einsum("tij,tki->kj", R, centred) / len(R)
-    return shape, R, place
+    return shape, R, centroid
 
 
 def _center(R: Array, o: Array, S: Array, p: Array, side: str) -> Array:
     """Give the centre of rotation in the first cluster's frame."""
     system = np.concatenate([R, -S], axis=2).reshape(-1, 6)
-    spread = np.linalg.svd(system, compute_uv=False)[-1] / np.sqrt(len(R))
-    if spread < LEAST_SPREAD:
+    smallest = np.linalg.svd(system, compute_uv=False)[-1] / np.sqrt(len(R))
+    if smallest < MIN_SINGULAR_VALUE:
         raise ValueError(
-            f"the {side} thigh turns too little, or in one plane only, to show its hip centre; "
+            f"the {side} thigh rotates too little, or in one plane only, to show its hip centre; "
             "swing it forward, back and sideways by 30° and more"
         )
     both = np.linalg.lstsq(system, (p - o).ravel(), rcond=None)[0]

@@ -1,8 +1,8 @@
 """Joint centres and axes from anatomical landmarks in a calibration pose.
 
-Every rule names its source; where a landmark is missing the next documented rule is taken and said
-so, and where none is left the error says which marker would do. All positions are in lab axes;
-whichever way the subject faces makes no difference.
+Every rule names its source. Where a landmark is missing the next documented rule is used, with a
+note; where there is none the error says which marker would do. All positions are in lab axes,
+whatever direction the subject faces.
 """
 
 from collections.abc import Mapping
@@ -20,9 +20,9 @@ def locate_anatomy(landmarks: Mapping[str, Array], measures: Measures) -> Anatom
     Parameters
     ----------
     landmarks
-        Landmark -> position in the calibration pose, (3,) [m], lab axes; missing ones absent.
+        Landmark -> position in the calibration pose, (3,) [m], lab axes; absent where missing.
     measures
-        What is known of the subject beyond the markers.
+        Properties of the subject that the markers do not show.
 
     Returns
     -------
@@ -32,8 +32,8 @@ def locate_anatomy(landmarks: Mapping[str, Array], measures: Measures) -> Anatom
     Raises
     ------
     ValueError
-        If a pelvis, leg or trunk landmark is missing and no rule can stand in for it, or sides
-        are swapped.
+        If a pelvis, leg or trunk landmark is missing that no rule can replace, or sides are
+        swapped.
     """
     anatomy = Anatomy()
     locate_pelvis(anatomy, landmarks, measures)

@@ -1,8 +1,8 @@
-"""A subject's shape: segment frames hung on the joint centres and axes of a calibration pose.
+"""A subject's shape: segment frames from the joint centres and axes of a calibration pose.
 
-In every segment's frame the shape is what stays the same when the subject moves: where the next
-joint is, how its hinges run, where the markers and the ends of its inertias are. Shapes of several
-instants can therefore be averaged, whether the subject stood still or walked.
+Expressed in the segments' frames, the next joints, the hinge axes, the markers and the ends of the
+inertial parts stay the same when the subject moves. Shapes of several frames can therefore be
+averaged, whether the subject stood still or walked.
 
 Zero of the hinges: knee and elbow straight, foot at a right angle to the shank, forearm supinated
 (wrist axis along the elbow's), hand in line with the forearm; foot pronation and toes as in the
@@ -20,20 +20,30 @@ from hbm.coordinates import DOWN, FORWARD, LEFT, PARENT, SIDES
 from hbm.segments import Proportions
 from hbm.spatial import Array, axes_from, perpendicular, rotation_about, unit
 
-INCLINATION: Final = np.radians(42.0)
-DEVIATION: Final = np.radians(16.0)
+SUBTALAR_INCLINATION_RAD: Final = np.radians(42.0)
+SUBTALAR_DEVIATION_RAD: Final = np.radians(16.0)
+"""Of the subtalar axis from the sole, upward, and from the foot's long axis, medially (Manter 1941,
+Anat Rec 80:397)."""
+
+SHOULDER_WIDTH_PER_STATURE: Final = 0.129
+"""Of a shoulder that no marker shows, from the trunk's axis (Drillis and Contini 1966, as in Winter
+2009, Fig. 4.1)."""
+
+SHOULDER_DROP_PER_STATURE: Final = 0.009
+"""Of such a shoulder below the jugular notch (de Leva 1996: the trunk from mid shoulders to mid
+hips is 16 mm shorter than from the notch, in men of 1.741 m)."""
 
 
 @dataclass(slots=True)
 class Shape:
-    """What stays the same while the subject moves, each in its segment's frame.
+    """Geometry that stays the same while the subject moves, in the segments' frames.
 
     Attributes
     ----------
     offsets
         Segment -> its proximal joint in the parent segment's frame, (3,) [m].
     axes
-        Coordinate -> hinge axis in the frame before it turns, unit vector (3,).
+        Coordinate -> hinge axis in the frame that it rotates, unit vector (3,).
     ends
         Inertial part -> its proximal and distal end and a lateral direction, (3, 3).
     markers
@@ -53,32 +63,30 @@ def shape_of(
     markers: Mapping[str, Array],
     segment: Mapping[str, str],
 ) -> Shape:
-    """Describe the subject at one instant.
+    """Give the subject's shape in one frame of the recording.
 
     Parameters
     ----------
     anatomy
-        Joint centres and axes at that instant, lab axes.
+        Joint centres and axes in that frame, lab axes.
     table
         Segment proportions, for the parts that no marker shows.
     height_m
-        Stature, for the same [m].
+        Stature, for the same parts [m].
     markers
-        Marker -> position at that instant, (3,) [m], lab axes.
+        Marker -> position in that frame, (3,) [m], lab axes.
     segment
         Marker -> segment.
 
     Returns
     -------
     Shape
-        In segment frames. Head and arms that no marker shows hang neutrally from the trunk.
+        In segment frames. A head and arms that no marker shows are in the neutral position.
 
     Notes
     -----
-    Unseen parts take de Leva's (1996) mean lengths as shares of stature; unseen shoulders lie
-    0.129 of stature beside the trunk's axis (Drillis and Contini 1966, as in Winter 2009, Fig. 4.1)
-    and 0.009 of stature below the level of the jugular notch (de Leva 1996: the trunk from mid
-    shoulders to mid hips is 16 mm shorter than from the notch, in men of 1.741 m).
+    Parts that no marker shows have de Leva's (1996) mean lengths as shares of stature; their
+    shoulders: `SHOULDER_WIDTH_PER_STATURE`, `SHOULDER_DROP_PER_STATURE`.
     """
     build = _Builder(anatomy, table, height_m)
     build.trunk_and_head()
@@ -96,7 +104,7 @@ def shape_of(
 
 
 def average(shapes: list[Shape]) -> Shape:
-    """Average shapes of several instants; axes stay unit vectors."""
+    """Average the shapes of several frames; axes stay unit vectors."""
 
     def mean(kind: str) -> dict[str, Array]:
         parts = [getattr(shape, kind) for shape in shapes]
@@ -107,8 +115,8 @@ def average(shapes: list[Shape]) -> Shape:
     return Shape(mean("offsets"), axes, mean("ends"), mean("markers"))
 
 
-def _swing(axis: Array, zero: Array, direction: Array) -> float:
-    """Angle about an axis that turns one direction into another, both seen along the axis."""
+def _angle_about(axis: Array, zero: Array, direction: Array) -> float:
+    """Give the angle about an axis from one direction to another, both projected along it."""
     across = axis @ np.cross(zero, direction)
     return float(np.arctan2(across, zero @ direction - (axis @ zero) * (axis @ direction)))
 
@@ -116,23 +124,23 @@ def _swing(axis: Array, zero: Array, direction: Array) -> float:
 def _subtalar(along: Array, medial: float) -> Array:
     """Give the subtalar axis, forward, in a foot whose long axis is ``along``.
 
-    It rises 42° from the sole and deviates 16° to the medial side (Manter 1941, Anat Rec 80:397),
-    so that pronation of the standing foot turns the shank inwards; about the foot's long axis it
-    would not, and the feet would drag the pelvis sideways.
+    About it, pronation of the standing foot rotates the shank inward. About the foot's long axis
+    it would not, and the markers of the feet would pull the pelvis sideways.
     """
     left = perpendicular(np.array(LEFT), along)
-    level = np.cos(DEVIATION) * along + medial * np.sin(DEVIATION) * left
-    return np.asarray(np.cos(INCLINATION) * level + np.sin(INCLINATION) * np.cross(along, left))
+    deviation, inclination = SUBTALAR_DEVIATION_RAD, SUBTALAR_INCLINATION_RAD
+    level = np.cos(deviation) * along + medial * np.sin(deviation) * left
+    return np.asarray(np.cos(inclination) * level + np.sin(inclination) * np.cross(along, left))
 
 
 class _Builder:
-    """Hangs frames on an anatomy, from the pelvis outward."""
+    """Places segment frames on an anatomy, from the pelvis outward."""
 
     def __init__(self, anatomy: Anatomy, table: Mapping[str, Proportions], height_m: float) -> None:
         self.at, self.axes = anatomy.points, anatomy.axes
         self.length = {name: part.length * height_m for name, part in table.items()}
-        self.shoulder_width = 0.129 * height_m
-        self.shoulder_drop = 0.009 * height_m
+        self.shoulder_width = SHOULDER_WIDTH_PER_STATURE * height_m
+        self.shoulder_drop = SHOULDER_DROP_PER_STATURE * height_m
         self.frames = {"pelvis": (anatomy.frames["pelvis"], self.at["pelvis"])}
         self.frames["trunk"] = anatomy.frames["trunk"], self.at["lumbar"]
         head = anatomy.frames.get("head", anatomy.frames["trunk"])
@@ -140,7 +148,7 @@ class _Builder:
         self.shape = Shape()
 
     def ends(self, part: str, segment: str, proximal: Array, distal: Array, left: Array) -> None:
-        """Note a part's ends in its segment's frame."""
+        """Store a part's ends in its segment's frame."""
         R, o = self.frames[segment]
         self.shape.ends[part] = np.stack([R.T @ (proximal - o), R.T @ (distal - o), R.T @ left])
 
@@ -180,9 +188,9 @@ class _Builder:
         self.frames[arm] = R, shoulder
 
         bend = -R.T @ elbow_axis
-        R = R @ rotation_about(bend, _swing(bend, np.array(DOWN), R.T @ unit(wrist - elbow)))
+        R = R @ rotation_about(bend, _angle_about(bend, np.array(DOWN), R.T @ unit(wrist - elbow)))
         up = R.T @ unit(elbow - wrist)
-        R = R @ rotation_about(up, _swing(up, R.T @ elbow_axis, R.T @ wrist_axis))
+        R = R @ rotation_about(up, _angle_about(up, R.T @ elbow_axis, R.T @ wrist_axis))
         self.frames[forearm] = R, elbow
         axes[f"{s}ElbowFlexion"], axes[f"{s}ForeArmPronation"] = bend, sign * up
 
@@ -209,12 +217,12 @@ class _Builder:
         R = axes_from(knee_axis, hip - knee, exact="up")
         self.frames[thigh] = R, hip
         bend = R.T @ knee_axis
-        R = R @ rotation_about(bend, _swing(bend, np.array(DOWN), R.T @ unit(ankle - knee)))
+        R = R @ rotation_about(bend, _angle_about(bend, np.array(DOWN), R.T @ unit(ankle - knee)))
         self.frames[shank] = R, knee
         axes[f"{s}KneeFlexion"] = bend
 
         bend, along = R.T @ ankle_axis, self.axes[f"{side}_foot"]
-        R = R @ rotation_about(bend, _swing(bend, np.array(FORWARD), R.T @ along))
+        R = R @ rotation_about(bend, _angle_about(bend, np.array(FORWARD), R.T @ along))
         self.frames[foot] = R, ankle
         self.frames[toes] = R, at[f"{side}_toes"]
         axes[f"{s}AnklePlantarFlexion"] = bend

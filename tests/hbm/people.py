@@ -1,4 +1,4 @@
-"""The synthetic person in other guises: other poses, other sides, other marker sets."""
+"""The synthetic person with other markers, mirrored, and elsewhere."""
 
 import numpy as np
 
@@ -22,19 +22,19 @@ def standing(points_mm, frames=20, rate_hz=100.0):
 
 
 def person(*missing, **moved_mm):
-    """The person in the T-pose without some markers, others put elsewhere."""
+    """The person in the T-pose, some markers missing, others moved."""
     points = {name: p for name, p in T_POSE_MM.items() if name not in missing}
     return standing(points | moved_mm)
 
 
 def hbm1_person(names):
-    """The person wearing Human Body Model 1's markers."""
+    """The person with the markers of Human Body Model 1."""
     points = {HBM1_NAMES.get(name, name): p for name, p in T_POSE_MM.items()} | HBM1_ONLY_MM
     return standing({name: points[name] for name in names})
 
 
 def mirrored(markers):
-    """The person's mirror image: what was left is right."""
+    """The person's mirror image, left and right exchanged."""
     swap = {"L": "R", "R": "L"}
     names = tuple(
         swap[n[0]] + n[1:] if n[0] in swap and swap[n[0]] + n[1:] in markers.names else n
@@ -43,8 +43,8 @@ def mirrored(markers):
     return Markers(markers.time, names, markers.position * [1, -1, 1])
 
 
-def turned(markers, yaw, shift=(0.0, 0.0, 0.0)):
-    """The person facing another way, elsewhere."""
+def moved(markers, yaw, shift=(0.0, 0.0, 0.0)):
+    """The person facing another direction, elsewhere."""
     c, s = np.cos(yaw), np.sin(yaw)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     return Markers(markers.time, markers.names, markers.position @ R.T + np.array(shift))

@@ -1,4 +1,4 @@
-"""The body: what it is made of, and what must not change it."""
+"""The body: its parts, and what must not change it."""
 
 import pickle
 from dataclasses import replace
@@ -24,7 +24,7 @@ from hbm.poses import marker_positions, segment_frames
 from hbm.segments import proportions
 from hbm.spatial import rotation_about
 from tests.hbm.motions import markers_of, motion_of, swinging, with_noise, without
-from tests.hbm.people import hbm1_person, mirrored, person, standing, turned
+from tests.hbm.people import hbm1_person, mirrored, moved, person, standing
 from tests.synthetic import MASS_KG, RATE_HZ, STATURE_M, T_POSE_MM, synthetic_body, synthetic_t_pose
 
 ARM = ("LLEE", "LMEE", "LDELT", "LFRM", "LLW", "LMW", "LFIN")
@@ -67,7 +67,7 @@ def test_the_model_has_46_coordinates_one_axis_each_with_the_human_body_model_s_
     assert body.model is model
 
 
-def test_17_segments_move_and_two_points_carry_the_acromions():
+def test_17_segments_have_a_mass_and_two_points_carry_the_acromions():
     assert len(SEGMENTS_WITH_MASS) == 17
     assert (
         set(SEGMENTS) - set(SEGMENTS_WITH_MASS)
@@ -76,16 +76,16 @@ def test_17_segments_move_and_two_points_carry_the_acromions():
     )
 
 
-def test_all_46_markers_ride_and_only_the_toes_are_locked(body):
+def test_all_46_markers_are_attached_and_only_the_toes_are_locked(body):
     assert len(body.markers) == 46
     assert body.locked == ("RToeFlexion", "LToeFlexion")
 
 
-def test_the_segments_weigh_the_body(body):
+def test_the_masses_of_the_segments_sum_to_the_body_s(body):
     assert sum(part.mass for part in body.inertias.values()) == pytest.approx(MASS_KG, rel=1e-14)
 
 
-def test_the_calibration_pose_is_met_exactly(body):
+def test_the_body_fits_its_calibration_pose_exactly(body):
     assert solve_ik(body, synthetic_t_pose()).marker_error.max() < 1e-9
 
 
@@ -97,7 +97,7 @@ def test_neutral_is_upright_with_hanging_arms_and_frames_parallel_to_the_lab(bod
     assert height["right_foot"] < height["right_shank"] < height["pelvis"] < height["head"]
 
 
-def test_the_thigh_of_this_person_is_de_leva_s(body):
+def test_the_thigh_has_de_leva_s_inertia(body):
     length = np.linalg.norm(body.offsets["right_shank"])
     thigh, part = body.inertias["right_thigh"], proportions("male")["thigh"]
     assert body.lengths["right_thigh"] == pytest.approx(length)
@@ -107,13 +107,13 @@ def test_the_thigh_of_this_person_is_de_leva_s(body):
     np.testing.assert_allclose(np.linalg.eigvalsh(thigh.tensor), np.sort(moments), rtol=1e-12)
 
 
-def test_a_body_goes_through_pickle_as_parallel_work_needs(body):
+def test_a_body_can_be_pickled_for_parallel_work(body):
     copy = pickle.loads(pickle.dumps(body))
     same(copy, body, atol=0)
     assert copy.marker_set == body.marker_set
 
 
-def test_a_body_cannot_be_changed_by_accident(body):
+def test_a_body_s_arrays_are_read_only(body):
     with pytest.raises(ValueError, match="read-only"):
         body.marker_position[0] = 0
     with pytest.raises(ValueError, match="read-only"):
@@ -124,8 +124,8 @@ def test_a_body_cannot_be_changed_by_accident(body):
 
 
 @pytest.mark.parametrize("yaw", [0.7, -2.5, np.pi])
-def test_whichever_way_the_subject_faces_the_body_is_the_same(body, yaw):
-    same(built(turned(synthetic_t_pose(), yaw, (3.0, -8.0, 0.0))), body)
+def test_the_body_does_not_depend_on_the_direction_that_the_subject_faces(body, yaw):
+    same(built(moved(synthetic_t_pose(), yaw, (3.0, -8.0, 0.0))), body)
 
 
 def test_the_order_of_the_markers_does_not_matter(body):
@@ -138,8 +138,8 @@ def test_the_order_of_the_markers_does_not_matter(body):
 
 
 @pytest.mark.parametrize("degrees", [45.0, 17.0])
-def test_an_a_pose_does_as_well_as_a_t_pose(body, t_pose, degrees):
-    """Arms as far from the sides as in other laboratories' protocols; shoulders do not lift."""
+def test_an_a_pose_gives_the_same_body_as_a_t_pose(body, t_pose, degrees):
+    """Arms as far from the trunk as in other protocols; the shoulders do not rise."""
     q = t_pose.copy()
     for s in "RL":
         q[INDEX[f"{s}ShoulderAbduction"]] = np.radians(degrees)
@@ -150,7 +150,7 @@ def test_an_a_pose_does_as_well_as_a_t_pose(body, t_pose, degrees):
 
 
 def test_a_walk_without_a_static_trial_gives_nearly_the_same_body(body):
-    """What moves is the leg length over bent knees, which Harrington's hip feels a little."""
+    """Leg length changes with knee flexion, and Harrington's hip with it a little."""
     walk = markers_of(body, swinging(np.random.default_rng(21), frames=300, degrees=25))
     found = built(walk)
     assert found.notes[0].code == "calibration_pose_moving"
@@ -161,23 +161,23 @@ def test_a_walk_without_a_static_trial_gives_nearly_the_same_body(body):
         np.testing.assert_allclose(found.inertias[segment].center, part.center, atol=0.005)
 
 
-def test_tracking_markers_of_a_walk_sit_where_the_fitted_skeleton_sees_them(body):
-    """A landmark stays where it defines the joint; a tracking marker shakes around its mean."""
+def test_tracking_markers_of_a_walk_are_at_their_mean_position_on_the_fitted_skeleton(body):
+    """A landmark stays where it defines the joint; a tracking marker varies about its mean."""
     walk = markers_of(body, swinging(np.random.default_rng(22), frames=400, degrees=25))
-    shaken = with_noise(walk, np.random.default_rng(23), 0.004)
-    found, motion = built(shaken), None
-    motion = solve_ik(found, shaken)
+    noisy = with_noise(walk, np.random.default_rng(23), 0.004)
+    found = built(noisy)
+    motion = solve_ik(found, noisy)
     own = [found.markers.index(n) for n in ("LLTHI", "RLTHI", "LLSHA", "RLSHA", "LFRM", "RFRM")]
     rotation, origin = segment_frames(found, motion.q)
     for k in own:
         s = SEGMENTS.index(found.marker_segment[k])
-        measured = shaken.position[:, shaken.names.index(found.markers[k])] - origin[:, s]
+        measured = noisy.position[:, noisy.names.index(found.markers[k])] - origin[:, s]
         seen = np.einsum("tji,tj->ti", rotation[:, s], measured).mean(axis=0)
         np.testing.assert_allclose(seen, found.marker_position[k], atol=0.002)
 
 
 def test_scaled_by_s_a_person_s_inertias_scale_by_s_squared():
-    """With hips given, so that no regression's constant is in the way."""
+    """With given hips, for the regressions of hips have constant terms."""
     s = 1.17
     small = built(synthetic_t_pose(), hip=HIPS)
     t = synthetic_t_pose()
@@ -194,7 +194,7 @@ def test_scaled_by_s_a_person_s_inertias_scale_by_s_squared():
 
 
 def test_the_mirrored_subject_has_the_mirrored_residual(body):
-    """Markers, forces and all: forward and up stay, left becomes right."""
+    """Markers and forces mirrored: forward and up stay, left becomes right."""
     frames = swinging(np.random.default_rng(24), frames=120, degrees=25)
     markers = with_noise(markers_of(body, frames), np.random.default_rng(25), 0.003)
     image = built(mirrored(synthetic_t_pose()))
@@ -213,7 +213,7 @@ def test_the_mirrored_subject_has_the_mirrored_residual(body):
 # -- what is missing ------------------------------------------------------------------------------
 
 
-def test_an_arm_without_markers_hangs_locked_and_is_reported(body):
+def test_an_arm_without_markers_is_locked_in_neutral(body):
     found = built(person(*ARM, "LSHO"))
     arm = {n for n in COORDINATES if n[0] == "L" and INDEX[n] < INDEX["RHipFlexion"]}
     assert set(found.locked) == arm | {
@@ -228,7 +228,7 @@ def test_an_arm_without_markers_hangs_locked_and_is_reported(body):
     )
 
 
-def test_markers_of_an_arm_that_cannot_be_built_are_not_half_used(body):
+def test_no_marker_of_an_arm_without_joints_is_used(body):
     found = built(person("LLEE"))
     assert not {"LMEE", "LDELT", "LFRM", "LLW", "LMW", "LFIN"} & set(found.markers)
     assert "LSHO" in found.markers
@@ -246,16 +246,16 @@ def test_toes_stay_at_neutral_where_no_marker_shows_them(body):
 
 
 @pytest.mark.parametrize("name", ["hbm1", "hbm1_lower"])
-def test_model_1_s_sets_make_a_body_that_fits_its_pose(name):
-    worn = hbm1_person(marker_sets()[name].segment)
-    found = built(worn, knee_width_m=0.11, ankle_width_m=0.075)
+def test_the_sets_of_human_body_model_1_make_a_body_that_fits_its_pose(name):
+    static = hbm1_person(marker_sets()[name].segment)
+    found = built(static, knee_width_m=0.11, ankle_width_m=0.075)
     assert found.marker_set.name == name
-    assert len(found.markers) == len(worn.names)
-    assert solve_ik(found, worn).marker_error.max() < 1e-9
+    assert len(found.markers) == len(static.names)
+    assert solve_ik(found, static).marker_error.max() < 1e-9
     assert not {"RToeFlexion", "LToeFlexion"} & set(found.locked)
 
 
-def test_a_lower_body_set_estimates_stature_and_hangs_the_rest_from_it(body):
+def test_a_lower_body_set_estimates_stature_and_sizes_the_rest_by_it(body):
     names = marker_sets()["hbm2_lower"].segment
     found = build_body(standing({n: T_POSE_MM[n] for n in names}), mass=MASS_KG, sex="male")
     assert found.marker_set.name == "hbm2_lower"
@@ -272,16 +272,16 @@ def test_a_lower_body_set_estimates_stature_and_hangs_the_rest_from_it(body):
 # -- calibration pose -----------------------------------------------------------------------------
 
 
-def restless(body, t_pose, *, still=slice(200, 350)):
-    """Five seconds of moving about with a quiet stretch in it."""
+def moving_and_standing(body, t_pose, *, still=slice(200, 350)):
+    """Five seconds of motion during which the subject stands still for a while."""
     frames = swinging(np.random.default_rng(27), frames=500, degrees=20)
     q = frames.q.copy()
     q[still] = t_pose
     return markers_of(body, motion_of(frames.time, q, q, q))
 
 
-def test_the_quiet_second_is_found(body, t_pose):
-    markers = with_noise(restless(body, t_pose), np.random.default_rng(28), 0.0003)
+def test_the_second_of_standing_still_is_found(body, t_pose):
+    markers = with_noise(moving_and_standing(body, t_pose), np.random.default_rng(28), 0.0003)
     found = built(markers)
     note = found.notes[0]
     assert note.code == "calibration_pose_still"
@@ -289,14 +289,14 @@ def test_the_quiet_second_is_found(body, t_pose):
     same(found, body, atol=0.002)
 
 
-def test_a_stretch_without_markers_is_not_taken_for_a_quiet_one(body, t_pose):
-    markers = restless(body, t_pose)
+def test_a_time_without_markers_is_not_taken_for_standing_still(body, t_pose):
+    markers = moving_and_standing(body, t_pose)
     gone = without(markers, markers.names, slice(0, 150))
     assert 2.0 <= built(gone).notes[0].values["start_s"] < 3.0
 
 
-def test_a_window_that_is_given_is_taken(body, t_pose):
-    found = built(restless(body, t_pose), window_s=(2.5, 3.2))
+def test_a_given_window_is_used(body, t_pose):
+    found = built(moving_and_standing(body, t_pose), window_s=(2.5, 3.2))
     assert str(found.notes[0]).startswith("calibration pose from 2.50 to 3.19 s, standing still")
     same(found, body)
 
@@ -327,7 +327,7 @@ def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
         built(gaps)
 
 
-# -- nonsense -------------------------------------------------------------------------------------
+# -- impossible input -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -345,12 +345,12 @@ def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
         ({"hip": "davis"}, "hip must be 'harrington' or 'bell'"),
     ],
 )
-def test_nonsense_is_refused(options, message):
+def test_impossible_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         built(synthetic_t_pose(), **options)
 
 
-def test_a_marker_position_too_many_is_refused(body):
+def test_a_wrong_number_of_marker_positions_is_refused(body):
     with pytest.raises(ValueError, match=r"marker_position must have shape \(46, 3\)"):
         replace(body, marker_position=np.zeros((45, 3)))
 

@@ -16,15 +16,15 @@ HBM2 = marker_sets()["hbm2"]
 
 
 def swings(swing=30.0, sideways=30.0):
-    """Each leg swings forward and back, sideways, and round, while the pelvis sways and turns."""
+    """Each leg swings forward, back and sideways, while the pelvis sways and rotates."""
     time = np.arange(0, 12, 1 / RATE_HZ)
     q = np.zeros((len(time), N_Q))
     q[:, INDEX["PelvisYaw"]] = 2.0 + 0.2 * np.sin(0.7 * time)
     q[:, INDEX["PelvisX"]] = 0.05 * np.sin(1.1 * time)
     q[:, INDEX["PelvisZ"]] = 0.95
-    for side, late in (("R", 0.0), ("L", 0.4)):
-        q[:, INDEX[f"{side}HipFlexion"]] = np.radians(swing) * np.sin(2 * time + late)
-        q[:, INDEX[f"{side}HipAbduction"]] = np.radians(sideways) * np.sin(1.3 * time + late) ** 2
+    for side, delay in (("R", 0.0), ("L", 0.4)):
+        q[:, INDEX[f"{side}HipFlexion"]] = np.radians(swing) * np.sin(2 * time + delay)
+        q[:, INDEX[f"{side}HipAbduction"]] = np.radians(sideways) * np.sin(1.3 * time + delay) ** 2
     return time, q
 
 
@@ -50,7 +50,7 @@ def test_hips_are_found_from_star_and_arc_movements(noise_m, within_m):
         assert np.linalg.norm(found[side] - expected) < within_m
 
 
-def test_gaps_cost_frames_but_not_the_answer():
+def test_gaps_cost_frames_but_not_accuracy():
     markers = star_arc()
     position = markers.position.copy()
     position[100:200, markers.names.index("RLTHI")] = np.nan
@@ -60,7 +60,7 @@ def test_gaps_cost_frames_but_not_the_answer():
         np.testing.assert_allclose(found[side], expected, atol=1e-9)
 
 
-def test_a_body_takes_the_centres_as_they_come():
+def test_a_body_has_the_centres_that_it_is_built_with():
     hips = functional_hips(star_arc(), HBM2)
     body = build_body(synthetic_t_pose(), mass=MASS_KG, sex="male", hip=hips)
     at = dict(zip(body.markers, marker_positions(body, np.zeros((1, N_Q)))[0], strict=True))
@@ -70,7 +70,7 @@ def test_a_body_takes_the_centres_as_they_come():
 
 
 def test_swinging_in_one_plane_is_refused():
-    with pytest.raises(ValueError, match="right thigh turns too little, or in one plane only"):
+    with pytest.raises(ValueError, match="right thigh rotates too little, or in one plane only"):
         functional_hips(star_arc(sideways=0.0), HBM2)
 
 
@@ -92,6 +92,6 @@ def test_a_trial_that_never_shows_a_whole_cluster_is_refused():
         functional_hips(Markers(markers.time, markers.names, position), HBM2)
 
 
-def test_one_centre_alone_makes_no_body():
+def test_a_single_centre_is_refused():
     with pytest.raises(ValueError, match="must name right and left, left is missing"):
         build_body(synthetic_t_pose(), mass=MASS_KG, hip={"right": np.zeros(3)})

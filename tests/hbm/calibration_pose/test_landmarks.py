@@ -1,4 +1,4 @@
-"""Joint centres and axes: each rule by hand, each stand-in, and the error where none is left."""
+"""Joint centres and axes: each rule by hand, each replacement, the error where there is none."""
 
 import numpy as np
 import pytest
@@ -26,8 +26,8 @@ def landmarks(*missing, **moved_mm):
 
 def hbm1_landmarks(name, *missing):
     chosen = marker_sets()[name]
-    worn = hbm1_person(chosen.segment)
-    at = dict(zip(worn.names, worn.position[0], strict=True))
+    markers = hbm1_person(chosen.segment)
+    at = dict(zip(markers.names, markers.position[0], strict=True))
     return {mark: at[n] for mark, n in chosen.landmark.items() if mark not in missing}
 
 
@@ -70,7 +70,7 @@ def test_the_marker_s_radius_moves_the_hip_back(rule):
     np.testing.assert_allclose(thick - thin, [-0.009, 0, 0], atol=1e-15)
 
 
-def test_the_body_s_hips_follow_from_its_own_measures():
+def test_the_hips_follow_from_the_subject_s_own_pelvis_and_legs():
     at = landmarks()
     R, origin, back, _ = pelvis_frame(at)
     width = np.linalg.norm(at["LASIS"] - at["RASIS"])
@@ -107,7 +107,7 @@ def test_a_single_missing_spine_is_the_mirror_image_of_its_opposite(name):
     np.testing.assert_allclose(across, 0, atol=1e-12)
 
 
-def test_the_sacrum_stands_in_for_both_posterior_spines():
+def test_the_sacrum_marker_replaces_both_posterior_spines():
     at = landmarks("LPSIS", "RPSIS") | {"SACR": middle("LPSIS", "RPSIS")}
     found = locate_anatomy(at, MEN)
     assert Note.of("psis_missing") in found.notes
@@ -166,7 +166,7 @@ def test_without_a_medial_marker_the_centre_is_a_share_of_the_shank_away(
     assert note in found.notes
 
 
-def test_widths_and_marker_radius_say_how_far_the_centre_is_from_the_lateral_marker():
+def test_width_and_marker_radius_are_the_centre_s_distance_from_the_lateral_marker():
     measures = Measures("male", knee_width_m=0.10, ankle_width_m=0.07, marker_offset_m=0.012)
     found, at = located("LMEK", "LMM", measures=measures), landmarks()
     assert np.linalg.norm(found.points["left_knee"] - at["LLEK"]) == pytest.approx(0.062)
@@ -183,7 +183,7 @@ def test_a_trochanter_gives_the_frontal_plane_of_the_thigh():
     assert normal @ center / np.linalg.norm(normal) == pytest.approx(0, abs=1e-12)
 
 
-def test_the_foot_runs_from_heel_past_the_second_toe():
+def test_the_foot_extends_from_the_heel_beyond_the_second_metatarsal_head():
     found, at = located(), landmarks()
     along = at["LMT2"] - at["LHEE"]
     np.testing.assert_allclose(found.points["left_toe_tip"], at["LHEE"] + 1.25 * along)
@@ -232,11 +232,11 @@ def test_the_trunk_axis_runs_from_lower_to_upper_ribcage():
         (("C7", "LSHO"), "trunk_axis_to_jugular_notch"),
     ],
 )
-def test_the_trunk_stands_without_some_of_its_markers(missing, code):
+def test_the_trunk_is_found_without_some_of_its_markers(missing, code):
     found = located(*missing)
     assert Note.of(code) in found.notes
-    turned = found.frames["trunk"].T @ located().frames["trunk"]
-    assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 15
+    difference = found.frames["trunk"].T @ located().frames["trunk"]
+    assert np.degrees(np.arccos((np.trace(difference) - 1) / 2)) < 15
     assert np.linalg.norm(found.points["neck"] - located().points["neck"]) < 0.08
 
 
@@ -251,23 +251,23 @@ def test_shoulders_are_17_percent_of_their_distance_below_the_acromions():
 def test_without_a_medial_epicondyle_the_elbow_is_beside_the_lateral_one():
     found, at = located("LMEE"), landmarks()
     wrist = middle("LLW", "LMW")
-    away = np.linalg.norm(found.points["left_elbow"] - at["LLEE"])
-    assert away == pytest.approx(0.155 * np.linalg.norm(at["LLEE"] - wrist))
+    distance = np.linalg.norm(found.points["left_elbow"] - at["LLEE"])
+    assert distance == pytest.approx(0.155 * np.linalg.norm(at["LLEE"] - wrist))
 
 
-def test_a_wrist_of_one_marker_turns_about_the_elbow_s_axis():
+def test_a_wrist_with_one_marker_has_the_elbow_s_axis():
     found = located("LMW")
     np.testing.assert_allclose(found.points["left_wrist"], landmarks()["LLW"])
     np.testing.assert_allclose(found.axes["left_wrist"], found.axes["left_elbow"])
     assert Note.of("wrist_axis_from_elbow", side="left") in found.notes
 
 
-def test_an_arm_does_without_the_other_acromion():
-    """Its width is then twice from the middle; the person is nearly symmetric."""
+def test_an_arm_is_found_without_the_other_acromion():
+    """The width is then twice the distance from the mid-plane; the person is nearly symmetric."""
     found = located("RSHO")
     assert "right_shoulder" not in found.points
-    away = found.points["left_shoulder"] - located().points["left_shoulder"]
-    assert np.linalg.norm(away) < 0.01
+    difference = found.points["left_shoulder"] - located().points["left_shoulder"]
+    assert np.linalg.norm(difference) < 0.01
 
 
 @pytest.mark.parametrize(
@@ -281,7 +281,7 @@ def test_an_arm_without_elbow_or_wrist_is_left_out_with_a_note(missing, needed):
 
 
 @pytest.mark.parametrize("name", ["LHEAD", "RHEAD", "THEAD"])
-def test_a_head_without_one_of_three_markers_has_no_frame_of_its_own(name):
+def test_a_head_without_one_of_three_markers_has_no_frame(name):
     assert "head" not in located(name).frames
     assert "head" in located().frames
 
@@ -308,21 +308,21 @@ def test_a_head_without_one_of_three_markers_has_no_frame_of_its_own(name):
         ),
     ],
 )
-def test_a_landmark_that_nothing_stands_in_for_is_named(missing, message):
+def test_a_landmark_that_no_rule_replaces_is_named(missing, message):
     with pytest.raises(ValueError, match=message):
         located(*missing)
 
 
-def test_front_and_back_of_the_trunk_swapped_is_noticed():
+def test_swapped_front_and_back_of_the_trunk_are_refused():
     swapped = {
         "C7": T_POSE_MM["JN"], "JN": T_POSE_MM["C7"],
         "T10": T_POSE_MM["XIPH"], "XIPH": T_POSE_MM["T10"],
     }  # fmt: skip
-    with pytest.raises(ValueError, match="trunk and pelvis face opposite ways"):
+    with pytest.raises(ValueError, match="trunk and pelvis face opposite directions"):
         located(**swapped)
 
 
-def test_left_and_right_of_the_pelvis_swapped_is_noticed():
+def test_swapped_left_and_right_of_the_pelvis_are_refused():
     swapped = {
         n: T_POSE_MM[("R" if n[0] == "L" else "L") + n[1:]]
         for n in ("LASIS", "RASIS", "LPSIS", "RPSIS")
@@ -332,7 +332,7 @@ def test_left_and_right_of_the_pelvis_swapped_is_noticed():
 
 
 @pytest.mark.parametrize(("a", "b", "joint"), [("LLEK", "LMEK", "knee"), ("RLM", "RMM", "ankle")])
-def test_lateral_and_medial_swapped_is_noticed(a, b, joint):
+def test_swapped_lateral_and_medial_markers_are_refused(a, b, joint):
     swapped = {a: T_POSE_MM[b], b: T_POSE_MM[a]}
     with pytest.raises(ValueError, match=f"{joint}'s lateral marker lies on its medial side"):
         located(**swapped)
@@ -349,7 +349,7 @@ def test_an_unknown_rule_for_the_hip_is_refused():
 
 
 @pytest.mark.parametrize("name", ["hbm1", "hbm1_lower"])
-def test_model_1_s_sets_suffice(name):
+def test_the_sets_of_human_body_model_1_suffice(name):
     found = locate_anatomy(hbm1_landmarks(name), MEN)
     for point in ("left_hip", "right_knee", "left_ankle", "neck", "lumbar"):
         assert np.linalg.norm(found.points[point] - located().points[point]) < 0.1
