@@ -1,4 +1,4 @@
-"""What a moving treadmill adds to its own force plates, and how to take it away again."""
+"""What a moving treadmill adds to its own force plates, and how to remove it again."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -14,24 +14,23 @@ if TYPE_CHECKING:
         rms_orthogonal,
         wrench_of_weight,
     )
-    from compensation.alignment.delay import Delay, estimate_delay, hammer_delay, undo_delay
-    from compensation.alignment.plate import PlateCalibration, fit_plate_calibration
+    from compensation.alignment.delay import Delay, estimate_delay, undo_delay
+    from compensation.alignment.force_delay import marker_plate_delay
+    from compensation.alignment.hammer import hammer_delay
+    from compensation.alignment.plate import PlateAlignment, fit_plate_alignment
     from compensation.belt.cutoff import cutoff_of_spline, spline_smoothing
-    from compensation.belt.model import BeltModel, belt_acceleration, fit_belt, low_pass
+    from compensation.belt.model import BeltModel, belt_acceleration, fit_belt
     from compensation.belt.roller import Roller, fit_roller
     from compensation.inertia.calibration import Calibration, from_json, to_json
     from compensation.inertia.checks import check_calibration, check_trial
     from compensation.inertia.fit import fit_inertia, sensor_noise_of
     from compensation.inertia.model import InertiaModel, Setup
     from compensation.platform.markers import PoseFit, check_pose, fit_pose, neutral_markers
-    from compensation.platform.pose import (
-        PlatformPose,
+    from compensation.platform.pose import PlatformPose, commanded_pose, pose_delay, specific_force
+    from compensation.platform.wrench import (
         center_of_pressure,
-        commanded_pose,
         free_moment,
         moment_error_of_pivot,
-        pose_delay,
-        specific_force,
         to_lab,
     )
     from compensation.signals.protocol import (
@@ -40,78 +39,81 @@ if TYPE_CHECKING:
         validation_signals,
     )
     from compensation.signals.signal import (
-        Limits,
+        MachineLimits,
         Signal,
         Spectrum,
         acceleration_spectrum,
         check_signal,
         resample_signal,
     )
+    from hbm.signals.filtering import low_pass
 
 _HOME = {
-    "Line": "accuracy",
-    "Linearity": "accuracy",
-    "fit_line_orthogonal": "accuracy",
-    "linearity": "accuracy",
-    "mean_by_level": "accuracy",
-    "rms_difference": "accuracy",
-    "rms_orthogonal": "accuracy",
-    "wrench_of_weight": "accuracy",
-    "Delay": "alignment.delay",
-    "estimate_delay": "alignment.delay",
-    "hammer_delay": "alignment.delay",
-    "undo_delay": "alignment.delay",
-    "BeltModel": "belt.model",
-    "belt_acceleration": "belt.model",
-    "fit_belt": "belt.model",
-    "low_pass": "belt.model",
-    "Calibration": "inertia.calibration",
-    "from_json": "inertia.calibration",
-    "to_json": "inertia.calibration",
-    "cutoff_of_spline": "belt.cutoff",
-    "spline_smoothing": "belt.cutoff",
-    "InertiaModel": "inertia.model",
-    "Setup": "inertia.model",
-    "fit_inertia": "inertia.fit",
-    "sensor_noise_of": "inertia.fit",
-    "PlateCalibration": "alignment.plate",
-    "fit_plate_calibration": "alignment.plate",
-    "PlatformPose": "platform.pose",
-    "center_of_pressure": "platform.pose",
-    "commanded_pose": "platform.pose",
-    "free_moment": "platform.pose",
-    "moment_error_of_pivot": "platform.pose",
-    "pose_delay": "platform.pose",
-    "specific_force": "platform.pose",
-    "to_lab": "platform.pose",
-    "PoseFit": "platform.markers",
-    "check_pose": "platform.markers",
-    "fit_pose": "platform.markers",
-    "neutral_markers": "platform.markers",
-    "belt_signals": "signals.protocol",
-    "pitch_and_sway_signals": "signals.protocol",
-    "validation_signals": "signals.protocol",
-    "Roller": "belt.roller",
-    "fit_roller": "belt.roller",
-    "check_calibration": "inertia.checks",
-    "check_trial": "inertia.checks",
-    "Limits": "signals.signal",
-    "Signal": "signals.signal",
-    "Spectrum": "signals.signal",
-    "acceleration_spectrum": "signals.signal",
-    "check_signal": "signals.signal",
-    "resample_signal": "signals.signal",
+    "Line": "compensation.accuracy",
+    "Linearity": "compensation.accuracy",
+    "fit_line_orthogonal": "compensation.accuracy",
+    "linearity": "compensation.accuracy",
+    "mean_by_level": "compensation.accuracy",
+    "rms_difference": "compensation.accuracy",
+    "rms_orthogonal": "compensation.accuracy",
+    "wrench_of_weight": "compensation.accuracy",
+    "Delay": "compensation.alignment.delay",
+    "estimate_delay": "compensation.alignment.delay",
+    "undo_delay": "compensation.alignment.delay",
+    "marker_plate_delay": "compensation.alignment.force_delay",
+    "hammer_delay": "compensation.alignment.hammer",
+    "PlateAlignment": "compensation.alignment.plate",
+    "fit_plate_alignment": "compensation.alignment.plate",
+    "cutoff_of_spline": "compensation.belt.cutoff",
+    "spline_smoothing": "compensation.belt.cutoff",
+    "BeltModel": "compensation.belt.model",
+    "belt_acceleration": "compensation.belt.model",
+    "fit_belt": "compensation.belt.model",
+    "Roller": "compensation.belt.roller",
+    "fit_roller": "compensation.belt.roller",
+    "Calibration": "compensation.inertia.calibration",
+    "from_json": "compensation.inertia.calibration",
+    "to_json": "compensation.inertia.calibration",
+    "check_calibration": "compensation.inertia.checks",
+    "check_trial": "compensation.inertia.checks",
+    "fit_inertia": "compensation.inertia.fit",
+    "sensor_noise_of": "compensation.inertia.fit",
+    "InertiaModel": "compensation.inertia.model",
+    "Setup": "compensation.inertia.model",
+    "PoseFit": "compensation.platform.markers",
+    "check_pose": "compensation.platform.markers",
+    "fit_pose": "compensation.platform.markers",
+    "neutral_markers": "compensation.platform.markers",
+    "PlatformPose": "compensation.platform.pose",
+    "commanded_pose": "compensation.platform.pose",
+    "pose_delay": "compensation.platform.pose",
+    "specific_force": "compensation.platform.pose",
+    "center_of_pressure": "compensation.platform.wrench",
+    "free_moment": "compensation.platform.wrench",
+    "moment_error_of_pivot": "compensation.platform.wrench",
+    "to_lab": "compensation.platform.wrench",
+    "belt_signals": "compensation.signals.protocol",
+    "pitch_and_sway_signals": "compensation.signals.protocol",
+    "validation_signals": "compensation.signals.protocol",
+    "MachineLimits": "compensation.signals.signal",
+    "Signal": "compensation.signals.signal",
+    "Spectrum": "compensation.signals.signal",
+    "acceleration_spectrum": "compensation.signals.signal",
+    "check_signal": "compensation.signals.signal",
+    "resample_signal": "compensation.signals.signal",
+    "low_pass": "hbm.signals.filtering",
 }
+"""Public name -> the module that defines it."""
 
 __all__ = [
     "BeltModel",
     "Calibration",
     "Delay",
     "InertiaModel",
-    "Limits",
     "Line",
     "Linearity",
-    "PlateCalibration",
+    "MachineLimits",
+    "PlateAlignment",
     "PlatformPose",
     "PoseFit",
     "Roller",
@@ -132,7 +134,7 @@ __all__ = [
     "fit_belt",
     "fit_inertia",
     "fit_line_orthogonal",
-    "fit_plate_calibration",
+    "fit_plate_alignment",
     "fit_pose",
     "fit_roller",
     "free_moment",
@@ -140,6 +142,7 @@ __all__ = [
     "hammer_delay",
     "linearity",
     "low_pass",
+    "marker_plate_delay",
     "mean_by_level",
     "moment_error_of_pivot",
     "neutral_markers",
@@ -163,4 +166,4 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first used, so that importing the package costs nothing."""
     if name not in _HOME:
         raise AttributeError(f"module 'compensation' has no attribute {name!r}")
-    return getattr(import_module(f"compensation.{_HOME[name]}"), name)
+    return getattr(import_module(_HOME[name]), name)

@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from compensation import (
-    Limits,
+    MachineLimits,
     Signal,
     acceleration_spectrum,
     check_calibration,
@@ -56,8 +56,11 @@ cutoff_hz = 20.0
 # %%
 drawn = {signal.name: signal for signal in pitch_and_sway_signals(seed=1, belt_speed=3.0)}
 signal = drawn["all_60s_3mps"]
-print("the default machine:", *check_signal(signal, Limits()) or ["can do it"])
-print("a gentler machine:", *check_signal(signal, Limits(sway_m_per_s2=2.0, pitch_deg_per_s=20.0)))
+print("the default machine:", *check_signal(signal, MachineLimits()) or ["can do it"])
+print(
+    "a gentler machine:",
+    *check_signal(signal, MachineLimits(sway_m_per_s2=2.0, pitch_deg_per_s=20.0)),
+)
 spectrum = acceleration_spectrum(signal)
 
 # %% [markdown]

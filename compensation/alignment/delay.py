@@ -1,26 +1,38 @@
-"""Delays between devices, from motion or from hammer hits, and how to undo them."""
+"""Delays between two devices that recorded the same motion, and how to undo them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, correlate, sosfiltfilt
+from scipy.signal import correlate
 
 from compensation.inputs import (
     read_rate,
-    read_signal,
     read_table,
     refuse_constant,
     refuse_unequal,
 )
+from hbm.signals.filtering import low_pass
+from hbm.signals.resampling import interpolate
 from hbm.spatial import Array
 
-_BLOCKS = 40
-_STEPS = 20
-_LEAST_EXPLAINED = 0.1
-_MOTION_HZ = 20.0  # neither platforms nor people move faster
-_OVERSAMPLED = 10  # samples per period of the fastest motion kept
+BLOCKS: Final = 40
+"""Blocks of a trial whose errors are taken as independent: a second and more in half a minute."""
+MAX_STEPS: Final = 20
+"""Of Gauss–Newton; three to six are enough where there is one best delay."""
+STEP_TOLERANCE: Final = 1e-9
+"""Last step of the delay, in samples: far below any uncertainty."""
+MIN_EXPLAINED: Final = 0.1
+"""Share of the late signal's variance; unrelated recordings of a minute explain some percent."""
+MAX_MOTION_HZ: Final = 20.0
+"""Neither platforms nor people move faster; what lies above is noise."""
+SAMPLES_PER_PERIOD: Final = 10
+"""Of the fastest motion, so that a cubic spline passes through it."""
+MIN_VARIANCE: Final = 1e-12
+"""Share of a channel's variance; keeps the weight of a channel without any noise finite."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +44,18 @@ class Delay:
     seconds
         Positive where the second device is later [s].
     standard_error
-        Of the estimate [s]; a 95 % interval is ± 1.96 of it, with few hits Student's t.
+        Of the estimate [s]; a 95 % interval is ± 1.96 of it, with few impacts Student's t.
     explained
-        Share of the late signal's variance that follows the reference [1]; NaN for hits.
+        Share of the late signal's variance that follows the reference [1]; NaN where the delay
+        was not estimated by `estimate_delay`.
     differences
-        Delays of the single hits, in their order [s]; empty for motion.
+        Delays of the single impacts of a hammer, in their order [s]; else empty.
+
+    Examples
+    --------
+    >>> delay = Delay(0.0072, standard_error=0.0002)
+    >>> f"{1000 * delay.seconds:.1f} ± {1000 * 1.96 * delay.standard_error:.1f} ms"
+    '7.2 ± 0.4 ms'
     """
 
     seconds: float
@@ -48,7 +67,7 @@ class Delay:
 def estimate_delay(
     reference: ArrayLike, late: ArrayLike, rate_hz: float, longest_s: float = 0.2
 ) -> Delay:
-    """Estimate by how much one device lags another that saw the same motion.
+    """Estimate by how much one device lags another that recorded the same motion.
 
     Parameters
     ----------
@@ -80,28 +99,39 @@ def estimate_delay(
     -----
     The combination and the delay are fitted together. Correlation over whole samples comes first;
     then Gauss–Newton steps over a cubic spline through the reference, with the linear
-    combination projected out, give the fraction. Channels of `late` count by the inverse of
+    combination projected out, give the fraction. Channels of `late` are weighted by the inverse of
     their residual variance. The standard error is the sandwich estimate over 40 blocks, which
-    allows for noise that is correlated in time. Low-pass both signals alike where noise reaches
-    up to half the sampling rate: a spline passes it differently between samples than on them.
+    allows for noise that is correlated in time. Both signals are low-passed with zero phase at
+    20 Hz before (at a tenth of the sampling rate where that is lower): a spline passes noise
+    differently between samples than on them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(0)
+    >>> acceleration = low_pass(rng.normal(size=(3000, 3)), 100.0, 5.0, "zero_phase")
+    >>> force = 150 * undo_delay(acceleration, -0.013, 100.0)
+    >>> found = estimate_delay(acceleration[5:-5], force[5:-5], 100.0)
+    >>> f"{found.seconds:.4f}"
+    '0.0130'
     """
     x, y = read_table(reference, "reference"), read_table(late, "late signal")
     given_rate = read_rate(rate_hz)
     refuse_unequal(reference=x, late_signal=y)
     refuse_constant(x, "reference", tuple(f"channel {k + 1}" for k in range(x.shape[1])))
     refuse_constant(y, "late signal", tuple(f"channel {k + 1}" for k in range(y.shape[1])))
-    fewest = int(4 * longest_s * given_rate) + _BLOCKS * _OVERSAMPLED
+    fewest = int(4 * longest_s * given_rate) + BLOCKS * SAMPLES_PER_PERIOD
     if len(x) < fewest:
         raise ValueError(
             f"{len(x)} samples are too few to seek delays up to {longest_s} s at {given_rate} Hz; "
             f"give at least {fewest}"
         )
-    x, rate = _slowed(x, given_rate)
-    y, _ = _slowed(y, given_rate)
+    x, rate = _decimated(x, given_rate)
+    y, _ = _decimated(y, given_rate)
     reach = int(np.ceil(longest_s * rate))
 
     lag, explained = _best_lag(x, y, reach)
-    if explained < _LEAST_EXPLAINED:
+    if explained < MIN_EXPLAINED:
         raise ValueError(
             f"the late signal follows the reference in {explained:.0%} of its variance only, "
             f"at no delay up to {longest_s} s; are they of one trial?"
@@ -111,10 +141,10 @@ def estimate_delay(
 
     spline, inside = CubicSpline(np.arange(len(x)), x), np.arange(reach + 1, len(x) - reach - 1)
     shift = float(lag)
-    for _ in range(_STEPS):
+    for _ in range(MAX_STEPS):
         step, error, explained = _gauss_newton(spline, y, inside, shift)
         shift = float(np.clip(shift + step, lag - 1, lag + 1))
-        if abs(step) < 1e-9:
+        if abs(step) < STEP_TOLERANCE:
             break
     return Delay(shift / rate, error / rate, explained)
 
@@ -140,82 +170,51 @@ def undo_delay(signal: ArrayLike, delay_s: float, rate_hz: float) -> Array:
     Raises
     ------
     ValueError
-        Wrong shape, fewer than 2 samples, gaps, or no rate.
+        Wrong shape, fewer than 4 samples, gaps, or no rate.
+
+    Examples
+    --------
+    >>> undo_delay([[0.0], [1.0], [2.0], [3.0], [4.0]], 0.01, 100.0).ravel()
+    array([ 1.,  2.,  3.,  4., nan])
     """
     x, rate = read_table(signal, "signal"), read_rate(rate_hz)
-    if len(x) < 2:
-        raise ValueError("signal has 1 sample; interpolation needs at least 2")
-    at = np.arange(len(x)) + delay_s * rate
-    shifted: Array = CubicSpline(np.arange(len(x)), x)(at)
-    shifted[(at < 0) | (at > len(x) - 1)] = np.nan
-    return shifted
+    if len(x) < 4:
+        raise ValueError(f"signal has {len(x)} sample(s); interpolation needs at least 4")
+    time = np.arange(len(x)) / rate
+    return interpolate(time, x, time + delay_s)
 
 
-def hammer_delay(
-    marker_time: ArrayLike,
-    marker_height: ArrayLike,
-    force_time: ArrayLike,
-    force: ArrayLike,
-    window_s: float = 0.1,
-) -> Delay:
-    """Estimate by how much a plate lags the cameras from hits with a hammer that has a marker.
+def clustered_standard_error(clusterings: Sequence[Array], information: float) -> float:
+    """Give the sandwich standard error of one fitted parameter whose errors come in clusters.
 
     Parameters
     ----------
-    marker_time
-        Instants of the marker's samples, (N,) [s].
-    marker_height
-        Height of the marker on the hammer, (N,) [m].
-    force_time
-        Instants of the plate's samples, (P,) [s], on the same nominal clock.
-    force
-        Vertical force of the plate, unfiltered, (P,) [N].
-    window_s
-        The marker's turn is sought this long before and after the force begins [s].
+    clusterings
+        For every way of clustering the errors, the score summed within each cluster, (n,). Errors
+        count as independent between clusters of either way.
+    information
+        Sum of the squared sensitivities, in the scores' units.
 
     Returns
     -------
-    Delay
-        Mean over hits, positive where the plate is later; its standard error from their scatter.
-
-    Raises
-    ------
-    ValueError
-        Wrong shapes, no samples, gaps, times that do not increase, fewer than 3 hits.
+    float
+        Standard error; infinite where nothing depends on the parameter.
 
     Notes
     -----
-    The force begins where it first leaves the baseline by five standard deviations (van de
-    Loosdrecht 2018, II.A.3): halfway between the last sample within and the first beyond, for a
-    blow rises within less than a sample. Baseline and deviation are the median and 1.4826 times
-    the median absolute deviation, which hits do not move. The marker's turn is
-    where the lines through three samples on its way down and three on its way up meet.
-
-    Deviations from the original: both instants to a fraction of a sample; the original takes the
-    lowest and the first sample.
+    The variances of several clusterings are added (Cameron, Gelbach and Miller 2011, J Bus Econ
+    Stat 29:238), without their correction for what both contain: rather too large than too small.
     """
-    t_m, height = _read_timed(marker_time, marker_height, "marker")
-    t_f, load = _read_timed(force_time, force, "force")
-    found = [
-        onset - turn
-        for onset in _onsets(t_f, load, 2 * window_s)
-        if (turn := _turn(t_m, height, onset, window_s)) is not None
-    ]
-    if len(found) < 3:
-        raise ValueError(
-            f"{len(found)} hits found in both marker and force, expected at least 3; "
-            "is the force unfiltered and are both on one clock?"
-        )
-    error = float(np.std(found, ddof=1) / np.sqrt(len(found)))
-    return Delay(float(np.mean(found)), error, differences=tuple(found))
+    variance = sum(float(np.sum(x**2)) * len(x) / (len(x) - 1) for x in clusterings)
+    return float(np.sqrt(variance) / information) if information > 0 else np.inf
 
 
-def _slowed(signal: Array, rate: float) -> tuple[Array, float]:
-    """Low-pass without delay, thin out, and scale; give the new rate too."""
-    cutoff = min(_MOTION_HZ, rate / _OVERSAMPLED)
-    thin = int(rate / (_OVERSAMPLED * cutoff))
-    slow = sosfiltfilt(butter(4, cutoff, fs=rate, output="sos"), signal, axis=0)[::thin]
-    return (slow - slow.mean(axis=0)) / slow.std(axis=0), rate / thin
+def _decimated(signal: Array, rate: float) -> tuple[Array, float]:
+    """Low-pass, decimate and standardise (N, C) samples; give the new rate too."""
+    cutoff_hz = min(MAX_MOTION_HZ, rate / SAMPLES_PER_PERIOD)
+    every = int(rate / (SAMPLES_PER_PERIOD * cutoff_hz))
+    slow = low_pass(signal, rate, cutoff_hz, "zero_phase")[::every]
+    return (slow - slow.mean(axis=0)) / slow.std(axis=0), rate / every
 
 
 def _best_lag(x: Array, y: Array, reach: int) -> tuple[int, float]:
@@ -242,48 +241,10 @@ def _gauss_newton(
     residual = target - x @ gain
     slope = -spline(at, 1) @ gain[:-1]
     slope -= x @ np.linalg.lstsq(x, slope)[0]
-    variance = np.maximum(np.mean(residual**2, axis=0), 1e-12)
+    variance = np.maximum(np.mean(residual**2, axis=0), MIN_VARIANCE)
     scores = np.sum(slope * residual / variance, axis=1)
     information = float(np.sum(slope**2 / variance))
-    blocks = np.array([block.sum() for block in np.array_split(scores, _BLOCKS)])
-    error = float(np.sqrt(np.sum(blocks**2) * _BLOCKS / (_BLOCKS - 1))) / information
+    blocks = np.array([block.sum() for block in np.array_split(scores, BLOCKS)])
     explained = 1 - float(np.sum(residual**2) / np.sum((target - target.mean(axis=0)) ** 2))
+    error = clustered_standard_error([blocks], information)
     return float(scores.sum()) / information, error, explained
-
-
-def _read_timed(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Array, Array]:
-    t, x = read_signal(time, f"{name} times"), read_signal(values, name)
-    refuse_unequal(**{f"{name}_times": t, name: x})
-    if not np.all(np.diff(t) > 0):
-        raise ValueError(f"{name} times must increase")
-    refuse_constant(x[:, None], name, ("its only channel",))
-    return t, x
-
-
-def _onsets(time: Array, force: Array, quiet_s: float) -> list[float]:
-    """Instants at which the force leaves its baseline after it was quiet for a while."""
-    baseline = float(np.median(force))
-    spread = 1.4826 * float(np.median(np.abs(force - baseline)))
-    beyond = np.abs(force - baseline) - 5 * spread
-    out = np.flatnonzero(beyond > 0)
-    first = out[np.diff(time[out], prepend=-np.inf) > quiet_s]
-    return [float(time[k - 1] + time[k]) / 2 for k in first if k > 0]
-
-
-def _turn(time: Array, height: Array, around: float, window_s: float) -> float | None:
-    """Instant at which the marker turns from falling to rising, None where it does not."""
-    near = np.flatnonzero(np.abs(time - around) <= window_s)
-    if len(near) == 0:
-        return None
-    lowest = int(near[np.argmin(height[near])])
-    if lowest < 4 or lowest > len(time) - 5:
-        return None
-    # the lowest sample may lie on either side of the turn: it belongs to neither line
-    down, up = slice(lowest - 3, lowest), slice(lowest + 1, lowest + 4)
-    fall, rise = (
-        np.polynomial.Polynomial.fit(time[part] - around, height[part], 1).convert().coef
-        for part in (down, up)
-    )
-    if not fall[1] < 0 <= rise[1]:
-        return None
-    return around + float((fall[0] - rise[0]) / (rise[1] - fall[1]))

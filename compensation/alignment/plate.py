@@ -12,7 +12,7 @@ _ROOM_M = 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class PlateCalibration:
+class PlateAlignment:
     """The turn and offset between camera and plate coordinates in the horizontal plane.
 
     ``p_plate = R(angle) p_camera + offset``.
@@ -64,7 +64,7 @@ class PlateCalibration:
         return (read_table(points, "points", 2) - self.offset) @ self.rotation
 
 
-def fit_plate_calibration(plate_points: ArrayLike, camera_points: ArrayLike) -> PlateCalibration:
+def fit_plate_alignment(plate_points: ArrayLike, camera_points: ArrayLike) -> PlateAlignment:
     """Find turn and offset from the same points seen by plate and cameras.
 
     Parameters
@@ -76,7 +76,7 @@ def fit_plate_calibration(plate_points: ArrayLike, camera_points: ArrayLike) -> 
 
     Returns
     -------
-    PlateCalibration
+    PlateAlignment
         Least-squares turn and offset with their covariance.
 
     Raises
@@ -129,7 +129,7 @@ def fit_plate_calibration(plate_points: ArrayLike, camera_points: ArrayLike) -> 
     by_angle = (camera @ rotation.T) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
     jacobian = np.column_stack([by_angle.ravel(), np.tile([1.0, 0.0], n), np.tile([0.0, 1.0], n)])
     variance = np.sum(residual**2) / (2 * n - 3)
-    return PlateCalibration(
+    return PlateAlignment(
         angle,
         offset,
         variance * np.linalg.inv(jacobian.T @ jacobian),

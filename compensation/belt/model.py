@@ -8,8 +8,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.signal import lfilter
 
 from compensation.inputs import read_rate, read_signal, refuse_constant, refuse_unequal
-from hbm.signals.filtering import LowPassMethod
-from hbm.signals.filtering import low_pass as low_pass
+from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.spatial import Array, read_only
 
 _SETTLE = 100  # samples at the start that depend on what the belt did before

@@ -11,7 +11,7 @@ begins and ends at rest.
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from compensation.signals.signal import Limits, Signal
+from compensation.signals.signal import MachineLimits, Signal
 from hbm.spatial import Array
 
 RATE_HZ = 100.0
@@ -38,7 +38,7 @@ _GENTLE = 1.0  # m/s², chosen: belts between constant speeds
 
 
 def pitch_and_sway_signals(
-    seed: int, belt_speed: float, limits: Limits | None = None
+    seed: int, belt_speed: float, limits: MachineLimits | None = None
 ) -> tuple[Signal, ...]:
     """Draw the 14 calibration signals for pitch and sway.
 
@@ -58,7 +58,7 @@ def pitch_and_sway_signals(
         ``<kind>_<duration>s_<speed>mps``. In the long ones, and in those with gaps, what is added
         is part of the duration; in the short ones it comes on top.
     """
-    limits = limits or Limits()
+    limits = limits or MachineLimits()
     return tuple(
         _platform_signal(i, kind, duration, seed, belt_speed, limits)
         for duration in DURATIONS_S
@@ -66,7 +66,9 @@ def pitch_and_sway_signals(
     )
 
 
-def belt_signals(seed: int, mean_speed: float, limits: Limits | None = None) -> tuple[Signal, ...]:
+def belt_signals(
+    seed: int, mean_speed: float, limits: MachineLimits | None = None
+) -> tuple[Signal, ...]:
     """Draw the 10 calibration signals for belt acceleration.
 
     Parameters
@@ -92,7 +94,7 @@ def belt_signals(seed: int, mean_speed: float, limits: Limits | None = None) -> 
     """
     if mean_speed not in BELT_VARIANCE:
         raise ValueError(f"mean_speed must be one of {list(BELT_VARIANCE)} m/s, got {mean_speed}")
-    limits = limits or Limits()
+    limits = limits or MachineLimits()
     return tuple(
         _belt_signal(i, kind, duration, seed, mean_speed, limits)
         for duration in DURATIONS_S
@@ -130,7 +132,7 @@ def validation_signals() -> tuple[Signal, ...]:
 
 
 def _platform_signal(
-    index: int, kind: str, duration: int, seed: int, belt_speed: float, limits: Limits
+    index: int, kind: str, duration: int, seed: int, belt_speed: float, limits: MachineLimits
 ) -> Signal:
     rng = np.random.default_rng((seed, index, duration))
     sway = np.array([_USED * limits.sway_m, limits.sway_m_per_s, limits.sway_m_per_s2])
@@ -159,7 +161,7 @@ def _platform_signal(
 
 
 def _belt_signal(
-    index: int, kind: str, duration: int, seed: int, mean: float, limits: Limits
+    index: int, kind: str, duration: int, seed: int, mean: float, limits: MachineLimits
 ) -> Signal:
     rng = np.random.default_rng((seed, 100 + index, duration))
     hardest, reach = _USED * limits.belt_m_per_s2, limits.belt_m_per_s - mean

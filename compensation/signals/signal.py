@@ -12,7 +12,7 @@ from hbm.spatial import Array, read_only
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class MachineLimits:
     """What the machine can do.
 
     The defaults of range, sway speed and belt acceleration are what the thesis' machine was seen
@@ -96,7 +96,7 @@ class Signal:
         return np.hstack([platform, belt])
 
 
-def check_signal(signal: Signal, limits: Limits) -> tuple[Note, ...]:
+def check_signal(signal: Signal, limits: MachineLimits) -> tuple[Note, ...]:
     """Find which limits of the machine a signal exceeds, and by how much.
 
     Parameters

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from compensation import (
-    Limits,
+    MachineLimits,
     Signal,
     acceleration_spectrum,
     belt_signals,
@@ -28,7 +28,7 @@ FAINTEST = 1e-6
 ROUNDING = 1e-12
 
 
-def protocol_signals(kind: str, seed: int, limits: Limits) -> list[Signal]:
+def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> list[Signal]:
     """Make the protocol's signals of one kind, each at every belt speed of the protocol.
 
     Parameters
@@ -56,7 +56,7 @@ def protocol_signals(kind: str, seed: int, limits: Limits) -> list[Signal]:
 
 
 def write_signals(
-    signals: Iterable[Signal], folder: Path, rate_hz: float, limits: Limits
+    signals: Iterable[Signal], folder: Path, rate_hz: float, limits: MachineLimits
 ) -> list[Path]:
     """Write signals for a machine, each as CSV and PNG.
 
@@ -113,7 +113,7 @@ def write_signal(signal: Signal, path: Path) -> None:
         )
 
 
-def signal_figure(signal: Signal, limits: Limits) -> Figure:
+def signal_figure(signal: Signal, limits: MachineLimits) -> Figure:
     """Draw a signal's courses and the spectra of its accelerations, with the machine's limits.
 
     Parameters

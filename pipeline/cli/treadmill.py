@@ -127,13 +127,13 @@ def signals(
     belt_m_per_s2: Annotated[float, typer.Option(help="Largest belt acceleration.")] = 15.0,
 ) -> None:
     """Write calibration and validation signals for the machine: CSV and pictures."""
-    from compensation import Limits
+    from compensation import MachineLimits
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
     from pipeline.cli.terminal import plain_console
 
     if kind not in (*KINDS, "all"):
         raise ValueError(f"--kind must be one of {', '.join(KINDS)} or all, got {kind!r}")
-    limits = Limits(
+    limits = MachineLimits(
         sway_m,
         sway_m_per_s,
         sway_m_per_s2,

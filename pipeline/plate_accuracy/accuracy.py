@@ -10,7 +10,7 @@ import pandas as pd
 from compensation import (
     Delay,
     Linearity,
-    PlateCalibration,
+    PlateAlignment,
     center_of_pressure,
     fit_line_orthogonal,
     hammer_delay,
@@ -63,7 +63,7 @@ class Experiment1:
     trials: tuple[WeightTrial, ...]
     errors: pd.DataFrame
     places: dict[BeltSide, tuple[Array, Array]]
-    alignments: dict[BeltSide, PlateCalibration]
+    alignments: dict[BeltSide, PlateAlignment]
     delays: dict[BeltSide, Delay]
     linearities: dict[BeltSide, Linearity]
     estimates: tuple[Estimate, ...]

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 from scipy.interpolate import CubicSpline
 
-from compensation import Delay, PlateCalibration, center_of_pressure
+from compensation import Delay, PlateAlignment, center_of_pressure
 from hbm.spatial import Array
 from pipeline.config.plate_study import BeltSide
 from pipeline.plate_accuracy.trials import WeightTrial
@@ -65,7 +65,7 @@ class Estimate:
 
 def estimates(
     trials: Sequence[WeightTrial],
-    alignments: Mapping[BeltSide, PlateCalibration],
+    alignments: Mapping[BeltSide, PlateAlignment],
     delays: Mapping[BeltSide, Delay],
     full_scale_n: float,
 ) -> tuple[Estimate, ...]:

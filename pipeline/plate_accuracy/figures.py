@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.signal import welch
 
-from compensation import Delay, PlateCalibration
+from compensation import Delay, PlateAlignment
 from hbm.spatial import Array
 from pipeline.config.plate_study import BeltSide
 from pipeline.figures.style import COLOURS, STYLE
@@ -109,7 +109,7 @@ def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
 
 
 def static_figure(
-    places: Mapping[BeltSide, tuple[Array, Array]], alignments: Mapping[BeltSide, PlateCalibration]
+    places: Mapping[BeltSide, tuple[Array, Array]], alignments: Mapping[BeltSide, PlateAlignment]
 ) -> Figure | None:
     """Draw how far plate and marker are apart at every place, before and after (Fig. F.1e)."""
     if not places:

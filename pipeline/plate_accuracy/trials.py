@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from compensation import (
-    PlateCalibration,
+    PlateAlignment,
     center_of_pressure,
-    fit_plate_calibration,
+    fit_plate_alignment,
     wrench_of_weight,
 )
 from hbm.signals.filtering import LowPassMethod, low_pass
@@ -72,7 +72,7 @@ class WeightTrial:
 
 
 def read_weight(
-    study: PlatesStudy, weight: WeightRecording, alignment: PlateCalibration
+    study: PlatesStudy, weight: WeightRecording, alignment: PlateAlignment
 ) -> WeightTrial:
     """Read a recording of a known weight.
 
@@ -193,13 +193,13 @@ def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | N
     return np.array(plate_points), np.array(camera_points)
 
 
-def align(plate: Array, camera: Array) -> PlateCalibration:
+def align(plate: Array, camera: Array) -> PlateAlignment:
     """Align `static_places`; covariance by leaving out each: along and across are not alike."""
-    whole, count = fit_plate_calibration(plate, camera), len(plate)
+    whole, count = fit_plate_alignment(plate, camera), len(plate)
     if count == 3:
         return whole
     parts = (
-        fit_plate_calibration(np.delete(plate, k, 0), np.delete(camera, k, 0)) for k in range(count)
+        fit_plate_alignment(np.delete(plate, k, 0), np.delete(camera, k, 0)) for k in range(count)
     )
     off = np.array([[p.angle - whole.angle, *(p.offset - whole.offset)] for p in parts])
     return replace(whole, covariance=off.T @ off * (count - 1) / count)
@@ -211,7 +211,7 @@ def read_hammer(study: PlatesStudy, name: str, belt: BeltSide) -> tuple[Array, A
     return time, marker[:, 2], plate.time, plate.wrench[:, 2]
 
 
-UNALIGNED = PlateCalibration(0.0, np.zeros(2), np.zeros((3, 3)), np.nan, np.nan)
+UNALIGNED = PlateAlignment(0.0, np.zeros(2), np.zeros((3, 3)), np.nan, np.nan)
 """A plate that was not aligned with the cameras: taken as the file says."""
 
 
@@ -246,7 +246,7 @@ def _without_drift(time: Array, wrench: Array, empty: NDArray[np.bool_]) -> Arra
     return np.asarray(wrench - basis @ np.linalg.lstsq(basis[empty], wrench[empty])[0])
 
 
-def _to_cameras(wrench: Array, alignment: PlateCalibration) -> Array:
+def _to_cameras(wrench: Array, alignment: PlateAlignment) -> Array:
     turn = np.eye(3)
     turn[:2, :2] = alignment.rotation.T
     return transform_wrench(wrench, turn, -turn @ np.append(alignment.offset, 0.0))

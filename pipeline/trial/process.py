@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from compensation import marker_plate_delay
 from hbm.body import Body
 from hbm.coordinates import SEGMENTS
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
@@ -21,7 +22,6 @@ from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
-from pipeline.trial.delay import marker_plate_delay
 from pipeline.trial.gait.contact import share_between_feet
 from pipeline.trial.gait.cycle_selection import perturbation_onsets, select_cycles
 from pipeline.trial.gait.cycles import cut_cycles
@@ -301,8 +301,8 @@ def _delay(
     plates = np.sum([wrench[:, :3] for wrench in ground.values()], axis=0)
     needed = dynamics.residual[:, :3] + plates
     try:
-        delay, uncertainty = marker_plate_delay(plates, needed, motion.time)
+        found = marker_plate_delay(plates, needed, motion.time)
     except ValueError as error:
         return np.nan, np.nan, Note.of("plate_delay_unknown", reason=str(error))
-    note = Note.of("plate_delay", delay_s=delay, uncertainty_s=uncertainty)
-    return delay, uncertainty, note
+    note = Note.of("plate_delay", delay_s=found.seconds, uncertainty_s=found.standard_error)
+    return found.seconds, found.standard_error, note

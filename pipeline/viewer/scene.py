@@ -6,13 +6,12 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
-from compensation.platform.pose import PlatformPose
+from compensation import PlatformPose, center_of_pressure
 from hbm.coordinates import SEGMENTS
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.figures.style import COLOURS
-from pipeline.trial.gait.contact import center_of_pressure
 from pipeline.trial.result import PlateSurface
 from pipeline.viewer.body import log_pose
 from pipeline.viewer.file import Timelines, printable, rgba, send
@@ -188,8 +187,7 @@ def pressure_point(
     if platform is not None:
         back = np.swapaxes(platform.rotation, 1, 2)
         wrench = rotate_wrench(shift_wrench(wrench, platform.position), back)
-    level = np.full(len(wrench), surface_m)
-    point = np.column_stack([center_of_pressure(wrench, level, threshold_n), level])
+    point = center_of_pressure(wrench, threshold_n, surface_m)
     return point if platform is None else platform.to_lab(point)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from compensation import center_of_pressure
 from hbm.spatial import Array, Mask
 
 FEET = ("left_foot", "right_foot")
@@ -60,32 +61,9 @@ def share_between_feet(
     return shared, ambiguous
 
 
-def center_of_pressure(wrench: Array, height: Array, threshold_n: float) -> Array:
-    """Find where a wrench's line of action meets a level.
-
-    Parameters
-    ----------
-    wrench
-        In lab axes about the lab origin, (T, 6) [N, N·m].
-    height
-        The level, (T,) or a number [m].
-    threshold_n
-        Up to this upward force there is none [N].
-
-    Returns
-    -------
-    Array
-        x and y of the centre of pressure, (T, 2) [m]; NaN where the plate is not loaded.
-    """
-    fx, fy, fz, mx, my, _ = np.asarray(wrench, float).T
-    loaded = fz > threshold_n
-    vertical = np.where(loaded, fz, np.nan)
-    return np.column_stack([(height * fx - my) / vertical, (height * fy + mx) / vertical])
-
-
 def _owners(wrench: Array, feet: Array, threshold_n: float) -> tuple[Array, Mask]:
     """Find the foot (0 left, 1 right) that each frame of a plate belongs to, and where in doubt."""
-    at = center_of_pressure(wrench, feet[..., 2].min(axis=1), threshold_n)
+    at = center_of_pressure(wrench, threshold_n, feet[..., 2].min(axis=1))[:, :2]
     away = np.linalg.norm(feet[..., :2] - at[:, None], axis=-1)
     loaded = np.isfinite(away).all(axis=1)
     left, right = np.where(loaded[:, None], away, 0.0).T

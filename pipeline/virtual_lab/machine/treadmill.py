@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation import Limits
+from compensation import MachineLimits
 from hbm.spatial import Array
 from pipeline.virtual_lab.machine.platform import PlatformMotion
 from pipeline.virtual_lab.trajectories import smooth_step
@@ -55,8 +55,8 @@ class Machine:
         Ranges and speeds that the platform's actuators do not exceed, whatever the command.
     sway_hz, pitch_hz
         Bandwidths of the actuators, which respond as critically damped second-order systems. At
-        7 Hz a step of 5 cm reaches its 0.3 m/s with the 5 m/s² that `compensation.Limits` assumes;
-        the pitch bandwidth is assumed.
+        7 Hz a step of 5 cm reaches its 0.3 m/s with the 5 m/s² that `compensation.MachineLimits`
+        assumes; the pitch bandwidth is assumed.
     servo_hz
         Bandwidth of the belts' speed control, critically damped; assumed.
     belt_hz, belt_damping
@@ -68,7 +68,7 @@ class Machine:
 
     assemblies: tuple[Assembly, Assembly] = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
     pivot_m: tuple[float, float, float] = (0.0, 0.0, -0.25)
-    limits: Limits = field(default_factory=Limits)
+    limits: MachineLimits = field(default_factory=MachineLimits)
     sway_hz: float = 7.0
     pitch_hz: float = 3.0
     servo_hz: float = 10.0

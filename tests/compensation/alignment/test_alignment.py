@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from compensation.alignment.delay import estimate_delay, hammer_delay, undo_delay
-from compensation.alignment.plate import PlateCalibration, fit_plate_calibration
+from compensation.alignment.delay import estimate_delay, undo_delay
+from compensation.alignment.hammer import hammer_delay
+from compensation.alignment.plate import PlateAlignment, fit_plate_alignment
 
 # Delays from motion -----------------------------------------------------------------------------
 
@@ -115,10 +116,10 @@ def test_wrong_input_of_undo_delay_gets_one_clear_error():
         undo_delay(np.ones((1, 2)), 0.01, 100)
 
 
-# Delays from hammer hits ------------------------------------------------------------------------
+# Delays from hammer impacts ---------------------------------------------------------------------
 
 
-def hits(seed, delay_s, count=15, height_noise_m=2e-4):
+def impacts(seed, delay_s, count=15, height_noise_m=2e-4):
     """A hammer with a marker at 100 Hz, a plate at 1000 Hz that is late."""
     rng = np.random.default_rng(seed)
     struck = 2 + np.arange(count) * 1.5 + rng.uniform(0, 0.3, count)
@@ -135,15 +136,15 @@ def hits(seed, delay_s, count=15, height_noise_m=2e-4):
 
 
 @pytest.mark.parametrize("delay_s", [0.0071, 0.0844, 0.002, -0.004])
-def test_a_known_delay_of_the_plate_comes_back_from_hammer_hits(delay_s):
-    found = hammer_delay(*hits(1, delay_s))
+def test_a_known_delay_of_the_plate_comes_back_from_hammer_impacts(delay_s):
+    found = hammer_delay(*impacts(1, delay_s))
     assert found.seconds == pytest.approx(delay_s, abs=5e-4)
     assert abs(found.seconds - delay_s) < 3 * found.standard_error + 2e-5  # the force's rise
     assert len(found.differences) == 15
 
 
-def test_hits_that_the_marker_missed_do_not_count():
-    camera, height, plate, force = hits(2, 0.003)
+def test_impacts_that_the_marker_missed_do_not_count():
+    camera, height, plate, force = impacts(2, 0.003)
     height[np.abs(camera - camera[np.argmin(height)]) < 0.15] = 0.25
     found = hammer_delay(camera, height, plate, force)
     assert len(found.differences) == 14
@@ -159,13 +160,13 @@ def test_hits_that_the_marker_missed_do_not_count():
         (lambda t, h, s, f: (t[::-1], h, s, f), "marker times must increase"),
         (lambda t, h, s, f: (t, np.where(t > 3, np.nan, h), s, f), "marker: .* not numbers"),
         (lambda t, h, s, f: (t, h, s, 0 * f), "force: constant"),
-        (lambda t, h, s, f: (t, h, s + 100, f), "0 hits found"),
-        (lambda t, h, s, f: (t, h, s, np.sin(s)), "0 hits found"),
+        (lambda t, h, s, f: (t, h, s + 100, f), "0 impacts found"),
+        (lambda t, h, s, f: (t, h, s, np.sin(s)), "0 impacts found"),
     ],
 )
-def test_wrong_hits_get_one_clear_error(spoil, message):
+def test_wrong_impacts_get_one_clear_error(spoil, message):
     with pytest.raises(ValueError, match=message):
-        hammer_delay(*spoil(*hits(3, 0.004)))
+        hammer_delay(*spoil(*impacts(3, 0.004)))
 
 
 # Plate to cameras -------------------------------------------------------------------------------
@@ -184,7 +185,7 @@ def places(seed, error_m=0.001, angle=ANGLE, offset=OFFSET, count=110):
 def test_the_thesis_turn_and_offset_come_back_within_their_stated_uncertainty():
     scores = []
     for seed in range(40):
-        found = fit_plate_calibration(*places(seed))
+        found = fit_plate_alignment(*places(seed))
         error = np.array([found.angle - ANGLE, *(found.offset - OFFSET)])
         scores.append(error / found.standard_error)
     assert np.mean(np.abs(scores) < 1.98) == pytest.approx(0.95, abs=0.045)  # 120 draws
@@ -193,7 +194,7 @@ def test_the_thesis_turn_and_offset_come_back_within_their_stated_uncertainty():
 
 
 def test_no_error_gives_turn_and_offset_exactly():
-    found = fit_plate_calibration(*places(1, error_m=0))
+    found = fit_plate_alignment(*places(1, error_m=0))
     np.testing.assert_allclose([found.angle, *found.offset], [ANGLE, *OFFSET], atol=1e-14)
     assert found.rms_before > 1e-3
     assert found.rms_after < 1e-14
@@ -203,17 +204,17 @@ def test_no_error_gives_turn_and_offset_exactly():
 @given(angle=st.floats(-3.1, 3.1), x=st.floats(-1, 1), y=st.floats(-1, 1))
 def test_any_turn_and_offset_is_undone(angle, x, y):
     plate, camera = places(2, error_m=0, angle=angle, offset=np.array([x, y]))
-    found = fit_plate_calibration(plate, camera)
+    found = fit_plate_alignment(plate, camera)
     np.testing.assert_allclose(found.to_plate(camera), plate, atol=1e-12)
     np.testing.assert_allclose(found.to_camera(plate), camera, atol=1e-12)
 
 
 def test_the_fit_is_a_minimum_of_the_squared_distances():
     plate, camera = places(3)
-    found = fit_plate_calibration(plate, camera)
+    found = fit_plate_alignment(plate, camera)
 
     def cost(nudge):
-        other = PlateCalibration(
+        other = PlateAlignment(
             found.angle + nudge[0], found.offset + nudge[1:], found.covariance, 0, 0
         )
         return np.sum((plate - other.to_plate(camera)) ** 2)
@@ -240,4 +241,4 @@ def test_the_fit_is_a_minimum_of_the_squared_distances():
 )
 def test_wrong_places_get_one_clear_error(spoil, message):
     with pytest.raises(ValueError, match=message):
-        fit_plate_calibration(*spoil(*places(4)))
+        fit_plate_alignment(*spoil(*places(4)))

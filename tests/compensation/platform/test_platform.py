@@ -8,14 +8,11 @@ from hypothesis import strategies as st
 from compensation import check_pose
 from compensation.alignment.delay import estimate_delay
 from compensation.platform.markers import fit_pose, neutral_markers
-from compensation.platform.pose import (
-    PlatformPose,
+from compensation.platform.pose import PlatformPose, commanded_pose, pose_delay, specific_force
+from compensation.platform.wrench import (
     center_of_pressure,
-    commanded_pose,
     free_moment,
     moment_error_of_pivot,
-    pose_delay,
-    specific_force,
     to_lab,
 )
 from hbm.notes import Note
@@ -114,10 +111,18 @@ def test_center_of_pressure_and_free_moment_come_back(x, y, height, free):
     np.testing.assert_allclose(free_moment(wrench, 30, height), [free], atol=1e-10)
 
 
+def test_the_center_of_pressure_moves_along_the_line_of_action_with_the_surface():
+    wrench = np.tile([100.0, 0, 500, -100, -150, -20], (2, 1))
+    points = center_of_pressure(wrench, 30.0, np.array([0.0, 0.1]))
+    np.testing.assert_allclose(points, [[0.3, -0.2, 0], [0.32, -0.2, 0.1]], atol=1e-12)
+
+
 def test_an_unloaded_plate_has_no_center_of_pressure():
-    wrench = np.array([[0, 0, 29.0, 1, 2, 3], [0, 0, 31.0, 1, 2, 3]])
-    assert np.isnan(center_of_pressure(wrench, 30)).tolist() == [[True] * 3, [False] * 3]
-    assert np.isnan(free_moment(wrench, 30)).tolist() == [True, False]
+    unloaded, gap = [0, 0, 29.0, 1, 2, 3], [np.nan] * 6
+    wrench = np.array([unloaded, [0, 0, 31.0, 1, 2, 3], gap, [0, 0, -31.0, 1, 2, 3]])
+    missing = [True, False, True, True]
+    assert np.isnan(center_of_pressure(wrench, 30)).tolist() == [[m] * 3 for m in missing]
+    assert np.isnan(free_moment(wrench, 30)).tolist() == missing
 
 
 # Error budget -----------------------------------------------------------------------------------

@@ -14,14 +14,14 @@ from compensation.signals.protocol import (
     validation_signals,
 )
 from compensation.signals.signal import (
-    Limits,
+    MachineLimits,
     Signal,
     acceleration_spectrum,
     check_signal,
     resample_signal,
 )
 
-TIGHT = Limits(
+TIGHT = MachineLimits(
     sway_m=0.03,
     sway_m_per_s=0.1,
     sway_m_per_s2=1.0,
@@ -58,7 +58,7 @@ def test_there_are_14_platform_10_belt_and_5_validation_signals(platform, belts)
     assert names == ["sway", "pitch", "running", "boarding", "belt"]
 
 
-@pytest.mark.parametrize("limits", [Limits(), TIGHT])
+@pytest.mark.parametrize("limits", [MachineLimits(), TIGHT])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_all_calibration_signals_respect_the_machine(limits, seed):
     signals = [
@@ -70,14 +70,14 @@ def test_all_calibration_signals_respect_the_machine(limits, seed):
 
 
 def test_validation_signals_respect_the_machine():
-    assert [f for s in validation_signals() for f in check_signal(s, Limits())] == []
+    assert [f for s in validation_signals() for f in check_signal(s, MachineLimits())] == []
 
 
 @pytest.mark.parametrize("rate_hz", [200.0, 300.0, 1000.0])
 def test_resampling_stays_within_the_limits_and_on_the_course(platform, belts, rate_hz):
     for signal in (platform["all_60s_3mps"], belts["belt_all_60s_2mps"]):
         fine = resample_signal(signal, rate_hz)
-        assert check_signal(fine, Limits()) == ()
+        assert check_signal(fine, MachineLimits()) == ()
         assert fine.time[-1] == pytest.approx(signal.time[-1], abs=1.001 / rate_hz)
         np.testing.assert_allclose(
             np.interp(signal.time, fine.time, fine.sway), signal.sway, atol=1e-4
@@ -187,7 +187,7 @@ def test_validation_signals_are_those_of_the_thesis():
 def test_a_signal_beyond_the_machine_is_told_by_which_limit():
     time = np.arange(300) / 100
     wild = Signal("wild", 100, 0.08 * np.sin(9 * time), 0 * time, 0 * time + 7)
-    notes = check_signal(wild, Limits())
+    notes = check_signal(wild, MachineLimits())
     assert [note.values["quantity"] for note in notes] == [
         *("sway_m", "sway_m_per_s", "sway_m_per_s2", "belt_m_per_s")
     ]
@@ -267,7 +267,7 @@ def test_thesis_calibration_without_noise_is_exact(laboratory, platform, validat
         (lambda s: replace(s, pitch=s.pitch[:-9]), "numbers of samples differ"),
         (lambda s: replace(s, pitch=s.pitch * np.nan), "pitch: 6000 of 6000"),
         (lambda s: replace(s, rate_hz=-1), "rate_hz must be a positive"),
-        (lambda s: Limits(sway_m=0), "limit sway_m must be positive"),
+        (lambda s: MachineLimits(sway_m=0), "limit sway_m must be positive"),
     ],
 )
 def test_wrong_input_gets_one_clear_error(platform, call, message):
