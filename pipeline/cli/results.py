@@ -36,6 +36,7 @@ def view(
 ) -> None:
     """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
     from pipeline.cli.terminal import plain_console
+    from pipeline.run.program import program_digest
     from pipeline.run.store import read_summary, read_trial
     from pipeline.viewer.serve import view as show
     from pipeline.viewer.trial import write_cycles, write_recording
@@ -52,15 +53,16 @@ def view(
     stem = folder / "viewer" / result.stem
     trial, cycles, shown = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
     key = read_summary(result).key
-    fresh = trial.is_file() and cycles.is_file() and shown.is_file() and shown.read_text() == key
+    made = f"{key} {program_digest()}"  # a key does not cover the viewer
+    fresh = trial.is_file() and cycles.is_file() and shown.is_file() and shown.read_text() == made
     if not (key and fresh):
         with console.status(f"preparing {result.stem}"):
             stem.parent.mkdir(parents=True, exist_ok=True)
             stored = read_trial(result)
             write_recording(stored, trial)
             write_cycles(stored, cycles)
-        shown.write_text(key)
-    show([trial, cycles], web=web, tell=lambda line: console.print(line, soft_wrap=True))
+        shown.write_text(made)
+    show([trial, cycles], web=web, announce=lambda line: console.print(line, soft_wrap=True))
 
 
 def _result_of(folder: Path, subject: str | None, condition: str | None) -> Path:

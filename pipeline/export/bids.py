@@ -16,6 +16,9 @@ from pipeline.io.recording import Recording
 BIDS_VERSION: Final = "1.10.0"
 FRAME: Final = "lab"
 AXES: Final = "ALS"
+"""Anterior, left, superior: what x, y and z point to."""
+MAX_JITTER: Final = 0.1
+"""Of sample times, in sampling intervals: rounding of written times stays below."""
 README: Final = """Marker trajectories and ground reactions of people on an instrumented treadmill.
 
 Frame `lab`: right-handed, x forward, y left, z up. Plates (tracksys-plates): force on the subject
@@ -33,7 +36,7 @@ class _Channel:
 
 
 def write_bids(recording: Recording, folder: str | Path, subject: str, task: str) -> list[Path]:
-    """Add a recording to a BIDS data set, which is begun where there is none.
+    """Add a recording to a BIDS data set; make the data set where there is none.
 
     Parameters
     ----------
@@ -114,7 +117,7 @@ def _systems(recording: Recording) -> dict[str, tuple[Array, list[_Channel], Arr
 
 def _rate(recording: Recording, name: str, time: Array) -> float:
     steps = np.diff(time)
-    if not len(steps) or np.ptp(steps) > 0.1 * steps.mean():
+    if not len(steps) or np.ptp(steps) > MAX_JITTER * steps.mean():
         raise ValueError(
             f"{recording.source.name}: BIDS needs two or more samples, evenly spaced ({name})"
         )
@@ -142,7 +145,7 @@ def _system(
             "reference_frame": frames,
         }
     )
-    facts = {
+    description = {
         "TaskName": task,
         "TaskDescription": f"recorded as {recording.source.name}",
         "SamplingFrequency": rate_hz,
@@ -163,7 +166,7 @@ def _system(
     samples = _tsv(Path(f"{stem}_motion.tsv"), pd.DataFrame(values), header=False)
     return [
         samples,
-        _json(Path(f"{stem}_motion.json"), facts),
+        _json(Path(f"{stem}_motion.json"), description),
         _tsv(Path(f"{stem}_channels.tsv"), table),
         _json(Path(f"{stem}_channels.json"), space),
     ]
@@ -174,8 +177,12 @@ def _data_set(folder: Path, subject: str) -> list[Path]:
     written = []
     description, readme = folder / "dataset_description.json", folder / "README.md"
     if not description.exists():
-        facts = {"Name": folder.resolve().name, "BIDSVersion": BIDS_VERSION, "DatasetType": "raw"}
-        written.append(_json(description, facts))
+        data_set = {
+            "Name": folder.resolve().name,
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "raw",
+        }
+        written.append(_json(description, data_set))
     if not readme.exists() and not (folder / "README").exists():
         readme.write_text(README, encoding="utf-8")
         written.append(readme)

@@ -1,4 +1,4 @@
-"""Body -> OpenSim 4 model."""
+"""A body as an OpenSim 4 model."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,7 +13,9 @@ from hbm.segments import NO_INERTIA
 from hbm.spatial import GRAVITY_MPS2
 
 FORMAT: Final = "40000"
+"""Of OpenSim 4.0 files."""
 RANGE: Final = {True: "-10 10", False: "-6.2831853 6.2831853"}
+"""Whether a coordinate translates -> the range of its slider [m or rad]."""
 
 
 def write_osim(body: Body, path: str | Path) -> None:
@@ -33,12 +35,13 @@ def write_osim(body: Body, path: str | Path) -> None:
 
     * Ground is the lab: z up, gravity along -z. (OpenSim's own models have y up; a program that
       draws y up shows the subject lying on the right side.)
-    * Each segment hangs on one CustomJoint: slides along axes of the parent, then turns, each about
-      an axis of the frame that the turns before it left. Turns that a joint lacks are constant.
-    * The shoulder points, which slide on the trunk and carry the acromion markers, are bodies
+    * Each segment has one CustomJoint to its parent: translations along axes of the parent, then
+      rotations, each about an axis of the frame that the previous ones led to. Rotations that a
+      joint lacks are constant.
+    * The shoulder points, which translate on the trunk and have the acromion markers, are bodies
       without mass.
-    * All coordinates are free, start at zero and are not clamped; their ranges are only as wide as
-      a slider needs. Those that no marker shows are free as well.
+    * All coordinates are free, start at zero and are not clamped; their ranges are those of
+      the sliders. Those that no marker shows are free as well.
     """
     document = ET.Element("OpenSimDocument", Version=FORMAT)
     model = _add(document, "Model", name=body.model.name)
@@ -82,7 +85,7 @@ def _body(bodies: ET.Element, body: Body, segment: str) -> None:
 
 
 def _joint(joints: ET.Element, body: Body, segment: str) -> None:
-    """Hang a segment on its parent."""
+    """Join a segment to its parent."""
     own = [c for c in TREE if c.segment == segment]
     joint = _add(joints, "CustomJoint", name=f"{segment}_joint")
     _add(joint, "socket_parent_frame", "before")
@@ -104,7 +107,7 @@ def _joint(joints: ET.Element, body: Body, segment: str) -> None:
 
 
 def _axes(transform: ET.Element, body: Body, kind: str, own: list[Coordinate]) -> None:
-    """Write three axes: the joint's own, then constant ones that complete them."""
+    """Write three axes: the joint's own, then constant ones for those that it lacks."""
     axes = np.array([body.axes[c.name] if c.axis is None else c.axis for c in own]).reshape(-1, 3)
     _, _, basis = np.linalg.svd(axes)
     axes = np.vstack([axes, basis[len(own) :]])

@@ -1,13 +1,14 @@
-"""Results -> the tables that OpenSim's tools open: MOT, STO, TRC and external loads.
+"""Results as the tables that OpenSim's tools open: MOT, STO, TRC and external loads.
 
 All are in the lab's axes (x forward, y left, z up), which are the ground axes of the model that
 `pipeline.export.opensim_model.write_osim` writes, and in SI units but for angles in degrees where
-the header says so. A gap stays a gap: NaN in MOT and STO, empty fields in TRC. OpenSim's tools
-spline whole columns, so give them a stretch without gaps.
+the header says so. Gaps are NaN in MOT and STO, empty fields in TRC. OpenSim's tools
+fit splines to whole columns, so give them an interval without gaps.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -17,6 +18,9 @@ from hbm.dynamics import Dynamics
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.spatial import Array
+
+MAX_JITTER: Final = 0.1
+"""Of sample times, in sampling intervals: rounding of written times stays below."""
 
 
 def write_coordinates(motion: Motion, path: str | Path) -> None:
@@ -31,8 +35,8 @@ def write_coordinates(motion: Motion, path: str | Path) -> None:
 
     Notes
     -----
-    Columns in the Human Body Model's order, turns in degrees, slides in metres. They are the
-    model's coordinates; `hbm.clinical` has the shoulder angles of the original's export.
+    Columns in the Human Body Model's order, rotations in degrees, translations in metres. They are
+    the model's coordinates; `hbm.clinical` gives the shoulder angles of the original's export.
     """
     columns = {}
     for name in HBM_ORDER:
@@ -53,9 +57,9 @@ def write_forces(dynamics: Dynamics, path: str | Path) -> None:
 
     Notes
     -----
-    Columns ``<coordinate>_force`` [N] for slides and ``<coordinate>_moment`` [N·m] for turns, in
-    the Human Body Model's order. The six of the pelvis are the residual: forces along lab axes,
-    moments about the axes of yaw, pitch and roll through the pelvis origin (mid-hip).
+    Columns ``<coordinate>_force`` [N] for translations and ``<coordinate>_moment`` [N·m] for
+    rotations, in the Human Body Model's order. The six of the pelvis are the residual: forces along
+    lab axes, moments about the axes of yaw, pitch and roll through the pelvis origin (mid-hip).
     """
     columns = {
         f"{name}_{'force' if TREE[INDEX[name]].translates else 'moment'}": dynamics.force(name)
@@ -65,7 +69,7 @@ def write_forces(dynamics: Dynamics, path: str | Path) -> None:
 
 
 def write_external_loads(time: Array, wrenches: Mapping[str, Array], path: str | Path) -> None:
-    """Write what acts on the subject from outside: a table, and beside it OpenSim's description.
+    """Write the external loads on the subject: a table, and OpenSim's description of it.
 
     Parameters
     ----------
@@ -84,9 +88,9 @@ def write_external_loads(time: Array, wrenches: Mapping[str, Array], path: str |
 
     Notes
     -----
-    The point of application is the lab origin throughout and the torque the whole moment about it,
-    so no point runs away while a plate is unloaded. OpenSim takes points as given; only its arrows
-    are drawn at the origin.
+    The point of application is always the lab origin and the torque the moment about it, so that
+    no point goes to infinity while a plate is unloaded. To OpenSim's dynamics this is the same;
+    its arrows are drawn at the origin.
     """
     path = Path(path)
     if path.suffix == ".xml":
@@ -150,9 +154,9 @@ def write_trc(markers: Markers, path: str | Path) -> None:
     frames, names = len(markers.time), markers.names
     rate = markers.rate_hz if frames > 1 else np.nan
     regular = markers.time[:1] + np.arange(frames) / rate
-    if not np.abs(markers.time - regular).max(initial=0) < 0.1 / rate:
+    if not np.abs(markers.time - regular).max(initial=0) < MAX_JITTER / rate:
         raise ValueError("TRC needs two or more samples, evenly spaced in time")
-    facts = {
+    header = {
         "DataRate": f"{rate:.10g}",
         "CameraRate": f"{rate:.10g}",
         "NumFrames": frames,
@@ -165,8 +169,8 @@ def write_trc(markers: Markers, path: str | Path) -> None:
     axes = [f"{axis}{k + 1}" for k in range(len(names)) for axis in "XYZ"]
     lines = [
         f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
-        "\t".join(facts),
-        "\t".join(str(value) for value in facts.values()),
+        "\t".join(header),
+        "\t".join(str(value) for value in header.values()),
         "\t".join(["Frame#", "Time", "\t\t\t".join(names)]),
         "\t".join(["", "", *axes]),
         "",

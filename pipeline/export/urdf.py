@@ -1,4 +1,4 @@
-"""Body -> URDF, for Pinocchio, MuJoCo and ROS."""
+"""A body as URDF, for Pinocchio, MuJoCo and ROS."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,7 +12,10 @@ from hbm.coordinates import FIRST_Q, LAST_Q, MASSLESS, TREE
 from hbm.segments import Inertia
 from hbm.spatial import Array
 
-SPECK: Final = Inertia(1e-12, np.zeros(3), 1e-14 * np.eye(3))
+TOKEN_INERTIA: Final = Inertia(1e-12, np.zeros(3), 1e-14 * np.eye(3))
+"""Of links without a segment, since MuJoCo refuses moving links below 1e-15."""
+LIMITS: Final = {"lower": "-100", "upper": "100", "effort": "1e6", "velocity": "1e6"}
+"""Of every joint [rad or m], since URDF demands them: beyond what a trial reaches."""
 
 
 def write_urdf(body: Body, path: str | Path) -> None:
@@ -30,26 +33,26 @@ def write_urdf(body: Body, path: str | Path) -> None:
     Same joints, axes, inertias and markers, and the same 46 coordinates by name, sign and zero.
     The root link ``ground`` is the lab: z up.
 
-    * URDF's joints have one axis, so links without a segment stand between the coordinates of a
-      joint. They and the shoulder points weigh 1e-12 kg with moments of 1e-14 kg·m², because MuJoCo
-      refuses moving links under 1e-15; forces change by some 1e-10 N.
-    * Turns are ``revolute`` within ±100 rad rather than ``continuous``, which Pinocchio would
-      describe by sine and cosine; slides move within ±100 m. Both are beyond what a trial reaches.
+    * URDF's joints have one axis, so there are links without a segment between the coordinates of a
+      joint. They and the shoulder points have 1e-12 kg and 1e-14 kg·m², because MuJoCo refuses
+      moving links below 1e-15; forces change by some 1e-10 N.
+    * Rotations are ``revolute`` within ±100 rad rather than ``continuous``, which Pinocchio would
+      describe by sine and cosine; translations are within ±100 m.
     * Markers are links without mass on fixed joints. MuJoCo keeps them because the file asks it to.
     """
     robot = ET.Element("robot", name=body.model.name)
     ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", fusestatic="false")
     ET.SubElement(robot, "link", name="ground")
     for i, c in enumerate(TREE):
-        carries = i == LAST_Q[c.segment] and c.segment not in MASSLESS
-        _link(robot, _name(i), body.inertias[c.segment] if carries else SPECK)
+        has_segment = i == LAST_Q[c.segment] and c.segment not in MASSLESS
+        _link(robot, _name(i), body.inertias[c.segment] if has_segment else TOKEN_INERTIA)
         kind = "prismatic" if c.translates else "revolute"
         first = i == FIRST_Q[c.segment] and c.segment in body.offsets
         place = body.offsets[c.segment] if first else np.zeros(3)
         joint = _joint(robot, c.name, kind, _name(c.parent), _name(i), place)
         axis = body.axes[c.name] if c.axis is None else c.axis
         ET.SubElement(joint, "axis", xyz=_numbers(axis))
-        ET.SubElement(joint, "limit", lower="-100", upper="100", effort="1e6", velocity="1e6")
+        ET.SubElement(joint, "limit", LIMITS)
     for name, segment, place in zip(
         body.markers, body.marker_segment, body.marker_position, strict=True
     ):

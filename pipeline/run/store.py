@@ -21,6 +21,8 @@ from pipeline.trial.summary import TrialSummary, summarise
 SUMMARY: Final = b"hbm"
 HEADER: Final = b"hbm.header"
 """Keys of summary and header in the file's metadata."""
+COMPRESSION: Final = "snappy"
+"""Half the time of zstd for 7 % more; floating-point numbers hardly compress."""
 STUDY_POINTER: Final = "run.json"
 
 
@@ -42,7 +44,7 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> No
         pq.ParquetWriter(
             temporary,
             table.schema,
-            compression="zstd",
+            compression=COMPRESSION,
             use_dictionary=["event"],
             write_statistics=False,
             store_schema=False,  # it would hold the metadata a second time

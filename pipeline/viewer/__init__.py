@@ -1,1 +1,1 @@
-"""A trial in the Rerun viewer."""
+"""A processed trial in the Rerun viewer."""

@@ -1,4 +1,4 @@
-"""Layouts that are saved with a recording: what stands where when it is opened."""
+"""Layouts saved with a recording: which view is where when it is opened."""
 
 from typing import Final
 
@@ -10,23 +10,26 @@ from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
 from pipeline.viewer.scene import GROUND_SCALE, RESIDUAL_SCALES
 
 WINDOW_S: Final = 2.0
+"""Shown before and after the cursor: about two gait cycles each."""
+GRID_SPACING_M: Final = 0.25
 CYCLE_CURVES: Final = (
     "Mean (thick) ± SD (thin) over the gait cycle: measured vermilion, compensated blue"
 )
-EYE_FROM_TARGET: Final = np.array([1.5, -1.9, 0.35])
-WAY_IN_VIEW_M: Final = 2.5
-"""The camera stands off once more for every such way that the pelvis goes."""
+EYE_FROM_TARGET_M: Final = np.array([1.5, -1.9, 0.35])
+"""The camera is ahead of the subject, to the right, slightly above the pelvis."""
+PATH_IN_VIEW_M: Final = 2.5
+"""The camera is twice as far away where the pelvis travels this far, and so on in proportion."""
 
 
-def trial_layout(pelvis: Array, *, lanes: bool, figure: bool) -> rrb.Blueprint:
+def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
     """Lay out a trial: scene and gait phases, residuals over time, summary.
 
     Parameters
     ----------
     pelvis
         The pelvis origin over time, (T, 3) [m]; the camera looks at its middle.
-    lanes
-        Whether there are gait phases or other lanes.
+    phases
+        Whether there are gait phases or other states over time.
     figure
         Whether there is a figure over the gait cycle.
     """
@@ -38,7 +41,7 @@ def trial_layout(pelvis: Array, *, lanes: bool, figure: bool) -> rrb.Blueprint:
     whole = rrb.VisibleTimeRange(
         "time", start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite()
     )
-    phases = rrb.StateTimelineView(
+    states = rrb.StateTimelineView(
         name="Gait phases",
         origin="phases",
         time_view=rrb.archetypes.TimeAxis(view_range=window.range),
@@ -56,8 +59,8 @@ def trial_layout(pelvis: Array, *, lanes: bool, figure: bool) -> rrb.Blueprint:
         rrb.Horizontal(
             rrb.Vertical(
                 _scene(pelvis, f"{GROUND_SCALE}, {RESIDUAL_SCALES}"),
-                *([phases] if lanes else []),
-                row_shares=[3, 1][: 1 + lanes],
+                *([states] if phases else []),
+                row_shares=[3, 1][: 1 + phases],
             ),
             rrb.Tabs(
                 _residuals("Residuals around the cursor", window),
@@ -96,12 +99,12 @@ def cycle_layout(pelvis: Array) -> rrb.Blueprint:
 
 def _scene(pelvis: Array, scales: str) -> rrb.Spatial3DView:
     middle = np.nanmedian(pelvis, axis=0)
-    way = float(np.max(np.nanmax(pelvis, axis=0) - np.nanmin(pelvis, axis=0)))
-    eye = middle + (1 + way / WAY_IN_VIEW_M) * EYE_FROM_TARGET
+    path = float(np.max(np.nanmax(pelvis, axis=0) - np.nanmin(pelvis, axis=0)))
+    eye = middle + (1 + path / PATH_IN_VIEW_M) * EYE_FROM_TARGET_M
     return rrb.Spatial3DView(
         name=f"Arrows: {scales}",
         origin="lab",
-        line_grid=rrb.LineGrid3D(visible=True, spacing=0.25),
+        line_grid=rrb.LineGrid3D(visible=True, spacing=GRID_SPACING_M),
         eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=(0, 0, 1)),
     )
 

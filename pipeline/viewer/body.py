@@ -1,4 +1,4 @@
-"""The body in the scene: every segment's frame, with bones, flesh and markers that ride on it."""
+"""The body in the 3D scene: segment frames with bones, hulls and markers attached to them."""
 
 from typing import Final
 
@@ -14,21 +14,27 @@ from pipeline.viewer.file import Timelines, printable, rgba, send
 
 MODELLED_COLOUR: Final = "#F0E442"
 BODY_COLOURS: Final = {"left": "#BCD0EE", "right": "#F0DCBC", "middle": "#E2E2E2"}
-FLESH_ALPHA: Final = "38"
-FLAT_M: Final = 0.01
+HULL_ALPHA: Final = "38"
+"""A fifth opaque: bones and markers stay visible inside."""
+MIN_HULL_THICKNESS_M: Final = 0.01
+"""Points within a plane, but for their noise, have no hull."""
+BONE_RADIUS_M: Final = 0.016
+MARKER_RADIUS_M: Final = 0.006
+AXIS_LENGTH_M: Final = 0.05
+MIN_BONE_LENGTH_M: Final = 1e-3
 HEAD_HALF_AXES: Final = np.array([0.7, 0.55, 0.95])
-"""Relative to the distance of the head's centre of mass from the neck."""
+"""Half axes of the head's ellipsoid over the distance of its centre of mass from the neck."""
 
 
 def log_body(
     stream: rr.RecordingStream, timelines: Timelines, body: Body, rotation: Array, origin: Array
 ) -> None:
-    """Draw every segment's frame, bones and modelled markers, which move with the frame.
+    """Draw every segment's frame, and in it its bones, hull and modelled markers.
 
     Parameters
     ----------
     stream, timelines
-        Where to and when.
+        Recording to write to, and the time of each row.
     body
         The body.
     rotation, origin
@@ -38,16 +44,16 @@ def log_body(
         entity = f"lab/body/{segment}"
         log_pose(stream, entity, timelines, rotation[:, k], origin[:, k])
         _log_shape(stream, entity, body, segment)
-        stream.log(f"{entity}/frame", rr.TransformAxes3D(0.05), static=True)
-        mine = [i for i, name in enumerate(body.marker_segment) if name == segment]
-        if mine:
+        stream.log(f"{entity}/frame", rr.TransformAxes3D(AXIS_LENGTH_M), static=True)
+        own = [i for i, name in enumerate(body.marker_segment) if name == segment]
+        if own:
             stream.log(
                 f"{entity}/markers",
                 rr.Points3D(
-                    body.marker_position[mine],
-                    radii=0.006,
+                    body.marker_position[own],
+                    radii=MARKER_RADIUS_M,
                     colors=rgba(MODELLED_COLOUR),
-                    labels=[printable(f"{body.markers[i]}, modelled") for i in mine],
+                    labels=[printable(f"{body.markers[i]}, modelled") for i in own],
                     show_labels=False,
                 ),
                 static=True,
@@ -57,12 +63,12 @@ def log_body(
 def log_pose(
     stream: rr.RecordingStream, entity: str, timelines: Timelines, rotation: Array, origin: Array
 ) -> None:
-    """Move an entity and all below it.
+    """Give an entity, and everything attached to it, a pose over time.
 
     Parameters
     ----------
     stream, timelines
-        Where to and when.
+        Recording to write to, and the time of each row.
     entity
         Path of the entity.
     rotation, origin
@@ -71,20 +77,20 @@ def log_pose(
     """
     known = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
     quaternion = Rotation.from_matrix(np.where(known[:, None, None], rotation, np.eye(3))).as_quat()
-    once = np.ones((len(origin), 1), bool)
+    always = np.ones((len(origin), 1), bool)
     send(
         stream,
         entity,
         timelines,
         rr.Transform3D,
-        once,
+        always,
         translation=origin[:, None],
         quaternion=quaternion[:, None],
     )
 
 
 def _log_shape(stream: rr.RecordingStream, entity: str, body: Body, segment: str) -> None:
-    """Draw a segment: bones from its joint to the next, in the hull of its joints and markers."""
+    """Draw a segment's bones, joint to joint, and the hull of its joints and markers."""
     side = segment.partition("_")[0]
     colour = BODY_COLOURS.get(side, BODY_COLOURS["middle"])
     if segment == "head":
@@ -98,7 +104,7 @@ def _log_shape(stream: rr.RecordingStream, entity: str, body: Body, segment: str
         f"{entity}/bones",
         rr.Capsules3D(
             lengths=np.linalg.norm(ends, axis=1),
-            radii=0.016,
+            radii=BONE_RADIUS_M,
             translations=np.zeros_like(ends),
             quaternions=[Rotation.align_vectors([end], upward)[0].as_quat() for end in ends],
             colors=rgba(colour),
@@ -108,25 +114,25 @@ def _log_shape(stream: rr.RecordingStream, entity: str, body: Body, segment: str
         ),
         static=True,
     )
-    mine = np.array([name == segment for name in body.marker_segment])
-    points = np.vstack([np.zeros(3), ends, body.marker_position[mine]])
+    own = np.array([name == segment for name in body.marker_segment])
+    points = np.vstack([np.zeros(3), ends, body.marker_position[own]])
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    if len(points) < 4 or spread[2] < FLAT_M:
+    if len(points) < 4 or spread[2] < MIN_HULL_THICKNESS_M:
         return
     hull = ConvexHull(points)
     stream.log(
-        f"{entity}/flesh",
+        f"{entity}/hull",
         rr.Mesh3D(
             vertex_positions=points[hull.simplices].reshape(-1, 3),
             vertex_normals=np.repeat(hull.equations[:, :3], 3, axis=0),
-            albedo_factor=rgba(colour + FLESH_ALPHA)[0],
+            albedo_factor=rgba(colour + HULL_ALPHA)[0],
         ),
         static=True,
     )
 
 
 def _head(center: Array, colour: str) -> rr.Ellipsoids3D:
-    """Draw a head about its centre of mass, sized by that point's distance from the neck."""
+    """Give the head's ellipsoid about its centre of mass, (3,) in the head's frame [m]."""
     return rr.Ellipsoids3D(
         centers=[center],
         half_sizes=[HEAD_HALF_AXES * np.linalg.norm(center)],
@@ -138,8 +144,12 @@ def _head(center: Array, colour: str) -> rr.Ellipsoids3D:
 
 
 def _bone_ends(body: Body, segment: str) -> Array:
-    """Give where a segment's bones end, in its frame: at the next joints, or beyond its mass."""
+    """Give the ends of a segment's bones in its frame, (K, 3) [m].
+
+    They are its distal joints or, where it has none, twice as far as its centre of mass.
+    """
     children = [body.offsets[s] for s, parent in PARENT.items() if parent == segment]
     if not children and segment not in MASSLESS:
         children = [2 * body.inertias[segment].center]
-    return np.array([end for end in children if np.linalg.norm(end) > 1e-3]).reshape(-1, 3)
+    ends = [end for end in children if np.linalg.norm(end) > MIN_BONE_LENGTH_M]
+    return np.array(ends).reshape(-1, 3)

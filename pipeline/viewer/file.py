@@ -1,4 +1,4 @@
-"""Recordings for Rerun on disk: opened, filled column by column, closed whole or not at all."""
+"""Rerun recordings on disk: opened, filled column by column, closed whole or not at all."""
 
 import hashlib
 import re
@@ -16,7 +16,7 @@ from hbm.spatial import Array, Mask
 from pipeline.io.write import whole_file
 
 CHUNK_ROWS: Final = 6000
-"""Rows that are sent at once: about a minute, which the viewer digests fastest."""
+"""Rows sent at once, about a minute; the viewer loads chunks of this size fastest."""
 
 _NOT_IN_FONT: Final = re.compile(
     "[^\n -~\u00a0-\u0148\u014a-\u017f"  # Latin
@@ -78,11 +78,11 @@ def send(
     Parameters
     ----------
     stream
-        Where to.
+        Recording to write to.
     entity
         Path of the entity.
     timelines
-        When.
+        The time of each row.
     archetype
         A class of `rerun.archetypes` with several instances a row.
     present
@@ -107,7 +107,7 @@ def rgba(*colours: str) -> np.ndarray:
 
 
 def printable(text: str) -> str:
-    """Give a text with "?" for what the viewer's font lacks, for such a letter would end it."""
+    """Give a text with "?" for letters that the viewer's font lacks, on which it would fail."""
     return _NOT_IN_FONT.sub("?", unicodedata.normalize("NFC", text))
 
 

@@ -1,4 +1,4 @@
-"""Curves and lanes: residuals and marker errors over time, gait phases and perturbations."""
+"""Curves and states over time: residuals, marker errors, gait phases, perturbations."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
@@ -13,13 +13,13 @@ from pipeline.trial.residuals import AXES
 from pipeline.viewer.file import Clock, Timelines, printable, rgba, send
 
 Interval = tuple[float, float, str]
-"""Start and stop [s], and what happened between them."""
+"""Start and stop [s], and a label."""
 
 PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
 PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
 PERTURBATION_COLOUR: Final = "#E69F00"
-UNSURE_COLOUR: Final = "#CC79A7"
-WORST_COLOURS: Final = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#CC79A7")
+UNCERTAIN_COLOUR: Final = "#CC79A7"
+LARGEST_COLOURS: Final = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#CC79A7")
 OTHER_COLOUR: Final = "#4A4F57"
 
 
@@ -32,12 +32,12 @@ def log_curves(
     colours: Sequence[str],
     width: float | Sequence[float] = 1.5,
 ) -> None:
-    """Log several curves as one entity; zoomed out they keep their extremes.
+    """Log several curves as one entity; their extremes stay visible when zoomed out.
 
     Parameters
     ----------
     stream, timelines
-        Where to and when.
+        Recording to write to, and the time of each row.
     entity
         Path of the entity.
     curves
@@ -68,7 +68,7 @@ def log_residual_curves(
     Parameters
     ----------
     stream, timelines
-        Where to and when.
+        Recording to write to, and the time of each row.
     residuals
         Variant -> residuals in the reported axes, (T, 6) [N, N·m].
     """
@@ -81,19 +81,19 @@ def log_residual_curves(
 def log_marker_errors(
     stream: rr.RecordingStream, timelines: Timelines, names: Sequence[str], error_mm: Array
 ) -> None:
-    """Log each marker's distance from the model, the worst first and in colour.
+    """Log each marker's distance from the model, the largest first and in colour.
 
     Parameters
     ----------
     stream, timelines
-        Where to and when.
+        Recording to write to, and the time of each row.
     names
-        Of the markers.
+        Names of the markers.
     error_mm
         (T, K) [mm]; NaN where a marker is missing.
     """
     order = np.argsort(-np.nansum(error_mm**2, axis=0), kind="stable")
-    colours = [*WORST_COLOURS, *[OTHER_COLOUR] * len(names)][: len(names)]
+    colours = [*LARGEST_COLOURS, *[OTHER_COLOUR] * len(names)][: len(names)]
     log_curves(
         stream,
         timelines,
@@ -109,30 +109,30 @@ def log_phases(stream: rr.RecordingStream, clock: Clock, events: Iterable[Event]
     """Log stance and swing of each foot, from its first event on."""
     events = list(events)
     for side in ("left", "right"):
-        mine = [event for event in events if event.side == side]
-        changes = [(event.time, PHASES[event.label]) for event in mine]
-        _log_lane(stream, clock, f"phases/foot_{side}", changes, PHASE_COLOURS)
+        own = [event for event in events if event.side == side]
+        changes = [(event.time, PHASES[event.label]) for event in own]
+        _log_states(stream, clock, f"phases/foot_{side}", changes, PHASE_COLOURS)
 
 
 def log_intervals(
     stream: rr.RecordingStream,
     clock: Clock,
-    lane: str,
+    name: str,
     intervals: Iterable[Interval],
     colour: str,
 ) -> None:
-    """Log what happened when as one lane; nothing is shown in between.
+    """Log intervals as states in a row of the timeline view; the row is empty in between.
 
     Parameters
     ----------
     stream, clock
-        Where to and when.
-    lane
-        Name of the lane.
+        Recording to write to, and what gives the timelines of any instants.
+    name
+        Name of the row.
     intervals
-        What happened when; they do not overlap.
+        Without overlap.
     colour
-        Of all intervals.
+        Colour of all intervals.
     """
     changes: list[tuple[float, str | None]] = []
     for start, stop, label in sorted(intervals):
@@ -140,10 +140,10 @@ def log_intervals(
             changes.pop()
         changes += [(start, printable(label)), (stop, None)]
     colours = {label: colour for _, label in changes if label is not None}
-    _log_lane(stream, clock, f"phases/{lane}", changes, colours)
+    _log_states(stream, clock, f"phases/{name}", changes, colours)
 
 
-def _log_lane(
+def _log_states(
     stream: rr.RecordingStream,
     clock: Clock,
     entity: str,
@@ -165,8 +165,8 @@ def _log_lane(
     )
 
 
-def stretches(mask: Mask, time: Array, label: str) -> list[Interval]:
-    """Give the stretches of time in which a mask holds."""
+def intervals_of(mask: Mask, time: Array, label: str) -> list[Interval]:
+    """Give the intervals of time in which a mask is true."""
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     last = len(time) - 1
     return [

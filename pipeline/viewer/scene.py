@@ -1,4 +1,4 @@
-"""What surrounds the body in the scene: markers, plates, platform, forces and residuals."""
+"""What is around the body in the 3D scene: markers, plates, platform, forces and residuals."""
 
 from collections.abc import Iterable, Mapping
 from typing import Final
@@ -17,8 +17,10 @@ from pipeline.viewer.body import log_pose
 from pipeline.viewer.file import Timelines, printable, rgba, send
 
 GROUND_N_PER_M: Final = 1000.0
+"""The arrow of body weight is about as long as a leg."""
 RESIDUAL_N_PER_M: Final = 500.0
 RESIDUAL_NM_PER_M: Final = 250.0
+"""Residuals of uncompensated perturbations, some 500 N and 250 N·m, are a metre long."""
 GROUND_SCALE: Final = f"ground reaction 1 m = {GROUND_N_PER_M:.0f} N"
 RESIDUAL_SCALES: Final = (
     f"residual force 1 m = {RESIDUAL_N_PER_M:.0f} N, moment 1 m = {RESIDUAL_NM_PER_M:.0f} N·m"
@@ -27,7 +29,14 @@ MOMENT_COLOURS: Final = {"measured": "#E69F00", "compensated": "#56B4E9"}
 MEASURED_COLOUR: Final = "#009E73"
 ERROR_COLOUR: Final = "#CC79A7"
 PLATE_COLOUR: Final = "#8A8F98"
-LONG_ERROR_M: Final = 0.02
+MIN_ERROR_LINE_M: Final = 0.02
+"""OpenSim's guideline for the RMS marker error; shorter lines would only hide the body."""
+MARKER_RADIUS_M: Final = 0.009
+ERROR_LINE_RADIUS_M: Final = 0.004
+PLATE_EDGE_RADIUS_M: Final = 0.004
+PLATE_ALPHA: Final = "38"
+GROUND_ARROW_RADIUS_M: Final = 0.014
+RESIDUAL_ARROW_RADIUS_M: Final = 0.008
 
 
 def log_markers(
@@ -38,12 +47,12 @@ def log_markers(
     rotation: Array,
     origin: Array,
 ) -> None:
-    """Draw the measured markers, and a line to the modelled ones that are far.
+    """Draw the measured markers, and lines to the modelled ones where they are far apart.
 
     Parameters
     ----------
     stream, timelines
-        Where to and when.
+        Recording to write to, and the time of each row.
     markers
         Measured markers, at the same T instants.
     body
@@ -57,7 +66,7 @@ def log_markers(
     stream.log(
         entity,
         rr.Points3D.from_fields(
-            radii=0.009,
+            radii=MARKER_RADIUS_M,
             colors=rgba(MEASURED_COLOUR),
             labels=[printable(name) for name in markers.names],
             show_labels=False,
@@ -71,11 +80,13 @@ def log_markers(
         own = SEGMENTS.index(body.marker_segment[k])
         lines[:, i, 0] = markers.position[:, markers.names.index(name)]
         lines[:, i, 1] = rotation[:, own] @ body.marker_position[k] + origin[:, own]
-    far = np.linalg.norm(lines[:, :, 1] - lines[:, :, 0], axis=-1) > LONG_ERROR_M
+    far = np.linalg.norm(lines[:, :, 1] - lines[:, :, 0], axis=-1) > MIN_ERROR_LINE_M
     entity = "lab/markers/error"
     send(stream, entity, timelines, rr.LineStrips3D, far, strips=lines)
     stream.log(
-        entity, rr.LineStrips3D.from_fields(radii=0.004, colors=rgba(ERROR_COLOUR)), static=True
+        entity,
+        rr.LineStrips3D.from_fields(radii=ERROR_LINE_RADIUS_M, colors=rgba(ERROR_COLOUR)),
+        static=True,
     )
 
 
@@ -90,7 +101,7 @@ def log_plates(
     Parameters
     ----------
     stream, timelines
-        Where to and when.
+        Recording to write to, and the time of each row.
     plates
         Where the plates are with the platform in neutral; those of unknown corners are left out.
     platform
@@ -107,7 +118,7 @@ def log_plates(
             rr.Mesh3D(
                 vertex_positions=plate.corners,
                 triangle_indices=[[0, 1, 2], [0, 2, 3]],
-                albedo_factor=rgba(f"{PLATE_COLOUR}38")[0],
+                albedo_factor=rgba(PLATE_COLOUR + PLATE_ALPHA)[0],
             ),
             static=True,
         )
@@ -115,7 +126,7 @@ def log_plates(
             f"{entity}/edge",
             rr.LineStrips3D(
                 [plate.corners[[0, 1, 2, 3, 0]]],
-                radii=0.004,
+                radii=PLATE_EDGE_RADIUS_M,
                 colors=rgba(PLATE_COLOUR),
                 labels=f"plate {plate.number}",
                 show_labels=False,
@@ -139,7 +150,7 @@ def log_ground(
     Parameters
     ----------
     stream, timelines
-        Where to and when.
+        Recording to write to, and the time of each row.
     variant
         "measured" or "compensated".
     feet
@@ -159,7 +170,9 @@ def log_ground(
     entity = f"lab/ground_reaction/{variant}"
     send(stream, entity, timelines, rr.Arrows3D, loaded, origins=at, vectors=force / GROUND_N_PER_M)
     stream.log(
-        entity, rr.Arrows3D.from_fields(radii=0.014, colors=rgba(COLOURS[variant])), static=True
+        entity,
+        rr.Arrows3D.from_fields(radii=GROUND_ARROW_RADIUS_M, colors=rgba(COLOURS[variant])),
+        static=True,
     )
 
 
@@ -199,7 +212,7 @@ def log_residual(
     Parameters
     ----------
     stream, timelines
-        Where to and when.
+        Recording to write to, and the time of each row.
     variant
         "measured" or "compensated".
     residual
@@ -217,7 +230,7 @@ def log_residual(
     stream.log(
         entity,
         rr.Arrows3D.from_fields(
-            radii=0.008,
+            radii=RESIDUAL_ARROW_RADIUS_M,
             colors=rgba(COLOURS[variant], MOMENT_COLOURS[variant]),
             labels=[f"residual force, {variant}", f"residual moment, {variant}"],
             show_labels=False,

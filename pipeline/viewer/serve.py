@@ -1,4 +1,4 @@
-"""Recordings shown: in a window, or served to a browser on this machine only."""
+"""Recordings in the viewer's window, or served to a browser on this machine only."""
 
 import os
 import signal
@@ -16,8 +16,13 @@ from urllib.parse import quote
 import rerun_cli  # type: ignore[import-untyped]
 
 LOOPBACK: Final = "127.0.0.1"
-START_S: Final = 30.0
-STOP_S: Final = 5.0
+MAX_START_S: Final = 30.0
+"""A first start on a slow disk takes about ten seconds."""
+MAX_STOP_S: Final = 5.0
+"""After this, the viewer is killed."""
+POLL_S: Final = 0.05
+SIGNAL_EXIT: Final = 128
+"""A process ended by signal N exits with this plus N, as in a shell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +34,7 @@ class Served:
 
 
 def view(
-    paths: Sequence[Path], *, web: bool = False, tell: Callable[[str], object] = print
+    paths: Sequence[Path], *, web: bool = False, announce: Callable[[str], object] = print
 ) -> None:
     """Show recordings until their window is closed, or until Ctrl-C if they are served.
 
@@ -39,8 +44,8 @@ def view(
         Recordings, ``.rrd``.
     web
         Serve them to a browser on this machine instead of opening a window.
-    tell
-        Takes the sentence that says where they are served.
+    announce
+        Called with a sentence that says where they are served.
 
     Raises
     ------
@@ -54,14 +59,14 @@ def view(
     The viewer listens on the loopback address alone, which Rerun's Python server cannot, and sends
     no usage statistics. It ends with this process, unless that is killed outright.
     """
-    before = signal.signal(signal.SIGTERM, _leave)
+    before = signal.signal(signal.SIGTERM, _exit)
     try:
         if web:
             with web_viewer(paths) as served, suppress(KeyboardInterrupt):
-                tell(f"serving {_count(paths)} at {served.address} (stop with Ctrl-C)")
+                announce(f"serving {_count(paths)} at {served.address} (stop with Ctrl-C)")
                 served.process.wait()
         else:
-            _check(paths)
+            _require_files(paths)
             with _viewer(["--port", "auto", *map(str, paths)]) as process:
                 process.wait()
     finally:
@@ -89,7 +94,7 @@ def web_viewer(paths: Sequence[Path]) -> Iterator[Served]:
     OSError
         If a recording is missing, or the server does not start or fails.
     """
-    _check(paths)
+    _require_files(paths)
     data, page = _free_ports(2)
     ports = ["--port", str(data), "--web-viewer-port", str(page)]
     with _viewer(["--serve-web", *ports, *map(str, paths)], (data, page)) as process:
@@ -101,32 +106,35 @@ def web_viewer(paths: Sequence[Path]) -> Iterator[Served]:
 def _viewer(
     arguments: Sequence[str], ports: Sequence[int] = ()
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the viewer's own binary, for its wrapper would leave it running; stop it in the end."""
+    """Run the viewer's own binary, since its wrapper would leave it running; stop it in the end."""
     quiet = os.environ | {"CI": "1", "RUST_LOG": "error"}  # CI: the switch for no statistics
-    with TemporaryFile() as said:
+    with TemporaryFile() as output:
         process = subprocess.Popen(
-            [viewer_binary(), "--bind", LOOPBACK, *arguments], env=quiet, stdout=said, stderr=said
+            [viewer_binary(), "--bind", LOOPBACK, *arguments],
+            env=quiet,
+            stdout=output,
+            stderr=output,
         )
         try:
             for port in ports:
                 _wait_for(port, process)
-            _refuse_failure(process, said)
+            _refuse_failure(process, output)
             yield process
-            _refuse_failure(process, said)
+            _refuse_failure(process, output)
         finally:
             process.terminate()
             try:
-                process.wait(STOP_S)
+                process.wait(MAX_STOP_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
 
 
-def _refuse_failure(process: subprocess.Popen[bytes], said: IO[bytes]) -> None:
+def _refuse_failure(process: subprocess.Popen[bytes], output: IO[bytes]) -> None:
     if process.poll() in (None, 0, -signal.SIGINT, -signal.SIGTERM):
         return
-    said.seek(0)
-    lines = said.read().decode(errors="replace").strip().splitlines()
+    output.seek(0)
+    lines = output.read().decode(errors="replace").strip().splitlines()
     raise OSError(
         f"the viewer failed: {lines[-1] if lines else process.returncode}; where there is no "
         "screen, serve to a browser (--web) or save a file (--save)"
@@ -151,12 +159,12 @@ def viewer_binary() -> str:
     )
 
 
-def _check(paths: Sequence[Path]) -> None:
+def _require_files(paths: Sequence[Path]) -> None:
     if not paths:
-        raise ValueError("no recordings to show; `hbm run` writes them to results/viewer")
+        raise ValueError("no recordings to show; name some .rrd files")
     for path in paths:
         if not path.is_file():
-            raise FileNotFoundError(f"no recording {path}; `hbm run` writes it")
+            raise FileNotFoundError(f"no recording {path}; 'hbm view --save' writes one")
 
 
 def _count(paths: Sequence[Path]) -> str:
@@ -173,14 +181,16 @@ def _free_ports(count: int) -> list[int]:
 
 def _wait_for(port: int, process: subprocess.Popen[bytes]) -> None:
     """Wait until a port answers or the process has ended."""
-    deadline = time.monotonic() + START_S
+    deadline = time.monotonic() + MAX_START_S
     while process.poll() is None:
         with suppress(OSError), socket.create_connection((LOOPBACK, port), timeout=1):
             return
         if time.monotonic() > deadline:
-            raise TimeoutError(f"the viewer did not answer on port {port} within {START_S:.0f} s")
-        time.sleep(0.05)
+            raise TimeoutError(
+                f"the viewer did not answer on port {port} within {MAX_START_S:.0f} s"
+            )
+        time.sleep(POLL_S)
 
 
-def _leave(number: int, frame: object) -> None:
-    raise SystemExit(128 + number)
+def _exit(number: int, frame: object) -> None:
+    raise SystemExit(SIGNAL_EXIT + number)

@@ -1,4 +1,6 @@
-"""What the viewer says beside the pictures, in Markdown."""
+"""The summary of a trial that the viewer shows as text, in Markdown."""
+
+from typing import Final
 
 import numpy as np
 
@@ -14,7 +16,8 @@ from pipeline.trial.residuals import (
 )
 from pipeline.trial.result import TrialResult
 
-WORST_MARKERS = 8
+LISTED_MARKERS: Final = 8
+"""Those that a reader may want to check; the report lists more."""
 
 
 def trial_summary(result: TrialResult) -> str:
@@ -54,7 +57,7 @@ def _residuals(result: TrialResult) -> str:
     rows = residual_rows(result, result.source.stem)
     lines = [
         "## Pelvis residuals (RMS)",
-        "|  | towards | " + " | ".join(f"{name} | %" for name in names) + " |",
+        "|  | direction | " + " | ".join(f"{name} | %" for name in names) + " |",
         "|---|---|" + "---:|---:|" * len(names),
     ]
     for axis, direction in zip(AXES, DIRECTIONS, strict=True):
@@ -86,12 +89,12 @@ def _markers(result: TrialResult) -> str:
     single.sort(key=lambda row: -np.nan_to_num(row.rms_mm))
     lines = [
         "## Distance of markers from the model",
-        f"The {min(WORST_MARKERS, len(single))} farthest of {len(single)}, and all together.",
+        f"The {min(LISTED_MARKERS, len(single))} largest of {len(single)}, and all markers.",
         "",
         "| marker | RMS (mm) | peak (mm) | missing (%) |",
         "|---|---:|---:|---:|",
     ]
-    for row in [*single[:WORST_MARKERS], every]:
+    for row in [*single[:LISTED_MARKERS], every]:
         lines.append(
             f"| {row.marker} | {row.rms_mm:.1f} | {row.peak_mm:.1f} | {row.missing_percent:.1f} |"
         )

@@ -22,17 +22,17 @@ from pipeline.viewer.body import log_body
 from pipeline.viewer.file import Timelines, printable, recording_file
 from pipeline.viewer.plots import (
     PERTURBATION_COLOUR,
-    UNSURE_COLOUR,
+    UNCERTAIN_COLOUR,
+    intervals_of,
     log_curves,
     log_intervals,
     log_marker_errors,
     log_phases,
     log_residual_curves,
-    stretches,
 )
 from pipeline.viewer.scene import (
     GROUND_SCALE,
-    LONG_ERROR_M,
+    MIN_ERROR_LINE_M,
     RESIDUAL_SCALES,
     log_ground,
     log_markers,
@@ -61,10 +61,10 @@ Arrows: {GROUND_SCALE}, {RESIDUAL_SCALES}.
 |---|---|
 | green points | markers as measured |
 | yellow points | the same markers on the model, after filtering |
-| purple lines | from one to the other where they are over {LONG_ERROR_M * 1000:.0f} mm apart |
+| purple lines | between the two where they are more than {MIN_ERROR_LINE_M * 1000:.0f} mm apart |
 | triads | axes of segments and lab: x red, y green, z blue |
 | warm, cool, grey | right, left, middle of the body |
-| grey panes | force plates, on the platform |
+| grey rectangles | force plates, on the platform |
 
 Forces and moments act on the subject. **Arrows** are in lab axes: x forward, y left, z up. \
 **Curves and tables** are in the reported axes: x forward, y right, z up. Residual moments are \
@@ -93,11 +93,11 @@ def write_recording(result: TrialResult, path: Path, *, view_hz: float = VIEW_RA
     if not view_hz > 0:
         raise ValueError(f"view_hz must be positive, got {view_hz}")
     motion, markers, body = result.motion, result.markers, result.body
-    seen = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
-    rotation, origin = segment_frames(body, motion.q[seen])
+    shown = slice(None, None, max(1, round(markers.rate_hz / view_hz)))
+    rotation, origin = segment_frames(body, motion.q[shown])
     pelvis = origin[:, PELVIS]
     pose = result.platform and PlatformPose(
-        result.platform.rotation[seen], result.platform.position[seen]
+        result.platform.rotation[shown], result.platform.position[shown]
     )
     surface = float(np.mean([plate.center[2] for plate in result.plates]))
 
@@ -105,37 +105,37 @@ def write_recording(result: TrialResult, path: Path, *, view_hz: float = VIEW_RA
         frame = np.rint((time - motion.time[0]) * markers.rate_hz).astype(int)
         return {"time": time, "frame": frame + result.first_frame}
 
-    whole, view = clock(motion.time), clock(motion.time[seen])
+    whole, view = clock(motion.time), clock(motion.time[shown])
     perturbed = [(t, t + PERTURBATION_S, "perturbation") for t in result.onsets.tolist()]
-    unsure = stretches(result.ambiguous, motion.time, "uncertain")
+    uncertain = intervals_of(result.ambiguous, motion.time, "uncertain")
     has_cycles = any(len(spans) for spans in result.cycles.values())
-    has_lanes = bool(result.events or unsure or perturbed)
-    layout = trial_layout(pelvis, lanes=has_lanes, figure=has_cycles)
+    has_phases = bool(result.events or uncertain or perturbed)
+    layout = trial_layout(pelvis, phases=has_phases, figure=has_cycles)
     with recording_file(path, TRIAL_APPLICATION, _title(result), layout) as stream:
         stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         stream.log("lab/axes", rr.TransformAxes3D(0.2), static=True)
         log_body(stream, view, body, rotation, origin)
-        shown = Markers(markers.time[seen], markers.names, markers.position[seen])
-        log_markers(stream, view, shown, body, rotation, origin)
+        measured = Markers(markers.time[shown], markers.names, markers.position[shown])
+        log_markers(stream, view, measured, body, rotation, origin)
         log_plates(stream, view, result.plates, pose)
         for name, dynamics in variants(result).items():
             log_ground(
                 stream,
                 view,
                 name,
-                {foot: wrench[seen] for foot, wrench in result.ground[name].items()},
+                {foot: wrench[shown] for foot, wrench in result.ground[name].items()},
                 surface_m=surface,
                 platform=pose,
                 threshold_n=result.settings.contact_threshold_n,
             )
-            log_residual(stream, view, name, dynamics.residual[seen], pelvis)
+            log_residual(stream, view, name, dynamics.residual[shown], pelvis)
         log_residual_curves(
             stream, whole, {n: reported(d.residual) for n, d in variants(result).items()}
         )
-        log_marker_errors(stream, view, motion.markers, motion.marker_error[seen] * 1000)
+        log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
         log_phases(stream, clock, result.events)
         log_intervals(stream, clock, "perturbation", perturbed, PERTURBATION_COLOUR)
-        log_intervals(stream, clock, "plate_split", unsure, UNSURE_COLOUR)
+        log_intervals(stream, clock, "plate_split", uncertain, UNCERTAIN_COLOUR)
         summary = printable(trial_summary(result))
         stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
         stream.log("legend", rr.TextDocument(LEGEND, media_type="text/markdown"), static=True)

@@ -32,7 +32,7 @@ pytestmark = [
     pytest.mark.opensim,
     pytest.mark.skipif(find_spec("opensim") is None, reason="the OpenSim wheel is not installed"),
 ]
-SLIDES = np.array([c.translates for c in TREE])
+TRANSLATES = np.array([c.translates for c in TREE])
 FRAMES = 150
 INNER = slice(25, -25)
 
@@ -67,7 +67,7 @@ def marker_positions(body, q):
 def synthetic_trial(rng):
     """Every coordinate swings in its own time, 10 to 25 degrees or mm; 5 mm of noise; a gap."""
     body, time = synthetic_body(), 0.5 + np.arange(FRAMES) / RATE_HZ
-    size = np.where(SLIDES, 0.025, np.radians(25)) * rng.uniform(0.4, 1, N_Q)
+    size = np.where(TRANSLATES, 0.025, np.radians(25)) * rng.uniform(0.4, 1, N_Q)
     frequency, phase = rng.uniform(0.3, 1.5, N_Q), rng.uniform(0, 2 * np.pi, N_Q)
     q = size * np.sin(2 * np.pi * np.outer(time, frequency) + phase)
     q[:, INDEX["PelvisX"]] += 1.2 * time
@@ -109,8 +109,8 @@ def case(request, tmp_path_factory):
     raw = solve_ik(body, markers)
     motion = filter_motion(raw)
     dynamics = inverse_dynamics(body, motion, wrenches)
-    poses = rng.uniform(-1, 1, (200, N_Q)) * np.where(SLIDES, 0.3, np.pi)
-    speeds = rng.normal(size=(200, N_Q)) * np.where(SLIDES, 0.3, 3)
+    poses = rng.uniform(-1, 1, (200, N_Q)) * np.where(TRANSLATES, 0.3, np.pi)
+    speeds = rng.normal(size=(200, N_Q)) * np.where(TRANSLATES, 0.3, 3)
 
     write_osim(body, folder / "body.osim")
     write_trc(markers, folder / "markers.trc")
@@ -145,20 +145,20 @@ def test_opensim_puts_all_markers_where_we_do_at_200_random_poses(case):
     np.testing.assert_allclose(case.answers["positions"], ours, rtol=0, atol=1e-12)
 
 
-def test_opensim_weighs_the_same_body(case):
+def test_opensim_gives_the_body_the_same_mass(case):
     total = sum(part.mass for part in case.body.inertias.values())
     np.testing.assert_allclose(case.answers["mass"], total, rtol=1e-14)
 
 
-def test_opensim_inverse_kinematics_lands_on_our_optimum(case):
+def test_opensim_inverse_kinematics_finds_our_optimum(case):
     theirs = np.column_stack([case.column("ik.mot", name) for name in COORDINATES])
-    theirs[:, ~SLIDES] = np.radians(theirs[:, ~SLIDES])
+    theirs[:, ~TRANSLATES] = np.radians(theirs[:, ~TRANSLATES])
     difference = theirs - case.raw.q
-    assert rms(difference[:, ~SLIDES]) < np.radians(0.001)
-    assert rms(difference[:, SLIDES]) < 1e-6
+    assert rms(difference[:, ~TRANSLATES]) < np.radians(0.001)
+    assert rms(difference[:, TRANSLATES]) < 1e-6
 
 
-def test_our_inverse_kinematics_costs_never_more_than_opensims(case):
+def test_our_inverse_kinematics_never_has_a_greater_cost_than_opensims(case):
     columns = [case.markers.names.index(name) for name in case.body.markers]
     measured = case.markers.position[:, columns]
 
@@ -166,7 +166,7 @@ def test_our_inverse_kinematics_costs_never_more_than_opensims(case):
         return np.nansum((marker_positions(case.body, q) - measured) ** 2, axis=(1, 2))
 
     theirs = np.column_stack([case.column("ik.mot", name) for name in COORDINATES])
-    theirs[:, ~SLIDES] = np.radians(theirs[:, ~SLIDES])
+    theirs[:, ~TRANSLATES] = np.radians(theirs[:, ~TRANSLATES])
     assert (cost(case.raw.q) - cost(theirs)).max() < 1e-15
 
 
@@ -187,10 +187,10 @@ def test_opensim_tool_gives_our_forces_and_residual_from_the_exported_tables(cas
     assert rms((residual - case.dynamics.residual)[INNER]) < 1e-3
 
 
-def test_a_body_let_go_in_opensim_needs_no_forces_in_ours(case):
+def test_a_body_falling_freely_in_opensim_needs_no_forces_in_ours(case):
     """Forward dynamics on massless shoulder points is sound, and inverse to our dynamics."""
     fall = case.answers["falling"]
-    assert np.abs(fall[:, ~SLIDES]).max() > 1
+    assert np.abs(fall[:, ~TRANSLATES]).max() > 1
     tau, _, _ = kernels().newton_euler(
         case.poses, case.speeds, fall, case.body.geometry, case.body.inertia_vector
     )
@@ -199,7 +199,7 @@ def test_a_body_let_go_in_opensim_needs_no_forces_in_ours(case):
 
 def test_opensim_reads_the_tables_as_they_were_written(case):
     for name, ours in (
-        ("coordinates.mot", np.where(SLIDES, case.motion.q, np.degrees(case.motion.q))),
+        ("coordinates.mot", np.where(TRANSLATES, case.motion.q, np.degrees(case.motion.q))),
         ("forces.sto", case.dynamics.tau),
     ):
         names = COORDINATES if name.endswith(".mot") else force_names(COORDINATES)

@@ -5,12 +5,12 @@ import pytest
 
 from hbm.coordinates import COORDINATES, N_Q, SEGMENTS, SEGMENTS_WITH_MASS, TREE
 from hbm.kernels.native import kernels
-from pipeline.export.urdf import SPECK, write_urdf
+from pipeline.export.urdf import TOKEN_INERTIA, write_urdf
 from tests.synthetic import synthetic_body
 
 pin = pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
 
-SLIDES = np.array([c.translates for c in TREE])
+TRANSLATES = np.array([c.translates for c in TREE])
 POSES = 20
 
 
@@ -29,7 +29,7 @@ def path(body, tmp_path_factory):
 @pytest.fixture(scope="module")
 def q():
     rng = np.random.default_rng(5)
-    return rng.uniform(-1, 1, (POSES, N_Q)) * np.where(SLIDES, 0.5, np.pi)
+    return rng.uniform(-1, 1, (POSES, N_Q)) * np.where(TRANSLATES, 0.5, np.pi)
 
 
 @pytest.fixture(scope="module")
@@ -107,9 +107,9 @@ def test_mujoco_finds_our_generalized_forces(body, path, q):
 def test_links_between_coordinates_weigh_nothing_that_matters(body, path):
     model = pin.buildModelFromUrdf(str(path))
     total = sum(inertia.mass for inertia in model.inertias)
-    specks = N_Q - len(SEGMENTS_WITH_MASS)
+    tokens = N_Q - len(SEGMENTS_WITH_MASS)
     segments = sum(part.mass for part in body.inertias.values())
-    np.testing.assert_allclose(total, segments + specks * SPECK.mass, rtol=1e-14)
+    np.testing.assert_allclose(total, segments + tokens * TOKEN_INERTIA.mass, rtol=1e-14)
 
 
 def order_in(model):

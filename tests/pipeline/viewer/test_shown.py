@@ -81,7 +81,7 @@ def test_web_viewer_listens_on_this_machine_only_and_stops(recordings, home):
 def test_serving_ends_with_the_command_and_leaves_no_process(recordings, sent, code):
     program = (
         "import sys; from pathlib import Path; from pipeline.viewer.serve import view; "
-        "view([Path(sys.argv[1])], web=True, tell=lambda said: print(said, flush=True))"
+        "view([Path(sys.argv[1])], web=True, announce=lambda line: print(line, flush=True))"
     )
     command = [sys.executable, "-c", program, str(recordings[0])]
     with subprocess.Popen(
@@ -98,7 +98,7 @@ def test_serving_ends_with_the_command_and_leaves_no_process(recordings, sent, c
     assert not server.is_running()
 
 
-def test_what_cannot_be_shown_is_said_in_one_line(recordings, tmp_path, monkeypatch):
+def test_what_cannot_be_shown_is_reported_in_one_line(recordings, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="no recordings to show"):
         view([])
     with pytest.raises(FileNotFoundError, match=r"missing\.rrd"):
@@ -143,8 +143,8 @@ def settled(viewer, views):
 
 def assert_no_fault(viewer):
     assert not [(one.name, one.reports) for one in viewer.get_state().views if one.reports]
-    said = [entry for entry in viewer.get_logs() if entry.level in ("WARN", "ERROR")]
-    assert not [entry.message for entry in said if not HARMLESS.search(entry.message)]
+    logged = [entry for entry in viewer.get_logs() if entry.level in ("WARN", "ERROR")]
+    assert not [entry.message for entry in logged if not HARMLESS.search(entry.message)]
 
 
 def count_pixels(picture, colour):
@@ -193,7 +193,7 @@ def test_frames_without_solution_and_missing_layers_are_no_fault(broken):
         assert count_pixels(picture, COLOURS["compensated"]) < PIXELS
 
 
-def test_the_viewer_has_every_letter_that_is_called_printable(tmp_path):
+def test_the_viewer_has_every_letter_that_counts_as_printable(tmp_path):
     every = "".join(map(chr, range(0x20, 0x3000))) + "漢😀"
     marks = str.maketrans("", "", "|`<>\\*_~[]#&")
     text = printable(every.translate(marks))

@@ -233,7 +233,7 @@ def test_phases_change_at_the_events_and_perturbations_begin_at_their_onsets(sto
     np.testing.assert_allclose(stored.times("phases/perturbation"), [1.0, 2.0, 3.0, 4.0])
 
 
-def test_summary_says_residuals_thresholds_and_notes(stored, trial):
+def test_summary_holds_residuals_thresholds_and_notes(stored, trial):
     rms = residual_table(trial, "walk").set_index(["compensated", "axis"])["rms"]
     text = str(stored.rows("summary", "text", static=True)[0][0])
     assert f"| Fy | right | {rms[False, 'Fy']:.1f} N | " in text
