@@ -1,1 +1,1 @@
-"""Signals: filters, resampling, gaps."""
+"""Signals: low-pass, resampling, gaps."""

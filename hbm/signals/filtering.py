@@ -1,7 +1,7 @@
 """The one low-pass of the project: a second-order Butterworth filter, and its derivatives.
 
-A gap (NaN) splits a signal: each stretch of finite samples is filtered on its own and the gap
-stays a gap. The same filter belongs on coordinates and on forces, or their phases disagree.
+A gap (NaN) splits a signal: each block of finite samples is filtered on its own and the gap stays a
+gap. Coordinates and forces need the same filter, or their phases disagree.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,12 +15,12 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
 from hbm.signals.samples import (
+    blocks_without_gaps,
     extended,
     mean_rate_hz,
     require_equal_steps,
     require_length,
     sample_times,
-    stretches,
 )
 from hbm.spatial import Array, read_only
 
@@ -126,8 +126,8 @@ def low_pass(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: LowPa
     Parameters
     ----------
     signal
-        Samples, (T, ...). Each stretch between gaps (NaN) is filtered on its own; stretches
-        shorter than the filter needs become gaps.
+        Samples, (T, ...). Each block between gaps (NaN) is filtered on its own; blocks shorter
+        than the filter needs become gaps.
     time
         Sample times, (T,) [s], increasing; or one number, the sampling rate [Hz].
     cutoff_hz
@@ -189,7 +189,7 @@ def _filtered(
     kernels: Mapping[str, _Kernel],
     outputs: int,
 ) -> Array:
-    """Run a method's kernel over every stretch without gaps; its outputs, (outputs, T, ...)."""
+    """Run a method's kernel over every block without gaps; its outputs, (outputs, T, ...)."""
     if method not in kernels:
         known = " or ".join(f'"{name}"' for name in kernels)
         raise ValueError(f"filter method must be {known}, got {method!r}")
@@ -209,24 +209,24 @@ def _filtered(
 
     columns = signal.reshape(len(time), -1)
     results = np.full((outputs, *columns.shape), np.nan)
-    for rows, alike in stretches(columns, needed):
-        some = slice(None) if alike.all() else alike
-        parts = kernels[method](columns[rows, some], time[rows], cutoff_hz)
+    for rows, sharing in blocks_without_gaps(columns, needed):
+        selected = slice(None) if sharing.all() else sharing
+        parts = kernels[method](columns[rows, selected], time[rows], cutoff_hz)
         for result, part in zip(results, parts, strict=True):
-            result[rows, some] = part
+            result[rows, selected] = part
     return results.reshape(outputs, *signal.shape)
 
 
 def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
     """Filter (T, K) samples causally; the signal's first value is the state of rest."""
     omega, step = 2 * np.pi * cutoff_hz, np.diff(time)[:, None]
-    start, moved = signal[0], signal - signal[0]
+    start, relative = signal[0], signal - signal[0]
     if np.ptp(step) <= EQUAL_STEPS_TOLERANCE * np.mean(step):
         to_value, to_velocity, feedback = _section(omega, float(np.mean(step)))
-        value = lfilter(to_value, feedback, moved, axis=0)
-        velocity = lfilter(to_velocity, feedback, moved, axis=0)
+        value = lfilter(to_value, feedback, relative, axis=0)
+        velocity = lfilter(to_velocity, feedback, relative, axis=0)
     else:
-        value, velocity = _step_by_step(moved, step, omega)
+        value, velocity = _step_by_step(relative, step, omega)
     acceleration = np.zeros_like(velocity)
     acceleration[1:] = np.diff(velocity, axis=0) / step
     return value + start, velocity, acceleration
@@ -266,8 +266,8 @@ def _both_ways(
     to_value, _, feedback = _section(omega, step)
 
     def reversed_pass(samples: Array) -> Array:
-        moved: Array = lfilter(to_value, feedback, samples - samples[0], axis=0)
-        return np.flip(moved + samples[0], axis=0)
+        relative: Array = lfilter(to_value, feedback, samples - samples[0], axis=0)
+        return np.flip(relative + samples[0], axis=0)
 
     padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
     return reversed_pass(reversed_pass(extended(signal, padding))), padding, step

@@ -1,4 +1,6 @@
-"""Signals at other times than they were sampled at: without aliases, never across a gap."""
+"""Signals at other sample times: without aliasing, without delay, never across a gap."""
+
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -6,17 +8,29 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import firwin, kaiserord, oaconvolve
 
 from hbm.signals.samples import (
+    blocks_without_gaps,
     extended,
     mean_rate_hz,
     require_equal_steps,
     require_length,
     sample_times,
-    stretches,
 )
 from hbm.spatial import Array
 
-STOPBAND_DB = 80.0
-"""How far :func:`resample` suppresses what would otherwise fold back below the new Nyquist."""
+STOPBAND_DB: Final = 80.0
+"""Attenuation of what would otherwise alias: to a ten-thousandth, below the noise of any plate."""
+
+TRANSITION_WIDTH: Final = 0.2
+"""Of the anti-aliasing filter, as share of the new rate: from 0.4 to 0.6 of it."""
+
+MIN_DECIMATION: Final = 0.99
+"""New rate as share of the old one, from which on rates count as equal and nothing can alias."""
+
+MIN_SPLINE_SAMPLES: Final = 4
+"""Of a cubic spline."""
+
+ROUNDING_STEPS: Final = 1e-6
+"""Time beyond the ends of a block, in samples, that is taken for rounding."""
 
 
 def resample(
@@ -33,8 +47,8 @@ def resample(
     new_time
         Wanted times, (T,) [s], increasing.
     delay_s
-        How much later than the clock of ``new_time`` the values were stamped [s]: the result at
-        ``t`` is the signal at ``t + delay_s``.
+        Delay of the values' time stamps against the clock of ``new_time`` [s]: the result at ``t``
+        is the signal at ``t + delay_s``.
 
     Returns
     -------
@@ -48,15 +62,15 @@ def resample(
 
     Notes
     -----
-    Where ``new_time`` is coarser, a symmetric Kaiser-windowed FIR filter runs first: flat up to 0.4
-    of the new rate, ``STOPBAND_DB`` down from 0.6 of it, so that nothing folds back below 0.4 of
-    the new rate (40 Hz at 100 Hz). Being symmetric it delays nothing once its centre is taken as
-    its time. :func:`interpolate` follows.
+    Where ``new_time`` is coarser, a symmetric Kaiser-windowed FIR filter is applied first: flat up
+    to 0.4 of the new rate, ``STOPBAND_DB`` down from 0.6 of it, so that nothing aliases to below
+    0.4 of the new rate (40 Hz at 100 Hz). It is symmetric about each sample and delays nothing.
+    :func:`interpolate` follows.
     """
     values, new_time = np.asarray(values, float), np.asarray(new_time, float)
     time = sample_times(time, values)
     new_rate_hz = mean_rate_hz(sample_times(new_time, new_time))
-    if new_rate_hz < 0.99 * mean_rate_hz(time):
+    if new_rate_hz < MIN_DECIMATION * mean_rate_hz(time):
         values = _without_aliases(values, time, new_rate_hz)
     return interpolate(time, values, new_time + delay_s)
 
@@ -69,7 +83,7 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
     time
         Sample times, (N,) [s], increasing.
     values
-        Samples, (N, ...). Stretches of fewer than 4 samples between gaps (NaN) become gaps.
+        Samples, (N, ...). Blocks of fewer than 4 samples between gaps (NaN) become gaps.
     at
         Wanted times in any order, any shape (S) [s].
 
@@ -85,29 +99,30 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
     """
     values, at = np.asarray(values, float), np.asarray(at, float)
     time = sample_times(time, values)
-    require_length(time, 4)
-    wanted, rounding = at.ravel(), 1e-6 / mean_rate_hz(time)
+    require_length(time, MIN_SPLINE_SAMPLES)
+    wanted, rounding = at.ravel(), ROUNDING_STEPS / mean_rate_hz(time)
     columns = values.reshape(len(time), -1)
     result = np.full((len(wanted), columns.shape[1]), np.nan)
-    for rows, alike in stretches(columns, 4):
+    for rows, sharing in blocks_without_gaps(columns, MIN_SPLINE_SAMPLES):
         first, last = time[rows][[0, -1]]
         inside = (wanted >= first - rounding) & (wanted <= last + rounding)
-        spline = make_interp_spline(time[rows], columns[rows, alike])
-        result[np.ix_(inside, alike)] = spline(wanted[inside])
+        spline = make_interp_spline(time[rows], columns[rows, sharing])
+        result[np.ix_(inside, sharing)] = spline(wanted[inside])
     return result.reshape(*at.shape, *values.shape[1:])
 
 
 def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
-    """Take from (N, ...) samples what a lower sampling rate cannot show."""
+    """Low-pass (N, ...) samples to what a lower sampling rate can represent."""
     require_equal_steps(time)
     rate_hz = mean_rate_hz(time)
-    length, beta = kaiserord(STOPBAND_DB, 0.2 * new_rate_hz / (rate_hz / 2))
+    width = TRANSITION_WIDTH * new_rate_hz / (rate_hz / 2)
+    length, beta = kaiserord(STOPBAND_DB, width)
     reach = length // 2
     require_length(time, reach + 1)
     taps = firwin(2 * reach + 1, new_rate_hz / 2, window=("kaiser", beta), fs=rate_hz)[:, None]
     columns = signal.reshape(len(time), -1)
     result = np.full(columns.shape, np.nan)
-    for rows, alike in stretches(columns, reach + 1):
-        longer = extended(columns[rows, alike], reach)
-        result[rows, alike] = oaconvolve(longer, taps, "valid", axes=0)
+    for rows, sharing in blocks_without_gaps(columns, reach + 1):
+        padded = extended(columns[rows, sharing], reach)
+        result[rows, sharing] = oaconvolve(padded, taps, "valid", axes=0)
     return np.reshape(result, signal.shape)

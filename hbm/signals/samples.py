@@ -1,11 +1,15 @@
-"""Samples over time: checks, and the stretches between gaps."""
+"""Samples over time: checks, and the blocks between gaps."""
 
 from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask
+
+MAX_STEP_DIFFERENCE: Final = 2e-3
+"""Of time steps that count as equal, relative to their mean: times rounded to 0.01 ms at 100 Hz."""
 
 
 def sample_times(time: ArrayLike, signal: Array) -> Array:
@@ -30,10 +34,10 @@ def mean_rate_hz(time: Array) -> float:
 def require_equal_steps(time: Array) -> None:
     """Refuse sample times (T,) whose steps differ by more than 0.2 %."""
     step = np.diff(time)
-    if np.ptp(step) > 2e-3 * np.mean(step):
+    if np.ptp(step) > MAX_STEP_DIFFERENCE * np.mean(step):
         raise ValueError(
             f"zero-phase filters need equal time steps, got {step.min():.6g} to {step.max():.6g} s;"
-            " bring the signal to even times at the same rate with resample() first"
+            " bring the signal to equal steps with resample() first"
         )
 
 
@@ -45,13 +49,13 @@ def require_length(time: Array, needed: int) -> None:
         )
 
 
-def stretches(columns: Array, needed: int) -> Iterator[tuple[slice, NDArray[np.bool_]]]:
-    """Find blocks without gaps in (T, K): at least ``needed`` rows, and the columns they are in."""
-    alike: dict[bytes, list[int]] = {}
+def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Mask]]:
+    """Find blocks of at least ``needed`` finite rows in (T, K), and the columns that share them."""
+    same_gaps: dict[bytes, list[int]] = {}
     known = np.ascontiguousarray(np.isfinite(columns).T)
     for number, finite in enumerate(known):
-        alike.setdefault(finite.tobytes(), []).append(number)
-    for numbers in alike.values():
+        same_gaps.setdefault(finite.tobytes(), []).append(number)
+    for numbers in same_gaps.values():
         chosen = np.zeros(len(known), bool)
         chosen[numbers] = True
         edges = np.flatnonzero(np.diff(known[numbers[0]], prepend=False, append=False))

@@ -64,7 +64,7 @@ def test_realtime_recursion_over_unequal_steps_equals_the_difference_equation_wh
     np.testing.assert_allclose(uneven.velocity, even.velocity, rtol=0, atol=1e-5)
 
 
-def test_realtime_keeps_its_answer_when_the_time_steps_vary():
+def test_realtime_hardly_depends_on_varying_time_steps():
     even = np.arange(10000) / 1000
     uneven = even + np.random.default_rng(0).uniform(-4e-4, 4e-4, len(even))
     filtered = [butterworth(np.sin(2 * np.pi * t), t, 6, "realtime").value for t in (even, uneven)]
@@ -130,7 +130,7 @@ def test_zero_phase_leaves_a_straight_line_straight_to_its_ends(length):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_constant_stays_itself_and_at_rest(method):
+def test_a_constant_stays_constant_with_zero_derivatives(method):
     filtered = butterworth(np.full((100, 2), 55.3), 100, 6, method)
     np.testing.assert_allclose(filtered.value, 55.3, rtol=1e-13)
     np.testing.assert_allclose(filtered.velocity, 0, atol=1e-9)
@@ -157,7 +157,7 @@ def test_each_channel_is_filtered_alone_whatever_the_trailing_shape(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_gap_splits_the_signal_and_poisons_nothing_else(method):
+def test_a_gap_splits_the_signal_and_does_not_spread(method):
     signal = walk_like((3,))
     signal[400:450, 1] = np.nan
     filtered = butterworth(signal, time, 6, method)
@@ -169,7 +169,7 @@ def test_a_gap_splits_the_signal_and_poisons_nothing_else(method):
             np.testing.assert_allclose(result[rows, 1], alone, atol=1e-6)
 
 
-def test_a_stretch_shorter_than_one_period_of_the_cutoff_becomes_a_gap():
+def test_a_block_shorter_than_one_period_of_the_cutoff_becomes_a_gap():
     signal = walk_like()
     signal[[300, 316, 400, 417]] = np.nan  # 15 samples between the first two: too few; 16 then
     filtered = butterworth(signal, time, 6, "zero_phase").value
@@ -180,7 +180,7 @@ def test_a_stretch_shorter_than_one_period_of_the_cutoff_becomes_a_gap():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_signal_that_is_one_gap_stays_one(method):
+def test_a_signal_without_samples_stays_a_gap(method):
     assert np.isnan(butterworth(np.full((100, 2), np.nan), 100, 6, method).value).all()
 
 
@@ -197,9 +197,7 @@ def test_a_signal_that_is_one_gap_stays_one(method):
         (np.zeros(100), 100, 6, "bessel", "got 'bessel'"),
     ],
 )
-def test_what_cannot_be_filtered_is_refused_with_the_reason(
-    signal, times, cutoff_hz, method, message
-):
+def test_impossible_input_is_refused_with_the_reason(signal, times, cutoff_hz, method, message):
     with pytest.raises(ValueError, match=message):
         butterworth(signal, times, cutoff_hz, method)
 
@@ -268,7 +266,7 @@ def test_the_double_pass_is_the_zero_phase_filter_of_a_lower_cutoff():
     )
 
 
-def test_derivatives_are_not_offered_of_the_double_pass():
+def test_the_double_pass_has_no_derivatives():
     with pytest.raises(ValueError, match='must be "realtime" or "zero_phase", got \'double_pass\''):
         butterworth(walk_like(), 100, 6, "double_pass")
 
@@ -277,19 +275,19 @@ plate_time = np.arange(10000) / 1000
 
 
 @pytest.mark.parametrize("frequency_hz", [0.3, 5, 20, 40])
-def test_resampling_from_1000_to_100_hz_neither_shifts_nor_shrinks_what_both_can_show(frequency_hz):
+def test_resampling_from_1000_to_100_hz_keeps_phase_and_amplitude_of_slow_signals(frequency_hz):
     sine = lambda t: np.sin(2 * np.pi * frequency_hz * t + 0.4)  # noqa: E731
     resampled = resample(plate_time, sine(plate_time), time)
     np.testing.assert_allclose(resampled[20:-20], sine(time)[20:-20], atol=2e-4)
 
 
 @pytest.mark.parametrize("frequency_hz", [60, 100, 101, 230])
-def test_resampling_folds_nothing_back_into_the_band(frequency_hz):
+def test_resampling_does_not_alias_into_the_band(frequency_hz):
     hum = np.sin(2 * np.pi * frequency_hz * plate_time)
     assert abs(resample(plate_time, hum, time)[20:-20]).max() < 2e-4  # −80 dB and interpolation
 
 
-def test_resampling_takes_a_known_delay_out():
+def test_resampling_removes_a_known_delay():
     force = lambda t: np.sin(2 * np.pi * 1.3 * t)  # noqa: E731
     late = force(plate_time - 0.0071)
     prompt = resample(plate_time, late, time, delay_s=0.0071)
@@ -313,7 +311,7 @@ def test_resampling_keeps_gaps():
     np.testing.assert_allclose(np.delete(resampled, 2, axis=1), 1, rtol=1e-9)
 
 
-def test_uneven_samples_can_be_made_even_and_then_filtered():
+def test_uneven_samples_can_be_resampled_evenly_and_then_filtered():
     jittered = time + np.random.default_rng(0).uniform(-1e-3, 1e-3, 1000)
     sine = lambda t: np.sin(2 * np.pi * 1.5 * t)  # noqa: E731
     with pytest.raises(ValueError, match=r"resample\(\)"):
