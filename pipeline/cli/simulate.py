@@ -39,18 +39,18 @@ def simulate(
     from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Protocol, Setting
 
     if setting is not None:
-        stated = read_setting(setting.read_text(encoding="utf-8-sig"))
+        chosen = read_setting(setting.read_text(encoding="utf-8-sig"))
     else:
-        stated = Setting(protocol=SHORT if ablation else Protocol())
+        chosen = Setting(protocol=SHORT if ablation else Protocol())
     if seed is not None:
-        stated = stated.model_copy(update={"seed": seed})
+        chosen = chosen.model_copy(update={"seed": seed})
     if subjects is not None:
-        protocol = stated.protocol.model_copy(update={"subjects": subjects})
-        stated = stated.model_copy(update={"protocol": protocol})
+        protocol = chosen.protocol.model_copy(update={"subjects": subjects})
+        chosen = chosen.model_copy(update={"protocol": protocol})
     if ablation:
-        _write_ablation(folder, stated, jobs)
+        _write_ablation(folder, chosen, jobs)
     else:
-        _write_study(folder, stated, jobs)
+        _write_study(folder, chosen, jobs)
 
 
 def _write_study(folder: Path, setting: "Setting", jobs: int) -> None:

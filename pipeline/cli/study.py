@@ -28,8 +28,8 @@ def check(study: StudyFolder) -> int:
     from pipeline.config.study import read_study
     from pipeline.run.check import check_study
 
-    console, stated = plain_console(), read_study(study)
-    findings = check_study(stated)
+    console, loaded = plain_console(), read_study(study)
+    findings = check_study(loaded)
     for place in dict.fromkeys(remark.place for remark in findings.remarks):
         console.print(place, soft_wrap=True)
         for remark in findings.remarks:
@@ -37,9 +37,9 @@ def check(study: StudyFolder) -> int:
                 console.print(note_line(remark.note), soft_wrap=True)
     for fault in findings.faults:
         console.print(f"FAULT {fault}", soft_wrap=True)
-    trials = sum(t.exclude is None for s in stated.subjects.values() for t in s.trials.values())
+    trials = sum(t.exclude is None for s in loaded.subjects.values() for t in s.trials.values())
     console.print(
-        f"{counted(len(stated.subjects), 'subject')}, {counted(trials, 'trial')}, "
+        f"{counted(len(loaded.subjects), 'subject')}, {counted(trials, 'trial')}, "
         f"{counted(len(findings.faults), 'fault')}"
         + ("" if findings.faults else f"; next: hbm run {study}"),
         soft_wrap=True,
@@ -67,8 +67,8 @@ def run(
     from pipeline.run.store import remember_study
 
     console, start = plain_console(), time.monotonic()
-    stated = read_study(study)
-    planned = plan(stated, out, subjects=subject, conditions=condition)
+    loaded = read_study(study)
+    planned = plan(loaded, out, subjects=subject, conditions=condition)
     if not planned:
         raise ValueError(
             f"{study}: nothing to process: all trials of these subjects and conditions are "
@@ -76,7 +76,7 @@ def run(
         )
     require_writable(out / "trials")
     remove_leftovers(out / "trials")
-    remember_study(out, stated.folder)
+    remember_study(out, loaded.folder)
     kernels(announcer(console))
     counts = {"done": 0, "kept": 0, "failed": 0}
     size = {job.target: max(job.size, 1) for job in planned}  # before a file may go
@@ -90,10 +90,14 @@ def run(
                 to_do -= size[job.target]
             else:
                 size_done += size[job.target]
-            line = f"{outcome.state} {name}"
-            if reason is not None:
-                line = f"FAILED {name}: {reason}"
-            progress.show(line, finished, len(planned), size_done=size_done, size=to_do)
+            progress.show(
+                f"{outcome.state} {name}" if reason is None else f"FAILED {name}: {reason}",
+                finished,
+                len(planned),
+                size_done=size_done,
+                size=to_do,
+                always=reason is not None,
+            )
             with _unwritable_reported(console):
                 record_failure(job.target, name, reason)
     with _unwritable_reported(console):
@@ -101,7 +105,7 @@ def run(
             out,
             [
                 f"{subject} {condition}"
-                for subject, person in stated.subjects.items()
+                for subject, person in loaded.subjects.items()
                 for condition, trial in person.trials.items()
                 if trial.exclude is None
             ],

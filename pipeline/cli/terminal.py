@@ -67,6 +67,7 @@ class StepProgress(Progress):
         *,
         size_done: float | None = None,
         size: float | None = None,
+        always: bool = False,
     ) -> None:
         """Show that a step is done.
 
@@ -78,12 +79,17 @@ class StepProgress(Progress):
             How many steps are done, and how many there are.
         size_done, size
             The same in what the time is proportional to, where steps differ; default: the steps.
+        always
+            Whether to print the line in a terminal too, such as a failure.
         """
         task, count = self.tasks[0], f"{done} of {steps} {self.unit}"
         task.total = steps if size is None else size
         completed = done if size_done is None else size_done
         self.update(self.task, completed=completed, description=f"{self.work}: {count}")
-        if not self.console.is_terminal:
+        if self.console.is_terminal:
+            if always:
+                self.console.print(line, soft_wrap=True)
+        else:
             left = TimeRemainingColumn().render(task)
             time_left = f", {left} left" if task.time_remaining else ""
             self.console.print(f"{line}; {count}{time_left}", soft_wrap=True)

@@ -217,9 +217,9 @@ def plates(
             raise ValueError(f"{study} is not empty; simulate into a new folder")
         announce("simulating recordings of known weights")
         simulate_plates(study, THESIS_ERRORS, seed=seed)
-    stated = read_plates_study(study)
-    announce(f"reading {len(stated.file.weights)} recordings of known weights")
-    found = check_plates(stated)
+    experiment = read_plates_study(study)
+    announce(f"reading {len(experiment.file.weights)} recordings of known weights")
+    found = check_plates(experiment)
     verdict = write_report(found, out)
     for estimate in found.estimates:
         if estimate.found:

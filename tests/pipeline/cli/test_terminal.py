@@ -52,11 +52,13 @@ def test_steps_that_need_no_work_do_not_count_for_the_time_left(clock):
     ]
 
 
-def test_in_a_terminal_a_bar_shows_the_count_and_leaves_nothing_behind(clock):
+def test_in_a_terminal_a_bar_shows_the_count_and_only_failures_stay(clock):
     screen = console(clock, terminal=True)
     with StepProgress(screen, "simulating", "recordings") as progress:
         clock[0] = 60.0
         progress.show("sub01.c3d", 1, 3)
-    assert "simulating: 1 of 3 recordings" in screen.file.getvalue()
-    assert "0:02:00" in screen.file.getvalue()
+        progress.show("FAILED sub02.c3d", 2, 3, always=True)
+    assert "simulating: 2 of 3 recordings" in screen.file.getvalue()
+    assert "0:00:30" in screen.file.getvalue()
     assert "sub01.c3d" not in screen.file.getvalue()
+    assert "FAILED sub02.c3d" in screen.file.getvalue()
