@@ -15,7 +15,7 @@ from pipeline.report.trial_quality import (
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
 from pipeline.statistics.design import in_order
-from pipeline.trial.residuals import HICKS_FORCE_SHARE, HICKS_MOMENT_SHARE
+from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
 from pipeline.trial.summary import TrialSummary
 
 
@@ -56,8 +56,8 @@ class TrialNotes:
 class QualityLimits:
     """The limits of the trials' quality, as text."""
 
-    hicks_force_percent: str = f"{100 * HICKS_FORCE_SHARE:g}"
-    hicks_moment_percent: str = f"{100 * HICKS_MOMENT_SHARE:g}"
+    hicks_force_percent: str = f"{100 * MAX_FORCE_SHARE:g}"
+    hicks_moment_percent: str = f"{100 * MAX_MOMENT_SHARE:g}"
     marker_rms_mm: str = f"{MAX_MARKER_RMS_MM:g}"
     marker_peak_mm: str = f"{MAX_MARKER_PEAK_MM:g}"
     gap_percent: str = f"{MAX_GAP_PERCENT:g}"

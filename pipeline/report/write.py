@@ -11,7 +11,7 @@ from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.figures import study_figures
 from pipeline.report.page import Report, write_page
 from pipeline.run.failures import read_failures
-from pipeline.run.load import collect, only
+from pipeline.run.load import collect, select_trials
 from pipeline.run.provenance import provenance, trial_states
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.table_3 import table_3, table_3_markdown
@@ -58,7 +58,7 @@ def write_report(
     announce("collecting the trials")
     results = collect(folder)
     states = trial_states(results, read_failures(folder), study)
-    results = only(results, {(s.subject, s.condition) for s in states if s.in_tables})
+    results = select_trials(results, {(s.subject, s.condition) for s in states if s.in_tables})
     announce("computing statistics")
     tests = statistics(results.residuals, _all_subjects(results.subjects, study))
     table = table_3(results.residuals, tests)

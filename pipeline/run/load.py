@@ -1,4 +1,4 @@
-"""A study's trials gathered: the long residual table, the gait-cycle curves, what is missing."""
+"""The trials of a results folder together: residual table, gait-cycle curves, summaries."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from pipeline.trial.summary import TrialSummary
 
 @dataclass(frozen=True, slots=True)
 class Results:
-    """What `hbm run` left.
+    """What `hbm run` wrote.
 
     Attributes
     ----------
     folder
-        Where.
+        Results folder.
     residuals
         subject, condition, compensated, axis, unit, rms, rms_of_cycles, mean, sd, peak,
         rms_percent, n_cycles.
@@ -51,7 +51,7 @@ def collect(folder: Path) -> Results:
     Returns
     -------
     Results
-        Everything, in order of subject and condition.
+        Results, in order of subject and condition.
 
     Raises
     ------
@@ -72,20 +72,20 @@ def collect(folder: Path) -> Results:
     return Results(folder, residuals, cycles, _subjects(summaries), summaries)
 
 
-def only(results: Results, wanted: Collection[tuple[str, str]]) -> Results:
-    """Leave out the results of trials that do not count.
+def select_trials(results: Results, wanted: Collection[tuple[str, str]]) -> Results:
+    """Keep the results of some trials.
 
     Parameters
     ----------
     results
-        Everything.
+        All results.
     wanted
-        (subject, condition) of the trials that count.
+        (subject, condition) of the trials to keep.
 
     Returns
     -------
     Results
-        Of these alone.
+        Those of the trials to keep.
 
     Raises
     ------
@@ -100,11 +100,13 @@ def only(results: Results, wanted: Collection[tuple[str, str]]) -> Results:
             f"{results.folder}: every result here is of a trial that failed, is excluded or is no "
             f"longer in the study; run 'hbm run STUDY --out {results.folder}'"
         )
-    residuals, cycles = (_of(table, summaries) for table in (results.residuals, results.cycles))
+    residuals, cycles = (
+        _rows_of(table, summaries) for table in (results.residuals, results.cycles)
+    )
     return Results(results.folder, residuals, cycles, _subjects(summaries), summaries)
 
 
-def _of(table: pd.DataFrame, wanted: Collection[tuple[str, str]]) -> pd.DataFrame:
+def _rows_of(table: pd.DataFrame, wanted: Collection[tuple[str, str]]) -> pd.DataFrame:
     """Give a table's rows of some trials."""
     if table.empty:
         return table
@@ -113,7 +115,7 @@ def _of(table: pd.DataFrame, wanted: Collection[tuple[str, str]]) -> pd.DataFram
 
 
 def _subjects(summaries: Mapping[tuple[str, str], TrialSummary]) -> pd.DataFrame:
-    """List who is in the results."""
+    """List the subjects of the results."""
     people: dict[str, list[TrialSummary]] = {}
     for trial in summaries.values():
         people.setdefault(trial.subject.id, []).append(trial)
@@ -140,8 +142,7 @@ def _curves(path: Path, trial: TrialSummary) -> pd.DataFrame:
         if not spans:
             continue
         values = normalise(frames[:, 0], frames[:, 1:], spans)
-        count = len(spans)
-        shape = (count, 101, len(variants), len(AXES))
+        shape = (*values.shape[:2], len(variants), len(AXES))
         cycle, percent, variant, axis = (i.ravel() for i in np.indices(shape))
         parts.append(
             pd.DataFrame(

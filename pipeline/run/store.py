@@ -139,7 +139,7 @@ def read_columns(path: Path, names: Sequence[str]) -> Array:
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
     """Turn every fault of a stored trial into one line that names the file."""
-    again = "'hbm run' makes it again"
+    again = "'hbm run' makes it again; otherwise delete it"
     try:
         yield
     except (pa.ArrowException, OSError) as error:

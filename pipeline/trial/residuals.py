@@ -1,4 +1,4 @@
-"""Residuals of a trial: per gait cycle, as a long table, and against published thresholds."""
+"""Residuals of a trial: over gait cycles, as a long table, and beside published thresholds."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -16,9 +16,13 @@ AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
 DIRECTIONS: Final = ("forward", "right", "up", "forward", "right", "up")
 REPORTED_SIGN: Final = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
-HICKS_FORCE_SHARE: Final = 0.05
-HICKS_MOMENT_SHARE: Final = 0.01
+"""From lab axes, with Y to the left, to the reported ones, with y to the right."""
+MAX_FORCE_SHARE: Final = 0.05
+"""Peak residual force over peak net external force (Hicks et al. 2015)."""
+MAX_MOMENT_SHARE: Final = 0.01
+"""Peak residual moment over that force times the height of the centre of mass (ibid.)."""
 EVERY_MARKER: Final = "all"
+"""Name of the row over all markers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +84,7 @@ class MarkerRow:
 
 
 def reported(residual: Array) -> Array:
-    """Give residuals in the axes in which people read them.
+    """Give residuals in the axes in which they are reported.
 
     Parameters
     ----------
@@ -123,7 +127,7 @@ def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
 
 
 def in_cycles(result: TrialResult) -> Mask:
-    """Tell which frames lie in an accepted gait cycle of either side, (T,)."""
+    """Give whether each frame is in an accepted gait cycle of either side, (T,)."""
     inside = np.zeros(len(result.motion.time), bool)
     for spans in result.cycles.values():
         for start, stop in spans:
@@ -231,8 +235,8 @@ def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
         height = float(np.mean(center_of_mass(result.body, result.motion.q[inside])[:, 2]))
         residual = dynamics.residual[inside]
         for quantity, unit, part, limit in (
-            ("force", "N", residual[:, :3], HICKS_FORCE_SHARE * external),
-            ("moment", "N·m", residual[:, 3:], HICKS_MOMENT_SHARE * height * external),
+            ("force", "N", residual[:, :3], MAX_FORCE_SHARE * external),
+            ("moment", "N·m", residual[:, 3:], MAX_MOMENT_SHARE * height * external),
         ):
             peak = float(np.linalg.norm(part, axis=1).max())
             compensated = name == "compensated"

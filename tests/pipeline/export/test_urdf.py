@@ -104,7 +104,7 @@ def test_mujoco_finds_our_generalized_forces(body, path, q):
         np.testing.assert_allclose(state.qfrc_inverse[at], ours[k], rtol=0, atol=1e-9)
 
 
-def test_links_between_coordinates_weigh_nothing_that_matters(body, path):
+def test_the_mass_of_links_between_coordinates_is_negligible(body, path):
     model = pin.buildModelFromUrdf(str(path))
     total = sum(inertia.mass for inertia in model.inertias)
     tokens = N_Q - len(SEGMENTS_WITH_MASS)

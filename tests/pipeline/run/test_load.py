@@ -1,4 +1,4 @@
-"""A study's trials gathered: the same numbers as in the trials, none lost, none twice."""
+"""A study's trials together: the same numbers as in the trials, none lost, none twice."""
 
 import shutil
 
@@ -54,7 +54,7 @@ def test_every_cycle_runs_from_0_to_100_percent(gathered):
     assert (percent.nunique() == 101).all()
 
 
-def test_subjects_are_listed_once_with_what_was_weighed_and_stated(gathered):
+def test_subjects_are_listed_once_with_measured_mass_and_stated_stature(gathered):
     people = gathered.subjects.set_index("subject")
     assert list(people.index) == [person.name for person in lab.PEOPLE]
     for person in lab.PEOPLE:
@@ -78,7 +78,7 @@ def test_a_damaged_result_is_named(finished, tmp_path):
         collect(out)
 
 
-def test_what_is_no_result_is_not_gathered(finished, tmp_path):
+def test_other_files_in_the_folder_are_ignored(finished, tmp_path):
     out = shutil.copytree(finished, tmp_path / "out")
     for name in (".sub03_sway.parquet.deadbeef.part", "sub03_sway.failed.json", "notes.txt"):
         (out / "trials" / name).write_text("{}", encoding="utf-8")

@@ -11,7 +11,7 @@ from pipeline.config.schema import Settings
 from pipeline.config.study import read_study
 from pipeline.run.failures import read_failures
 from pipeline.run.job import trial_key
-from pipeline.run.load import collect, only
+from pipeline.run.load import collect, select_trials
 from pipeline.run.program import git_commit
 from pipeline.run.provenance import (
     input_digests,
@@ -66,7 +66,7 @@ def test_without_the_study_a_gap_is_missing(results):
     assert found["sub02", "sway"].state == "missing"
 
 
-def test_the_older_result_of_a_failed_trial_is_told_and_left_out(results, study):
+def test_the_older_result_of_a_failed_trial_is_mentioned_and_left_out(results, study):
     found = states(results, {"sub01 pitch": "disk full"}, study)["sub01", "pitch"]
     assert (found.state, found.in_tables) == ("failed", False)
     assert "an older result is left out" in found.reason
@@ -76,7 +76,7 @@ def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, stud
     everything = collect(write_fake_results(tmp_path, subjects=3, cycles=2))
     found = states(everything, {}, study)
     assert (found["sub03", "pitch"].state, found["sub03", "pitch"].in_tables) == ("excluded", False)
-    left = only(everything, {key for key, state in found.items() if state.in_tables})
+    left = select_trials(everything, {key for key, state in found.items() if state.in_tables})
     assert set(everything.summaries) - set(left.summaries) == {("sub03", "pitch")}
     for table in (left.residuals, left.cycles):
         keys = set(table[["subject", "condition"]].drop_duplicates().itertuples(index=False))
@@ -84,12 +84,12 @@ def test_a_trial_excluded_after_it_was_processed_no_longer_counts(tmp_path, stud
     assert set(left.subjects["subject"]) == {"sub01", "sub02", "sub03"}
 
 
-def test_where_no_result_counts_it_is_one_line(results):
+def test_an_error_of_one_line_where_no_result_is_selected(results):
     with pytest.raises(ValueError, match="every result here is of a trial that failed"):
-        only(results, set())
+        select_trials(results, set())
 
 
-def test_a_subject_who_only_ever_failed_is_named_without_the_study(results):
+def test_a_subject_with_failures_alone_is_listed_without_the_study(results):
     assert states(results, {"sub09 sway": "no plates"})["sub09", "sway"].state == "failed"
 
 
@@ -108,7 +108,7 @@ def test_results_of_other_settings_are_outdated(tmp_path, study):
         ("empty.json", "", "other "),
     ],
 )
-def test_results_of_what_was_there_before_are_outdated(
+def test_results_of_changed_files_or_statements_are_outdated(
     results, study, tmp_path, name, before, after
 ):
     folder = shutil.copytree(study.folder, tmp_path / "study")
@@ -120,7 +120,7 @@ def test_results_of_what_was_there_before_are_outdated(
     assert found.in_tables
 
 
-def test_results_that_the_study_no_longer_knows_are_outdated(tmp_path, study):
+def test_results_of_a_condition_removed_from_the_study_are_outdated(tmp_path, study):
     folder = write_fake_results(tmp_path, subjects=1, conditions=("running",), cycles=2)
     found = states(collect(folder), {}, study)["sub01", "running"]
     assert (found.state, found.in_tables) == ("outdated", False)
@@ -144,12 +144,12 @@ def test_every_file_of_the_study_is_hashed(study):
 
 
 def test_provenance_is_json_and_complete(results, study):
-    said = json.loads(provenance(results, trial_states(results, {}, study), study).to_json())
-    assert said["settings"] == [Settings().model_dump()]
-    assert said["versions"][0]["hbm-residuals"]
-    assert re.fullmatch(r"[0-9a-f]{64}", said["program"]["sha256"])
-    assert said["treadmill"]["cutoff_hz"] == 20
-    trial = next(t for t in said["trials"] if (t["subject"], t["condition"]) == ("sub01", "sway"))
+    stored = json.loads(provenance(results, trial_states(results, {}, study), study).to_json())
+    assert stored["settings"] == [Settings().model_dump()]
+    assert stored["versions"][0]["hbm-residuals"]
+    assert re.fullmatch(r"[0-9a-f]{64}", stored["program"]["sha256"])
+    assert stored["treadmill"]["cutoff_hz"] == 20
+    trial = next(t for t in stored["trials"] if (t["subject"], t["condition"]) == ("sub01", "sway"))
     assert (trial["state"], trial["source"]) == ("done", "sub01_sway.c3d")
     assert trial["key"] == trial_key(study, "sub01", "sway")
 

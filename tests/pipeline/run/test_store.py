@@ -1,4 +1,4 @@
-"""What a trial leaves on disk: whole or not at all, and read back as it was."""
+"""A stored trial: written whole or not at all, and read back as it was."""
 
 import errno
 import os
@@ -98,7 +98,7 @@ def test_tables_of_a_trial_read_back_are_those_it_was_written_with(processed, wr
     assert summary == summarise(processed, "pitch", "a key")
 
 
-def test_columns_have_the_names_that_others_read(processed, written):
+def test_columns_have_the_names_that_other_programs_read(processed, written):
     frames = pd.read_parquet(written)
     motion = processed.motion
     np.testing.assert_array_equal(frames["time_s"], motion.time)
@@ -118,7 +118,7 @@ def test_columns_have_the_names_that_others_read(processed, written):
     np.testing.assert_array_equal(frames["marker.LHEE.y"], heel[:, 1])
 
 
-def test_events_stand_on_the_frame_nearest_to_them(processed, written):
+def test_events_are_on_the_frame_nearest_to_them(processed, written):
     frames = pd.read_parquet(written, columns=["time_s", "event"])
     labelled = frames[frames["event"] != ""]
     assert len(labelled) > 8
@@ -153,7 +153,7 @@ def rewrite(source, target, change=lambda summary: summary, drop=()):
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "said"),
+    ("before", "after", "reason"),
     [
         (b'"version":1', b'"version":2', "written by another version of hbm .format 2"),
         (b'"version":1,', b"", "written by another version of hbm .format unknown"),
@@ -168,10 +168,14 @@ def rewrite(source, target, change=lambda summary: summary, drop=()):
         (b"{", b"", "not valid JSON"),
     ],
 )
-def test_a_summary_of_another_version_or_shape_is_one_line(written, tmp_path, before, after, said):
+def test_a_summary_of_another_version_or_shape_is_one_line(
+    written, tmp_path, before, after, reason
+):
     path = tmp_path / "other.parquet"
     rewrite(written, path, lambda text: text.replace(before, after, 1))
-    with pytest.raises(ValueError, match=rf"^other\.parquet: {said}.*'hbm run' makes it again$"):
+    with pytest.raises(
+        ValueError, match=rf"^other\.parquet: {reason}.*'hbm run' makes it again; otherwise"
+    ):
         read_summary(path)
 
 

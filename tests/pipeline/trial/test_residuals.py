@@ -31,13 +31,13 @@ def time_of(result):
     return result.motion.time
 
 
-def test_people_read_forces_and_moments_forward_right_and_up():
+def test_reported_axes_are_forward_right_and_up():
     lab_axes = np.array([1.0, 2, 3, 4, 5, 6])
     assert reported(lab_axes).tolist() == [1, -2, 3, 4, -5, 6]
     np.testing.assert_array_equal(reported(reported(lab_axes)), lab_axes)
 
 
-def test_rms_is_over_all_samples_and_over_cycles_alike_when_they_last_equally_long(processed):
+def test_rms_over_samples_and_over_cycles_are_equal_when_cycles_last_equally_long(processed):
     """A sine over whole periods: RMS = amplitude / √2 by either definition."""
     wave = np.sin(2 * np.pi * 2 * time_of(processed))
     residual = wave[:, None] * np.arange(1, 7)
@@ -49,7 +49,7 @@ def test_rms_is_over_all_samples_and_over_cycles_alike_when_they_last_equally_lo
     np.testing.assert_allclose(table["peak"], np.arange(1, 7), rtol=0.01)
 
 
-def test_a_long_cycle_weighs_by_its_samples_or_by_one(processed):
+def test_a_long_cycle_has_more_weight_over_samples_but_not_over_cycles(processed):
     """1 N over 1 s and 3 N over 1.5 s: √(14.5/2.5) over samples, √((1 + 9)/2) over cycles."""
     size = np.where(time_of(processed) < 7.0, 1.0, 3.0)
     residual = np.tile(size[:, None], 6)
@@ -70,7 +70,7 @@ def test_only_samples_in_cycles_count_and_overlapping_cycles_count_them_once(pro
     np.testing.assert_allclose(residual_table(result, "pitch")["rms"], 2.0)
 
 
-def test_percent_are_of_body_weight_and_of_weight_times_stature(processed):
+def test_percentages_are_of_body_weight_and_of_weight_times_stature(processed):
     table = residual_table(with_residual(processed, np.ones((len(time_of(processed)), 6))), "pitch")
     weight = processed.body.mass * GRAVITY_MPS2
     expected = [100 / weight] * 3 + [100 / weight / processed.body.height_m] * 3

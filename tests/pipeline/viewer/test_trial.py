@@ -103,7 +103,7 @@ def test_measured_markers_come_back_at_their_frames_and_times(stored, trial):
     assert tuple(names) == trial.markers.names
 
 
-def test_segments_stand_where_the_model_has_them(stored, trial):
+def test_segments_are_drawn_at_their_poses_in_the_model(stored, trial):
     rotation, origin = segment_frames(trial.body, trial.motion.q[::STEP])
     for k, segment in enumerate(SEGMENTS):
         entity = f"lab/body/{segment}"
@@ -113,7 +113,7 @@ def test_segments_stand_where_the_model_has_them(stored, trial):
         np.testing.assert_allclose(turned.as_matrix(), rotation[:, k], atol=1e-6)
 
 
-def test_modelled_markers_ride_on_their_segments(stored, trial):
+def test_modelled_markers_are_attached_to_their_segments(stored, trial):
     body = trial.body
     for segment in set(body.marker_segment):
         mine = [k for k, name in enumerate(body.marker_segment) if name == segment]
@@ -190,7 +190,7 @@ def test_residual_curves_are_the_reported_residuals_to_the_last_bit(stored, tria
         np.testing.assert_allclose(stored.times(entity), trial.motion.time, atol=1e-9)
 
 
-def test_marker_errors_are_in_millimetres_with_the_worst_marker_first(stored, trial):
+def test_marker_errors_are_in_millimetres_with_the_largest_first(stored, trial):
     motion = trial.motion
     names = list(stored.rows("marker_error_mm", "names", static=True)[0])
     columns = [motion.markers.index(name) for name in names]
@@ -287,7 +287,7 @@ def test_frames_without_solution_hide_the_body_and_break_the_curves(broken):
     subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
 
 
-def test_mean_cycle_lies_on_the_percent_of_the_gait_cycle_alone(trial, tmp_path):
+def test_mean_cycle_is_on_the_timeline_of_the_gait_cycle_alone(trial, tmp_path):
     path = tmp_path / "cycles.rrd"
     write_cycles(trial, path)
     stored = Stored(path)
