@@ -9,7 +9,7 @@ from typing import Annotated, Any, get_args, get_type_hints
 
 import typer
 
-from pipeline.run.request import OptionHelp, TrialRequest
+from pipeline.run.request import Help, TrialRequest
 
 USAGE = 2
 """Exit code for wrong usage or input."""
@@ -63,7 +63,7 @@ def _parameters(request: type[TrialRequest]) -> list[Parameter]:
     parameters = []
     for field in fields(request):
         kind, option = get_args(hints[field.name])
-        assert isinstance(option, OptionHelp)
+        assert isinstance(option, Help)
         default = (
             typer.Argument(help=option.text)
             if field.default is MISSING

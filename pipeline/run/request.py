@@ -6,8 +6,8 @@ from typing import Annotated
 
 
 @dataclass(frozen=True, slots=True)
-class OptionHelp:
-    """What a person reads about a field of a request, and the bounds of a number."""
+class Help:
+    """What the command line shows about a field: its meaning, and the bounds of a number."""
 
     text: str
     min: float | None = None
@@ -23,59 +23,47 @@ class TrialRequest:
     """
 
     trial: Annotated[
-        Path, OptionHelp("The trial: C3D, TRC, D-Flow, .mox or Nexus ASCII, recognised by content.")
+        Path, Help("The trial: C3D, TRC, D-Flow, .mox or Nexus ASCII, recognised by content.")
     ]
-    static: Annotated[Path | None, OptionHelp("Calibration pose; default: the trial itself.")] = (
-        None
-    )
-    forces: Annotated[Path | None, OptionHelp("Ground reaction forces (.mot) of a .trc trial.")] = (
-        None
-    )
-    record: Annotated[Path | None, OptionHelp("D-Flow record file beside a D-Flow mocap file.")] = (
-        None
-    )
-    mass_kg: Annotated[float | None, OptionHelp("Body mass; default: weighed by the plates.")] = (
-        None
-    )
-    sex: Annotated[str, OptionHelp("male, female or unspecified.")] = "unspecified"
+    static: Annotated[Path | None, Help("Calibration pose; default: the trial itself.")] = None
+    forces: Annotated[Path | None, Help("Ground reaction forces (.mot) of a .trc trial.")] = None
+    record: Annotated[Path | None, Help("D-Flow record file beside a D-Flow mocap file.")] = None
+    mass_kg: Annotated[float | None, Help("Body mass; default: weighed by the plates.")] = None
+    sex: Annotated[str, Help("male, female or unspecified.")] = "unspecified"
     height_m: Annotated[
-        float | None, OptionHelp("Stature; default: the file's, or estimated from the legs.")
+        float | None, Help("Stature; default: the file's, or estimated from the legs.")
     ] = None
     knee_width_m: Annotated[
-        float | None,
-        OptionHelp("Knee width where medial markers are missing; default: estimated."),
+        float | None, Help("Knee width, without medial markers; default: the file's or estimated.")
     ] = None
-    ankle_width_m: Annotated[float | None, OptionHelp("Ankle width, in the same way.")] = None
+    ankle_width_m: Annotated[float | None, Help("Ankle width, in the same way.")] = None
     axes: Annotated[
-        str | None,
-        OptionHelp("Where the file's x, y, z point, e.g. left,back,up; default: inferred."),
+        str | None, Help("Where the file's x, y, z point, e.g. left,back,up; default: inferred.")
     ] = None
     marker_set: Annotated[
-        str | None, OptionHelp("Name of a marker set, or a TOML file with your own.")
+        str | None, Help("Name of a marker set, or a TOML file with your own.")
     ] = None
-    marker_offset_m: Annotated[
-        float, OptionHelp("Distance from the skin to a marker's centre.")
-    ] = 0.009
-    hip: Annotated[str, OptionHelp("Hip centres: harrington, bell or functional.")] = "harrington"
+    marker_offset_m: Annotated[float, Help("Distance from the skin to a marker's centre.")] = 0.009
+    hip: Annotated[str, Help("Hip centres: harrington, bell or functional.")] = "harrington"
     hip_trial: Annotated[
-        Path | None, OptionHelp("Recording in which the thighs swing, for --hip functional.")
+        Path | None, Help("Recording in which the thighs swing, for --hip functional.")
     ] = None
     segments: Annotated[
-        Path | None, OptionHelp("TOML with known segment inertias: prostheses, shoes, scans.")
+        Path | None, Help("TOML with known segment inertias: prostheses, shoes, scans.")
     ] = None
-    filter: Annotated[str, OptionHelp("zero_phase, or realtime as in the lab.")] = "zero_phase"
-    cutoff_hz: Annotated[float, OptionHelp("Cut-off frequency of the filter.")] = 6.0
+    filter: Annotated[str, Help("zero_phase, or realtime as in the lab.")] = "zero_phase"
+    cutoff_hz: Annotated[float, Help("Cut-off frequency of the filter.")] = 6.0
     plate_delay_ms: Annotated[
-        float, OptionHelp("How much later the plates are than the markers.", min=-500, max=500)
+        float, Help("How much later the plates are than the markers.", min=-500, max=500)
     ] = 0.0
     contact_threshold_n: Annotated[
-        float, OptionHelp("Vertical force above which a foot is on a plate.")
+        float, Help("Vertical force above which a foot is on a plate.")
     ] = 30.0
     calibration: Annotated[
-        Path | None, OptionHelp("Calibration of the moving treadmill (hbm calibration fit).")
+        Path | None, Help("Calibration of the moving treadmill (hbm calibration fit).")
     ] = None
     platform_markers: Annotated[
-        str, OptionHelp("Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3.")
+        str, Help("Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3.")
     ] = ""
 
     @property
