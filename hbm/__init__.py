@@ -7,7 +7,7 @@ if TYPE_CHECKING:
     from hbm.body import Body, build_body
     from hbm.calibration_pose.functional import functional_hips
     from hbm.coordinates import COORDINATES, HBM_ORDER
-    from hbm.describe import describe
+    from hbm.description import describe
     from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
     from hbm.kinematics import solve_ik
     from hbm.markers import Markers, MarkerSet, marker_sets, read_marker_set
@@ -21,7 +21,7 @@ _HOME = {
     "COORDINATES": "coordinates",
     "HBM_ORDER": "coordinates",
     "changed_distances": "plausibility",
-    "describe": "describe",
+    "describe": "description",
     "implausible": "plausibility",
     "Dynamics": "dynamics",
     "filter_motion": "dynamics",

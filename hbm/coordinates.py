@@ -115,6 +115,7 @@ TREE: Final = _tree()
 """All coordinates, every one after its parent."""
 
 COORDINATES: Final = tuple(c.name for c in TREE)
+"""Names of the coordinates, limb by limb: the order of `Motion.q` and of `Body.model`."""
 N_Q: Final = len(TREE)
 INDEX: Final = {name: i for i, name in enumerate(COORDINATES)}
 """Coordinate -> its number."""

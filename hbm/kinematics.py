@@ -41,7 +41,7 @@ def solve_ik(
         Coordinate -> lowest and highest value [m or rad]; unbounded where not named.
     priors
         Coordinate -> weight w and value p [m or rad] of a term w (q − p)²/2 that is added to the
-        markers' ½ Σ w |r − m|² [w in m²/rad², or 1 for a translation]; none where not named.
+        markers' ``½ Σ w |r − m|²`` [w in m²/rad², or 1 for a translation]; none where not named.
     tolerance
         Largest last step of any coordinate [rad or m]; convergence is quadratic, so the error that
         remains is far smaller.

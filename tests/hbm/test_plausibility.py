@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.describe import describe
+from hbm.description import describe
 from hbm.markers import Markers
 from hbm.plausibility import changed_distances, implausible
 from tests.hbm.motions import markers_of, swinging, with_noise, without

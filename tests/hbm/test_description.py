@@ -5,7 +5,7 @@ import pytest
 
 from hbm.body import build_body
 from hbm.coordinates import SEGMENTS, SEGMENTS_WITH_MASS
-from hbm.describe import describe
+from hbm.description import describe
 from tests.hbm.people import person
 from tests.synthetic import MASS_KG, synthetic_body
 

@@ -1,0 +1,109 @@
+"""The site: these pages, the API from its docstrings, and the notebooks as they run.
+
+``python -m sphinx -W docs build/site``. Building needs no network, and the pages request nothing
+from other servers.
+"""
+
+import ast
+import os
+import re
+import shutil
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+DOCS = Path(__file__).resolve().parent
+ROOT = DOCS.parent
+PACKAGES = ("hbm", "compensation", "pipeline")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+project = PROJECT["name"]
+version = release = PROJECT["version"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["conf.py", "viewer_picture.py"]
+
+html_theme = "furo"
+html_title = f"{project} {version}"
+html_show_sphinx = False
+html_show_copyright = False
+html_copy_source = False
+
+default_role = "py:obj"
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+napoleon_attr_annotations = False
+
+myst_heading_anchors = 3
+nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
+nb_execution_in_temp = True
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 900
+os.environ.pop("MPLBACKEND", None)  # each figure appears under its cell
+
+
+def setup(app: Sphinx) -> None:
+    """Collect what the pages take from outside this folder, and adapt it."""
+    shutil.copytree(ROOT / "notebooks", DOCS / "notebooks", dirs_exist_ok=True)
+    (DOCS / "api").mkdir(exist_ok=True)
+    for name, page in {**{p: _public_names(p) for p in PACKAGES}, "modules": _modules()}.items():
+        (DOCS / "api" / f"{name}.md").write_text(page, encoding="utf-8")
+    app.connect("include-read", _lead_links_to_the_root)
+    app.connect("autodoc-process-signature", _shorten_arrays)
+
+
+def _public_names(package: str) -> str:
+    """Document the public names of a package, by the modules that define them."""
+    init = ROOT / package / "__init__.py"
+    lines = [f"# {package}", "", _title(init)]
+    for node in ast.walk(ast.parse(init.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.ImportFrom) or not str(node.module).startswith(f"{package}."):
+            continue
+        path = (ROOT / node.module.replace(".", "/")).with_suffix(".py")
+        lines += ["", f"## {node.module}", "", _title(path), "", "```{eval-rst}"]
+        for alias in node.names:
+            public = getattr(import_module(package), alias.name)
+            if isinstance(public, type):
+                lines += [f".. autoclass:: {package}.{alias.name}", "   :members:"]
+            elif callable(public):
+                lines += [f".. autofunction:: {package}.{alias.name}"]
+            else:
+                lines += [f".. autodata:: {node.module}.{alias.name}", "   :no-value:"]
+        lines += ["```"]
+    return "\n".join(lines) + "\n"
+
+
+def _modules() -> str:
+    """List all modules by package, each with the first line of its docstring."""
+    lines = ["# All modules"]
+    for package in PACKAGES:
+        for init in sorted((ROOT / package).rglob("__init__.py")):
+            lines += ["", f"## {'.'.join(init.parent.relative_to(ROOT).parts)}", "", _title(init)]
+            paths = [path for path in sorted(init.parent.glob("*.py")) if path.stem[0] != "_"]
+            rows = [f"| `{path.stem}` | {_title(path)} |" for path in paths]
+            lines += ["", "| module | |", "|---|---|", *rows] if rows else []
+    return "\n".join(lines) + "\n"
+
+
+def _title(path: Path) -> str:
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return docstring.partition("\n")[0].replace("``", "`")
+
+
+def _lead_links_to_the_root(_: Sphinx, path: Path, parent: str, content: list[str]) -> None:
+    """Let links in an included file of the root lead where they do in the repository."""
+    if path.parent == Path(".."):
+        text = re.sub(r"\]\((CHANGELOG|CONTRIBUTING)", lambda link: link[0].lower(), content[0])
+        content[0] = re.sub(r"\]\((?!https?:|#|notebooks/|[a-z]+\.md)", "](../", text)
+
+
+def _shorten_arrays(*event: object) -> tuple[str | None, ...]:
+    """Write the types of arrays as `Array`, as the code does, in signature and result."""
+    return tuple(
+        re.sub(r"~numpy\.ndarray\[.*?\]\]", "Array", text) if isinstance(text, str) else None
+        for text in event[-2:]
+    )
