@@ -26,7 +26,7 @@ LABELS: Final[dict[Answer, tuple[str, str, str]]] = {
 }
 """Answer -> symbol, label, class in the style sheet."""
 BASELINE_LABELS: Final[dict[Answer, tuple[str, str, str]]] = LABELS | {
-    "at baseline": ("✔", "unchanged", "pass"),
+    "at baseline": ("✔", "not increased", "pass"),
     "above": ("✖", "increased", "fail"),
 }
 SHOWN_CONDITIONS: Final = (*CONDITIONS[1:], BASELINE)
@@ -121,7 +121,7 @@ def verdict_section(found: Sequence[Verdict], residuals: pd.DataFrame) -> Verdic
             cells = tuple(_cell(own[condition], reach, most) for condition in shown)
             rows.append(VerdictRow(axis, direction, cells))
     questions = tuple(
-        f"{condition}: {'unchanged' if condition == BASELINE else 'at baseline level'}?"
+        f"{condition}: {'not increased' if condition == BASELINE else 'at baseline level'}?"
         for condition in shown
     )
     return VerdictSection(sentences, questions, tuple(rows), most)

@@ -11,6 +11,7 @@ from hbm.spatial import Array
 from pipeline.statistics.design import (
     CELLS,
     CONDITIONS,
+    MIN_SUBJECTS,
     PLANNED_PAIRS,
     Row,
     complete_subjects,
@@ -21,8 +22,6 @@ from pipeline.statistics.design import (
 from pipeline.statistics.omnibus import covariate_rows, factorial_rows
 from pipeline.statistics.paired import IntervalEstimate, PairedComparison, compare_paired
 
-MIN_SUBJECTS = 2
-"""A single subject has no variance."""
 MIN_SUBJECTS_FRIEDMAN = 3
 """Below, the chi-square approximation does not hold."""
 MIN_DIFFERENCES_SHAPIRO = 4

@@ -10,6 +10,8 @@ CONDITIONS = ("baseline", "sway", "pitch")
 CELLS = tuple(f"{condition} {ic}" for ic in ("no IC", "IC") for condition in CONDITIONS)
 """Without and with inertia compensation (IC); the condition varies fastest."""
 FACTORS = ("IC", "condition")
+MIN_SUBJECTS = 2
+"""A single subject has no variance."""
 PLANNED_PAIRS = (
     ("baseline IC", "baseline no IC"),
     ("sway IC", "sway no IC"),

@@ -15,7 +15,7 @@ RANDOM_PATTERNS = 99_999
 """Monte Carlo standard error of p = 0.05: 0.0007."""
 EQUAL_EFFECTS = 1e-10
 """Relative difference up to which two effects are equal but for rounding."""
-TIE_DIGITS = 10
+ALIGNED_DIGITS = 10
 """Aligned values that agree to this many digits of the largest value are ties."""
 
 
@@ -114,7 +114,7 @@ def aligned_ranks(values: Array, tested: Sequence[bool]) -> Array:
         estimate = estimate - mean if is_tested else np.broadcast_to(mean, estimate.shape)
     aligned = values - cell_means + estimate
     size = np.abs(values).max() or 1.0
-    return stats.rankdata(np.round(aligned / size, TIE_DIGITS)).reshape(values.shape)
+    return stats.rankdata(np.round(aligned / size, ALIGNED_DIGITS)).reshape(values.shape)
 
 
 def kendalls_w(scores: Array) -> tuple[float, float, float]:

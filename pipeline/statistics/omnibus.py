@@ -9,6 +9,7 @@ from pipeline.statistics.design import (
     CELLS,
     CONDITIONS,
     FACTORS,
+    MIN_SUBJECTS,
     Row,
     complete_subjects,
     join_notes,
@@ -19,7 +20,6 @@ from pipeline.statistics.nonparametric import aligned_ranks, sign_flip
 from pipeline.statistics.rm_glm import GlmTerm, repeated_measures_glm
 
 LEVELS = (2, len(CONDITIONS))
-MIN_SUBJECTS = 2
 
 
 def factorial_rows(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:

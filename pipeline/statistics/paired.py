@@ -8,7 +8,7 @@ from scipy import optimize, stats
 
 from hbm.spatial import Array
 
-TIE_DIGITS = 12
+DIFFERENCE_DIGITS = 12
 """Differences that agree to this many digits of the largest are ties; the rest is rounding."""
 MAX_ABS_T = 1e4
 """Beyond it SciPy's noncentral t distribution returns NaN."""
@@ -93,7 +93,7 @@ def compare_paired(differences: Array) -> PairedComparison:
     if len(differences) < 2 or not np.isfinite(differences).all():
         raise ValueError(f"expected at least 2 differences and none missing, got {differences}")
     size = np.abs(differences).max() or 1.0
-    rounded = np.round(differences, TIE_DIGITS - ceil(log10(size)))
+    rounded = np.round(differences, DIFFERENCE_DIGITS - ceil(log10(size)))
     n, mean, sd = len(differences), float(differences.mean()), float(differences.std(ddof=1))
     t = p_t = nan
     if np.ptp(rounded) > 0:

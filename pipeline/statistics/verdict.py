@@ -69,7 +69,7 @@ def verdicts(residuals: pd.DataFrame, statistics: pd.DataFrame) -> list[Verdict]
     Returns
     -------
     list of Verdict
-        Residual by residual: baseline (does compensation leave it unchanged?), sway, pitch.
+        Residual by residual: baseline (does compensation increase it?), sway, pitch.
 
     Notes
     -----
@@ -151,9 +151,9 @@ def headline(found: Sequence[Verdict], condition: str) -> str:
     at_baseline = sum(v.answer == "at baseline" for v in own)
     if not at_baseline and not any(named.values()):
         return f"In {condition}, there are too few subjects for a comparison"
-    back, above = (
-        ("unchanged", "increased") if condition == BASELINE else ("at baseline level", "above it")
-    )
+    back, above = "at baseline level", "above it"
+    if condition == BASELINE:
+        back, above = "not increased", "increased"
     parts = [f"{at_baseline} of {len(own)} residuals are {back} with compensation"]
     if named["above"]:
         verb = "is" if len(named["above"]) == 1 else "are"

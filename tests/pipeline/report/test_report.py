@@ -205,7 +205,7 @@ def test_markup_in_the_name_of_a_condition_is_shown_as_text(tmp_path, quick):
             {"subjects": 2, "conditions": ("walking", "lateral")},
             "the conditions of this study are lateral, walking. Their means are in the table below",
         ),
-        ({"subjects": 2, "conditions": ("baseline",)}, "6 of 6 residuals are unchanged"),
+        ({"subjects": 2, "conditions": ("baseline",)}, "6 of 6 residuals are not increased"),
         ({"subjects": 3, "without": {("sub01", "baseline")}}, "sub01 baseline missing"),
         ({"subjects": 2, "conditions": ("baseline", "sway", "extra")}, "extra"),
     ],
