@@ -109,6 +109,19 @@ def build_body(
     ValueError
         If mass or stature is implausible, no marker set fits, an override is impossible, or a
         landmark is missing that no rule can replace.
+
+    Examples
+    --------
+    With ``static``, the markers of a calibration pose:
+
+    >>> import hbm
+    >>> body = hbm.build_body(static, mass=74.6, sex="male")
+    >>> body.marker_set.name
+    'hbm2'
+    >>> for note in body.notes:
+    ...     print(note)
+    calibration pose from 0.05 to 0.99 s, standing still (mean of 95 instants)
+    stature estimated from the length of the legs: 1.71 m
     """
     if not MIN_MASS_KG <= mass <= MAX_MASS_KG:
         hint = "; that looks like grams, give kilograms" if mass > 1000 else ""

@@ -24,6 +24,18 @@ def describe(body: Body) -> str:
         moments of inertia [kg·m²]. Joints: position in the parent segment's frame, and in the
         neutral pose with the pelvis at the lab's origin [mm]. Then the body's notes, the locked
         coordinates, and what is implausible.
+
+    Examples
+    --------
+    With ``body`` from `build_body`:
+
+    >>> import hbm
+    >>> for line in hbm.describe(body).splitlines()[2:6]:
+    ...     print(line)
+    segment             mass   length         centre of mass                   inertia
+                          kg        m   mm forward, left, up          kg·m², principal
+    pelvis              8.33    0.123       -9     -1     47    0.0383  0.0435  0.0477
+    trunk              24.09    0.430      -29     -4    206    0.2470  0.3857  0.5321
     """
     lines = [
         str(body),

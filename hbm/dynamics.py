@@ -33,6 +33,18 @@ class Dynamics:
         N·m]: lab axes (X forward, Y left, Z up), about the pelvis origin (mid-hip).
     power
         Power of each coordinate's generalized force, (T, 46) [W].
+
+    Examples
+    --------
+    With ``static``, the markers of a calibration pose, and ``body``, built from them:
+
+    >>> import hbm
+    >>> standing = hbm.filter_motion(hbm.solve_ik(body, static))
+    >>> dynamics = hbm.inverse_dynamics(body, standing, {})
+    >>> dynamics.tau.shape, dynamics.residual.shape
+    ((100, 46), (100, 6))
+    >>> f"arm held out sideways: {dynamics.force('LShoulderAbduction').mean():.1f} N·m"
+    'arm held out sideways: 10.3 N·m'
     """
 
     time: Array
@@ -78,6 +90,18 @@ def filter_motion(motion: Motion, *, cutoff: float = 6.0, method: Method = "zero
     ------
     ValueError
         If the motion is shorter than the filter needs.
+
+    Examples
+    --------
+    With ``static``, the markers of a calibration pose, and ``body``, built from them:
+
+    >>> import hbm, numpy as np
+    >>> motion = hbm.solve_ik(body, static)
+    >>> bool(np.isnan(motion.v).all())
+    True
+    >>> smooth = hbm.filter_motion(motion, cutoff=6.0, method="zero_phase")
+    >>> bool(np.abs(smooth.v).max() < 1e-6)
+    True
     """
     smooth = butterworth(motion.q, motion.time, cutoff, method)
     return replace(motion, q=smooth.value, v=smooth.velocity, a=smooth.acceleration)
@@ -121,6 +145,21 @@ def inverse_dynamics(
     ----------------------------
     The residual moment is given in lab axes, not as generalized forces of the pelvis' Euler
     angles; ``tau[:, 3:6]`` holds the latter.
+
+    Examples
+    --------
+    Standing still without ground reaction force, the residual is body weight; with it, nothing.
+    ``static`` are the markers of a calibration pose, ``body`` is built from them:
+
+    >>> import hbm, numpy as np
+    >>> standing = hbm.filter_motion(hbm.solve_ik(body, static))
+    >>> without = hbm.inverse_dynamics(body, standing, {})
+    >>> f"{without.residual[50, 2]:.1f} N, {74.6 * 9.81:.1f} N"
+    '731.8 N, 731.8 N'
+    >>> weight = np.tile([0, 0, 74.6 * 9.81, 0, 0, 0], (100, 1))
+    >>> ground = hbm.inverse_dynamics(body, standing, {"left_foot": weight})
+    >>> bool(np.abs(ground.residual[:, :3]).max() < 1e-6)
+    True
     """
     return inverse_dynamics_variants(body, motion, [wrenches], jobs=jobs)[0]
 
@@ -141,6 +180,18 @@ def inverse_dynamics_variants(
     -------
     list[Dynamics]
         One per variant.
+
+    Examples
+    --------
+    With ``static``, the markers of a calibration pose, and ``body``, built from them:
+
+    >>> import hbm, numpy as np
+    >>> standing = hbm.filter_motion(hbm.solve_ik(body, static))
+    >>> half = np.tile([0, 0, 74.6 * 9.81 / 2, 0, 0, 0], (100, 1))
+    >>> feet = [{"left_foot": half}, {"left_foot": half, "right_foot": half}]
+    >>> one, both = hbm.inverse_dynamics_variants(body, standing, feet)
+    >>> f"{one.residual[50, 2]:.1f} N, {abs(both.residual[50, 2]):.1f} N"
+    '365.9 N, 0.0 N'
     """
     frames = len(motion.time)
     for wrenches in variants:

@@ -41,6 +41,15 @@ class Markers:
         Marker labels, one per column, unique.
     position
         Positions in lab axes (X forward, Y left, Z up), (T, M, 3) [m]. A gap is NaN.
+
+    Examples
+    --------
+    Two markers at 100 Hz:
+
+    >>> import hbm, numpy as np
+    >>> heels = hbm.Markers(np.arange(50) / 100, ("LHEE", "RHEE"), np.zeros((50, 2, 3)))
+    >>> round(heels.rate_hz, 6)
+    100.0
     """
 
     time: Array
@@ -83,6 +92,13 @@ class MarkerSet:
         Marker -> segment.
     landmark
         Landmark -> marker. A marker without a landmark only tracks its segment.
+
+    Examples
+    --------
+    >>> import hbm
+    >>> chosen = hbm.marker_sets()["hbm2"]
+    >>> chosen.segment["LLTHI"], chosen.landmark["C7"]
+    ('left_thigh', 'C7')
     """
 
     name: str
@@ -112,6 +128,17 @@ def read_marker_set(text: str, name: str = "own") -> MarkerSet:
     ValueError
         If the text is not TOML or has no ``[markers]``, or a segment or landmark is unknown or
         marked twice; the message lists all such faults.
+
+    Examples
+    --------
+    >>> import hbm
+    >>> lab = hbm.read_marker_set('''
+    ... [markers]
+    ... LASI = ["pelvis", "LASIS"]
+    ... LPEL = ["pelvis"]
+    ... ''', name="lab")
+    >>> lab.segment
+    {'LASI': 'pelvis', 'LPEL': 'pelvis'}
     """
     try:
         table = tomllib.loads(text)
@@ -149,7 +176,23 @@ def _marker_set(name: str, table: dict[str, Any]) -> MarkerSet:
 
 @cache
 def marker_sets() -> Mapping[str, MarkerSet]:
-    """Give the marker sets that ship with the package, by name."""
+    """Give the marker sets that ship with the package, by name.
+
+    Returns
+    -------
+    Mapping[str, MarkerSet]
+        Name -> set.
+
+    Examples
+    --------
+    >>> import hbm
+    >>> for name, chosen in hbm.marker_sets().items():
+    ...     print(f"{name}: {chosen.title}")
+    hbm2: Human Body Model 2, full body, 46 markers
+    hbm2_lower: Human Body Model 2, lower limbs and trunk, 26 markers
+    hbm1: Human Body Model 1, full body, 47 markers
+    hbm1_lower: Human Body Model 1, lower limbs and trunk, 25 markers
+    """
     text = files("hbm").joinpath("marker_sets.toml").read_text(encoding="utf-8")
     return {name: _marker_set(name, table) for name, table in tomllib.loads(text).items()}
 

@@ -47,6 +47,17 @@ class Body:
         Coordinates that none of the markers depends on; they stay at zero.
     notes
         What was estimated or substituted.
+
+    Examples
+    --------
+    With ``body`` from `build_body`:
+
+    >>> print(body)
+    74.6 kg, 1.78 m, male; markers: 46 of Human Body Model 2, full body, 46 markers
+    >>> f"{body.inertias['right_thigh'].mass:.2f} kg"
+    '10.56 kg'
+    >>> body.locked
+    ('RToeFlexion', 'LToeFlexion')
     """
 
     mass: float

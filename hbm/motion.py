@@ -36,6 +36,17 @@ class Motion:
     gradient
         Largest entry of the cost's gradient at the last step, (T,) [m and m²/rad]; NaN where
         nothing was solved.
+
+    Examples
+    --------
+    With ``static``, the markers of a calibration pose, and ``body``, built from them:
+
+    >>> import hbm
+    >>> motion = hbm.solve_ik(body, static)
+    >>> motion.q.shape, motion.names[:3], bool(motion.converged.all())
+    ((100, 46), ('PelvisX', 'PelvisY', 'PelvisZ'), True)
+    >>> f"{motion.coordinate('PelvisZ')[0]:.3f} m"
+    '0.926 m'
     """
 
     time: Array

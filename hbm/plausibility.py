@@ -37,7 +37,17 @@ def implausible(body: Body, *, carried_kg: float | None = None) -> tuple[Note, .
     Returns
     -------
     tuple of Note
-        ``legs_differ`` beyond 3 cm; ``mass_differs`` more than 5 % from what the plates carry.
+        ``legs_differ`` by more than 3 cm; ``mass_differs`` by more than 5 % from what the plates
+        carry.
+
+    Examples
+    --------
+    With ``body`` from `build_body`:
+
+    >>> import hbm
+    >>> for note in hbm.implausible(body, carried_kg=80.0):
+    ...     print(note.code, f"{note.values['difference']:.3f}")
+    mass_differs -0.068
     """
     notes = []
     legs = {side: _leg_length(body, side) for side in SIDES}
@@ -72,6 +82,18 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
         One ``marker_distances_changed`` per segment: pairs whose median distance in the trial
         differs by more than 3 cm, because a marker has moved, is swapped with another or carries
         the wrong label.
+
+    Examples
+    --------
+    With ``body`` from `build_body` and a trial in which a marker has moved by 8 cm:
+
+    >>> import hbm
+    >>> position = static.position.copy()
+    >>> position[:, static.names.index("RLTHI"), 2] += 0.08
+    >>> trial = hbm.Markers(static.time, static.names, position)
+    >>> for note in hbm.changed_distances(body, trial):
+    ...     print(note.values["segment"], *note.values["largest_m"])
+    right_thigh RLEK–RLTHI RMEK–RLTHI
     """
     notes = []
     on_body = dict(zip(body.markers, body.marker_position, strict=True))

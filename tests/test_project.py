@@ -49,6 +49,7 @@ def test_public_names_are_where_the_documentation_says(package):
     module = import_module(package)
     for name in {*PUBLIC[package].split(), *module.__all__}:
         assert getattr(module, name).__doc__ or not callable(getattr(module, name))
+        assert not (ROOT / package / f"{name}.py").exists(), "importing it would hide the name"
     with pytest.raises(AttributeError, match="no attribute 'guess'"):
         _ = module.guess
 

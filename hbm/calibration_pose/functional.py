@@ -44,6 +44,21 @@ def functional_hips(markers: Markers, marker_set: MarkerSet | None = None) -> di
     Symmetrical centre of rotation estimation (Ehrig et al. 2006, J Biomech 39:2798): pelvis and
     thigh are rigid clusters with poses (R, o) and (S, p), and the centre is fixed in both: the
     least-squares solution of R c + o = S d + p. The result is the mean of both clusters' centres.
+
+    Examples
+    --------
+    Both legs of ``body``, built by `build_body`, swing forward, back and sideways:
+
+    >>> import hbm, numpy as np
+    >>> from hbm.poses import marker_positions
+    >>> time = np.arange(400) / 100
+    >>> q = np.zeros((400, 46))
+    >>> for side in "RL":
+    ...     q[:, hbm.COORDINATES.index(f"{side}HipFlexion")] = 0.5 * np.sin(4 * time)
+    ...     q[:, hbm.COORDINATES.index(f"{side}HipAbduction")] = 0.4 * np.sin(3 * time) ** 2
+    >>> hips = hbm.functional_hips(hbm.Markers(time, body.markers, marker_positions(body, q)))
+    >>> [f"{1000 * x:.0f} mm" for x in hips["left"]]
+    ['-66 mm', '104 mm', '-86 mm']
     """
     chosen = marker_set or recognise_marker_set(markers.names)
     hips = {}
