@@ -1,4 +1,4 @@
-"""The notebooks are scripts with cells that a person finds, reads and ends up with a picture of."""
+"""The notebooks are listed, are scripts of cells, and end with a picture."""
 
 import ast
 import re
@@ -27,7 +27,7 @@ def cells(path: Path) -> list[tuple[str, str]]:
     return [(kinds[a.strip()], b) for a, b in zip(parts[::2], parts[1::2], strict=True)]
 
 
-def test_the_course_has_five_lessons():
+def test_there_are_five_lessons():
     assert [path.name[:3] for path in NOTEBOOKS] == ["01_", "02_", "03_", "04_", "05_"]
 
 
