@@ -1,4 +1,4 @@
-"""A study of files that are no C3D: what belongs beside a trial is stated beside it."""
+"""A study of files other than C3D, with forces or records in accompanying files."""
 
 from dataclasses import replace
 
@@ -48,7 +48,7 @@ def folder(walker, tmp_path_factory):
     return folder
 
 
-def test_both_are_found_fit_and_processed_alike(folder):
+def test_trc_and_dflow_files_give_the_same_residuals(folder):
     study = read_study(folder)
     found = check_study(study)
     assert found.faults == ()
@@ -63,7 +63,7 @@ def test_both_are_found_fit_and_processed_alike(folder):
     assert (away < 0.1 * size + 0.01).all()  # D-Flow has the plates at the markers' rate only
 
 
-def test_a_changed_file_beside_a_trial_is_another_trial(folder):
+def test_a_change_in_an_accompanying_file_changes_the_trials_key(folder):
     study = read_study(folder)
     assert {"walk.mot", "record.txt"} <= set(input_digests(study))
     before = [trial_key(study, "sub01", name) for name in ("trc", "dflow")]
@@ -74,7 +74,7 @@ def test_a_changed_file_beside_a_trial_is_another_trial(folder):
     assert all(a != b for a, b in zip(before, after, strict=True))
 
 
-def test_a_file_beside_a_trial_that_is_not_there_is_a_fault_of_the_study(folder, tmp_path):
+def test_a_missing_accompanying_file_is_reported(folder, tmp_path):
     (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
     (tmp_path / "sub01.toml").write_text(SUBJECT, encoding="utf-8")
     with pytest.raises(StudyFaults) as caught:

@@ -1,4 +1,4 @@
-"""The report in a real browser: it shows, it is silent, it asks nobody, it fits every screen."""
+"""The report in a real browser: drawn without errors or requests, readable on every screen."""
 
 import re
 
@@ -29,34 +29,34 @@ def browser(folder):
         yield browser
 
 
-def test_no_complaint_and_no_request_but_for_the_page_itself(browser):
+def test_the_page_raises_no_error_and_requests_nothing_but_itself(browser):
     assert browser.complaints == []
     assert [url for url in browser.requests if not url.startswith("data:")] == [
         url for url in browser.requests if re.fullmatch(r"file:.*report\.html", url)
     ]
 
 
-def test_every_picture_is_drawn(browser):
+def test_every_figure_is_drawn(browser):
     sizes = browser.evaluate("[...document.images].map(i => [i.complete, i.naturalWidth])")
     assert len(sizes) == 9
     assert all(complete and width > 500 for complete, width in sizes)
 
 
 @pytest.mark.parametrize("width", [320, 390, 768, 1024, 1100, 1280, 1920])
-def test_nobody_has_to_scroll_sideways(browser, width):
+def test_no_width_needs_horizontal_scrolling(browser, width):
     browser.resize(width)
     browser.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
     assert browser.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_the_verdict_is_seen_without_scrolling(browser):
+def test_the_verdict_is_visible_without_scrolling(browser):
     browser.resize(1200, 900)
     place = "document.querySelector('.headline').getBoundingClientRect()"
     assert browser.evaluate(f"{place}.bottom") < 900
     assert "at baseline level" in browser.evaluate("document.querySelector('.headline').innerText")
 
 
-def test_words_have_contrast(browser):
+def test_text_has_enough_contrast(browser):
     """At least 4.5 : 1 for every text against its background (WCAG 2 AA)."""
     script = """[...document.querySelectorAll('p, span, td, th, a, caption, li, figcaption')]
       .filter(e => e.innerText && e.checkVisibility()).map(e => {
@@ -78,7 +78,7 @@ def test_words_have_contrast(browser):
         assert (light + 0.05) / (dark + 0.05) >= 4.5, (text, ground)
 
 
-def test_it_can_be_looked_at_and_printed(browser, tmp_path):
+def test_the_page_can_be_captured_and_printed(browser, tmp_path):
     browser.resize(1200)
     browser.screenshot(tmp_path / "report.png")
     browser.pdf(tmp_path / "report.pdf")
