@@ -1,1 +1,1 @@
-"""A laboratory in software: people who walk on a moving, instrumented treadmill, and the truth."""
+"""A simulated laboratory: people who walk on a moving, instrumented treadmill, and the truth."""

@@ -1,17 +1,28 @@
-"""What can be wrong in a laboratory: every fault with its size, set or switched off in TOML."""
+"""Faults of a laboratory: each has a size, and can be stated or switched off in TOML.
 
-from typing import Annotated, Literal
+Sizes are standard deviations unless they say otherwise. Defaults without a source are assumed: what
+a usual, well-kept laboratory has.
+"""
+
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
 from pipeline.config.schema import InputModel
 
 Size = Annotated[float, Field(ge=0)]
-Delay = Annotated[float, Field(ge=-0.2, le=0.2)]
+MAX_DELAY_S: Final = 0.2
+"""Of an instrument, either way: more than any laboratory has."""
+Delay = Annotated[float, Field(ge=-MAX_DELAY_S, le=MAX_DELAY_S)]
 
 
 class BodyFaults(InputModel):
-    """How the true body differs from what markers and de Leva's table say (see `variation`)."""
+    """How the true body differs from what markers and de Leva's table suggest.
+
+    ``joint_scale`` multiplies the standard deviations of the joint centres; ``axis_deg`` tilts the
+    joint axes; masses and radii of gyration differ by a share of themselves, centres of mass by a
+    distance. Sources are given in `pipeline.virtual_lab.person.body_variation`.
+    """
 
     joint_scale: Size = 1.0
     axis_deg: Size = 3.0
@@ -21,7 +32,12 @@ class BodyFaults(InputModel):
 
 
 class CameraFaults(InputModel):
-    """Of the motion capture system and the skin."""
+    """Faults of the motion capture system, and soft tissue artefact.
+
+    ``skin_scale`` multiplies the displacements of `pipeline.virtual_lab.person.soft_tissue`;
+    ``gap_s`` is the mean duration of a gap; gaps and swapped labels are counted over all markers of
+    a person.
+    """
 
     noise_m: Size = 0.0003
     skin_scale: Size = 1.0
@@ -31,7 +47,11 @@ class CameraFaults(InputModel):
 
 
 class PlateFaults(InputModel):
-    """Of the load cells."""
+    """Faults of the plates' load cells.
+
+    ``cross_talk`` is that of each component in each other [1]; the delay is in the range of what
+    the thesis found of its plates, 2 to 4 ms.
+    """
 
     force_noise_n: Size = 1.5
     moment_noise_nm: Size = 0.5
@@ -42,7 +62,11 @@ class PlateFaults(InputModel):
 
 
 class AccelerometerFaults(InputModel):
-    """Of the accelerometers on the platform."""
+    """Faults of the accelerometers on the platform, and their number.
+
+    The thesis has two, with a range of 2 g. Their delay is the plates' by default, as both are
+    wired to one converter.
+    """
 
     sensors: Literal[1, 2, 3, 4] = 2
     noise_mps2: Size = 0.02
@@ -50,11 +74,15 @@ class AccelerometerFaults(InputModel):
     misalignment_deg: Size = 1.0
     offset_mps2: Size = 0.05
     range_g: Annotated[float, Field(gt=0)] = 2.0
-    delay_s: Delay = 0.003  # wired to the same converter as the plates
+    delay_s: Delay = 0.003
 
 
 class PlatformFaults(InputModel):
-    """Of what the laboratory believes about the platform's pose."""
+    """Faults of the platform's pose as the laboratory knows it.
+
+    ``marker_noise_m`` is of the markers on the platform, ``delay_s`` of its sway and pitch
+    channels, ``pivot_error_m`` is the error of the height of the pitch axis in the study file.
+    """
 
     marker_noise_m: Size = 0.0003
     delay_s: Delay = 0.0
@@ -62,7 +90,7 @@ class PlatformFaults(InputModel):
 
 
 class Faults(InputModel):
-    """Everything that is wrong in a laboratory; ``Faults.none()`` is a perfect one."""
+    """All faults of a laboratory; ``Faults.none()`` is a perfect one."""
 
     body: BodyFaults = BodyFaults()
     cameras: CameraFaults = CameraFaults()
@@ -72,7 +100,7 @@ class Faults(InputModel):
 
     @classmethod
     def none(cls) -> "Faults":
-        """Give a laboratory without faults."""
+        """Give the faults of a perfect laboratory: none."""
         return cls(
             body=BodyFaults(joint_scale=0, axis_deg=0, mass_share=0, center_m=0, gyration_share=0),
             cameras=CameraFaults(noise_m=0, skin_scale=0, gaps_per_minute=0),

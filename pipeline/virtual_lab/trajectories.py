@@ -1,4 +1,4 @@
-"""Trajectories as quintic splines: values and exact derivatives at any rate and any delay."""
+"""Smooth functions of time: quintic splines with exact derivatives, and a smooth step."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -9,6 +9,10 @@ from scipy.interpolate import BSpline, PPoly, make_interp_spline
 from hbm.spatial import Array
 
 DEGREE: Final = 5
+"""Of the splines: accelerations are still twice continuously differentiable."""
+PADDING: Final = 3 * DEGREE
+"""Samples by which a series is continued at both ends, so that the spline inside does not depend
+on how it ends."""
 _PIECES: Final = PPoly.from_spline(BSpline.basis_element(np.arange(DEGREE + 2.0)).tck)
 
 
@@ -36,7 +40,7 @@ class Trajectory:
         return (len(self.coefficients) - DEGREE) / self.rate_hz
 
     def at(self, time: Array, derivative: int = 0) -> Array:
-        """Evaluate at any times within the knots, (T, C) [unit/s^derivative]."""
+        """Evaluate a derivative at any times between the knots, (T, C) [unit/s^derivative]."""
         position = (np.asarray(time, float) - self.start) * self.rate_hz
         knot = np.clip(np.floor(position).astype(int), 0, len(self.coefficients) - DEGREE - 1)
         weights = _weights(position - knot, derivative) * self.rate_hz**derivative
@@ -47,12 +51,12 @@ class Trajectory:
 
 
 def fit_trajectory(values: Array, rate_hz: float, start: float = 0.0) -> Trajectory:
-    """Lay the quintic spline through samples.
+    """Interpolate samples by a quintic spline.
 
     Parameters
     ----------
     values
-        Samples at equal steps, (K, C).
+        Samples at equal intervals, (K, C); more of them than `PADDING`.
     rate_hz
         Sampling rate [Hz].
     start
@@ -63,17 +67,10 @@ def fit_trajectory(values: Array, rate_hz: float, start: float = 0.0) -> Traject
     Trajectory
         Passes through the samples; four times continuously differentiable.
     """
-    reach = 3 * DEGREE
-    extended = np.pad(values, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
+    extended = np.pad(values, ((PADDING, PADDING), (0, 0)), mode="reflect", reflect_type="odd")
     spline = make_interp_spline(np.arange(len(extended)), extended, k=DEGREE)
-    first = reach - DEGREE // 2
+    first = PADDING - DEGREE // 2
     return Trajectory(start, rate_hz, spline.c[first : first + len(values) + DEGREE - 1])
-
-
-def _weights(fraction: Array, derivative: int) -> Array:
-    """Weights of the six coefficients around each place between two knots, (T, 6)."""
-    places = np.arange(DEGREE, -1, -1) + fraction[:, None]
-    return np.asarray(_PIECES(places, nu=derivative))
 
 
 def smooth_step(x: Array) -> Array:
@@ -86,3 +83,9 @@ def smooth_step(x: Array) -> Array:
     """
     x = np.clip(x, 0.0, 1.0)
     return np.asarray(x**3 * (10 - 15 * x + 6 * x**2))
+
+
+def _weights(fraction: Array, derivative: int) -> Array:
+    """Give the weights of the six coefficients around places between two knots, (T, 6)."""
+    places = np.arange(DEGREE, -1, -1) + fraction[:, None]
+    return np.asarray(_PIECES(places, nu=derivative))

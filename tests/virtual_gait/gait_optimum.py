@@ -16,7 +16,7 @@ from hbm.coordinates import COORDINATES, INDEX, N_Q, SEGMENTS_WITH_MASS, TREE
 from hbm.kernels import skeleton
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.virtual_lab.person.sole import LEFT, OUTWARD, orientation, rolled, sole_of
-from pipeline.virtual_lab.person.stance import LANDING, hold, loading, roll_over
+from pipeline.virtual_lab.person.stance import LANDING, floor_contact, load_share, roll_over
 from pipeline.virtual_lab.person.subject import VirtualSubject
 
 NODES: Final = 50
@@ -169,7 +169,7 @@ def _node(subject: VirtualSubject, target: Target) -> tuple[Symbol, Array]:
     body, weight = subject.body, subject.person.mass_kg * GRAVITY_MPS2
     soles = {side: sole_of(body, subject.t_pose, side) for side in ("right", "left")}
     phase = {"right": nodes(), "left": nodes() + 0.5}
-    data = [target.joints, target.vertical[:, None], loading(phase["right"])[:, None]]
+    data = [target.joints, target.vertical[:, None], load_share(phase["right"])[:, None]]
     tilt = rotation_about(LEFT, -target.slope)
     unknown = ca.SX.sym("unknown", 3 * N_Q + 3)
     q, v, a = (unknown[k * N_Q : (k + 1) * N_Q] for k in range(3))
@@ -196,7 +196,7 @@ def _node(subject: VirtualSubject, target: Target) -> tuple[Symbol, Array]:
         placed = origin[:, None] + np.einsum("tij,kj->tki", orientation(pitch, heading), points)
         along = sole.heel + (sole.toe - sole.heel) * roll_over(cycle)
         ahead_of = along[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
-        firm = hold(cycle)
+        firm = floor_contact(cycle)
         data += [placed.reshape(NODES, 9), ahead_of - travelled[:, :2], firm[:, None]]
         own = given[N_Q + 2 + 12 * n : N_Q + 2 + 12 * (n + 1)]
         base = ca.vertcat(ahead, out * aside, 0)

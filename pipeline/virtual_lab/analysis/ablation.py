@@ -1,6 +1,6 @@
 """What each fault of a laboratory adds to each residual, one fault at a time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import product
 from typing import Final, NamedTuple
@@ -29,16 +29,19 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
     Protocol,
     Setting,
 )
+from pipeline.virtual_lab.protocol.walking_study import ProgressCallback
 from pipeline.virtual_lab.protocol.walking_trial import run_calibration, run_walk, study_subject
 
 TRANSPARENT_HZ: Final = 30.0
+"""Cut-off frequency that passes all of walking: what it leaves is below 0.1 N."""
 EDGE_S: Final = 1.0
+"""Time at both ends of steady walking that is not counted: the settling of the filters."""
 FILTER: Final = "filter"
-Progress = Callable[[str, int, int], None]
+"""The group of cases that are compared with `TRANSPARENT_HZ`."""
 
 
 def _with(**parts: dict[str, float]) -> Faults:
-    """Give a perfect laboratory but for the values named, table by table."""
+    """Give a perfect laboratory but for some values, by table."""
     perfect = Faults.none()
     return perfect.model_copy(
         update={
@@ -49,14 +52,14 @@ def _with(**parts: dict[str, float]) -> Faults:
 
 
 def cases() -> dict[str, dict[str, Case]]:
-    """Give the cases by group, in the order of the table; faults are as large as by default."""
+    """Give the cases by group, in the order of the table; faults have their default sizes."""
     usual = Faults()
     body, cameras, plates = usual.body, usual.cameras, usual.plates
     noise = {"force_noise_n": plates.force_noise_n, "moment_noise_nm": plates.moment_noise_nm}
     zero = {"offset_n": plates.offset_n, "drift_n_per_min": plates.drift_n_per_min}
     gaps = {"gaps_per_minute": cameras.gaps_per_minute, "gap_s": cameras.gap_s}
-    late = {"delay_s": 0.010}, {"delay_s": 0.030}
-    low = {"pivot_error_m": 0.05}
+    short, long = {"delay_s": 0.010}, {"delay_s": 0.030}
+    pivot = {"pivot_error_m": 0.05}
     return {
         FILTER: {
             f"zero phase, {TRANSPARENT_HZ:g} Hz": Case(cutoff_hz=TRANSPARENT_HZ),
@@ -64,8 +67,8 @@ def cases() -> dict[str, dict[str, Case]]:
             "real time, 6 Hz": Case(method="realtime"),
         },
         "person and cameras": {
-            "body built from markers": Case(faults=_with(body=dict(body)), built_body=True),
-            "skin that moves": Case(faults=_with(cameras={"skin_scale": cameras.skin_scale})),
+            "body from markers": Case(faults=_with(body=dict(body)), body_from_markers=True),
+            "soft tissue artefact": Case(faults=_with(cameras={"skin_scale": cameras.skin_scale})),
             f"marker noise {1e3 * cameras.noise_m:g} mm": Case(
                 faults=_with(cameras={"noise_m": cameras.noise_m})
             ),
@@ -76,14 +79,14 @@ def cases() -> dict[str, dict[str, Case]]:
             f"cross-talk {plates.cross_talk:.1%}": Case(
                 faults=_with(plates={"cross_talk": plates.cross_talk})
             ),
-            f"zero {plates.offset_n:g} N off, and drift": Case(faults=_with(plates=zero)),
-            "10 ms late": Case(faults=_with(plates=late[0], accelerometers=late[0])),
-            "30 ms late": Case(faults=_with(plates=late[1], accelerometers=late[1])),
+            f"zero error {plates.offset_n:g} N, and drift": Case(faults=_with(plates=zero)),
+            "delay 10 ms": Case(faults=_with(plates=short, accelerometers=short)),
+            "delay 30 ms": Case(faults=_with(plates=long, accelerometers=long)),
         },
         "platform's pose": {
-            "pose 10 ms late": Case(faults=_with(platform=late[0]), told_pose=True),
-            "pose 30 ms late": Case(faults=_with(platform=late[1]), told_pose=True),
-            "pivot 5 cm off": Case(faults=_with(platform=low), told_pose=True),
+            "pose delay 10 ms": Case(faults=_with(platform=short), pose_from_channels=True),
+            "pose delay 30 ms": Case(faults=_with(platform=long), pose_from_channels=True),
+            "pivot error 5 cm": Case(faults=_with(platform=pivot), pose_from_channels=True),
         },
         "compensation, number of accelerometers": {
             "1 accelerometer": _calibrated(sensors=1),
@@ -95,15 +98,19 @@ def cases() -> dict[str, dict[str, Case]]:
             for seconds, kind in product(DURATIONS_S, PLATFORM_KINDS)
         },
         "all together": {
-            "no compensation, else perfect": Case(removal="none"),
-            "all faults, no compensation": Case(faults=usual, built_body=True, removal="none"),
-            "all faults, compensated": Case(faults=usual, built_body=True, removal="calibrated"),
+            "no compensation, no other fault": Case(removal="none"),
+            "all faults, no compensation": Case(
+                faults=usual, body_from_markers=True, removal="none"
+            ),
+            "all faults, compensated": Case(
+                faults=usual, body_from_markers=True, removal="calibrated"
+            ),
         },
     }
 
 
 def _calibrated(signal: str | None = None, sensors: int = 2) -> Case:
-    """Give a case with imperfect plates and accelerometers, and a compensation fitted to them."""
+    """Give a case whose plates and accelerometers have noise, and a compensation fitted to them."""
     usual = Faults()
     plates = {"force_noise_n": usual.plates.force_noise_n}
     plates |= {"moment_noise_nm": usual.plates.moment_noise_nm}
@@ -116,10 +123,10 @@ def ablation(
     setting: Setting | None = None,
     subjects: int = 3,
     names: Sequence[str] | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     jobs: int = 1,
 ) -> pd.DataFrame:
-    """Find what each fault adds to each residual in each condition.
+    """Quantify what each fault adds to each residual in each condition.
 
     Parameters
     ----------
@@ -127,36 +134,36 @@ def ablation(
         Protocol and seed; by default short trials of the thesis' protocol. Its faults are not
         used: every case has its own.
     subjects
-        How many people walk.
+        Number of simulated subjects.
     names
         Which of the `cases`; by default all.
     progress
-        Told the case, how many are done, and how many there are.
+        Called after every case with its name, the number of cases done, and of all cases.
     jobs
-        Processes.
+        Number of processes.
 
     Returns
     -------
     pandas.DataFrame
         Long: ``group, case, condition, axis, unit, rms, added``; both in N or N·m, root mean
         squares over samples and subjects. ``added`` is the RMS of the difference from the residual
-        of the same walk in a perfect laboratory with the zero-phase filter at 6 Hz; for filters,
-        with one that passes all of walking.
+        of the same walk in a perfect laboratory with the zero-phase filter at 6 Hz or, for filters,
+        at `TRANSPARENT_HZ`.
 
     Raises
     ------
     ValueError
-        If a name is none of the cases.
+        If there is no case of a name.
 
     Notes
     -----
-    In every case but the named one the true body, the true pose and the true wrench of the
-    treadmill are known. Sway counts the gait cycles of the perturbations.
+    The true body, the true pose of the platform and the true wrench of the treadmill are known,
+    unless the case says otherwise. In sway, the gait cycles of the perturbations count.
     """
     setting = setting or Setting(protocol=SHORT)
-    table = _chosen(names)
-    kernels()  # compiled once, before the processes start
-    tasks = [delayed(_squares)(setting, group, case, subjects) for group, _, case in table]
+    table = _selected(names)
+    kernels()  # compiled once before the processes start
+    tasks = [delayed(_of_case)(setting, group, case, subjects) for group, _, case in table]
     found = Parallel(n_jobs=jobs, return_as="generator")(tasks)
     rows = []
     for done, ((group, name, _), squares) in enumerate(zip(table, found, strict=True), start=1):
@@ -169,7 +176,7 @@ def ablation(
     return pd.DataFrame(rows, columns=columns)
 
 
-def _chosen(names: Sequence[str] | None) -> list[tuple[str, str, Case]]:
+def _selected(names: Sequence[str] | None) -> list[tuple[str, str, Case]]:
     table = [(group, name, case) for group, own in cases().items() for name, case in own.items()]
     known = [name for _, name, _ in table]
     for name in names or ():
@@ -178,37 +185,39 @@ def _chosen(names: Sequence[str] | None) -> list[tuple[str, str, Case]]:
     return [row for row in table if names is None or row[1] in names]
 
 
-def _squares(
+def _of_case(
     setting: Setting, group: str, case: Case, subjects: int
 ) -> dict[str, tuple[Array, Array]]:
-    """Give a case's RMS and added RMS over all people, by condition."""
-    own = [_one(setting, group, case, number) for number in range(subjects)]
+    """Give a case's RMS and added RMS over all subjects, by condition."""
+    own = [_of_subject(setting, group, case, number) for number in range(subjects)]
     return {
         condition: tuple(np.sqrt(np.mean([p[condition] for p in own], axis=0)))
         for condition in ANALYSED_CONDITIONS
     }
 
 
-def _one(setting: Setting, group: str, case: Case, number: int) -> dict[str, tuple[Array, Array]]:
-    """Give mean squares of one case and person, whole and added, by condition."""
+def _of_subject(
+    setting: Setting, group: str, case: Case, number: int
+) -> dict[str, tuple[Array, Array]]:
+    """Give mean squares of the residual and of what is added, of one subject, by condition."""
     treadmill = make_treadmill(case.faults, setting.seed)
     models = _models(setting, case) if case.removal == "calibrated" else ()
     reference = TRANSPARENT_HZ if group == FILTER else Case().cutoff_hz
-    found: dict[str, tuple[Array, Array]] = {}
+    squares: dict[str, tuple[Array, Array]] = {}
     for condition in ANALYSED_CONDITIONS:
-        who = _Who(setting.seed, setting.protocol, case.faults.body, number, condition)
-        walk, motion = _walked(who)
+        key = _WalkKey(setting.seed, setting.protocol, case.faults.body, number, condition)
+        walk, motion = _walk(key)
         rng = np.random.default_rng((setting.seed, number, 9))
-        left = residual_of(case, walk, motion, treadmill, rng, models)
-        ideal = _ideal(who, reference)
-        counts = _counted(setting.protocol, motion, walk)
-        whole, added = (np.nanmean(x[counts] ** 2, axis=0) for x in (left, left - ideal))
-        found[condition] = np.asarray(whole), np.asarray(added)
-    return found
+        residual = residual_of(case, walk, motion, treadmill, rng, models)
+        ideal = _ideal_residual(key, reference)
+        counts = _counting_frames(setting.protocol, motion, walk)
+        whole, added = (np.nanmean(x[counts] ** 2, axis=0) for x in (residual, residual - ideal))
+        squares[condition] = np.asarray(whole), np.asarray(added)
+    return squares
 
 
-class _Who(NamedTuple):
-    """Who walks: only the body's faults change the walk itself."""
+class _WalkKey(NamedTuple):
+    """What a walk depends on: of the faults, only those of the body."""
 
     seed: int
     protocol: Protocol
@@ -218,25 +227,25 @@ class _Who(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _walked(who: _Who) -> tuple[Walk, TreadmillMotion]:
-    faults = Faults.none().model_copy(update={"body": who.body})
-    setting = Setting(seed=who.seed, protocol=who.protocol, faults=faults)
+def _walk(key: _WalkKey) -> tuple[Walk, TreadmillMotion]:
+    faults = Faults.none().model_copy(update={"body": key.body})
+    setting = Setting(seed=key.seed, protocol=key.protocol, faults=faults)
     return run_walk(
-        setting, Machine(), study_subject(setting, who.number), who.number, who.condition
+        setting, Machine(), study_subject(setting, key.number), key.number, key.condition
     )
 
 
 @lru_cache(maxsize=64)
-def _ideal(who: _Who, cutoff_hz: float) -> Array:
+def _ideal_residual(key: _WalkKey, cutoff_hz: float) -> Array:
     """Give the residual of a walk in a perfect laboratory."""
-    walk, motion = _walked(who)
-    perfect = make_treadmill(Faults.none(), who.seed)
+    walk, motion = _walk(key)
+    perfect = make_treadmill(Faults.none(), key.seed)
     return residual_of(Case(cutoff_hz=cutoff_hz), walk, motion, perfect, np.random.default_rng(0))
 
 
 @lru_cache(maxsize=1)
 def _models(setting: Setting, case: Case) -> tuple[InertiaModel, ...]:
-    """Calibrate on the signal that the case names, or on the protocol's."""
+    """Calibrate on the case's signal, or on the protocol's."""
     if case.calibration is not None:
         named = setting.protocol.model_copy(update={"calibration": case.calibration})
         setting = setting.model_copy(update={"protocol": named})
@@ -244,12 +253,12 @@ def _models(setting: Setting, case: Case) -> tuple[InertiaModel, ...]:
     return fit_models(treadmill, run_calibration(setting, treadmill))
 
 
-def _counted(protocol: Protocol, motion: TreadmillMotion, walk: Walk) -> Mask:
-    """Tell which frames count: steady walking, or the perturbed gait cycles, (T,)."""
+def _counting_frames(protocol: Protocol, motion: TreadmillMotion, walk: Walk) -> Mask:
+    """Give the frames that count: steady walking, or the perturbed gait cycles, (T,)."""
     time = motion.time[::SAMPLES_PER_FRAME]
     inside = (time > protocol.steady_s + EDGE_S) & (time < time[-1] - EDGE_S)
     if len(motion.onsets):
-        stride = 2 * walk.placement.pace_s
+        stride = 2 * walk.placement.step_s
         since = time[:, None] - motion.onsets + ONSET_PHASE * stride
         inside = inside & ((since >= 0) & (since < stride)).any(axis=1)
     return np.asarray(inside, bool)

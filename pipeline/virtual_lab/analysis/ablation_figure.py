@@ -1,4 +1,4 @@
-"""The table of what each fault adds, as a picture."""
+"""The figure of what each fault adds to each residual."""
 
 from typing import Final
 
@@ -11,11 +11,16 @@ from matplotlib.figure import Figure
 
 from pipeline.figures.style import STYLE
 
-LEAST, MOST = 0.1, 300.0
-NOTE: Final = (
+MIN_SHADE, MAX_SHADE = 0.1, 300.0
+"""Range of the logarithmic colour scale [N or N·m]: from nothing to no compensation."""
+DARK: Final = 12.0
+"""Above this value [N or N·m] a cell is so dark that its number is white."""
+WHOLE: Final = 9.95
+"""From this value on numbers are shown without a decimal."""
+CAPTION: Final = (
     "RMS of the difference from the same walks in a perfect laboratory, {people}; filters: from "
-    "one that passes all of walking.\nOnly the fault named is on; body, pose and the treadmill's "
-    "own wrench are known unless named. Sway: gait cycles of the perturbations."
+    "a 30 Hz filter.\nOnly the fault named is present; body, platform pose and the treadmill's own "
+    "wrench are known exactly unless named. Sway: gait cycles of the perturbations."
 )
 
 
@@ -27,7 +32,7 @@ def ablation_figure(table: pd.DataFrame, subjects: int) -> Figure:
     table
         As `pipeline.virtual_lab.analysis.ablation.ablation` gives it.
     subjects
-        How many people walked.
+        Number of simulated subjects.
 
     Returns
     -------
@@ -51,8 +56,8 @@ def ablation_figure(table: pd.DataFrame, subjects: int) -> Figure:
         for at in headings:
             panels[0].get_yticklabels()[at].set_fontweight("bold")
         figure.suptitle("What each fault alone adds to the pelvis residuals", fontsize=11)
-        people = f"{subjects} virtual {'person' if subjects == 1 else 'people'}"
-        figure.supxlabel(NOTE.format(people=people), fontsize=7.5)
+        people = f"{subjects} simulated {'subject' if subjects == 1 else 'subjects'}"
+        figure.supxlabel(CAPTION.format(people=people), fontsize=7.5)
     return figure
 
 
@@ -61,15 +66,15 @@ def _draw(panel: Axes, table: pd.DataFrame, rows: list[str]) -> None:
     added = table.pivot(index="case", columns="axis", values="added").reindex(rows)[axes["axis"]]
     values = added.to_numpy()
     panel.imshow(
-        np.ma.masked_invalid(np.clip(values, LEAST, MOST)),
-        norm=LogNorm(LEAST, MOST),
+        np.ma.masked_invalid(np.clip(values, MIN_SHADE, MAX_SHADE)),
+        norm=LogNorm(MIN_SHADE, MAX_SHADE),
         cmap="Blues",
         aspect="auto",
     )
     for (row, column), value in np.ndenumerate(values):
         if np.isfinite(value):
-            text = f"{value:.0f}" if value >= 9.95 else f"{value:.1f}"
-            colour = "white" if value > 12 else "black"
+            text = f"{value:.0f}" if value >= WHOLE else f"{value:.1f}"
+            colour = "white" if value > DARK else "black"
             panel.text(column, row, text, ha="center", va="center", color=colour, size=7)
     panel.set_xticks(
         range(len(axes)), [f"{axis}\n{unit}" for axis, unit in axes.itertuples(index=False)]

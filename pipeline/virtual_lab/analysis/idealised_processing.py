@@ -1,4 +1,4 @@
-"""What is left of a trial's residual when the truth of everything but one thing is known."""
+"""Processing of a simulated trial in which everything but one thing is known without error."""
 
 from dataclasses import dataclass, field
 from typing import Final, Literal
@@ -27,34 +27,38 @@ from pipeline.virtual_lab.protocol.instrumented_treadmill import (
 )
 
 FIT_CUTOFF_HZ: Final = 20.0
+"""Low-pass before a calibration is fitted: the thesis'."""
+T_POSE_S: Final = (0.0, 1.0)
+"""When the subject stands in the T-pose, within `Protocol.standing_s`."""
 Removal = Literal["known", "none", "calibrated"]
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What is wrong in the laboratory, and what the processing knows.
+    """The faults of a laboratory, and what its processing knows without error.
 
     Attributes
     ----------
     faults
-        Of the instruments.
+        Of body and instruments.
     cutoff_hz, method
         The filter.
-    built_body
-        Whether the body is built from the T-pose; else it is the true one.
-    told_pose
+    body_from_markers
+        Whether the body is built from the markers of the T-pose; else it is the true one.
+    pose_from_channels
         Whether the platform's pose is taken from its channels; else it is the true one.
     removal
-        How the treadmill's own wrench is taken off the plates.
+        How the treadmill's own wrench is removed from the plates: its true value is subtracted,
+        it is not removed, or it is compensated by a calibrated model.
     calibration
-        Signal that a compensation is calibrated on; None for the protocol's.
+        Signal that the model is calibrated on; None for the protocol's.
     """
 
     faults: Faults = field(default_factory=Faults.none)
     cutoff_hz: float = 6.0
     method: Method = "zero_phase"
-    built_body: bool = False
-    told_pose: bool = False
+    body_from_markers: bool = False
+    pose_from_channels: bool = False
     removal: Removal = "known"
     calibration: str | None = None
 
@@ -67,20 +71,20 @@ def residual_of(
     rng: np.random.Generator,
     models: tuple[InertiaModel, ...] = (),
 ) -> Array:
-    """Record a walk with a case's instruments and give the residual that processing leaves.
+    """Record a walk with a case's instruments, process it, and give the residual.
 
     Parameters
     ----------
     case
-        What is wrong, and what is known.
+        Which faults there are, and what is known.
     walk, motion
-        What really happened.
+        How person and treadmill moved.
     treadmill
         The instruments, with the case's faults.
     rng
         Source of noise.
     models
-        One per plate, where the removal is "calibrated".
+        One per plate, if the removal is "calibrated".
 
     Returns
     -------
@@ -90,14 +94,14 @@ def residual_of(
     recording = record(treadmill, motion, walk, "trial.c3d", rng)
     time, person = recording.markers.time, walk.subject.person
     body: Body = walk.subject.body
-    if case.built_body:
+    if case.body_from_markers:
         body = build_body(
             recording.markers,
             mass=person.mass_kg,
             sex=person.sex,
             height_m=person.height_m,
             marker_set=body.marker_set,
-            window_s=(0.0, 1.0),
+            window_s=T_POSE_S,
         )
     filtered = filter_motion(
         solve_ik(body, recording.markers), cutoff=case.cutoff_hz, method=case.method
@@ -113,20 +117,24 @@ def residual_of(
 
 def fit_models(treadmill: InstrumentedTreadmill, recording: Recording) -> tuple[InertiaModel, ...]:
     """Calibrate both plates on a recording of the empty, moving treadmill."""
-    felt = low_pass(_felt(treadmill, recording), ANALOG_HZ, FIT_CUTOFF_HZ, "zero_phase")
-    return tuple(
-        fit_inertia(felt, low_pass(plate.wrench_in_plate, ANALOG_HZ, FIT_CUTOFF_HZ, "zero_phase"))
-        for plate in recording.plates
+    acceleration, *wrenches = (
+        low_pass(signal, ANALOG_HZ, FIT_CUTOFF_HZ, "zero_phase")
+        for signal in (
+            _accelerations(treadmill, recording),
+            *(plate.wrench_in_plate for plate in recording.plates),
+        )
     )
+    return tuple(fit_inertia(acceleration, wrench) for wrench in wrenches)
 
 
 def _pose(case: Case, motion: TreadmillMotion, recording: Recording) -> PlatformPose:
     true = motion.platform.pose
-    if not case.told_pose:
+    if not case.pose_from_channels:
         return PlatformPose(true.rotation[::SAMPLES_PER_FRAME], true.position[::SAMPLES_PER_FRAME])
     assert recording.analog is not None
     sway, pitch = (
-        recording.analog.channel(c)[::SAMPLES_PER_FRAME] for c in (SWAY_CHANNEL, PITCH_CHANNEL)
+        recording.analog.channel(name)[::SAMPLES_PER_FRAME]
+        for name in (SWAY_CHANNEL, PITCH_CHANNEL)
     )
     stated = motion.platform.pivot + np.array([0.0, 0.0, case.faults.platform.pivot_error_m])
     return commanded_pose(sway / 1000, np.radians(pitch), stated)
@@ -144,8 +152,8 @@ def _without_treadmill(
     own = [resample(p.time, p.wrench_in_plate, time) for p in recording.plates]
     if case.removal == "calibrated":
         clock = recording.plates[0].time
-        felt = resample(clock, _felt(treadmill, recording), time)
-        own = [model.compensate(felt, wrench) for model, wrench in zip(models, own, strict=True)]
+        acceleration = resample(clock, _accelerations(treadmill, recording), time)
+        own = [m.compensate(acceleration, wrench) for m, wrench in zip(models, own, strict=True)]
     elif case.removal == "known":
         for k, (plate, true) in enumerate(
             zip(recording.plates, treadmill_wrenches(treadmill.machine, motion), strict=True)
@@ -158,9 +166,9 @@ def _without_treadmill(
     ]
 
 
-def _felt(treadmill: InstrumentedTreadmill, recording: Recording) -> Array:
+def _accelerations(treadmill: InstrumentedTreadmill, recording: Recording) -> Array:
+    """Give the accelerometers' channels, (N, 3 per sensor) [m/s²]."""
     assert recording.analog is not None
     names = [f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ"]
-    return acceleration_in_mps2("g") * np.column_stack(
-        [recording.analog.channel(name) for name in names]
-    )
+    in_g = np.column_stack([recording.analog.channel(name) for name in names])
+    return acceleration_in_mps2("g") * in_g

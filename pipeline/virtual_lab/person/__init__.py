@@ -1,1 +1,1 @@
-"""The virtual person: body, walk and the ground's forces."""
+"""The virtual person: body, gait and ground reaction."""

@@ -1,4 +1,4 @@
-"""Where the markers of a person in a T-pose are: a reference person, stretched limb by limb."""
+"""Marker positions of a person in a T-pose: a reference person, scaled limb by limb."""
 
 import csv
 from collections.abc import Sequence
@@ -12,21 +12,24 @@ import numpy as np
 from hbm.segments import Sex
 from hbm.spatial import Array
 
-HEIGHTS: Final = (0.0, 0.076, 0.520, 0.948, 1.477, 1.782)
-REACHES: Final = (0.0, 0.190, 0.478, 0.752, 0.840)
+HEIGHTS_M: Final = (0.0, 0.076, 0.520, 0.948, 1.477, 1.782)
+"""Floor, ankle, knee, hip, neck and crown of the reference person (``t_pose.csv``)."""
+REACHES_M: Final = (0.0, 0.190, 0.478, 0.752, 0.840)
+"""Middle, shoulder, elbow, wrist and end of the hand of the reference person, sideways."""
 BREADTHS: Final[dict[Sex, tuple[float, float]]] = {
     "male": (1.0, 1.0),
     "female": (1.04, 0.92),
     "unspecified": (1.02, 0.96),
 }
+"""Breadth of pelvis and shoulders by that of the reference man of the same stature; assumed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Build:
-    """How much longer or wider than the reference person's the parts of a person are.
+class Proportions:
+    """Sizes of a person's parts by those of the reference person of the same stature.
 
-    Heights between floor, ankle, knee, hip, neck and crown; breadths of pelvis and shoulders; depth
-    of the trunk; length of the foot; lengths of the arm's parts. All relative to stature.
+    Heights between floor, ankle, knee, hip, neck and crown; breadths of pelvis and shoulders;
+    depth of the trunk; length of the foot; lengths of the arm's segments.
     """
 
     ankle: float = 1.0
@@ -43,8 +46,8 @@ class Build:
     hand: float = 1.0
 
 
-def t_pose(names: Sequence[str], height_m: float, sex: Sex, build: Build) -> Array:
-    """Place the markers of a person who stands upright with the arms held out, palms down.
+def t_pose(names: Sequence[str], height_m: float, sex: Sex, proportions: Proportions) -> Array:
+    """Give the markers of a person who stands upright with the arms held out, palms down.
 
     Parameters
     ----------
@@ -54,7 +57,7 @@ def t_pose(names: Sequence[str], height_m: float, sex: Sex, build: Build) -> Arr
         Stature [m].
     sex
         Women have a broader pelvis and narrower shoulders.
-    build
+    proportions
         Individual proportions; the heights are scaled to add up to the stature.
 
     Returns
@@ -65,38 +68,40 @@ def t_pose(names: Sequence[str], height_m: float, sex: Sex, build: Build) -> Arr
     Raises
     ------
     ValueError
-        If a label is none of the reference person's.
+        If the reference person has no marker of a name.
     """
     hips, shoulders = BREADTHS[sex]
-    hips, shoulders = hips * build.pelvis, shoulders * build.shoulders
-    heights = _stretched(HEIGHTS, (build.ankle, build.shank, build.thigh, build.trunk, build.head))
-    heights *= HEIGHTS[-1] / heights[-1]
-    reaches = _stretched(REACHES, (shoulders, build.upper_arm, build.forearm, build.hand))
+    own = proportions
+    hips, shoulders = hips * own.pelvis, shoulders * own.shoulders
+    heights = _scaled(HEIGHTS_M, (own.ankle, own.shank, own.thigh, own.trunk, own.head))
+    heights *= HEIGHTS_M[-1] / heights[-1]
+    reaches = _scaled(REACHES_M, (shoulders, own.upper_arm, own.forearm, own.hand))
     scale = {
-        "pelvis": (build.depth, hips),
-        "trunk": (build.depth, shoulders),
+        "pelvis": (own.depth, hips),
+        "trunk": (own.depth, shoulders),
         "head": (1.0, 1.0),
         "leg": (1.0, hips),
-        "foot": (build.foot, hips),
+        "foot": (own.foot, hips),
     }
 
-    placed = np.empty((len(names), 3))
+    position = np.empty((len(names), 3))
     reference = _reference()
     for k, name in enumerate(names):
         if name not in reference:
             raise ValueError(f"the reference person has no marker {name!r}: {', '.join(reference)}")
         part, (x, y, z) = reference[name]
         if part == "arm":
-            y = np.sign(y) * np.interp(abs(y), REACHES, reaches)
-            z += heights[4] - HEIGHTS[4]
+            y = np.sign(y) * np.interp(abs(y), REACHES_M, reaches)
+            z += heights[4] - HEIGHTS_M[4]
         else:
             x, y = x * scale[part][0], y * scale[part][1]
-            z = np.interp(z, HEIGHTS, heights)
-        placed[k] = x, y, z
-    return placed * height_m / HEIGHTS[-1]
+            z = np.interp(z, HEIGHTS_M, heights)
+        position[k] = x, y, z
+    return position * height_m / HEIGHTS_M[-1]
 
 
-def _stretched(marks: Sequence[float], factors: Sequence[float]) -> Array:
+def _scaled(marks: Sequence[float], factors: Sequence[float]) -> Array:
+    """Scale each interval between marks by its own factor."""
     return np.append(0.0, np.cumsum(np.diff(marks) * factors))
 
 

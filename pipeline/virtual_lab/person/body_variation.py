@@ -1,4 +1,4 @@
-"""True bodies: how people differ from what markers and regression tables say of them.
+"""True bodies: how people differ from what markers and regression equations suggest.
 
 Joint centres are known to a centimetre at best: hip centres by regression err by 8 mm in every
 direction (Sangeux et al. 2011, Gait Posture 34:324; 2014, 40:20), palpated joint axes by some
@@ -19,25 +19,29 @@ from hbm.segments import Inertia
 from hbm.spatial import Array, rotation_about
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 
-WEIGHTLESS_KG: Final = 0.01
-
-CENTER_SD_M: Final = {
+MIN_MASS_KG: Final = 0.01
+"""Segments below this mass are only there to split a joint; their inertia is not varied."""
+JOINT_CENTER_SD_M: Final = {
     **{"trunk": 0.008, "head": 0.006, "upper_arm": 0.008, "forearm": 0.004, "hand": 0.003},
     **{"thigh": 0.008, "shank": 0.004, "foot": 0.003, "toes": 0.0, "shoulder": 0.0},
 }
+"""Standard deviation of the proximal joint centre of each segment, in every direction: the hip's as
+cited above, the others assumed."""
+MAX_DEVIATION_SD: Final = 2
+"""Nothing varies by more than two standard deviations, so that no body is impossible."""
 
 
 def vary(body: Body, t_pose: Array, faults: BodyFaults, rng: np.random.Generator) -> Body:
-    """Give a body whose joints and inertias are not those that its markers suggest.
+    """Give a body whose joints and inertias differ from those that its markers suggest.
 
     Parameters
     ----------
     body
         The body that a calibration pose suggests.
     t_pose
-        The coordinates of that pose, (46,); in it the markers stay where they are.
+        Coordinates of that pose, (46,); the markers keep their places in it.
     faults
-        How far it may be from them.
+        Standard deviations of the differences.
     rng
         Source of the variation.
 
@@ -49,14 +53,14 @@ def vary(body: Body, t_pose: Array, faults: BodyFaults, rng: np.random.Generator
     if faults == Faults.none().body:
         return body
     axes = {name: _tilted(axis, faults.axis_deg, rng) for name, axis in body.axes.items()}
-    turned = replace(body, axes=axes)
-    placed, true = (_pose(b, t_pose) for b in (body, turned))
+    tilted = replace(body, axes=axes)
+    suggested, true = (_pose(b, t_pose) for b in (body, tilted))
     markers = marker_positions(body, t_pose[None])[0]
-    R, old = {s: r for s, (r, _) in true.items()}, {s: o for s, (_, o) in placed.items()}
+    R, old = {s: r for s, (r, _) in true.items()}, {s: o for s, (_, o) in suggested.items()}
     new = dict(old)
     for s in SEGMENTS[1:]:
         part = s.split("_", 1)[1] if s.startswith(("right_", "left_")) else s
-        error = faults.joint_scale * CENTER_SD_M[part] * _drawn(rng, 3)
+        error = faults.joint_scale * JOINT_CENTER_SD_M[part] * _drawn(rng, 3)
         new[s] = old[s] + error
     for side in ("right", "left"):  # the shoulder's two frames share their origin
         new[f"{side}_shoulder"] = new[f"{side}_upper_arm"]
@@ -74,18 +78,18 @@ def _pose(body: Body, q: Array) -> dict[str, tuple[Array, Array]]:
     return {s: (rotation[0, k], origin[0, k]) for k, s in enumerate(SEGMENTS)}
 
 
-def _tilted(axis: Array, spread_deg: float, rng: np.random.Generator) -> Array:
-    turn = np.radians(spread_deg) * _drawn(rng, 3)
-    angle = float(np.linalg.norm(turn))
+def _tilted(axis: Array, sd_deg: float, rng: np.random.Generator) -> Array:
+    rotation = np.radians(sd_deg) * _drawn(rng, 3)
+    angle = float(np.linalg.norm(rotation))
     if angle == 0:
         return axis
-    return np.asarray(rotation_about(turn / angle, angle) @ axis)
+    return np.asarray(rotation_about(rotation / angle, angle) @ axis)
 
 
 def _varied_inertias(
     body: Body, faults: BodyFaults, rng: np.random.Generator
 ) -> dict[str, Inertia]:
-    names = [s for s, part in body.inertias.items() if part.mass > WEIGHTLESS_KG]
+    names = [s for s, part in body.inertias.items() if part.mass > MIN_MASS_KG]
     drawn = {s: (_drawn(rng), _drawn(rng, 3), _drawn(rng)) for s in names}
     heavier = {s: 1 + faults.mass_share * float(drawn[s][0][0]) for s in names}
     total = sum(body.inertias[s].mass for s in names)
@@ -103,5 +107,5 @@ def _varied_inertias(
 
 
 def _drawn(rng: np.random.Generator, count: int = 1) -> Array:
-    """Draw from the normal distribution, nothing beyond two standard deviations."""
-    return np.asarray(np.clip(rng.normal(size=count), -2, 2))
+    """Draw from the standard normal distribution within `MAX_DEVIATION_SD`."""
+    return np.asarray(np.clip(rng.normal(size=count), -MAX_DEVIATION_SD, MAX_DEVIATION_SD))

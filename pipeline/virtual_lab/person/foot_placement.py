@@ -1,4 +1,4 @@
-"""Where the feet stand on the platform, which of them carries the weight, and where."""
+"""Foot placement: where the feet are on the platform, and how they share the weight."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,26 +16,26 @@ from pipeline.virtual_lab.trajectories import smooth_step
 
 @dataclass(frozen=True, slots=True)
 class FootPlacement:
-    """A person's feet on the platform over a trial, in the platform's frame.
+    """A person's foot placement in a trial, in the platform's frame.
 
     Attributes
     ----------
     soles
         Side -> sole.
     steps
-        When feet come down and leave.
+        Times of the steps.
     place
-        Where the sole's frame comes down flat, (S, 2) [m].
+        Where the sole's frame would come down if the foot landed flat, (S, 2) [m].
     belt
-        What carries it backwards from there.
+        What carries the foot backwards from there.
     step_m
-        Length of this person's steps where they are like those of the norms [m].
-    pace_s
+        Length of the person's steps at 1.3 m/s [m].
+    step_s
         Mean duration of a step [s].
     standing_pressure_m
-        How far ahead of the ankles the pressure is while standing.
+        How far ahead of the ankles the centre of pressure is in standing [m].
     pressure_shift
-        How much further forward than in the mean the pressure is under the feet [m].
+        How much further forward under the feet than usual the centre of pressure is [m].
     """
 
     soles: Mapping[str, Sole]
@@ -43,7 +43,7 @@ class FootPlacement:
     place: Array
     belt: BeltRamp
     step_m: float
-    pace_s: float
+    step_s: float
     standing_pressure_m: float
     pressure_shift: float = 0.0
 
@@ -52,11 +52,11 @@ class FootPlacement:
         return phase_of(self.steps, time) + (0.5 if side == "left" else 0.0)
 
     def extent(self, time: Array) -> Array:
-        """Give how long the steps are relative to those of the norms, (T,)."""
-        return self.belt.speed(time) * self.pace_s / self.step_m
+        """Give the length of steps at the belt's speed relative to `step_m`, (T,)."""
+        return self.belt.speed(time) * self.step_s / self.step_m
 
     def heading(self, side: str, time: Array) -> Array:
-        """Give how far a foot points to the left, (T,) [rad]."""
+        """Give the angle of a foot to the left, (T,) [rad]."""
         walking = np.minimum(self.extent(time), 1.0)
         _, inward = foot_angles(self.phase(side, time))
         return np.asarray(
@@ -71,7 +71,7 @@ class FootPlacement:
         return np.where(number < own, -1, number)
 
     def anchor(self, side: str, number: Array, time: Array) -> Array:
-        """Give where a step's flat foot is at times before, during or after it, (T, 2) [m]."""
+        """Give the place of a step's flat foot at times before, during or after it, (T, 2) [m]."""
         first = np.array(self.soles[side].standing[:2])
         standing = number < 2 if side == "left" else number < 0
         k = np.maximum(number, 0)
@@ -81,30 +81,30 @@ class FootPlacement:
         return np.asarray(place - moved[:, None] * np.array([1.0, 0.0]))
 
     def lateral(self, side: str, time: Array) -> Array:
-        """Give how far left of the platform's middle a side's last step is, (T,) [m]."""
+        """Give the sideways place of a side's last step, left positive, (T,) [m]."""
         return self.anchor(side, self.step(side, time), time)[:, 1]
 
     def release(self, number: int) -> float:
-        """Give when the floor begins to let go of a step's foot [s]."""
+        """Give when the floor begins to release the foot of a step [s]."""
         early = (STANCE - LEAVING[0]) * self.steps.overlap / (STANCE - 0.5)
-        return float(self.steps.off[number]) - early * self.pace_s
+        return float(self.steps.off[number]) - early * self.step_s
 
     def left_share(self, time: Array) -> Array:
         """Give the share of the weight on the left foot, (T,).
 
-        All on one foot in single support; half on each before walking.
+        All on one foot in single support, half on each before walking.
         """
         contact, off = self.steps.contact, self.steps.off
         last = np.searchsorted(contact, time, side="right") - 1
         k = np.clip(last, 1, len(contact) - 1)
         taken = smooth_step((time - contact[k]) / (off[k - 1] - contact[k]))
         walking = np.where(k % 2 == 0, taken, 1 - taken)
-        overlap = self.steps.overlap * self.pace_s
+        overlap = self.steps.overlap * self.step_s
         starting = 0.5 + 0.5 * smooth_step((time - contact[0]) / overlap)
         return np.where(last < 1, starting, walking)
 
     def pressure(self, side: str, time: Array) -> Array:
-        """Give where the pressure should be under a foot that carries weight, (T, 2) [m]."""
+        """Give the intended centre of pressure under a foot that carries weight, (T, 2) [m]."""
         sole, walking = self.soles[side], np.minimum(self.extent(time), 1.0)
         share = roll_over(self.phase(side, time))
         rolled = sole.heel + (sole.toe - sole.heel) * share + self.pressure_shift
@@ -114,7 +114,7 @@ class FootPlacement:
         return np.asarray(self.anchor(side, self.step(side, time), time) + ahead)
 
     def total_pressure(self, time: Array) -> Array:
-        """Give where the pressure of both feet together should be, (T, 2) [m]."""
+        """Give the intended centre of pressure of both feet together, (T, 2) [m]."""
         share = self.left_share(time)[:, None]
         left, right = (self.pressure(side, time) for side in SIDES)
         return share * left + (1 - share) * right

@@ -1,4 +1,4 @@
-"""How adults walk: all coordinates over the gait cycle, from the fitted coefficients."""
+"""The mean gait pattern of adults: coordinates over the gait cycle, from fitted coefficients."""
 
 import csv
 from functools import cache
@@ -14,30 +14,32 @@ SPEED_MPS: Final = 1.3
 STRIDE_S: Final = 1.08
 STEP_M: Final = SPEED_MPS * STRIDE_S / 2
 HIP_HEIGHT_M: Final = 0.949
+"""Walking speed, stride time, step length, and height of the mid-hip point in standing, for which
+the coefficients were fitted (``tests/virtual_gait``)."""
 _FEET: Final = ("foot pitch", "foot progression", "foothold")
+"""What the table has beside coordinates."""
 
 
 def posture(phase: Array, extent: Array, slope: Array, standing: Array) -> Array:
-    """Give the coordinates of someone who walks in the mean pattern of healthy adults.
+    """Give the coordinates of walking in the mean pattern of healthy adults.
 
     Parameters
     ----------
     phase
-        Phase of the right gait cycle from initial contact, (T,), one per cycle.
+        Phase of the right gait cycle from initial contact, (T,), in gait cycles.
     extent
-        0 for standing, 1 for steps as long as those of the norms, in proportion between and
-        beyond, (T,).
+        Step length relative to that of the norms, (T,); 0 for standing. The motion is scaled by it.
     slope
-        How far the belt rises forward, (T,) [rad].
+        How steeply the belt rises forward, (T,) [rad].
     standing
-        The person's coordinates when standing with the arms hanging, (46,).
+        The person's coordinates in standing with the arms hanging, (46,).
 
     Returns
     -------
     Array
-        Coordinates, (T, 46) [rad and m]. The pelvis moves about the point where it stands.
+        Coordinates, (T, 46) [rad and m]. The pelvis moves about its place in standing.
     """
-    moved = np.zeros((len(phase), len(standing)))
+    change = np.zeros((len(phase), len(standing)))
     for name, (about_standing, _) in _table().items():
         if name in _FEET:
             continue
@@ -46,28 +48,28 @@ def posture(phase: Array, extent: Array, slope: Array, standing: Array) -> Array
             value = _evaluate(name, phase + (0.5 if side == "L" else 0.0), slope)
             if not TREE[i].translates:
                 value = np.radians(value)
-            stays = about_standing or name in ("PelvisX", "PelvisY")
-            moved[:, i] = value - (0.0 if stays else standing[i])
+            from_standing = about_standing or name in ("PelvisX", "PelvisY")
+            change[:, i] = value - (0.0 if from_standing else standing[i])
     size = size_of(standing)
-    moved[:, :2] *= size
-    moved[:, 2] *= size * extent  # the height that a leg spans changes with the square of its swing
-    return np.asarray(standing + extent[:, None] * moved)
+    change[:, :2] *= size
+    change[:, 2] *= size * extent  # the height of a pendulum changes with the square of its angle
+    return np.asarray(standing + extent[:, None] * change)
 
 
 def size_of(standing: Array) -> float:
-    """Give the size of a person's legs relative to those the coefficients were fitted to."""
+    """Give leg length relative to that of the person the coefficients were fitted for."""
     return float(standing[INDEX["PelvisZ"]]) / HIP_HEIGHT_M
 
 
 def foot_angles(phase: Array) -> tuple[Array, Array]:
-    """Give how far a foot points down and inwards over its own gait cycle, (T,) each [rad]."""
+    """Give a foot's pitch (down) and progression (inwards) over its gait cycle, (T,) each [rad]."""
     level = np.zeros_like(phase)
     pitch, progression = (np.radians(_evaluate(name, phase, level)) for name in _FEET[:2])
     return pitch, progression
 
 
 def foothold(slope: Array) -> Array:
-    """Give how far ahead of the pelvis' mean place the ankle comes down, (T,) [m]."""
+    """Give how far ahead of the pelvis' mean place the ankle is at initial contact, (T,) [m]."""
     return _evaluate("foothold", np.zeros_like(slope), slope)
 
 
@@ -80,7 +82,7 @@ def _evaluate(name: str, phase: Array, slope: Array) -> Array:
 
 
 def _polynomials(slope: Array) -> Array:
-    """Give Lagrange's polynomials over the slopes of the table, (T, slopes)."""
+    """Give the Lagrange polynomials over the slopes of the table, (T, slopes)."""
     at = np.degrees(slope)[:, None]
     nodes = _slopes()
     out = np.ones((len(slope), len(nodes)))
@@ -104,7 +106,7 @@ def _slopes() -> tuple[float, ...]:
 
 @cache
 def _table() -> dict[str, tuple[bool, Array]]:
-    """Give, by name, whether it adds to standing, and cosines and sines, (slopes, K, 2)."""
+    """Give whether a name's values add to standing, and its cosines and sines, (slopes, K, 2)."""
     slopes = _slopes()
     highest = max(int(row["harmonic"]) for row in _rows())
     table: dict[str, tuple[bool, Array]] = {}

@@ -6,8 +6,9 @@ import numpy as np
 
 from hbm.spatial import Array, transform_wrench
 from pipeline.virtual_lab.person.balance import pressure_on_platform
+from pipeline.virtual_lab.person.dynamics import ground_wrench
 from pipeline.virtual_lab.person.sole import SIDES
-from pipeline.virtual_lab.person.walk import Walk, ground_wrench
+from pipeline.virtual_lab.person.walk import Walk
 
 
 def foot_wrenches(walk: Walk, time: Array, jobs: int = 1) -> dict[str, Array]:

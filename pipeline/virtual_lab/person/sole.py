@@ -1,4 +1,4 @@
-"""Feet: where the sole is on the foot segment, and how it rolls over the belt."""
+"""The sole of a foot: where it is on the foot segment, and how it rolls over the belt."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -14,13 +14,25 @@ SIDES: Final = ("left", "right")
 OUTWARD: Final = {"left": 1.0, "right": -1.0}
 UP: Final = np.array([0.0, 0.0, 1.0])
 LEFT: Final = np.array([0.0, 1.0, 0.0])
-TIP: Final = 1.25  # toe tip from heel, in distances from heel to second metatarsal head
-SOLE_MARGIN_M: Final = 0.012  # how far the sole reaches beyond the markers' centres
-FLAT_DEG: Final = 1.0, 3.0  # pitch at which a rolling foot passes from heel to ball, and spread
-TOES_DEG: Final = 50.0, 12.0  # the same for ball to toes
-TOE_ROLL: Final = 0.5  # share of the toes' length that it rolls over before it leaves
 
+TOE_TIP: Final = 1.25
+"""Place of the toe tip from the heel, by the distance from heel to second metatarsal head; a usual
+proportion of the foot."""
+SOLE_MARGIN_M: Final = 0.012
+"""How far the sole reaches beyond the centres of the markers: about a marker's radius and the
+shoe's edge."""
+HALF_WIDTH: Final = 0.35
+"""Half the width of heel and toes, by the sideways distance between the second and the fifth
+metatarsal head; assumed."""
+FLAT_DEG: Final = 1.0, 3.0
+"""Pitch at which a rolling foot passes from heel to ball, and the width of that passage; chosen, so
+that the sole does not sink into the belt by more than a shoe gives way."""
+TOES_DEG: Final = 50.0, 12.0
+"""The same for the passage from ball to toes; chosen."""
+TOE_ROLL: Final = 0.5
+"""Share of the toes' length over which the foot rolls before it leaves the floor; chosen."""
 _PITCH: Final = np.radians(np.linspace(-90.0, 110.0, 2001))
+"""Pitch angles at which the rolling motion is tabulated: every 0.1° of what a foot can reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +48,9 @@ class Sole:
     rotation, origin
         The foot segment's frame in the sole's, (3, 3) and (3,) [m].
     toe_out
-        How far a standing person's foot turns to its left [rad].
+        Angle of the foot to the left in standing [rad].
     standing
-        Where it stands, (3,) [m].
+        Where the sole's frame is in standing, (3,) [m].
     heel, ball, toe
         Places along x: heel, heads of the metatarsals, tip of the toes [m].
     outline
@@ -60,13 +72,13 @@ class Sole:
         return rotation @ self.rotation, position + rotation @ self.origin
 
     def from_foot(self, rotation: Array, position: Array) -> tuple[Array, Array]:
-        """Give the sole's pose from the foot segment's."""
+        """Give the sole's pose from the foot segment's, both (T, 3, 3) and (T, 3) [m]."""
         own = rotation @ self.rotation.T
         return own, position - own @ self.origin
 
 
 def sole_of(body: Body, standing: Array, side: str) -> Sole:
-    """Find the sole of a person who stands flat on the floor.
+    """Find the sole of a person who stands with flat feet on the floor.
 
     Parameters
     ----------
@@ -88,36 +100,36 @@ def sole_of(body: Body, standing: Array, side: str) -> Sole:
     letter = side[0].upper()
     landmark = body.marker_set.landmark
 
-    def place(mark: str) -> Array:
-        k = body.markers.index(landmark[letter + mark])
+    def place(name: str) -> Array:
+        k = body.markers.index(landmark[letter + name])
         segment = poses[SEGMENTS.index(body.marker_segment[k])]
         return np.asarray(segment[3] + segment[:3].T @ body.marker_position[k])
 
     heel, outer = place("HEE"), place("MT5")
-    inner = place("MT2") if letter + "MT2" in landmark else place("TOE")
+    has_metatarsal = letter + "MT2" in landmark
+    inner = place("MT2") if has_metatarsal else place("TOE")
     along = inner - heel
     toe_out = float(np.arctan2(along[1], along[0]))
-    turn = rotation_about(UP, toe_out)
+    rotation = rotation_about(UP, toe_out)
     under = np.array([ankle[0], ankle[1], 0.0])
-    h, i, o = ((p - under) @ turn for p in (heel, inner, outer))
-    reach = TIP if letter + "MT2" in landmark else 1.0
-    toe = h[0] + reach * (i[0] - h[0])
-    ball = (h[0] + (toe - h[0]) / TIP + o[0]) / 2
+    h, i, o = ((p - under) @ rotation for p in (heel, inner, outer))
+    toe = h[0] + (TOE_TIP if has_metatarsal else 1.0) * (i[0] - h[0])
+    ball = (h[0] + (toe - h[0]) / TOE_TIP + o[0]) / 2
     m, medial = SOLE_MARGIN_M, -OUTWARD[side]
-    broad = 0.35 * abs(i[1] - o[1])
+    half_width = HALF_WIDTH * abs(i[1] - o[1])
     outline = np.array(
         [
-            [h[0] - m, h[1] + broad + m],
-            [toe + m, i[1] + medial * broad],
-            [h[0] - m, h[1] - broad - m],
+            [h[0] - m, h[1] + half_width + m],
+            [toe + m, i[1] + medial * half_width],
+            [h[0] - m, h[1] - half_width - m],
             [o[0] + m, o[1] - medial * m],
-            [ball, i[1] + medial * (broad + 2 * m)],
+            [ball, i[1] + medial * (half_width + 2 * m)],
         ]
     )
     return Sole(
         f"{side}_foot",
-        turn.T @ R,
-        turn.T @ (ankle - under),
+        rotation.T @ R,
+        rotation.T @ (ankle - under),
         toe_out,
         under,
         float(h[0]),
@@ -134,12 +146,15 @@ def _ordered(points: Array) -> Array:
 
 
 def orientation(pitch: Array, heading: Array) -> Array:
-    """Give the orientation of soles that point down by a pitch and to the left by a heading."""
+    """Give the orientation of soles that point down by a pitch and to the left by a heading.
+
+    Both angles are (T,) [rad], the orientation is (T, 3, 3).
+    """
     return rotation_about(UP, heading) @ rotation_about(LEFT, pitch)
 
 
 def rolled(sole: Sole, pitch: Array, heading: Array) -> Array:
-    """Give where the sole's frame is while the foot rolls without slipping over the floor.
+    """Give the displacement of the sole's frame while the foot rolls over the floor without slip.
 
     Parameters
     ----------
@@ -154,7 +169,7 @@ def rolled(sole: Sole, pitch: Array, heading: Array) -> Array:
     Returns
     -------
     Array
-        The frame's origin from where it is when flat, (T, 3) [m].
+        The frame's origin from where it is when the foot is flat, (T, 3) [m].
 
     Notes
     -----
@@ -162,22 +177,23 @@ def rolled(sole: Sole, pitch: Array, heading: Array) -> Array:
     and where the toes bend: rolling by the angle θ moves the contact by ``∫ρ dθ`` over the floor
     and to ``∫ρ (cos θ, sin θ) dθ`` on the sole.
     """
-    center, spread = np.radians(FLAT_DEG)
-    radius = (sole.ball - sole.heel) * _bell((_PITCH - center) / spread) / spread
-    center, spread = np.radians(TOES_DEG)
-    radius += TOE_ROLL * (sole.toe - sole.ball) * _bell((_PITCH - center) / spread) / spread
+    center, width = np.radians(FLAT_DEG)
+    radius = (sole.ball - sole.heel) * _bell((_PITCH - center) / width) / width
+    center, width = np.radians(TOES_DEG)
+    radius += TOE_ROLL * (sole.toe - sole.ball) * _bell((_PITCH - center) / width) / width
     step = _PITCH[1] - _PITCH[0]
     path = np.cumsum(radius[:, None] * np.stack([np.ones_like(_PITCH), np.cos(_PITCH)], 1), 0)
     rise = np.cumsum(radius * np.sin(_PITCH))
     path = sole.heel + step * np.column_stack([path, rise])
     flat = [np.interp(0.0, _PITCH, column) for column in path.T]
-    flat[1], flat[2] = flat[1] - flat[0], flat[2]
-    travelled, x, z = (np.interp(pitch, _PITCH, c) for c in path.T)
-    on_sole = np.stack([x - flat[1], 0 * x, z - flat[2]], -1)
-    ahead = travelled[:, None] * np.array([1.0, 0.0, 0.0])
-    turned = (rotation_about(UP, heading) @ ahead[..., None])[..., 0]
-    return np.asarray(turned - (orientation(pitch, heading) @ on_sole[..., None])[..., 0])
+    offset = flat[1] - flat[0]
+    on_floor, x, z = (np.interp(pitch, _PITCH, column) for column in path.T)
+    on_sole = np.stack([x - offset, 0 * x, z - flat[2]], -1)
+    ahead = on_floor[:, None] * np.array([1.0, 0.0, 0.0])
+    contact = (rotation_about(UP, heading) @ ahead[..., None])[..., 0]
+    return np.asarray(contact - (orientation(pitch, heading) @ on_sole[..., None])[..., 0])
 
 
 def _bell(x: Array) -> Array:
+    """Give the density of the standard normal distribution."""
     return np.asarray(np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi))

@@ -1,1 +1,1 @@
-"""What the virtual laboratory records."""
+"""What the virtual laboratory records: three experiments and a single trial."""

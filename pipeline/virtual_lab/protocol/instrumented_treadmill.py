@@ -33,9 +33,10 @@ from pipeline.virtual_lab.machine.instruments.sampling import (
 )
 from pipeline.virtual_lab.machine.platform import specific_force
 from pipeline.virtual_lab.machine.treadmill import Machine, TreadmillMotion
+from pipeline.virtual_lab.person.dynamics import segment_poses
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
 from pipeline.virtual_lab.person.soft_tissue import displace_markers
-from pipeline.virtual_lab.person.walk import Walk, segment_poses
+from pipeline.virtual_lab.person.walk import Walk
 
 PLATFORM_MARKERS_M: Final = {
     "ROT_REF": (1.10, 0.72, 0.06),

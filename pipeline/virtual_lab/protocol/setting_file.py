@@ -1,4 +1,4 @@
-"""The laboratory's setting as TOML: read, checked, written."""
+"""The setting of a virtual laboratory in TOML: reading, checking, writing."""
 
 import tomllib
 from typing import Any
@@ -10,7 +10,7 @@ from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
 
 def read_setting(text: str) -> Setting:
-    """Read a setting from TOML; what is not named keeps its default.
+    """Read a setting from TOML; what is not stated keeps its default.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def read_setting(text: str) -> Setting:
     Raises
     ------
     ValueError
-        If the text is not TOML, or a key or value is wrong; all findings in one line.
+        If the text is not TOML, or keys or values are wrong; all of them in one line.
     """
     try:
         return Setting.model_validate(tomllib.loads(text))
@@ -38,7 +38,7 @@ def read_setting(text: str) -> Setting:
 
 
 def setting_toml(setting: Setting) -> str:
-    """Write a setting as TOML, every value stated."""
+    """Write a setting as TOML, with every value."""
     return "\n".join(_lines("", setting)) + "\n"
 
 

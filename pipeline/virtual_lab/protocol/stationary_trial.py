@@ -97,7 +97,7 @@ def simulate_trial(
     """
     rng = np.random.default_rng(seed)
     subject = make_subject(person or Person())
-    steps = schedule(subject.habits, speed_mps, STANDING_S, duration_s, rng)
+    steps = schedule(subject.step_parameters, speed_mps, STANDING_S, duration_s, rng)
     belt = BeltRamp(speed_mps, STANDING_S, STARTING_S)
     walk = simulate_walk(subject, steps, belt, stationary_platform(), duration_s, rng)
 

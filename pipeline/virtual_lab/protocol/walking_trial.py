@@ -99,7 +99,9 @@ def run_walk(
     """Simulate one trial without recording it; parameters as for `run_trial`."""
     protocol, duration = setting.protocol, setting.protocol.duration(condition)
     rng = np.random.default_rng((setting.seed, number, CONDITIONS.index(condition)))
-    steps = schedule(subject.habits, protocol.speed_mps, protocol.standing_s, duration, rng)
+    steps = schedule(
+        subject.step_parameters, protocol.speed_mps, protocol.standing_s, duration, rng
+    )
     onsets, directions = np.empty(0), np.empty(0)
     if condition == "sway":
         onsets, directions = perturbations(protocol, steps, setting.seed)

@@ -1,4 +1,4 @@
-"""Walks that several tests look at."""
+"""Simulated walks that several tests use."""
 
 from functools import cache
 
@@ -16,8 +16,8 @@ SHORT = Protocol(
 
 
 @cache
-def _walk(subject, condition, usual_body):
-    faults = Faults() if usual_body else Faults.none()
+def _walk(subject, condition, varied_body):
+    faults = Faults() if varied_body else Faults.none()
     waits = (12.0,) * (2 if subject == 0 else 1)
     setting = Setting(protocol=SHORT.model_copy(update={"waits_s": waits}), faults=faults)
     return run_walk(setting, Machine(), study_subject(setting, subject), subject, condition)
@@ -25,9 +25,9 @@ def _walk(subject, condition, usual_body):
 
 @pytest.fixture(scope="session")
 def walked():
-    """Give a function of subject and condition: what the person and the treadmill did."""
-    return lambda subject, condition="baseline", usual_body=True: _walk(
-        subject, condition, usual_body
+    """Give a function of subject and condition: how the person and the treadmill moved."""
+    return lambda subject, condition="baseline", varied_body=True: _walk(
+        subject, condition, varied_body
     )
 
 
@@ -40,5 +40,5 @@ def _perfect(condition):
 
 @pytest.fixture(scope="session")
 def perfect():
-    """Give a function of the condition: a trial in a perfect laboratory, and its treadmill."""
+    """Give a function of condition: a trial in a perfect laboratory, and its treadmill."""
     return _perfect

@@ -19,10 +19,10 @@ SMALL = Setting(
 )
 ONE_EACH = (
     "zero phase, 30 Hz",
-    "10 ms late",
-    "30 ms late",
-    "pivot 5 cm off",
-    "no compensation, else perfect",
+    "delay 10 ms",
+    "delay 30 ms",
+    "pivot error 5 cm",
+    "no compensation, no other fault",
 )
 
 
@@ -45,7 +45,7 @@ def test_the_table_has_a_row_for_every_case_condition_and_axis(table):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("condition", ANALYSED_CONDITIONS)
-def test_nothing_wrong_adds_nothing(table, condition):
+def test_a_perfect_laboratory_adds_nothing(table, condition):
     own = table[(table["case"] == "zero phase, 30 Hz") & (table["condition"] == condition)]
     assert (own["added"] == 0).all()
     assert (own["rms"] < 0.5).all()
@@ -53,31 +53,31 @@ def test_nothing_wrong_adds_nothing(table, condition):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("condition", ANALYSED_CONDITIONS)
-def test_later_plates_are_worse_in_proportion(table, condition):
-    """A residual from a small delay is the delay by the rate of change of the load."""
-    ratio = added(table, "30 ms late", condition) / added(table, "10 ms late", condition)
+def test_what_a_delay_of_the_plates_adds_is_proportional_to_it(table, condition):
+    """A small delay adds its duration times the rate of change of the load."""
+    ratio = added(table, "delay 30 ms", condition) / added(table, "delay 10 ms", condition)
     np.testing.assert_allclose(ratio, 3, rtol=0.15)
 
 
 @pytest.mark.slow
-def test_faults_of_the_platform_show_where_the_platform_moves(table):
-    assert added(table, "pivot 5 cm off", "baseline").max() < 1e-6
-    assert added(table, "pivot 5 cm off", "pitch")["My"] > 2
-    assert added(table, "no compensation, else perfect", "baseline").max() < 1e-6
-    assert added(table, "no compensation, else perfect", "pitch")["Fx"] > 300
-    assert added(table, "no compensation, else perfect", "sway")["Fy"] > 250
+def test_faults_of_the_platform_add_nothing_where_it_does_not_move(table):
+    assert added(table, "pivot error 5 cm", "baseline").max() < 1e-6
+    assert added(table, "pivot error 5 cm", "pitch")["My"] > 2
+    assert added(table, "no compensation, no other fault", "baseline").max() < 1e-6
+    assert added(table, "no compensation, no other fault", "pitch")["Fx"] > 300
+    assert added(table, "no compensation, no other fault", "sway")["Fy"] > 250
 
 
-def test_every_case_has_a_name_of_its_own_and_every_signal_is_there():
+def test_cases_have_different_names_and_include_every_calibration_signal():
     names = [name for own in cases().values() for name in own]
     assert len(names) == len(set(names))
     assert len(cases()["compensation, calibrated on"]) == 14
     assert next(iter(cases())) == FILTER
 
 
-def test_an_unknown_case_is_refused_with_the_nearest():
-    with pytest.raises(ValueError, match=r"no case 'skin that move'.*skin that moves"):
-        ablation(SMALL, names=("skin that move",))
+def test_an_unknown_case_is_refused_and_the_nearest_is_suggested():
+    with pytest.raises(ValueError, match=r"no case 'soft tissue artefacts'.*soft tissue artefact"):
+        ablation(SMALL, names=("soft tissue artefacts",))
 
 
 @pytest.mark.slow
@@ -92,25 +92,25 @@ def test_the_figure_shows_every_number_of_the_table(table):
 
 
 @pytest.mark.slow
-def test_one_command_leaves_the_table_and_its_figure(tmp_path, monkeypatch, table):
-    asked = {}
+def test_one_command_writes_the_table_and_its_figure(tmp_path, monkeypatch, table):
+    arguments = {}
 
     def quick(setting, subjects, progress, jobs):
-        asked.update(setting=setting, subjects=subjects, jobs=jobs)
+        arguments.update(setting=setting, subjects=subjects, jobs=jobs)
         return table
 
     monkeypatch.setattr("pipeline.virtual_lab.analysis.ablation.ablation", quick)
     out = tmp_path / "out"
     done = CliRunner().invoke(app, ["simulate", str(out), "--ablation", "--seed", "4"])
     assert done.exit_code == 0, done.output
-    assert asked == {"setting": Setting(seed=4, protocol=SHORT), "subjects": 3, "jobs": 2}
+    assert arguments == {"setting": Setting(seed=4, protocol=SHORT), "subjects": 3, "jobs": 2}
     assert sorted(p.name for p in out.iterdir()) == ["ablation.csv", "ablation.png", "ablation.svg"]
     pd.testing.assert_frame_equal(
         pd.read_csv(out / "ablation.csv")[["case", "axis"]], table[["case", "axis"]]
     )
 
 
-def test_a_setting_that_is_wrong_is_one_line(tmp_path):
+def test_a_setting_with_an_unknown_key_writes_nothing(tmp_path):
     path = tmp_path / "setting.toml"
     path.write_text("[faults.plates]\nnoise = 1.0", encoding="utf-8")
     done = CliRunner().invoke(app, ["simulate", str(tmp_path / "out"), "--setting", str(path)])
@@ -118,9 +118,9 @@ def test_a_setting_that_is_wrong_is_one_line(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_the_realism_figure_names_its_sources_with_and_without_them(monkeypatch, walked):
+def test_the_realism_figure_names_its_sources_even_without_their_data(monkeypatch, walked):
     walks = [walked(number)[0] for number in (0, 1)]
-    monkeypatch.setattr("tests.virtual_gait.realism.virtual_walks", lambda *asked: walks)
+    monkeypatch.setattr("tests.virtual_gait.realism.virtual_walks", lambda *given: walks)
     figure = realism_figure(None, None, subjects=2)
     assert "Pinzone et al. 2014" in figure.get_supxlabel()
     assert "Moore, Hnat and van den Bogert 2015" in figure.get_supxlabel()

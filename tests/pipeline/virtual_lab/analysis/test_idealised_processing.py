@@ -1,4 +1,4 @@
-"""With the truth known: what perfect instruments leave, and what physics says of the artefacts."""
+"""Residuals with perfect instruments, and artefacts, held against physics."""
 
 from functools import cache
 
@@ -33,14 +33,14 @@ def rms(values):
 
 
 def steady(motion):
-    """Frames of walking at full speed."""
+    """Frames of walking at full belt speed."""
     time = motion.time[::SAMPLES_PER_FRAME]
     return (time > SHORT.steady_s + 1) & (time < time[-1] - 1)
 
 
 def perturbed(walk, motion):
     """Frames of the gait cycles that contain a perturbation."""
-    time, stride = motion.time[::SAMPLES_PER_FRAME], 2 * walk.placement.pace_s
+    time, stride = motion.time[::SAMPLES_PER_FRAME], 2 * walk.placement.step_s
     since = time[:, None] - motion.onsets + ONSET_PHASE * stride
     return ((since >= 0) & (since < stride)).any(axis=1)
 
@@ -56,7 +56,7 @@ def left_over(trial, treadmill, **case):
 
 @pytest.mark.parametrize("condition", CONDITIONS)
 def test_perfect_instruments_and_the_true_body_leave_no_residual(perfect, condition):
-    """The equations close to a quarter newton; only the filter and the splines are between."""
+    """The equations of motion hold to half a newton; the rest is filter and interpolation."""
     trial, treadmill = perfect(condition)
     left = left_over(trial, treadmill, cutoff_hz=TRANSPARENT_HZ)[steady(trial.motion)]
     assert (rms(left) < 0.5).all()
@@ -67,7 +67,8 @@ def test_a_filter_at_6_hz_leaves_newtons_because_it_does_not_commute_with_the_dy
     perfect, condition
 ):
     """Coordinates and forces are filtered alike, but forces are no linear function of coordinates:
-    what 6 Hz leaves with perfect instruments is the filter's own, and goes as the cut-off rises."""
+    what 6 Hz leaves with perfect instruments is due to the filter, and vanishes as the cut-off
+    frequency rises."""
     trial, treadmill = perfect(condition)
     low, high = (
         rms(left_over(trial, treadmill, cutoff_hz=hz)[steady(trial.motion)])
@@ -80,7 +81,7 @@ def test_a_filter_at_6_hz_leaves_newtons_because_it_does_not_commute_with_the_dy
 
 @pytest.mark.parametrize(("marker_set", "unseen"), [("hbm2", TOES), ("hbm1", set())])
 def test_inverse_kinematics_finds_the_true_coordinates(marker_set, unseen):
-    """All 46 with HBM1; HBM2 has no marker on the toes, and says so."""
+    """All 46 with HBM1; HBM2 has no marker on the toes, whose flexion is not observed."""
     protocol = SHORT.model_copy(update={"marker_set": marker_set, "pitch_s": 8.0})
     setting = Setting(protocol=protocol, faults=Faults.none())
     treadmill = make_treadmill(setting.faults, setting.seed)
@@ -88,14 +89,14 @@ def test_inverse_kinematics_finds_the_true_coordinates(marker_set, unseen):
     markers = trial.recording.markers
     motion = solve_ik(trial.walk.subject.body, markers)
     seen = motion.observed.all(axis=0)
-    assert {name for name, told in zip(COORDINATES, seen, strict=True) if not told} == unseen
+    assert {name for name, visible in zip(COORDINATES, seen, strict=True) if not visible} == unseen
     np.testing.assert_allclose(
         motion.q[:, seen], trial.walk.motion.at(markers.time)[:, seen], atol=1e-6
     )
 
 
 def test_pitch_without_compensation_leaves_the_weight_of_the_belt_assemblies(perfect):
-    """Fx = M g sin φ: plates that lean see the assemblies' weight in their own plane."""
+    """Fx = M g sin φ: plates that are tilted carry part of the assemblies' weight as shear."""
     trial, treadmill = perfect("pitch")
     mass = sum(part.mass for part in treadmill.machine.assemblies)
     assert mass == 300.0
@@ -112,7 +113,7 @@ def pitch_angle(since):
 
 
 def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
-    """About mid-hip, ``z`` above the assemblies' centre: My = Fx z, and their weight's lever."""
+    """About mid-hip: My = Fx z, z above the assemblies' centre, and the lever of their weight."""
     trial, treadmill = perfect("pitch")
     masses = np.array([part.mass for part in treadmill.machine.assemblies])
     center = masses @ [part.center for part in treadmill.machine.assemblies] / masses.sum()
@@ -133,7 +134,7 @@ def test_pitch_without_compensation_leaves_the_moment_of_that_weight(perfect):
 
 
 def test_sway_without_compensation_leaves_mass_times_acceleration(perfect):
-    """Fy = M ÿ through a filter of 6 Hz, from the command and the actuator's bandwidth alone."""
+    """Fy = M ÿ after a 6 Hz filter, from the command and the actuator's bandwidth alone."""
     trial, treadmill = perfect("sway")
     mass = sum(part.mass for part in treadmill.machine.assemblies)
     push = mass * pulse_acceleration(
@@ -149,7 +150,7 @@ def test_sway_without_compensation_leaves_mass_times_acceleration(perfect):
 
 
 def pulse_acceleration(bandwidth_hz, time, onsets):
-    """A ramp of 5 cm at 0.3 m/s through a critically damped actuator and a 6 Hz zero-phase filter.
+    """The acceleration of 5 cm at 0.3 m/s after a critically damped actuator and a 6 Hz filter.
 
     Both are written out as spectra: ``ω²/(iω' + ω)²`` and ``1/(1 + (f/c)⁴)``, whose cut-off for two
     passes of the second order is where the amplitude has fallen to 1/√2.
@@ -164,7 +165,7 @@ def pulse_acceleration(bandwidth_hz, time, onsets):
 
 @pytest.fixture(scope="module")
 def usual(walked):
-    """Give a function of condition and removal: residuals of a laboratory with all its faults."""
+    """Give a function of condition and removal: RMS residuals in a laboratory with all faults."""
     setting = Setting(protocol=SHORT)
     treadmill = make_treadmill(setting.faults, setting.seed)
     models = fit_models(treadmill, run_calibration(setting, treadmill))
@@ -181,7 +182,7 @@ def usual(walked):
 
 @pytest.mark.parametrize("condition", ["sway", "pitch"])
 def test_compensation_brings_residuals_back_to_baseline(usual, condition):
-    """All faults of instruments, skin and body on: what is left is what baseline leaves too."""
+    """With all faults of instruments, skin and body: residuals are about those of baseline."""
     baseline, before = usual("baseline", "none"), usual(condition, "none")
     after = usual(condition, "calibrated")
     worst = np.argmax(before)
@@ -191,8 +192,8 @@ def test_compensation_brings_residuals_back_to_baseline(usual, condition):
 
 
 @pytest.mark.slow
-def test_nine_people_leave_residuals_that_differ_as_people_do(walked):
-    """Same laboratory, nine people: as a statistician expects, neither copies nor strangers."""
+def test_residuals_of_nine_subjects_differ_plausibly_between_them(walked):
+    """In one laboratory the coefficient of variation between subjects is some tens of per cent."""
     treadmill = make_treadmill(Faults(), 1)
     case = Case(Faults(), built_body=True)
     found = []
@@ -206,6 +207,6 @@ def test_nine_people_leave_residuals_that_differ_as_people_do(walked):
     assert (spread < 0.7).all()
     force, moment = np.mean(found, axis=0)[:3], np.mean(found, axis=0)[3:]
     weight = 74.6 * GRAVITY_MPS2
-    assert (force < 0.05 * weight).all()  # Hicks et al. 2015: as good residuals are
+    assert (force < 0.05 * weight).all()  # Hicks et al. 2015: what good residuals are below
     assert (force > 3).all()
     assert (moment > 1).all()

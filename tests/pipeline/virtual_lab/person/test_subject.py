@@ -1,4 +1,4 @@
-"""Who walks: bodies, proportions, ways of walking."""
+"""Simulated subjects: bodies, proportions and gait."""
 
 import numpy as np
 import pytest
@@ -8,14 +8,14 @@ from hbm.markers import Markers, marker_sets
 from hbm.poses import marker_positions
 from hbm.segments import SEXES
 from pipeline.virtual_lab.faults import BodyFaults, Faults
-from pipeline.virtual_lab.person.anatomy import Build, t_pose
+from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
 from pipeline.virtual_lab.person.subject import Person, make_subject
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
 
 NAMES = tuple(marker_sets()["hbm2"].segment)
 
 
-def test_nine_people_have_the_thesis_statistics():
+def test_the_nine_subjects_have_the_mean_and_sd_of_the_thesis():
     heights = np.array([p.height_m for p in PERSONS])
     masses = np.array([p.mass_kg for p in PERSONS])
     ages = np.array([p.age for p in PERSONS])
@@ -28,14 +28,14 @@ def test_nine_people_have_the_thesis_statistics():
 
 @pytest.mark.parametrize("sex", SEXES)
 @pytest.mark.parametrize("height_m", [1.5, 1.78, 2.0])
-def test_the_crown_is_at_the_stature_and_the_heels_are_on_the_floor(sex, height_m):
-    position = t_pose(NAMES, height_m, sex, Build(thigh=1.05, trunk=0.97))
+def test_the_vertex_is_at_stature_and_the_heels_are_on_the_floor(sex, height_m):
+    position = t_pose(NAMES, height_m, sex, Proportions(thigh=1.05, trunk=0.97))
     assert position[NAMES.index("THEAD"), 2] == pytest.approx(height_m)
     assert 0.02 < position[NAMES.index("LHEE"), 2] < 0.06
 
 
 def test_the_two_sides_mirror_each_other():
-    position = t_pose(NAMES, 1.78, "female", Build(pelvis=1.1))
+    position = t_pose(NAMES, 1.78, "female", Proportions(pelvis=1.1))
     for k, name in enumerate(NAMES):
         if name.startswith("R"):
             other = position[NAMES.index("L" + name[1:])]
@@ -44,11 +44,11 @@ def test_the_two_sides_mirror_each_other():
 
 def test_an_unknown_marker_is_refused_by_name():
     with pytest.raises(ValueError, match="no marker 'NOSE'"):
-        t_pose(["NOSE"], 1.78, "male", Build())
+        t_pose(["NOSE"], 1.78, "male", Proportions())
 
 
 @pytest.mark.parametrize("marker_set", ["hbm2", "hbm1"])
-def test_without_faults_the_body_is_the_one_that_the_markers_show(marker_set):
+def test_without_faults_the_body_is_the_one_built_from_the_markers(marker_set):
     subject = make_subject(Person(), marker_set=marker_set, individuality=1.0)
     markers = marker_positions(subject.body, subject.t_pose[None].repeat(20, axis=0))
     built = build_body(
@@ -62,7 +62,7 @@ def test_without_faults_the_body_is_the_one_that_the_markers_show(marker_set):
     np.testing.assert_allclose(built.inertia_vector, subject.body.inertia_vector, atol=1e-9)
 
 
-def test_a_varied_body_weighs_the_same_and_stands_at_the_same_markers():
+def test_a_varied_body_has_the_same_mass_and_the_same_markers_in_the_t_pose():
     plain = make_subject(Person(), rng=np.random.default_rng(5))
     varied = make_subject(Person(), faults=BodyFaults(), rng=np.random.default_rng(5))
     total = [sum(part.mass for part in w.body.inertias.values()) for w in (plain, varied)]
@@ -80,7 +80,7 @@ def test_a_varied_body_weighs_the_same_and_stands_at_the_same_markers():
     assert 0.02 < np.std(heavier) < 0.12
 
 
-def test_joint_centres_move_as_far_as_the_literature_says():
+def test_hip_centres_vary_as_published():
     spread = []
     for seed in range(20):
         subject = make_subject(Person(), faults=BodyFaults(), rng=np.random.default_rng(seed))
@@ -89,17 +89,17 @@ def test_joint_centres_move_as_far_as_the_literature_says():
     assert np.std(spread) == pytest.approx(0.008, rel=0.3)
 
 
-def test_no_faults_of_the_body_are_no_change():
+def test_a_body_without_faults_is_unchanged():
     subject = make_subject(Person(), faults=Faults.none().body, rng=np.random.default_rng(3))
     plain = make_subject(Person(), rng=np.random.default_rng(3))
     np.testing.assert_array_equal(subject.body.geometry, plain.body.geometry)
 
 
-def test_people_differ_and_each_is_the_same_again():
+def test_subjects_differ_and_are_reproducible():
     first, again, other = (
         make_subject(Person(), individuality=1.0, rng=np.random.default_rng(seed))
         for seed in (1, 1, 2)
     )
     np.testing.assert_array_equal(first.body.geometry, again.body.geometry)
     assert np.abs(first.body.geometry - other.body.geometry).max() > 0.002
-    assert first.habits != other.habits
+    assert first.step_parameters != other.step_parameters

@@ -1,4 +1,4 @@
-"""The virtual walker: what people do when they walk on a belt, and what the ground then does."""
+"""The simulated gait, held against published norms and the equations of motion."""
 
 import numpy as np
 import pytest
@@ -6,15 +6,15 @@ import pytest
 from hbm.coordinates import COORDINATES, INDEX
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.virtual_lab.person.balance import balanced, in_lab, pressure_on_platform
+from pipeline.virtual_lab.person.dynamics import ground_wrench, segment_poses
 from pipeline.virtual_lab.person.gait_pattern import posture
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
 from pipeline.virtual_lab.person.sole import SIDES, orientation, rolled
 from pipeline.virtual_lab.person.subject import Person, make_subject
-from pipeline.virtual_lab.person.walk import ground_wrench, segment_poses
 from tests.virtual_gait import fit_gait, gait_optimum
 from tests.virtual_gait.realism import ANGLES, angle_curves, force_curves, read_norms
 
-PEOPLE = range(9)
+SUBJECTS = range(9)
 
 
 def steady(walk, rate_hz=100):
@@ -22,7 +22,7 @@ def steady(walk, rate_hz=100):
 
 
 def within(polygon, points):
-    """Tell which points lie in a convex polygon whose corners go counter-clockwise."""
+    """Tell which points are in a convex polygon with counter-clockwise corners."""
     sides = np.roll(polygon, -1, axis=0) - polygon
     away = points[:, None] - polygon
     return np.all(sides[:, 0] * away[..., 1] >= sides[:, 1] * away[..., 0], axis=1)
@@ -30,19 +30,19 @@ def within(polygon, points):
 
 @pytest.fixture(scope="module")
 def norms(shared_data):
-    """Published bands of eight joint angles, adults at self-chosen speed."""
+    """Published bands of eight joint angles: adults at self-selected speed."""
     return read_norms(shared_data / "normative_gait" / "pinzone_2014.csv")
 
 
 @pytest.fixture(scope="module")
 def angles(walked):
-    """Mean joint angles of nine people over the gait cycle: title -> (9, 101) [deg]."""
-    curves = [angle_curves(walked(subject)[0]) for subject in PEOPLE]
+    """Mean joint angles of nine subjects over the gait cycle: title -> (9, 101) [deg]."""
+    curves = [angle_curves(walked(subject)[0]) for subject in SUBJECTS]
     return {title: np.stack([c[title] for c in curves]) for title in curves[0]}
 
 
 @pytest.mark.parametrize("title", ANGLES)
-def test_everybodys_joint_angles_are_within_two_standard_deviations_of_the_norms(
+def test_joint_angles_of_every_subject_are_within_two_standard_deviations_of_the_norms(
     norms, angles, title
 ):
     band = norms[title]
@@ -51,22 +51,22 @@ def test_everybodys_joint_angles_are_within_two_standard_deviations_of_the_norms
 
 
 @pytest.mark.parametrize("title", ANGLES)
-def test_the_mean_of_nine_people_is_within_the_published_band(norms, angles, title):
+def test_mean_joint_angles_of_nine_subjects_are_within_the_published_band(norms, angles, title):
     band = norms[title]
     within_band = np.abs(angles[title].mean(axis=0) - band.mean) < band.sd
     assert within_band.mean() > 0.8
 
 
 @pytest.mark.parametrize("title", ANGLES)
-def test_nine_people_are_not_nine_copies(norms, angles, title):
-    """They differ by a believable part of what the norms' people differ by."""
+def test_joint_angles_differ_between_subjects(norms, angles, title):
+    """By a plausible part of the spread of the norms."""
     spread = angles[title].std(axis=0, ddof=1).mean()
     assert 0.1 < spread / norms[title].sd.mean() < 1.5
 
 
 @pytest.mark.slow
-def test_the_fitted_gait_is_what_its_script_makes_of_the_norms(shared_data):
-    """The level walk, again from the published table, against the data file."""
+def test_the_gait_pattern_is_what_its_script_fits_to_the_norms(shared_data):
+    """For level ground: fitted again from the published table, against the data file."""
     path = shared_data / "normative_gait" / "pinzone_2014.csv"
     reference = make_subject(Person())
     target, _ = fit_gait.target_of(reference, *fit_gait.read_norms(path))
@@ -78,8 +78,8 @@ def test_the_fitted_gait_is_what_its_script_makes_of_the_norms(shared_data):
         np.testing.assert_allclose(walk[:, INDEX[name]], expected, atol=0.002)
 
 
-@pytest.mark.parametrize("subject", PEOPLE)
-def test_vertical_force_has_two_humps(walked, subject):
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_vertical_force_has_two_peaks(walked, subject):
     vertical = force_curves(walked(subject)[0])["vertical"]
     first, valley, second = vertical[5:25].max(), vertical[20:42].min(), vertical[40:58].max()
     assert 1.0 <= first <= 1.3
@@ -87,7 +87,7 @@ def test_vertical_force_has_two_humps(walked, subject):
     assert valley < min(first, second) - 0.15
 
 
-@pytest.mark.parametrize("subject", PEOPLE)
+@pytest.mark.parametrize("subject", SUBJECTS)
 def test_the_leading_foot_brakes_and_the_trailing_foot_pushes(walked, subject):
     forward = force_curves(walked(subject)[0])["forward"]
     assert -0.3 <= forward[:30].min() <= -0.1
@@ -95,8 +95,10 @@ def test_the_leading_foot_brakes_and_the_trailing_foot_pushes(walked, subject):
 
 
 @pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
-@pytest.mark.parametrize("subject", PEOPLE)
-def test_pressure_is_under_the_stance_foot_in_single_support(walked, subject, condition):
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_the_centre_of_pressure_is_under_the_stance_foot_in_single_support(
+    walked, subject, condition
+):
     walk, _ = walked(subject, condition)
     time = steady(walk)
     pose = walk.platform.pose(time)
@@ -113,7 +115,7 @@ def test_pressure_is_under_the_stance_foot_in_single_support(walked, subject, co
 
 
 @pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
-def test_both_feet_together_carry_what_the_equations_of_motion_ask_for(walked, condition):
+def test_both_feet_together_carry_what_the_equations_of_motion_require(walked, condition):
     walk, _ = walked(0, condition)
     time = steady(walk)[::7]
     feet = foot_wrenches(walk, time)
@@ -126,7 +128,7 @@ def test_both_feet_together_carry_what_the_equations_of_motion_ask_for(walked, c
     )
 
 
-def test_a_swinging_foot_carries_nothing(walked):
+def test_a_foot_in_swing_carries_no_load(walked):
     walk, _ = walked(0)
     time = steady(walk)
     feet, share = foot_wrenches(walk, time), walk.placement.left_share(time)
@@ -135,9 +137,9 @@ def test_a_swinging_foot_carries_nothing(walked):
 
 
 @pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
-@pytest.mark.parametrize("subject", PEOPLE)
-def test_standing_in_the_t_pose_is_carried_as_weight_alone(walked, subject, condition):
-    """For a second, so that the laboratory can weigh everybody."""
+@pytest.mark.parametrize("subject", SUBJECTS)
+def test_in_the_t_pose_the_ground_carries_the_weight_alone(walked, subject, condition):
+    """For a second, from which the mass is determined."""
     walk, _ = walked(subject, condition)
     time = np.arange(100) / 100
     wrench = ground_wrench(walk.subject, walk.motion, time)
@@ -146,8 +148,8 @@ def test_standing_in_the_t_pose_is_carried_as_weight_alone(walked, subject, cond
     np.testing.assert_allclose(wrench[:, :2], 0, atol=0.01)
 
 
-def test_the_wrench_is_the_change_of_momentum(walked):
-    """Force is mass by the acceleration of the centre of mass, which comes from positions alone."""
+def test_the_force_is_mass_times_acceleration_of_the_centre_of_mass(walked):
+    """With the acceleration from positions alone."""
     from hbm.center_of_mass import center_of_mass
 
     walk, _ = walked(0)
@@ -180,7 +182,7 @@ def test_a_stance_foot_stays_on_the_belt(walked):
     assert np.abs(origin[:, 2]).max() < 0.005
 
 
-def test_strides_differ_but_little(walked):
+def test_stride_times_vary_by_a_few_per_cent(walked):
     walk, _ = walked(0)
     stride = np.diff(walk.placement.steps.contact[11:-2:2])
     assert 0.003 < stride.std() / stride.mean() < 0.04
@@ -197,7 +199,7 @@ def test_a_contralateral_sway_makes_the_next_step_narrow(walked):
         assert steps.contact[next_step] - onset > 0.2
 
 
-def test_a_swayed_person_neither_drifts_away_nor_falls(walked):
+def test_a_perturbed_person_neither_drifts_nor_falls(walked):
     walk, _ = walked(0, "sway")
     q = walk.motion.at(steady(walk))
     assert np.abs(q[:, INDEX["PelvisY"]]).max() < 0.25
@@ -220,13 +222,13 @@ def test_the_trunk_stays_upright_on_a_slope_and_the_feet_follow_it(walked):
     assert np.corrcoef(tilt, slope[flat])[0, 1] > 0.98
 
 
-def test_a_mass_above_a_resting_pressure_rests():
+def test_a_mass_above_a_stationary_centre_of_pressure_is_at_rest():
     height = 0.95
     still = np.full((500, 2), 0.3)
     np.testing.assert_allclose(balanced(still, height), still, atol=1e-9)
 
 
-def test_a_mass_above_a_swinging_pressure_swings_less():
+def test_a_mass_above_an_oscillating_centre_of_pressure_oscillates_less():
     time = np.arange(2000) / 100
     wave = np.sin(2 * np.pi * time)[:, None] * [1.0, 0.0]
     moved = balanced(wave, 0.95)[500:1500, 0]
@@ -234,8 +236,8 @@ def test_a_mass_above_a_swinging_pressure_swings_less():
     assert np.ptp(moved) / 2 == pytest.approx(expected, rel=1e-2)
 
 
-def test_a_rolling_sole_turns_about_a_point_of_the_floor(walked):
-    """Rolling without slipping: the instantaneous centre of rotation is where sole meets floor."""
+def test_a_rolling_sole_rotates_about_its_contact_with_the_floor(walked):
+    """Rolling without slip: the instantaneous centre of rotation is on the floor."""
     sole = walked(0)[0].placement.soles["right"]
     pitch = np.radians(np.linspace(-20, 70, 4001))
     origin = rolled(sole, pitch, np.zeros_like(pitch))
@@ -244,7 +246,7 @@ def test_a_rolling_sole_turns_about_a_point_of_the_floor(walked):
     assert np.abs(center_height[1:-1]).max() < 5e-4
 
 
-def test_a_rolling_sole_sinks_no_deeper_than_a_shoe_gives(walked):
+def test_a_rolling_sole_sinks_into_the_belt_by_less_than_a_shoe_deforms(walked):
     sole = walked(0)[0].placement.soles["right"]
     pitch = np.radians(np.linspace(-20, 70, 4001))
     heading = np.full_like(pitch, 0.1)
@@ -255,7 +257,7 @@ def test_a_rolling_sole_sinks_no_deeper_than_a_shoe_gives(walked):
     assert height.min(axis=1).max() < 0.02
 
 
-def test_residual_about_mid_hip_of_the_truth_is_rounding(walked):
+def test_the_true_residual_about_mid_hip_is_zero_to_rounding(walked):
     walk, _ = walked(7, "pitch")
     time = steady(walk)[::11]
     feet = foot_wrenches(walk, time)

@@ -1,4 +1,4 @@
-"""The smallest virtual trial: a T-pose, then walking, as a C3D file."""
+"""A trial on a stationary treadmill: a T-pose, then walking, as a C3D file."""
 
 import numpy as np
 import pytest
@@ -33,6 +33,6 @@ def test_equal_seeds_give_equal_bytes(trial, tmp_path):
     assert again.read_bytes() == trial[1].read_bytes()
 
 
-def test_all_coordinates_that_markers_show_move(trial):
+def test_nearly_all_coordinates_move_in_walking(trial):
     moved = np.ptp(trial[0].q, axis=0)
     assert (moved > 1e-4).sum() >= 42

@@ -5,7 +5,7 @@ import pytest
 
 from hbm.coordinates import INDEX
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.person.steps import Habits, schedule
+from pipeline.virtual_lab.person.steps import StepParameters, schedule
 from pipeline.virtual_lab.protocol.instrumented_treadmill import (
     PULSE_CHANNEL,
     make_treadmill,
@@ -29,10 +29,14 @@ THESIS_WAITS_S = (
 
 @pytest.fixture(scope="module")
 def twenty():
-    """Steps of the whole sway trial, and its perturbations."""
+    """Steps of a whole sway trial, and its perturbations."""
     protocol = Protocol()
     steps = schedule(
-        Habits(), protocol.speed_mps, 4.0, protocol.duration("sway"), np.random.default_rng(3)
+        StepParameters(),
+        protocol.speed_mps,
+        4.0,
+        protocol.duration("sway"),
+        np.random.default_rng(3),
     )
     return steps, *perturbations(protocol, steps, seed=1)
 
@@ -57,12 +61,12 @@ def test_conditions_last_as_long_as_in_the_thesis():
     assert protocol.conditions == ("baseline", "sway", "pitch")
 
 
-def test_half_of_the_perturbations_go_to_either_side(twenty):
+def test_half_of_the_perturbations_go_to_each_side(twenty):
     _, _, sides = twenty
     assert sorted(sides) == [-1.0] * 10 + [1.0] * 10
 
 
-def test_the_platform_leaves_towards_the_other_foot_at_a_tenth_of_the_gait_cycle(twenty):
+def test_the_platform_sways_to_the_contralateral_side_at_a_tenth_of_the_gait_cycle(twenty):
     steps, onsets, sides = twenty
     for onset, side in zip(onsets, sides, strict=True):
         last = int(np.searchsorted(steps.contact, onset)) - 1

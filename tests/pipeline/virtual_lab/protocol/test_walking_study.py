@@ -1,4 +1,4 @@
-"""The files of a simulated study: read by anyone, the same for the same seed, true to the truth."""
+"""The files of a simulated study: readable by others, reproducible, consistent with the truth."""
 
 import c3d
 import ezc3d
@@ -55,7 +55,7 @@ def trial(request, study):
 
 
 @pytest.mark.slow
-def test_equal_seeds_give_equal_bytes_in_one_process_or_two_and_other_seeds_others(tmp_path):
+def test_equal_seeds_give_equal_files_in_any_number_of_processes_and_other_seeds_others(tmp_path):
     first = contents(simulated(tmp_path / "1", protocol=TINY))
     assert contents(simulated(tmp_path / "2", protocol=TINY, jobs=2)) == first
     other = contents(simulated(tmp_path / "3", protocol=TINY, seed=2))
@@ -66,7 +66,7 @@ def test_equal_seeds_give_equal_bytes_in_one_process_or_two_and_other_seeds_othe
     }
 
 
-def test_the_study_is_read_as_a_laboratorys_study_is(study):
+def test_the_study_file_can_be_read(study):
     found = read_study(study)
     assert list(found.file.conditions) == ["baseline", "sway"]
     assert found.file.conditions["sway"].pulse_channel == PULSE_CHANNEL
@@ -101,12 +101,12 @@ def test_two_independent_readers_read_the_same_from_every_file(study, name):
 
 
 def test_a_long_trial_has_more_frames_than_16_bits_count():
-    """That such files are written and read whole is held in test_c3d_writer."""
+    """That such files are written and read completely is tested with the C3D writer."""
     assert Protocol().duration("sway") * 100 > 65_535
 
 
 @pytest.mark.parametrize(("marker_set", "count"), [("hbm2", 46), ("hbm1", 47)])
-def test_a_person_wears_all_markers_of_the_set_and_the_platform_its_own(marker_set, count):
+def test_all_markers_of_the_set_and_of_the_platform_are_recorded(marker_set, count):
     setting = Setting(protocol=TINY.model_copy(update={"marker_set": marker_set}))
     treadmill, subject = make_treadmill(setting.faults, 1), study_subject(setting, 0)
     walk, motion = run_walk(setting, treadmill.machine, subject, 0, "baseline")
@@ -116,7 +116,7 @@ def test_a_person_wears_all_markers_of_the_set_and_the_platform_its_own(marker_s
     assert len(names) == count + len(PLATFORM_MARKERS_M)
 
 
-def test_the_truth_is_complete_and_closes(trial):
+def test_the_truth_is_complete_and_satisfies_the_equations_of_motion(trial):
     recording, truth = trial
     np.testing.assert_allclose(truth["time"], recording.markers.time, atol=1e-9)
     assert set(COORDINATES) <= set(truth.columns)
@@ -128,20 +128,20 @@ def test_the_truth_is_complete_and_closes(trial):
     assert vertical[200:].mean() == pytest.approx(weight, rel=0.01)
 
 
-def test_plates_hold_the_feet_and_the_treadmills_own_wrench(trial):
-    """In the platform's frame, where artefacts are; sway alone does not turn it."""
+def test_plates_measure_the_feet_and_the_treadmills_own_wrench(trial):
+    """Forces in the platform's frame, which sway does not rotate."""
     recording, truth = trial
     feet = sum(truth[[f"{side}_f{a}" for a in "xyz"]].to_numpy() for side in ("left", "right"))
     machine = sum(truth[[f"artefact_{k}_f{a}" for a in "xyz"]].to_numpy() for k in (1, 2))
     time = recording.markers.time
     found = sum(resample(p.time, p.wrench, time)[:, :3] for p in recording.plates)
     error = np.sqrt(np.mean((found - feet - machine)[50:-50] ** 2, axis=0))
-    assert (error < 15).all()  # plates 3 ms late, cross-talk, zero and noise of the laboratory
+    assert (error < 15).all()  # delay 3 ms, cross-talk, zero error and noise of the plates
     assert np.abs(machine).max() < 1 or np.abs(machine[:, 1]).max() > 800
 
 
-def test_pressure_drawn_from_the_file_is_under_the_stance_foot(study):
-    """From plates and markers of the file alone, in single support; margins are a shoe's."""
+def test_the_centre_of_pressure_in_the_file_is_under_the_stance_foot(study):
+    """From plates and markers of the file alone, in single support; margins as of a shoe."""
     recording = read_c3d(study / "sub01_baseline.c3d")
     markers, time = recording.markers, recording.markers.time
     left, right = (resample(p.time, p.wrench, time) for p in recording.plates)
@@ -165,7 +165,7 @@ def test_pressure_drawn_from_the_file_is_under_the_stance_foot(study):
     assert inside.mean() > 0.95
 
 
-def test_events_of_the_file_are_when_the_feet_take_and_leave_weight(study):
+def test_initial_contacts_in_the_file_are_when_the_feet_take_load(study):
     recording = read_c3d(study / "sub01_baseline.c3d")
     number = {"left": 0, "right": 1}
     strikes = [e for e in recording.events if e.label == "foot_strike" and e.time > 9]
@@ -177,16 +177,16 @@ def test_events_of_the_file_are_when_the_feet_take_and_leave_weight(study):
         assert load[1] > 200
 
 
-def test_the_study_states_pose_and_sensors_as_the_setting_says(tmp_path):
+def test_the_study_file_states_pose_and_sensors_of_the_setting(tmp_path):
     faults = Setting().faults
-    wrong = faults.model_copy(
+    stated = faults.model_copy(
         update={
             "platform": faults.platform.model_copy(update={"pivot_error_m": 0.05}),
             "accelerometers": faults.accelerometers.model_copy(update={"sensors": 4}),
         }
     )
     protocol = TINY.model_copy(update={"pose": "channels"})
-    folder = simulated(tmp_path / "lab", protocol=protocol, faults=wrong)
+    folder = simulated(tmp_path / "lab", protocol=protocol, faults=stated)
     treadmill = read_study(folder).file.treadmill
     platform = treadmill.platform
     assert len(treadmill.accelerometers) == 4
