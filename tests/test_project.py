@@ -97,9 +97,12 @@ def test_every_package_and_data_file_is_in_the_wheel():
 
 def test_the_version_is_the_same_everywhere():
     version = PROJECT["project"]["version"]
-    assert f"\nversion: {version}\n" in CITATION
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert "\n## [Unreleased]\n" in changes
+    unreleased, released = re.findall(r"^## (.+)$", changes, re.MULTILINE)[:2]
+    assert unreleased == "[Unreleased]"
+    stated, date = re.fullmatch(r"\[(.+)\] - (.+)", released).groups()
+    assert stated == version
+    assert f"\nversion: {version}\ndate-released: {date}\n" in CITATION
 
 
 def test_the_citation_names_the_works_that_are_implemented():
