@@ -100,9 +100,7 @@ def select_trials(results: Results, wanted: Collection[tuple[str, str]]) -> Resu
             f"{results.folder}: every result here is of a trial that failed, is excluded or is no "
             f"longer in the study; run 'hbm run STUDY --out {results.folder}'"
         )
-    residuals, cycles = (
-        _rows_of(table, summaries) for table in (results.residuals, results.cycles)
-    )
+    residuals, cycles = (_rows_of(t, summaries) for t in (results.residuals, results.cycles))
     return Results(results.folder, residuals, cycles, _subjects(summaries), summaries)
 
 

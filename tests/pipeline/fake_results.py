@@ -1,7 +1,7 @@
-"""Results of a study that never took place, in the very format that `hbm run` leaves.
+"""Made-up results of a study, in the format that `hbm run` writes.
 
-The walking, the artefacts and what compensation leaves of them are made of sines, scaled so that
-the tables look like those of a study. Nothing here is measured or simulated.
+Residuals of walking, artefacts and what compensation leaves of them are sines, scaled to the size
+of those of a study. Nothing here is measured or simulated.
 """
 
 from collections.abc import Callable, Collection
@@ -30,7 +30,7 @@ LATERAL = np.array([1, -1, 1, -1, 1, -1])
 """Signs of a mirror image in the sagittal plane."""
 SWAY = np.array([0.0, 600.0, 0.0, 650.0, 0.0, 280.0])
 PITCH = np.array([480.0, 0.0, 60.0, 0.0, 500.0, 0.0])
-LEFT_OVER = 0.02
+UNCOMPENSATED_SHARE = 0.02
 COMPENSATION = np.array([1.0, -1.0, 0.5, 0.4, -0.4, 0.3])
 """What compensation adds to walking itself: the accelerometers' noise."""
 
@@ -67,7 +67,7 @@ def fake_trial(
     settings: Settings | None = None,
     rest_s: float = 0.0,
 ) -> TrialResult:
-    """Make one trial up; ``rest_s`` adds standing after the walk."""
+    """Make up one trial; ``rest_s`` adds standing after the walk."""
     rng = np.random.default_rng([number, *condition.encode()])
     frames = round((cycles * CYCLE_S + rest_s) * RATE_HZ) + 50
     time = np.arange(frames) / RATE_HZ
@@ -90,8 +90,8 @@ def fake_trial(
     elif condition != "baseline":
         artefact += np.sin(2 * np.pi * time / 30)[:, None] * PITCH
     artefact *= rng.uniform(0.9, 1.1, 6)
-    left_over = LEFT_OVER * rng.uniform(0.5, 2.5, 6) * artefact
-    remains = walking + left_over + COMPENSATION * rng.normal(1, 1, 6)
+    uncompensated = UNCOMPENSATED_SHARE * rng.uniform(0.5, 2.5, 6) * artefact
+    remains = walking + uncompensated + COMPENSATION * rng.normal(1, 1, 6)
 
     body = synthetic_body()
     person = Subject(
@@ -149,7 +149,7 @@ def fake_trial(
 
 
 STUDY = """
-name = "A study that never took place"
+name = "A made-up study"
 [settings]
 cutoff_hz = 6.0
 [treadmill]

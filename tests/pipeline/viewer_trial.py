@@ -1,6 +1,6 @@
 """A processed trial for the viewer's tests: a synthetic walk on a platform that sways and pitches.
 
-One foot pushes sideways on its plate as only a faulty plate would; compensation takes that off.
+The plate of one foot adds a lateral force, as a faulty plate would; compensation removes it.
 """
 
 from pathlib import Path

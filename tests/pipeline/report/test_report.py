@@ -165,7 +165,7 @@ def test_notes_are_shown_with_their_codes_warnings_first(page):
 
 def test_settings_versions_and_hashes_are_on_the_page_and_in_study_json(page, folder):
     stored = json.loads((folder / "study.json").read_text(encoding="utf-8"))
-    assert stored["name"] == "A study that never took place"
+    assert stored["name"] == "A made-up study"
     for digest in (stored["program"]["sha256"], *stored["inputs"].values()):
         assert digest in page.text
     assert len(stored["trials"]) == 12

@@ -168,9 +168,7 @@ def rewrite(source, target, change=lambda summary: summary, drop=()):
         (b"{", b"", "not valid JSON"),
     ],
 )
-def test_a_summary_of_another_version_or_shape_is_one_line(
-    written, tmp_path, before, after, reason
-):
+def test_a_summary_of_another_format_is_one_line(written, tmp_path, before, after, reason):
     path = tmp_path / "other.parquet"
     rewrite(written, path, lambda text: text.replace(before, after, 1))
     with pytest.raises(
