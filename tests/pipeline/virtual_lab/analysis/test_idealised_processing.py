@@ -173,7 +173,7 @@ def usual(walked):
     @cache
     def left(condition, removal):
         walk, motion = walked(3, condition)
-        case = Case(setting.faults, built_body=True, removal=removal)
+        case = Case(setting.faults, body_from_markers=True, removal=removal)
         found = residual_of(case, walk, motion, treadmill, np.random.default_rng(0), models)
         return rms(found[counted(walk, motion)])
 
@@ -195,7 +195,7 @@ def test_compensation_brings_residuals_back_to_baseline(usual, condition):
 def test_residuals_of_nine_subjects_differ_plausibly_between_them(walked):
     """In one laboratory the coefficient of variation between subjects is some tens of per cent."""
     treadmill = make_treadmill(Faults(), 1)
-    case = Case(Faults(), built_body=True)
+    case = Case(Faults(), body_from_markers=True)
     found = []
     for subject in range(9):
         walk, motion = walked(subject)
