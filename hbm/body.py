@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.calibration_pose.anatomy import Anatomy, HipRule, Measures
+from hbm.calibration_pose.anatomy import MARKER_OFFSET_M, Anatomy, HipRule, Measures
 from hbm.calibration_pose.frame_selection import select_frames
 from hbm.calibration_pose.landmarks import locate_anatomy
 from hbm.calibration_pose.shape import Shape, average, shape_of
@@ -69,7 +69,7 @@ def build_body(
     hip: HipRule | Mapping[str, Array] = "harrington",
     knee_width_m: float | None = None,
     ankle_width_m: float | None = None,
-    marker_offset_m: float = 0.009,
+    marker_offset_m: float = MARKER_OFFSET_M,
     overrides: Mapping[str, SegmentOverride] | None = None,
 ) -> Body:
     """Build a subject's body from a calibration pose.

@@ -84,7 +84,7 @@ class SegmentOverride:
 def _require_physical(tensor: Array) -> None:
     """Refuse a tensor with a negative moment, or with one above the sum of the other two."""
     moments = np.linalg.eigvalsh(tensor)
-    slack = MAX_ROUNDING * max(1e-12, float(moments[2]))
+    slack = MAX_ROUNDING * float(np.abs(moments).max())
     if not np.allclose(tensor, tensor.T) or moments[0] < -slack:
         raise ValueError("inertia_kg_m2 must be symmetric with no negative principal moment")
     if moments[2] > MAX_MOMENT_KG_M2:

@@ -12,6 +12,9 @@ HipRule = Literal["harrington", "bell"]
 MEDIAL_SIGN: Final = {"right": 1.0, "left": -1.0}
 """Side -> sign of the medial direction, where left is positive."""
 
+MARKER_OFFSET_M: Final = 0.009
+"""Distance of a marker's centre from the skin: radius of a 14 mm marker, and a base of 2 mm."""
+
 
 @dataclass(frozen=True, slots=True)
 class Measures:
@@ -34,7 +37,7 @@ class Measures:
     hip: HipRule | Mapping[str, Array] = "harrington"
     knee_width_m: float | None = None
     ankle_width_m: float | None = None
-    marker_offset_m: float = 0.009
+    marker_offset_m: float = MARKER_OFFSET_M
 
 
 @dataclass(slots=True)

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.calibration_pose.anatomy import Anatomy
+from hbm.calibration_pose.anatomy import MEDIAL_SIGN, Anatomy
 from hbm.coordinates import DOWN, FORWARD, LEFT, PARENT, SIDES
 from hbm.segments import Proportions
 from hbm.spatial import Array, axes_from, perpendicular, rotation_about, unit
@@ -43,7 +43,7 @@ class Shape:
     offsets
         Segment -> its proximal joint in the parent segment's frame, (3,) [m].
     axes
-        Coordinate -> hinge axis in the frame that it rotates, unit vector (3,).
+        Coordinate -> hinge axis in the frame before its rotation, unit vector (3,).
     ends
         Inertial part -> its proximal and distal end and a lateral direction, (3, 3).
     markers
@@ -159,8 +159,8 @@ class _Builder:
         share = (lower + middle) / (lower + middle + upper)
         xiphoid = at.get("xiphoid_level", hips + share * (top - hips))
         navel = xiphoid + middle / (middle + lower) * (hips - xiphoid)
-        pelvis_left, trunk, head = (self.frames[s][0] for s in ("pelvis", "trunk", "head"))
-        self.ends("lower_trunk", "pelvis", navel, hips, pelvis_left[:, 1])
+        pelvis, trunk, head = (self.frames[s][0] for s in ("pelvis", "trunk", "head"))
+        self.ends("lower_trunk", "pelvis", navel, hips, pelvis[:, 1])
         self.ends("mid_trunk", "trunk", xiphoid, navel, trunk[:, 1])
         self.ends("upper_trunk", "trunk", top, xiphoid, trunk[:, 1])
         cervicale = at.get("cervicale", at["neck"])
@@ -170,14 +170,14 @@ class _Builder:
     def arm(self, side: str) -> None:
         at, s, axes = self.at, SIDES[side], self.shape.axes
         trunk, _ = self.frames["trunk"]
-        sign = 1.0 if side == "right" else -1.0
+        sign = MEDIAL_SIGN[side]
         arm, forearm, hand = (f"{side}_{x}" for x in ("upper_arm", "forearm", "hand"))
         if f"{side}_elbow" in at:
             shoulder, elbow, wrist = (at[f"{side}_{x}"] for x in ("shoulder", "elbow", "wrist"))
             elbow_axis, wrist_axis = self.axes[f"{side}_elbow"], self.axes[f"{side}_wrist"]
         else:
-            beside = np.array([0.0, -sign * self.shoulder_width, -self.shoulder_drop])
-            shoulder = at["trunk_top"] + trunk @ beside
+            from_top = np.array([0.0, -sign * self.shoulder_width, -self.shoulder_drop])
+            shoulder = at["trunk_top"] + trunk @ from_top
             elbow = shoulder - self.length["upper_arm"] * trunk[:, 2]
             wrist = elbow - self.length["forearm"] * trunk[:, 2]
             elbow_axis = wrist_axis = trunk[:, 1]
@@ -197,19 +197,19 @@ class _Builder:
         left = perpendicular(R.T @ wrist_axis, up)
         ahead = np.cross(left, up)
         axes[f"{s}WristFlexion"], axes[f"{s}HandAbduction"] = -left, -sign * ahead
-        along = wrist - self.length["hand"] * (R @ up) if knuckle is None else knuckle
-        x, y, z = np.stack([ahead, left, up]) @ R.T @ unit(along - wrist)
+        tip = wrist - self.length["hand"] * (R @ up) if knuckle is None else knuckle
+        x, y, z = np.stack([ahead, left, up]) @ R.T @ unit(tip - wrist)
         R = R @ rotation_about(-left, np.arctan2(x, -z))
         R = R @ rotation_about(-sign * ahead, sign * np.arcsin(-y))
         self.frames[hand] = R, wrist
 
         self.ends(arm, arm, shoulder, elbow, elbow_axis)
         self.ends(forearm, forearm, elbow, wrist, wrist_axis)
-        self.ends(hand, hand, wrist, along, wrist_axis)
+        self.ends(hand, hand, wrist, tip, wrist_axis)
 
     def leg(self, side: str) -> None:
         at, s, axes = self.at, SIDES[side], self.shape.axes
-        sign = 1.0 if side == "right" else -1.0
+        sign = MEDIAL_SIGN[side]
         thigh, shank, foot, toes = (f"{side}_{x}" for x in ("thigh", "shank", "foot", "toes"))
         hip, knee, ankle = (at[f"{side}_{x}"] for x in ("hip", "knee", "ankle"))
         knee_axis, ankle_axis = self.axes[f"{side}_knee"], self.axes[f"{side}_ankle"]

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from hbm.calibration_pose.anatomy import MARKER_OFFSET_M
 from hbm.segments import Sex
 from hbm.signals.filtering import Method
 from pipeline.io.axes import parse_axes
@@ -78,7 +79,7 @@ class Settings(InputModel):
     filter: Method = "zero_phase"
     marker_set: Text | None = None
     hip: Literal["harrington", "bell", "functional"] = "harrington"
-    marker_offset_m: MarkerOffsetM = 0.009
+    marker_offset_m: MarkerOffsetM = MARKER_OFFSET_M
     plate_delay_s: DelayS = 0.0
     contact_threshold_n: ForceThresholdN = 30.0
 

@@ -1,4 +1,4 @@
-"""Compiled kernels: kept, checked, shared by processes, and done without."""
+"""Compiled kernels: cached, checked, shared by processes, and replaced by the virtual machine."""
 
 import re
 import shutil
@@ -53,7 +53,7 @@ def agree(name, ours, theirs):
 
 
 @needs_compiler
-def test_a_library_is_compiled_once_and_says_so(cache, small, messages):
+def test_a_library_is_compiled_once_with_an_announcement(cache, small, messages):
     first = compiled_library("cc", [COMPILER], messages.append)
     assert first.is_relative_to(cache)
     assert messages == ["compiling the kernels with cc (once on this machine, about ten seconds)"]
@@ -82,7 +82,7 @@ def test_a_damaged_library_is_built_again(cache, small, messages, damage):
 
 
 @needs_compiler
-def test_a_cache_that_cannot_be_written_costs_a_compilation_and_a_hint(
+def test_without_a_writable_cache_the_kernels_are_compiled_for_the_session_with_a_hint(
     tmp_path, monkeypatch, small, messages
 ):
     (tmp_path / "file").write_text("a file, no folder")
@@ -103,7 +103,7 @@ def test_a_sound_library_is_used_from_a_cache_that_cannot_be_written(
     assert compiled_library("cc", [COMPILER], messages.append) == library
 
 
-def test_a_compiler_that_fails_is_passed_over_with_its_first_words(cache, small, messages):
+def test_a_compiler_that_fails_is_skipped_with_its_error(cache, small, messages):
     broken = [sys.executable, "-c", "import sys; sys.exit('no such target')"]
     assert compiled_library("mine", broken, messages.append) is None
     assert messages[-1] == "compiling with mine failed (no such target); trying the next way"
@@ -128,7 +128,7 @@ def test_processes_that_start_at_once_share_one_library(cache):
     assert [path.name for path in cache.iterdir()] == [Path(answer).parent.name]
 
 
-def test_without_a_compiler_the_virtual_machine_steps_in_with_a_hint(monkeypatch, messages):
+def test_without_a_compiler_the_virtual_machine_is_used_with_a_hint(monkeypatch, messages):
     monkeypatch.setattr(native, "compilers", list)
     assert load(messages.append).backend == "virtual machine (no compiler)"
     assert messages == [
@@ -137,7 +137,7 @@ def test_without_a_compiler_the_virtual_machine_steps_in_with_a_hint(monkeypatch
     ]
 
 
-def test_the_virtual_machine_can_be_asked_for(monkeypatch, messages):
+def test_the_virtual_machine_can_be_requested(monkeypatch, messages):
     monkeypatch.setenv("HBM_KERNELS", "virtual-machine")
     assert load(messages.append).backend == "virtual machine (HBM_KERNELS)"
     assert messages == []
@@ -157,7 +157,7 @@ def wrong_rewriting(cache, monkeypatch):
 
 
 @needs_compiler
-def test_kernels_whose_numbers_are_wrong_are_refused_and_the_virtual_machine_steps_in(
+def test_kernels_with_wrong_numbers_are_refused_and_the_virtual_machine_is_used(
     wrong_rewriting, cache, messages
 ):
     ready = load(messages.append)
@@ -203,7 +203,7 @@ def test_the_virtual_machine_and_the_compiled_kernels_give_the_same_numbers(name
 @needs_compiler
 @pytest.mark.parametrize("jobs", [2, 7])
 @pytest.mark.parametrize("frames", [1, 63, 64, 1000])
-def test_kernels_do_not_show_how_the_work_was_cut(frames, jobs):
+def test_kernels_do_not_depend_on_the_number_of_threads(frames, jobs):
     kernel = kernels().newton_euler
     rng = np.random.default_rng(41)
     inputs = [
@@ -222,7 +222,7 @@ def test_a_kernel_refuses_input_of_the_wrong_shape():
 
 @pytest.mark.slow
 @pytest.mark.skipif(find_spec("ziglang") is None, reason="the extra 'compiler' is not installed")
-def test_the_compiler_that_pip_brings_compiles_and_runs_the_kernels(cache, monkeypatch, messages):
+def test_the_compiler_of_the_extra_compiles_and_runs_the_kernels(cache, monkeypatch, messages):
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
     assert [name for name, _ in compilers()] == ["ziglang"]
@@ -234,7 +234,8 @@ def test_the_compiler_that_pip_brings_compiles_and_runs_the_kernels(cache, monke
 
 
 def test_the_cache_is_the_user_s_own(monkeypatch):
-    monkeypatch.delenv("HBM_CACHE_DIR", raising=False)
+    for name in ("HBM_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
     assert cache_directory().name == "hbm-residuals"
     assert cache_directory().is_relative_to(Path.home())
 
@@ -251,10 +252,10 @@ def test_hbm_cache_dir_moves_the_cache(cache):
 
 
 @needs_compiler
-@pytest.mark.parametrize("turns", [0.5, 30.0, 1e5])
-def test_sines_of_lanes_are_those_of_the_library(turns):
-    """The yaw of the pelvis turns the x axis in the plane, once per two π, exactly."""
-    yaw = np.random.default_rng(44).uniform(-turns, turns, 400) * 2 * np.pi
+@pytest.mark.parametrize("revolutions", [0.5, 30.0, 1e5])
+def test_sine_and_cosine_are_exact_to_the_last_digit(revolutions):
+    """Yaw rotates the pelvis' x axis in the horizontal plane by cos and sin of the angle."""
+    yaw = np.random.default_rng(44).uniform(-revolutions, revolutions, 400) * 2 * np.pi
     q = np.zeros((len(yaw), 46))
     q[:, 3] = yaw
     kernel = kernels().segment_poses
@@ -263,7 +264,7 @@ def test_sines_of_lanes_are_those_of_the_library(turns):
     np.testing.assert_allclose(pose[:, 1], np.sin(yaw), rtol=0, atol=4e-16)
 
 
-def test_a_cache_that_cannot_be_read_is_no_cache(tmp_path, monkeypatch):
+def test_a_library_that_cannot_be_read_counts_as_missing(tmp_path, monkeypatch):
     library = tmp_path / "skeleton.so"
     library.write_bytes(b"library")
     compiler._checksum(library).write_text(compiler._sha256(library))

@@ -11,7 +11,9 @@ import pytest
 import typer
 
 from hbm.kernels import native
+from hbm.kernels.compiler import KernelsDisagreeError
 from hbm.markers import Markers
+from pipeline.cli import doctor
 from pipeline.cli.app import app, main
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.write import write_c3d
@@ -231,6 +233,19 @@ def test_doctor_names_versions_the_backend_and_its_speed(capsys):
     for words in ("Python 3.", "pin ", "casadi ", "kernels: ", "newton_step: ", "frames/s"):
         assert words in out
     assert "missing" not in out
+
+
+def test_doctor_shows_that_compiled_kernels_were_refused(capsys, monkeypatch):
+    def refused(*_):
+        raise KernelsDisagreeError("the kernels that cc compiled differ (newton_step by 0.3)")
+
+    monkeypatch.setattr(native, "_READY", {})
+    monkeypatch.setattr(native, "compiled_library", refused)
+    monkeypatch.setattr(doctor, "speed", lambda _: 1.0)
+    assert main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    assert "newton_step by 0.3" in out
+    assert "kernels: virtual machine (compiled kernels differ from it)" in out
 
 
 def test_square_brackets_are_printed_as_they_are(capsys, monkeypatch):
