@@ -55,7 +55,7 @@ def test_editing_a_figure_or_the_viewer_outdates_no_trial(sources, name):
         "hbm/kinematics.py",
         "hbm/kernels/descent.c",
         "hbm/de_leva_1996.csv",
-        "compensation/inertia.py",
+        "compensation/inertia/model.py",
         "pipeline/io/axes.py",
         "pipeline/config/schema.py",
         "pipeline/trial/process.py",
