@@ -177,14 +177,14 @@ def test_segments_that_cannot_be_are_refused(tmp_path):
 def test_exported_forces_are_compensated_where_a_calibration_is_given(study, tmp_path, capsys):
     asked = ["export", str(study / "sub01_pitch.c3d"), "--mass-kg", "74.6", "--tables"]
     assert main([*asked, str(tmp_path / "measured")]) == 0
-    assert "plates as measured" in capsys.readouterr().out
+    assert "from the measured plate forces" in capsys.readouterr().out
     calibration = tmp_path / "lab.json"
     assert main(["calibration", "fit", str(study / "empty.c3d"), "-o", str(calibration)]) == 0
     markers = ",".join(lab.PLATFORM_MARKERS_M)
     asked += [str(tmp_path / "compensated"), "--calibration", str(calibration)]
     assert main([*asked, "--platform-markers", markers]) == 0
     said = capsys.readouterr().out
-    assert "plates as compensated" in said
+    assert "from the compensated plate forces" in said
     assert "- platform motion compensated by" in said
     spread = {
         kind: read_sto(tmp_path / kind / "sub01_pitch_forces.sto").column("PelvisX_force")
