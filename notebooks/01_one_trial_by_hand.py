@@ -27,10 +27,9 @@ from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from pipeline.figures.residuals import label_panels
 from pipeline.figures.style import COLOURS, draw_band
-from pipeline.trial.gait.contact import share_between_feet
+from pipeline.trial.gait.contact import feet_of, share_between_feet
 from pipeline.trial.gait.cycles import gait_cycles, normalise
 from pipeline.trial.gait.events import gait_events
-from pipeline.trial.process import feet_of
 from pipeline.trial.residuals import AXES, reported
 from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 

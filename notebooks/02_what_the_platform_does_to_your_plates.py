@@ -21,7 +21,8 @@ import numpy as np
 from compensation import fit_inertia, pitch_and_sway_signals, validation_signals
 from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
-from pipeline.trial.ground.laboratory import accelerations, setup_of
+from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.calibration_recording import setup_of
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol.walking_trial import run_signal

@@ -30,7 +30,8 @@ from compensation import (
 from hbm.signals.filtering import low_pass
 from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
-from pipeline.trial.ground.laboratory import accelerations, fit_calibration
+from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.virtual_lab.faults import AccelerometerFaults, Faults
 from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
 from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill

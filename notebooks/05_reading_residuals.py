@@ -26,7 +26,8 @@ from hbm.markers import Markers
 from pipeline.config.schema import Condition, Platform, Settings, Subject, Treadmill
 from pipeline.figures.residuals import axis_label
 from pipeline.figures.style import COLOURS
-from pipeline.trial.ground.laboratory import Laboratory, fit_calibration
+from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import (
     AXES,

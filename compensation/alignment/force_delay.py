@@ -127,7 +127,7 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
 def _standard_error(error: Array, slope: Array, block: NDArray[np.intp]) -> float:
     """Give the standard error of a shift under soft-L1 loss; see `clustered_standard_error`.
 
-    Errors and their slopes (T, 3) come in units of the loss's scale; errors are taken as alike
+    Errors and their slopes (T, 3) are in units of the loss's scale; errors are taken as correlated
     within a block and within an axis.
     """
     growth = 1 + error**2

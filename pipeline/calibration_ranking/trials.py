@@ -18,9 +18,9 @@ from hbm.signals.filtering import Method
 from hbm.spatial import Array, rotate_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.accelerometers import find_accelerometers
+from pipeline.trial.ground.accelerometers import accelerations, find_accelerometers
 from pipeline.trial.ground.belts import belt_axes, belt_speed
-from pipeline.trial.ground.laboratory import accelerations, read_empty
+from pipeline.trial.ground.calibration_recording import read_empty
 
 RATE_HZ: Final = 100.0
 PLATFORM_FILTER: Final[Method] = "zero_phase"

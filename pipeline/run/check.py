@@ -16,14 +16,11 @@ from pipeline.config.toml_file import read_segments
 from pipeline.io.preview import preview_recording
 from pipeline.io.recording import Preview, Recording
 from pipeline.trial.gait.events import gait_events
+from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.belts import read_belts
-from pipeline.trial.ground.laboratory import (
-    Laboratory,
-    accelerations,
-    models_of,
-    platform_pose,
-    read_calibration,
-)
+from pipeline.trial.ground.calibration_recording import read_calibration
+from pipeline.trial.ground.laboratory import Laboratory, plate_models
+from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.process import read_file
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass
@@ -279,7 +276,7 @@ def _check_ground(
     if laboratory.calibration is not None and recording.plates:
         readings = found.attempt(name, lambda: accelerations(recording, treadmill))
         if readings is not None:
-            found.attempt(name, lambda: models_of(recording, laboratory))
+            found.attempt(name, lambda: plate_models(recording, laboratory))
     time, platform = recording.markers.time, treadmill.platform
     pose = found.attempt(name, lambda: platform_pose(recording, platform, time))
     if pose is not None:

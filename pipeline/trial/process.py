@@ -1,20 +1,16 @@
-"""One trial, from what was recorded to the residuals: the whole method, top to bottom."""
+"""One trial from recording to residuals: the whole method, top to bottom."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from compensation import marker_plate_delay
 from hbm.body import Body
-from hbm.coordinates import SEGMENTS
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
-from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.plausibility import changed_distances, implausible
-from hbm.poses import segment_frames
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill, Trial
@@ -22,17 +18,20 @@ from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
-from pipeline.trial.gait.contact import share_between_feet
+from pipeline.trial.delay import plate_delay
+from pipeline.trial.gait.contact import feet_of, share_between_feet
 from pipeline.trial.gait.cycle_selection import perturbation_onsets, select_cycles
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.gait.event_agreement import agreement_with_plates
 from pipeline.trial.gait.events import gait_events
 from pipeline.trial.ground.belts import read_belts
-from pipeline.trial.ground.laboratory import Laboratory, ground_wrenches, read_calibration
+from pipeline.trial.ground.calibration_recording import read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.motion_notes import motion_notes
 from pipeline.trial.result import PlateSurface, TrialResult
 from pipeline.trial.subject_body import subject_body
-from pipeline.trial.weighing import body_mass, carried_kg
+from pipeline.trial.weighing import body_mass, carried_mass
 
 
 def process_recording(
@@ -96,53 +95,44 @@ def process_recording(
     """
     pose = static or recording
     _require_plates(recording)
-    mass, weighed = body_mass(subject, pose)
+    mass_kg, mass_note = body_mass(subject, pose)
     body = subject_body(
         pose,
         subject,
         settings,
-        mass,
+        mass_kg,
         window_s=static_window_s,
         marker_set=marker_set,
         hip_trial=hip_trial,
         segments=segments,
     )
-    raw = solve_ik(body, recording.markers, jobs=jobs)
-    motion = filter_motion(raw, cutoff=settings.cutoff_hz, method=settings.filter)
+    unfiltered = solve_ik(body, recording.markers, jobs=jobs)
+    motion = filter_motion(unfiltered, cutoff=settings.cutoff_hz, method=settings.filter)
 
-    lab = laboratory or Laboratory(Treadmill())
-    acted = ground_wrenches(recording, lab, motion.time, settings.plate_delay_s)
-    best = "compensated" if "compensated" in acted.variants else "measured"
-    feet, threshold = feet_of(body, raw), settings.contact_threshold_n
-    shared = {
-        name: share_between_feet(plates, feet, threshold, judged_by=acted.variants[best])
-        for name, plates in acted.variants.items()
+    treadmill = laboratory or Laboratory(Treadmill())
+    ground = ground_wrenches(recording, treadmill, motion.time, settings.plate_delay_s)
+    plates, feet = ground.variants, feet_of(body, unfiltered)
+    threshold_n = settings.contact_threshold_n
+    under_feet = {
+        variant: share_between_feet(wrenches, feet, threshold_n, judged_by=plates[ground.best])
+        for variant, wrenches in plates.items()
     }
-    ground = {
-        name: {
-            foot: low_pass(wrench, motion.time, settings.cutoff_hz, settings.filter)
-            for foot, wrench in by_foot.items()
-        }
-        for name, (by_foot, _) in shared.items()
+    wrenches = {
+        variant: _filtered(by_foot, motion, settings)
+        for variant, (by_foot, _) in under_feet.items()
     }
-    dynamics = dict(
-        zip(
-            ground,
-            inverse_dynamics_variants(body, motion, [*ground.values()], jobs=jobs),
-            strict=True,
-        )
-    )
+    dynamics = _inverse_dynamics(body, motion, wrenches, jobs)
 
-    events, which = gait_events(recording)
+    events, events_note = gait_events(recording)
     cycles, rejected = cut_cycles(events, dynamics.values())
     rule = condition or Condition()
-    onsets = perturbation_onsets(recording, rule, acted.pose) if rule.perturbed else np.empty(0)
-    chosen, missing = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
-    delay, uncertainty, said = _delay(dynamics[best], ground[best], motion)
-    vertical = np.sum([wrench[:, 2] for wrench in ground[best].values()], axis=0)
-    carried = carried_kg(motion.time, vertical, cycles)
-    walked = any(map(len, cycles.values()))
-    not_carried = (Note.of("subject_not_carried"),) if carried is None and walked else ()
+    onsets = perturbation_onsets(recording, rule, ground.pose) if rule.perturbed else np.empty(0)
+    selected, missing = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
+
+    total = np.sum([*wrenches[ground.best].values()], axis=0)
+    delay = plate_delay(total[:, :3], dynamics[ground.best].residual[:, :3], motion.time)
+    carried_mass_kg, carried_notes = carried_mass(motion.time, total[:, 2], cycles)
+    by_foot, ambiguous = under_feet[ground.best]
     return TrialResult(
         source=recording.source,
         subject=subject,
@@ -154,29 +144,29 @@ def process_recording(
         motion=motion,
         measured=dynamics["measured"],
         compensated=dynamics.get("compensated"),
-        ground=ground,
+        ground=wrenches,
         overridden_segments=tuple(segments or ()),
-        platform=acted.pose,
+        platform=ground.pose,
         events=events,
-        cycles=chosen,
+        cycles=selected,
         onsets=onsets,
-        delay_s=delay,
-        delay_uncertainty_s=uncertainty,
-        ambiguous=shared[best][1],
+        delay_s=delay.delay_s,
+        delay_uncertainty_s=delay.uncertainty_s,
+        ambiguous=ambiguous,
         notes=(
             *recording.notes,
-            weighed,
-            *implausible(body, carried_kg=carried),
-            *not_carried,
+            mass_note,
+            *implausible(body, carried_kg=carried_mass_kg),
+            *carried_notes,
             *changed_distances(body, recording.markers),
             *body.notes,
-            *motion_notes(body, raw),
-            *acted.notes,
-            which,
-            *agreement_with_plates(events, shared[best][0], motion.time, threshold),
+            *motion_notes(body, unfiltered),
+            *ground.notes,
+            events_note,
+            *agreement_with_plates(events, by_foot, motion.time, threshold_n),
             *rejected,
             *missing,
-            said,
+            delay.note,
         ),
     )
 
@@ -276,16 +266,6 @@ def read_file(study: Study, name: str, beside: Trial | None = None) -> Recording
     )
 
 
-def feet_of(body: Body, motion: Motion) -> Array:
-    """Give the middle of the left and right foot, ankle to toes, in the lab, (T, 2, 3) [m]."""
-    _, origin = segment_frames(body, motion.q)
-    ends = [
-        [SEGMENTS.index(f"{side}_{part}") for part in ("foot", "toes")]
-        for side in ("left", "right")
-    ]
-    return np.asarray(origin[:, ends].mean(axis=2))
-
-
 def _require_plates(recording: Recording) -> None:
     if not recording.plates:
         raise ValueError(
@@ -294,15 +274,16 @@ def _require_plates(recording: Recording) -> None:
         )
 
 
-def _delay(
-    dynamics: Dynamics, ground: dict[str, Array], motion: Motion
-) -> tuple[float, float, Note]:
-    """Estimate how much later the plates are than the markers."""
-    plates = np.sum([wrench[:, :3] for wrench in ground.values()], axis=0)
-    needed = dynamics.residual[:, :3] + plates
-    try:
-        found = marker_plate_delay(plates, needed, motion.time)
-    except ValueError as error:
-        return np.nan, np.nan, Note.of("plate_delay_unknown", reason=str(error))
-    note = Note.of("plate_delay", delay_s=found.seconds, uncertainty_s=found.standard_error)
-    return found.seconds, found.standard_error, note
+def _filtered(by_foot: Mapping[str, Array], motion: Motion, settings: Settings) -> dict[str, Array]:
+    """Pass the wrench under each foot through the filter of the motion."""
+    return {
+        foot: low_pass(wrench, motion.time, settings.cutoff_hz, settings.filter)
+        for foot, wrench in by_foot.items()
+    }
+
+
+def _inverse_dynamics(
+    body: Body, motion: Motion, wrenches: Mapping[str, dict[str, Array]], jobs: int
+) -> dict[str, Dynamics]:
+    variants = inverse_dynamics_variants(body, motion, [*wrenches.values()], jobs=jobs)
+    return dict(zip(wrenches, variants, strict=True))

@@ -1,4 +1,4 @@
-"""A subject's body from what is stated, recorded and known of it."""
+"""A subject's body, from what is stated and recorded."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -61,8 +61,8 @@ def subject_body(
     Raises
     ------
     ValueError
-        As `build_body` and `functional_hips`, or if functional hips have no recording, are where
-        no pelvis has them, or a recording for them is of no use.
+        As `build_body` and `functional_hips`; if functional hips have no recording or are too far
+        from the regression's, or if there is a recording for them that is not used.
     """
     knee, ankle = joint_widths(subject, pose)
 
@@ -83,7 +83,7 @@ def subject_body(
 
     if settings.hip != "functional":
         if hip_trial is not None:
-            raise ValueError('a recording for functional hips is of no use without "functional"')
+            raise ValueError('a recording for functional hips is not used without "functional"')
         return built(settings.hip)
     if hip_trial is None:
         raise ValueError("functional hips need a recording in which the thighs swing (hip_trial)")

@@ -1,4 +1,6 @@
-"""Which gait cycles of a trial count: so many of walking, or those that were perturbed."""
+"""Select the gait cycles that count: the first ones of walking, or the perturbed ones."""
+
+from typing import Final
 
 import numpy as np
 
@@ -9,16 +11,22 @@ from hbm.spatial import Array
 from pipeline.config.schema import Condition
 from pipeline.io.recording import Recording
 
-COUNTED_SIDE = "right"
-LONGEST_PULSE_GAP_S = 1.0
-SWAY_SPEED_MPS = 0.1
-SWAY_CUTOFF_HZ = 6.0
+COUNTED_SIDE: Final = "right"
+"""Cycles of walking are counted by one foot, as in the thesis; both feet's cycles overlap."""
+MIN_ONSET_INTERVAL_S: Final = 1.0
+"""What follows sooner belongs to the same perturbation; perturbations are strides apart."""
+MIN_SWAY_SPEED_MPS: Final = 0.1
+"""A third of the perturbation's 0.3 m/s; the slow return stays below."""
+SWAY_CUTOFF_HZ: Final = 6.0
+"""Low-pass on the platform's position before its speed is taken."""
+MIN_PULSE_TO_NOISE: Final = 10.0
+"""Largest by median excursion: a channel that never pulses has only noise."""
 
 
 def select_cycles(
     cycles: dict[str, Array], condition: Condition, onsets: Array | None
 ) -> tuple[dict[str, Array], tuple[Note, ...]]:
-    """Choose the gait cycles of a condition.
+    """Select the gait cycles of a condition.
 
     Parameters
     ----------
@@ -32,7 +40,7 @@ def select_cycles(
 
     Returns
     -------
-    chosen
+    selected
         Side -> cycles. Walking counts cycles of the right foot, the first ones there are. A
         perturbation counts the cycle whose initial contact came last before it, of either foot;
         two perturbations within one cycle count it once.
@@ -41,38 +49,40 @@ def select_cycles(
     """
     if condition.perturbed:
         onsets = np.empty(0) if onsets is None else onsets
-        chosen, notes = _perturbed(cycles, onsets[onsets >= condition.skip_s])
+        selected, notes = _perturbed(cycles, onsets[onsets >= condition.skip_s])
     else:
         spans = cycles[COUNTED_SIDE]
-        chosen = {COUNTED_SIDE: spans[spans[:, 0] >= condition.skip_s]}
+        selected = {COUNTED_SIDE: spans[spans[:, 0] >= condition.skip_s]}
         notes = ()
-    found = sum(len(spans) for spans in chosen.values())
+    found = sum(len(spans) for spans in selected.values())
     wanted = condition.cycles
     if wanted is None:
-        return chosen, notes
+        return selected, notes
     if found < wanted:
         notes = (*notes, Note.of("cycles_missing", found=found, wanted=wanted))
-    return _first(chosen, wanted), notes
+    return _first(selected, wanted), notes
 
 
 def _perturbed(
     cycles: dict[str, Array], onsets: Array
 ) -> tuple[dict[str, Array], tuple[Note, ...]]:
-    chosen: dict[str, list[Array]] = {side: [] for side in cycles}
+    selected: dict[str, list[Array]] = {side: [] for side in cycles}
     notes = []
     for onset in onsets:
-        hits = [
+        containing = [
             (span[0], side, span)
             for side, spans in cycles.items()
             for span in spans
             if span[0] <= onset < span[1]
         ]
-        if hits:
-            _, side, span = max(hits, key=lambda hit: hit[0])
-            chosen[side].append(span)
+        if containing:
+            _, side, span = max(containing, key=lambda cycle: cycle[0])
+            selected[side].append(span)
         else:
             notes.append(Note.of("perturbation_without_cycle", onset_s=onset))
-    spans = {side: np.unique(np.reshape(found, (-1, 2)), axis=0) for side, found in chosen.items()}
+    spans = {
+        side: np.unique(np.reshape(found, (-1, 2)), axis=0) for side, found in selected.items()
+    }
     return spans, tuple(notes)
 
 
@@ -111,16 +121,16 @@ def perturbation_onsets(
     """
     name = recording.source.name
     if condition.pulse_channel is not None:
-        onsets, where = pulse_onsets(recording, condition.pulse_channel), condition.pulse_channel
+        onsets, source = pulse_onsets(recording, condition.pulse_channel), condition.pulse_channel
     elif platform is not None:
         onsets = sway_onsets(recording.markers.time, platform.position[:, 1])
-        where = "the platform's motion"
+        source = "the platform's motion"
     else:
         raise ValueError(
             f"{name}: a perturbed condition needs a pulse_channel, or the platform's pose"
         )
     if not len(onsets):
-        raise ValueError(f"{name}: {where} shows no perturbation, but the condition is perturbed")
+        raise ValueError(f"{name}: {source} shows no perturbation, but the condition is perturbed")
     return onsets
 
 
@@ -152,13 +162,12 @@ def pulse_onsets(recording: Recording, channel: str) -> Array:
         signal = recording.analog.channel(channel)
     except KeyError as error:
         raise ValueError(f"{recording.source.name}: {error.args[0]}") from error
-    rest = float(np.nanmedian(signal))
-    height = np.abs(signal - rest)
-    peak = float(np.nanmax(height, initial=0.0))
-    noise = float(np.nanmedian(height))
-    if peak <= 10 * noise or peak == 0:
+    excursion = np.abs(signal - float(np.nanmedian(signal)))
+    peak = float(np.nanmax(excursion, initial=0.0))
+    noise = float(np.nanmedian(excursion))
+    if peak <= MIN_PULSE_TO_NOISE * noise or peak == 0:
         return np.empty(0)
-    high = height > peak / 2
+    high = excursion > peak / 2
     return _first_of_each(recording.analog.time[1:][high[1:] & ~high[:-1]])
 
 
@@ -178,11 +187,11 @@ def sway_onsets(time: Array, lateral: Array) -> Array:
         Where its speed, low-passed at 6 Hz, first exceeds 0.1 m/s, (P,) [s]: some 0.05 s after the
         platform starts to move 5 cm at 0.3 m/s. A slow return does not count.
     """
-    smooth = low_pass(lateral, 1 / np.median(np.diff(time)), SWAY_CUTOFF_HZ, "zero_phase")
-    fast = np.abs(np.gradient(smooth, time)) > SWAY_SPEED_MPS
+    filtered = low_pass(lateral, 1 / np.median(np.diff(time)), SWAY_CUTOFF_HZ, "zero_phase")
+    fast = np.abs(np.gradient(filtered, time)) > MIN_SWAY_SPEED_MPS
     return _first_of_each(time[1:][fast[1:] & ~fast[:-1]])
 
 
 def _first_of_each(times: Array) -> Array:
     """Keep the first of times that follow one another closely."""
-    return times[np.diff(times, prepend=-np.inf) > LONGEST_PULSE_GAP_S]
+    return times[np.diff(times, prepend=-np.inf) > MIN_ONSET_INTERVAL_S]

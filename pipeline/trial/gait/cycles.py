@@ -1,6 +1,7 @@
 """Gait cycles, and signals over 0–100 % of a cycle."""
 
 from collections.abc import Iterable, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,8 +13,9 @@ from hbm.spatial import Array
 from pipeline.io.recording import Event
 from pipeline.trial.gait.events import SIDES, event_times
 
-PLAUSIBLE_DURATION = (0.6, 1.5)
-"""Shortest and longest gait cycle, in medians of the trial."""
+MIN_DURATION: Final = 0.6
+MAX_DURATION: Final = 1.5
+"""Of a gait cycle, in medians of the trial: a missed or surplus foot strike makes 2 or 0.5."""
 
 
 def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[Note, ...]]:
@@ -31,7 +33,7 @@ def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[Note, 
     spans
         Start and stop of each plausible cycle, half-open, (C, 2) [s].
     rejected
-        Why cycles were left out: ``cycle_duration`` outside ``PLAUSIBLE_DURATION`` medians, or
+        Why cycles were left out: ``cycle_duration`` outside 0.6 to 1.5 medians, or
         ``cycle_events`` that do not alternate (the foot does not leave the ground once, or the
         other foot does not strike once), judged where the trial has events of that kind at all.
 
@@ -53,7 +55,7 @@ def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[Note, 
     for start, stop in spans:
         cycle = {"side": side, "start_s": start, "stop_s": stop}
         ratio = (stop - start) / np.median(duration)
-        if not PLAUSIBLE_DURATION[0] <= ratio <= PLAUSIBLE_DURATION[1]:
+        if not MIN_DURATION <= ratio <= MAX_DURATION:
             rejected.append(Note.of("cycle_duration", **cycle, ratio=ratio))
             accepted.append(False)
             continue
@@ -95,16 +97,16 @@ def cut_cycles(
     rejected: list[Note] = []
     for side in ("left", "right"):
         spans, reasons = gait_cycles(events, side)
-        hit = [bool(((undefined >= a) & (undefined < b)).any()) for a, b in spans]
+        unsolved = [bool(((undefined >= a) & (undefined < b)).any()) for a, b in spans]
         rejected += [
             *reasons,
             *(
                 Note.of("cycle_unsolved", side=side, start_s=a, stop_s=b)
-                for (a, b), bad in zip(spans, hit, strict=True)
-                if bad
+                for (a, b), without in zip(spans, unsolved, strict=True)
+                if without
             ),
         ]
-        cycles[side] = spans[~np.array(hit, bool)]
+        cycles[side] = spans[~np.array(unsolved, bool)]
     return cycles, tuple(rejected)
 
 

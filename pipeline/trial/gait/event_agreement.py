@@ -1,7 +1,8 @@
-"""How far two ways of finding gait events agree."""
+"""Agreement between two ways of finding gait events."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -10,10 +11,13 @@ from hbm.spatial import Array
 from pipeline.io.recording import Event
 from pipeline.trial.gait.events import LABELS, SIDES, event_times, force_events
 
+MAX_DIFFERENCE_S: Final = 0.2
+"""Of two events that may be the same; events of one kind and side are a second apart."""
+
 
 @dataclass(frozen=True, slots=True)
 class EventAgreement:
-    """How far two ways of finding one kind of event agree.
+    """Agreement between two ways of finding one kind of gait event.
 
     Attributes
     ----------
@@ -35,7 +39,7 @@ class EventAgreement:
 
 
 def compare_events(
-    first: Iterable[Event], second: Iterable[Event], tolerance_s: float = 0.2
+    first: Iterable[Event], second: Iterable[Event], tolerance_s: float = MAX_DIFFERENCE_S
 ) -> tuple[EventAgreement, ...]:
     """Match the events of two methods and give their differences per kind and side.
 
@@ -113,8 +117,9 @@ def _agreement(
     difference = first[:, None] - second
     if difference.size:
         row = np.arange(len(first))
-        nearest, back = abs(difference).argmin(axis=1), abs(difference).argmin(axis=0)
-        difference = difference[row, nearest][back[nearest] == row]
+        nearest_second = abs(difference).argmin(axis=1)
+        nearest_first = abs(difference).argmin(axis=0)
+        difference = difference[row, nearest_second][nearest_first[nearest_second] == row]
     matched = 1000 * difference[abs(difference) <= tolerance_s]
     return EventAgreement(
         label,

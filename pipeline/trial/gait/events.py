@@ -1,6 +1,7 @@
 """Gait events: foot strike and foot off, from the file, from markers or from forces."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,20 +13,21 @@ from hbm.signals.filtering import butterworth
 from hbm.spatial import Array
 from pipeline.io.recording import Event, Recording
 
-SIDES = ("left", "right")
-LABELS = ("foot_strike", "foot_off")
+SIDES: Final = ("left", "right")
+LABELS: Final = ("foot_strike", "foot_off")
 
-EVENT_CUTOFF_HZ = 6.0
-MINIMUM_STRIDE_S = 0.4
+EVENT_CUTOFF_HZ: Final = 6.0
+"""Gait is below it, marker noise above; as for the motion."""
+MIN_STRIDE_S: Final = 0.4
 """Two strikes of one foot closer than this are one (running at 4 m/s takes about 0.7 s)."""
-MINIMUM_EXCURSION_M = 0.1
+MIN_EXCURSION_M: Final = 0.1
 """Foot against sacrum along the walk: less than the slowest stride, more than standing sway."""
-MINIMUM_CONTACT_S = 0.1
-"""Shorter contacts and shorter losses of contact are chatter at the threshold, not steps."""
+MIN_CONTACT_S: Final = 0.1
+"""Shorter contacts and shorter losses of contact are force noise at the threshold, not steps."""
 
-SACRUM = (("SACR",), ("LPSIS", "RPSIS"), ("LPSI", "RPSI"), ("V.Sacral",))
-HEEL = ("{}HEE", "{}HEEL", "{}CAL", "{}.Heel")
-TOE = ("{}MT2", "{}TOE", "{}.Toe.Tip")
+SACRUM: Final = (("SACR",), ("LPSIS", "RPSIS"), ("LPSI", "RPSI"), ("V.Sacral",))
+HEEL: Final = ("{}HEE", "{}HEEL", "{}CAL", "{}.Heel")
+TOE: Final = ("{}MT2", "{}TOE", "{}.Toe.Tip")
 
 
 def gait_events(recording: Recording) -> tuple[tuple[Event, ...], Note]:
@@ -70,8 +72,8 @@ def zeni_events(markers: Markers) -> tuple[Event, ...]:
     Returns
     -------
     tuple of Event
-        Foot strikes where the heel, foot offs where the toe turns round against the sacrum, in
-        order of time and to a fraction of a frame. In a gap there are none.
+        Foot strikes where the heel, foot offs where the toe changes direction against the sacrum,
+        in order of time and to a fraction of a frame. In a gap there are none.
 
     Raises
     ------
@@ -83,8 +85,9 @@ def zeni_events(markers: Markers) -> tuple[Event, ...]:
     Zeni, Richards and Higginson 2008, Gait Posture 27:710. A foot strikes where heel − sacrum is
     largest along the walking direction and leaves where toe − sacrum is smallest. Trajectories pass
     the zero-phase Butterworth filter at ``EVENT_CUTOFF_HZ`` first. Of two turning points closer
-    than ``MINIMUM_STRIDE_S`` the more extreme counts. A turn counts only where the foot is seen to
-    travel ``MINIMUM_EXCURSION_M`` before and after it, so one at the very ends may be left out.
+    than ``MIN_STRIDE_S`` the more extreme counts. A turning point counts only where the foot is
+    seen to travel ``MIN_EXCURSION_M`` before and after it, so that one at the very ends may be left
+    out.
 
     Deviations from the original
     ----------------------------
@@ -105,13 +108,13 @@ def zeni_events(markers: Markers) -> tuple[Event, ...]:
 def force_events(
     wrenches: Mapping[str, ArrayLike], time: ArrayLike, threshold_n: float
 ) -> tuple[Event, ...]:
-    """Find gait events where the vertical force crosses a threshold: a check on the markers'.
+    """Find gait events where the vertical force crosses a threshold, to check those of markers.
 
     Parameters
     ----------
     wrenches
         Side ("left", "right") -> action on that foot in lab axes, (N, 6) [N, N·m], not filtered:
-        a filter at 6 Hz begins contact early.
+        a low-pass at 6 Hz would begin contact early.
     time
         Sample times, (N,) [s].
     threshold_n
@@ -121,7 +124,7 @@ def force_events(
     -------
     tuple of Event
         In order of time, to a fraction of a sample. Contacts and losses of contact shorter than
-        ``MINIMUM_CONTACT_S`` are chatter and do not count.
+        ``MIN_CONTACT_S`` are noise and do not count.
 
     Raises
     ------
@@ -149,14 +152,14 @@ def event_times(events: Iterable[Event], label: str, side: str) -> Array:
 
 
 def _turning_points(time: Array, distance: Array) -> Array:
-    """Find when a distance (T,) is largest; a gap hides what happens in it."""
+    """Find when a distance (T,) is largest; in a gap nothing is found."""
     filtered = butterworth(distance, time, EVENT_CUTOFF_HZ, "zero_phase")
-    apart = max(1, round(MINIMUM_STRIDE_S / np.median(np.diff(time))))
+    apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
     known = np.isfinite(filtered.value)
     frames = [np.zeros(0, int)]
     for start, stop in np.flatnonzero(np.diff(known, prepend=False, append=False)).reshape(-1, 2):
         peaks, _ = find_peaks(
-            filtered.value[start:stop], distance=apart, prominence=MINIMUM_EXCURSION_M
+            filtered.value[start:stop], distance=apart, prominence=MIN_EXCURSION_M
         )
         frames.append(start + peaks)
     frame = np.concatenate(frames)
@@ -176,7 +179,7 @@ def _contacts(time: Array, excess: Array) -> tuple[Array, Array]:
 def _without_brief(begin: Array, end: Array) -> tuple[Array, Array]:
     """Drop the pairs of times that enclose less than the shortest contact."""
     following = np.searchsorted(end, begin)
-    brief = np.append(end, np.inf)[following] - begin < MINIMUM_CONTACT_S
+    brief = np.append(end, np.inf)[following] - begin < MIN_CONTACT_S
     return begin[~brief], np.delete(end, following[brief])
 
 

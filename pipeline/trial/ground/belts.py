@@ -1,4 +1,4 @@
-"""Belts: their speed in a recording, and the pitch moment that their acceleration leaves in plates.
+"""Belts: their speed in a recording, and the pitch moment that their acceleration adds to plates.
 
 Acceleration and moment go through the same zero-phase low-pass, in the fit and in every trial: the
 model is fitted and used without delay, so that its estimate can be subtracted from a plate's own
@@ -22,9 +22,11 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.io.units import length_in_m
 from pipeline.trial.ground.calibration_recording import read_empty
 
-RATE_HZ: Final = 100.0
+MODEL_RATE_HZ: Final = 100.0
+"""The belt model's rate: belts accelerate below 10 Hz."""
 FILTER: Final[Method] = "zero_phase"
-EDGE_S: Final = 0.5
+FILTER_EDGE_S: Final = 0.5
+"""Left out at both ends of the calibration, where the low-pass has no neighbours."""
 
 
 def belt_speed(recording: Recording, channel: str) -> Array:
@@ -47,23 +49,25 @@ def belt_speed(recording: Recording, channel: str) -> Array:
     ValueError
         If there is no such channel, or its unit is none of speed.
     """
-    where = recording.source.name
+    file = recording.source.name
     analog = recording.analog
     if analog is None or channel not in analog.names:
-        there = ", ".join(analog.names) if analog is not None else "none"
-        raise ValueError(f"{where}: no analog channel {channel!r} with belt speed; there: {there}")
+        present = ", ".join(analog.names) if analog is not None else "none"
+        raise ValueError(
+            f"{file}: no analog channel {channel!r} with belt speed; present: {present}"
+        )
     unit = analog.units[analog.names.index(channel)].strip()
     length, per_second, _ = unit.partition("/s")
     if not per_second:
-        raise ValueError(f"{where}: {channel} is in {unit!r}, expected a speed such as m/s")
+        raise ValueError(f"{file}: {channel} is in {unit!r}, expected a speed such as m/s")
     return analog.channel(channel) * length_in_m(length)
 
 
 def belt_axes(plate: Plate) -> Array:
     """Give the directions along a belt, to its side, and up; columns in the plate's axes, (3, 3).
 
-    Along is the longer side of the surface, with the sign of the plate's own axis: whichever way
-    the lab's axes point, it is the same. A ValueError where the plate's corners are unknown.
+    Along is the longer side of the surface, with the sign of the plate's own axis, so that it does
+    not depend on the lab's axes. A ValueError where the plate's corners are unknown.
     """
     if not np.isfinite(plate.corners).all():
         raise ValueError(
@@ -82,7 +86,7 @@ def belt_axes(plate: Plate) -> Array:
 
 
 def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
-    """Learn what accelerating belts leave in their empty plates.
+    """Fit what accelerating belts add to their empty plates.
 
     Parameters
     ----------
@@ -105,13 +109,13 @@ def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
         raise ValueError(f"{recording.source.name}: the belt calibration has no force plates")
     models = []
     for plate, (time, acceleration) in _accelerations(recording, belt):
-        moment = plate.wrench_in_plate[:, 3:] @ _side(plate)
-        slow = interpolate(
-            plate.time, low_pass(moment, plate.rate_hz, belt.cutoff_hz, FILTER), time
-        )
-        inside = (time > time[0] + EDGE_S) & (time < time[-1] - EDGE_S) & np.isfinite(slow)
+        pitch_moment = plate.wrench_in_plate[:, 3:] @ _side(plate)
+        filtered = low_pass(pitch_moment, plate.rate_hz, belt.cutoff_hz, FILTER)
+        moment = interpolate(plate.time, filtered, time)
+        inside = (time > time[0] + FILTER_EDGE_S) & (time < time[-1] - FILTER_EDGE_S)
+        inside &= np.isfinite(moment)
         try:
-            model = fit_belt(acceleration[inside], slow[inside] - slow[inside].mean())
+            model = fit_belt(acceleration[inside], moment[inside] - moment[inside].mean())
         except ValueError as error:
             raise ValueError(f"{recording.source.name}: plate {plate.number}: {error}") from error
         models.append(model)
@@ -150,16 +154,16 @@ def belt_wrenches(
             f"has {len(models)}"
         )
     wrenches = []
-    for model, (plate, (at, acceleration)) in zip(
+    for model, (plate, (model_time, acceleration)) in zip(
         models, _accelerations(recording, belt), strict=True
     ):
-        moment = interpolate(at, model.predict(acceleration), time)
+        moment = interpolate(model_time, model.predict(acceleration), time)
         wrenches.append(np.hstack([np.zeros((len(time), 3)), moment[:, None] * _side(plate)]))
     return wrenches
 
 
 def read_belts(path: Path, belt: Belt, axes: str | None) -> tuple[BeltModel, ...]:
-    """Fit the belts of a recording of the empty treadmill; fitted once in a process.
+    """Fit the belt models to a recording of the empty treadmill; once in a process.
 
     Raises
     ------
@@ -174,7 +178,7 @@ def read_belts(path: Path, belt: Belt, axes: str | None) -> tuple[BeltModel, ...
 def _fitted(
     path: Path, version: tuple[int, int], belt: Belt, axes: str | None
 ) -> tuple[BeltModel, ...]:
-    del version  # tells a file written anew
+    del version  # part of the key: a file written anew is fitted anew
     return fit_belts(read_empty(path, axes), belt)
 
 
@@ -188,8 +192,8 @@ def _accelerations(recording: Recording, belt: Belt) -> list[tuple[Plate, tuple[
     for plate, channel in zip(recording.plates, cycle(belt.speed_channels), strict=False):
         speed = belt_speed(recording, channel)
         assert recording.analog is not None
-        clock, rate = recording.analog.time, recording.analog.rate_hz
-        at = np.arange(clock[0], clock[-1], 1 / RATE_HZ)
-        slow = belt_acceleration(speed, rate, belt.cutoff_hz, FILTER)
-        result.append((plate, (at, interpolate(clock, slow, at))))
+        clock, rate_hz = recording.analog.time, recording.analog.rate_hz
+        model_time = np.arange(clock[0], clock[-1], 1 / MODEL_RATE_HZ)
+        acceleration = belt_acceleration(speed, rate_hz, belt.cutoff_hz, FILTER)
+        result.append((plate, (model_time, interpolate(clock, acceleration, model_time))))
     return result

@@ -1,4 +1,4 @@
-"""A recording of the empty, moving treadmill -> the calibration of its plates."""
+"""Calibration of the plates from a recording of the empty, moving treadmill."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -13,13 +13,14 @@ from hbm.signals.resampling import resample
 from pipeline.config.schema import Treadmill
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.instruments import accelerations
+from pipeline.trial.ground.accelerometers import accelerations
 
-UPRIGHT: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
+AXES_BY_VERTICAL: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
+"""One choice with each of the file's axes as the vertical one."""
 
 
 def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
-    """Learn what the empty plates of a moving treadmill measure.
+    """Fit what the empty plates of a moving treadmill measure to its accelerations.
 
     Parameters
     ----------
@@ -42,14 +43,13 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
         raise ValueError(f"{recording.source.name}: the calibration recording has no force plates")
     clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
-    smooth = setup.low_pass(readings, clock)
+    filtered = setup.low_pass(readings, clock)
     models = {}
     for plate in recording.plates:
         wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
-        at = plate.time + treadmill.accelerometer_delay_s
-        felt = smooth if at is clock else resample(clock, smooth, at)
-        inside = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
-        models[f"plate {plate.number}"] = fit_inertia(felt[inside], wrench[inside], setup)
+        measured = resample(clock, filtered, plate.time + treadmill.accelerometer_delay_s)
+        known = np.isfinite(measured).all(axis=1) & np.isfinite(wrench).all(axis=1)
+        models[f"plate {plate.number}"] = fit_inertia(measured[known], wrench[known], setup)
     return Calibration(models, {"recording": recording.source.name})
 
 
@@ -78,7 +78,7 @@ def read_calibration(path: Path, treadmill: Treadmill, axes: str | None) -> Cali
     if path.suffix.lower() == ".json":
         try:
             calibration = from_json(path.read_text(encoding="utf-8"))
-            _require_places(calibration, treadmill)
+            _require_same_channels(calibration, treadmill)
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error
         return calibration
@@ -87,21 +87,21 @@ def read_calibration(path: Path, treadmill: Treadmill, axes: str | None) -> Cali
     return _fitted(path, (written.st_mtime_ns, written.st_size), stated, axes)
 
 
-def _require_places(calibration: Calibration, treadmill: Treadmill) -> None:
+def _require_same_channels(calibration: Calibration, treadmill: Treadmill) -> None:
     """Refuse a channel stated as another axis or sensor than it was in the calibration."""
     try:
-        known = _places(json.loads(calibration.provenance.get("channels", "{}")))
+        known = _axis_of_channel(json.loads(calibration.provenance.get("channels", "{}")))
     except (AttributeError, TypeError, ValueError) as error:
         raise ValueError("the calibration's channels are damaged; fit it again") from error
-    for channel, place in _places(treadmill.accelerometers).items():
-        if known.get(channel, place) != place:
+    for channel, axis in _axis_of_channel(treadmill.accelerometers).items():
+        if known.get(channel, axis) != axis:
             raise ValueError(
                 f"the calibration was made with channel {channel!r} as {known[channel]}, "
-                f"but treadmill.accelerometers has it as {place}"
+                f"but treadmill.accelerometers has it as {axis}"
             )
 
 
-def _places(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
+def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
     return {
         channel: f"{axis} of {sensor}"
         for sensor, channels in sensors.items()
@@ -113,7 +113,7 @@ def _places(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
 def _fitted(
     path: Path, version: tuple[int, int], treadmill_json: str, axes: str | None
 ) -> Calibration:
-    """Fit once what every trial of a study needs; ``version`` tells a file written anew."""
+    """Fit what every trial of a study needs; a file of another ``version`` is fitted anew."""
     recording = read_empty(path, axes)
     try:
         return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json))
@@ -130,8 +130,9 @@ def read_empty(path: Path, axes: str | None) -> Recording:
     path
         The file, of any format that is read.
     axes
-        Where the file's axes point; if None, any directions with the right vertical: nobody shows
-        which way is forward, and a calibration in the plates' own axes does not need it.
+        Where the file's axes point; if None, any directions with the right vertical: without a
+        subject nothing shows which way is forward, and a calibration in the plates' own axes does
+        not need it.
 
     Returns
     -------
@@ -148,15 +149,15 @@ def read_empty(path: Path, axes: str | None) -> Recording:
     try:
         return read_recording(path)
     except ValueError as first:
-        for guess in UPRIGHT:
+        for choice in AXES_BY_VERTICAL:
             try:
-                return read_recording(path, guess)
+                return read_recording(path, choice)
             except ValueError:
                 continue
         raise first
 
 
 def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
-    """Say how a recording's plates and accelerometers were recorded, for `Setup`'s comparison."""
+    """Give how a recording's plates and accelerometers were recorded and are to be filtered."""
     rate = float(1 / np.median(np.diff(recording.plates[0].time)))
     return Setup(tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz)

@@ -24,7 +24,7 @@ def test_there_are_24_right_handed_axes():
 
 
 @pytest.mark.parametrize("axes", ALL_AXES)
-def test_any_axes_of_a_file_are_inferred_from_who_stands_in_it(subject, axes):
+def test_any_axes_of_a_file_are_inferred_from_a_standing_subject(subject, axes):
     position = in_file_axes(subject.position, axes)
     found, (note,) = settle_axes(
         None, position, subject.names, plate_forces=in_file_axes([[20, 5, 400]], axes)
@@ -38,14 +38,14 @@ def test_any_axes_of_a_file_are_inferred_from_who_stands_in_it(subject, axes):
     np.testing.assert_allclose(position @ parse_axes(found).T, subject.position, atol=1e-12)
 
 
-def test_stated_axes_turn_a_file_into_the_lab():
+def test_stated_axes_rotate_a_file_into_the_lab():
     rotation = parse_axes("left, back, up")
     np.testing.assert_array_equal(rotation @ [1, 0, 0], [0, 1, 0])
     np.testing.assert_array_equal(rotation @ [0, 1, 0], [-1, 0, 0])
 
 
 @pytest.mark.parametrize("axes", ["", "left,back", "left,back,upwards", "x,y,z"])
-def test_words_that_are_no_directions_are_refused(axes):
+def test_words_other_than_directions_are_refused(axes):
     with pytest.raises(ValueError, match="must be three of forward, back"):
         parse_axes(axes)
 
@@ -63,7 +63,7 @@ def test_gaps_do_not_hide_the_axes(subject):
     assert settle_axes(None, position, subject.names)[0] == "forward,left,up"
 
 
-def test_a_loaded_plate_tells_up_where_no_marker_is_known():
+def test_a_loaded_plate_shows_up_where_no_marker_is_known():
     position = np.tile([[0.0, 0.1, 1], [0, -0.1, 1]], (5, 1, 1))
     names = ("LF", "RF")
     found, _ = settle_axes(None, position, names, plate_forces=[[0, 0, 300.0]])
@@ -81,38 +81,38 @@ def test_a_loaded_plate_tells_up_where_no_marker_is_known():
         ({"screen_up": "+Y"}, "but not by Y_SCREEN;"),
     ],
 )
-def test_contradicting_evidence_of_up_asks_for_the_axes(subject, evidence, complaint):
+def test_contradicting_evidence_of_up_needs_stated_axes(subject, evidence, complaint):
     with pytest.raises(ValueError, match=complaint) as caught:
         settle_axes(None, subject.position, subject.names, **evidence)
     assert "state the axes" in str(caught.value)
 
 
-def test_toes_that_point_backwards_ask_for_the_axes(subject):
+def test_toes_that_point_backwards_need_stated_axes(subject):
     swapped = tuple({"L": "R", "R": "L"}[name[0]] + name[1:] for name in subject.names)
     with pytest.raises(ValueError, match=r"toes point the other way; state the axes"):
         settle_axes(None, subject.position, swapped)
 
 
-def test_a_subject_who_turns_around_asks_for_the_axes(subject):
+def test_a_subject_who_turns_around_needs_stated_axes(subject):
     position = subject.position - [0, 0.1, 0]
     position[35:, :, :2] *= -1
     with pytest.raises(ValueError, match="the subject turns around"):
         settle_axes(None, position, subject.names)
 
 
-def test_a_subject_askew_to_every_axis_asks_for_the_axes(subject):
+def test_a_subject_diagonal_to_every_axis_needs_stated_axes(subject):
     askew = np.array([[1, -1, 0], [1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2)
     with pytest.raises(ValueError, match="more than 30° away from every axis"):
         settle_axes(None, subject.position @ askew.T, subject.names)
 
 
-def test_markers_without_sides_ask_for_the_axes():
+def test_markers_without_sides_need_stated_axes():
     position = np.tile([[0.0, 0, 1], [0, 0, 0]], (5, 1, 1))
     with pytest.raises(ValueError, match="no marker pair such as LASIS and RASIS"):
         settle_axes(None, position, ("C7", "SACR"), plate_forces=[[0, 0, 300.0]])
 
 
-def test_stated_axes_that_stand_the_subject_on_the_head_are_refused(subject):
+def test_stated_axes_that_turn_the_subject_upside_down_are_refused(subject):
     with pytest.raises(ValueError, match=r"\+z is up by .* but down by pelvis or shoulders"):
         settle_axes("forward,left,up", subject.position * [1, 1, -1], subject.names)
 
@@ -124,7 +124,7 @@ def test_plates_that_pull_the_subject_down_are_refused(subject):
         )
 
 
-def test_stated_axes_of_an_empty_treadmill_stand(subject):
+def test_stated_axes_of_an_empty_treadmill_are_accepted(subject):
     axes, (note,) = settle_axes(
         "left,back,up", np.empty((5, 0, 3)), (), plate_forces=[[0, 0, -80.0]]
     )

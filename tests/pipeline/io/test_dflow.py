@@ -39,7 +39,7 @@ def record_rows(time, events):
     return "".join(lines)
 
 
-def test_the_frame_number_drives_time_whatever_the_stamps_do(trial, tmp_path, rng):
+def test_time_follows_the_frame_number_whatever_the_time_stamps(trial, tmp_path, rng):
     late = np.abs(rng.normal(0, 0.002, 300))
     late[100:110] += np.linspace(0.1, 0.01, 10)
     read = read_dflow(write_dflow(trial, tmp_path / "t.txt", stamps=np.arange(300) / 100 + late))
@@ -99,7 +99,7 @@ def test_minus_zero_is_zero(trial, tmp_path):
     assert np.argwhere(np.isnan(read.markers.position[..., 0])).tolist() == [[9, 0]]
 
 
-def test_moments_about_another_point_are_found_out_from_the_centres_of_pressure(trial, tmp_path):
+def test_moments_about_another_point_are_located_by_the_centres_of_pressure(trial, tmp_path):
     """Without being told where the plates' centres are."""
     at_centres = write_dflow(trial, tmp_path / "c.txt", about=lambda plate: plate.center)
     read = read_dflow(at_centres)
@@ -124,7 +124,7 @@ def test_moments_that_no_centre_of_pressure_explains_are_refused(trial, tmp_path
         read_dflow(path)
 
 
-def test_a_vertical_moment_that_was_not_exported_is_no_zero(trial, tmp_path):
+def test_a_vertical_moment_that_was_not_exported_is_refused(trial, tmp_path):
     zero = {"FP1.MomY": np.zeros(300)}
     path = write_dflow(trial, tmp_path / "t.txt", extra=zero)
     with pytest.raises(ValueError, match="plate 1: the vertical moment is zero"):
@@ -148,7 +148,7 @@ def test_other_columns_are_channels_and_the_failed_body_model_is_a_gap(trial, tm
     assert read.markers.names == trial.markers.names
 
 
-def test_a_record_comes_onto_the_markers_clock(trial, tmp_path, rng):
+def test_a_record_is_interpolated_onto_the_markers_clock(trial, tmp_path, rng):
     stamps = np.arange(300) / 100 + 208.1 + rng.uniform(-0.002, 0.002, 300)
     mocap = write_dflow(trial, tmp_path / "t.txt", stamps=stamps)
     time = 208.5 + np.cumsum(rng.uniform(0.003, 0.02, 150))
@@ -168,7 +168,7 @@ def test_a_record_comes_onto_the_markers_clock(trial, tmp_path, rng):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         (lambda text: text.replace("# EVENT A occured 2", "# EVENT A occured 3"), "counts 3"),
         (lambda text: text.replace("\t1.", "\t1,", 1), "decimal comma"),
@@ -177,15 +177,15 @@ def test_a_record_comes_onto_the_markers_clock(trial, tmp_path, rng):
         (lambda text: text.replace("0.05", "9.05", 1), "do not increase"),
     ],
 )
-def test_a_broken_record_is_one_line(tmp_path, change, said):
+def test_a_broken_record_is_refused_in_one_line(tmp_path, change, message):
     rows = record_rows(np.arange(12) / 100, {3: "A", 5: "A", 7: "B"})
     path = tmp_path / "record.txt"
     path.write_text(change(RECORD.format(rows=rows)))
-    with pytest.raises(ValueError, match=rf"^record\.txt: .*{said}"):
+    with pytest.raises(ValueError, match=rf"^record\.txt: .*{message}"):
         read_record(path)
 
 
-def test_a_record_of_another_hour_is_refused(trial, tmp_path):
+def test_a_record_of_another_time_is_refused(trial, tmp_path):
     mocap = write_dflow(trial, tmp_path / "t.txt")
     record = tmp_path / "record.txt"
     rows = record_rows(3600 + np.arange(12) / 100, {3: "A", 5: "A", 7: "B"})
@@ -205,7 +205,7 @@ def millimetres(lines):
 
 
 @pytest.mark.parametrize(
-    ("edit", "said"),
+    ("edit", "message"),
     [
         (millimetres, "correct the unit"),
         (lambda lines: [lines[0].replace("FrameNumber", "Frame"), *lines[1:]], "Nexus"),
@@ -218,9 +218,9 @@ def millimetres(lines):
         (lambda lines: [lines[0], *lines[1::9]], "FrameNumber spans"),
     ],
 )
-def test_a_broken_mocap_file_is_one_line(trial, tmp_path, edit, said):
+def test_a_broken_mocap_file_is_refused_in_one_line(trial, tmp_path, edit, message):
     path = write_dflow(trial, tmp_path / "t.txt", edit=[edit])
-    with pytest.raises(ValueError, match=rf"^t\.txt: .*{said}"):
+    with pytest.raises(ValueError, match=rf"^t\.txt: .*{message}"):
         read_recording(path)
 
 

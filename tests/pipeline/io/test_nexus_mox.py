@@ -30,7 +30,7 @@ Frame,Sub Frame,X,Y,Z,X,Y,Z
 """
 
 
-def test_nexus_says_whose_and_which_frames_and_keeps_its_model_outputs(trial, tmp_path):
+def test_nexus_states_subject_and_frames_and_keeps_its_model_outputs(trial, tmp_path):
     path = write_nexus(trial, tmp_path / "t.csv")
     rows = "".join(f"{301 + k},0,{k},1,2,3,4,5\n" for k in range(100))
     path.write_text(path.read_text(encoding="utf-8") + OUTPUTS + rows, encoding="utf-8")
@@ -55,7 +55,7 @@ def test_other_devices_are_analog_channels(trial, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("pairs", "said"),
+    ("pairs", "message"),
     [
         ([("S01:", "S02:"), ("\n302,0,", "\n303,0,")], "upward"),
         ([("N.mm", "lbf")], "unknown moment unit 'lbf'"),
@@ -66,19 +66,19 @@ def test_other_devices_are_analog_channels(trial, tmp_path):
         ([("Frame,Sub Frame,X,Y,Z", "Frame,Sub Frame,X,Y,Q,X")], "columns"),
     ],
 )
-def test_a_broken_nexus_export_is_one_line(trial, tmp_path, pairs, said):
+def test_a_broken_nexus_export_is_refused_in_one_line(trial, tmp_path, pairs, message):
     path = changed(write_nexus(trial, tmp_path / "t.csv"), *pairs)
-    with pytest.raises(ValueError, match=rf"^t\.csv: .*{said}"):
+    with pytest.raises(ValueError, match=rf"^t\.csv: .*{message}"):
         read_recording(path)
 
 
-def test_millimetres_that_say_metres_are_refused(trial, tmp_path):
+def test_millimetres_labelled_as_metres_are_refused(trial, tmp_path):
     path = write_nexus(trial, tmp_path / "t.csv", unit=("m", 1000.0))
     with pytest.raises(ValueError, match=r"^t\.csv: the markers spread over .* correct the unit"):
         read_recording(path)
 
 
-def test_mox_keeps_unknown_channels_and_says_that_its_signs_are_unconfirmed(trial, tmp_path):
+def test_mox_keeps_unknown_channels_and_notes_that_its_signs_are_unconfirmed(trial, tmp_path):
     read = read_recording(write_mox(trial, tmp_path / "t.mox"))
     assert read.analog.names == ("Rotation LHipFlex",)
     assert read.metadata.subject == "P7"
@@ -86,7 +86,7 @@ def test_mox_keeps_unknown_channels_and_says_that_its_signs_are_unconfirmed(tria
 
 
 @pytest.mark.parametrize(
-    ("pairs", "said"),
+    ("pairs", "message"),
     [
         ([("</viewer_data>", "")], "broken or truncated"),
         ([("<nr_of_samples>100", "<nr_of_samples>250")], "nr_of_samples 250"),
@@ -96,7 +96,7 @@ def test_mox_keeps_unknown_channels_and_says_that_its_signs_are_unconfirmed(tria
         ([("FP1 - Moment Y", "FP1 - Torque Y")], "no channel for 1 mom Y"),
     ],
 )
-def test_a_broken_mox_file_is_one_line(trial, tmp_path, pairs, said):
+def test_a_broken_mox_file_is_refused_in_one_line(trial, tmp_path, pairs, message):
     path = changed(write_mox(trial, tmp_path / "t.mox"), *pairs)
-    with pytest.raises(ValueError, match=rf"^t\.mox: .*{said}"):
+    with pytest.raises(ValueError, match=rf"^t\.mox: .*{message}"):
         read_recording(path)

@@ -66,7 +66,7 @@ def test_the_same_trial_in_each_format_is_the_same_recording(formats, trial, nam
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_formats_are_told_by_content(formats, name):
+def test_formats_are_recognised_by_content(formats, name):
     assert file_format(formats[name]["path"]) == name.split(maxsplit=1)[0]
 
 
@@ -85,7 +85,7 @@ def fault_of(path):
     return None
 
 
-def test_an_unknown_content_names_the_formats_that_are_read(tmp_path):
+def test_unknown_content_is_refused_with_the_formats_that_are_read(tmp_path):
     for content in (b"time\tLASIS\n0\t1\n", bytes(range(256)) * 40, b"hello", b"\0" * 999, b"{}"):
         path = tmp_path / "trial.c3d"
         path.write_bytes(content)
@@ -95,7 +95,7 @@ def test_an_unknown_content_names_the_formats_that_are_read(tmp_path):
             assert word in one_line(error)
 
 
-def test_half_a_trial_says_which_half_is_missing(formats, tmp_path):
+def test_a_file_of_forces_or_signals_alone_names_the_file_it_needs(formats, tmp_path):
     with pytest.raises(ValueError, match="no markers; give it beside a TRC file"):
         read_recording(formats["TRC"]["forces"])
     path = tmp_path / "record.txt"
@@ -107,7 +107,7 @@ def test_half_a_trial_says_which_half_is_missing(formats, tmp_path):
         read_recording(path)
 
 
-def test_a_second_file_that_does_not_belong_is_refused(formats):
+def test_a_second_file_of_another_format_is_refused(formats):
     for key, its in (("forces", "TRC"), ("record", "D-Flow")):
         with pytest.raises(ValueError, match=f"goes with a {its} file, this is MOX"):
             read_recording(formats["MOX"]["path"], **{key: formats["TRC"]["forces"]})
@@ -142,7 +142,7 @@ def test_line_ends_and_byte_order_marks_of_forces_change_nothing(formats, tmp_pa
 
 
 @pytest.mark.parametrize("name", ["D-Flow", "MOX", "Nexus", "TRC"])
-def test_decimal_commas_are_refused_as_such(formats, tmp_path, name):
+def test_decimal_commas_are_recognised_and_refused(formats, tmp_path, name):
     text = formats[name]["path"].read_text(encoding="utf-8")
     head, body = text[: text.index("0.")], text[text.index("0.") :]
     if name == "Nexus":
@@ -158,7 +158,9 @@ def test_decimal_commas_are_refused_as_such(formats, tmp_path, name):
 
 @pytest.mark.parametrize(("name", "separator"), [("D-Flow", "\t"), ("Nexus", ","), ("TRC", "\t")])
 @pytest.mark.parametrize("how", ["less", "more"])
-def test_a_row_of_other_columns_is_refused_with_its_line(formats, tmp_path, name, separator, how):
+def test_a_row_with_another_number_of_columns_is_refused_with_its_line(
+    formats, tmp_path, name, separator, how
+):
     lines = formats[name]["path"].read_text(encoding="utf-8").splitlines()
     fields = lines[200].split(separator)
     fields[5:6] = [] if how == "less" else [fields[5], "0.5"]
@@ -181,7 +183,7 @@ WRITERS = {
 
 @pytest.mark.parametrize("scale", [1000.0, 0.001], ids=["a walker of a mile", "a walker of an ant"])
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_length_unit_that_cannot_be_is_refused(trial, tmp_path, name, scale):
+def test_a_length_unit_that_contradicts_the_markers_is_refused(trial, tmp_path, name, scale):
     markers = replace(trial.markers, position=scale * trial.markers.position)
     path = tmp_path / "unit.dat"
     WRITERS[name](replace(trial, markers=markers), path)
@@ -202,7 +204,7 @@ def test_a_file_that_was_cut_off_is_refused(formats, tmp_path, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_random_damage_ends_in_one_line_or_in_a_recording(formats, tmp_path, name):
+def test_random_damage_ends_in_a_recording_or_one_line_of_error(formats, tmp_path, name):
     """Never another exception, and no warning: those are errors in tests."""
     content = formats[name]["path"].read_bytes()[:40_000]
     tail = formats[name]["path"].read_bytes()[-20_000:]

@@ -48,7 +48,7 @@ def test_empty_fields_and_zeros_are_gaps(trc_file, subject):
     assert np.argwhere(gaps).tolist() == [[3, 2], [4, 1]]
 
 
-def test_millimetres_that_are_metres_are_refused(trc_file):
+def test_metres_labelled_as_millimetres_are_refused(trc_file):
     with pytest.raises(ValueError, match=r"subject\.trc: the markers spread over 0.000.*'mm'"):
         read_trc(trc_file("mm", 1.0))
 

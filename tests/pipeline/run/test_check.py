@@ -337,6 +337,6 @@ def test_a_static_pose_without_plates_cannot_weigh(study):
     pose = read_c3d(study / "sub01_baseline.c3d")
     write_c3d(study / "pose.c3d", pose.markers)
     edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nstatic = "pose.c3d"')
-    assert any("no plates to weigh by" in fault for fault in findings(study).faults)
+    assert any("no plates to weigh on" in fault for fault in findings(study).faults)
     edit(study / "sub01.toml", 'id = "sub01"', 'id = "sub01"\nmass_kg = 74.6')
     assert findings(study).faults == []

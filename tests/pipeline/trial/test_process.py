@@ -15,7 +15,7 @@ from pipeline.trial import process
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.residuals import residual_table
-from pipeline.trial.weighing import body_mass, carried_kg
+from pipeline.trial.weighing import body_mass, carried_mass
 from tests.pipeline import lab
 
 PERSON = Subject(id="sub01", sex="male")
@@ -59,7 +59,7 @@ def test_the_persons_own_wrench_reaches_the_model_whatever_the_platform_did(
 @pytest.mark.parametrize(
     ("condition", "axes"), [("sway", ["Fy", "Mx"]), ("pitch", ["Fx", "Fz", "My"])]
 )
-def test_compensation_takes_the_platform_out_of_the_residuals(results, condition, axes):
+def test_compensation_removes_the_platform_from_the_residuals(results, condition, axes):
     """What is left over baseline is less than a tenth of what the platform put in."""
     baseline = rms(results["baseline"], True)
     measured = rms(results[condition], False) - baseline
@@ -74,7 +74,7 @@ def test_a_platform_at_rest_has_nothing_to_compensate(results, standing_still):
         assert difference.abs().max() < 1
 
 
-def test_both_variants_share_one_inverse_kinematics(study, monkeypatch):
+def test_both_variants_use_one_inverse_kinematics(study, monkeypatch):
     calls = {"solve_ik": 0, "filter_motion": 0, "inverse_dynamics_variants": 0}
     for name in calls:
         real = getattr(process, name)
@@ -97,7 +97,7 @@ def test_walking_counts_the_first_cycles_of_the_right_foot_after_the_start(resul
     assert cycles["right"][0, 0] < 6.0 + 1.2
 
 
-def test_sway_counts_the_cycles_that_hold_a_pulse(results):
+def test_sway_counts_the_cycles_with_a_pulse(results):
     spans = np.concatenate(list(results["sway"].cycles.values()))
     assert len(spans) == 2
     for onset in lab.SWAYS_S:
@@ -105,7 +105,7 @@ def test_sway_counts_the_cycles_that_hold_a_pulse(results):
     np.testing.assert_allclose(results["sway"].onsets, lab.SWAYS_S, atol=1e-9)
 
 
-def test_without_a_pulse_the_platforms_motion_tells_the_same_cycles(study, results):
+def test_without_a_pulse_the_platforms_motion_selects_the_same_cycles(study, results):
     rule = study.file.conditions["sway"].model_copy(update={"pulse_channel": None})
     conditions = study.file.conditions | {"sway": rule}
     file = study.file.model_copy(update={"conditions": conditions})
@@ -135,7 +135,7 @@ def test_motion_and_forces_pass_the_filter_that_is_stated(walker, method):
     np.testing.assert_allclose(result.motion.a, expected.acceleration, atol=1e-6)
 
 
-def test_the_delay_of_the_plates_is_found_and_taken_out(walker):
+def test_the_delay_of_the_plates_is_estimated_and_removed(walker):
     late = lab.on_platform(walker, lab.still(12.0), plate_delay_s=0.02, noise=0)
     unaware = process_recording(late, PERSON, Settings())
     aware = process_recording(late, PERSON, Settings(plate_delay_s=0.02))
@@ -154,7 +154,7 @@ def test_a_study_without_a_calibration_has_one_variant(study):
     assert list(result.ground) == ["measured"]
 
 
-def test_frames_without_accelerations_cost_their_cycles_in_both_variants(study):
+def test_frames_without_accelerations_exclude_their_cycles_in_both_variants(study):
     """A cycle that only one variant defines would compare different steps."""
     recording = read_c3d(study.path("sub01_pitch.c3d"))
     values = recording.analog.values.copy()
@@ -212,14 +212,16 @@ def test_a_stated_mass_that_the_plates_contradict_is_noted(walker, results):
     assert note.values["carried_kg"] == pytest.approx(true, abs=0.5)
 
 
-def test_plates_that_do_not_carry_the_subject_throughout_do_not_weigh():
+def test_plates_that_do_not_carry_the_subject_throughout_give_no_mass():
     time = np.arange(300) / 100
     vertical = 700 + 100 * np.sin(4 * np.pi * time)
     cycles = {"left": np.array([[0.0, 1.0], [1.0, 2.0]]), "right": np.empty((0, 2))}
-    assert carried_kg(time, vertical, cycles) == pytest.approx(700 / 9.81)
+    mass_kg, notes = carried_mass(time, vertical, cycles)
+    assert mass_kg == pytest.approx(700 / 9.81)
+    assert notes == ()
     beside = np.where((time > 0.5) & (time < 0.9), 0.0, vertical)
-    assert carried_kg(time, beside, cycles) is None
-    assert carried_kg(time, vertical, {"left": np.empty((0, 2))}) is None
+    assert carried_mass(time, beside, cycles) == (None, (Note.of("subject_not_carried"),))
+    assert carried_mass(time, vertical, {"left": np.empty((0, 2))}) == (None, ())
 
 
 def test_a_marker_that_moved_since_the_calibration_pose_is_noted(walker):
@@ -232,7 +234,7 @@ def test_a_marker_that_moved_since_the_calibration_pose_is_noted(walker):
     assert "left_thigh" in [note.values["segment"] for note in changed]
 
 
-def test_noisy_plates_weigh_as_well(walker):
+def test_noisy_plates_weigh_as_accurately(walker):
     noise = np.random.default_rng(0).normal(0, 40, (len(walker.plates), len(walker.plates[0].time)))
     plates = []
     for plate, grain in zip(walker.plates, noise, strict=True):
@@ -244,7 +246,7 @@ def test_noisy_plates_weigh_as_well(walker):
 
 
 @pytest.mark.parametrize("why", ["nobody", "restless", "gap"])
-def test_a_mass_that_cannot_be_weighed_is_asked_for(walker, why):
+def test_a_mass_that_cannot_be_weighed_has_to_be_stated(walker, why):
     plate = walker.plates[0]
     wrench = plate.wrench_in_plate.copy()
     if why == "nobody":
@@ -284,7 +286,7 @@ def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded(walker):
     assert beside_the_knee(told, knee_width_m=0.1) == pytest.approx(0.05, abs=1e-3)
 
 
-def test_a_static_recording_shapes_the_body(walker):
+def test_the_body_is_built_from_the_static_recording(walker):
     """Built from the first seconds alone, the body is the same as from all of the trial."""
     markers = walker.markers
     first = replace(markers, time=markers.time[:200], position=markers.position[:200])
@@ -305,14 +307,14 @@ def test_a_trial_without_plates_is_refused(walker):
 
 
 @pytest.mark.parametrize(
-    ("subject", "condition", "said"),
+    ("subject", "condition", "message"),
     [
         ("sub1", "sway", "no subject 'sub1', did you mean 'sub01'"),
         ("sub01", "swy", "no condition 'swy', did you mean 'sway'"),
     ],
 )
-def test_an_unknown_trial_is_refused(study, subject, condition, said):
-    with pytest.raises(ValueError, match=said):
+def test_an_unknown_trial_is_refused(study, subject, condition, message):
+    with pytest.raises(ValueError, match=message):
         process_trial(study, subject, condition)
 
 
@@ -340,7 +342,7 @@ def test_a_foot_beside_the_plates_is_noted(walker, results):
     assert notes.count(note) == 1
 
 
-def test_events_are_held_against_the_forces_under_the_feet(results):
+def test_events_are_compared_with_the_forces_under_the_feet(results):
     notes = [n for n in results["baseline"].notes]
     kinds = [n.values for n in notes if n.code == "event_agreement"]
     assert len(kinds) == 4

@@ -90,7 +90,7 @@ def swinging(body, sideways=30.0):
     return Markers(time, body.markers, marker_positions(body, q))
 
 
-def test_functional_hips_and_their_trial_belong_together(study):
+def test_functional_hips_and_their_trial_are_stated_together(study):
     state(study / "sub01.toml", "[trials", 'hip_trial = "empty.c3d"\n[trials')
     with pytest.raises(StudyFaults) as alone:
         read_study(study)
@@ -148,7 +148,7 @@ def test_clinical_angles_are_exported_with_either_zero_of_the_ankle(walker, tmp_
     assert set(changed.index[changed]) == {"RAnklePlantarFlexion_deg", "LAnklePlantarFlexion_deg"}
 
 
-def test_functional_hips_where_no_pelvis_has_them_are_refused(walker, tmp_path):
+def test_functional_hips_far_from_the_regression_are_refused(walker, tmp_path):
     body = subject_body(walker, Subject(), Settings(), 74.6)
     functional = Settings(hip="functional")
     stray = swinging(body)
@@ -164,13 +164,13 @@ def test_functional_hips_where_no_pelvis_has_them_are_refused(walker, tmp_path):
     assert max(note.values["distance_m"].values()) < 0.0025
 
 
-def test_segments_that_cannot_be_are_refused(tmp_path):
-    for line, said in (
+def test_implausible_segments_are_refused(tmp_path):
+    for line, message in (
         ("center_m = [0.0, 0.0, -150.0]", "looks like millimetres"),
         ("inertia_kg_m2 = [300.0, 300.0, 20.0]", "no segment of a person has more"),
     ):
         (tmp_path / "legs.toml").write_text(f"[left_shank]\n{line}\n", encoding="utf-8")
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             read_segments(tmp_path / "legs.toml")
 
 
@@ -183,9 +183,9 @@ def test_exported_forces_are_compensated_where_a_calibration_is_given(study, tmp
     markers = ",".join(lab.PLATFORM_MARKERS_M)
     asked += [str(tmp_path / "compensated"), "--calibration", str(calibration)]
     assert main([*asked, "--platform-markers", markers]) == 0
-    said = capsys.readouterr().out
-    assert "from the compensated plate forces" in said
-    assert "- platform motion compensated by" in said
+    printed = capsys.readouterr().out
+    assert "from the compensated plate forces" in printed
+    assert "- platform motion compensated by" in printed
     spread = {
         kind: read_sto(tmp_path / kind / "sub01_pitch_forces.sto").column("PelvisX_force")
         for kind in ("measured", "compensated")

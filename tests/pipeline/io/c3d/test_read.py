@@ -116,7 +116,7 @@ def test_one_trial_is_the_same_in_every_byte_order(shared_data):
 
 
 @pytest.mark.parametrize("name", ["pc_int.c3d", "Gait.c3d", "TYPE-2.C3D"])
-def test_inferred_axes_let_people_walk_forward_and_upright(shared_data, name):
+def test_in_inferred_axes_people_walk_forward_and_upright(shared_data, name):
     position = read_c3d(shared_data / "c3d_samples" / name).markers.position
     seen = np.isfinite(position).all(axis=-1)
     path = np.array(
@@ -156,7 +156,7 @@ def test_a_unit_that_the_markers_contradict_is_refused(raw_c3d):
         read_c3d(path, AXES)
 
 
-def test_stated_axes_turn_markers_and_plates_alike(raw_c3d):
+def test_stated_axes_rotate_markers_and_plates_alike(raw_c3d):
     path = raw_c3d(points_at((100, 200, 300), (900, 0, 0)), POINT={"LABELS": ["A", "B"]})
     position = read_c3d(path, "left,back,up").markers.position
     np.testing.assert_allclose(position[0, 0], [-0.2, 0.1, 0.3], rtol=1e-6)
@@ -236,7 +236,7 @@ def test_events_are_on_the_clock_of_the_first_frame(raw_c3d):
     assert Note.of("events_left_out", events=1) in recording.notes
 
 
-def test_a_subject_prefix_is_removed_and_said(raw_c3d):
+def test_a_subject_prefix_is_removed_and_noted(raw_c3d):
     points = points_at((0, 100, 1000), (0, -100, 1000))
     path = raw_c3d(points, POINT={"LABELS": ["S01:LASI", "S01:RASI"]})
     recording = read_c3d(path, AXES)
@@ -245,7 +245,7 @@ def test_a_subject_prefix_is_removed_and_said(raw_c3d):
     assert Note.of("subject_prefixes_removed", subjects=("S01",)) in recording.notes
 
 
-def test_two_subjects_with_the_same_labels_are_a_question_that_subject_answers(raw_c3d):
+def test_two_subjects_with_the_same_labels_need_a_chosen_subject(raw_c3d):
     points = points_at((0, 100, 1000), (0, 300, 1000), (0, 500, 0))
     path = raw_c3d(points, POINT={"LABELS": ["S01:LASI", "S02:LASI", "S02:LHEE"]})
     with pytest.raises(ValueError, match=r'S01, S02; choose one, for example subject="S01"'):
@@ -274,7 +274,7 @@ def test_labels_are_renamed_on_request(raw_c3d):
         read_c3d(path, AXES, rename={"L.ASIS": "R.ASIS"})
 
 
-def test_labels_that_occur_twice_or_not_at_all_get_names_of_their_own(raw_c3d):
+def test_repeated_and_missing_labels_become_unique(raw_c3d):
     points = points_at((0, 100, 1000), (0, 300, 1000), (0, 300, 100), (0, 1, 0))
     path = raw_c3d(points, POINT={"LABELS": ["RKNE", "RKNE", ""]})
     recording = read_c3d(path, AXES)
@@ -283,7 +283,7 @@ def test_labels_that_occur_twice_or_not_at_all_get_names_of_their_own(raw_c3d):
     assert note in recording.notes
 
 
-def test_outputs_are_told_from_markers_by_group_or_by_name(raw_c3d):
+def test_outputs_are_separated_from_markers_by_group_or_by_name(raw_c3d):
     labels = ["LKNE", "S01:LKneeAngles", "CustomScalar", "PELO", "PELA", "PELL", "PELP", "CLAP"]
     points = points_at(*[(k, 100, 200 * k) for k in range(len(labels))])
     path = raw_c3d(points, POINT={"LABELS": labels, "SCALARS": ["CustomScalar"]})

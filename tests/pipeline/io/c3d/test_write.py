@@ -77,7 +77,7 @@ def test_a_trial_comes_back_from_disk_as_it_was(tmp_path, subject, plates, analo
         assert getattr(found.metadata, name) == pytest.approx(getattr(metadata, name))
 
 
-def test_what_was_read_is_written_and_read_again_without_change(tmp_path, shared_data):
+def test_what_was_read_is_the_same_after_writing_and_reading_again(tmp_path, shared_data):
     first = read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
     path = tmp_path / "again.c3d"
     write_c3d(

@@ -107,7 +107,7 @@ def test_a_step_across_the_gap_gives_both_plates_to_that_foot():
     np.testing.assert_allclose(shared["left_foot"][single], both[single], atol=1e-9)
 
 
-def test_walking_on_one_plate_alone_changes_owner_at_every_step():
+def test_on_one_plate_alone_the_foot_changes_at_every_step():
     """The plate is never unloaded; the foot must change all the same, within the double support."""
     feet, load = walking()
     points = pressures(feet)
@@ -132,7 +132,7 @@ def test_standing_with_both_feet_on_one_plate_is_flagged():
     assert not ambiguous.any()
 
 
-def test_an_upside_down_force_is_no_contact():
+def test_a_downward_force_is_no_contact():
     """Inertia of an empty belt may pull; it is not a foot, and nothing divides by its sum."""
     feet, load = walking()
     points = pressures(feet)
@@ -143,7 +143,7 @@ def test_an_upside_down_force_is_no_contact():
     assert np.isnan(center_of_pressure(wrenches[LEFT], 30.0)).any()
 
 
-def test_the_subject_alone_tells_where_the_feet_are():
+def test_feet_are_assigned_by_the_forces_of_the_subject_alone():
     """A swaying platform's inertia moves the measured centre of pressure by metres."""
     feet, load = walking()
     points = pressures(feet)

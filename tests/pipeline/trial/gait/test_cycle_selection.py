@@ -84,7 +84,7 @@ def test_two_perturbations_in_one_cycle_count_it_once():
     assert sum(len(spans) for spans in chosen.values()) == 1
 
 
-def test_perturbations_in_what_is_skipped_do_not_count():
+def test_skipped_perturbations_do_not_count():
     cycles = walking(60)
     condition = Condition(perturbed=True, skip_s=10.0)
     chosen, notes = select_cycles(cycles, condition, np.array([5.0, 20.0]))
@@ -127,13 +127,13 @@ def test_a_channel_that_never_pulses_has_no_onset(noise):
     assert not len(pulse_onsets(recording_with(pulses((), rest=1.0, noise=noise)), "Pulse"))
 
 
-def test_a_missing_pulse_channel_is_told_with_those_present():
+def test_a_missing_pulse_channel_is_refused_with_those_present():
     with pytest.raises(ValueError, match=r"walk\.c3d: no analog channel 'Puls'; present: Pulse"):
         pulse_onsets(recording_with(pulses(())), "Puls")
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 0.001])
-def test_the_platforms_own_motion_tells_the_onsets_too(noise_m):
+def test_onsets_are_found_in_the_platforms_motion_too(noise_m):
     """Within a tenth of a second, in a millimetre of noise, and never at the slow return."""
     onsets = (20.0, 40.0, 61.0)
     motion = swaying(70, onsets)

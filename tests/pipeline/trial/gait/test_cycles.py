@@ -58,13 +58,13 @@ def assert_known_events(events, atol, start=0.0):
 
 
 @pytest.mark.parametrize("names", [HBM2, HBM1, PLUG_IN, OPENSIM])
-def test_feet_strike_and_leave_where_they_turn_against_the_sacrum(names):
+def test_feet_strike_and_leave_where_they_change_direction_against_the_sacrum(names):
     assert_known_events(zeni_events(walker(names)), atol=5e-4)  # a twentieth of a frame
 
 
 @settings(deadline=None, max_examples=8)
 @given(drift=st.floats(-0.3, 0.3), sway=st.floats(-0.1, 0.1))
-def test_events_do_not_care_where_on_the_belt_the_subject_drifts(drift, sway):
+def test_events_do_not_depend_on_where_on_the_belt_the_subject_walks(drift, sway):
     here, there = zeni_events(walker()), zeni_events(walker(drift=drift, sway=sway))
     np.testing.assert_allclose([e.time for e in there], [e.time for e in here], atol=1e-6)
 
@@ -83,12 +83,12 @@ def test_events_come_in_order_of_time_and_alternate():
     assert kinds == cycle * 2
 
 
-def test_standing_still_makes_no_steps():
+def test_standing_still_gives_no_events():
     events = zeni_events(walker(standing_s=4.0, noise=0.002))
     assert min(e.time for e in events) > 3.9
 
 
-def test_a_gap_hides_its_own_events_and_no_others():
+def test_no_events_are_found_in_a_gap_and_all_others_are():
     markers = walker()
     position = markers.position.copy()
     position[400:500, markers.names.index("LHEE")] = np.nan
@@ -130,7 +130,7 @@ def test_contact_starts_and_stops_where_the_force_crosses_the_threshold_between_
     assert [e.label for e in events] == ["foot_strike", "foot_off"] * 2
 
 
-def test_chatter_at_the_threshold_and_spikes_in_swing_are_no_steps():
+def test_force_noise_at_the_threshold_and_spikes_in_swing_are_no_steps():
     spans = [(0.5, 1.2), (1.6, 2.3)]
     clean = force_events({"right": steps(spans)}, plate_time, 20)
     noisy = force_events({"right": steps(spans, [0.505, 1.195, 1.4, 3.0])}, plate_time, 20)
@@ -144,12 +144,12 @@ def test_a_gap_in_the_force_makes_no_event():
     assert [e.label for e in events] == ["foot_strike", "foot_strike", "foot_off"]
 
 
-def test_force_events_know_two_sides_only():
+def test_force_events_of_other_than_two_sides_are_refused():
     with pytest.raises(ValueError, match=r"got .* for 'middle'"):
         force_events({"middle": steps([])}, plate_time, 20)
 
 
-def test_agreement_of_events_moved_by_hand_is_what_was_moved():
+def test_agreement_of_shifted_events_is_their_shift():
     events = zeni_events(walker())
     jitter = np.random.default_rng(1).normal(0, 0.004, len(events))
     moved = [
@@ -194,7 +194,7 @@ def test_cycles_run_from_strike_to_strike(side, first):
     assert rejected == ()
 
 
-def test_a_cycle_with_a_missed_strike_is_left_out_and_says_why():
+def test_a_cycle_with_a_missed_strike_is_left_out_with_a_note():
     events = [e for e in regular_events() if (e.time, e.label) != (4.0, "foot_strike")]
     spans, rejected = gait_cycles(events, "left")
     assert len(spans) == 7
@@ -203,7 +203,7 @@ def test_a_cycle_with_a_missed_strike_is_left_out_and_says_why():
     assert rejected[0].values["ratio"] == pytest.approx(2.0)
 
 
-def test_a_cycle_in_which_feet_do_not_alternate_is_left_out_and_says_why():
+def test_a_cycle_in_which_feet_do_not_alternate_is_left_out_with_a_note():
     events = [*regular_events(), Event(3.3, "foot_strike", "right")]
     events = [e for e in events if (e.time, e.label) != (6.6, "foot_off")]
     spans, rejected = gait_cycles(events, "left")
@@ -215,13 +215,13 @@ def test_a_cycle_in_which_feet_do_not_alternate_is_left_out_and_says_why():
     ]
 
 
-def test_strikes_of_one_foot_alone_suffice_for_cycles():
+def test_foot_strikes_of_one_foot_suffice_for_cycles():
     strikes = [Event(t, "foot_strike", "left") for t in (1.0, 2.0, 3.0)]
     assert gait_cycles(strikes, "left")[0].tolist() == [[1, 2], [2, 3]]
     assert gait_cycles(strikes, "right")[0].shape == (0, 2)
 
 
-def test_a_side_that_does_not_exist_is_refused():
+def test_an_unknown_side_is_refused():
     with pytest.raises(ValueError, match=r'"left" or "right", got .Left.'):
         gait_cycles([], "Left")
 
@@ -251,7 +251,7 @@ def test_gaps_and_the_end_of_the_recording_stay_not_a_number():
     assert normalise(time, wave, np.zeros((0, 2))).shape == (0, 101)
 
 
-def test_events_of_the_file_come_first_and_markers_stand_in(tmp_path):
+def test_events_come_from_the_file_and_only_without_them_from_markers(tmp_path):
     recording = Recording(tmp_path / "trial.c3d", walker(), events=tuple(regular_events()))
     events, note = gait_events(recording)
     assert events == recording.events

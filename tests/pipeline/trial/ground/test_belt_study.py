@@ -89,7 +89,7 @@ def residual_my(folder, condition, belt):
     return [float(np.sqrt(np.mean(d.residual[300:-100, 4] ** 2))) for d in found]
 
 
-def test_pulses_of_the_belts_leave_a_tenth_beside_what_even_belts_leave(folder):
+def test_compensation_leaves_a_tenth_of_the_pitch_moment_of_both_belts(folder):
     even, even_compensated = residual_my(folder, "even", BELT)
     pulses, compensated = residual_my(folder, "pulses", BELT)
     assert pulses > 10 * even
@@ -97,5 +97,5 @@ def test_pulses_of_the_belts_leave_a_tenth_beside_what_even_belts_leave(folder):
     assert even_compensated == pytest.approx(even, rel=0.05)
 
 
-def test_a_study_that_does_not_ask_for_it_has_none(folder):
+def test_a_study_without_belt_settings_has_no_belt_compensation(folder):
     assert len(residual_my(folder, "pulses", "")) == 1

@@ -14,7 +14,9 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
 from pipeline.trial.ground.belts import belt_axes, belt_speed, fit_belts
-from pipeline.trial.ground.laboratory import Laboratory, fit_calibration, ground_wrenches
+from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.process import process_trial
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
@@ -53,13 +55,13 @@ def with_person(seed=3):
     return record_signal_trial(PULSES, seed=seed, load=load)
 
 
-def test_pulses_of_the_belt_leave_a_twentieth_of_their_pitch_moment(models):
+def test_compensation_leaves_a_twentieth_of_the_pitch_moment_of_belt_pulses(models):
     raw, left = left_over(record_signal_trial(PULSES, seed=3), models)
     assert raw > 5
     assert left < 0.05 * raw
 
 
-def test_what_a_person_adds_is_not_repaired(models):
+def test_what_a_person_on_the_belt_adds_is_not_compensated(models):
     _, empty = left_over(record_signal_trial(PULSES, seed=3), models)
     _, left = left_over(with_person(), models)
     unmoved = replace(PULSES, belt_speed=0 * PULSES.belt_speed)
@@ -69,7 +71,7 @@ def test_what_a_person_adds_is_not_repaired(models):
     assert np.sqrt(left**2 - empty**2) > 0.9 * person_alone
 
 
-def test_accelerometers_take_off_what_a_person_adds_through_the_platform(models, calibration):
+def test_accelerometers_compensate_what_a_person_adds_through_the_platform(models, calibration):
     _, empty = left_over(record_signal_trial(PULSES, seed=3), models)
     _, by_belts = left_over(with_person(), models)
     _, empty_by_both = left_over(record_signal_trial(PULSES, seed=3), models, calibration)
@@ -95,15 +97,15 @@ def test_the_pitch_axis_of_a_plate_does_not_depend_on_the_lab_axes(tmp_path):
     assert parse_axes("left,back,up").shape == (3, 3)
 
 
-def test_a_channel_that_is_no_speed_is_refused():
+def test_a_channel_in_no_unit_of_speed_is_refused():
     recording = record_signal_trial(PULSES, seed=6)
     with pytest.raises(ValueError, match=r"Acc1.X is in 'g', expected a speed"):
         belt_speed(recording, "Acc1.X")
-    with pytest.raises(ValueError, match=r"no analog channel 'Belt' .*; there: Acc1.X"):
+    with pytest.raises(ValueError, match=r"no analog channel 'Belt' .*; present: Acc1.X"):
         belt_speed(recording, "Belt")
 
 
-def test_a_study_file_switches_it_on(tmp_path):
+def test_a_study_file_switches_belt_compensation_on(tmp_path):
     (tmp_path / "study.toml").write_text(
         '[treadmill.belt]\ncalibration = "belts.c3d"\nspeed_channels = ["Belt"]\n'
         "[conditions.walk]\n",

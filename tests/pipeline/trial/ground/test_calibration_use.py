@@ -6,7 +6,7 @@ from pipeline.cli.app import main
 from tests.pipeline import lab
 
 
-def test_a_calibration_with_somebody_on_the_treadmill_is_told_at_every_use(
+def test_a_calibration_with_somebody_on_the_treadmill_is_noted_at_every_use(
     walker, moving_study, tmp_path, capsys
 ):
     occupied = lab.save(lab.on_platform(walker, lab.shaken(12.0)), tmp_path / "occupied.c3d")
@@ -17,12 +17,12 @@ def test_a_calibration_with_somebody_on_the_treadmill_is_told_at_every_use(
     markers = ", ".join(lab.PLATFORM_MARKERS_M)
     options = ["--calibration", str(fitted), "--platform-markers", markers]
     assert main(["residuals", trial, *options, "--out", str(tmp_path / "out")]) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert "warning: the calibration of plate 1: it carried" in said
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "warning: the calibration of plate 1: it carried" in printed
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
         (["-o", "lab.json", "--cutoff-hz", "9999"], "--cutoff-hz"),
         (["-o", "lab.json", "--cutoff-hz", "0"], "--cutoff-hz"),
@@ -31,14 +31,14 @@ def test_a_calibration_with_somebody_on_the_treadmill_is_told_at_every_use(
         ([], "--out"),
     ],
 )
-def test_what_cannot_be_is_one_line_and_leaves_nothing(
-    moving_study, tmp_path, capsys, monkeypatch, options, said
+def test_impossible_options_are_one_line_and_write_nothing(
+    moving_study, tmp_path, capsys, monkeypatch, options, message
 ):
     monkeypatch.chdir(tmp_path)
     assert main(["calibration", "fit", str(moving_study / "empty.c3d"), *options]) == 2
     line = capsys.readouterr().err
     assert line.startswith("hbm: error: ")
     assert line.count("\n") == 1
-    assert said in line
+    assert message in line
     assert "pydantic" not in line
     assert not list(tmp_path.iterdir())

@@ -1,27 +1,20 @@
-"""What acts on the subject on a platform that moves: inertia off its plates, then into the lab."""
+"""Wrenches of the plates on a moving platform: compensated, then brought to the lab."""
 
-import json
 import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from compensation import Calibration, check_calibration, to_json
 from hbm.notes import Note
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.resampling import resample
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.recording import Analog
 from pipeline.io.units import acceleration_in_mps2
-from pipeline.trial.ground import calibration_recording
-from pipeline.trial.ground.laboratory import (
-    Laboratory,
-    fit_calibration,
-    ground_wrenches,
-    read_calibration,
-    read_empty,
-)
+from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.wrenches import ground_wrenches
 from tests.pipeline import lab
 
 ON_MARKERS = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
@@ -46,19 +39,19 @@ def motions():
     }
 
 
-def acting(recording, laboratory, *, plate_delay_s=0.0):
-    """Sum of the plates per variant after the filter, and what else is known of the ground."""
+def filtered_total(recording, laboratory, *, plate_delay_s=0.0):
+    """Sum of the plates per variant after the filter, and the ground itself."""
     time = recording.markers.time
     ground = ground_wrenches(recording, laboratory, time, plate_delay_s)
-    smooth = {
+    total = {
         name: butterworth(np.sum(wrenches, axis=0), time, 6.0, "zero_phase").value
         for name, wrenches in ground.variants.items()
     }
-    return smooth, ground
+    return total, ground
 
 
 def truth(walker):
-    """The walker's own wrench in the lab: the plates of the treadmill that stands still."""
+    """The subject's own wrench in the lab: that on the plates of a treadmill that stands still."""
     total = np.sum([plate.wrench for plate in walker.plates], axis=0)
     time = walker.markers.time
     at_frames = resample(walker.plates[0].time, total, time)
@@ -70,22 +63,22 @@ def error(found, true):
 
 
 @pytest.mark.parametrize("kind", ["sway", "pitch", "both"])
-def test_a_known_persons_wrench_is_recovered_on_a_platform_that_moves(
+def test_a_persons_known_wrench_is_recovered_on_a_moving_platform(
     walker, calibration, motions, kind
 ):
-    """Belt assemblies of 150 kg each, 10°, 5 cm: hundreds of newtons become the noise of plates."""
+    """Belt assemblies of 150 kg each, 10°, 5 cm: only the plates' noise is left of it."""
     recording = lab.on_platform(walker, motions[kind])
-    found, _ = acting(recording, Laboratory(TREADMILL, calibration))
+    found, _ = filtered_total(recording, Laboratory(TREADMILL, calibration))
     limit = np.array([2, 2, 2, 1, 1, 1])
     assert (error(found["compensated"], truth(walker)) < limit).all()
     assert error(found["measured"], truth(walker)).max() > 200
 
 
 @pytest.mark.parametrize("kind", ["sway", "pitch", "both"])
-def test_the_platforms_pose_moves_the_plates_as_measured_too(walker, motions, kind):
-    """Without belt assemblies nothing needs compensation, but everything the pose."""
+def test_the_platforms_pose_applies_to_the_measured_plates_too(walker, motions, kind):
+    """Without belt assemblies nothing is to be compensated, but the pose is to be applied."""
     recording = lab.on_platform(walker, motions[kind], assembly=False, noise=0)
-    found, ground = acting(recording, Laboratory(TREADMILL))
+    found, ground = filtered_total(recording, Laboratory(TREADMILL))
     assert list(found) == ["measured"]
     assert error(found["measured"], truth(walker)).max() < 0.05
     rotation, position = motions[kind].pose(recording.markers.time)
@@ -93,10 +86,10 @@ def test_the_platforms_pose_moves_the_plates_as_measured_too(walker, motions, ki
     np.testing.assert_allclose(ground.pose.position, position, atol=1e-8)
 
 
-def test_a_pose_as_commanded_does_what_markers_do(walker, calibration, motions):
+def test_a_commanded_pose_gives_the_wrenches_that_markers_give(walker, calibration, motions):
     recording = lab.on_platform(walker, motions["both"])
     treadmill = TREADMILL.model_copy(update={"platform": COMMANDED})
-    found, ground = acting(recording, Laboratory(treadmill, calibration))
+    found, ground = filtered_total(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < [2, 2, 2, 1, 1, 1]).all()
     commanded, budget = ground.notes[-2:]
     assert commanded.code == "platform_pose_commanded"
@@ -108,7 +101,7 @@ def test_a_pose_as_commanded_does_what_markers_do(walker, calibration, motions):
 
 @pytest.mark.parametrize("cutoff_hz", [10.0, 20.0])
 def test_accelerations_of_a_trial_pass_the_low_pass_of_the_calibration(walker, motions, cutoff_hz):
-    """A vibration of 30 Hz in a sensor reaches the prediction as weakened as in the fit."""
+    """A vibration of 30 Hz in a sensor is attenuated in the prediction as in the fit."""
     treadmill = TREADMILL.model_copy(update={"cutoff_hz": cutoff_hz})
     empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
     laboratory = Laboratory(treadmill, fit_calibration(empty, treadmill))
@@ -135,17 +128,19 @@ def test_accelerations_of_a_trial_pass_the_low_pass_of_the_calibration(walker, m
 
 
 def test_the_note_on_compensation_names_its_filter(walker, calibration, motions):
-    _, ground = acting(lab.on_platform(walker, motions["sway"]), Laboratory(TREADMILL, calibration))
+    _, ground = filtered_total(
+        lab.on_platform(walker, motions["sway"]), Laboratory(TREADMILL, calibration)
+    )
     (note,) = (note for note in ground.notes if note.code == "plates_compensated")
     assert "low-passed as in the calibration, zero_phase at 20 Hz" in note.text
 
 
-def test_sensors_that_clip_are_noted_by_their_own_range(walker, calibration, motions):
+def test_clipping_is_judged_by_the_stated_range(walker, calibration, motions):
     recording = lab.on_platform(walker, motions["both"])
     clipped = {}
     for range_g in (1.05, 2.0):
         treadmill = TREADMILL.model_copy(update={"accelerometer_range_g": range_g})
-        _, ground = acting(recording, Laboratory(treadmill, calibration))
+        _, ground = filtered_total(recording, Laboratory(treadmill, calibration))
         clipped[range_g] = [n for n in ground.notes if n.code == "accelerometer_clipped"]
     assert clipped[2.0] == []
     assert clipped[1.05]
@@ -157,7 +152,7 @@ def test_a_delayed_command_is_shifted_and_leaves_a_gap_at_one_end(walker, motion
         walker, motions["both"], assembly=False, noise=0, command_delay_s=delay_s
     )
     platform = COMMANDED.model_copy(update={"delay_s": delay_s})
-    _, ground = acting(recording, Laboratory(Treadmill(platform=platform)))
+    _, ground = filtered_total(recording, Laboratory(Treadmill(platform=platform)))
     known = np.isfinite(ground.pose.position).all(axis=1)
     assert np.count_nonzero(~known) == 3
     assert not known[-1 if delay_s > 0 else 0]
@@ -172,33 +167,31 @@ def test_a_delayed_command_is_shifted_and_leaves_a_gap_at_one_end(walker, motion
         ({"plate_delay_s": -0.0135, "accelerometer_delay_s": -0.0135}, {"plate_delay_s": -0.0135}),
     ],
 )
-def test_plates_that_are_late_are_brought_to_the_markers(
-    walker, calibration, motions, delays, settings
-):
+def test_late_plates_are_aligned_with_the_markers(walker, calibration, motions, delays, settings):
     recording = lab.on_platform(walker, motions["both"], **delays)
     laboratory = Laboratory(TREADMILL, calibration)
-    found, _ = acting(recording, laboratory, **settings)
+    found, _ = filtered_total(recording, laboratory, **settings)
     limit = np.array([2, 2, 2, 1, 1, 1])
     assert (error(found["compensated"], truth(walker)) < limit).all()
-    found, _ = acting(recording, laboratory)
+    found, _ = filtered_total(recording, laboratory)
     assert (error(found["compensated"], truth(walker)) > limit).any()
 
 
-def test_accelerometers_later_than_the_plates_are_aligned_in_calibration_and_trial(walker, motions):
+def test_accelerometers_that_lag_the_plates_are_aligned_in_calibration_and_trial(walker, motions):
     late = {"accelerometer_delay_s": 0.025}
     treadmill = TREADMILL.model_copy(update=late)
     empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0), **late)
     calibration = fit_calibration(empty, treadmill)
     recording = lab.on_platform(walker, motions["both"], **late)
-    found, _ = acting(recording, Laboratory(treadmill, calibration))
+    found, _ = filtered_total(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < [2, 2, 2, 1, 1, 1]).all()
     unaware = fit_calibration(empty, TREADMILL)
-    found, _ = acting(recording, Laboratory(TREADMILL, unaware))
+    found, _ = filtered_total(recording, Laboratory(TREADMILL, unaware))
     assert (error(found["compensated"], truth(walker)) > [2, 2, 2, 1, 1, 1]).any()
 
 
 def test_a_treadmill_that_stands_still_needs_no_platform(walker):
-    found, ground = acting(walker, Laboratory(Treadmill()))
+    found, ground = filtered_total(walker, Laboratory(Treadmill()))
     assert ground.pose is None
     assert ground.notes == ()
     np.testing.assert_allclose(found["measured"], truth(walker), atol=1e-6)
@@ -211,7 +204,9 @@ def test_a_gap_of_an_accelerometer_is_a_gap_of_the_compensated_plates_only(
     values = recording.analog.values.copy()
     values[5000:5050, 0] = np.nan
     analog = Analog(recording.analog.time, recording.analog.names, recording.analog.units, values)
-    _, ground = acting(replace(recording, analog=analog), Laboratory(TREADMILL, calibration))
+    _, ground = filtered_total(
+        replace(recording, analog=analog), Laboratory(TREADMILL, calibration)
+    )
     assert np.isfinite(ground.variants["measured"]).all()
     missing = np.isnan(ground.variants["compensated"][0]).any(axis=1)
     assert missing[500:505].all()
@@ -225,7 +220,7 @@ def test_a_platform_marker_that_is_lost_leaves_a_gap_only_below_three(walker, mo
     position[300:310, -1] = np.nan
     position[400:410, -2:] = np.nan
     lost = replace(recording, markers=replace(recording.markers, position=position))
-    _, ground = acting(lost, Laboratory(TREADMILL))
+    _, ground = filtered_total(lost, Laboratory(TREADMILL))
     gap = np.isnan(ground.variants["measured"][0]).any(axis=1)
     assert np.flatnonzero(gap).tolist() == list(range(400, 410))
     assert Note.of("platform_pose_unknown", unknown=10, frames=1200) in ground.notes
@@ -235,8 +230,8 @@ def test_a_dead_plate_is_noted(walker):
     first, second = walker.plates
     dead = replace(second, wrench_in_plate=np.full_like(second.wrench_in_plate, 3.0))
     standing = Laboratory(Treadmill())
-    assert not acting(walker, standing)[1].notes
-    (note,) = acting(replace(walker, plates=(first, dead)), standing)[1].notes
+    assert not filtered_total(walker, standing)[1].notes
+    (note,) = filtered_total(replace(walker, plates=(first, dead)), standing)[1].notes
     assert (note.code, note.level) == ("plate_constant", "warning")
     assert note.values["plate"] == 2
 
@@ -255,7 +250,7 @@ def in_volts(recording):
 
 
 @pytest.mark.parametrize(
-    ("change", "platform", "said"),
+    ("change", "platform", "message"),
     [
         (lambda r: without(r, "A2Z"), ON_MARKERS, "no analog channel 'A2Z'; present: Acc1.X"),
         (lambda r: replace(r, analog=None), ON_MARKERS, "no analog channel 'Acc1.X'; there are no"),
@@ -271,21 +266,21 @@ def in_volts(recording):
         ),
     ],
 )
-def test_what_is_missing_is_one_line_with_the_file(
-    walker, calibration, motions, change, platform, said
+def test_what_is_missing_is_named_in_one_line_with_the_file(
+    walker, calibration, motions, change, platform, message
 ):
     recording = change(lab.on_platform(walker, motions["pitch"]))
     laboratory = Laboratory(TREADMILL.model_copy(update={"platform": platform}), calibration)
-    with pytest.raises(ValueError, match=re.escape(said)) as caught:
-        acting(recording, laboratory)
+    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+        filtered_total(recording, laboratory)
     assert "\n" not in str(caught.value)
     assert platform == Platform() or str(caught.value).startswith(walker.source.name)
 
 
-def test_a_stated_unit_stands_in_for_a_wrong_one(walker, calibration, motions):
+def test_a_stated_unit_replaces_that_of_the_file(walker, calibration, motions):
     recording = in_volts(lab.on_platform(walker, motions["pitch"]))
     treadmill = TREADMILL.model_copy(update={"accelerometer_unit": "g"})
-    found, _ = acting(recording, Laboratory(treadmill, calibration))
+    found, _ = filtered_total(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < [2, 2, 2, 1, 1, 1]).all()
 
 
@@ -294,89 +289,4 @@ def test_a_calibration_with_other_sensors_is_refused(walker, calibration, motion
     other = {"front_right": lab.CHANNELS["front_right"], "rear_left": lab.CHANNELS["rear_left"]}
     treadmill = Treadmill(accelerometers=other, platform=ON_MARKERS)
     with pytest.raises(ValueError, match="plate 1: calibration does not match: it has sensors"):
-        acting(recording, Laboratory(treadmill, calibration))
-
-
-def test_a_calibration_is_the_same_from_its_recording_and_from_its_file(tmp_path, calibration):
-    recording = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
-    path = lab.save(recording, tmp_path / "empty.c3d")
-    fitted = read_calibration(path, TREADMILL, None)
-    for name, model in calibration.plates.items():
-        np.testing.assert_allclose(fitted.plates[name].sigma, model.sigma, rtol=0.02)
-    stored = tmp_path / "empty.json"
-    stored.write_text(to_json(fitted), encoding="utf-8")
-    read = read_calibration(stored, TREADMILL, None)
-    np.testing.assert_array_equal(read.plates["plate 1"].gain, fitted.plates["plate 1"].gain)
-
-
-def test_a_channel_in_another_place_than_in_the_calibration_is_refused(tmp_path, calibration):
-    """Nothing in a trial tells a sensor's x from its y, and what they compensate would be wrong."""
-    stored = tmp_path / "lab.json"
-    facts = {"channels": json.dumps(lab.CHANNELS)}
-    stored.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
-    read_calibration(stored, TREADMILL, None)
-    sensor = next(iter(lab.CHANNELS))
-    x, y, z = lab.CHANNELS[sensor]
-    exchanged = Treadmill(accelerometers=lab.CHANNELS | {sensor: (y, x, z)})
-    said = f"lab.json: the calibration was made with channel '{y}' as y of {sensor}, but "
-    with pytest.raises(ValueError, match=re.escape(said)):
-        read_calibration(stored, exchanged, None)
-    other_files = Treadmill(accelerometers=lab.CHANNELS | {sensor: ("A.1", "A.2", "A.3")})
-    read_calibration(stored, other_files, None)
-    facts = {"channels": "[1]"}
-    stored.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"lab\.json: the calibration's channels are damaged"):
-        read_calibration(stored, TREADMILL, None)
-
-
-def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path, monkeypatch):
-    fits = []
-    real = calibration_recording.fit_calibration
-    monkeypatch.setattr(
-        calibration_recording, "fit_calibration", lambda *given: fits.append(1) or real(*given)
-    )
-    path = tmp_path / "empty.c3d"
-    lab.save(lab.on_platform(lab.without_people(8.0), lab.shaken(8.0)), path)
-    first = read_calibration(path, TREADMILL, None)
-    other_platform = TREADMILL.model_copy(update={"platform": COMMANDED})
-    assert read_calibration(path, other_platform, None) is first
-    assert len(fits) == 1
-    read_calibration(path, TREADMILL.model_copy(update={"cutoff_hz": 10.0}), None)
-    lab.save(lab.on_platform(lab.without_people(8.0), lab.shaken(8.0, seed=2)), path)
-    read_calibration(path, TREADMILL, None)
-    assert len(fits) == 3
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
-        ("empty.json", "{", "empty.json: the calibration is not JSON"),
-        ("empty.json", "{}", "empty.json: the text is not a calibration"),
-        ("empty.c3d", "nothing", "empty.c3d: "),
-    ],
-)
-def test_a_calibration_that_cannot_be_read_is_told_with_its_file(tmp_path, name, content, said):
-    path = tmp_path / name
-    path.write_text(content, encoding="utf-8")
-    with pytest.raises(ValueError, match=re.escape(said)):
-        read_calibration(path, TREADMILL, None)
-
-
-def test_a_calibration_with_somebody_on_the_treadmill_is_noted(walker, tmp_path):
-    path = lab.save(lab.on_platform(walker, lab.shaken(DURATION_S)), tmp_path / "walk.c3d")
-    model = read_calibration(path, TREADMILL, None).plates["plate 1"]
-    assert "calibration_loaded" in [n.code for n in check_calibration(model, "plate 1")]
-
-
-def test_a_still_treadmill_is_no_calibration(tmp_path):
-    path = lab.save(lab.on_platform(lab.without_people(5.0), lab.still(5.0)), tmp_path / "no.c3d")
-    with pytest.raises(ValueError, match=r"no\.c3d: the platform hardly moved"):
-        read_calibration(path, TREADMILL, None)
-
-
-def test_an_empty_treadmill_needs_no_stated_axes(tmp_path):
-    path = lab.save(lab.on_platform(lab.without_people(5.0), lab.shaken(5.0)), tmp_path / "e.c3d")
-    inferred = fit_calibration(read_empty(path, None), TREADMILL)
-    stated = fit_calibration(read_empty(path, "left,back,up"), TREADMILL)
-    for name, model in stated.plates.items():
-        np.testing.assert_allclose(inferred.plates[name].gain, model.gain, atol=1e-9)
+        filtered_total(recording, Laboratory(treadmill, calibration))

@@ -1,0 +1,99 @@
+"""The platform's pose in a trial, from its markers or as commanded."""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from compensation import PlatformPose, check_pose, commanded_pose, fit_pose, neutral_markers
+from hbm.notes import Note
+from hbm.signals.resampling import resample
+from hbm.spatial import Array
+from pipeline.config.schema import Platform
+from pipeline.io.recording import Recording
+from pipeline.io.units import angle_in_rad, length_in_m
+from pipeline.trial.ground.instruments import read_channel
+
+NEUTRAL_FRAMES: Final = 100
+"""Frames at the start in which the platform is in neutral: one second at 100 Hz."""
+MAX_MARKER_ERROR_M: Final = 0.01
+"""Farther from the rigid fit a marker is left out; cameras err by a millimetre or less."""
+
+
+def platform_pose(
+    recording: Recording, platform: Platform | None, time: Array
+) -> tuple[PlatformPose | None, tuple[Note, ...]]:
+    """Find the platform's pose at the markers' times.
+
+    Parameters
+    ----------
+    recording
+        The trial; its first frames show the platform in neutral.
+    platform
+        How the pose is known; None for a treadmill that stands still.
+    time
+        Marker times, (T,) [s].
+
+    Returns
+    -------
+    pose
+        None where the treadmill stands still.
+    notes
+        Where the pose comes from, and what is doubtful about it.
+
+    Raises
+    ------
+    ValueError
+        If a platform marker or channel is missing, or none is stated.
+    """
+    if platform is None:
+        return None, ()
+    if platform.markers:
+        return _pose_from_markers(recording, platform.markers)
+    if not platform.channels:
+        raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
+    return _commanded_pose(recording, platform, time)
+
+
+def _pose_from_markers(
+    recording: Recording, markers: tuple[str, ...]
+) -> tuple[PlatformPose, tuple[Note, ...]]:
+    names = recording.markers.names
+    missing = [name for name in markers if name not in names]
+    if missing:
+        raise ValueError(
+            f"{recording.source.name}: platform markers {', '.join(missing)} are not in the "
+            f"file; markers there: {', '.join(names)}"
+        )
+    position = recording.markers.position[:, [names.index(name) for name in markers]]
+    fit = fit_pose(position, neutral_markers(position[:NEUTRAL_FRAMES]), MAX_MARKER_ERROR_M)
+    note = Note.of("platform_pose_from_markers", markers=markers)
+    return fit.pose, (note, *check_pose(fit, markers, MAX_MARKER_ERROR_M))
+
+
+def _commanded_pose(
+    recording: Recording, platform: Platform, time: Array
+) -> tuple[PlatformPose, tuple[Note, ...]]:
+    """Give the pose where both commands are known; the delay leaves a gap at one end."""
+
+    def command(channel: str | None, unit_in_si: Callable[[str], float]) -> Array:
+        if channel is None:
+            return np.zeros(len(time))
+        clock, values = read_channel(recording, channel, unit_in_si)
+        return resample(clock, values, time + platform.delay_s)
+
+    sway = command(platform.sway_channel, length_in_m)
+    pitch = command(platform.pitch_channel, angle_in_rad)
+    known = np.isfinite(sway) & np.isfinite(pitch)
+    pose = commanded_pose(sway[known], pitch[known], platform.pivot_m)
+    rotation, position = np.full((len(time), 3, 3), np.nan), np.full((len(time), 3), np.nan)
+    rotation[known], position[known] = pose.rotation, pose.position
+    x, y, z = platform.pivot_m
+    note = Note.of(
+        "platform_pose_commanded",
+        channels=platform.channels,
+        pivot_x_m=x,
+        pivot_y_m=y,
+        pivot_z_m=z,
+    )
+    return PlatformPose(rotation, position), (note,)

@@ -1,0 +1,178 @@
+"""What acts on the subject: the plates' wrenches in the lab, as measured and compensated."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from compensation import (
+    InertiaModel,
+    PlatformPose,
+    check_calibration,
+    check_trial,
+    moment_error_of_pivot,
+    to_lab,
+)
+from hbm.notes import Note
+from hbm.signals.resampling import resample
+from hbm.spatial import Array, transform_wrench
+from pipeline.io.recording import Plate, Recording
+from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.belts import belt_wrenches
+from pipeline.trial.ground.calibration_recording import setup_of
+from pipeline.trial.ground.laboratory import Laboratory, plate_models
+from pipeline.trial.ground.platform import platform_pose
+
+ASSUMED_PIVOT_ERROR_M: Final = 0.01
+"""Of a pivot that is measured by hand; its effect on the moments is noted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ground:
+    """The wrenches of the plates on the subject.
+
+    Attributes
+    ----------
+    variants
+        "measured" and, with a calibration of platform or belts, "compensated" -> per plate its
+        wrench at the markers' times, lab axes about the lab origin, unfiltered, (T, 6) [N, N·m].
+    pose
+        The platform's pose at the markers' times; None where it stands still.
+    notes
+        How the wrenches were compensated and brought to the lab, and what is doubtful about that.
+    """
+
+    variants: Mapping[str, Sequence[Array]]
+    pose: PlatformPose | None
+    notes: tuple[Note, ...]
+
+    @property
+    def best(self) -> str:
+        """The variant that is closest to the truth: compensated where there is one."""
+        return "compensated" if "compensated" in self.variants else "measured"
+
+
+def ground_wrenches(
+    recording: Recording, laboratory: Laboratory, time: Array, plate_delay_s: float
+) -> Ground:
+    """Bring every plate to the markers' times and into the lab, as measured and compensated.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    laboratory
+        The treadmill.
+    time
+        Marker times, (T,) [s].
+    plate_delay_s
+        How much later the plates are than the markers [s].
+
+    Returns
+    -------
+    Ground
+        Both variants move with the platform. First the belts' contribution is subtracted, then the
+        platform's inertia, in each plate's own moving frame before any rotation; the gains are
+        static, so that it makes no difference that this is done at the markers' rate on equally
+        resampled signals.
+
+    Raises
+    ------
+    ValueError
+        If the calibration does not fit the trial, or a channel or platform marker is missing.
+    """
+    plates, treadmill = recording.plates, laboratory.treadmill
+    measured = [resample(p.time, p.wrench_in_plate, time + plate_delay_s) for p in plates]
+    notes = [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
+
+    compensated = measured
+    if laboratory.belts and treadmill.belt is not None:
+        added = belt_wrenches(recording, laboratory.belts, treadmill.belt, time + plate_delay_s)
+        compensated = [w - belt for w, belt in zip(compensated, added, strict=True)]
+        notes.append(Note.of("belts_compensated", channels=treadmill.belt.speed_channels))
+    if laboratory.calibration is not None:
+        compensated, doubts = _without_inertia(
+            compensated, recording, laboratory, time + plate_delay_s
+        )
+        notes += doubts
+
+    pose, pose_notes = platform_pose(recording, treadmill.platform, time)
+    notes += pose_notes
+    if pose is None and laboratory.calibration is not None:
+        notes.append(Note.of("platform_taken_as_level"))
+    if pose is not None and treadmill.platform is not None and treadmill.platform.pitch_channel:
+        notes.append(_pivot_error_budget(pose, np.sum(measured, axis=0)[:, :3]))
+    variants = {"measured": measured}
+    if compensated is not measured:
+        variants["compensated"] = compensated
+    in_lab = {name: _in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
+    return Ground(in_lab, pose, tuple(notes))
+
+
+def _is_constant(plate: Plate) -> bool:
+    return not np.ptp(plate.wrench_in_plate, axis=0).any()
+
+
+def _without_inertia(
+    wrenches: Sequence[Array], recording: Recording, laboratory: Laboratory, plate_time: Array
+) -> tuple[list[Array], list[Note]]:
+    """Subtract what the platform's motion adds to each plate; plate times (T,) are on their clock.
+
+    The accelerometers pass the same low-pass as in the calibration.
+    """
+    treadmill = laboratory.treadmill
+    clock, readings = accelerations(recording, treadmill)
+    models = plate_models(recording, laboratory)
+    setup = setup_of(recording, treadmill)
+    measured = resample(
+        clock, setup.low_pass(readings, clock), plate_time + treadmill.accelerometer_delay_s
+    )
+    compensated = [
+        _compensated(model, measured, wrench)
+        for model, wrench in zip(models, wrenches, strict=True)
+    ]
+    notes = [
+        note
+        for plate, model in zip(recording.plates, models, strict=True)
+        for note in check_calibration(model, f"plate {plate.number}")
+    ]
+    known = readings[np.isfinite(readings).all(axis=1)]
+    notes += check_trial(models[0], known, treadmill.accelerometer_range_g)
+    notes.append(
+        Note.of(
+            "plates_compensated",
+            accelerometers=tuple(treadmill.accelerometers),
+            filter=setup.filter_method,
+            cutoff_hz=treadmill.cutoff_hz,
+        )
+    )
+    return compensated, notes
+
+
+def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Array:
+    """Compensate the samples that have both; the others stay gaps."""
+    known = np.isfinite(acceleration).all(axis=1) & np.isfinite(wrench).all(axis=1)
+    result = np.full(wrench.shape, np.nan)
+    result[known] = model.compensate(acceleration[known], wrench[known])
+    return result
+
+
+def _in_lab(
+    wrenches: Sequence[Array], plates: Sequence[Plate], pose: PlatformPose | None
+) -> list[Array]:
+    """Bring wrenches in plate axes to the lab, by the plates' neutral places and the pose."""
+    neutral = [
+        transform_wrench(wrench, plate.rotation, plate.center)
+        for wrench, plate in zip(wrenches, plates, strict=True)
+    ]
+    return neutral if pose is None else [to_lab(wrench, pose) for wrench in neutral]
+
+
+def _pivot_error_budget(pose: PlatformPose, force: Array) -> Note:
+    """Give the largest moment that a small error of the stated pivot would add."""
+    pitch = np.arctan2(pose.rotation[:, 0, 2], pose.rotation[:, 0, 0])
+    directions = np.eye(3)[[0, 2]]
+    moments = [moment_error_of_pivot(ASSUMED_PIVOT_ERROR_M * d, pitch, force) for d in directions]
+    largest_nm = float(np.nanmax(np.linalg.norm(moments, axis=2)))
+    return Note.of("pivot_error_budget", pivot_error_m=ASSUMED_PIVOT_ERROR_M, moment_nm=largest_nm)
