@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from compensation.accuracy import (
+    from compensation.accuracy.errors import (
         Line,
         Linearity,
         fit_line_orthogonal,
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
         mean_by_level,
         rms_difference,
         rms_orthogonal,
-        wrench_of_weight,
     )
+    from compensation.accuracy.weight import wrench_of_weight
     from compensation.alignment.delay import Delay, estimate_delay, undo_delay
     from compensation.alignment.force_delay import marker_plate_delay
     from compensation.alignment.hammer import hammer_delay
@@ -49,14 +49,14 @@ if TYPE_CHECKING:
     from hbm.signals.filtering import low_pass
 
 _HOME = {
-    "Line": "compensation.accuracy",
-    "Linearity": "compensation.accuracy",
-    "fit_line_orthogonal": "compensation.accuracy",
-    "linearity": "compensation.accuracy",
-    "mean_by_level": "compensation.accuracy",
-    "rms_difference": "compensation.accuracy",
-    "rms_orthogonal": "compensation.accuracy",
-    "wrench_of_weight": "compensation.accuracy",
+    "Line": "compensation.accuracy.errors",
+    "Linearity": "compensation.accuracy.errors",
+    "fit_line_orthogonal": "compensation.accuracy.errors",
+    "linearity": "compensation.accuracy.errors",
+    "mean_by_level": "compensation.accuracy.errors",
+    "rms_difference": "compensation.accuracy.errors",
+    "rms_orthogonal": "compensation.accuracy.errors",
+    "wrench_of_weight": "compensation.accuracy.weight",
     "Delay": "compensation.alignment.delay",
     "estimate_delay": "compensation.alignment.delay",
     "undo_delay": "compensation.alignment.delay",

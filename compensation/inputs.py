@@ -1,4 +1,4 @@
-"""What every function of this package asks of the samples it is given."""
+"""Checks of samples that every function of this package makes before it computes."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,14 +9,14 @@ COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
 def read_table(values: ArrayLike, name: str, columns: int | None = None) -> Array:
-    """Give samples as float64, one row per sample, or say what is wrong with them.
+    """Give samples as float64, one row per sample, or raise an error that names what is wrong.
 
     Parameters
     ----------
     values
         Samples, (N, C).
     name
-        What a person calls them; it begins the error.
+        Their name, with which the error begins.
     columns
         The number of columns C, where it is known.
 

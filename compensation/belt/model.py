@@ -1,6 +1,7 @@
-"""Belt acceleration: the pitch moment that motor and rollers leave in a plate."""
+"""Belt acceleration: the pitch moment that motor and rollers add to a plate."""
 
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,17 +12,28 @@ from compensation.inputs import read_rate, read_signal, refuse_constant, refuse_
 from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.spatial import Array, read_only
 
-_SETTLE = 100  # samples at the start that depend on what the belt did before
-_SAMPLES = 1000  # fewer tell nothing about five coefficients and their poles
-_LARGEST_REFLECTION = 0.9  # keeps the poles well inside the unit circle
-_STARTS = 3
+SETTLING_SAMPLES: Final = 100
+"""At the start of a trial, which depend on the belt's motion before; 1 s at 100 Hz."""
+MIN_SAMPLES: Final = 1000
+"""10 s at 100 Hz; fewer do not determine five coefficients and their poles."""
+MAX_REFLECTION: Final = 0.9
+"""Largest reflection coefficient of a fit: keeps the poles well inside the unit circle."""
+START_GRID: Final = np.linspace(-0.8, 0.8, 5)
+"""Reflection coefficients from which the fit starts; the error has several minima."""
+REFINED_STARTS: Final = 3
+"""Best starts of the grid that are refined; more find the same minimum."""
+MAX_SPEED_MPS: Final = 10.0
+"""No treadmill's belt is faster: larger numbers are mm/s or km/h."""
+MIN_MOMENT_PER_ACCELERATION: Final = 0.05
+MAX_MOMENT_PER_ACCELERATION: Final = 500.0
+"""N·m per m/s²; some 5 on a GRAIL. Moments in N·mm and accelerations in mm/s² are outside."""
 State = tuple[float, float]
 
 
 def belt_acceleration(
     speed: ArrayLike, rate_hz: float, cutoff_hz: float, method: LowPassMethod
 ) -> Array:
-    """Give a belt's acceleration: central differences of its speed, then `low_pass`.
+    """Give a belt's acceleration: central differences of its speed, low-passed.
 
     Parameters
     ----------
@@ -30,7 +42,7 @@ def belt_acceleration(
     rate_hz
         Sampling rate [Hz].
     cutoff_hz, method
-        Of `low_pass` [Hz]; filter the pitch moment with the same.
+        As of `low_pass` [Hz]; filter the pitch moment equally.
 
     Returns
     -------
@@ -40,14 +52,22 @@ def belt_acceleration(
     Raises
     ------
     ValueError
-        As `low_pass`; also speeds that no belt has (mm/s, km/h).
+        As `low_pass`; also gaps, and speeds that no belt reaches (mm/s, km/h).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> speed = 1.3 + 0.5 * np.arange(0, 2, 0.01)
+    >>> belt_acceleration(speed, 100.0, 10.0, "realtime")[-1].round(6)
+    np.float64(0.5)
     """
     v = read_signal(speed, "belt speed")
     if len(v) < 2:
         raise ValueError("belt speed has 1 sample; an acceleration needs at least 2")
-    if np.max(np.abs(v)) > 10:
+    if np.max(np.abs(v)) > MAX_SPEED_MPS:
         raise ValueError(
-            f"belt speed reaches {np.max(np.abs(v)):.3g} m/s, expected below 10; is it in m/s?"
+            f"belt speed reaches {np.max(np.abs(v)):.3g} m/s, expected below {MAX_SPEED_MPS:g}; "
+            "is it in m/s?"
         )
     return low_pass(np.gradient(v, 1 / read_rate(rate_hz)), rate_hz, cutoff_hz, method)
 
@@ -57,16 +77,22 @@ class BeltModel:
     """Second-order discrete model of the pitch moment of an unloaded, accelerating belt.
 
     ``M[k] = -θ₁ M[k-1] - θ₂ M[k-2] + θ₃ a[k+s] + θ₄ a[k+s-1] + θ₅ a[k+s-2]`` with ``s`` the
-    advance. It holds at the sampling rate that it was fitted at.
+    advance. It is valid at the sampling rate of its fit.
 
     Attributes
     ----------
     theta
         (5,): θ₁, θ₂ [1]; θ₃, θ₄, θ₅ [N·m per m/s²].
     advance
-        Samples by which the acceleration is read ahead; in real time the moment is as much late.
+        Samples by which the acceleration is read ahead; in real time the moment is late by them.
     r_squared, rms_measured, rms_compensated
         Of the calibration [1, N·m, N·m].
+
+    Examples
+    --------
+    >>> model = BeltModel([-1.2, 0.5, 2.0, -1.0, 0.5])
+    >>> model.predict([1.0, 0.0, 0.0, 0.0]).round(2)
+    array([2.  , 1.4 , 1.18, 0.72])
     """
 
     theta: Array
@@ -97,7 +123,7 @@ class BeltModel:
 
     @property
     def at_rest(self) -> State:
-        """State of a belt that has run at constant speed, to begin `step` with."""
+        """State of a belt that has run at constant speed, with which `step` begins."""
         return (0.0, 0.0)
 
     def predict(self, belt_acceleration: ArrayLike) -> Array:
@@ -130,12 +156,12 @@ class BeltModel:
         belt_acceleration
             The newest filtered acceleration [m/s²].
         state
-            What the last step returned, `at_rest` at first.
+            As the last step returned it; `at_rest` at first.
 
         Returns
         -------
         moment, state
-            Pitch moment `advance` samples ago [N·m], and the state for the next step.
+            Pitch moment `advance` samples ago [N·m], and the state of the next step.
         """
         theta_1, theta_2, theta_3, theta_4, theta_5 = self.theta.tolist()
         moment = theta_3 * belt_acceleration + state[0]
@@ -172,47 +198,54 @@ def fit_belt(belt_acceleration: ArrayLike, pitch_moment: ArrayLike, advance: int
     ------
     ValueError
         Wrong shapes, no or too few samples, gaps, different numbers of samples, constant channels,
-        or units that cannot be.
+        or implausible units.
 
     Notes
     -----
     The simulated output is fitted, not the one-step-ahead prediction, by Gauss–Newton steps with
     analytic sensitivities: each derivative is the model's own denominator applied to the past
     output or input. The recursion is written in reflection coefficients ``κ``,
-    ``θ₁ = κ₁ (1 + κ₂), θ₂ = κ₂``, which are stable for ``|κ| < 1``; they are kept to 0.9. The
-    error has several minima: the best of a grid of starts is taken. The first 100 samples, which
-    depend on what the belt did before, do not count.
+    ``θ₁ = κ₁ (1 + κ₂), θ₂ = κ₂``, which are stable for ``|κ| < 1``; they are bounded to 0.9. The
+    error has several minima: the best of several starts is taken. The first 100 samples, which
+    depend on the belt's motion before, do not count.
 
     Source: Hnat and van den Bogert (2014).
 
     Deviations from the original: bounded to stable models; best of several starts; optional
     advance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> acceleration = np.random.default_rng(0).normal(size=1500)
+    >>> moment = BeltModel([-1.2, 0.5, 2.0, -1.0, 0.5]).predict(acceleration)
+    >>> fit_belt(acceleration, moment).theta.round(3)
+    array([-1.2,  0.5,  2. , -1. ,  0.5])
     """
     a = read_signal(belt_acceleration, "belt acceleration")
     moment = read_signal(pitch_moment, "pitch moment")
     refuse_unequal(belt_acceleration=a, pitch_moment=moment)
-    if len(a) < _SAMPLES:
-        raise ValueError(f"{len(a)} samples are too few to fit a belt model, give {_SAMPLES}")
+    if len(a) < MIN_SAMPLES:
+        raise ValueError(f"{len(a)} samples are too few to fit a belt model, give {MIN_SAMPLES}")
     refuse_constant(a[:, None], "belt acceleration", ("its only channel",))
     refuse_constant(moment[:, None], "pitch moment", ("its only channel",))
     ratio = float(np.std(moment) / np.std(a))
-    if not 0.05 < ratio < 500:
+    if not MIN_MOMENT_PER_ACCELERATION < ratio < MAX_MOMENT_PER_ACCELERATION:
         raise ValueError(
-            f"pitch moment by belt acceleration is {ratio:.3g} N·m per m/s², expected 0.05 to 500; "
-            "the moment must be in N·m, the acceleration in m/s²"
+            f"pitch moment by belt acceleration is {ratio:.3g} N·m per m/s², expected "
+            f"{MIN_MOMENT_PER_ACCELERATION:g} to {MAX_MOMENT_PER_ACCELERATION:g}; the moment must "
+            "be in N·m, the acceleration in m/s²"
         )
-
     if advance < 0:
         raise ValueError(f"advance must be 0 or more samples, got {advance}")
     ahead, moment = a[advance:], moment[: len(moment) - advance]
-    kappa = np.linspace(-0.8, 0.8, 5)
-    starts = [_best_numerator(k1, k2, ahead, moment) for k1 in kappa for k2 in kappa]
+    starts = [_best_numerator(k1, k2, ahead, moment) for k1 in START_GRID for k2 in START_GRID]
     starts.sort(key=lambda start: start[0])
-    fits = [_refine(start, ahead, moment) for _, start in starts[:_STARTS]]
+    fits = [_refine(start, ahead, moment) for _, start in starts[:REFINED_STARTS]]
     best = min(fits, key=lambda fit: float(fit.cost))
     theta = _theta(best.x)
-    measured = moment[_SETTLE:]
-    error = measured - _sensitivities(theta, ahead)[0][_SETTLE:]
+    measured = moment[SETTLING_SAMPLES:]
+    error = measured - _sensitivities(theta, ahead)[0][SETTLING_SAMPLES:]
     return BeltModel(
         theta,
         advance,
@@ -246,21 +279,21 @@ def _sensitivities(theta: Array, a: Array) -> tuple[Array, Array]:
 
 def _best_numerator(kappa_1: float, kappa_2: float, a: Array, moment: Array) -> tuple[float, Array]:
     theta = _theta(np.array([kappa_1, kappa_2, 0.0, 0.0, 0.0]))
-    basis = _sensitivities(theta, a)[1][_SETTLE:, 2:]
-    numerator = np.linalg.lstsq(basis, moment[_SETTLE:])[0]
-    error = moment[_SETTLE:] - basis @ numerator
+    basis = _sensitivities(theta, a)[1][SETTLING_SAMPLES:, 2:]
+    numerator = np.linalg.lstsq(basis, moment[SETTLING_SAMPLES:])[0]
+    error = moment[SETTLING_SAMPLES:] - basis @ numerator
     return float(error @ error), np.array([kappa_1, kappa_2, *numerator])
 
 
 def _refine(start: Array, a: Array, moment: Array) -> OptimizeResult:
     def error(x: Array) -> Array:
-        return (_sensitivities(_theta(x), a)[0] - moment)[_SETTLE:]
+        return (_sensitivities(_theta(x), a)[0] - moment)[SETTLING_SAMPLES:]
 
     def jacobian(x: Array) -> Array:
-        by_theta = _sensitivities(_theta(x), a)[1][_SETTLE:]
+        by_theta = _sensitivities(_theta(x), a)[1][SETTLING_SAMPLES:]
         by_kappa_1 = by_theta[:, 0] * (1 + x[1])
         by_kappa_2 = by_theta[:, 0] * x[0] + by_theta[:, 1]
         return np.column_stack([by_kappa_1, by_kappa_2, by_theta[:, 2:]])
 
-    bound = np.array([_LARGEST_REFLECTION] * 2 + [np.inf] * 3)
+    bound = np.array([MAX_REFLECTION] * 2 + [np.inf] * 3)
     return least_squares(error, start, jac=jacobian, bounds=(-bound, bound), x_scale="jac")

@@ -1,11 +1,12 @@
-"""An unbalanced roller: a pitch moment that goes round with the belt.
+"""An unbalanced roller: a pitch moment that rotates with the belt.
 
-A roller whose mass is off its axis pulls with the square of its speed, in a direction that turns
-with it. The belt's travel is the roller's angle, so the belt speed predicts this moment but for
-the angle at which a trial begins: a few seconds of empty belt, or an index pulse, tell that.
+A roller whose centre of mass is off its axis pulls with the square of its speed, in a direction
+that rotates with it. The belt's travel gives the roller's angle, so the belt speed predicts this
+moment up to the angle at which a trial begins; that follows from a few seconds of empty belt.
 """
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,23 +16,37 @@ from compensation.inputs import read_rate, read_signal, refuse_unequal
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 
-_STEP_M = 0.01  # of belt travel, at which the moment is resampled to find the roller
-_TURNS = (0.3, 6.0)  # turns per metre: rollers of 5 to 100 cm diameter
-_TURNS_AT_LEAST = 20  # of the largest roller sought
+TRAVEL_STEP_M: Final = 0.01
+"""Of belt travel, at which the moment is resampled: sixteen samples on the smallest roller."""
+MIN_TURNS_PER_M: Final = 0.3
+MAX_TURNS_PER_M: Final = 6.0
+"""Rollers of 5 to 100 cm diameter."""
+MIN_TURNS: Final = 20
+"""Of the largest roller sought: fewer make its line in the spectrum too broad to separate."""
+MIN_SPEED_SQUARED_SHARE: Final = 0.1
+"""Of the median; slower samples are divided by this, for their own is mostly noise."""
+COARSE_STEPS: Final = 9
+"""Of the first search about the spectral line; a quarter of its width apart."""
 
 
 @dataclass(frozen=True, slots=True)
 class Roller:
-    """Moment ``v² (c cos φ + s sin φ)``, low-passed, with ``φ`` the roller's turn since the start.
+    """Moment ``v² (c cos φ + s sin φ)``, low-passed, with ``φ`` the roller's angle since the start.
 
     Attributes
     ----------
     turns_per_m
         Turns of the roller per metre of belt [1/m].
     cosine, sine
-        ``c`` and ``s`` [N·m per (m/s)²]; they hold for one trial, see `locate`.
+        ``c`` and ``s`` [N·m per (m/s)²], valid for one trial; see `locate`.
     cutoff_hz
-        Cut-off of the real-time filter through which the moment was measured [Hz].
+        Cut-off of the real-time filter on the moment [Hz].
+
+    Examples
+    --------
+    >>> roller = Roller(turns_per_m=1.9, cosine=0.3, sine=0.4, cutoff_hz=6.0)
+    >>> f"{roller.circumference_m:.2f} m, {roller.amplitude:.1f} N·m per (m/s)²"
+    '0.53 m, 0.5 N·m per (m/s)²'
     """
 
     turns_per_m: float
@@ -74,13 +89,13 @@ class Roller:
         return basis[:, 0] * self.cosine + basis[:, 1] * self.sine
 
     def locate(self, moment: ArrayLike, belt_speed: ArrayLike, rate_hz: float) -> "Roller":
-        """Find where the roller stood when another trial began.
+        """Find the roller's angle at the start of another trial.
 
         Parameters
         ----------
         moment
             Pitch moment of the empty plate from the start of that trial on, (N,) [N·m], low-passed
-            like the calibration and without what `BeltModel` predicts.
+            as in the calibration, minus the prediction of `BeltModel`.
         belt_speed
             Unfiltered belt speed, (N,) [m/s].
         rate_hz
@@ -105,12 +120,13 @@ class Roller:
 def fit_roller(
     moment: ArrayLike, belt_speed: ArrayLike, rate_hz: float, cutoff_hz: float
 ) -> Roller:
-    """Find an unbalanced roller in what a belt model leaves of the pitch moment.
+    """Find an unbalanced roller in the pitch moment that a belt model leaves.
 
     Parameters
     ----------
     moment
-        Pitch moment of the empty plate without what `BeltModel` predicts, low-passed, (N,) [N·m].
+        Pitch moment of the empty plate, low-passed in real time, minus the prediction of
+        `BeltModel`, (N,) [N·m].
     belt_speed
         Unfiltered belt speed, (N,) [m/s].
     rate_hz
@@ -126,7 +142,7 @@ def fit_roller(
     Raises
     ------
     ValueError
-        Wrong shapes, no samples, gaps, different lengths, or a belt that did not run far enough.
+        Wrong shapes, no samples, gaps, different lengths, or too little belt travel.
 
     Notes
     -----
@@ -134,32 +150,42 @@ def fit_roller(
     at every roller; the strongest starts a least-squares fit through the filter itself. Own
     method: on the recordings of Hnat and van den Bogert (2014) it explains 40 % of the
     variance that the second-order model leaves, on a trial that it was not fitted on.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> speed = 1.3 + 0.2 * np.sin(np.arange(0, 60, 0.01))
+    >>> moment = Roller(1.9, 0.3, 0.4, 6.0).predict(speed, 100.0)
+    >>> found = fit_roller(moment, speed, 100.0, cutoff_hz=6.0)
+    >>> f"{found.turns_per_m:.3f} {found.cosine:.2f} {found.sine:.2f}"
+    '1.900 0.30 0.40'
     """
     moment, speed = _read(moment, belt_speed)
     rate = read_rate(rate_hz)
     travel = _travel(speed, rate)
     length = float(np.ptp(travel))
-    if length * _TURNS[0] < _TURNS_AT_LEAST:
+    if length * MIN_TURNS_PER_M < MIN_TURNS:
         raise ValueError(
             f"the belt ran {length:.3g} m, too little to find a roller; "
-            f"give at least {_TURNS_AT_LEAST / _TURNS[0]:.0f} m at a steady direction"
+            f"give at least {MIN_TURNS / MIN_TURNS_PER_M:.0f} m in one direction"
         )
-    grid = np.arange(travel.min(), travel.max(), _STEP_M)
+    grid = np.arange(travel.min(), travel.max(), TRAVEL_STEP_M)
     forwards = np.maximum.accumulate(travel)
-    by_speed = np.interp(grid, forwards, moment / np.maximum(speed**2, np.median(speed**2) / 10))
+    least = MIN_SPEED_SQUARED_SHARE * np.median(speed**2)
+    by_speed = np.interp(grid, forwards, moment / np.maximum(speed**2, least))
     spectrum = np.abs(np.fft.rfft((by_speed - by_speed.mean()) * np.hanning(len(grid))))
-    turns = np.fft.rfftfreq(len(grid), _STEP_M)
-    sought = (turns > _TURNS[0]) & (turns < _TURNS[1])
+    turns = np.fft.rfftfreq(len(grid), TRAVEL_STEP_M)
+    sought = (turns > MIN_TURNS_PER_M) & (turns < MAX_TURNS_PER_M)
     coarse = float(turns[sought][int(np.argmax(spectrum[sought]))])
 
-    def left_over(turns_per_m: float) -> float:
+    def squared_error(turns_per_m: float) -> float:
         basis = _basis(turns_per_m, speed, rate, cutoff_hz)
         return float(np.sum((moment - basis @ np.linalg.lstsq(basis, moment)[0]) ** 2))
 
-    fine = np.linspace(coarse - 1 / length, coarse + 1 / length, 9)
-    middle = fine[int(np.argmin([left_over(t) for t in fine]))]
-    width = 0.25 / length
-    best = minimize_scalar(left_over, bounds=(middle - width, middle + width), method="bounded")
+    candidates = np.linspace(coarse - 1 / length, coarse + 1 / length, COARSE_STEPS)
+    middle = candidates[int(np.argmin([squared_error(t) for t in candidates]))]
+    step = float(candidates[1] - candidates[0])
+    best = minimize_scalar(squared_error, bounds=(middle - step, middle + step), method="bounded")
     unknown = Roller(float(best.x), 0.0, 0.0, cutoff_hz)
     return unknown.locate(moment, speed, rate)
 

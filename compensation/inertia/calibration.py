@@ -1,19 +1,19 @@
-"""A laboratory's calibration as text: one inertia model per plate, and where they come from."""
+"""A treadmill's calibration as text: one inertia model per plate, and its provenance."""
 
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from compensation.inertia.model import InertiaModel, Setup
 
-_FORMAT = "hbm-residuals inertia calibration"
-_VERSION = 2
-_UNNAMED_FILTER = 1
-"""Last version that did not name its filter, which was always the zero-phase one."""
+FORMAT: Final = "hbm-residuals inertia calibration"
+VERSION: Final = 2
+UNNAMED_FILTER_VERSION: Final = 1
+"""Did not name its filter, which was always the zero-phase one, and stored warnings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,18 @@ class Calibration:
     plates
         Plate name -> its model; every model has a setup.
     provenance
-        Where the models come from, for a person: recording, its hash, date, program version, …
+        Origin of the models, for people: recording, its hash, date, program version, …
+
+    Examples
+    --------
+    >>> import compensation, numpy as np
+    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> setup = compensation.Setup(("rear",), rate_hz=1000.0, cutoff_hz=20.0)
+    >>> model = compensation.fit_inertia(accelerations, wrench, setup)
+    >>> calibration = Calibration({"plate 1": model}, {"recording": "empty.c3d"})
+    >>> from_json(to_json(calibration), setup).plates["plate 1"].samples
+    600
     """
 
     plates: Mapping[str, InertiaModel]
@@ -37,7 +48,7 @@ class Calibration:
         for name, model in self.plates.items():
             if model.setup is None:
                 raise ValueError(
-                    f"plate {name}: the model does not say how it was recorded; "
+                    f"plate {name}: the model does not state how it was recorded; "
                     "give fit_inertia a setup"
                 )
         for name in ("plates", "provenance"):
@@ -45,10 +56,21 @@ class Calibration:
 
 
 def to_json(calibration: Calibration) -> str:
-    """Write a calibration as JSON text; every number survives the round trip exactly."""
+    """Write a calibration as JSON text, from which `from_json` reads equal numbers.
+
+    Examples
+    --------
+    >>> import compensation, numpy as np
+    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> setup = compensation.Setup(("rear",), rate_hz=1000.0, cutoff_hz=20.0)
+    >>> model = compensation.fit_inertia(accelerations, wrench, setup)
+    >>> to_json(Calibration({"plate 1": model})).splitlines()[1]
+    ' "format": "hbm-residuals inertia calibration",'
+    """
     document = {
-        "format": _FORMAT,
-        "version": _VERSION,
+        "format": FORMAT,
+        "version": VERSION,
         "provenance": dict(calibration.provenance),
         "plates": {name: _plain(model) for name, model in calibration.plates.items()},
     }
@@ -61,9 +83,9 @@ def from_json(text: str, setup: Setup | None = None) -> Calibration:
     Parameters
     ----------
     text
-        What `to_json` wrote.
+        Output of `to_json`.
     setup
-        How the trial was recorded that the calibration is meant for; None to read it for itself.
+        How the trial to be compensated was recorded; None not to compare it.
 
     Returns
     -------
@@ -75,17 +97,25 @@ def from_json(text: str, setup: Setup | None = None) -> Calibration:
     ValueError
         Not JSON, not a calibration, of another version, damaged, or for other sensors, rates,
         filters or units than ``setup``.
+
+    Examples
+    --------
+    >>> from_json("{}")
+    Traceback (most recent call last):
+        ...
+    ValueError: the text is not a calibration: its format should be 'hbm-residuals inertia \
+calibration'
     """
     try:
         document = json.loads(text)
     except json.JSONDecodeError as error:
         raise ValueError(f"the calibration is not JSON: {error}") from error
-    if not isinstance(document, dict) or document.get("format") != _FORMAT:
-        raise ValueError(f"the text is not a calibration: its format should be {_FORMAT!r}")
-    if document.get("version") not in (_UNNAMED_FILTER, _VERSION):
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
+    if document.get("version") not in (UNNAMED_FILTER_VERSION, VERSION):
         raise ValueError(
             f"the calibration has version {document.get('version')}, this program reads "
-            f"versions {_UNNAMED_FILTER} and {_VERSION}; fit it again"
+            f"versions {UNNAMED_FILTER_VERSION} and {VERSION}; fit it again"
         )
     try:
         plates = {name: _model(plain) for name, plain in document["plates"].items()}
@@ -105,5 +135,5 @@ def _plain(model: InertiaModel) -> dict[str, Any]:
 
 
 def _model(plain: dict[str, Any]) -> InertiaModel:
-    known = {name: value for name, value in plain.items() if name != "warnings"}  # until 0.1
+    known = {name: value for name, value in plain.items() if name != "warnings"}  # version 1
     return InertiaModel(**(known | {"setup": Setup(**plain["setup"])}))

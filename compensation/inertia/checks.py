@@ -1,6 +1,7 @@
 """Checks of a calibration, and of a trial's accelerometers against it."""
 
 from itertools import combinations
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,14 +11,26 @@ from compensation.inputs import read_table
 from hbm.notes import Note
 from hbm.spatial import GRAVITY_MPS2, Array
 
-_NEAR_LIMIT = 0.98  # share of the sensor's range that counts as clipped
-_MARGIN = 0.05  # share of the calibration's range that a trial may exceed it by
-_TURNED_DEG = 45.0
-_PERSON_N = 150.0  # mean force above which a zeroed plate is not empty
-_EMPTY_N = 30.0  # standard deviation of force that a fit on an empty plate stays below
-_QUIET = 0.05  # m/s²: combinations of channels quieter than this in the calibration are constraints
-_DRIFT = 0.03  # m/s²: what constraints may change by between calibration and trial
-_BROKEN = 9.0  # mean square of the constraints, in those units, that needs an explanation
+CLIPPED_SHARE: Final = 0.98
+"""Of a sensor's range, from which on a sample counts as clipped; room for an error of the gain."""
+MAX_EXCESS_SHARE: Final = 0.05
+"""Of the calibration's range, by which a trial may exceed it; a linear model extrapolates."""
+MIN_ROTATION_DEG: Final = 45.0
+"""Between calibration and trial; the platform itself tilts by 10° at most."""
+GRAVITY_FACTOR: Final = 2.0
+"""Either way from gravity; a sensor whose median is outside is dead or in another unit."""
+MIN_LOAD_N: Final = 150.0
+"""Mean force above which a zeroed plate is not empty: a fifth of a body weight."""
+MAX_UNEXPLAINED_N: Final = 30.0
+"""Standard deviation of the force that a fit on an empty plate leaves; usual are a few newtons."""
+CONSTRAINT_MPS2: Final = 0.05
+"""Standard deviation below which a combination of channels was constant in the calibration."""
+DRIFT_MPS2: Final = 0.03
+"""By which the offsets of sensors are assumed to change between calibration and trial."""
+MAX_VIOLATION: Final = 9.0
+"""Mean square of the constraints, in units of that drift squared: three times the drift."""
+MIN_IMPROVEMENT: Final = 4.0
+"""Factor by which exchanging two sensors must reduce that mean square; 2 in root mean square."""
 
 
 def check_trial(
@@ -30,16 +43,16 @@ def check_trial(
     model
         The fitted calibration.
     accelerations
-        The trial's, in the calibration's order and unit, (N, k) [m/s²]. Clipping shows best before
-        any filter.
+        Of the trial, in the calibration's order and unit, (N, k) [m/s²]. Clipping is seen best
+        before any filter.
     range_g
         Range of the accelerometers [g].
 
     Returns
     -------
     tuple of Note
-        Warnings, empty where there is nothing to warn of: a channel that is dead or clipped, a
-        sensor that is turned or upside down, two that are swapped, motion beyond that of the
+        Warnings, empty where nothing is doubtful: a channel that is dead or clipped, a sensor
+        that was rotated or is upside down, two that are swapped, motion beyond that of the
         calibration.
 
     Raises
@@ -51,7 +64,17 @@ def check_trial(
     -----
     Swapped sensors show in the combinations of channels that hardly changed in the calibration,
     such as the difference of two sensors along the sway: they stay as they were unless a sensor
-    was moved. Two sensors whose offsets and axes agree to within 0.03 m/s² cannot be told apart.
+    was moved. Two sensors whose offsets and axes agree to within 0.03 m/s² cannot be
+    distinguished.
+
+    Examples
+    --------
+    >>> import compensation, numpy as np
+    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> model = compensation.fit_inertia(accelerations, wrench)
+    >>> [note.code for note in check_trial(model, -accelerations)]
+    ['accelerometer_inverted', 'calibration_range_exceeded']
     """
     a = read_table(accelerations, "accelerations", len(model.acceleration_mean))
     dead = _dead(model, a)
@@ -59,13 +82,13 @@ def check_trial(
         return dead
     return (
         *_clipped(model, a, range_g * GRAVITY_MPS2),
-        *(_turned(model, a) or _swapped(model, a)),
+        *(_rotated(model, a) or _swapped(model, a)),
         *_beyond(model, a),
     )
 
 
 def check_calibration(model: InertiaModel, plate: str) -> tuple[Note, ...]:
-    """Find what in a calibration is not of an empty plate.
+    """Find signs that the plate was not empty in a calibration.
 
     Parameters
     ----------
@@ -78,13 +101,22 @@ def check_calibration(model: InertiaModel, plate: str) -> tuple[Note, ...]:
     -------
     tuple of Note
         Warnings: ``calibration_loaded`` where the mean force is that of a person,
-        ``calibration_unexplained`` where accelerations leave more force than an empty plate's.
+        ``calibration_unexplained`` where the fit leaves more force than that of an empty plate.
+
+    Examples
+    --------
+    >>> import compensation, numpy as np
+    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> model = compensation.fit_inertia(accelerations, wrench)  # a plate that was not zeroed
+    >>> [note.code for note in check_calibration(model, "plate 1")]
+    ['calibration_loaded']
     """
     mean = np.append(model.acceleration_mean, 1.0) @ model.gain[:, :3]
     notes = []
-    if (force := float(np.linalg.norm(mean))) > _PERSON_N:
+    if (force := float(np.linalg.norm(mean))) > MIN_LOAD_N:
         notes.append(Note.of("calibration_loaded", plate=plate, force_n=force))
-    if (left := float(np.linalg.norm(model.sigma[:3]))) > _EMPTY_N:
+    if (left := float(np.linalg.norm(model.sigma[:3]))) > MAX_UNEXPLAINED_N:
         notes.append(Note.of("calibration_unexplained", plate=plate, force_n=left))
     return tuple(notes)
 
@@ -100,21 +132,21 @@ def _by_sensor(values: Array) -> Array:
 def _dead(model: InertiaModel, a: Array) -> tuple[Note, ...]:
     size = np.median(np.linalg.norm(_by_sensor(a), axis=2), axis=0)
     still = np.ptp(a, axis=0) == 0
-    silent = [
+    without_gravity = [
         Note.of("accelerometer_silent", sensor=sensor, median_mps2=size, gravity_mps2=GRAVITY_MPS2)
         for sensor, size in zip(model.sensors, size, strict=True)
-        if not GRAVITY_MPS2 / 2 < size < 2 * GRAVITY_MPS2
+        if not GRAVITY_MPS2 / GRAVITY_FACTOR < size < GRAVITY_FACTOR * GRAVITY_MPS2
     ]
     stuck = [
         Note.of("accelerometer_constant", channel=channel, value_mps2=value)
         for channel, value, dead in zip(_channels(model), a[0], still, strict=True)
         if dead and not still.all()
     ]
-    return (*silent, *stuck)
+    return (*without_gravity, *stuck)
 
 
 def _clipped(model: InertiaModel, a: Array, limit: float) -> tuple[Note, ...]:
-    share = np.mean(np.abs(a) >= _NEAR_LIMIT * limit, axis=0)
+    share = np.mean(np.abs(a) >= CLIPPED_SHARE * limit, axis=0)
     return tuple(
         Note.of("accelerometer_clipped", channel=channel, limit_mps2=limit, share=share)
         for channel, share in zip(_channels(model), share, strict=True)
@@ -122,27 +154,27 @@ def _clipped(model: InertiaModel, a: Array, limit: float) -> tuple[Note, ...]:
     )
 
 
-def _turned(model: InertiaModel, a: Array) -> tuple[Note, ...]:
+def _rotated(model: InertiaModel, a: Array) -> tuple[Note, ...]:
     now, then = _by_sensor(a.mean(axis=0)), _by_sensor(model.acceleration_mean)
     cosine = np.sum(now * then, axis=1) / np.linalg.norm(now, axis=1) / np.linalg.norm(then, axis=1)
     angles = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     return tuple(
         Note.of(
-            "accelerometer_inverted" if angle > 180 - _TURNED_DEG else "accelerometer_turned",
+            "accelerometer_inverted" if angle > 180 - MIN_ROTATION_DEG else "accelerometer_turned",
             sensor=sensor,
             angle_deg=angle,
         )
         for sensor, angle in zip(model.sensors, angles, strict=True)
-        if angle > _TURNED_DEG
+        if angle > MIN_ROTATION_DEG
     )
 
 
 def _swapped(model: InertiaModel, a: Array) -> tuple[Note, ...]:
     variance, directions = np.linalg.eigh(model.acceleration_covariance)
-    quiet = variance < _QUIET**2
-    if not quiet.any():
+    constant = variance < CONSTRAINT_MPS2**2
+    if not constant.any():
         return ()
-    weights = directions[:, quiet] / np.sqrt(np.maximum(variance[quiet], 0) + _DRIFT**2)
+    weights = directions[:, constant] / np.sqrt(np.maximum(variance[constant], 0) + DRIFT_MPS2**2)
 
     def violation(order: list[int]) -> float:
         reordered = _by_sensor(a)[:, order].reshape(a.shape)
@@ -150,7 +182,7 @@ def _swapped(model: InertiaModel, a: Array) -> tuple[Note, ...]:
 
     order = list(range(len(model.sensors)))
     as_is = violation(order)
-    if as_is < _BROKEN:
+    if as_is < MAX_VIOLATION:
         return ()
     exchanged = {}
     for i, j in combinations(order, 2):
@@ -158,7 +190,7 @@ def _swapped(model: InertiaModel, a: Array) -> tuple[Note, ...]:
         other[i], other[j] = j, i
         exchanged[i, j] = violation(other)
     best = min(exchanged, key=lambda pair: exchanged[pair], default=None)
-    if best is None or exchanged[best] > as_is / 4:
+    if best is None or exchanged[best] > as_is / MIN_IMPROVEMENT:
         return ()
     i, j = best
     return (Note.of("accelerometers_swapped", first=model.sensors[i], second=model.sensors[j]),)
@@ -166,7 +198,7 @@ def _swapped(model: InertiaModel, a: Array) -> tuple[Note, ...]:
 
 def _beyond(model: InertiaModel, a: Array) -> tuple[Note, ...]:
     low, high = model.acceleration_low, model.acceleration_high
-    margin = _MARGIN * (high - low)
+    margin = MAX_EXCESS_SHARE * (high - low)
     outside = (a < low - margin) | (a > high + margin)
     share = float(np.mean(outside.any(axis=1)))
     if share == 0:

@@ -1,6 +1,7 @@
-"""Learn what a moving, empty plate measures from the accelerations of its platform."""
+"""Fit what a moving, empty plate measures to the accelerations of its platform."""
 
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,10 +15,17 @@ from compensation.inertia.plausibility import (
 from compensation.inputs import COMPONENTS, read_table, refuse_constant, refuse_unequal
 from hbm.spatial import Array
 
-_SAMPLES_PER_UNKNOWN = 10
-_BLOCKS = 60
-_LEAST_SIGNAL = 1.0  # variance of motion by that of noise above which noise is allowed for
-_DIRECTIONS = 5  # of the specific force in sway and pitch
+MIN_SAMPLES_PER_GAIN: Final = 10
+"""Fewer fit the noise; a minute at 100 Hz has hundreds."""
+BLOCKS: Final = 60
+"""Blocks of a trial whose errors are taken as independent: a second each in a minute of motion."""
+MIN_SIGNAL_TO_NOISE: Final = 1.0
+"""Variance of motion per variance of noise, in a principal direction, above which the noise's share
+is taken out; below it the direction is noise, and taking its share out would change the sign."""
+RIGID_DIRECTIONS: Final = 5
+"""Of sway and pitch: ``f₀``, the angular acceleration and the angular velocity squared."""
+MAX_SENSOR_NOISE_MPS2: Final = 1.0
+"""A tenth of gravity: no accelerometer on a platform is noisier after the filter."""
 
 
 def fit_inertia(
@@ -31,28 +39,28 @@ def fit_inertia(
     Parameters
     ----------
     accelerations
-        What the accelerometers on the platform read, (N, k) [m/s²], three columns per sensor.
-        Gravity must be in it: neither tared nor high-passed.
+        Readings of the accelerometers on the platform, (N, k) [m/s²], three columns per sensor.
+        They must contain gravity: neither tared nor high-passed.
     wrench
-        What the empty plate measured at the same instants, equally filtered, in the moving plate
-        frame about its origin, (N, 6) [N, N·m].
+        Wrench measured by the empty plate at the same instants, equally filtered, in the moving
+        plate frame about its origin, (N, 6) [N, N·m].
     setup
         How both were recorded; needed to save the model.
     sensor_noise
         Standard deviation of the accelerometers' noise after the filter, one for all or (k,)
-        [m/s²]; `sensor_noise_of` finds it. 0 is the published method, ordinary least squares.
+        [m/s²]; `sensor_noise_of` estimates it. 0 is the published method, ordinary least squares.
 
     Returns
     -------
     InertiaModel
-        Gains and an account of how well they are known.
+        Gains, their uncertainty, and how well they explain the recording.
 
     Raises
     ------
     ValueError
         Wrong shapes, no or too few samples, gaps, different numbers of samples, constant
-        channels, units that cannot be (g, mm/s², kN, N·mm), a platform that did not move, or a
-        noise that is no size.
+        channels, implausible units (g, mm/s², kN, N·mm), a platform that did not move, or a
+        noise that is negative or too large.
 
     Notes
     -----
@@ -70,30 +78,43 @@ def fit_inertia(
       With fewer, or four in one plane, the centripetal products ``ωᵢωⱼ`` are approximated.
 
     Not linear, hence not removed: saturation, bending of the platform, unequal filters or delays,
-    drift, and moving parts (belt acceleration: see `compensation.belt.model`).
+    drift, and moving parts (for belt acceleration see `fit_belt`).
 
     Noise in the accelerometers biases ordinary least squares towards zero where the calibration
     moves little, and pitch of ± 10° changes the vertical specific force by 0.15 m/s² only: the
     vertical force is then compensated too little in trials that tilt slowly. With `sensor_noise`
-    the noise's share is taken out of the normal equations, in every principal direction that
-    moves more than it is noisy (Fuller 1987, 1.2).
+    the noise's share is subtracted from the normal equations, in every principal direction whose
+    motion exceeds its noise (Fuller 1987, 1.2).
 
     The covariance is the sandwich estimate over 60 blocks of the trial, which allows for
     residuals that are correlated in time, as filtered signals are (Liang and Zeger 1986).
 
     Source: Hnat et al. (2018); van de Loosdrecht (2018), eq. 2.
 
-    Deviations from the original: the minimum-norm solution where the rank is short; uncertainty,
-    checks and the allowance for noise are added.
+    Deviations from the original: the minimum-norm solution where the design is rank-deficient;
+    uncertainty, checks and the allowance for noise are added.
+
+    Examples
+    --------
+    A belt assembly of 150 kg that only sways, under one accelerometer:
+
+    >>> import numpy as np
+    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> model = fit_inertia(accelerations, wrench)
+    >>> model.gain[:3, :3].round() + 0.0
+    array([[-150.,    0.,    0.],
+           [   0., -150.,    0.],
+           [   0.,    0., -150.]])
     """
     a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench", 6)
     n, k = a.shape
     sensors = sensor_names(setup, k)
     refuse_unequal(accelerations=a, wrench=w)
-    if n < _SAMPLES_PER_UNKNOWN * (k + 1):
+    if n < MIN_SAMPLES_PER_GAIN * (k + 1):
         raise ValueError(
             f"{n} samples are too few to fit {k + 1} gains per component; "
-            f"give at least {_SAMPLES_PER_UNKNOWN * (k + 1)}, better a minute of motion"
+            f"give at least {MIN_SAMPLES_PER_GAIN * (k + 1)}, better a minute of motion"
         )
     channels = tuple(f"sensor {sensor} {axis}" for sensor in sensors for axis in "xyz")
     refuse_constant(a, "accelerations", channels)
@@ -108,7 +129,7 @@ def fit_inertia(
     u, s, vt = np.linalg.svd((a - mean) / scale, full_matrices=False)
     rank = int(np.sum(s > s[0] * n * np.finfo(float).eps))
     u, s, directions = u[:, :rank], s[:rank], vt[:rank].T / scale[:, None]
-    noisy = np.where(noise.any() & (s**2 > 1 + _LEAST_SIGNAL), 1.0, 0.0)  # of each direction
+    noisy = np.where(noise.any() & (s**2 > 1 + MIN_SIGNAL_TO_NOISE), 1.0, 0.0)  # of each direction
     slopes = (s / (s**2 - noisy))[:, None] * (u.T @ w)
     to_gain = np.block([[directions, np.zeros((k, 1))], [-mean @ directions, np.ones(1)]])
     gain = to_gain @ np.vstack([slopes, w.mean(axis=0)])
@@ -116,7 +137,7 @@ def fit_inertia(
 
     design = np.column_stack([u * s, np.ones(n)])
     share = np.vstack([noisy[:, None] * slopes, np.zeros(6)]) / n
-    blocks = pairwise(np.linspace(0, n, min(_BLOCKS, n) + 1).astype(int))
+    blocks = pairwise(np.linspace(0, n, min(BLOCKS, n) + 1).astype(int))
     scores = np.stack([design[i:j].T @ residual[i:j] + (j - i) * share for i, j in blocks])
     meat = np.einsum("brc,bsc->crs", scores, scores) * len(scores) / (len(scores) - 1)
     bread = to_gain / np.append(s**2 - noisy, n)
@@ -142,12 +163,12 @@ def fit_inertia(
 
 
 def sensor_noise_of(accelerations: ArrayLike) -> float:
-    """Find the accelerometers' noise in a calibration trial of sway and pitch.
+    """Estimate the accelerometers' noise from a calibration trial of sway and pitch.
 
     Parameters
     ----------
     accelerations
-        What two or more accelerometers read, (N, k) [m/s²], filtered as for the fit.
+        Readings of two or more accelerometers, (N, k) [m/s²], filtered as for the fit.
 
     Returns
     -------
@@ -161,26 +182,35 @@ def sensor_noise_of(accelerations: ArrayLike) -> float:
 
     Notes
     -----
-    Rigid sway and pitch move the ``k`` channels along five directions only; what the other
-    ``k - 5`` principal directions hold is noise, supposed equal in all channels. A platform that
-    also rolls, yaws or bends makes the noise look larger than it is.
+    Rigid sway and pitch move the ``k`` channels along five directions only; the variance of the
+    other ``k - 5`` principal directions is noise, taken as equal in all channels. On a platform
+    that also rolls, yaws or bends the estimate is too large.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(0)
+    >>> five = rng.normal(size=(5000, 5)) @ rng.normal(size=(5, 6))
+    >>> round(sensor_noise_of(five + 0.02 * rng.normal(size=(5000, 6))), 3)
+    0.02
     """
     a = read_table(accelerations, "accelerations")
-    if a.shape[1] <= _DIRECTIONS or a.shape[1] % 3 or len(a) < 2:
+    if a.shape[1] <= RIGID_DIRECTIONS or a.shape[1] % 3 or len(a) < 2:
         raise ValueError(
-            f"accelerations of shape {a.shape} do not tell noise from motion; "
+            f"accelerations of shape {a.shape} do not separate noise from motion; "
             "give two sensors or more, 3 channels each"
         )
     variance = np.linalg.eigvalsh(np.cov(a, rowvar=False))
-    return float(np.sqrt(max(variance[:-_DIRECTIONS].mean(), 0.0)))
+    return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
 
 
 def _read_noise(sensor_noise: ArrayLike, channels: int) -> Array:
     noise = np.asarray(sensor_noise, float)
     if noise.shape not in ((), (channels,)):
         raise ValueError(f"sensor_noise must be one number or ({channels},), got {noise.shape}")
-    if not (np.all(noise > 0) or np.all(noise == 0)) or np.any(noise > 1):
+    if not (np.all(noise > 0) or np.all(noise == 0)) or np.any(noise > MAX_SENSOR_NOISE_MPS2):
         raise ValueError(
-            f"sensor_noise must be positive and below 1 m/s² in every channel, or 0, got {noise}"
+            f"sensor_noise must be positive and below {MAX_SENSOR_NOISE_MPS2:g} m/s² in every "
+            f"channel, or 0, got {noise}"
         )
     return np.broadcast_to(noise, (channels,))

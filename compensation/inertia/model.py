@@ -2,7 +2,7 @@
 
 The load cells of a plate carry the belt assembly above them. When the platform moves they measure
 its weight and inertia too. Both are linear in what accelerometers on the platform read, so one
-recording of the empty, moving treadmill is enough to learn them.
+recording of the empty, moving treadmill is enough to identify them.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from hbm.spatial import Array, read_only
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """How the signals of a fit were recorded and treated; a model holds for no other.
+    """How the signals of a fit were recorded and filtered; a model is valid for no other.
 
     Attributes
     ----------
@@ -32,8 +32,13 @@ class Setup:
     acceleration_unit, wrench_unit
         Units of the numbers that went into the fit.
     filter_method
-        How they were low-passed, as `hbm.signals.filtering.low_pass` names it; of no meaning
-        where they are unfiltered.
+        How they were low-passed, as `low_pass` names it; of no meaning where they are unfiltered.
+
+    Examples
+    --------
+    >>> setup = Setup(sensors=("rear", "front"), rate_hz=1000.0, cutoff_hz=20.0)
+    >>> setup.filter_method
+    'zero_phase'
     """
 
     sensors: tuple[str, ...]
@@ -73,7 +78,7 @@ class Setup:
         Raises
         ------
         ValueError
-            As `hbm.signals.filtering.low_pass`.
+            As `low_pass`.
         """
         if self.cutoff_hz is None:
             return np.array(signal, float)
@@ -84,8 +89,8 @@ class Setup:
 class InertiaModel:
     """The wrench that a plate measures because its own belt assembly is moved and tilted.
 
-    Accelerations are specific force (acceleration minus gravity, what an accelerometer reads) in
-    m/s², three columns per sensor, each sensor in its own fixed axes. Wrenches are in the moving
+    Accelerations are specific force (acceleration minus gravity, which an accelerometer measures)
+    in m/s², three columns per sensor, each sensor in its own fixed axes. Wrenches are in the moving
     plate's frame, about its origin, before any rotation.
 
     Attributes
@@ -110,7 +115,17 @@ class InertiaModel:
     samples
         Number of samples fitted.
     setup
-        How the signals were recorded; None where the caller did not say.
+        How the signals were recorded; None where it was not stated.
+
+    Examples
+    --------
+    >>> import compensation, numpy as np
+    >>> accelerations = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = accelerations @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> model = compensation.fit_inertia(accelerations, wrench)
+    >>> left = model.compensate(accelerations, wrench)
+    >>> bool(np.abs(left).max() < 1e-9)
+    True
     """
 
     gain: Array
@@ -165,7 +180,7 @@ class InertiaModel:
         Parameters
         ----------
         accelerations
-            What the accelerometers read, (N, k) [m/s²].
+            Readings of the accelerometers, low-passed as those of the fit, (N, k) [m/s²].
 
         Returns
         -------
@@ -186,15 +201,15 @@ class InertiaModel:
         Parameters
         ----------
         accelerations
-            What the accelerometers read, (N, k) [m/s²].
+            Readings of the accelerometers, low-passed as those of the fit, (N, k) [m/s²].
         wrench
-            What the plate measured at the same instants, equally filtered, in the moving plate
-            frame about its origin, (N, 6) [N, N·m].
+            Wrench measured by the plate at the same instants, in the moving plate frame about its
+            origin, (N, 6) [N, N·m].
 
         Returns
         -------
         Array
-            What remains: the action on the subject and noise, (N, 6) [N, N·m].
+            The remainder, action on the subject and noise, (N, 6) [N, N·m].
 
         Raises
         ------
@@ -212,7 +227,7 @@ class InertiaModel:
         Parameters
         ----------
         accelerations
-            What the accelerometers read, (N, k) [m/s²].
+            Readings of the accelerometers, low-passed as those of the fit, (N, k) [m/s²].
 
         Returns
         -------
@@ -232,10 +247,10 @@ class InertiaModel:
         Raises
         ------
         ValueError
-            Sensors, rate, filter or units differ, or the model does not say what they were.
+            Sensors, rate, filter or units differ, or the model does not state them.
         """
         if self.setup is None:
-            raise ValueError("the model does not say how it was recorded; fit it with a setup")
+            raise ValueError("the model does not state how it was recorded; fit it with a setup")
         fields = ["sensors", "rate_hz", "cutoff_hz", "acceleration_unit", "wrench_unit"]
         if setup.cutoff_hz is not None:
             fields.append("filter_method")

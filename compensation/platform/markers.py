@@ -1,34 +1,46 @@
-"""The platform's pose from markers on it: rigid fit, gaps, and markers that do not belong."""
+"""The platform's pose from markers on it: rigid fit, gaps, and markers that disagree."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from compensation.platform.pose import PlatformPose
 from hbm.notes import Note
-from hbm.spatial import Array, fit_rotation, read_only
+from hbm.spatial import Array, Mask, fit_rotation, read_only
 
-Mask = NDArray[np.bool_]
-_STILL_M = 0.005
-_SPREAD_M = 0.02  # root-mean-square distance from a line below which markers tell no rotation
-_ROOM_M = 20.0
-_OFTEN = 0.05
+MAX_REST_SD_M: Final = 0.005
+"""Of a marker in neutral: more than the noise of cameras, less than any motion of a platform."""
+MIN_SPREAD_M: Final = 0.02
+"""Root-mean-square distance from a line, below which markers do not determine the rotation about
+it: 1 mm of noise is 3° there."""
+MAX_DISTANCE_M: Final = 20.0
+"""Of a marker from the lab's origin; larger numbers are millimetres."""
+MAX_LEFT_OUT_SHARE: Final = 0.05
+"""Of the frames, in which a marker may be left out without a warning."""
 
 
 @dataclass(frozen=True, slots=True)
 class PoseFit:
-    """A pose from markers, and how well they agree.
+    """A pose from markers, and how well they agree with it; `fit_pose` makes one.
 
     Attributes
     ----------
     pose
-        The platform's pose, NaN where fewer than three good markers were seen.
+        The platform's pose, NaN where fewer than three markers agree.
     marker_error
-        Distance of every marker from where the pose puts it, (T, M) [m]; NaN where not seen.
+        Distance of every marker from its position by the pose, (T, M) [m]; NaN where not seen.
     used
-        Which markers the pose rests on, (T, M).
+        Markers that were fitted, (T, M).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> neutral = np.array([[0.0, 0.7, 0], [1.0, 0.7, 0], [1.0, -0.7, 0], [0.0, -0.7, 0]])
+    >>> fit_pose([neutral], neutral, outlier_m=0.01).used
+    array([[ True,  True,  True,  True]])
     """
 
     pose: PlatformPose
@@ -41,7 +53,7 @@ class PoseFit:
 
 
 def neutral_markers(markers: ArrayLike) -> Array:
-    """Give the platform markers' neutral positions from frames in which it stands in neutral.
+    """Give the platform markers' neutral positions from frames with the platform in neutral.
 
     Parameters
     ----------
@@ -58,6 +70,14 @@ def neutral_markers(markers: ArrayLike) -> Array:
     ValueError
         Wrong shape, positions not in metres, a marker never seen, or one that moves by more than
         5 mm (standard deviation).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> neutral_markers(np.tile([[[0.0, 0.7, 0], [1.0, 0.7, 0], [1.0, -0.7, 0]]], (100, 1, 1)))
+    array([[ 0. ,  0.7,  0. ],
+           [ 1. ,  0.7,  0. ],
+           [ 1. , -0.7,  0. ]])
     """
     position = _read_markers(markers)
     seen = _seen(position)
@@ -65,7 +85,7 @@ def neutral_markers(markers: ArrayLike) -> Array:
     if len(missing):
         raise ValueError(f"platform markers {list(missing + 1)} are never seen in neutral")
     moved = np.nanstd(position, axis=0).max(axis=1)
-    if moved.max() > _STILL_M:
+    if moved.max() > MAX_REST_SD_M:
         raise ValueError(
             f"platform marker {int(np.argmax(moved)) + 1} moves by {1000 * moved.max():.1f} mm in "
             "the frames taken as neutral; choose frames in which the platform stands still"
@@ -99,8 +119,16 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
     Notes
     -----
     Least squares by singular value decomposition (Söderkvist and Wedin 1993). While a marker lies
-    beyond `outlier_m` and four or more are left, the one without which the rest fit best is
+    beyond `outlier_m` and four or more are left, the one without which the others fit best is
     left out. Three that still disagree give no pose.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> neutral = np.array([[0.0, 0.7, 0], [1.0, 0.7, 0], [1.0, -0.7, 0], [0.0, -0.7, 0]])
+    >>> fit = fit_pose([neutral + [0.0, 0.05, 0.0]], neutral, outlier_m=0.01)
+    >>> fit.pose.position.round(6) + 0.0
+    array([[0.  , 0.05, 0.  ]])
     """
     position, reference = _read_markers(markers), np.asarray(neutral, float)
     if reference.shape != position.shape[1:]:
@@ -113,7 +141,7 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
     if _rank(reference[None], np.ones((1, len(reference)), bool))[0] < 2:
         raise ValueError(
             f"{len(reference)} platform markers lie within 2 cm of a line: "
-            "rotation about it cannot be told"
+            "rotation about it cannot be determined"
         )
     seen = _seen(position)
     used = seen.copy()
@@ -137,7 +165,7 @@ def check_pose(fit: PoseFit, names: Sequence[str], outlier_m: float) -> tuple[No
     Parameters
     ----------
     fit
-        What `fit_pose` gave.
+        Result of `fit_pose`.
     names
         The markers' names, (M,).
     outlier_m
@@ -148,6 +176,15 @@ def check_pose(fit: PoseFit, names: Sequence[str], outlier_m: float) -> tuple[No
     tuple of Note
         Warnings: ``platform_pose_unknown``, and a ``platform_marker_left_out`` for every marker
         that was left out in more than 5 % of the frames.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> neutral = np.array([[0.0, 0.7, 0], [1.0, 0.7, 0], [1.0, -0.7, 0], [0.0, -0.7, 0]])
+    >>> loose = neutral + [[0.0, 0.2, 0.0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
+    >>> fit = fit_pose([loose], neutral, outlier_m=0.01)
+    >>> [note.code for note in check_pose(fit, ("PF1", "PF2", "PF3", "PF4"), 0.01)]
+    ['platform_marker_left_out']
     """
     lost = np.isnan(fit.pose.pitch)
     notes = []
@@ -159,7 +196,7 @@ def check_pose(fit: PoseFit, names: Sequence[str], outlier_m: float) -> tuple[No
     notes += [
         Note.of("platform_marker_left_out", marker=name, limit_m=outlier_m, share=share)
         for name, share in zip(names, left_out, strict=True)
-        if share > _OFTEN
+        if share > MAX_LEFT_OUT_SHARE
     ]
     return tuple(notes)
 
@@ -175,8 +212,8 @@ def _read_markers(markers: ArrayLike) -> Array:
             f"a platform needs 3 markers and 1 frame at least, got {position.shape[1]} markers in "
             f"{len(position)} frames"
         )
-    if np.isinf(position).any() or np.nanmax(np.abs(position), initial=0) > _ROOM_M:
-        raise ValueError(f"platform markers lie beyond {_ROOM_M:.0f} m; are they in metres?")
+    if np.isinf(position).any() or np.nanmax(np.abs(position), initial=0) > MAX_DISTANCE_M:
+        raise ValueError(f"platform markers lie beyond {MAX_DISTANCE_M:.0f} m; are they in metres?")
     return position
 
 
@@ -185,7 +222,7 @@ def _seen(position: Array) -> Mask:
 
 
 def _fit(position: Array, reference: Array, used: Mask) -> tuple[Array, Array, Array]:
-    """Rotation, origin and every marker's error; frames without markers get the identity."""
+    """Give rotation, origin and every marker's error; the identity in frames without markers."""
     weight = used / np.maximum(used.sum(axis=1, keepdims=True), 1)
     filled = np.where(np.isfinite(position), position, 0.0)
     center = np.einsum("tm,tmi->ti", weight, filled)
@@ -227,5 +264,5 @@ def _rank(reference: Array, used: Mask) -> NDArray[np.int64]:
     spread = np.sqrt(
         np.maximum(np.linalg.eigvalsh(np.einsum("tm,tmi,tmj->tij", weight, apart, apart)), 0)
     )
-    rank: NDArray[np.int64] = np.sum(spread[:, 1:] > _SPREAD_M, axis=1)
+    rank: NDArray[np.int64] = np.sum(spread[:, 1:] > MIN_SPREAD_M, axis=1)
     return rank

@@ -1,6 +1,7 @@
-"""What a treadmill is told to do: sway, pitch and belt speed over time, within its limits."""
+"""Commanded motion of a treadmill: sway, pitch and belt speed over time, within its limits."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -10,14 +11,19 @@ from compensation.inputs import read_rate, refuse_gaps, refuse_unequal
 from hbm.notes import Note
 from hbm.spatial import Array, read_only
 
+ROUNDING: Final = 1e-9
+"""Share of a limit, or of a sample, that is rounding."""
+WELCH_WINDOW_S: Final = 10.0
+"""Of a spectrum: resolves 0.1 Hz, half of the slowest random motion of the protocol."""
+
 
 @dataclass(frozen=True, slots=True)
 class MachineLimits:
-    """What the machine can do.
+    """Range, speed and acceleration that the machine can reach.
 
-    The defaults of range, sway speed and belt acceleration are what the thesis' machine was seen
-    to do (van de Loosdrecht 2018, II.B and E). The others it does not state: they are assumptions
-    that allow its signals, so take yours from the machine's manual.
+    The defaults of range, sway speed and belt acceleration are those of the thesis' machine (van de
+    Loosdrecht 2018, II.B and E). It does not state the others: they are assumed such that its
+    signals are possible, so take yours from the machine's manual.
 
     Attributes
     ----------
@@ -27,6 +33,11 @@ class MachineLimits:
         Largest rotation, its speed and acceleration.
     belt_m_per_s, belt_m_per_s2
         Largest belt speed, either way, and its acceleration.
+
+    Examples
+    --------
+    >>> MachineLimits(pitch_deg_per_s=20.0).pitch_deg
+    10.0
     """
 
     sway_m: float = 0.05
@@ -46,7 +57,7 @@ class MachineLimits:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A course of commands.
+    """Commanded motion over time.
 
     Attributes
     ----------
@@ -60,6 +71,14 @@ class Signal:
         Rotation about the lab's left axis by the right-hand rule, (T,) [rad].
     belt_speed
         Speed of both belts, (T,) [m/s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> still = np.zeros(100)
+    >>> signal = Signal("walk", rate_hz=100.0, sway=still, pitch=still, belt_speed=still + 1.3)
+    >>> f"{signal.time[-1]:.2f} s"
+    '0.99 s'
     """
 
     name: str
@@ -97,19 +116,27 @@ class Signal:
 
 
 def check_signal(signal: Signal, limits: MachineLimits) -> tuple[Note, ...]:
-    """Find which limits of the machine a signal exceeds, and by how much.
+    """Find the limits of the machine that a signal exceeds, and by how much.
 
     Parameters
     ----------
     signal
-        What the machine would be told.
+        Commanded motion.
     limits
-        What it can do.
+        Of the machine.
 
     Returns
     -------
     tuple of Note
         One ``signal_beyond_limit`` per limit exceeded, empty where the signal is within all.
+
+    Examples
+    --------
+    >>> import compensation
+    >>> sway = compensation.validation_signals()[0]
+    >>> for note in check_signal(sway, MachineLimits(sway_m_per_s=0.25)):
+    ...     print(note)
+    sway: sway_m_per_s reaches 0.3022, the machine allows 0.25
     """
     rate, pitch = signal.rate_hz, np.degrees(signal.pitch)
     reached = {
@@ -131,7 +158,7 @@ def check_signal(signal: Signal, limits: MachineLimits) -> tuple[Note, ...]:
             limit=getattr(limits, name),
         )
         for name, values in reached.items()
-        if (largest := float(np.max(np.abs(values)))) > getattr(limits, name) * (1 + 1e-9)
+        if (largest := float(np.max(np.abs(values)))) > getattr(limits, name) * (1 + ROUNDING)
     )
 
 
@@ -148,7 +175,7 @@ def resample_signal(signal: Signal, rate_hz: float) -> Signal:
     Returns
     -------
     Signal
-        The same course at the new rate.
+        The same motion at the new rate.
 
     Raises
     ------
@@ -159,30 +186,35 @@ def resample_signal(signal: Signal, rate_hz: float) -> Signal:
     -----
     The samples become the coefficients of a cubic B-spline, not its values: range, speed and
     acceleration between samples are then averages of those at the samples, so that none grows.
+
+    Examples
+    --------
+    >>> import compensation
+    >>> resample_signal(compensation.validation_signals()[0], 1000.0).rate_hz
+    1000.0
     """
     rate = read_rate(rate_hz)
     if rate < signal.rate_hz:
         raise ValueError(
-            f"signal {signal.name} has {signal.rate_hz} Hz; thinning it to {rate} Hz would lose "
+            f"signal {signal.name} has {signal.rate_hz} Hz; decimating it to {rate} Hz would lose "
             "motion, draw it at the lower rate instead"
         )
-    count = int((len(signal.sway) - 1) * rate / signal.rate_hz + 1e-9) + 1
+    count = int((len(signal.sway) - 1) * rate / signal.rate_hz + ROUNDING) + 1
     at = np.arange(count) * signal.rate_hz / rate
 
-    def course(samples: Array) -> Array:
+    def resampled(samples: Array) -> Array:
         padded = np.pad(samples, 3, mode="edge")
         spline = BSpline(np.arange(-5.0, len(padded) - 1), padded, 3)
         values: Array = spline(at)
         return values
 
-    return Signal(
-        signal.name, rate, course(signal.sway), course(signal.pitch), course(signal.belt_speed)
-    )
+    channels = (resampled(x) for x in (signal.sway, signal.pitch, signal.belt_speed))
+    return Signal(signal.name, rate, *channels)
 
 
 @dataclass(frozen=True, slots=True)
 class Spectrum:
-    """Power spectral density of a signal's accelerations.
+    """Power spectral density of a signal's accelerations; `acceleration_spectrum` gives it.
 
     Attributes
     ----------
@@ -190,6 +222,11 @@ class Spectrum:
         (F,) [Hz].
     sway, pitch, belt
         (F,) [(m/s²)²/Hz, (rad/s²)²/Hz, (m/s²)²/Hz].
+
+    Examples
+    --------
+    >>> Spectrum([0.0, 0.1], [0.0, 2.0], [0.0, 0.0], [0.0, 0.0]).sway
+    array([0., 2.])
     """
 
     frequency: Array
@@ -203,8 +240,17 @@ class Spectrum:
 
 
 def acceleration_spectrum(signal: Signal) -> Spectrum:
-    """Give the spectra of a signal's accelerations, by Welch's method over windows of 10 s."""
+    """Give the spectra of a signal's accelerations, by Welch's method over windows of 10 s.
+
+    Examples
+    --------
+    >>> import compensation
+    >>> pitch = compensation.validation_signals()[1]
+    >>> spectrum = acceleration_spectrum(pitch)
+    >>> bool(spectrum.pitch.max() > 0 == spectrum.sway.max())
+    True
+    """
     acceleration = signal.acceleration
-    length = min(int(10 * signal.rate_hz), len(acceleration))
+    length = min(int(WELCH_WINDOW_S * signal.rate_hz), len(acceleration))
     frequency, density = welch(acceleration, signal.rate_hz, nperseg=length, axis=0)
     return Spectrum(frequency, *density.T)

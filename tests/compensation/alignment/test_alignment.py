@@ -182,7 +182,7 @@ def places(seed, error_m=0.001, angle=ANGLE, offset=OFFSET, count=110):
     return camera @ turn.T + offset + error_m * rng.normal(size=(count, 2)), camera
 
 
-def test_the_thesis_turn_and_offset_come_back_within_their_stated_uncertainty():
+def test_rotation_and_offset_of_the_thesis_are_found_within_their_stated_uncertainty():
     scores = []
     for seed in range(40):
         found = fit_plate_alignment(*places(seed))
@@ -193,7 +193,7 @@ def test_the_thesis_turn_and_offset_come_back_within_their_stated_uncertainty():
     assert np.all(found.standard_error[1:] < 2e-4)
 
 
-def test_no_error_gives_turn_and_offset_exactly():
+def test_places_without_error_give_rotation_and_offset_exactly():
     found = fit_plate_alignment(*places(1, error_m=0))
     np.testing.assert_allclose([found.angle, *found.offset], [ANGLE, *OFFSET], atol=1e-14)
     assert found.rms_before > 1e-3
@@ -202,7 +202,7 @@ def test_no_error_gives_turn_and_offset_exactly():
 
 @settings(deadline=None, max_examples=20)
 @given(angle=st.floats(-3.1, 3.1), x=st.floats(-1, 1), y=st.floats(-1, 1))
-def test_any_turn_and_offset_is_undone(angle, x, y):
+def test_any_rotation_and_offset_is_undone(angle, x, y):
     plate, camera = places(2, error_m=0, angle=angle, offset=np.array([x, y]))
     found = fit_plate_alignment(plate, camera)
     np.testing.assert_allclose(found.to_plate(camera), plate, atol=1e-12)
@@ -236,7 +236,7 @@ def test_the_fit_is_a_minimum_of_the_squared_distances():
         (lambda p, c: (p, c / 1000), "both in metres and in the same order"),
         (lambda p, c: (p, c * [1, -1]), "fit better when mirrored"),
         (lambda p, c: (p, c[:, ::-1]), "fit better when mirrored"),
-        (lambda p, c: (p, 0 * c), "expected as much"),
+        (lambda p, c: (p, 0 * c), "expected the same"),
     ],
 )
 def test_wrong_places_get_one_clear_error(spoil, message):

@@ -191,8 +191,8 @@ def test_a_noise_that_is_no_size_gets_one_clear_error(good, noise):
         fit_inertia(*good, sensor_noise=noise)
 
 
-def test_one_sensor_does_not_tell_noise_from_motion(good):
-    with pytest.raises(ValueError, match="do not tell noise from motion"):
+def test_one_sensor_does_not_separate_noise_from_motion(good):
+    with pytest.raises(ValueError, match="do not separate noise from motion"):
         sensor_noise_of(good[0][:, :3])
 
 

@@ -184,7 +184,7 @@ def test_validation_signals_are_those_of_the_thesis():
     np.testing.assert_array_equal(np.diff(onsets), 500)
 
 
-def test_a_signal_beyond_the_machine_is_told_by_which_limit():
+def test_a_signal_beyond_the_machine_names_the_limit():
     time = np.arange(300) / 100
     wild = Signal("wild", 100, 0.08 * np.sin(9 * time), 0 * time, 0 * time + 7)
     notes = check_signal(wild, MachineLimits())
@@ -260,7 +260,7 @@ def test_thesis_calibration_without_noise_is_exact(laboratory, platform, validat
     ("call", "message"),
     [
         (lambda s: belt_signals(1, 3.0), "mean_speed must be one of"),
-        (lambda s: resample_signal(s, 50), "thinning it to 50"),
+        (lambda s: resample_signal(s, 50), "decimating it to 50"),
         (lambda s: resample_signal(s, 0), "rate_hz must be a positive"),
         (lambda s: replace(s, sway=s.sway[:, None]), "sway must have shape"),
         (lambda s: replace(s, sway=s.sway[:0]), "sway must have shape"),

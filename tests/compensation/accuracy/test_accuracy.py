@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from compensation.accuracy import (
+from compensation import (
     fit_line_orthogonal,
     linearity,
     mean_by_level,

@@ -1,74 +1,21 @@
-"""Known weights against force plates: how far off, how straight, and where."""
+"""Errors between measured and true loads: by difference, about a line, of linearity."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inputs import (
-    read_rate,
-    read_signal,
-    read_table,
-    refuse_constant,
-    refuse_unequal,
-)
-from hbm.spatial import GRAVITY_MPS2, Array, read_only
+from compensation.inputs import read_signal, read_table, refuse_constant, refuse_unequal
+from hbm.spatial import Array, read_only
 
-_FASTEST = 50.0  # m/s²: no weight on a belt is accelerated more
-_ALIKE = 0.9  # cosine between two signals of one shape
-
-
-def wrench_of_weight(
-    mass_kg: float, marker: ArrayLike, rate_hz: float, center_height_m: float
-) -> Array:
-    """Give the wrench that a plate should measure under a weight with a marker on top.
-
-    Parameters
-    ----------
-    mass_kg
-        Mass of the weight [kg].
-    marker
-        Low-passed positions of the marker above the weight's middle, lab axes, (T, 3) [m].
-    rate_hz
-        Their sampling rate [Hz].
-    center_height_m
-        Height of the weight's centre of mass in the lab while it stands still [m]; 0 is the
-        thesis' truth, in which the centre of pressure is below the marker.
-
-    Returns
-    -------
-    Array
-        Action of the plate on the weight, lab axes about the lab origin, (T, 6) [N, N·m]: force
-        ``m (a - g)`` with the twice differentiated marker, through the centre of mass.
-
-    Raises
-    ------
-    ValueError
-        Wrong shape, fewer than 3 samples, gaps, a mass that is not positive, or positions that
-        are not in metres.
-
-    Notes
-    -----
-    Truth of van de Loosdrecht (2018), II.A and D.1. The weight does not turn, so the force goes
-    through its centre of mass, which moves with the marker.
-    """
-    position, rate = read_table(marker, "marker", 3), read_rate(rate_hz)
-    if len(position) < 3:
-        raise ValueError(f"marker has {len(position)} samples; an acceleration needs at least 3")
-    if not 0 < mass_kg < 1000:
-        raise ValueError(f"mass_kg must be a weight in kilograms up to 1000, got {mass_kg}")
-    acceleration = np.gradient(np.gradient(position, 1 / rate, axis=0), 1 / rate, axis=0)
-    fastest = float(np.median(np.linalg.norm(acceleration, axis=1)))
-    if np.max(np.abs(position)) > 20 or fastest > _FASTEST:
-        raise ValueError(
-            f"marker lies {np.max(np.abs(position)):.3g} m away and is accelerated by "
-            f"{fastest:.3g} m/s²; is it in metres and low-passed?"
-        )
-    force = mass_kg * (acceleration + np.array([0, 0, GRAVITY_MPS2]))
-    rise = position[:, 2] - position[0, 2]
-    center = np.column_stack([position[:, :2], center_height_m + rise])
-    return np.hstack([force, np.cross(center, force)])
+MIN_COSINE: Final = 0.9
+"""Between two signals of equal shape, whose sizes then show whether their units are equal."""
+MAX_UNIT_RATIO: Final = 10.0
+"""Between measured and true size, either way: no plate is that wrong, other units are."""
+MIN_SINE: Final = 1e-12
+"""Between the fitted line and the vertical; below it the line has no slope."""
 
 
 def rms_difference(measured: ArrayLike, truth: ArrayLike) -> Array:
@@ -88,6 +35,11 @@ def rms_difference(measured: ArrayLike, truth: ArrayLike) -> Array:
     ------
     ValueError
         Wrong shapes, no samples, gaps, or different numbers of samples or channels.
+
+    Examples
+    --------
+    >>> rms_difference([[1.0], [2.0], [4.0]], [[1.0], [2.0], [3.0]]).round(3)
+    array([0.577])
     """
     m, t = _read_pair(measured, truth)
     error: Array = np.sqrt(np.mean((m - t) ** 2, axis=0))
@@ -98,12 +50,19 @@ def rms_difference(measured: ArrayLike, truth: ArrayLike) -> Array:
 class Line:
     """A straight line ``measured = intercept + slope × truth`` and the scatter about it.
 
+    `fit_line_orthogonal` fits one.
+
     Attributes
     ----------
     slope, intercept
         Of the line [1, unit].
     rmse
         Root-mean-square distance from the line, at right angles to it [unit].
+
+    Examples
+    --------
+    >>> Line(slope=1.01, intercept=2.0, rmse=0.7).intercept
+    2.0
     """
 
     slope: float
@@ -133,8 +92,14 @@ def fit_line_orthogonal(measured: ArrayLike, truth: ArrayLike) -> Line:
     -----
     The last right singular vector of the centred pairs is the line's normal, the last singular
     value the root of the summed squared distances (Golub and Van Loan 1980; Markovsky and Van
-    Huffel 2007). Both channels count as equally uncertain. The RMS is that *about the fitted line*:
-    an offset or a wrong scale of the plate is in `slope` and `intercept`, not in it.
+    Huffel 2007). Both channels are taken as equally uncertain. The RMS is that *about the fitted
+    line*: an offset or a wrong scale of the plate is in `slope` and `intercept`, not in it.
+
+    Examples
+    --------
+    >>> line = fit_line_orthogonal([1.0, 3.0, 5.0, 7.0], [0.0, 1.0, 2.0, 3.0])
+    >>> f"{line.slope:.3f} {line.intercept:.3f}"
+    '2.000 1.000'
     """
     m, t = read_signal(measured, "measured"), read_signal(truth, "truth")
     refuse_unequal(measured=m, truth=t)
@@ -145,7 +110,7 @@ def fit_line_orthogonal(measured: ArrayLike, truth: ArrayLike) -> Line:
     center = np.array([t.mean(), m.mean()])
     _, s, vt = np.linalg.svd(np.column_stack([t, m]) - center, full_matrices=False)
     normal = vt[1]
-    if abs(normal[1]) < 1e-12:
+    if abs(normal[1]) < MIN_SINE:
         raise ValueError("the line is vertical: the truth does not vary with what is measured")
     slope = -normal[0] / normal[1]
     rmse = s[1] / np.sqrt(len(m))
@@ -153,14 +118,20 @@ def fit_line_orthogonal(measured: ArrayLike, truth: ArrayLike) -> Line:
 
 
 def rms_orthogonal(measured: ArrayLike, truth: ArrayLike) -> Array:
-    """Give the orthogonal RMSE of every channel, (C,), as `fit_line_orthogonal`; shapes (N, C)."""
+    """Give the orthogonal RMSE of every channel, (C,), as `fit_line_orthogonal`; shapes (N, C).
+
+    Examples
+    --------
+    >>> rms_orthogonal([[1.0], [3.0], [5.0], [7.0]], [[0.0], [1.0], [2.0], [3.0]]).round(3) + 0.0
+    array([0.])
+    """
     m, t = _read_pair(measured, truth)
     return np.array([fit_line_orthogonal(*pair).rmse for pair in zip(m.T, t.T, strict=True)])
 
 
 @dataclass(frozen=True, slots=True)
 class Linearity:
-    """How straight a plate answers to load.
+    """How close to proportional a plate's output is to its load; `linearity` finds it.
 
     Attributes
     ----------
@@ -172,6 +143,12 @@ class Linearity:
         The same by the full scale output [%].
     r_squared_first, r_squared_second
         Of the first- and second-order fit [1].
+
+    Examples
+    --------
+    >>> found = linearity([100.0, 200.0, 300.0, 400.0], [101.0, 201.0, 303.0, 403.0], 510.0)
+    >>> f"{found.nonlinearity:.1f} N"
+    '1.5 N'
     """
 
     slope: float
@@ -207,6 +184,12 @@ def linearity(known: ArrayLike, measured: ArrayLike, full_scale: float) -> Linea
     -----
     Ordinary least squares of measured on known; three standard deviations (with ``N - 1``) stand
     for the largest deviation without its outliers (van de Loosdrecht 2018, A.4 and D.1.4).
+
+    Examples
+    --------
+    >>> found = linearity([100.0, 200.0, 300.0, 400.0], [101.0, 201.0, 303.0, 403.0], 510.0)
+    >>> f"slope {found.slope:.3f}, non-linearity {found.percent_of_full_scale:.2f} % of full scale"
+    'slope 1.008, non-linearity 0.30 % of full scale'
     """
     x, y = read_signal(known, "known loads"), read_signal(measured, "measured loads")
     refuse_unequal(known_loads=x, measured_loads=y)
@@ -254,6 +237,11 @@ def mean_by_level(
     ------
     ValueError
         Wrong shape, no trials, gaps, or a factor with another number of entries.
+
+    Examples
+    --------
+    >>> mean_by_level([[1.0], [3.0], [8.0]], {"belt": ["left", "left", "right"]})
+    {'belt': {'left': array([2.]), 'right': array([8.])}}
     """
     table = read_table(errors, "errors")
     for name, levels in factors.items():
@@ -278,14 +266,15 @@ def _read_pair(measured: ArrayLike, truth: ArrayLike) -> tuple[Array, Array]:
 
 
 def _refuse_other_scale(m: Array, t: Array) -> None:
-    """Raise a ValueError where measured and truth have one shape but not one unit."""
+    """Raise a ValueError where measured and truth have equal shape, but not equal units."""
     sizes = np.linalg.norm(m, axis=0), np.linalg.norm(t, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        alike = np.abs(np.sum(m * t, axis=0)) / (sizes[0] * sizes[1]) > _ALIKE
+        alike = np.abs(np.sum(m * t, axis=0)) / (sizes[0] * sizes[1]) > MIN_COSINE
         ratio = sizes[0] / sizes[1]
-    odd = np.flatnonzero(alike & ((ratio > 10) | (ratio < 0.1)))
-    if len(odd):
+    other = alike & ((ratio > MAX_UNIT_RATIO) | (ratio < 1 / MAX_UNIT_RATIO))
+    if other.any():
+        channel = int(np.argmax(other))
         raise ValueError(
-            f"measured is {ratio[odd[0]]:.3g} times the truth in channel {odd[0] + 1}; "
+            f"measured is {ratio[channel]:.3g} times the truth in channel {channel + 1}; "
             "are both in one unit?"
         )

@@ -1,0 +1,1 @@
+"""Accuracy of force plates: known weights, errors, linearity."""

@@ -1,0 +1,125 @@
+"""What signals are made of: random motion, moves between positions, changes of speed.
+
+Every part is sampled at `RATE_HZ`, begins and ends at rest, and stays within the given limits.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from hbm.spatial import Array
+
+RATE_HZ: Final = 100.0
+"""Of all signals: D-Flow commands the machine so."""
+MIN_PLATFORM_HZ: Final = 0.2
+MIN_BELT_HZ: Final = 0.4
+"""High-pass of random motion, chosen such that it fills its range."""
+FADE_S: Final = 0.5
+"""In which random motion begins and ends, chosen."""
+FILTER_SETTLING_S: Final = 20.0
+"""Of random motion drawn beyond both ends and discarded: the high-pass settles in it."""
+SOFT_CLIP_SHARE: Final = 0.8
+"""Of the range, beyond which random motion bends smoothly towards its end."""
+
+
+class Extent(NamedTuple):
+    """Largest excursion, speed and acceleration of a part, each either way."""
+
+    range: float
+    speed: float
+    acceleration: float
+
+
+def samples(duration_s: float) -> int:
+    """Give the number of samples of a duration."""
+    return round(duration_s * RATE_HZ)
+
+
+def random_position(rng: np.random.Generator, count: int, sd: float, most: Extent) -> Array:
+    """Draw (count,) positions from white acceleration of a standard deviation."""
+    white = _white(rng, count, sd, most.acceleration)
+    x = _high_passed(np.cumsum(np.cumsum(white)) / RATE_HZ**2, MIN_PLATFORM_HZ)
+    x = _soft_clipped(x, most.range) * fade(count, FADE_S)
+    return _scaled_down(_scaled_down(x, 1, most.speed), 2, most.acceleration)
+
+
+def random_speed(
+    rng: np.random.Generator, count: int, sd: float, reach: float, acceleration: float
+) -> Array:
+    """Draw (count,) deviations from the mean speed from white acceleration."""
+    v = _high_passed(np.cumsum(_white(rng, count, sd, acceleration)) / RATE_HZ, MIN_BELT_HZ)
+    return _scaled_down(_soft_clipped(v, reach) * fade(count, FADE_S), 1, acceleration)
+
+
+def positions(levels: tuple[float, ...], hold_s: float, most: Extent) -> Array:
+    """Go from neutral through the levels (shares of the range), hold each, and return."""
+    parts, at = [], 0.0
+    for level in (*levels, 0.0):
+        approach = at + move(level * most.range - at, most.speed, most.acceleration)
+        at = level * most.range
+        parts += [approach, np.full(samples(hold_s), at)]
+    return np.concatenate(parts)
+
+
+def move(distance: float, speed: float, acceleration: float) -> Array:
+    """Minimum-jerk move over a distance (Flash and Hogan 1985), without its first sample.
+
+    Its duration is the shortest with at most this speed and acceleration, which peak at
+    15/8 distance/duration and 10/√3 distance/duration².
+    """
+    seconds = max(
+        15 / 8 * abs(distance) / speed, np.sqrt(10 / np.sqrt(3) * abs(distance) / acceleration)
+    )
+    count = int(np.ceil(seconds * RATE_HZ))
+    s = np.arange(1, count + 1) / count
+    position: Array = distance * s**3 * (10 - 15 * s + 6 * s**2)
+    return position
+
+
+def speeds(mean: float, levels: tuple[float, ...], hold_s: float, acceleration: float) -> Array:
+    """Go from the mean speed through the levels, hold each, and return."""
+    parts, at = [], mean
+    for level in (*levels, mean):
+        parts += [ramp(at, level, acceleration), np.full(samples(hold_s), level)]
+        at = level
+    return np.concatenate(parts)
+
+
+def ramp(start: float, stop: float, acceleration: float) -> Array:
+    """Change the speed at constant acceleration, without the first sample."""
+    count = int(np.ceil(abs(stop - start) / acceleration * RATE_HZ - 1e-9))
+    return np.linspace(start, stop, count + 1)[1:]
+
+
+def fade(count: int, seconds: float) -> Array:
+    """Give weights that rise from 0 to 1 and fall again, without a jump in speed."""
+    at = np.arange(count) / RATE_HZ
+    to_end = np.minimum(at, at[::-1]) / seconds
+    return (1 - np.cos(np.pi * np.minimum(to_end, 1))) / 2
+
+
+def _white(rng: np.random.Generator, count: int, sd: float, most: float) -> Array:
+    return np.clip(sd * rng.normal(size=count + 2 * samples(FILTER_SETTLING_S)), -most, most)
+
+
+def _high_passed(drifting: Array, cutoff_hz: float) -> Array:
+    sos = butter(2, cutoff_hz, "high", fs=RATE_HZ, output="sos")
+    settling = samples(FILTER_SETTLING_S)
+    passed: Array = sosfiltfilt(sos, drifting)[settling:-settling]
+    return passed
+
+
+def _soft_clipped(x: Array, reach: float) -> Array:
+    """Compress what exceeds a share of the reach smoothly, so that it stays within."""
+    knee = SOFT_CLIP_SHARE * reach
+    beyond = np.maximum(np.abs(x) - knee, 0)
+    return np.sign(x) * (
+        np.minimum(np.abs(x), knee) + (reach - knee) * np.tanh(beyond / (reach - knee))
+    )
+
+
+def _scaled_down(x: Array, order: int, most: float) -> Array:
+    """Scale motion down where its derivative of an order exceeds a limit."""
+    largest = float(np.max(np.abs(np.diff(x, order)))) * RATE_HZ**order
+    return x if largest <= most else x * (most / largest)
