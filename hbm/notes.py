@@ -11,12 +11,21 @@ from importlib.resources import files
 from numbers import Integral, Real
 from string import Formatter
 from types import MappingProxyType
-from typing import Any, Final, Literal, SupportsFloat, get_args
+from typing import Any, Final, Literal, SupportsFloat, TypedDict, get_args
 
 Level = Literal["warning", "info"]
 NoteValue = str | int | float | tuple[str, ...] | Mapping[str, float]
 
 LEVELS: Final[tuple[Level, ...]] = get_args(Level)
+
+
+class StoredNote(TypedDict):
+    """A note as JSON holds it."""
+
+    code: str
+    level: Level
+    text: str
+    values: dict[str, NoteValue]
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +98,9 @@ of pelvis, knees and ankles
         """Give its sentence."""
         return _SENTENCE.vformat(_kind(self.code).text, (), self.values)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> StoredNote:
         """Give code, level, text and values, ready for JSON."""
-        values = {
+        values: dict[str, NoteValue] = {
             name: dict(value) if isinstance(value, Mapping) else value
             for name, value in self.values.items()
         }

@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from hbm.center_of_mass import center_of_mass
 from hbm.dynamics import Dynamics
+from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.result import TrialResult

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from hbm import dynamics
-from hbm.center_of_mass import center_of_mass
 from hbm.coordinates import INDEX, LAST_Q, SEGMENTS, SEGMENTS_WITH_MASS, TREE, support
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
-from hbm.poses import segment_frames
+from hbm.poses import center_of_mass, segment_frames
 from hbm.spatial import GRAVITY_MPS2, rotation_about, shift_wrench, transform_wrench
 from tests.hbm.motions import motion_of, swinging
 from tests.synthetic import MASS_KG, synthetic_body

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from compensation.platform.pose import PlatformPose
-from hbm.center_of_mass import center_of_mass
 from hbm.coordinates import INDEX
+from hbm.poses import center_of_mass
 from hbm.spatial import Array
 from pipeline.virtual_lab.machine.platform import PlatformTrajectory
 from pipeline.virtual_lab.machine.treadmill import BeltRamp

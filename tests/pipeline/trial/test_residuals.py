@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.center_of_mass import center_of_mass
+from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.trial.residuals import (
     AXES,

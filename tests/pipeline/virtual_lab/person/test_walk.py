@@ -150,7 +150,7 @@ def test_in_the_t_pose_the_ground_carries_the_weight_alone(walked, subject, cond
 
 def test_the_force_is_mass_times_acceleration_of_the_centre_of_mass(walked):
     """With the acceleration from positions alone."""
-    from hbm.center_of_mass import center_of_mass
+    from hbm.poses import center_of_mass
 
     walk, _ = walked(0)
     step = 1e-3
