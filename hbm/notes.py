@@ -11,21 +11,12 @@ from importlib.resources import files
 from numbers import Integral, Real
 from string import Formatter
 from types import MappingProxyType
-from typing import Any, Final, Literal, SupportsFloat, TypedDict, get_args
+from typing import Any, Final, Literal, SupportsFloat, get_args
 
 Level = Literal["warning", "info"]
 NoteValue = str | int | float | tuple[str, ...] | Mapping[str, float]
 
 LEVELS: Final[tuple[Level, ...]] = get_args(Level)
-
-
-class StoredNote(TypedDict):
-    """A note as JSON holds it."""
-
-    code: str
-    level: Level
-    text: str
-    values: dict[str, NoteValue]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +89,7 @@ of pelvis, knees and ankles
         """Give its sentence."""
         return _SENTENCE.vformat(_kind(self.code).text, (), self.values)
 
-    def to_dict(self) -> StoredNote:
+    def to_dict(self) -> dict[str, str | dict[str, NoteValue]]:
         """Give code, level, text and values, ready for JSON."""
         values: dict[str, NoteValue] = {
             name: dict(value) if isinstance(value, Mapping) else value
