@@ -217,8 +217,8 @@ def linearity(known: ArrayLike, measured: ArrayLike, full_scale: float) -> Linea
 
 
 def mean_by_level(
-    errors: ArrayLike, factors: Mapping[str, Sequence[object]]
-) -> dict[str, dict[object, Array]]:
+    errors: ArrayLike, factors: Mapping[str, Sequence[str | float]]
+) -> dict[str, dict[str | float, Array]]:
     """Average the errors of trials per level of every factor, as in the thesis' Table I.
 
     Parameters
