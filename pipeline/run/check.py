@@ -21,7 +21,7 @@ from pipeline.trial.ground.belts import read_belts
 from pipeline.trial.ground.calibration_recording import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 from pipeline.trial.ground.platform import platform_pose
-from pipeline.trial.process import read_file
+from pipeline.trial.study_files import read_study_file
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass
 
@@ -165,7 +165,7 @@ def _check_trial(
         pose: Recording | None = preview.beginning
         static = person.static
         if static is not None:
-            pose = found.attempt(study.path(static).name, lambda: read_file(study, static))
+            pose = found.attempt(study.path(static).name, lambda: read_study_file(study, static))
         _check_contents(preview, rule, found)
         if pose is not None:
             _check_body(study, person, preview, pose, found)
@@ -183,7 +183,7 @@ def _check_trial(
         of_beginning = check(preview)
         if not of_beginning.faults:
             return of_beginning
-    recording = of_whole.attempt(path.name, lambda: read_file(study, file, trial))
+    recording = of_whole.attempt(path.name, lambda: read_study_file(study, file, trial))
     if recording is None:
         return of_whole
     missing = preview.missing if preview is not None else {}
@@ -232,7 +232,7 @@ def _check_body(
             study.file.settings,
             weighed[0] if weighed is not None else ASSUMED_MASS_KG,
             marker_set=study.marker_set,
-            hip_trial=read_file(study, person.hip_trial) if person.hip_trial else None,
+            hip_trial=read_study_file(study, person.hip_trial) if person.hip_trial else None,
             segments=read_segments(study.path(person.segments)) if person.segments else None,
         )
 

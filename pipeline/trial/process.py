@@ -13,10 +13,9 @@ from hbm.overrides import SegmentOverride
 from hbm.plausibility import changed_distances, implausible
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
-from pipeline.config.schema import Condition, Settings, Subject, Treadmill, Trial
+from pipeline.config.schema import Condition, Settings, Subject, Treadmill
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.read import read_recording
 from pipeline.io.recording import Recording
 from pipeline.trial.delay import plate_delay
 from pipeline.trial.gait.contact import feet_of, share_between_feet
@@ -24,12 +23,11 @@ from pipeline.trial.gait.cycle_selection import perturbation_onsets, select_cycl
 from pipeline.trial.gait.cycles import cut_cycles
 from pipeline.trial.gait.event_agreement import agreement_with_plates
 from pipeline.trial.gait.events import gait_events
-from pipeline.trial.ground.belts import read_belts
-from pipeline.trial.ground.calibration_recording import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
-from pipeline.trial.motion_notes import motion_notes
+from pipeline.trial.motion_check import check_motion
 from pipeline.trial.result import PlateSurface, TrialResult
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass, carried_mass
 
@@ -160,7 +158,7 @@ def process_recording(
             *carried_notes,
             *changed_distances(body, recording.markers),
             *body.notes,
-            *motion_notes(body, unfiltered),
+            *check_motion(body, unfiltered),
             *ground.notes,
             events_note,
             *agreement_with_plates(events, by_foot, motion.time, threshold_n),
@@ -206,63 +204,27 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
     >>> result.compensated is None
     True
     """
-    person, file = study.subject(subject), study.file
-    rule = study.condition(condition)
+    person, rule = study.subject(subject), study.condition(condition)
     if condition not in person.trials:
         raise ValueError(f"subject {subject} has no trial {condition!r}")
     trial = person.trials[condition]
     if trial.file is None or trial.exclude is not None:
         raise ValueError(f"{subject} {condition} is excluded: {trial.exclude}")
 
-    treadmill = file.treadmill
-    calibration = (
-        read_calibration(study.path(treadmill.calibration), treadmill, file.axes)
-        if treadmill.calibration
-        else None
-    )
-    belts = (
-        read_belts(study.path(treadmill.belt.calibration), treadmill.belt, file.axes)
-        if treadmill.belt is not None
-        else ()
-    )
+    def read(name: str | None) -> Recording | None:
+        return read_study_file(study, name) if name else None
+
     return process_recording(
-        read_file(study, trial.file, trial),
+        read_study_file(study, trial.file, trial),
         person.person,
-        file.settings,
-        static=read_file(study, person.static) if person.static else None,
-        hip_trial=read_file(study, person.hip_trial) if person.hip_trial else None,
+        study.file.settings,
+        static=read(person.static),
+        hip_trial=read(person.hip_trial),
         segments=read_segments(study.path(person.segments)) if person.segments else None,
         marker_set=study.marker_set,
-        laboratory=Laboratory(treadmill, calibration, belts),
+        laboratory=read_study_laboratory(study),
         condition=rule,
         jobs=jobs,
-    )
-
-
-def read_file(study: Study, name: str, beside: Trial | None = None) -> Recording:
-    """Read a file of a study, with the axes and labels that the study states.
-
-    Parameters
-    ----------
-    study
-        The study.
-    name
-        The file.
-    beside
-        The trial whose file it is, for the forces or the record that belong to it.
-
-    Returns
-    -------
-    Recording
-        As `read_recording`.
-    """
-    trial = beside or Trial()
-    return read_recording(
-        study.path(name),
-        study.file.axes,
-        study.path(trial.forces) if trial.forces else None,
-        record=study.path(trial.record) if trial.record else None,
-        rename=study.file.rename,
     )
 
 

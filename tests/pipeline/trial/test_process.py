@@ -7,12 +7,15 @@ import pytest
 
 from hbm.notes import Note
 from hbm.signals.filtering import butterworth
-from pipeline.config.schema import Condition, Settings, Subject
+from pipeline.config.schema import Condition, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event, Metadata
 from pipeline.trial import process
 from pipeline.trial.gait.cycles import cut_cycles
+from pipeline.trial.ground.calibration_recording import read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.residuals import residual_table
 from pipeline.trial.weighing import body_mass, carried_mass
@@ -125,7 +128,7 @@ def test_a_perturbed_condition_without_perturbation_is_refused(study):
 def test_motion_and_forces_pass_the_filter_that_is_stated(walker, method):
     result = process_recording(walker, PERSON, Settings(filter=method, cutoff_hz=8.0))
     time = walker.markers.time
-    plates = process.ground_wrenches(walker, process.Laboratory(process.Treadmill()), time, 0.0)
+    plates = ground_wrenches(walker, Laboratory(Treadmill()), time, 0.0)
     raw = np.sum(plates.variants["measured"], axis=0)
     expected = butterworth(raw, time, 8.0, method).value
     np.testing.assert_allclose(total(result.ground["measured"]), expected, atol=1e-6)
@@ -161,8 +164,8 @@ def test_frames_without_accelerations_exclude_their_cycles_in_both_variants(stud
     values[8000:8100, 0] = np.nan
     broken = replace(recording, analog=replace(recording.analog, values=values))
     treadmill = study.file.treadmill
-    calibration = process.read_calibration(study.path("empty.c3d"), treadmill, None)
-    laboratory = process.Laboratory(treadmill, calibration)
+    calibration = read_calibration(study.path("empty.c3d"), treadmill, None)
+    laboratory = Laboratory(treadmill, calibration)
     result = process_recording(broken, PERSON, Settings(), laboratory=laboratory)
     assert residual_table(result, "pitch")["rms"].notna().all()
     assert any(note.code == "cycle_unsolved" for note in result.notes)

@@ -1,4 +1,4 @@
-"""What became of a motion's coordinates and frames."""
+"""Check of a trial's motion: coordinates and frames that the markers do not determine."""
 
 import numpy as np
 
@@ -7,8 +7,8 @@ from hbm.motion import Motion
 from hbm.notes import Note
 
 
-def motion_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
-    """Give what was locked, interpolated, left out or not solved in a trial's motion.
+def check_motion(body: Body, motion: Motion) -> tuple[Note, ...]:
+    """Find what was locked, interpolated, left out or not solved in a trial's motion.
 
     Parameters
     ----------
