@@ -1,1 +1,1 @@
-"""How the gait of the virtual people was made, and how real it looks: not part of the package."""
+"""How the simulated gait was made, and how realistic it is; not part of the package."""

@@ -1,9 +1,10 @@
-"""Make ``gait.csv``: how adults walk, as Fourier coefficients of all coordinates.
+"""Make ``gait.csv``: the mean gait pattern of adults, as Fourier coefficients of all coordinates.
 
 Run as ``python -m tests.virtual_gait.fit_gait NORMS.csv`` with the norms of Pinzone et al. (2014)
 as published (columns quantity, name, unit, percent, centre_one_mean, centre_one_sd and so on). The
-norms give pelvis and legs; trunk, head and arms follow round numbers from the literature, named in
-the file. `gait_optimum` then finds the nearest walk that the reference person can walk.
+norms give pelvis and legs; trunk, head and arms follow rounded values from the literature that is
+cited in the file. `gait_optimum` then finds the nearest gait that the reference person's equations
+of motion allow.
 """
 
 import sys
@@ -16,26 +17,28 @@ import pandas as pd
 
 from hbm.coordinates import COORDINATES, INDEX, N_Q, TREE
 from hbm.spatial import Array
+from pipeline.virtual_lab.person.gait_pattern import SPEED_MPS, STRIDE_S
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
 from tests.virtual_gait.gait_optimum import Target, nodes, optimise
 
+GAIT_CSV: Final = Path(__file__).parents[2] / "pipeline" / "virtual_lab" / "person" / "gait.csv"
 HARMONICS: Final = 8
-SPEED_MPS: Final = 1.3
-STRIDE_S: Final = 1.08
+"""Highest harmonic of the gait cycle, 7.4 Hz: above it joint angles in walking have very little."""
 SLOPES_DEG: Final = (-10.0, -5.0, 0.0, 5.0, 10.0)
+"""Slopes of the belt: the range of the platform's pitch."""
 HEADER: Final = """\
-# How adults walk at 1.3 m/s: Fourier coefficients [deg; m for PelvisX, Y, Z and shoulder points] of
-# the coordinates of the middle and the right side over the right gait cycle from initial contact.
-# Made by tests/virtual_gait/fit_gait.py: for every slope of the belt the walk of a reference man
-# of 1.78 m that is nearest to the published norms (of level walking) and satisfies the equations of
-# motion on the ground. A positive slope rises forward.
+# Mean gait pattern of adults at 1.3 m/s: Fourier coefficients [deg; m for PelvisX, Y, Z and the
+# shoulder points] of the coordinates of trunk and right side over the right gait cycle from initial
+# contact. Made by tests/virtual_gait/fit_gait.py: for every slope of the belt, the gait of a
+# reference man of 1.78 m that is nearest to the published norms (of level walking) and satisfies
+# the equations of motion with the feet on the belt. A positive slope rises forward.
 # Pelvis, hip, knee, ankle, foot: means of two centres, Pinzone O, Schwartz MH, Thomason P, Baker R
 # (2014) The comparison of normative reference data from different gait analysis services, Gait
 # Posture 40:286-290. Trunk, head: after Krebs et al. (1992) Phys Ther 72:505; arms: after Murray
 # et al. (1967) Phys Ther 47:272; toes: after Leardini et al. (2007) Gait Posture 25:453.
-# "about" says what a coordinate is counted from: zero, or the person's own standing posture.
+# "about" is what a coordinate is relative to: zero, or the person's own standing posture.
 """
-NORM: Final = {  # coordinate: name in the norms, sign
+NORM: Final = {
     "PelvisYaw": ("Pelvic Int/Ext", 1),
     "PelvisForwardPitch": ("Pelvis Ant/Pst", 1),
     "PelvisRightRoll": ("Pelvic Up/Dn", -1),
@@ -45,21 +48,36 @@ NORM: Final = {  # coordinate: name in the norms, sign
     "RKneeFlexion": ("Knee Flx/Ext", 1),
     "RAnklePlantarFlexion": ("Ankle Dor/Pla", -1),
 }
-FREE_SPREAD: Final = {  # of what the norms do not say [deg or m]
+"""Coordinate -> its name in the norms, and its sign relative to them."""
+FREE_SD: Final = {
     "PelvisX": 0.02,
     "PelvisY": 0.03,
     "PelvisZ": 0.03,
     "RFootPronation": 3.0,
     "RToeFlexion": 1.0,
 }
-OTHER_SPREAD: Final = 2.0, 0.002  # [deg], [m]
-ANKLE_ZERO_DEG: Final = -3.0  # heel and second metatarsal head are not equally high
+"""Standard deviations of coordinates without norms that balance and feet determine [m and deg];
+chosen."""
+OTHER_SD_DEG: Final = 2.0
+OTHER_SD_M: Final = 0.002
+"""Of all other coordinates without norms; chosen."""
+NORM_SD_SHARE: Final = 0.5
+"""Share of the norms' standard deviations that is used: that of the mean is smaller than that
+between people."""
+ANKLE_ZERO_DEG: Final = -3.0
+"""Zero of ankle dorsiflexion relative to the norms: heel and second metatarsal head are not equally
+high."""
 STANDING: Final = ("PelvisZ", "Trunk", "Head", "RShoulder", "RElbow", "RForeArm", "RWrist", "RHand")
-LOWER_M: Final = 0.03  # how much lower than standing the pelvis is on average
+"""Coordinates that are relative to the standing posture, by the beginning of their names."""
+PELVIS_LOWER_M: Final = 0.03
+"""How much lower than in standing the pelvis is on average; usual at this speed."""
+VERTICAL_WAVES: Final = ((2, 0.22, 0.065), (4, 0.03, 0.03))
+"""Harmonic, amplitude [body weights] and phase of the peak of the vertical force: two peaks of
+about 1.2 body weights, as usual at this speed."""
 
 
 def read_norms(path: Path) -> tuple[dict[str, Array], dict[str, float]]:
-    """Read mean angles over 50 values of the cycle and their mean spread, by name [deg]."""
+    """Read mean angles at 50 phases of the cycle, and their mean SD, by name [deg]."""
     table = pd.read_csv(path)
     table = table[(table["quantity"] == "angle") & (table["percent"] < 100)]
     both = {
@@ -78,12 +96,13 @@ def fourier(values: Array) -> Array:
     return np.column_stack([spectrum.real, -spectrum.imag])
 
 
-def wave(mean: float, *swings: tuple[int, float, float]) -> Array:
-    """Give the coefficients of a mean and swings (harmonic, amplitude, phase of its peak)."""
+def wave(mean: float, *waves: tuple[int, float, float]) -> Array:
+    """Give the coefficients of a mean and of waves (harmonic, amplitude, phase of the peak)."""
     out = np.zeros((HARMONICS + 1, 2))
     out[0, 0] = mean
-    for k, size, peak in swings:
-        out[k] += size * np.cos(2 * np.pi * k * peak), size * np.sin(2 * np.pi * k * peak)
+    for k, amplitude, peak in waves:
+        angle = 2 * np.pi * k * peak
+        out[k] += amplitude * np.cos(angle), amplitude * np.sin(angle)
     return out
 
 
@@ -93,8 +112,8 @@ def evaluate(coefficients: Array, phase: Array) -> Array:
     return np.asarray(np.cos(angle) @ coefficients[:, 0] + np.sin(angle) @ coefficients[:, 1])
 
 
-def wanted(mean: dict[str, Array]) -> dict[str, Array]:
-    """Give the coefficients of what the norms and the literature say, by coordinate [deg, m]."""
+def published(mean: dict[str, Array]) -> dict[str, Array]:
+    """Give the coefficients of norms and literature, by coordinate [deg, m]."""
     legs = {name: sign * fourier(mean[norm]) for name, (norm, sign) in NORM.items()}
     legs["RAnklePlantarFlexion"][0, 0] += ANKLE_ZERO_DEG
     thorax = wave(-0.5, (2, 1.0, 0.10)), wave(0, (1, 1.5, 0.28)), wave(0, (1, 4.0, 0.52))
@@ -120,7 +139,7 @@ def wanted(mean: dict[str, Array]) -> dict[str, Array]:
 
 
 def to_si(name: str) -> float:
-    """Give the factor from the table's unit to m or rad."""
+    """Give the factor from the unit of the table to m or rad."""
     return 1.0 if TREE[INDEX[name]].translates else np.pi / 180
 
 
@@ -128,8 +147,8 @@ def target_of(
     subject: VirtualSubject, mean: dict[str, Array], spread: dict[str, float]
 ) -> tuple[Target, Array]:
     """Give the optimisation's target, and foot pitch and progression as coefficients [deg]."""
-    series = wanted(mean)
-    joints, widths = np.zeros((len(nodes()), N_Q)), np.zeros(N_Q)
+    series = published(mean)
+    joints, sds = np.zeros((len(nodes()), N_Q)), np.zeros(N_Q)
     for i, name in enumerate(COORDINATES):
         left = name.startswith("L")
         source = "R" + name[1:] if left else name
@@ -138,34 +157,33 @@ def target_of(
             joints[:, i] = to_si(name) * evaluate(series[source], phase)
         if source.startswith(STANDING[1:]):
             joints[:, i] += subject.standing[i]
-        other = OTHER_SPREAD[1] if TREE[i].translates else OTHER_SPREAD[0]
-        width = 0.5 * spread[NORM[source][0]] if source in NORM else FREE_SPREAD.get(source, other)
-        widths[i] = to_si(name) * width
-    joints[:, INDEX["PelvisZ"]] = subject.standing[INDEX["PelvisZ"]] - LOWER_M
+        other = OTHER_SD_M if TREE[i].translates else OTHER_SD_DEG
+        sd = FREE_SD.get(source, other)
+        if source in NORM:
+            sd = NORM_SD_SHARE * spread[NORM[source][0]]
+        sds[i] = to_si(name) * sd
+    joints[:, INDEX["PelvisZ"]] = subject.standing[INDEX["PelvisZ"]] - PELVIS_LOWER_M
 
     pitch = (
         mean["Pelvis Ant/Pst"] - mean["Hip Flx/Ext"] + mean["Knee Flx/Ext"] - mean["Ankle Dor/Pla"]
     )
     feet = np.stack([fourier(pitch), fourier(mean["Foot Int/Ext"])])
-    both = [[np.radians(evaluate(c, nodes() + late)) for late in (0.0, 0.5)] for c in feet]
-    beat = 4 * np.pi
-    vertical = (
-        1 + 0.22 * np.cos(beat * (nodes() - 0.065)) + 0.03 * np.cos(2 * beat * (nodes() - 0.03))
-    )
+    both = [[np.radians(evaluate(c, nodes() + shift)) for shift in (0.0, 0.5)] for c in feet]
+    vertical = evaluate(wave(1.0, *VERTICAL_WAVES), nodes())
     pitch, heading = np.array(both)
-    target = Target(SPEED_MPS, STRIDE_S, joints, widths, pitch, heading, vertical)
+    target = Target(SPEED_MPS, STRIDE_S, joints, sds, pitch, heading, vertical)
     return target, feet
 
 
 def write(
-    path: Path, subject: VirtualSubject, walks: dict[float, dict[str, Array]], feet: Array
+    path: Path, subject: VirtualSubject, gaits: dict[float, dict[str, Array]], feet: Array
 ) -> None:
-    """Write the coefficients with their provenance; ``walks`` by slope [deg]."""
+    """Write the coefficients with their sources; ``gaits`` by slope [deg]."""
     rows = ["slope_deg,coordinate,about,harmonic,cosine,sine"]
-    for slope, walk in walks.items():
-        table = {"foothold": walk["foothold"][:1, None] * [[1.0, 0.0]]}
+    for slope, gait in gaits.items():
+        table = {"foothold": gait["foothold"][:1, None] * [[1.0, 0.0]]}
         table |= {"foot pitch": feet[0], "foot progression": feet[1]}
-        for name, c in walk.items():
+        for name, c in gait.items():
             if name != "foothold":
                 own = np.zeros_like(c)
                 own[0, 0] = subject.standing[INDEX[name]] if name.startswith(STANDING) else 0.0
@@ -183,8 +201,8 @@ def write(
 if __name__ == "__main__":
     reference = make_subject(Person())
     level, feet = target_of(reference, *read_norms(Path(sys.argv[1])))
-    walks = {
+    gaits = {
         slope: optimise(reference, replace(level, slope=float(np.radians(slope))), HARMONICS)
         for slope in SLOPES_DEG
     }
-    write(Path(__file__).with_name("gait.csv"), reference, walks, feet)
+    write(GAIT_CSV, reference, gaits, feet)

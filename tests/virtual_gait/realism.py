@@ -1,4 +1,4 @@
-"""Whether the virtual walk looks like walking: published norms and real forces beside it.
+"""Whether the simulated gait is realistic: beside published norms and measured forces.
 
 Run as ``python -m tests.virtual_gait.realism NORMS.csv FOLDER OUT`` with the norms of Pinzone et
 al. (2014) as published, the folder of the treadmill recording of Moore, Hnat and van den Bogert
@@ -8,7 +8,7 @@ al. (2014) as published, the folder of the treadmill recording of Moore, Hnat an
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import matplotlib as mpl
 import numpy as np
@@ -27,7 +27,7 @@ from pipeline.virtual_lab.person.walk import Walk
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 
-ANGLES: Final = {  # title: coordinate, sign and zero [deg] that make it the norms', their name
+ANGLES: Final = {
     "pelvis anterior tilt": ("PelvisForwardPitch", 1, 0.0, "Pelvis Ant/Pst"),
     "pelvis obliquity, up": ("PelvisRightRoll", -1, 0.0, "Pelvic Up/Dn"),
     "pelvis rotation, forward": ("PelvisYaw", 1, 0.0, "Pelvic Int/Ext"),
@@ -37,16 +37,26 @@ ANGLES: Final = {  # title: coordinate, sign and zero [deg] that make it the nor
     "knee flexion": ("RKneeFlexion", 1, 0.0, "Knee Flx/Ext"),
     "ankle dorsiflexion": ("RAnklePlantarFlexion", -1, -3.0, "Ankle Dor/Pla"),
 }
-"""The ankle's zero differs by the height of the second metatarsal head above the heel."""
+"""Title -> coordinate, its sign and zero [deg] relative to the norms, and its name there. The zero
+of the ankle differs by the height of the second metatarsal head above the heel."""
 FORCES: Final = {"forward": 0, "medial": 1, "vertical": 2}
+FORCE_COLUMNS: Final = ("RightGRF_x", "RightGRF_z", "RightGRF_y")
+"""Title -> component of the force on the right foot, and the recording's columns in this order."""
+NORMS_MPS: Final = 1.3
 RECORDED_MPS: Final = 0.8
+"""Walking speeds to which norms and recording are compared."""
+BASELINE_S: Final = 30.0
 STEADY_S: Final = 12.0
+END_S: Final = 1.0
+"""Duration of a simulated walk, and the times at its beginning and end that do not count."""
+STANCE_PERCENT: Final = slice(10, 50)
+"""Where the sign of the medial force is determined."""
 PERCENT: Final = np.arange(101.0)
 SOURCES: Final = (
-    "Blue: {subjects} virtual people, mean ± SD between them, at 1.3 m/s (angles) and 0.8 m/s "
-    "(forces). Grey: angles of healthy people on level ground at self-chosen speed, mean ± SD, two "
-    "centres' average (Pinzone et al. 2014, Gait Posture 40:286); forces under one man on a "
-    "split-belt treadmill at 0.8 m/s, mean ± SD of his strides (Moore, Hnat and van den Bogert "
+    "Blue: {subjects} simulated subjects, mean ± SD between them, at 1.3 m/s (angles) and 0.8 m/s "
+    "(forces). Grey: angles of healthy subjects on level ground at self-selected speed, mean ± SD, "
+    "average of two centres (Pinzone et al. 2014, Gait Posture 40:286); forces on one man on a "
+    "split-belt treadmill at 0.8 m/s, mean ± SD over strides (Moore, Hnat and van den Bogert "
     "2015, PeerJ 3:e918)."
 )
 
@@ -60,12 +70,12 @@ class Band:
 
 
 def angle_curves(walk: Walk) -> dict[str, Array]:
-    """Give a person's mean joint angles of the right leg over the gait cycle.
+    """Give a subject's mean joint angles of the right leg over the gait cycle.
 
     Parameters
     ----------
     walk
-        The walk, level; the first 12 s do not count.
+        A walk on the level; its first 12 s do not count.
 
     Returns
     -------
@@ -81,7 +91,7 @@ def angle_curves(walk: Walk) -> dict[str, Array]:
 
 
 def force_curves(walk: Walk) -> dict[str, Array]:
-    """Give a person's mean ground reaction on the right foot over the gait cycle, (101,) [BW]."""
+    """Give a subject's mean ground reaction on the right foot over the gait cycle, (101,) [BW]."""
     time = np.arange(STEADY_S * 100, walk.motion.duration * 100) / 100
     force = foot_wrenches(walk, time)["right"][:, :3] / (walk.subject.person.mass_kg * GRAVITY_MPS2)
     curves = normalise(time, force, _cycles(walk)).mean(axis=0)
@@ -89,7 +99,7 @@ def force_curves(walk: Walk) -> dict[str, Array]:
 
 
 def read_norms(path: Path) -> dict[str, Band]:
-    """Read the norms' table; title -> band over the gait cycle [deg]."""
+    """Read the table of norms; title -> band over the gait cycle [deg]."""
     table = pd.read_csv(path)
     table = table[table["quantity"] == "angle"]
     bands = {}
@@ -106,25 +116,24 @@ def read_norms(path: Path) -> dict[str, Band]:
 
 
 def read_forces(folder: Path) -> dict[str, Band]:
-    """Read a real treadmill recording: right foot, title -> band over the gait cycle [BW]."""
+    """Read a treadmill recording: right foot, title -> band over the gait cycle [BW]."""
     table = pd.read_csv(folder / "UnpertPre_data.csv")
     events = pd.read_csv(folder / "UnpertPre__event.csv")
     person = pd.read_csv(folder / "SubjectInfo.csv")
     weight = float(person["mass"].iloc[0]) * GRAVITY_MPS2
-    columns = ("RightGRF_x", "RightGRF_z", "RightGRF_y")
-    force = table[list(columns)].to_numpy() / weight
+    force = table[list(FORCE_COLUMNS)].to_numpy() / weight
     strikes = events["rhs"].dropna().to_numpy()
     spans = np.column_stack([strikes[:-1], strikes[1:]])
     curves = normalise(table["time"].to_numpy(), force, spans)
     force_mean, force_sd = np.nanmean(curves, axis=0), np.nanstd(curves, axis=0)
-    inward = np.sign(np.mean(force_mean[10:50, 1]))
+    inward = np.sign(np.mean(force_mean[STANCE_PERCENT, 1]))
     force_mean[:, 1] *= inward
     return {title: Band(force_mean[:, k], force_sd[:, k]) for title, k in FORCES.items()}
 
 
-def virtual_walks(subjects: int, speed_mps: float, seed: int = 1) -> list[Walk]:
-    """Let the study's people walk on the level for half a minute each."""
-    protocol = Protocol(baseline_s=30.0, speed_mps=speed_mps)
+def simulated_walks(subjects: int, speed_mps: float, seed: int = 1) -> list[Walk]:
+    """Simulate half a minute of level walking of the study's subjects."""
+    protocol = Protocol(baseline_s=BASELINE_S, speed_mps=speed_mps)
     setting = Setting(seed=seed, protocol=protocol, faults=Faults())
     return [
         run_walk(setting, Machine(), study_subject(setting, k), k, "baseline")[0]
@@ -133,7 +142,7 @@ def virtual_walks(subjects: int, speed_mps: float, seed: int = 1) -> list[Walk]:
 
 
 def realism_figure(norms: Path | None, forces: Path | None, subjects: int = 9) -> Figure:
-    """Draw virtual people's walking against published norms and a real treadmill's recording.
+    """Draw the simulated gait with published norms and a treadmill recording.
 
     Parameters
     ----------
@@ -142,7 +151,7 @@ def realism_figure(norms: Path | None, forces: Path | None, subjects: int = 9) -
     forces
         Folder of the treadmill recording; None leaves it out.
     subjects
-        How many virtual people walk.
+        Number of simulated subjects.
 
     Returns
     -------
@@ -150,16 +159,21 @@ def realism_figure(norms: Path | None, forces: Path | None, subjects: int = 9) -
         Eight joint angles at 1.3 m/s and three forces at 0.8 m/s over the right gait cycle, with
         the sources.
     """
-    angles = [angle_curves(walk) for walk in virtual_walks(subjects, 1.3)]
-    pushes = [force_curves(walk) for walk in virtual_walks(subjects, RECORDED_MPS)]
+    angles = [angle_curves(walk) for walk in simulated_walks(subjects, NORMS_MPS)]
+    forces_of = [force_curves(walk) for walk in simulated_walks(subjects, RECORDED_MPS)]
     bands = read_norms(norms) if norms is not None else {}
     bands |= read_forces(forces) if forces is not None else {}
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 7.5), layout="constrained")
         panels = figure.subplots(3, 4, sharex=True).ravel()
         for panel, title in zip(panels, (*ANGLES, *FORCES), strict=False):
-            people = pushes if title in FORCES else angles
-            _draw(panel, title, np.stack([curves[title] for curves in people]), bands.get(title))
+            curves = forces_of if title in FORCES else angles
+            _draw(
+                panel,
+                title,
+                np.stack([of_subject[title] for of_subject in curves]),
+                bands.get(title),
+            )
         panels[-1].set_axis_off()
         for panel in panels[7:11]:
             panel.set_xlabel("% of gait cycle")
@@ -172,14 +186,14 @@ def _draw(panel: Axes, title: str, curves: Array, band: Band | None) -> None:
         draw_band(panel, PERCENT, band.mean, band.sd, COLOURS["baseline"])
     mean, sd = curves.mean(axis=0), curves.std(axis=0)
     draw_band(panel, PERCENT, mean, sd, COLOURS["compensated"])
-    unit: Any = "BW" if title in FORCES else "°"
+    unit = "BW" if title in FORCES else "°"
     panel.set_title(f"{title.capitalize()}{' force' if title in FORCES else ''} [{unit}]")
 
 
 def _cycles(walk: Walk) -> Array:
     """Give the right gait cycles of steady walking, (C, 2) [s]."""
     contact = walk.placement.steps.contact[1::2]
-    inside = (contact > STEADY_S) & (contact < walk.motion.duration - 1)
+    inside = (contact > STEADY_S) & (contact < walk.motion.duration - END_S)
     own = contact[inside]
     return np.column_stack([own[:-1], own[1:]])
 

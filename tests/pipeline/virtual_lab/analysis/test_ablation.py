@@ -120,7 +120,7 @@ def test_a_setting_with_an_unknown_key_writes_nothing(tmp_path):
 
 def test_the_realism_figure_names_its_sources_even_without_their_data(monkeypatch, walked):
     walks = [walked(number)[0] for number in (0, 1)]
-    monkeypatch.setattr("tests.virtual_gait.realism.virtual_walks", lambda *given: walks)
+    monkeypatch.setattr("tests.virtual_gait.realism.simulated_walks", lambda *given: walks)
     figure = realism_figure(None, None, subjects=2)
     assert "Pinzone et al. 2014" in figure.get_supxlabel()
     assert "Moore, Hnat and van den Bogert 2015" in figure.get_supxlabel()
