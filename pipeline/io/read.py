@@ -1,4 +1,4 @@
-"""Any recording -> Recording: the format is told by what a file holds, not by its name."""
+"""Read a recording of any format, recognised by the file's content and not by its name."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,9 +14,12 @@ from pipeline.io.opensim.trial import read_opensim_trial
 from pipeline.io.recording import Recording
 from pipeline.io.text_table import decoded
 
-C3D_MARK: Final = 0x50
+C3D_KEY: Final = 0x50
+"""Second byte of every C3D file."""
 HEAD_BYTES: Final = 65536
-MARKED_BYTES: Final = 4096
+"""Read to recognise a format: the longest first line of D-Flow is shorter."""
+MOX_ROOT_CHARACTERS: Final = 4096
+"""The root of a .mox file is within them."""
 
 
 def read_recording(
@@ -80,7 +83,7 @@ def read_recording(
 
 
 def file_format(path: Path) -> str:
-    """Tell a file's format by its content.
+    """Recognise a file's format by its content.
 
     Parameters
     ----------
@@ -95,13 +98,13 @@ def file_format(path: Path) -> str:
     Raises
     ------
     ValueError
-        It is empty, of no format that is read, or only half of a trial.
+        It is empty, of no format that is read, or holds forces or signals without markers.
     OSError
         The file cannot be opened.
     """
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-    if head[1:2] == bytes([C3D_MARK]) and not head[:1].isalpha():
+    if head[1:2] == bytes([C3D_KEY]) and not head[:1].isalpha():
         return "C3D"
     try:
         text = decoded(head[: len(head) // 2 * 2] if head[1:] else head)
@@ -113,16 +116,16 @@ def file_format(path: Path) -> str:
     first = [name.strip() for name in lines[0].split("\t")]
     if lines[0].startswith("PathFileType"):
         return "TRC"
-    if ROOT in text[:MARKED_BYTES]:
+    if ROOT in text[:MOX_ROOT_CHARACTERS]:
         return "MOX"
     if "FrameNumber" in first:
         return "D-Flow"
     if is_nexus(lines):
         return "Nexus"
-    raise ValueError(f"{path.name}: {_half(lines, first)}")
+    raise ValueError(f"{path.name}: {_why_not_read(lines, first)}")
 
 
-def _half(lines: list[str], first: list[str]) -> str:
+def _why_not_read(lines: list[str], first: list[str]) -> str:
     if any(line.strip().lower() == "endheader" for line in lines):
         return "a MOT or STO table, which has no markers; give it beside a TRC file"
     if first[0] == "Time":

@@ -1,18 +1,20 @@
-"""Text of unknown origin: decoded without guessing, numbers read with every fault placed."""
+"""Text files of numbers, from programs of all kinds: every fault is named with its place."""
 
 import re
 from collections.abc import Sequence
 from io import StringIO
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pandas as pd
 
 from hbm.spatial import Array
 
-DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
-UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
-LARGEST = 1e9
+DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
+MAX_VALUE: Final = 1e9
+"""In any unit; beyond it the number is damaged."""
 
 
 def read_lines(path: Path) -> list[str]:
@@ -40,7 +42,7 @@ def read_lines(path: Path) -> list[str]:
 
 
 def decoded(content: bytes) -> str:
-    """Give bytes as text; raises ValueError where they are none."""
+    """Decode text in UTF-8 or marked UTF-16; a ValueError where it is empty or binary."""
     if not content.strip():
         raise ValueError("the file is empty")
     if content.startswith(UTF16_MARKS):
@@ -60,7 +62,7 @@ def parse_rows(
     lines
         One row each; separators after the last column are allowed.
     separator
-        What stands between fields.
+        Between fields.
     names
         The columns, for counting and for messages.
     numbers
@@ -74,7 +76,7 @@ def parse_rows(
     Raises
     ------
     ValueError
-        A row has too few or too many fields, or a field is not a number that was measured.
+        A row has too few or too many fields, or a field is no number, or too large for one.
     """
     count = len(names)
     for line, number in zip(lines, numbers, strict=True):
@@ -102,28 +104,26 @@ def parse_rows(
         ).to_numpy(float)
     except ValueError as error:
         raise ValueError(_first_fault(lines, separator, names, numbers)) from error
-    strange = np.argwhere(np.abs(values) > LARGEST)
+    strange = np.argwhere(np.abs(values) > MAX_VALUE)
     if len(strange):
         row, column = strange[0]
         raise ValueError(
-            f"line {numbers[row]}, column {names[column]!r}: {values[row, column]:g} is nothing "
-            "that was measured"
+            f"line {numbers[row]}, column {names[column]!r}: {values[row, column]:g} cannot have "
+            "been measured"
         )
     return values
 
 
 def read_number(text: str, where: str) -> float:
-    """Read one number, NaN where it is empty; a ValueError says where and what stands there."""
+    """Read one number, NaN where it is empty; a ValueError names the place and the text."""
     text = text.strip()
     try:
         return float(text or "nan")
     except ValueError:
-        said = f"{where}: {text[:40]!r}"
+        reason = "is no number"
         if DECIMAL_COMMA.fullmatch(text):
-            said += " has a decimal comma; export the file with decimal points"
-        else:
-            said += " is no number"
-        raise ValueError(said) from None
+            reason = "has a decimal comma; export the file with decimal points"
+        raise ValueError(f"{where}: {text[:40]!r} {reason}") from None
 
 
 def _first_fault(

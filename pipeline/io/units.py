@@ -1,28 +1,34 @@
-"""Units that files write, in SI; an unknown unit is an error, never a guess."""
+"""Units of files in SI; an unknown unit is an error, never a guess."""
 
 import re
+from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
 from hbm.spatial import Array
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-ACCELERATIONS = {
-    "g": 9.80665,
+STANDARD_GRAVITY_MPS2: Final = 9.80665
+"""What accelerometers mean by 1 g, wherever they are."""
+LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+ACCELERATIONS: Final = {
+    "g": STANDARD_GRAVITY_MPS2,
     **{f"{m}/{s}": scale for m, scale in LENGTHS.items() for s in ("s²", "s2", "s^2", "s/s")},
 }
-ANGLES = {name: np.pi / 180 for name in ("deg", "degree", "degrees", "°")} | {
+ANGLES: Final = {name: np.pi / 180 for name in ("deg", "degree", "degrees", "°")} | {
     name: 1.0 for name in ("rad", "radian", "radians")
 }
-FORCES = {"n": 1.0, "kn": 1e3}
-SPELLINGS = {
+FORCES: Final = {"n": 1.0, "kn": 1e3}
+SPELLINGS: Final = {
     r"newtons?": "n",
     r"^nt": "n",
     r"millimet(er|re)s?": "mm",
     r"centimet(er|re)s?": "cm",
     r"met(er|re)s?": "m",
 }
-PLAUSIBLE_SPAN_M = (0.05, 20.0)
+MIN_SPAN_M: Final = 0.05
+MAX_SPAN_M: Final = 20.0
+"""Between the markers of a person and a treadmill, or of a walkway."""
 
 
 def length_in_m(unit: str) -> float:
@@ -72,15 +78,14 @@ def check_span(position: Array, unit: str) -> None:
     extent = np.nanmax(visible, axis=1) - np.nanmin(visible, axis=1)
     with np.errstate(over="ignore"):
         span = float(np.median(np.linalg.norm(extent, axis=1)))
-    shortest, longest = PLAUSIBLE_SPAN_M
-    if not shortest < span < longest:
+    if not MIN_SPAN_M < span < MAX_SPAN_M:
         raise ValueError(
             f"the markers spread over {span:.3g} m if the file's unit {unit!r} is true; "
-            f"expected {shortest} to {longest:g} m: correct the unit in the file"
+            f"expected {MIN_SPAN_M} to {MAX_SPAN_M:g} m: correct the unit in the file"
         )
 
 
-def _lookup(unit: str, known: dict[str, float], quantity: str, examples: str) -> float:
+def _lookup(unit: str, known: Mapping[str, float], quantity: str, examples: str) -> float:
     plain = re.sub(r"[\s.*·_-]", "", unit).lower()
     for spelling, symbol in SPELLINGS.items():
         plain = re.sub(spelling, symbol, plain)

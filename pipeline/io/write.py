@@ -1,4 +1,4 @@
-"""Files written whole or not at all: tables, text, and whatever else takes a path."""
+"""Files that are written whole or not at all: tables, text, anything that takes a path."""
 
 import errno
 import os
@@ -12,9 +12,9 @@ from typing import Final
 import pandas as pd
 
 PART: Final = ".part"
-
-
-LEFT_OVER_S: Final = 3600.0
+"""Suffix of a file that is being written."""
+MAX_WRITING_S: Final = 3600.0
+"""Longer than any one file takes: what is older was left by a run that was killed."""
 
 
 def write_csv(table: pd.DataFrame, path: Path) -> None:
@@ -41,15 +41,15 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files of runs that were killed: those nobody has written to for an hour."""
+    """Remove temporary files of killed runs: those not written to for an hour."""
     for path in folder.glob(f".*.????????{PART}"):
         with suppress(OSError):
-            if time.time() - path.stat().st_mtime > LEFT_OVER_S:
+            if time.time() - path.stat().st_mtime > MAX_WRITING_S:
                 path.unlink()
 
 
 def require_writable(out: Path) -> None:
-    """Make a folder and write to it, before minutes are spent on what would go into it.
+    """Make a folder and try to write to it, before minutes are spent on its content.
 
     Raises
     ------

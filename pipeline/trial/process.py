@@ -57,7 +57,7 @@ def process_recording(
     static
         Recording of the calibration pose; by default the trial itself.
     static_window_s
-        Where the pose is in it [s]; by default its quietest second.
+        Start and end of the pose in it [s]; by default its quietest second.
     hip_trial
         Recording in which the thighs swing, where ``settings.hip`` is "functional".
     segments
@@ -65,7 +65,7 @@ def process_recording(
     marker_set
         A marker set of one's own; by default recognised from the labels.
     laboratory
-        The treadmill and its calibration; by default one that stands still.
+        The treadmill and its calibrations; by default one that stands still.
     condition
         Which gait cycles count; by default all.
     jobs
@@ -74,7 +74,8 @@ def process_recording(
     Returns
     -------
     TrialResult
-        With the plates as measured and, given a calibration, compensated; both from one motion.
+        With the plates as measured and, given a calibration, compensated; both from the same
+        motion.
 
     Raises
     ------
@@ -107,13 +108,12 @@ def process_recording(
     unfiltered = solve_ik(body, recording.markers, jobs=jobs)
     motion = filter_motion(unfiltered, cutoff=settings.cutoff_hz, method=settings.filter)
 
-    treadmill = laboratory or Laboratory(Treadmill())
-    ground = ground_wrenches(recording, treadmill, motion.time, settings.plate_delay_s)
-    plates, feet = ground.variants, feet_of(body, unfiltered)
-    threshold_n = settings.contact_threshold_n
+    laboratory = laboratory or Laboratory(Treadmill())
+    ground = ground_wrenches(recording, laboratory, motion.time, settings.plate_delay_s)
+    best, feet = ground.variants[ground.best], feet_of(body, unfiltered)
     under_feet = {
-        variant: share_between_feet(wrenches, feet, threshold_n, judged_by=plates[ground.best])
-        for variant, wrenches in plates.items()
+        variant: share_between_feet(plates, feet, settings.contact_threshold_n, judged_by=best)
+        for variant, plates in ground.variants.items()
     }
     wrenches = {
         variant: _filtered(by_foot, motion, settings)
@@ -122,15 +122,16 @@ def process_recording(
     dynamics = _inverse_dynamics(body, motion, wrenches, jobs)
 
     events, events_note = gait_events(recording)
-    cycles, rejected = cut_cycles(events, dynamics.values())
+    cycles, cycle_notes = cut_cycles(events, dynamics.values())
     rule = condition or Condition()
     onsets = perturbation_onsets(recording, rule, ground.pose) if rule.perturbed else np.empty(0)
-    selected, missing = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
+    selected, selection_notes = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
 
     total = np.sum([*wrenches[ground.best].values()], axis=0)
     delay = plate_delay(total[:, :3], dynamics[ground.best].residual[:, :3], motion.time)
     carried_mass_kg, carried_notes = carried_mass(motion.time, total[:, 2], cycles)
     by_foot, ambiguous = under_feet[ground.best]
+    agreement = agreement_with_plates(events, by_foot, motion.time, settings.contact_threshold_n)
     return TrialResult(
         source=recording.source,
         subject=subject,
@@ -161,9 +162,9 @@ def process_recording(
             *check_motion(body, unfiltered),
             *ground.notes,
             events_note,
-            *agreement_with_plates(events, by_foot, motion.time, threshold_n),
-            *rejected,
-            *missing,
+            *agreement,
+            *cycle_notes,
+            *selection_notes,
             delay.note,
         ),
     )

@@ -25,7 +25,7 @@ def read_study_file(study: Study, name: str, trial: Trial | None = None) -> Reco
     Returns
     -------
     Recording
-        As `read_recording`, which also says what is refused.
+        As `read_recording` gives it, with its errors.
     """
     trial = trial or Trial()
     return read_recording(

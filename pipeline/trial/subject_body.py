@@ -94,7 +94,7 @@ def subject_body(
 
 
 def _beside_regression(body: Body, by_regression: Body, file: str) -> Note:
-    """Give how far functional hips are from the regression's; refuse what no pelvis has."""
+    """Give how far functional hips are from the regression's; refuse more than pelvises differ."""
     distance_m = {}
     for side in ("right", "left"):
         hip, expected = (
@@ -105,8 +105,8 @@ def _beside_regression(body: Body, by_regression: Body, file: str) -> Note:
     if largest_m > MAX_HIP_DISTANCE_M:
         off = ", ".join(f"{side} {1000 * each:.0f} mm" for side, each in distance_m.items())
         raise ValueError(
-            f"{file}: the functional hips are {off} from Harrington's regression, which no pelvis "
-            "has: swing both thighs forward, back and sideways by 30° and more"
+            f"{file}: the functional hips are {off} from Harrington's regression, more than"
+            " pelvises differ: swing both thighs forward, back and sideways by 30° and more"
         )
     code = "functional_hips" if largest_m <= EXPECTED_HIP_DISTANCE_M else "functional_hips_far"
     return Note.of(code, file=file, distance_m=distance_m)

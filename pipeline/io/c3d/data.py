@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.io.c3d.header import BLOCK, Header, Parameters, floats, integer_type
+from pipeline.io.c3d.header import BLOCK_BYTES, Header, Parameters, floats, integer_type
 
 FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the result."""
@@ -95,7 +95,7 @@ def read_samples(
     points = np.empty((frames, n_points, 3))
     analog = np.empty((frames, per_frame, channels))
     with path.open("rb") as file, np.errstate(invalid="ignore", over="ignore"):
-        file.seek((header.data_block - 1) * BLOCK)
+        file.seek((header.data_block - 1) * BLOCK_BYTES)
         for start in range(0, frames, FRAMES_PER_SLICE):
             stop = min(start + FRAMES_PER_SLICE, frames)
             data = file.read((stop - start) * bytes_per_frame(header))
@@ -133,7 +133,7 @@ def missing_share(
     """
     frames = count_frames(path, header, parameters)
     chosen = np.unique(np.linspace(0, frames - 1, sampled).round().astype(int))
-    size, start = bytes_per_frame(header), (header.data_block - 1) * BLOCK
+    size, start = bytes_per_frame(header), (header.data_block - 1) * BLOCK_BYTES
     data = bytearray()
     with path.open("rb") as file:
         for frame in chosen:
@@ -175,7 +175,7 @@ def count_frames(path: Path, header: Header, parameters: Parameters) -> int:
     and POINT:LONG_FRAMES hold the true number where a program wrote them; otherwise the size of the
     data section decides between the numbers that 16 bits may stand for.
     """
-    size, data_start = path.stat().st_size, (header.data_block - 1) * BLOCK
+    size, data_start = path.stat().st_size, (header.data_block - 1) * BLOCK_BYTES
     per_frame = bytes_per_frame(header)
     held = (size - data_start) // per_frame
     if header.data_block <= header.parameter_block or held <= 0:
@@ -191,7 +191,7 @@ def count_frames(path: Path, header: Header, parameters: Parameters) -> int:
     short_counts = [header.last_frame - header.first_frame + 1]
     short_counts.append(parameters.integer("POINT", "FRAMES", short_counts[0]))
 
-    slack = BLOCK // per_frame + 1
+    slack = BLOCK_BYTES // per_frame + 1
     fitting = [count for count in long_counts if 0 < count <= held <= count + slack]
     saturated = MAX_COUNT in (header.last_frame, short_counts[1])
     started_over = any((held - count) % (MAX_COUNT + 1) <= slack for count in short_counts)
@@ -212,7 +212,7 @@ def count_frames(path: Path, header: Header, parameters: Parameters) -> int:
 def _padding_frames(path: Path, header: Header, held: int, slack: int) -> int:
     per_frame, checked = bytes_per_frame(header), min(slack, held)
     with path.open("rb") as file:
-        file.seek((header.data_block - 1) * BLOCK + (held - checked) * per_frame)
+        file.seek((header.data_block - 1) * BLOCK_BYTES + (held - checked) * per_frame)
         tail = np.frombuffer(file.read(checked * per_frame), np.uint8).reshape(checked, per_frame)
     written = np.flatnonzero(tail.any(axis=1))
     return checked - 1 - int(written[-1]) if len(written) else checked

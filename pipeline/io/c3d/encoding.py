@@ -2,16 +2,22 @@
 
 import struct
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.io.c3d.header import BLOCK
+from pipeline.io.c3d.header import BLOCK_BYTES
 
 Value = str | Sequence[str] | NDArray[np.integer] | NDArray[np.floating]
 Groups = dict[str, dict[str, Value]]
 
-MAX_ENTRIES = 255
+MAX_ENTRIES: Final = 255
+"""Of a parameter's dimension, which is one byte; longer lists continue in NAME2, NAME3, …"""
+MAX_BLOCKS: Final = 255
+"""Of the parameter section, whose length is one byte."""
+MAX_RECORD_BYTES: Final = 32767
+"""Of one parameter, whose length is a signed 16-bit number."""
 
 
 def parameter_section(groups: Groups, data_block: int) -> bytes:
@@ -46,17 +52,17 @@ def parameter_section(groups: Groups, data_block: int) -> bytes:
             start = _encoded("POINT:DATA_START", np.array([data_block]))
             records.append((identity, "DATA_START", start + b"\0"))
     body = b"".join(_record(*record) for record in records)
-    blocks = -(-(len(body) + 6) // BLOCK)
-    if blocks > 255:
+    blocks = -(-(len(body) + 6) // BLOCK_BYTES)
+    if blocks > MAX_BLOCKS:
         raise ValueError(
             f"labels, units and events need {blocks} blocks, but the parameter section of a C3D "
-            "file has room for 255: write fewer events or split the trial"
+            f"file has room for {MAX_BLOCKS}: write fewer events or split the trial"
         )
     return struct.pack("<4B", 1, 0x50, blocks, 84) + body + bytes(2)
 
 
 def _record(identity: int, name: str, content: bytes) -> bytes:
-    if len(content) + 2 > 32767:
+    if len(content) + 2 > MAX_RECORD_BYTES:
         raise ValueError(f"parameter {name} has {len(content)} bytes, more than a C3D file allows")
     label = name.encode("ascii")
     return (

@@ -1,11 +1,12 @@
 """Force plates of a C3D file: analog channels to wrenches on the subject, TYPE 1 to 4.
 
-The centre of pressure is never formed: a wrench about a fixed point needs none and stays finite
-while a plate is empty.
+No centre of pressure is computed: a wrench about a fixed point needs none, and is finite while a
+plate is empty.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from pipeline.io.units import force_in_n, length_in_m, moment_in_nm
 
 Channel = tuple[str, str]
 
-N_CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
-VOLTS = {"v", "mv", "uv", "volt", "volts", ""}
+N_CHANNELS: Final = {1: 6, 2: 6, 3: 8, 4: 6}
+VOLTS: Final = {"v", "mv", "uv", "volt", "volts", ""}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +66,8 @@ def measured_plates(
     Returns
     -------
     list[MeasuredPlate]
-        One per plate, in the file's order. C3D files store the force that the plate exerts on the
-        subject once it is turned into the lab by the corners; it is kept as stored.
+        One per plate, in the file's order. In the plate's axes that the corners define, C3D files
+        store the force of the plate on the subject; its sign is kept.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def measured_plates(
     -----
     Plate axes: x from corner 2 to 1, y in the surface towards corner 1 from 4, z = x × y (down for
     the usual order). With the channels' force f and moment m about the transducer and ORIGIN o,
-    the centre of the surface seen from the transducer, the moment about that centre is m + f × o
+    from the transducer to the centre of the surface, the moment about that centre is m + f × o
     (C3D user guide; TYPE 2, and TYPE 4 after its 6 × 6 calibration matrix, which turns volts into
     N and N times the file's length unit). Programs write o with either sign; transducers lie below
     the surface, so o is negated where its z is positive. TYPE 1 stores the centre of pressure p and

@@ -1,25 +1,32 @@
-"""The header and parameter sections of a C3D file: what the data section holds, and where.
+"""The header and parameter sections of a C3D file, which describe its data section.
 
-Everything is bounds-checked as it is read, so a damaged file ends in one `ValueError` line.
+All counts and offsets are checked as they are read: a damaged file gives one line of error.
 """
 
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-BLOCK = 512
-BYTE_ORDERS = {84: "intel", 85: "dec", 86: "sgi"}
+BLOCK_BYTES: Final = 512
+KEY: Final = 0x50
+"""Second byte of every C3D file."""
+BYTE_ORDERS: Final = {84: "intel", 85: "dec", 86: "sgi"}
+"""Processor type in the parameter section -> order of bytes."""
+EVENTS_KEY: Final = 12345
+"""Of header events with labels of four characters."""
+MAX_HEADER_EVENTS: Final = 18
 
 Values = NDArray[np.floating] | NDArray[np.integer] | NDArray[np.str_]
 
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What the first block of a C3D file says.
+    """The first block of a C3D file.
 
     Attributes
     ----------
@@ -32,7 +39,7 @@ class Header:
     analog_per_frame
         Samples of one analog channel per frame.
     first_frame, last_frame
-        Frame numbers as stored, 16 bits: they cannot tell long recordings.
+        Frame numbers as stored, in 16 bits: too small for long recordings.
     scale
         Units per integer step; negative where the data are floating point.
     rate_hz
@@ -55,7 +62,7 @@ class Header:
 
 
 class Parameters:
-    """Parameters by group and name, upper case; absent ones read as empty.
+    """Parameters by group and name, upper case; absent ones are empty.
 
     Parameters
     ----------
@@ -68,7 +75,7 @@ class Parameters:
         self.groups = groups
 
     def has(self, group: str, name: str) -> bool:
-        """Tell whether a parameter exists and holds something."""
+        """Whether a parameter exists and is not empty."""
         return self.groups.get(group, {}).get(name, np.empty(0)).size > 0
 
     def numbers(self, group: str, name: str) -> NDArray[np.float64]:
@@ -121,7 +128,7 @@ def read_header(path: Path) -> tuple[Header, Parameters]:
     Returns
     -------
     Header, Parameters
-        The facts of the header block, and all parameters.
+        The header block, and all parameters.
 
     Raises
     ------
@@ -131,21 +138,21 @@ def read_header(path: Path) -> tuple[Header, Parameters]:
         The file cannot be opened.
     """
     with path.open("rb") as file:
-        first = file.read(BLOCK)
+        first = file.read(BLOCK_BYTES)
         if not first:
             raise ValueError("the file is empty")
-        if len(first) < BLOCK or first[1] != 0x50 or first[0] == 0:
+        if len(first) < BLOCK_BYTES or first[1] != KEY or first[0] == 0:
             raise ValueError("not a C3D file: it does not begin with a C3D header block")
-        file.seek((first[0] - 1) * BLOCK)
+        file.seek((first[0] - 1) * BLOCK_BYTES)
         start = file.read(4)
         if len(start) < 4 or start[3] not in BYTE_ORDERS:
             raise ValueError("not a C3D file, or its parameter section is missing")
         byte_order = BYTE_ORDERS[start[3]]
         header = _parse_header(first, byte_order)
         if header.data_block > header.parameter_block:
-            section = file.read((header.data_block - header.parameter_block) * BLOCK - 4)
+            section = file.read((header.data_block - header.parameter_block) * BLOCK_BYTES - 4)
         else:
-            section = file.read(start[2] * BLOCK - 4 if start[2] else 0)
+            section = file.read(start[2] * BLOCK_BYTES - 4 if start[2] else 0)
     return header, Parameters(_parse_parameters(section, byte_order))
 
 
@@ -174,9 +181,9 @@ def _parse_header(block: bytes, byte_order: str) -> Header:
     if not (np.isfinite(scale) and np.isfinite(rate)):
         raise ValueError("the header's scale or frame rate is not a number")
     events = []
-    if words[149] == 12345:
+    if words[149] == EVENTS_KEY:
         times = floats(block[304:376], byte_order)
-        for k in range(min(int(words[150]), 18)):
+        for k in range(min(int(words[150]), MAX_HEADER_EVENTS)):
             label = _text(block[396 + 4 * k : 400 + 4 * k])
             events.append((label, float(times[k])))
     return Header(

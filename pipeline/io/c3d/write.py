@@ -18,7 +18,7 @@ from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.encoding import MAX_ENTRIES, Groups, Value, parameter_section
 from pipeline.io.c3d.force_plates import plate_axes
-from pipeline.io.c3d.header import BLOCK
+from pipeline.io.c3d.header import BLOCK_BYTES
 from pipeline.io.recording import Analog, Event, Metadata, Plate
 
 FRAMES_PER_SLICE: Final = 4096
@@ -90,13 +90,13 @@ def write_c3d(
         },
         "PROCESSING": _processing(metadata),
     }
-    data_block = 2 + -(-len(parameter_section(groups, 0)) // BLOCK)
+    data_block = 2 + -(-len(parameter_section(groups, 0)) // BLOCK_BYTES)
     section = parameter_section(groups, data_block)
     with path.open("wb") as file:
         file.write(_header(markers, channels, first_frame, data_block))
-        file.write(section.ljust((data_block - 2) * BLOCK, b"\0"))
+        file.write(section.ljust((data_block - 2) * BLOCK_BYTES, b"\0"))
         _write_samples(file, markers.position @ to_file.T * MM_PER_M, channels.values)
-        file.write(bytes(-file.tell() % BLOCK))
+        file.write(bytes(-file.tell() % BLOCK_BYTES))
 
 
 def _channels(
@@ -253,7 +253,7 @@ def _header(markers: Markers, channels: Analog, first_frame: int, data_block: in
         per_frame,
         markers.rate_hz,
     )
-    return block.ljust(BLOCK, b"\0")
+    return block.ljust(BLOCK_BYTES, b"\0")
 
 
 def _write_samples(file: BinaryIO, position: Array, analog: Array) -> None:

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
 from hbm.spatial import Array, read_only
 from pipeline.io.text_table import parse_rows, read_lines
 
-TRANSLATIONS = ("_tx", "_ty", "_tz")
+TRANSLATIONS: Final = ("_tx", "_ty", "_tz")
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ class Table:
     values
         Values as the file holds them, (N, K).
     in_degrees
-        Whether the file says that its rotational coordinates are in degrees.
+        Whether the rotational coordinates are in degrees, as the file states.
     """
 
     time: Array
