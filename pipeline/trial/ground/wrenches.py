@@ -72,10 +72,11 @@ def ground_wrenches(
     Returns
     -------
     Ground
-        Both variants move with the platform. First the belts' contribution is subtracted, then the
-        platform's inertia, in each plate's own moving frame before any rotation; the gains are
-        static, so that it makes no difference that this is done at the markers' rate on equally
-        resampled signals.
+        Both variants move with the platform. What platform and belts add is subtracted in each
+        plate's own moving frame, before any rotation. Plates and accelerometers pass the low-pass
+        of the calibration before the platform's inertia is subtracted; the gains are static, so
+        that it makes no difference that this is done at the markers' rate on equally resampled
+        signals.
 
     Raises
     ------
@@ -87,15 +88,13 @@ def ground_wrenches(
     notes = [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
 
     compensated = measured
+    if laboratory.calibration is not None:
+        compensated, doubts = _without_inertia(recording, laboratory, time + plate_delay_s)
+        notes += doubts
     if laboratory.belts and treadmill.belt is not None:
         added = belt_wrenches(recording, laboratory.belts, treadmill.belt, time + plate_delay_s)
         compensated = [w - belt for w, belt in zip(compensated, added, strict=True)]
         notes.append(Note.of("belts_compensated", channels=treadmill.belt.speed_channels))
-    if laboratory.calibration is not None:
-        compensated, doubts = _without_inertia(
-            compensated, recording, laboratory, time + plate_delay_s
-        )
-        notes += doubts
 
     pose, pose_notes = platform_pose(recording, treadmill.platform, time)
     notes += pose_notes
@@ -115,26 +114,28 @@ def _is_constant(plate: Plate) -> bool:
 
 
 def _without_inertia(
-    wrenches: Sequence[Array], recording: Recording, laboratory: Laboratory, plate_time: Array
+    recording: Recording, laboratory: Laboratory, plate_time: Array
 ) -> tuple[list[Array], list[Note]]:
     """Subtract what the platform's motion adds to each plate; plate times (T,) are on their clock.
 
-    The accelerometers pass the same low-pass as in the calibration.
+    Plates and accelerometers both pass the low-pass that both passed in the calibration: filtering
+    only one of them would leave the part of the artefact that the filter takes from the other.
     """
-    treadmill = laboratory.treadmill
+    plates, treadmill = recording.plates, laboratory.treadmill
     clock, readings = accelerations(recording, treadmill)
     models = plate_models(recording, laboratory)
     setup = setup_of(recording, treadmill)
-    measured = resample(
+    acceleration = resample(
         clock, setup.low_pass(readings, clock), plate_time + treadmill.accelerometer_delay_s
     )
-    compensated = [
-        _compensated(model, measured, wrench)
-        for model, wrench in zip(models, wrenches, strict=True)
-    ]
+    compensated = []
+    for plate, model in zip(plates, models, strict=True):
+        wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
+        wrench = resample(plate.time, wrench, plate_time)
+        compensated.append(_compensated(model, acceleration, wrench))
     notes = [
         note
-        for plate, model in zip(recording.plates, models, strict=True)
+        for plate, model in zip(plates, models, strict=True)
         for note in check_calibration(model, f"plate {plate.number}")
     ]
     known = readings[np.isfinite(readings).all(axis=1)]

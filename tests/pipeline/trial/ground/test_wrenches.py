@@ -127,6 +127,18 @@ def test_accelerations_of_a_trial_pass_the_low_pass_of_the_calibration(walker, m
     assert np.abs(weakened[INSIDE]).max() < 0.4
 
 
+def test_an_empty_plate_keeps_only_what_the_fit_itself_could_not_explain():
+    """Plates and accelerometers are filtered alike: nothing of the artefact stays for that."""
+    recording = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
+    calibration = fit_calibration(recording, TREADMILL)
+    model, clock = calibration.plates["plate 1"], recording.plates[0].time
+    level = TREADMILL.model_copy(update={"platform": None})
+    ground = ground_wrenches(recording, Laboratory(level, calibration), clock, 0.0)
+    left = np.linalg.norm(ground.variants["compensated"][0][:, :3], axis=1)
+    left_rms_n = np.sqrt(np.nanmean(left**2))
+    assert left_rms_n == pytest.approx(np.linalg.norm(model.rms_compensated[:3]), rel=1e-6)
+
+
 def test_the_note_on_compensation_names_its_filter(walker, calibration, motions):
     _, ground = filtered_total(
         lab.on_platform(walker, motions["sway"]), Laboratory(TREADMILL, calibration)
