@@ -5,8 +5,6 @@ from numpy.typing import ArrayLike
 
 from hbm.spatial import Array
 
-COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-
 
 def read_table(values: ArrayLike, name: str, columns: int | None = None) -> Array:
     """Give samples as float64, one row per sample, or raise an error that names what is wrong.

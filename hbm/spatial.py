@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
+WRENCH_COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+"""Names of a wrench's components, in their order."""
 GRAVITY_MPS2: Final = 9.81
 """Acceleration of free fall, along -Z of the lab; the value that the Human Body Model uses."""
 

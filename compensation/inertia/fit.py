@@ -12,8 +12,8 @@ from compensation.inertia.plausibility import (
     refuse_other_wrench_units,
     refuse_still_platform,
 )
-from compensation.inputs import COMPONENTS, read_table, refuse_constant, refuse_unequal
-from hbm.spatial import Array
+from compensation.inputs import read_table, refuse_constant, refuse_unequal
+from hbm.spatial import WRENCH_COMPONENTS, Array
 
 MIN_SAMPLES_PER_GAIN: Final = 10
 """Fewer fit the noise; a minute at 100 Hz has hundreds."""
@@ -118,7 +118,7 @@ def fit_inertia(
         )
     channels = tuple(f"sensor {sensor} {axis}" for sensor in sensors for axis in "xyz")
     refuse_constant(a, "accelerations", channels)
-    refuse_constant(w, "wrench", COMPONENTS)
+    refuse_constant(w, "wrench", WRENCH_COMPONENTS)
     refuse_other_units(a, sensors)
     refuse_still_platform(a)
     refuse_other_wrench_units(a, w)

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from compensation import Calibration
 
-COMPONENTS = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-
 
 def fit(
     recording: Annotated[Path, typer.Argument(help="The empty, moving treadmill.")],
@@ -94,11 +92,13 @@ def _fit_table(calibration: "Calibration") -> "Table":
     """Lay out how well a calibration explains its own recording."""
     from rich.table import Table
 
+    from hbm.spatial import WRENCH_COMPONENTS
+
     table = Table(title="The empty plates, before and after compensation (calibration recording)")
     for name in ("plate", "component", "RMS", "after", "less", "R²"):
         table.add_column(name, justify="left" if name in ("plate", "component") else "right")
     for name, model in calibration.plates.items():
-        for k, component in enumerate(COMPONENTS):
+        for k, component in enumerate(WRENCH_COMPONENTS):
             unit = "N" if k < 3 else "N·m"
             table.add_row(
                 name,
@@ -207,7 +207,7 @@ def plates(
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
     from pipeline.plate_accuracy.report import write_report
-    from pipeline.plate_accuracy.verdict import said
+    from pipeline.plate_accuracy.verdict import describe
     from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
     console = plain_console()
@@ -221,8 +221,8 @@ def plates(
     announce(f"reading {len(experiment.file.weights)} recordings of known weights")
     found = check_plates(experiment)
     verdict = write_report(found, out)
-    for estimate in found.estimates:
-        if estimate.found:
-            console.print(f"- {said(estimate)}", soft_wrap=True)
-    console.print(verdict, soft_wrap=True)
+    for fault in found.faults:
+        if fault.significant:
+            console.print(f"- {describe(fault)}", soft_wrap=True)
+    console.print(verdict.sentence, soft_wrap=True)
     console.print(f"written to {out}: verdict.md, table_1, figures", soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Experiment 1: how far plates are off under known weights, per condition."""
+"""Experiment 1: errors of force plates under known weights, per condition."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,10 +16,11 @@ from compensation import (
     hammer_delay,
     linearity,
 )
-from hbm.spatial import Array
+from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
-from pipeline.plate_accuracy.faults import Estimate, estimates
+from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
 from pipeline.plate_accuracy.trials import (
+    LOADED_SHARE,
     UNALIGNED,
     WeightTrial,
     align,
@@ -29,34 +30,41 @@ from pipeline.plate_accuracy.trials import (
 )
 from pipeline.statistics.factorial import anova, box_cox, compare_levels
 
-QUANTITIES: Final = ("COPx", "COPy", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
+QUANTITIES: Final = ("COPx", "COPy", *WRENCH_COMPONENTS)
 ZONES: Final = ("back", "middle", "front")
-FEWEST: Final = 20
-"""Samples that a zone of the belt must have."""
+"""Thirds of the belt."""
+MIN_ZONE_SAMPLES: Final = 20
+"""Of a recording in a third of the belt, 0.2 s: fewer give no error there."""
 FACTORS: Final = ("speed_mps", "position_m", "mass_kg")
+MIN_TRIALS_PER_LEVEL: Final = 3
+"""On average over all factors, for an analysis of variance."""
+MIN_MASSES: Final = 3
+MIN_LOADS: Final = 4
+"""Different weights, and recordings, for a linearity."""
 
 
 @dataclass(frozen=True, slots=True)
-class Experiment1:
-    """What experiment 1 found.
+class PlateAccuracy:
+    """The results of experiment 1.
 
     Attributes
     ----------
     study
-        What was stated.
+        As stated.
     trials
-        The weights.
+        The recordings of weights.
     errors
         One row per recording, zone ("all", back, middle, front third of the belt) and quantity:
-        the conditions, difference and orthogonal RMSE [m, N, N·m]. Lab axes.
+        the conditions, RMSE by difference and orthogonal RMSE [m, N, N·m]. Lab axes.
     places
-        Belt -> centres of pressure and markers of a weight put down, (n, 2) [m] each.
+        Belt -> centres of pressure and markers of a weight at rest, (n, 2) [m] each.
     alignments, delays, linearities
-        Belt -> result, where it could be had.
-    estimates
+        Belt -> result, where there are recordings for it.
+    faults
         Single faults with their uncertainty.
     tests, pairs
-        Box–Cox exponent and three-way ANOVA per quantity; pairs of levels, Bonferroni.
+        Box–Cox exponent and three-way analysis of variance per quantity; pairs of levels,
+        Bonferroni-corrected.
     """
 
     study: PlatesStudy
@@ -66,13 +74,18 @@ class Experiment1:
     alignments: dict[BeltSide, PlateAlignment]
     delays: dict[BeltSide, Delay]
     linearities: dict[BeltSide, Linearity]
-    estimates: tuple[Estimate, ...]
+    faults: tuple[FaultEstimate, ...]
     tests: pd.DataFrame
     pairs: pd.DataFrame
 
+    @property
+    def reported_errors(self) -> pd.DataFrame:
+        """Errors of the recordings with supports, or of all where none has supports."""
+        return self.errors[self.errors["supports"] == self.errors["supports"].any()]
 
-def check_plates(study: PlatesStudy) -> Experiment1:
-    """Hold plates against known weights.
+
+def check_plates(study: PlatesStudy) -> PlateAccuracy:
+    """Compare plates with known weights.
 
     Parameters
     ----------
@@ -81,8 +94,8 @@ def check_plates(study: PlatesStudy) -> Experiment1:
 
     Returns
     -------
-    Experiment1
-        All findings.
+    PlateAccuracy
+        All results.
 
     Raises
     ------
@@ -92,7 +105,7 @@ def check_plates(study: PlatesStudy) -> Experiment1:
     Notes
     -----
     Source: van de Loosdrecht (2018), II.A and D.1–D.2: static calibration after Goldberg et al.
-    (2009), RMSE by difference and by total least squares, linearity, delay by hammer blows.
+    (2009), RMSE by difference and by total least squares, linearity, delay by impacts of a hammer.
     """
     file = study.file
     belts: list[BeltSide] = [b for b in ("left", "right") if any(w.belt == b for w in file.weights)]
@@ -104,40 +117,37 @@ def check_plates(study: PlatesStudy) -> Experiment1:
         for weight in file.weights
     )
     delays: dict[BeltSide, Delay] = {
-        blows.belt: hammer_delay(*read_hammer(study, blows.file, blows.belt))
-        for blows in file.hammer
+        impacts.belt: hammer_delay(*read_hammer(study, impacts.file, impacts.belt))
+        for impacts in file.hammer
     }
-    errors = accuracy(trials)
-    tests, pairs = differences(errors)
-    return Experiment1(
+    linearities = {belt: _linearity(trials, belt, file.full_scale_n) for belt in belts}
+    errors = trial_errors(trials)
+    tests, pairs = condition_effects(errors)
+    return PlateAccuracy(
         study=study,
         trials=trials,
         errors=errors,
         places=places,
         alignments=alignments,
         delays=delays,
-        linearities={
-            belt: straight
-            for belt in belts
-            if (straight := _linearity(trials, belt, file.full_scale_n)) is not None
-        },
-        estimates=estimates(trials, alignments, delays, file.full_scale_n),
+        linearities={belt: one for belt, one in linearities.items() if one is not None},
+        faults=estimate_faults(trials, alignments, delays, file.full_scale_n),
         tests=tests,
         pairs=pairs,
     )
 
 
-def accuracy(trials: Sequence[WeightTrial]) -> pd.DataFrame:
-    """Give the errors of every recording, as `Experiment1.errors` describes."""
+def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
+    """Give the errors of every recording, as `PlateAccuracy.errors` describes."""
     rows = []
     for trial in trials:
         stated = trial.weight.model_dump()
         measured, truth = quantities(trial.measured), quantities(trial.truth)
-        edges = np.linspace(*trial.reach, 4)
-        zone = np.clip(np.digitize(trial.marker[:, 0], edges) - 1, 0, 2)
+        edges = np.linspace(*trial.belt_ends, len(ZONES) + 1)
+        zone = np.clip(np.digitize(trial.marker[:, 0], edges) - 1, 0, len(ZONES) - 1)
         zones = {label: trial.used & (zone == k) for k, label in enumerate(ZONES)}
         for name, inside in {"all": trial.used, **zones}.items():
-            if np.count_nonzero(inside) < FEWEST:
+            if np.count_nonzero(inside) < MIN_ZONE_SAMPLES:
                 continue
             for k, quantity in enumerate(QUANTITIES):
                 m, t = measured[inside, k], truth[inside, k]
@@ -151,17 +161,17 @@ def accuracy(trials: Sequence[WeightTrial]) -> pd.DataFrame:
 
 def quantities(wrench: Array) -> Array:
     """Give centre of pressure along and across [m], forces and moments [N, N·m], (T, 8)."""
-    threshold = 0.2 * float(np.median(np.abs(wrench[:, 2])))
+    threshold = LOADED_SHARE * float(np.median(np.abs(wrench[:, 2])))
     return np.hstack([center_of_pressure(wrench, threshold)[:, :2], wrench])
 
 
-def differences(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+def condition_effects(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Test speed, position and weight on the orthogonal errors with supports.
 
     Parameters
     ----------
     errors
-        As in `Experiment1`.
+        As in `PlateAccuracy`.
 
     Returns
     -------
@@ -176,7 +186,8 @@ def differences(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     used = [f for f in FACTORS if supported[f].nunique() > 1]
     tests, pairs = [], []
     for quantity, part in supported.groupby("quantity", sort=False):
-        if not used or len(part) < 3 * sum(part[f].nunique() for f in used):
+        levels = sum(part[f].nunique() for f in used)
+        if not used or len(part) < MIN_TRIALS_PER_LEVEL * levels:
             continue
         sizes = part["orthogonal"].to_numpy()
         transformed = box_cox(sizes / np.exp(np.log(sizes).mean()))  # λ is the same in any unit
@@ -197,7 +208,7 @@ def differences(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     )
 
 
-def loads(trials: Sequence[WeightTrial], belt: BeltSide) -> tuple[Array, Array]:
+def mean_loads(trials: Sequence[WeightTrial], belt: BeltSide) -> tuple[Array, Array]:
     """Give the mean known and measured vertical force of a belt's recordings, (n,) [N] each."""
     chosen = [t for t in trials if t.weight.belt == belt]
     known = np.array([t.truth[t.used, 2].mean() for t in chosen])
@@ -208,6 +219,8 @@ def loads(trials: Sequence[WeightTrial], belt: BeltSide) -> tuple[Array, Array]:
 def _linearity(
     trials: Sequence[WeightTrial], belt: BeltSide, full_scale: float
 ) -> Linearity | None:
-    known, measured = loads(trials, belt)
+    known, measured = mean_loads(trials, belt)
     masses = {t.weight.mass_kg for t in trials if t.weight.belt == belt}
-    return linearity(known, measured, full_scale) if len(masses) >= 3 and len(known) > 3 else None
+    if len(masses) < MIN_MASSES or len(known) < MIN_LOADS:
+        return None
+    return linearity(known, measured, full_scale)

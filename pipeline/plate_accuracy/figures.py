@@ -1,4 +1,4 @@
-"""Figures of experiment 1, as Figs 2 and F.1 of the thesis."""
+"""Figures of experiment 1, like Figs 2 and F.1 of the thesis."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final
@@ -13,6 +13,7 @@ from compensation import Delay, PlateAlignment
 from hbm.spatial import Array
 from pipeline.config.plate_study import BeltSide
 from pipeline.figures.style import COLOURS, STYLE
+from pipeline.plate_accuracy.accuracy import mean_loads
 from pipeline.plate_accuracy.trials import RATE_HZ, WeightTrial
 
 CONDITIONS: Final = {
@@ -20,6 +21,13 @@ CONDITIONS: Final = {
     "speed_mps": "speed (m/s)",
     "position_m": "start, from the belt's outer edge (m)",
 }
+"""Column of the errors -> its name on an axis."""
+BAR_GROUP_WIDTH: Final = 0.8
+"""Of the distance between levels, shared by the bars of a level."""
+SPECTRUM_WINDOW_S: Final = 5.0
+"""Of Welch's method: resolves 0.2 Hz."""
+MAX_SPECTRUM_HZ: Final = 20.0
+"""The cut-off of the low-pass."""
 
 
 def error_figure(errors: pd.DataFrame, along: str, group: str) -> Figure:
@@ -28,18 +36,19 @@ def error_figure(errors: pd.DataFrame, along: str, group: str) -> Figure:
     Parameters
     ----------
     errors
-        As in `pipeline.plate_accuracy.accuracy.Experiment1`.
+        As in `pipeline.plate_accuracy.accuracy.PlateAccuracy`.
     along, group
         Columns: on the axis, and side by side.
     """
-    part = errors[(errors["quantity"] == "COPx") & (errors["supports"] == errors["supports"].any())]
+    reported = errors["supports"] == errors["supports"].any()
+    part = errors[(errors["quantity"] == "COPx") & reported]
     part = part[(part["zone"] == "all") == (along != "zone")]
     levels = list(dict.fromkeys(part[along])) if along == "zone" else sorted(part[along].unique())
     groups = sorted(part[group].unique())
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6, 3.5), layout="constrained")
         panel = figure.subplots()
-        width = 0.8 / len(groups)
+        width = BAR_GROUP_WIDTH / len(groups)
         for g, label in enumerate(groups):
             cells = part[part[group] == label].groupby(along)["orthogonal"]
             mean, sd = (1000 * x.reindex(levels) for x in (cells.mean(), cells.std()))
@@ -54,16 +63,21 @@ def error_figure(errors: pd.DataFrame, along: str, group: str) -> Figure:
 
 
 def linearity_figure(trials: Sequence[WeightTrial]) -> Figure:
-    """Draw measured against known vertical force with its line, and the difference (Fig. F.1d)."""
+    """Draw measured against known vertical force, a line through both, and the difference.
+
+    Like Fig. F.1d.
+    """
+    sides: tuple[tuple[BeltSide, str, str], ...] = (
+        ("left", "o", "measured"),
+        ("right", "x", "compensated"),
+    )
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6, 4), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True)
-        for belt, marker, colour in (("left", "o", "measured"), ("right", "x", "compensated")):
-            chosen = [t for t in trials if t.weight.belt == belt]
-            if not chosen:
+        for belt, marker, colour in sides:
+            known, measured = mean_loads(trials, belt)
+            if not len(known):
                 continue
-            known = np.array([t.truth[t.used, 2].mean() for t in chosen])
-            measured = np.array([t.measured[t.used, 2].mean() for t in chosen])
             look = {"ms": 4, "mfc": "none", "color": COLOURS[colour]}
             above.plot(known, measured, marker, label=belt, **look)
             below.plot(known, measured - known, marker, **look)
@@ -80,7 +94,7 @@ def linearity_figure(trials: Sequence[WeightTrial]) -> Figure:
 
 
 def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
-    """Draw the spectrum of the centre of pressure about the marker, by supports (Fig. F.1c)."""
+    """Draw the spectrum of the centre of pressure minus the marker, by supports (Fig. F.1c)."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(6, 3.5), layout="constrained")
         panel = figure.subplots()
@@ -88,13 +102,13 @@ def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
             chosen = [t for t in trials if t.weight.supports == supports]
             if not chosen:
                 continue
-            length = min(int(5 * RATE_HZ), min(len(t.time) for t in chosen))
+            length = min(int(SPECTRUM_WINDOW_S * RATE_HZ), min(len(t.time) for t in chosen))
             spectra = []
             for trial in chosen:
                 difference = -(trial.measured[:, 4] - trial.truth[:, 4]) / trial.truth[:, 2].mean()
                 hz, density = welch(1000 * difference, RATE_HZ, nperseg=length)
                 spectra.append(density)
-            inside = (hz > 0) & (hz <= 20)
+            inside = (hz > 0) & (hz <= MAX_SPECTRUM_HZ)
             panel.semilogy(
                 hz[inside],
                 np.mean(spectra, axis=0)[inside],
@@ -111,7 +125,7 @@ def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
 def static_figure(
     places: Mapping[BeltSide, tuple[Array, Array]], alignments: Mapping[BeltSide, PlateAlignment]
 ) -> Figure | None:
-    """Draw how far plate and marker are apart at every place, before and after (Fig. F.1e)."""
+    """Draw the distance of plate and marker at every place, before and after (Fig. F.1e)."""
     if not places:
         return None
     with mpl.rc_context(STYLE):
@@ -129,7 +143,7 @@ def static_figure(
             panel.axvline(0, color="black", lw=0.5)
             panel.set_aspect("equal", adjustable="box")
             before, after = 1000 * found.rms_before, 1000 * found.rms_after
-            panel.set_title(f"{belt}: {before:.2f} mm RMS, then {after:.2f}", loc="left")
+            panel.set_title(f"{belt}: {before:.2f} mm RMS, then {after:.2f} mm", loc="left")
             panel.set_xlabel("plate − marker along the belt (mm)")
         panels[0].set_ylabel("plate − marker across (mm)")
         lines = panels[0].get_legend_handles_labels()
@@ -138,17 +152,17 @@ def static_figure(
 
 
 def hammer_figure(delays: Mapping[BeltSide, Delay]) -> Figure | None:
-    """Draw the delay of every blow (Fig. F.1f)."""
+    """Draw the delay of every impact (Fig. F.1f)."""
     if not delays:
         return None
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(5, 3), layout="constrained")
         panel = figure.subplots()
         for belt, delay in delays.items():
-            blows = 1000 * np.array(delay.differences)
-            line = panel.plot(np.arange(1, len(blows) + 1), blows, "o", ms=4, label=belt)[0]
+            impacts = 1000 * np.array(delay.differences)
+            line = panel.plot(np.arange(1, len(impacts) + 1), impacts, "o", ms=4, label=belt)[0]
             panel.axhline(1000 * delay.seconds, color=line.get_color(), lw=1)
-        panel.set_xlabel("blow")
+        panel.set_xlabel("impact")
         panel.set_ylabel("plate later than marker (ms)")
         panel.legend(frameon=False)
     return figure

@@ -1,6 +1,5 @@
-"""Experiment 1 as Table I and a verdict on one page."""
+"""Experiment 1 on one page: verdict, faults, Table I."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -9,7 +8,7 @@ import pandas as pd
 
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
-from pipeline.plate_accuracy.accuracy import Experiment1
+from pipeline.plate_accuracy.accuracy import PlateAccuracy
 from pipeline.plate_accuracy.figures import (
     error_figure,
     hammer_figure,
@@ -18,7 +17,7 @@ from pipeline.plate_accuracy.figures import (
     vibration_figure,
 )
 from pipeline.plate_accuracy.trials import THESIS_FILTER
-from pipeline.plate_accuracy.verdict import marker_share, said, sentence, unexamined, verdict
+from pipeline.plate_accuracy.verdict import Verdict, describe, judge, marker_noise
 
 COLUMNS: Final = {
     "COPx (mm)": ("COPy", 1000.0),
@@ -34,18 +33,19 @@ COLUMNS: Final = {
 """The thesis' columns (x right, y up, z back) -> quantity in lab axes (x forward, y left, z up)."""
 TABLE_NOTE: Final = (
     "Root mean square errors. Axes of the thesis: x to the right, y up, z back. "
-    "Without another word: orthogonal (TLLS), with supports where there are recordings."
+    "Orthogonal errors (TLLS) with supports, where nothing else is stated and there are such "
+    "recordings."
 )
 LAB_NOTE: Final = "Lab axes: x forward, y left, z up."
 
 
 def table_1(errors: pd.DataFrame) -> pd.DataFrame:
-    """Lay errors out as the thesis' Table I.
+    """Lay out errors like the thesis' Table I.
 
     Parameters
     ----------
     errors
-        As in `pipeline.plate_accuracy.accuracy.Experiment1`.
+        As in `pipeline.plate_accuracy.accuracy.PlateAccuracy`.
 
     Returns
     -------
@@ -60,9 +60,9 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
             part = whole[whole["supports"] == supports]
             if len(part):
                 rows.append(_row(f"{label} - {words}", part, way))
-    best = whole["supports"].any()
-    chosen = whole[whole["supports"] == best]
-    zones = errors[(errors["zone"] != "all") & (errors["supports"] == best)]
+    reported = whole["supports"].any()
+    chosen = whole[whole["supports"] == reported]
+    zones = errors[(errors["zone"] != "all") & (errors["supports"] == reported)]
     for part, factor, form in (
         (chosen, "speed_mps", "speed = {:g} m/s"),
         (chosen, "position_m", "startpos = {:g} m"),
@@ -78,7 +78,7 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def write_report(found: Experiment1, out: Path) -> str:
+def write_report(found: PlateAccuracy, out: Path) -> Verdict:
     """Write tables, figures and ``verdict.md``.
 
     Parameters
@@ -90,27 +90,13 @@ def write_report(found: Experiment1, out: Path) -> str:
 
     Returns
     -------
-    str
-        The verdict in one sentence.
+    Verdict
+        Whether the plates are fit for inverse dynamics.
     """
     table = table_1(found.errors)
     write_csv(table, out / "table_1.csv")
     write_csv(found.errors, out / "errors.csv")
-    listed = pd.DataFrame(
-        [
-            {
-                "belt": e.belt,
-                "fault": e.fault,
-                "value": e.value,
-                "standard_error": e.error,
-                "unit": e.unit,
-                "found": e.found,
-                "hz": e.hz[0],
-            }
-            for e in found.estimates
-        ]
-    )
-    write_csv(listed, out / "faults.csv")
+    write_csv(_fault_table(found), out / "faults.csv")
     write_text(f"{TABLE_NOTE}\n\n{markdown(table, 1)}\n", out / "table_1.md")
     if len(found.tests):
         write_csv(found.tests, out / "anova.csv")
@@ -126,51 +112,29 @@ def write_report(found: Experiment1, out: Path) -> str:
     for name, figure in figures.items():
         if figure is not None:
             save_figure(figure, out / "figures" / f"{name}.png")
-    fit, against, correct = verdict(found)
-    said_so = sentence(fit, against, correct, unexamined(found))
-    write_text(_page(found, said_so, against, correct), out / "verdict.md")
-    return said_so
+    verdict = judge(found)
+    write_text(_page(found, verdict), out / "verdict.md")
+    return verdict
 
 
-def _page(found: Experiment1, said_so: str, against: Sequence[str], correct: Sequence[str]) -> str:
-    faults = [e for e in found.estimates if e.found]
-    lines = [f"# {found.study.file.name}", f"**{said_so}**"]
-    for title, items in (("Against", against), ("To correct", correct)):
+def _fault_table(found: PlateAccuracy) -> pd.DataFrame:
+    columns = ["belt", "fault", "value", "standard_error", "unit", "significant", "frequency_hz"]
+    rows = [[getattr(fault, column) for column in columns] for fault in found.faults]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _page(found: PlateAccuracy, verdict: Verdict) -> str:
+    lines = [f"# {found.study.file.name}", f"**{verdict.sentence}**"]
+    for title, items in (("Against", verdict.against), ("To correct", verdict.corrections)):
         if items:
-            lines.append(f"## {title}\n\n" + "\n".join(f"- {item}" for item in items))
-    lines.append(
-        f"## Faults different from zero beyond chance\n\n{LAB_NOTE}\n\n"
-        + ("\n".join(f"- {said(e)}" for e in faults) or "None.")
-    )
-    facts = [
-        f"- {belt}: aligned on static places, {1000 * a.rms_before:.2f} mm RMS before, "
-        f"{1000 * a.rms_after:.2f} mm after"
-        for belt, a in found.alignments.items()
-    ]
-    facts += [
-        f"- {belt}: non-linearity {x.nonlinearity:.2f} N, {x.percent_of_full_scale:.2f} % of full "
-        f"scale; R² {x.r_squared_first:.5f}, of second order {x.r_squared_second:.5f}"
-        for belt, x in found.linearities.items()
-    ]
-    facts += [
-        f"- {said(e)}, plates later than cameras ({len(found.delays[e.belt].differences)} blows)"
-        for e in found.estimates
-        if e.fault == "delay"
-    ]
-    share = marker_share(found)
-    facts += [
-        f"- {belt}: the marker's noise makes about {share[belt, 'Fz']:.1f} N of each force error"
-        for belt in sorted({t.weight.belt for t in found.trials})
-    ]
-    for belt in sorted({t.weight.belt for t in found.trials}):
-        noise = np.mean([t.noise for t in found.trials if t.weight.belt == belt], axis=0)
-        facts.append(
-            f"- {belt}: noise above {found.study.file.cutoff_hz:g} Hz "
-            f"{noise[0]:.2f}, {noise[1]:.2f}, {noise[2]:.2f} N and "
-            f"{noise[3]:.2f}, {noise[4]:.2f}, {noise[5]:.2f} N·m"
-        )
+            lines.append(f"## {title}\n\n" + _listed(items))
+    significant = [describe(fault) for fault in found.faults if fault.significant]
     lines += [
-        "## Measured\n\n" + "\n".join(facts),
+        "## Faults that differ significantly from zero",
+        LAB_NOTE,
+        _listed(significant) or "None.",
+        "## Measured",
+        _listed(_measurements(found)),
         f"Marker and plate were low-passed at {found.study.file.cutoff_hz:g} Hz, forward and "
         "backward, with half the amplitude left at that frequency as in the thesis "
         f"({THESIS_FILTER}).",
@@ -180,12 +144,50 @@ def _page(found: Experiment1, said_so: str, against: Sequence[str], correct: Seq
     ]
     if len(found.tests):
         lines += [
-            "## Do speed, position and weight matter?",
+            "## Effects of speed, position and weight",
             f"{LAB_NOTE} Orthogonal errors after a Box–Cox transformation (exponent), analysis of "
             "variance of type III, main effects; pairs of levels are in pairs.csv.",
             markdown(found.tests, 3),
         ]
     return "\n\n".join(lines) + "\n"
+
+
+def _measurements(found: PlateAccuracy) -> list[str]:
+    """State alignment, linearity, delay and noise of every plate."""
+    lines = [
+        f"{belt}: aligned on static places, {1000 * a.rms_before:.2f} mm RMS before, "
+        f"{1000 * a.rms_after:.2f} mm after"
+        for belt, a in found.alignments.items()
+    ]
+    lines += [
+        f"{belt}: non-linearity {x.nonlinearity:.2f} N, {x.percent_of_full_scale:.2f} % of full "
+        f"scale; R² {x.r_squared_first:.5f}, of second order {x.r_squared_second:.5f}"
+        for belt, x in found.linearities.items()
+    ]
+    lines += [
+        f"{describe(fault)}, plate later than cameras "
+        f"({len(found.delays[fault.belt].differences)} impacts)"
+        for fault in found.faults
+        if fault.fault == "delay"
+    ]
+    belts = sorted({t.weight.belt for t in found.trials})
+    of_marker = marker_noise(found)
+    lines += [
+        f"{belt}: noise of the marker causes about {of_marker[belt, 'Fz']:.1f} N of each force "
+        "error"
+        for belt in belts
+    ]
+    for belt in belts:
+        noise = np.mean([t.noise for t in found.trials if t.weight.belt == belt], axis=0)
+        forces, moments = (", ".join(f"{x:.2f}" for x in part) for part in (noise[:3], noise[3:]))
+        lines.append(
+            f"{belt}: noise above {found.study.file.cutoff_hz:g} Hz {forces} N and {moments} N·m"
+        )
+    return lines
+
+
+def _listed(items: tuple[str, ...] | list[str]) -> str:
+    return "\n".join(f"- {item}" for item in items)
 
 
 def _row(condition: str, part: pd.DataFrame, way: str) -> dict[str, object]:

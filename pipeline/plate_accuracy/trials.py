@@ -1,10 +1,9 @@
-"""The recordings of experiment 1: a weight's true wrench beside the plate's, filtered alike."""
+"""The recordings of experiment 1: a weight's true wrench and the plate's, equally filtered."""
 
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from compensation import (
     PlateAlignment,
@@ -14,24 +13,48 @@ from compensation import (
 )
 from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.signals.resampling import interpolate
-from hbm.spatial import Array, shift_wrench, transform_wrench
+from hbm.spatial import Array, Mask, shift_wrench, transform_wrench
 from pipeline.config.plate_study import BeltSide, PlatesFile, PlatesStudy, WeightRecording
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Plate, Recording
 
 RATE_HZ: Final = 100.0
-SHORTEST_S: Final = 3.0
+"""At which errors are compared: five times the cut-off."""
+MIN_DURATION_S: Final = 3.0
+"""Of a recording: more than the filters and the edges take."""
 EDGE_S: Final = 0.3
-STILL_MPS: Final = 0.01
-STILL_S: Final = 0.3
-STILL_HZ: Final = 8.0
-SLOW_HZ: Final = 2.4
-"""Cut-off for what is estimated over whole recordings: the marker's noise grows with its square."""
+"""At either end, where the low-pass and the differentiation of the marker are inaccurate."""
+CONSTANT_SPEED_SHARE: Final = 0.5
+"""Of the belt, in its middle, where a weight at constant speed is compared (II.A.4)."""
+MIN_USED_S: Final = 0.5
+"""Of a recording, in that part of the belt."""
+LOADED_SHARE: Final = 0.2
+"""Of the typical load, above which a plate has a centre of pressure: no weight unloads so far."""
 THESIS_FILTER: Final[LowPassMethod] = "double_pass"
 """Of what is compared with the thesis' errors (van de Loosdrecht 2018, II.A.4): its 20 Hz are the
 cut-off of each of MATLAB's two passes."""
 OWN_FILTER: Final[LowPassMethod] = "zero_phase"
 """Of what the thesis does not estimate: places, cross-talk, delay in motion, vibration."""
+SLOW_CUTOFF_HZ: Final = 2.4
+"""For estimates over whole recordings: the marker's noise grows with the square of the cut-off."""
+
+REST_CUTOFF_HZ: Final = 8.0
+"""For finding places: fast enough to see when a weight is put down."""
+MAX_REST_SPEED_MPS: Final = 0.01
+"""Of the marker on a weight that stands still; more than its noise at that cut-off."""
+MIN_REST_S: Final = 0.3
+"""Of a weight at one place; a third of it is cut from either end."""
+PLACED_SHARE: Final = 0.5
+"""Of the weight (90th percentile of the load), above which it stands on the plate."""
+EMPTY_SHARE: Final = 0.2
+"""Of that threshold, below which the plate is empty."""
+MIN_EMPTY_SHARE: Final = 0.1
+"""Of a static recording, in which the plate must be empty to estimate its drift."""
+MIN_PLACES: Final = 3
+"""For a rotation and an offset with an uncertainty."""
+
+UNALIGNED: Final = PlateAlignment(0.0, np.zeros(2), np.zeros((3, 3)), np.nan, np.nan)
+"""Of a plate without static recordings: its position is taken from the file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,20 +64,20 @@ class WeightTrial:
     Attributes
     ----------
     weight
-        What was stated.
+        As stated in ``plates.toml``.
     time
         (T,) [s].
     marker
-        (T, 3) [m], low-passed.
+        (T, 3) [m], low-passed at the study's cut-off.
     measured, truth
-        Wrenches, (T, 6) [N, N·m], low-passed at the study's cut-off.
+        Wrenches of plate and weight, (T, 6) [N, N·m], low-passed at the study's cut-off.
     slow_marker, slow_measured, slow_truth
-        The same, wrenches about the middle of the plate, low-passed at 2.4 Hz.
+        The same, wrenches about the centre of the plate, low-passed at 2.4 Hz.
     used
-        Samples that count, (T,): the middle half of the belt at constant speed, else all.
+        Samples that are compared, (T,): the middle half of the belt at constant speed, else all.
     noise
-        SD of the plate above the cut-off, (6,) [N, N·m].
-    reach
+        Standard deviation of the plate above the cut-off, (6,) [N, N·m].
+    belt_ends
         Ends of the belt along x [m].
     """
 
@@ -66,9 +89,9 @@ class WeightTrial:
     slow_marker: Array
     slow_measured: Array
     slow_truth: Array
-    used: Array
+    used: Mask
     noise: Array
-    reach: tuple[float, float]
+    belt_ends: tuple[float, float]
 
 
 def read_weight(
@@ -81,72 +104,61 @@ def read_weight(
     study
         The study.
     weight
-        Which recording.
+        The recording.
     alignment
         Of its plate with the cameras.
 
     Returns
     -------
     WeightTrial
-        The plate's wrench is brought to the cameras' frame; its delay is left as it is.
+        The plate's wrench is brought to the cameras' frame; its delay is not corrected.
 
     Raises
     ------
     ValueError
-        If marker or plate are missing, the marker is lost for a moment, or it is too short.
+        If marker or plate are missing, the marker has a gap, or the recording is too short.
     """
     file = study.file
     _, plate, time, marker = _read(study, weight.file, weight.belt, file.marker)
     clock, rate = plate.time, plate.rate_hz
-    held = (clock >= time[0]) & (clock <= time[-1])
-    clock, raw = clock[held], _to_cameras(plate.wrench[held], alignment)
-    if len(clock) < SHORTEST_S * rate:
+    seen = (clock >= time[0]) & (clock <= time[-1])
+    clock, raw = clock[seen], _to_cameras(plate.wrench[seen], alignment)
+    if len(clock) < MIN_DURATION_S * rate:
         raise ValueError(
-            f"{weight.file}: {len(clock) / rate:.1f} s are too short, give 3 s or more"
+            f"{weight.file}: {len(clock) / rate:.1f} s are too short, give "
+            f"{MIN_DURATION_S:g} s or more"
         )
-    fine = interpolate(time, marker, clock)
-    thin = slice(None, None, max(round(rate / RATE_HZ), 1))
+    position = interpolate(time, marker, clock)
+    every = slice(None, None, max(round(rate / RATE_HZ), 1))
 
-    def known(marker: Array) -> Array:
-        return wrench_of_weight(weight.mass_kg, marker, rate, file.center_height_m)[thin]
+    def true_wrench(low_passed: Array) -> Array:
+        truth = wrench_of_weight(weight.mass_kg, low_passed, rate, file.center_height_m)
+        return truth[every]
 
-    smoothed, place = (low_pass(x, rate, file.cutoff_hz, THESIS_FILTER) for x in (raw, fine))
-    slow, slow_place = (low_pass(x, rate, SLOW_HZ, OWN_FILTER) for x in (raw, fine))
-    reach = float(plate.corners[:, 0].min()), float(plate.corners[:, 0].max())
-    since, until = clock[thin] - clock[0], clock[-1] - clock[thin]
+    filtered, place = (low_pass(x, rate, file.cutoff_hz, THESIS_FILTER) for x in (raw, position))
+    slow, slow_place = (low_pass(x, rate, SLOW_CUTOFF_HZ, OWN_FILTER) for x in (raw, position))
+    rear, front = float(plate.corners[:, 0].min()), float(plate.corners[:, 0].max())
+    since, until = clock[every] - clock[0], clock[-1] - clock[every]
     used = (since > EDGE_S) & (until > EDGE_S)
     if weight.profile != "sine":
-        used &= np.abs(place[thin, 0] - sum(reach) / 2) <= (reach[1] - reach[0]) / 4
-    if np.count_nonzero(used) < RATE_HZ / 2:
+        from_middle = np.abs(place[every, 0] - (rear + front) / 2)
+        used &= from_middle <= CONSTANT_SPEED_SHARE * (front - rear) / 2
+    if np.count_nonzero(used) < MIN_USED_S * RATE_HZ:
         raise ValueError(f"{weight.file}: the weight was hardly in the middle half of the belt")
+    slow_truth = _without_lateral_noise(true_wrench(slow_place), slow_place[every], file)
     return WeightTrial(
         weight=weight,
-        time=clock[thin],
-        marker=place[thin],
-        measured=smoothed[thin],
-        truth=known(place),
-        slow_marker=slow_place[thin],
-        slow_measured=shift_wrench(slow[thin], plate.center),
-        slow_truth=shift_wrench(
-            _not_pushed_across(known(slow_place), slow_place[thin], file), plate.center
-        ),
+        time=clock[every],
+        marker=place[every],
+        measured=filtered[every],
+        truth=true_wrench(place),
+        slow_marker=slow_place[every],
+        slow_measured=shift_wrench(slow[every], plate.center),
+        slow_truth=shift_wrench(slow_truth, plate.center),
         used=used,
-        noise=np.std(raw - smoothed, axis=0),
-        reach=reach,
+        noise=np.std(raw - filtered, axis=0),
+        belt_ends=(rear, front),
     )
-
-
-def _not_pushed_across(wrench: Array, marker: Array, file: PlatesFile) -> Array:
-    """Take off what the marker's noise across the belt makes of a weight that rides along it.
-
-    Times the distance along the belt it would be most of the moment about the vertical, and noise
-    in what explains an error makes the error look smaller.
-    """
-    across = wrench[:, 1].copy()
-    wrench[:, 1] = 0
-    wrench[:, 3] += file.center_height_m * across
-    wrench[:, 5] -= marker[:, 0] * across
-    return wrench
 
 
 def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | None:
@@ -155,8 +167,8 @@ def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | N
     Returns
     -------
     tuple or None
-        Centres of pressure by the plate and places of the marker, (n, 2) [m] each; None where
-        there are no static recordings.
+        Centres of pressure and positions of the marker, (n, 2) [m] each; None without static
+        recordings.
 
     Raises
     ------
@@ -164,18 +176,19 @@ def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | N
         If fewer than three places are found.
     """
     plate_points, camera_points = [], []
-    names = [s.file for s in study.file.static if s.belt == belt]
+    names = [recording.file for recording in study.file.static if recording.belt == belt]
     for name in names:
         recording, plate, time, marker = _read(study, name, belt, study.file.marker)
-        slow = low_pass(plate.wrench, plate.rate_hz, STILL_HZ, OWN_FILTER)
+        rate = recording.markers.rate_hz
+        slow = low_pass(plate.wrench, plate.rate_hz, REST_CUTOFF_HZ, OWN_FILTER)
         wrench = interpolate(plate.time, slow, time)
-        threshold = 0.5 * float(np.nanpercentile(wrench[:, 2], 90))
-        wrench = _without_drift(time, wrench, wrench[:, 2] < 0.2 * threshold)
-        place = low_pass(marker, recording.markers.rate_hz, STILL_HZ, OWN_FILTER)
+        threshold = PLACED_SHARE * float(np.nanpercentile(wrench[:, 2], 90))
+        wrench = _without_drift(time, wrench, wrench[:, 2] < EMPTY_SHARE * threshold)
+        place = low_pass(marker, rate, REST_CUTOFF_HZ, OWN_FILTER)
         speed = np.linalg.norm(np.gradient(place, time, axis=0), axis=1)
-        still = (speed < STILL_MPS) & (wrench[:, 2] > threshold)
-        edges = np.flatnonzero(np.diff(still.astype(int), prepend=0, append=0))
-        shortest = STILL_S * recording.markers.rate_hz
+        at_rest = (speed < MAX_REST_SPEED_MPS) & (wrench[:, 2] > threshold)
+        edges = np.flatnonzero(np.diff(at_rest.astype(int), prepend=0, append=0))
+        shortest = MIN_REST_S * rate
         for start, stop in zip(edges[::2], edges[1::2], strict=True):
             if stop - start < shortest:
                 continue
@@ -185,44 +198,51 @@ def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | N
             camera_points.append(marker[rows, :2].mean(axis=0))
     if not names:
         return None
-    if len(plate_points) < 3:
+    if len(plate_points) < MIN_PLACES:
         raise ValueError(
             f"{', '.join(names)}: {len(plate_points)} places found where the weight stood still "
-            "on the plate, expected at least 3"
+            f"on the plate, expected at least {MIN_PLACES}"
         )
     return np.array(plate_points), np.array(camera_points)
 
 
-def align(plate: Array, camera: Array) -> PlateAlignment:
-    """Align `static_places`; covariance by leaving out each: along and across are not alike."""
-    whole, count = fit_plate_alignment(plate, camera), len(plate)
-    if count == 3:
-        return whole
-    parts = (
-        fit_plate_alignment(np.delete(plate, k, 0), np.delete(camera, k, 0)) for k in range(count)
+def align(plate_points: Array, camera_points: Array) -> PlateAlignment:
+    """Align a plate on `static_places`, with the covariance of a jackknife over the places.
+
+    Along and across the belt, errors of a centre of pressure differ, which the covariance of least
+    squares does not allow for.
+    """
+    alignment, count = fit_plate_alignment(plate_points, camera_points), len(plate_points)
+    if count == MIN_PLACES:
+        return alignment
+    without_one = (
+        fit_plate_alignment(np.delete(plate_points, k, 0), np.delete(camera_points, k, 0))
+        for k in range(count)
     )
-    off = np.array([[p.angle - whole.angle, *(p.offset - whole.offset)] for p in parts])
-    return replace(whole, covariance=off.T @ off * (count - 1) / count)
+    off = np.array(
+        [
+            [other.angle - alignment.angle, *(other.offset - alignment.offset)]
+            for other in without_one
+        ]
+    )
+    return replace(alignment, covariance=off.T @ off * (count - 1) / count)
 
 
 def read_hammer(study: PlatesStudy, name: str, belt: BeltSide) -> tuple[Array, Array, Array, Array]:
-    """Give marker times, marker height, plate times and raw vertical force of hammer blows."""
+    """Give marker times, marker height, plate times and unfiltered vertical force of impacts."""
     _, plate, time, marker = _read(study, name, belt, study.file.hammer_marker)
     return time, marker[:, 2], plate.time, plate.wrench[:, 2]
-
-
-UNALIGNED = PlateAlignment(0.0, np.zeros(2), np.zeros((3, 3)), np.nan, np.nan)
-"""A plate that was not aligned with the cameras: taken as the file says."""
 
 
 def _read(
     study: PlatesStudy, name: str, belt: BeltSide, label: str
 ) -> tuple[Recording, Plate, Array, Array]:
+    """Give a recording, its plate, and times and positions of a marker while it is seen."""
     file: PlatesFile = study.file
     recording = read_c3d(study.folder / name, file.axes)
     if label not in recording.markers.names:
-        there = ", ".join(recording.markers.names) or "none"
-        raise ValueError(f"{name}: no marker {label!r}; there: {there}")
+        present = ", ".join(recording.markers.names) or "none"
+        raise ValueError(f"{name}: no marker {label!r}; markers there: {present}")
     number = file.plate_numbers.get(belt)
     plate = next((p for p in recording.plates if p.number == number), None)
     if plate is None:
@@ -233,20 +253,34 @@ def _read(
         raise ValueError(f"{name}: marker {label!r} is never seen")
     first, last = np.flatnonzero(seen)[[0, -1]]
     if not seen[first : last + 1].all():
-        raise ValueError(f"{name}: marker {label!r} is lost for a while; fill or cut the gap first")
+        raise ValueError(f"{name}: marker {label!r} has a gap; fill the gap or cut it off first")
     rows = slice(first, last + 1)
     return recording, plate, recording.markers.time[rows], marker[rows]
 
 
-def _without_drift(time: Array, wrench: Array, empty: NDArray[np.bool_]) -> Array:
-    """Take off the straight line through what the plate measured while it was empty."""
-    if np.count_nonzero(empty) < 0.1 * len(empty):
+def _without_lateral_noise(wrench: Array, marker: Array, file: PlatesFile) -> Array:
+    """Remove the lateral force of a true wrench, which is noise of the marker.
+
+    The weight moves along the belt only. Multiplied by the distance along the belt, this noise
+    would be most of the moment about the vertical, and noise in a regressor biases its coefficient
+    towards zero.
+    """
+    lateral = wrench[:, 1].copy()
+    wrench[:, 1] = 0
+    wrench[:, 3] += file.center_height_m * lateral
+    wrench[:, 5] -= marker[:, 0] * lateral
+    return wrench
+
+
+def _without_drift(time: Array, wrench: Array, empty: Mask) -> Array:
+    """Subtract the straight line through the wrench of the empty plate."""
+    if np.count_nonzero(empty) < MIN_EMPTY_SHARE * len(empty):
         return wrench
     basis = np.column_stack([np.ones(len(time)), time])
     return np.asarray(wrench - basis @ np.linalg.lstsq(basis[empty], wrench[empty])[0])
 
 
 def _to_cameras(wrench: Array, alignment: PlateAlignment) -> Array:
-    turn = np.eye(3)
-    turn[:2, :2] = alignment.rotation.T
-    return transform_wrench(wrench, turn, -turn @ np.append(alignment.offset, 0.0))
+    rotation = np.eye(3)
+    rotation[:2, :2] = alignment.rotation.T
+    return transform_wrench(wrench, rotation, -rotation @ np.append(alignment.offset, 0.0))
