@@ -1,7 +1,7 @@
 """Faults of a laboratory: each has a size, and can be stated or switched off in TOML.
 
-Sizes are standard deviations unless they say otherwise. Defaults without a source are assumed: what
-a usual, well-kept laboratory has.
+Sizes are standard deviations unless stated otherwise. Defaults without a source are assumed to be
+those of a well-maintained laboratory.
 """
 
 from typing import Annotated, Final, Literal

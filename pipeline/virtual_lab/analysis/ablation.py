@@ -53,8 +53,8 @@ def _with(**parts: dict[str, float]) -> Faults:
 
 def cases() -> dict[str, dict[str, Case]]:
     """Give the cases by group, in the order of the table; faults have their default sizes."""
-    usual = Faults()
-    body, cameras, plates = usual.body, usual.cameras, usual.plates
+    default = Faults()
+    body, cameras, plates = default.body, default.cameras, default.plates
     noise = {"force_noise_n": plates.force_noise_n, "moment_noise_nm": plates.moment_noise_nm}
     zero = {"offset_n": plates.offset_n, "drift_n_per_min": plates.drift_n_per_min}
     gaps = {"gaps_per_minute": cameras.gaps_per_minute, "gap_s": cameras.gap_s}
@@ -100,10 +100,10 @@ def cases() -> dict[str, dict[str, Case]]:
         "all together": {
             "no compensation, no other fault": Case(removal="none"),
             "all faults, no compensation": Case(
-                faults=usual, body_from_markers=True, removal="none"
+                faults=default, body_from_markers=True, removal="none"
             ),
             "all faults, compensated": Case(
-                faults=usual, body_from_markers=True, removal="calibrated"
+                faults=default, body_from_markers=True, removal="calibrated"
             ),
         },
     }
@@ -111,10 +111,10 @@ def cases() -> dict[str, dict[str, Case]]:
 
 def _calibrated(signal: str | None = None, sensors: int = 2) -> Case:
     """Give a case whose plates and accelerometers have noise, and a compensation fitted to them."""
-    usual = Faults()
-    plates = {"force_noise_n": usual.plates.force_noise_n}
-    plates |= {"moment_noise_nm": usual.plates.moment_noise_nm}
-    accelerometers = dict(usual.accelerometers) | {"delay_s": 0.0, "sensors": sensors}
+    default = Faults()
+    plates = {"force_noise_n": default.plates.force_noise_n}
+    plates |= {"moment_noise_nm": default.plates.moment_noise_nm}
+    accelerometers = dict(default.accelerometers) | {"delay_s": 0.0, "sensors": sensors}
     faults = _with(plates=plates, accelerometers=accelerometers)
     return Case(faults=faults, removal="calibrated", calibration=signal)
 
@@ -158,7 +158,7 @@ def ablation(
     Notes
     -----
     The true body, the true pose of the platform and the true wrench of the treadmill are known,
-    unless the case says otherwise. In sway, the gait cycles of the perturbations count.
+    unless the case states otherwise. In sway, the gait cycles of the perturbations count.
     """
     setting = setting or Setting(protocol=SHORT)
     table = _selected(names)

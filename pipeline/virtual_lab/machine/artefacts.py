@@ -17,7 +17,7 @@ from pipeline.virtual_lab.machine.treadmill import Assembly, Machine, TreadmillM
 LEFTWARD: Final = np.array([0.0, 1.0, 0.0])
 """Direction of the pitch axis in the platform frame."""
 ROLLER_CIRCUMFERENCE_M: Final = 0.3
-"""Belt travel per turn of a roller; assumed, a roller of about 10 cm diameter."""
+"""Belt travel per revolution of a roller; assumed, a roller of about 10 cm diameter."""
 ROLLER_PLACE_M: Final = (0.9, 0.25, -0.1)
 """Middle of the left belt's front roller in the platform frame: at the front edge of the plate, one
 roller radius and the belt's support below its surface."""

@@ -22,24 +22,24 @@ WALKING_CONTACT_STEPS: Final = 1.25
 RUNNING_STEPS_PER_S: Final = 2.7
 RUNNING_CONTACT_STEPS: Final = 0.75
 """Cadence, and contact time per step time, of walking at 1.3 m/s and running at 2.5 m/s: with
-double support and with flight; usual values."""
+double support and with flight; typical values."""
 STEP_TIME_SD_S: Final = 0.01
 PEAK_SD: Final = 0.05
 """Standard deviations of the start of a step and, as a share, of its force; assumed."""
 BRAKING_SHARE: Final = 0.18
 LATERAL_SHARE: Final = 0.05
-"""Largest fore-aft force by the vertical force's amplitude, and lateral by vertical force; usual
-values for walking."""
+"""Largest fore-aft force by the vertical force's amplitude, and lateral by vertical force;
+typical of walking."""
 FOOTHOLD_AHEAD_M: Final = 0.3
 STANCE_TRAVEL_M: Final = 0.6
 STEP_WIDTH_M: Final = 0.16
 """Where the centre of pressure starts ahead of the middle of the plate, how far it travels back
 during a contact, and how far left and right feet are apart; assumed."""
 MARGIN_S: Final = 1.0
-"""Nobody steps in the first and the last second of a recording."""
+"""There are no steps in the first and the last second of a recording."""
 
 BOARD_BAND_HZ: Final = (0.3, 6.0)
-"""Band of the forces of somebody who moves about; assumed."""
+"""Band of the forces of a person who moves about; assumed."""
 BOARD_FORCE_SHARE: Final = (0.1, 0.1, 0.3)
 """Standard deviation of the forces (forward, left, up) by body weight; assumed."""
 BOARD_CHANGE_S: Final = 15.0

@@ -35,7 +35,7 @@ class FootPlacement:
     standing_pressure_m
         How far ahead of the ankles the centre of pressure is in standing [m].
     pressure_shift
-        How much further forward under the feet than usual the centre of pressure is [m].
+        How much further forward under the feet the centre of pressure is than in `roll_over` [m].
     """
 
     soles: Mapping[str, Sole]

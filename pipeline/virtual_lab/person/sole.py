@@ -16,8 +16,8 @@ UP: Final = np.array([0.0, 0.0, 1.0])
 LEFT: Final = np.array([0.0, 1.0, 0.0])
 
 TOE_TIP: Final = 1.25
-"""Place of the toe tip from the heel, by the distance from heel to second metatarsal head; a usual
-proportion of the foot."""
+"""Place of the toe tip from the heel, by the distance from heel to second metatarsal head; typical
+of the foot."""
 SOLE_MARGIN_M: Final = 0.012
 """How far the sole reaches beyond the centres of the markers: about a marker's radius and the
 shoe's edge."""
@@ -26,7 +26,7 @@ HALF_WIDTH: Final = 0.35
 metatarsal head; assumed."""
 FLAT_DEG: Final = 1.0, 3.0
 """Pitch at which a rolling foot passes from heel to ball, and the width of that passage; chosen, so
-that the sole does not sink into the belt by more than a shoe gives way."""
+that the sole does not sink into the belt by more than a shoe deforms."""
 TOES_DEG: Final = 50.0, 12.0
 """The same for the passage from ball to toes; chosen."""
 TOE_ROLL: Final = 0.5

@@ -38,7 +38,7 @@ SPARE_SHARE: Final = 0.1
 
 @dataclass(frozen=True, slots=True)
 class StepParameters:
-    """A person's spatiotemporal parameters, with their variability; the defaults are usual values.
+    """A person's spatiotemporal parameters, with their variability; the defaults are typical.
 
     Attributes
     ----------

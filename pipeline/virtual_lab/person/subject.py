@@ -18,11 +18,11 @@ from pipeline.virtual_lab.person.gait_pattern import STEP_M, size_of
 from pipeline.virtual_lab.person.steps import StepParameters
 
 HANGING_ARM_DEG: Final = {"ShoulderAbduction": 8.0, "ElbowFlexion": 10.0}
-"""Posture of the arms in standing; usual values."""
+"""Posture of the arms in standing; typical values."""
 PROPORTION_SD: Final = 0.03
 """Standard deviation of proportions between people of one stature; assumed."""
 TREADMILL_SHORTENING: Final = 0.03
-"""By how much steps on a treadmill are shorter than overground; usual in comparisons of both."""
+"""By how much steps on a treadmill are shorter than overground; typical of comparisons of both."""
 STEP_LENGTH_SD: Final = 0.02
 STEP_WIDTH_SD: Final = 0.12
 """Standard deviations of step length and width between people of one leg length; assumed."""
@@ -159,15 +159,15 @@ def make_subject(
     for side in "RL":
         for name, angle in HANGING_ARM_DEG.items():
             standing[INDEX[side + name]] = np.radians(angle)
-    size, usual = size_of(standing), StepParameters()
+    size, typical = size_of(standing), StepParameters()
     longer = STEP_LENGTH_SD * _drawn(rng) - TREADMILL_SHORTENING
     step_parameters = replace(
-        usual,
+        typical,
         step_m=STEP_M * size * (1 + individuality * longer),
-        width_m=usual.width_m * size * (1 + individuality * STEP_WIDTH_SD * _drawn(rng)),
-        time_sd=variability * usual.time_sd,
-        forward_sd=variability * usual.forward_sd,
-        side_sd=variability * usual.side_sd,
+        width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * _drawn(rng)),
+        time_sd=variability * typical.time_sd,
+        forward_sd=variability * typical.forward_sd,
+        side_sd=variability * typical.side_sd,
     )
     style = _gait_style(individuality, variability, rng)
     return VirtualSubject(person, body, q, standing, step_parameters, style)

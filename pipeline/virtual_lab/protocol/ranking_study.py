@@ -49,7 +49,7 @@ class PlannedTrial:
     signal
         What the treadmill is commanded.
     load
-        What the person on the platform does; None for nobody.
+        Load of a person on the platform; None without a person.
     """
 
     folder: str

@@ -34,7 +34,8 @@ PERSONS: Final = (
     Person("sub09", "male", 83.8, 1.93, 29),
 )
 """Six men and three women with the mean and standard deviation of age (26 ± 3.8 years), stature
-(1.78 ± 0.13 m) and mass (74.6 ± 11.45 kg) that the thesis states; their own values are invented."""
+(1.78 ± 0.13 m) and mass (74.6 ± 11.45 kg) of the thesis' subjects; individual values are invented.
+"""
 WAITS_S: Final = (
     *(17.0, 58.0, 37.0, 17.0, 23.0, 52.0, 22.0, 51.0, 22.0, 57.0),
     *(27.0, 20.0, 22.0, 41.0, 34.0, 27.0, 52.0, 39.0, 38.0, 56.0),
@@ -45,7 +46,7 @@ SWAY_MPS: Final = 0.30
 RETURN_AFTER_S: Final = 7.0
 """Size and speed of a sway perturbation, and when the platform starts to return: the thesis'."""
 RETURN_S: Final = 3.0
-"""How long the return takes; the thesis says only that it is slow."""
+"""How long the return takes; the thesis states only that it is slow."""
 ONSET_PHASE: Final = 0.10
 """When a perturbation starts, in gait cycles after initial contact: the thesis'."""
 MIN_WAIT_S: Final = 12.0

@@ -100,7 +100,7 @@ def simulate_study(
 
 
 def write_recording(path: Path, recording: Recording) -> None:
-    """Write a recording as C3D, in the axes that are usual for this kind of treadmill."""
+    """Write a recording as C3D, in the axes that are common for this kind of treadmill."""
     write_c3d(
         path,
         recording.markers,

@@ -1,1 +1,1 @@
-"""The laboratory's instruments: what they make of what really happens."""
+"""The laboratory's instruments and their errors."""

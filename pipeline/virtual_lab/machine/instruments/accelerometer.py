@@ -14,8 +14,8 @@ PLACES_M: Final = {
     "front_left": (0.88, 0.60, -0.06),
     "rear_right": (-0.86, -0.63, -0.32),
 }
-"""Name and place in the platform frame: opposite corners first, as the thesis has its two; the
-others, which it has not, at other heights, so that they tell the rotations apart."""
+"""Name and place in the platform frame: the first two at opposite corners, as in the thesis; the
+other two, assumed, at other heights, so that they distinguish rotations."""
 SENSOR_NAMES: Final = tuple(PLACES_M)
 
 

@@ -11,7 +11,7 @@ from pipeline.virtual_lab.faults import PlateFaults
 
 PLATE_LENGTH_M: Final = 1.8
 PLATE_WIDTH_M: Final = 0.5
-"""Belt surface of each plate; assumed, as on usual split-belt treadmills."""
+"""Belt surface of each plate; assumed, as on common split-belt treadmills."""
 PLATE_CENTERS_M: Final = np.array([[0.0, PLATE_WIDTH_M / 2, 0.0], [0.0, -PLATE_WIDTH_M / 2, 0.0]])
 """Centres of the left and the right plate's surface with the platform in neutral."""
 MOMENT_ARM_M: Final = 1 / 3

@@ -1,4 +1,4 @@
-"""Residuals with perfect instruments, and artefacts, held against physics."""
+"""Residuals with perfect instruments, and artefacts, compared with rigid-body mechanics."""
 
 from functools import cache
 
@@ -164,7 +164,7 @@ def pulse_acceleration(bandwidth_hz, time, onsets):
 
 
 @pytest.fixture(scope="module")
-def usual(walked):
+def rms_residual(walked):
     """Give a function of condition and removal: RMS residuals in a laboratory with all faults."""
     setting = Setting(protocol=SHORT)
     treadmill = make_treadmill(setting.faults, setting.seed)
@@ -181,10 +181,10 @@ def usual(walked):
 
 
 @pytest.mark.parametrize("condition", ["sway", "pitch"])
-def test_compensation_brings_residuals_back_to_baseline(usual, condition):
+def test_compensation_brings_residuals_back_to_baseline(rms_residual, condition):
     """With all faults of instruments, skin and body: residuals are about those of baseline."""
-    baseline, before = usual("baseline", "none"), usual(condition, "none")
-    after = usual(condition, "calibrated")
+    baseline, before = rms_residual("baseline", "none"), rms_residual(condition, "none")
+    after = rms_residual(condition, "calibrated")
     worst = np.argmax(before)
     assert before[worst] > 10 * baseline[worst]
     assert after[worst] < before[worst] / 10

@@ -1,4 +1,4 @@
-"""What the treadmill puts on its own load cells, held against physics written out a second time."""
+"""The treadmill's wrench on its own load cells, compared with an independent derivation."""
 
 import numpy as np
 import pytest

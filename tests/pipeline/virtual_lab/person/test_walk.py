@@ -1,4 +1,4 @@
-"""The simulated gait, held against published norms and the equations of motion."""
+"""The simulated gait, compared with published norms and the equations of motion."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def steady(walk, rate_hz=100):
 
 
 def within(polygon, points):
-    """Tell which points are in a convex polygon with counter-clockwise corners."""
+    """Find which points are in a convex polygon with counter-clockwise corners."""
     sides = np.roll(polygon, -1, axis=0) - polygon
     away = points[:, None] - polygon
     return np.all(sides[:, 0] * away[..., 1] >= sides[:, 1] * away[..., 0], axis=1)
@@ -109,8 +109,8 @@ def test_the_centre_of_pressure_is_under_the_stance_foot_in_single_support(
     for side, alone in zip(SIDES, (share == 1, share == 0), strict=True):
         sole = walk.placement.soles[side]
         rotation, ankle = segment_poses(walk.subject, q, [sole.segment])[0]
-        turned, origin = sole.from_foot(rotation, ankle)
-        on_sole = (np.swapaxes(turned, 1, 2) @ (pressure - origin)[..., None])[..., 0]
+        sole_rotation, origin = sole.from_foot(rotation, ankle)
+        on_sole = (np.swapaxes(sole_rotation, 1, 2) @ (pressure - origin)[..., None])[..., 0]
         assert within(sole.outline, on_sole[alone, :2]).mean() > 0.95
 
 
@@ -191,11 +191,11 @@ def test_stride_times_vary_by_a_few_per_cent(walked):
 def test_a_contralateral_sway_makes_the_next_step_narrow(walked):
     walk, motion = walked(0, "sway")
     steps, place = walk.placement.steps, walk.placement.place[:, 1]
-    usual = np.abs(np.diff(place[12:22])).mean()
+    baseline = np.abs(np.diff(place[12:22])).mean()
     for onset in motion.onsets:
         next_step = int(np.searchsorted(steps.contact, onset))
         width = (place[next_step] - place[next_step - 1]) * (-1 if next_step % 2 else 1)
-        assert width < usual - 0.03
+        assert width < baseline - 0.03
         assert steps.contact[next_step] - onset > 0.2
 
 
@@ -250,9 +250,9 @@ def test_a_rolling_sole_sinks_into_the_belt_by_less_than_a_shoe_deforms(walked):
     sole = walked(0)[0].placement.soles["right"]
     pitch = np.radians(np.linspace(-20, 70, 4001))
     heading = np.full_like(pitch, 0.1)
-    origin, turn = rolled(sole, pitch, heading), orientation(pitch, heading)
+    origin, rotation = rolled(sole, pitch, heading), orientation(pitch, heading)
     points = np.column_stack([np.linspace(sole.heel, sole.ball, 40), np.zeros(40), np.zeros(40)])
-    height = (origin[:, None] + np.einsum("tij,kj->tki", turn, points))[..., 2]
+    height = (origin[:, None] + np.einsum("tij,kj->tki", rotation, points))[..., 2]
     assert height.min() > -0.007
     assert height.min(axis=1).max() < 0.02
 

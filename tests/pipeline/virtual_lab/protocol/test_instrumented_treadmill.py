@@ -1,4 +1,4 @@
-"""The instrumented treadmill: drawn once for a laboratory, and what it records."""
+"""The instrumented treadmill: reproducible errors, and what it records."""
 
 import numpy as np
 import pytest

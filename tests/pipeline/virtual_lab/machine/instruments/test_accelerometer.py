@@ -9,7 +9,7 @@ from pipeline.virtual_lab.machine.instruments.accelerometer import make_accelero
 
 @pytest.fixture
 def true():
-    """Specific force of a point that is shaken by up to about 1 g."""
+    """Specific force of a point that is accelerated by up to about 1 g."""
     return np.random.default_rng(5).normal([0, 0, 9.81], 3.0, (500, 3))
 
 
