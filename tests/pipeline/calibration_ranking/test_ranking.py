@@ -165,7 +165,7 @@ def test_a_speed_that_halves_the_error_is_found_and_a_duration_without_effect_is
 def belt_trial(seed, name, leak=0.0):
     rng = np.random.default_rng(seed)
     speed = 2 + np.cumsum(rng.normal(0, 0.05, 6000)) * 0.1
-    acceleration = belt_acceleration(speed, 100.0, 10.0)
+    acceleration = belt_acceleration(speed, 100.0, 10.0, "realtime")
     moment = 4 * acceleration + low_pass(rng.normal(0, 1, 6000), 100.0, 10.0, "realtime")
     readings = rng.normal(0, 0.01, (6000, 2))
     readings[:, 1] += leak * acceleration
