@@ -113,7 +113,11 @@ def evaluate(coefficients: Array, phase: Array) -> Array:
 
 
 def published(mean: dict[str, Array]) -> dict[str, Array]:
-    """Give the coefficients of norms and literature, by coordinate [deg, m]."""
+    """Give the coefficients of norms and literature, by coordinate [deg, m].
+
+    Amplitudes and phases of trunk, head, arms and toes are rounded values of the works that the
+    header cites; the head rotates against the trunk, so that it keeps its direction.
+    """
     legs = {name: sign * fourier(mean[norm]) for name, (norm, sign) in NORM.items()}
     legs["RAnklePlantarFlexion"][0, 0] += ANKLE_ZERO_DEG
     thorax = wave(-0.5, (2, 1.0, 0.10)), wave(0, (1, 1.5, 0.28)), wave(0, (1, 4.0, 0.52))

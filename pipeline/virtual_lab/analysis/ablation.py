@@ -36,6 +36,12 @@ TRANSPARENT_HZ: Final = 30.0
 """Cut-off frequency that passes all of walking: what it leaves is below 0.1 N."""
 EDGE_S: Final = 1.0
 """Time at both ends of steady walking that is not counted: the settling of the filters."""
+DELAYS_S: Final = (0.010, 0.030)
+PIVOT_ERROR_M: Final = 0.05
+"""Delays of the plates and of the platform's pose, and error of the height of its axis, that are
+compared: one and three frames, and an error of measurement; assumed."""
+NOISE_STREAM: Final = 9
+"""Number of the random numbers of the noise, which is the same in all cases."""
 FILTER: Final = "filter"
 """The group of cases that are compared with `TRANSPARENT_HZ`."""
 
@@ -58,8 +64,8 @@ def cases() -> dict[str, dict[str, Case]]:
     noise = {"force_noise_n": plates.force_noise_n, "moment_noise_nm": plates.moment_noise_nm}
     zero = {"offset_n": plates.offset_n, "drift_n_per_min": plates.drift_n_per_min}
     gaps = {"gaps_per_minute": cameras.gaps_per_minute, "gap_s": cameras.gap_s}
-    short, long = {"delay_s": 0.010}, {"delay_s": 0.030}
-    pivot = {"pivot_error_m": 0.05}
+    short, long = ({"delay_s": delay_s} for delay_s in DELAYS_S)
+    pivot = {"pivot_error_m": PIVOT_ERROR_M}
     return {
         FILTER: {
             f"zero phase, {TRANSPARENT_HZ:g} Hz": Case(cutoff_hz=TRANSPARENT_HZ),
@@ -80,13 +86,21 @@ def cases() -> dict[str, dict[str, Case]]:
                 faults=_with(plates={"cross_talk": plates.cross_talk})
             ),
             f"zero error {plates.offset_n:g} N, and drift": Case(faults=_with(plates=zero)),
-            "delay 10 ms": Case(faults=_with(plates=short, accelerometers=short)),
-            "delay 30 ms": Case(faults=_with(plates=long, accelerometers=long)),
+            f"delay {1e3 * DELAYS_S[0]:g} ms": Case(
+                faults=_with(plates=short, accelerometers=short)
+            ),
+            f"delay {1e3 * DELAYS_S[1]:g} ms": Case(faults=_with(plates=long, accelerometers=long)),
         },
         "platform's pose": {
-            "pose delay 10 ms": Case(faults=_with(platform=short), pose_from_channels=True),
-            "pose delay 30 ms": Case(faults=_with(platform=long), pose_from_channels=True),
-            "pivot error 5 cm": Case(faults=_with(platform=pivot), pose_from_channels=True),
+            f"pose delay {1e3 * DELAYS_S[0]:g} ms": Case(
+                faults=_with(platform=short), pose_from_channels=True
+            ),
+            f"pose delay {1e3 * DELAYS_S[1]:g} ms": Case(
+                faults=_with(platform=long), pose_from_channels=True
+            ),
+            f"pivot error {1e2 * PIVOT_ERROR_M:g} cm": Case(
+                faults=_with(platform=pivot), pose_from_channels=True
+            ),
         },
         "compensation, number of accelerometers": {
             "1 accelerometer": _calibrated(sensors=1),
@@ -207,7 +221,7 @@ def _of_subject(
     for condition in ANALYSED_CONDITIONS:
         key = _WalkKey(setting.seed, setting.protocol, case.faults.body, number, condition)
         walk, motion = _walk(key)
-        rng = np.random.default_rng((setting.seed, number, 9))
+        rng = np.random.default_rng((setting.seed, number, NOISE_STREAM))
         residual = residual_of(case, walk, motion, treadmill, rng, models)
         ideal = _ideal_residual(key, reference)
         counts = _counting_frames(setting.protocol, motion, walk)

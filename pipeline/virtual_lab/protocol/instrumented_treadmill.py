@@ -57,6 +57,8 @@ PULSE_V: Final = 5.0
 PULSE_S: Final = 0.02
 PULSE_NOISE_V: Final = 0.01
 """Duration of the pulse, and noise on its channel; assumed."""
+INSTRUMENT_STREAM: Final = 7
+"""Number of the random numbers of the instruments, which are not those of a subject."""
 CHUNK_SAMPLES: Final = 60_000
 """Samples of a minute are computed at a time, to bound memory in long trials."""
 
@@ -102,7 +104,7 @@ def make_treadmill(
     InstrumentedTreadmill
         Equal seeds give equal instruments.
     """
-    rng = np.random.default_rng((seed, 7))
+    rng = np.random.default_rng((seed, INSTRUMENT_STREAM))
     plates = make_force_plate(faults.plates, rng), make_force_plate(faults.plates, rng)
     sensors = make_accelerometers(faults.accelerometers, rng)
     return InstrumentedTreadmill(machine or Machine(), faults, plates, sensors)

@@ -27,6 +27,8 @@ PLATFORM_BELT_SPEEDS_MPS: Final = (0.0, 3.0)
 BELT_SPEEDS_MPS: Final = (1.0, 2.0)
 """Belt speeds of the calibration trials of the platform, and mean speeds of those of the belts: the
 thesis'."""
+TRIAL_STREAM: Final = 7
+"""Number of the random numbers of people and noise, which are not those of the signals."""
 
 LoadPattern = Callable[[Array, np.random.Generator], Array]
 BYSTANDERS: Final[dict[str, LoadPattern]] = {
@@ -95,7 +97,7 @@ def recordings(
     tuple
         Sub-folder of the experiment and recording.
     """
-    rng = np.random.default_rng((seed, 7))
+    rng = np.random.default_rng((seed, TRIAL_STREAM))
     for trial in planned_trials(seed):
         load: Array | None = None
         if trial.load is not None:

@@ -59,6 +59,12 @@ FADE_S: Final = 2.0
 AFTER_S: Final = 12.0
 """Walking after the last perturbation begins, until the platform is back; assumed."""
 
+MIN_SPEED_MPS: Final = 0.5
+MAX_SPEED_MPS: Final = 1.8
+"""Walking speeds to which the gait pattern of 1.3 m/s may be scaled; assumed."""
+MAX_SCALE: Final = 2.0
+"""Of the differences between people and steps: twice those of the population."""
+
 Seconds = Annotated[float, Field(gt=0)]
 Wait = Annotated[float, Field(ge=MIN_WAIT_S)]
 _SIGNALS: Final = rf"^({'|'.join(PLATFORM_KINDS)})_({'|'.join(map(str, DURATIONS_S))})s_[03]mps$"
@@ -78,7 +84,7 @@ class Protocol(InputModel):
 
     conditions: Annotated[tuple[ConditionName, ...], Field(strict=False)] = ANALYSED_CONDITIONS
     subjects: Annotated[int, Field(ge=1, le=len(PERSONS))] = len(PERSONS)
-    speed_mps: Annotated[float, Field(ge=0.5, le=1.8)] = 1.3
+    speed_mps: Annotated[float, Field(ge=MIN_SPEED_MPS, le=MAX_SPEED_MPS)] = 1.3
     standing_s: Seconds = 4.0
     starting_s: Seconds = 4.0
     familiarisation_s: Seconds = 360.0
@@ -88,8 +94,8 @@ class Protocol(InputModel):
     marker_set: Literal["hbm2", "hbm1"] = "hbm2"
     pose: Literal["markers", "channels"] = "markers"
     calibration: CalibrationSignal = "square_sway_300s_3mps"
-    individuality: Annotated[float, Field(ge=0, le=2)] = 1.0
-    variability: Annotated[float, Field(ge=0, le=2)] = 1.0
+    individuality: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
+    variability: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
 
     @property
     def steady_s(self) -> float:
