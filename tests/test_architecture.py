@@ -44,7 +44,7 @@ def test_no_folder_has_more_than_16_modules():
     assert {name: size for name, size in sizes.items() if size > MAX_MODULES} == {}
 
 
-def test_every_package_of_pipeline_has_a_layer():
+def test_every_package_of_pipeline_has_a_layer_which_the_documentation_shows():
     (contract,) = [
         contract
         for contract in CONTRACTS
@@ -52,6 +52,9 @@ def test_every_package_of_pipeline_has_a_layer():
     ]
     layers = {name.strip() for layer in contract["layers"] for name in layer.split("|")}
     assert layers == children("pipeline")
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    rows = [set(re.findall(r"`(\w+)`", row)) for row in re.findall(r"^\| \d \|(.*?)\|", text, re.M)]
+    assert rows == [set(layer.split(" | ")) for layer in contract["layers"]]
 
 
 def test_the_map_of_the_documentation_is_the_tree_of_packages():
