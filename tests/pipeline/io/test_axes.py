@@ -15,7 +15,7 @@ ALL_AXES = [
 
 
 def in_file_axes(vectors, axes):
-    """Turn vectors in lab axes, (..., 3), into the axes of a file."""
+    """Rotate vectors in lab axes, (..., 3), into the axes of a file."""
     return np.asarray(vectors) @ parse_axes(axes)
 
 
@@ -139,7 +139,7 @@ def test_a_subject_may_face_back_in_stated_axes(subject):
 
 
 def test_stated_axes_that_confuse_forward_and_sideways_are_warned_of(subject):
-    """Or the residuals of x and y would change places in silence."""
+    """Otherwise residuals of x and y would be exchanged without notice."""
     for axes, facing in (("left,back,up", "left"), ("right,forward,up", "right")):
         _, note = settle_axes(axes, subject.position, subject.names)[1]
         assert (note.code, note.level) == ("subject_faces_sideways", "warning")

@@ -100,7 +100,7 @@ def test_minus_zero_is_zero(trial, tmp_path):
 
 
 def test_moments_about_another_point_are_located_by_the_centres_of_pressure(trial, tmp_path):
-    """Without being told where the plates' centres are."""
+    """Though the plates' centres are not stated."""
     at_centres = write_dflow(trial, tmp_path / "c.txt", about=lambda plate: plate.center)
     read = read_dflow(at_centres)
     for ours, true in zip(read.plates, trial.plates, strict=True):

@@ -24,7 +24,7 @@ def trial(walker):
 
 @pytest.fixture(scope="session")
 def formats(trial, tmp_path_factory):
-    """Format -> the arguments that read the trial from it; the suffixes tell nothing."""
+    """Format -> the arguments that read the trial from it; the suffixes mean nothing."""
     folder = tmp_path_factory.mktemp("formats")
     write_c3d(folder / "a.dat", trial.markers, trial.plates, first_frame=17)
     write_opensim(trial, folder / "b.dat", folder / "b_forces.dat")
@@ -205,7 +205,7 @@ def test_a_file_that_was_cut_off_is_refused(formats, tmp_path, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_random_damage_ends_in_a_recording_or_one_line_of_error(formats, tmp_path, name):
-    """Never another exception, and no warning: those are errors in tests."""
+    """Never another exception, and no Python warning, which is an error in tests."""
     content = formats[name]["path"].read_bytes()[:40_000]
     tail = formats[name]["path"].read_bytes()[-20_000:]
     rng = random.Random(name)

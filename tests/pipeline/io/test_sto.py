@@ -97,7 +97,7 @@ def test_both_real_walks_have_hips_that_swing_like_walking(shared_data):
 @pytest.mark.opensim
 @pytest.mark.skipif(find_spec("opensim") is None, reason="the OpenSim wheel is not installed")
 def test_opensim_itself_reads_the_same_table(shared_data, tmp_path):
-    """In a process of its own, for OpenSim brings another casadi than the one that we use."""
+    """In a separate process, for OpenSim comes with another casadi."""
     path = shared_data / "truth_walk" / "coordinates.sto"
     code = """if True:
         import sys, numpy, opensim

@@ -1,4 +1,4 @@
-"""One trial of a study, end to end on files: what compensation takes, and which cycles count."""
+"""One trial of a study from files to residuals: compensation, gait cycles, notes."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ def results(study):
 
 @pytest.fixture(scope="module")
 def standing_still(walker):
-    """The same walk processed where the treadmill stands still: what all conditions must give."""
+    """The same walk on a treadmill that stands still: the result expected in all conditions."""
     return process_recording(walker, PERSON, Settings())
 
 
@@ -63,7 +63,7 @@ def test_the_persons_own_wrench_reaches_the_model_whatever_the_platform_did(
     ("condition", "axes"), [("sway", ["Fy", "Mx"]), ("pitch", ["Fx", "Fz", "My"])]
 )
 def test_compensation_removes_the_platform_from_the_residuals(results, condition, axes):
-    """What is left over baseline is less than a tenth of what the platform put in."""
+    """Above baseline, less than a tenth of the platform's contribution remains."""
     baseline = rms(results["baseline"], True)
     measured = rms(results[condition], False) - baseline
     compensated = rms(results[condition], True) - baseline
@@ -240,9 +240,9 @@ def test_a_marker_that_moved_since_the_calibration_pose_is_noted(walker):
 def test_noisy_plates_weigh_as_accurately(walker):
     noise = np.random.default_rng(0).normal(0, 40, (len(walker.plates), len(walker.plates[0].time)))
     plates = []
-    for plate, grain in zip(walker.plates, noise, strict=True):
+    for plate, plate_noise in zip(walker.plates, noise, strict=True):
         wrench = plate.wrench_in_plate.copy()
-        wrench[:, 2] += grain
+        wrench[:, 2] += plate_noise
         plates.append(replace(plate, wrench_in_plate=wrench))
     mass, _ = body_mass(PERSON, replace(walker, plates=tuple(plates)))
     assert mass == pytest.approx(body_mass(PERSON, walker)[0], abs=1.0)
@@ -284,9 +284,9 @@ def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded(walker):
         lateral = body.marker_position[body.markers.index("LLEK")]
         return np.linalg.norm(lateral - body.offsets["left_shank"]) - Settings().marker_offset_m
 
-    told = replace(bare, metadata=Metadata(left_knee_width_m=0.13, right_knee_width_m=0.11))
-    assert beside_the_knee(told) == pytest.approx(0.06, abs=1e-3)
-    assert beside_the_knee(told, knee_width_m=0.1) == pytest.approx(0.05, abs=1e-3)
+    recorded = replace(bare, metadata=Metadata(left_knee_width_m=0.13, right_knee_width_m=0.11))
+    assert beside_the_knee(recorded) == pytest.approx(0.06, abs=1e-3)
+    assert beside_the_knee(recorded, knee_width_m=0.1) == pytest.approx(0.05, abs=1e-3)
 
 
 def test_the_body_is_built_from_the_static_recording(walker):

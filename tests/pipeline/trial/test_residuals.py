@@ -1,4 +1,4 @@
-"""Residuals as people read them: signs, both RMS, thresholds, marker errors."""
+"""Residuals as reported: signs, both RMS, thresholds, marker errors."""
 
 from dataclasses import replace
 

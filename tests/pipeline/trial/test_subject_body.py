@@ -1,4 +1,4 @@
-"""What is stated of a subject's body, through files: functional hips, segments, angles."""
+"""A subject's body as stated in files: functional hips, segments, clinical angles."""
 
 import shutil
 from dataclasses import replace
@@ -38,7 +38,7 @@ center_m = [0.05, 0.0, -0.05]
 
 @pytest.fixture
 def study(moving_study, tmp_path):
-    """A copy of a study, to be changed."""
+    """A copy of a study that a test may change."""
     return shutil.copytree(moving_study, tmp_path / "study")
 
 

@@ -1,4 +1,4 @@
-"""Long, broken, foreign and damaged C3D files: a Recording or one clear line."""
+"""Long, broken, unusual and damaged C3D files give a Recording or one line of error."""
 
 import struct
 from datetime import timedelta
@@ -33,7 +33,7 @@ SAMPLES = {
 
 
 def assert_read_or_refused(path):
-    """Read the file, or see it refused in one line that names it."""
+    """Read the file, or check that it is refused in one line that names it."""
     refusal = ""
     try:
         read_c3d(path, AXES)

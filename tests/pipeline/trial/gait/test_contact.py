@@ -1,4 +1,4 @@
-"""Which foot a plate carried: sums stay exact, steps may cross, what is uncertain is flagged."""
+"""Which foot stood on a plate: sums are exact, steps may cross, uncertain frames are flagged."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -20,7 +20,7 @@ def ramp(x):
 
 
 def walking(steps=8, rate_hz=100.0):
-    """Feet of a treadmill walker and the force under each: (T, 2, 3) [m] and (T, 2) [N].
+    """Feet in treadmill walking and the force under each: (T, 2, 3) [m] and (T, 2) [N].
 
     Strides last 1.1 s, stance 61 % of it; the standing foot drifts back, the swinging one passes
     half a hand's width beside it and 8 cm higher.
@@ -108,7 +108,7 @@ def test_a_step_across_the_gap_gives_both_plates_to_that_foot():
 
 
 def test_on_one_plate_alone_the_foot_changes_at_every_step():
-    """The plate is never unloaded; the foot must change all the same, within the double support."""
+    """The plate is never unloaded; the foot changes nevertheless, within double support."""
     feet, load = walking()
     points = pressures(feet)
     plate = sum(wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT))
@@ -133,7 +133,7 @@ def test_standing_with_both_feet_on_one_plate_is_flagged():
 
 
 def test_a_downward_force_is_no_contact():
-    """Inertia of an empty belt may pull; it is not a foot, and nothing divides by its sum."""
+    """Inertia of an empty belt may pull: that is no foot, and has no centre of pressure."""
     feet, load = walking()
     points = pressures(feet)
     wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]

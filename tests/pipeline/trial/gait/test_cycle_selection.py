@@ -17,7 +17,7 @@ ONSETS = (17.0, 75.3, 112.4)
 
 
 def walking(duration_s, start_s=2.0):
-    """Cycles of both sides of a steady walker, the left half a stride later."""
+    """Cycles of both sides in steady walking, the left half a stride later."""
     count = int((duration_s - start_s) / STRIDE_S) - 1
     right = start_s + STRIDE_S * np.arange(count)
     spans = np.column_stack([right, right + STRIDE_S])

@@ -1,4 +1,4 @@
-"""Gait events and cycles: a walker whose events are known, plates, and a real trial."""
+"""Gait events and cycles: of sines with known events, of plates, and of a real trial."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ time = np.arange(1200) / 100
 
 
 def walker(names=HBM2, drift=0.0, sway=0.0, standing_s=0.0, noise=0.0):
-    """Feet that swing as sines about the sacrum, so that events are where the sines turn."""
+    """Feet that swing as sines about the sacrum, so that events are at the extremes."""
 
     def swing(first_turn):
         phase = 2 * np.pi * np.maximum(time - standing_s - first_turn, -first_turn) / STRIDE_S
@@ -33,9 +33,9 @@ def walker(names=HBM2, drift=0.0, sway=0.0, standing_s=0.0, noise=0.0):
 
     tracks = {name: np.array([0.0, side, 1.0]) for side, name in enumerate(names["sacrum"])}
     for side, letter in zip(SIDES, "LR", strict=True):
-        for part, turn, sign in (("heel", STRIKE, 1), ("toe", OFF, -1)):
+        for part, extreme, sign in (("heel", STRIKE, 1), ("toe", OFF, -1)):
             track = np.zeros((len(time), 3))
-            track[:, 0] = sign * swing(turn[side])
+            track[:, 0] = sign * swing(extreme[side])
             tracks[names[part].format(letter)] = track
     position = np.stack([np.broadcast_to(track, (len(time), 3)) for track in tracks.values()], 1)
     position = position + np.stack([drift * time, sway * np.sin(time), 0 * time], -1)[:, None]
@@ -51,10 +51,10 @@ def assert_known_events(events, atol, start=0.0):
     for label, first in (("foot_strike", STRIKE), ("foot_off", OFF)):
         for side in SIDES:
             found = times_of(events, label, side)
-            turns = (found - first[side] - start) / STRIDE_S
+            strides = (found - first[side] - start) / STRIDE_S
             assert len(found) >= 9
-            np.testing.assert_allclose(np.diff(np.round(turns)), 1)
-            np.testing.assert_allclose(turns, np.round(turns), atol=atol / STRIDE_S)
+            np.testing.assert_allclose(np.diff(np.round(strides)), 1)
+            np.testing.assert_allclose(strides, np.round(strides), atol=atol / STRIDE_S)
 
 
 @pytest.mark.parametrize("names", [HBM2, HBM1, PLUG_IN, OPENSIM])

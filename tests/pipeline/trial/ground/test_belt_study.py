@@ -1,4 +1,4 @@
-"""Belts that a study compensates: pulses under a person who walks, up to the residuals."""
+"""Belt compensation in a study: belt pulses under a walking subject, up to the residuals."""
 
 from dataclasses import replace
 
@@ -42,7 +42,7 @@ file = "pulses.c3d"
 
 
 def with_belts(recording, speed):
-    """Accelerate both belts under whoever is there."""
+    """Accelerate both belts, with or without a subject."""
     time = recording.analog.time
     speed = np.resize(speed, len(time))
     moment = belt_moment(Machine(), np.gradient(speed, 1e-3), 1000.0)
@@ -82,7 +82,7 @@ def folder(walker, tmp_path_factory):
 
 
 def residual_my(folder, condition, belt):
-    """RMS of My as measured and, where the study says so, compensated [N·m]."""
+    """RMS of My as measured and, where the study states it, compensated [N·m]."""
     (folder / "study.toml").write_text(STUDY.format(belt=belt), encoding="utf-8")
     result = process_trial(read_study(folder), "sub01", condition)
     found = [d for d in (result.measured, result.compensated) if d is not None]

@@ -1,4 +1,4 @@
-"""Belt compensation in a trial: it helps, and it does not repair what a person adds."""
+"""Belt compensation in a trial: of empty belts, and not of what a person adds."""
 
 from dataclasses import replace
 

@@ -39,7 +39,7 @@ def test_a_calibration_is_the_same_from_its_recording_and_from_its_file(tmp_path
 
 
 def test_a_channel_stated_as_another_axis_than_in_the_calibration_is_refused(tmp_path, calibration):
-    """Nothing in a trial tells a sensor's x from its y, and what they compensate would be wrong."""
+    """No signal shows which axis of a sensor it is, and compensation would be wrong."""
     stored = tmp_path / "lab.json"
     facts = {"channels": json.dumps(lab.CHANNELS)}
     stored.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A calibration made on the command line: what is refused before the work, what is told later."""
+"""A calibration made on the command line: what is refused before the fit, and noted in trials."""
 
 import pytest
 

@@ -66,7 +66,7 @@ def error(found, true):
 def test_a_persons_known_wrench_is_recovered_on_a_moving_platform(
     walker, calibration, motions, kind
 ):
-    """Belt assemblies of 150 kg each, 10°, 5 cm: only the plates' noise is left of it."""
+    """Belt assemblies of 150 kg each, 10°, 5 cm: only the plates' noise is left."""
     recording = lab.on_platform(walker, motions[kind])
     found, _ = filtered_total(recording, Laboratory(TREADMILL, calibration))
     limit = np.array([2, 2, 2, 1, 1, 1])
@@ -128,7 +128,7 @@ def test_accelerations_of_a_trial_pass_the_low_pass_of_the_calibration(walker, m
 
 
 def test_an_empty_plate_keeps_only_what_the_fit_itself_could_not_explain():
-    """Plates and accelerometers are filtered alike: nothing of the artefact stays for that."""
+    """Plates and accelerometers pass the same filter, so that it leaves no artefact."""
     recording = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
     calibration = fit_calibration(recording, TREADMILL)
     model, clock = calibration.plates["plate 1"], recording.plates[0].time
