@@ -101,7 +101,7 @@ def build_body(
     -------
     Body
         Geometry averaged over the window, inertias by de Leva (1996). If the subject moves in the
-        window, markers that are no landmarks are placed where the skeleton, fitted to the same
+        window, markers that are not landmarks are placed where the skeleton, fitted to the same
         frames, has them on average.
 
     Raises
@@ -196,7 +196,7 @@ def _take(markers: Markers, names: list[str], frames: Indices) -> Markers:
 def _stature(anatomy: Anatomy) -> float:
     """Estimate stature [m] from the mean length of the legs.
 
-    De Leva's mean lengths are not used: the women's thigh ends at another hip centre than the
+    De Leva's mean lengths are not used: the women's thigh ends at a different hip centre than the
     men's.
     """
     legs = [
@@ -208,13 +208,13 @@ def _stature(anatomy: Anatomy) -> float:
 
 
 def _unlocated_segments(anatomy: Anatomy) -> set[str]:
-    """Segments of arms whose joints could not be found, so that their markers have no place."""
+    """Segments of arms whose joints could not be found, so that their markers cannot be placed."""
     arm = ("upper_arm", "forearm", "hand")
     return {f"{side}_{s}" for side in SIDES if f"{side}_elbow" not in anatomy.points for s in arm}
 
 
 def _never_shown(segments: set[str]) -> tuple[str, ...]:
-    """Coordinates beyond which there is none of the segments with markers."""
+    """Coordinates that move none of the segments with markers."""
     shown = {i for s in segments for i in support(LAST_Q[s])}
     return tuple(name for i, name in enumerate(COORDINATES) if i not in shown)
 
@@ -235,7 +235,7 @@ def _inertias(shape: Shape, table: Mapping[str, Proportions], mass: float) -> di
 
 
 def _with_fitted_tracking_markers(body: Body, calibration: Markers) -> Body:
-    """Move markers that are no landmarks to their mean position on the fitted skeleton."""
+    """Move markers that are not landmarks to their mean position on the fitted skeleton."""
     motion = solve_ik(body, calibration)
     if not motion.converged.any():
         raise ValueError(

@@ -1,6 +1,6 @@
 """Notes: what was found while processing, each with a code, a level and a sentence.
 
-The sentences stand in one catalogue, ``notes.toml``; ``docs/notes.md`` explains every code.
+The sentences are in one catalogue, ``notes.toml``; ``docs/notes.md`` explains every code.
 """
 
 import tomllib
@@ -121,7 +121,7 @@ def note_codes() -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """What the catalogue says of a code."""
+    """What the catalogue states for a code."""
 
     level: Level
     text: str

@@ -13,10 +13,11 @@ from hbm.spatial import Array, read_only
 from hbm.spelling import did_you_mean
 
 MAX_CENTER_DISTANCE_M: Final = 1.0
-"""Of a centre of mass from the joint: no segment is longer; numbers beyond it are millimetres."""
+"""Distance of a centre of mass from the joint: no segment is longer; larger numbers are
+millimetres."""
 
 MAX_MOMENT_KG_M2: Final = 10.0
-"""Of a principal moment of inertia: several times that of a heavy person's trunk."""
+"""Principal moment of inertia: several times that of a heavy person's trunk."""
 
 MAX_ROUNDING: Final = 1e-9
 """Relative to the largest principal moment, when a tensor is checked."""

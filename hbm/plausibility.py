@@ -12,7 +12,7 @@ from hbm.notes import Note
 from hbm.spatial import distance
 
 MAX_LEG_DIFFERENCE_M: Final = 0.03
-"""True differences rarely exceed 2 cm; a misplaced marker easily makes more."""
+"""True differences rarely exceed 2 cm; a misplaced marker easily causes more."""
 
 MAX_DISTANCE_CHANGE_M: Final = 0.03
 """Skin moves markers of one segment against each other by up to 2 or 3 cm in walking."""

@@ -25,7 +25,7 @@ def read_only(value: ArrayLike) -> Array: ...
 @overload
 def read_only(value: ArrayLike, dtype: type[bool]) -> Mask: ...
 def read_only(value: ArrayLike, dtype: type[float] = float) -> Array | Mask:
-    """Give a copy of an array that cannot be changed, of floats unless told otherwise."""
+    """Give a copy of an array that cannot be changed, of floats by default."""
     copy = np.array(value, dtype)
     copy.setflags(write=False)
     return copy

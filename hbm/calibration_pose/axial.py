@@ -27,8 +27,8 @@ et al. 1999; Dumas et al. 2007)."""
 def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Measures) -> None:
     """Find the pelvis frame, both hip centres (the body's origin is midway) and the lumbar joint.
 
-    The frame is that of ASIS and PSIS. A single missing spine is the mirror image of its opposite;
-    the sacrum marker replaces both PSIS. Hip centres: `hip_center`. Lumbar joint:
+    The frame is that of ASIS and PSIS. A single missing iliac spine is taken as the mirror image of
+    its opposite; the sacrum marker replaces both PSIS. Hip centres: `hip_center`. Lumbar joint:
     `LUMBAR_PER_PELVIS_WIDTH`.
     """
     R, origin, back, notes = pelvis_frame(landmarks)
@@ -80,7 +80,7 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, l
 
 
 def _spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[Note]]:
-    """Give the landmarks, a single missing spine as the mirror image of its opposite."""
+    """Give the landmarks, a single missing iliac spine as the mirror image of its opposite."""
     at = dict(landmarks)
     notes: list[Note] = []
     for a, b in (("ASIS", "PSIS"), ("PSIS", "ASIS")):

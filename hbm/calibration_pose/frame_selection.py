@@ -10,14 +10,15 @@ from hbm.notes import Note
 from hbm.spatial import Array, Indices
 
 MAX_STILL_SPEED_MPS: Final = 0.05
-"""Mean speed of the markers up to which a subject stands still: sway makes 0.01 to 0.02 m/s, slow
-walking 0.3 m/s."""
+"""Mean marker speed up to which a subject counts as standing still: postural sway gives 0.01 to
+0.02 m/s, slow walking 0.3 m/s."""
 
 WINDOW_S: Final = 1.0
-"""Duration of the calibration pose that is looked for."""
+"""Duration of the calibration pose to look for."""
 
 SPEED_INTERVAL_S: Final = 0.1
-"""Over which speeds are measured: marker noise of 1 mm makes 0.01 m/s, and tremor averages out."""
+"""Interval over which speeds are measured: marker noise of 1 mm gives 0.01 m/s, and tremor averages
+out."""
 
 MAX_FRAMES: Final = 100
 """Frames that the body is averaged over; more make no difference."""

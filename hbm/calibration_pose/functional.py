@@ -9,12 +9,12 @@ from hbm.markers import Markers, MarkerSet, recognise_marker_set
 from hbm.spatial import Array, fit_rotation
 
 MIN_SINGULAR_VALUE: Final = 0.04
-"""Of the system for the centre, per frame: less than a swing of ±5° in the plane of least motion
-leaves a component of the centre to the noise."""
+"""Singular value of the equations for the centre, per frame: where a thigh swings less
+than ±5° in the plane of least motion, noise determines one component of the centre."""
 
 SHAPE_ITERATIONS: Final = 3
-"""Of fitting poses to a cluster's mean shape and averaging it again: the error is 2e-7 m after the
-first and falls ten thousandfold each time."""
+"""Iterations of fitting poses to a cluster's mean shape and averaging the shape again: the error is
+2e-7 m after the first and falls ten thousandfold each time."""
 
 
 def functional_hips(markers: Markers, marker_set: MarkerSet | None = None) -> dict[str, Array]:
@@ -105,7 +105,7 @@ def _center(R: Array, o: Array, S: Array, p: Array, side: str) -> Array:
     if smallest < MIN_SINGULAR_VALUE:
         raise ValueError(
             f"the {side} thigh rotates too little, or in one plane only, to show its hip centre; "
-            "swing it forward, back and sideways by 30° and more"
+            "swing it forward, back and sideways by at least 30°"
         )
     both = np.linalg.lstsq(system, (p - o).ravel(), rcond=None)[0]
     c, d = both[:3], both[3:]

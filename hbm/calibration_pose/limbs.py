@@ -11,16 +11,16 @@ from hbm.notes import Note
 from hbm.spatial import Array, distance, perpendicular, unit
 
 HALF_WIDTH_PER_SHANK: Final = {"knee": 0.118, "ankle": 0.085}
-"""Of a joint without medial marker and width, as share of the distance from lateral epicondyle to
-lateral malleolus (Reed et al. 1999, SAE 1999-01-0959)."""
+"""Half the width of a joint without medial marker or stated width, as a share of the distance from
+lateral epicondyle to lateral malleolus (Reed et al. 1999, SAE 1999-01-0959)."""
 
 HALF_WIDTH_PER_FOREARM: Final = 0.155
-"""Of an elbow without medial marker, as share of the distance from lateral epicondyle to wrist
-(Reed et al. 1999)."""
+"""Half the width of an elbow without medial marker, as a share of the distance from lateral
+epicondyle to wrist (Reed et al. 1999)."""
 
 SHOULDER_DROP_PER_WIDTH: Final = 0.17
-"""Of the shoulder below the acromion, as share of the distance between the acromions (Rab et al.
-2002, J Orthop Res 20:71)."""
+"""Distance of the shoulder joint below the acromion, as a share of the distance between the
+acromions (Rab et al. 2002, J Orthop Res 20:71)."""
 
 FOOT_PER_HEEL_TO_MT2: Final = 1.25
 """Length of the foot without a toe marker, from the heel marker."""
@@ -151,7 +151,7 @@ def _hinge(
     half_width: float | None,
     instead: str,
 ) -> None:
-    """Find a joint's centre midway between two markers, or medial of the lateral one.
+    """Find a joint's centre midway between two markers, or medial to the lateral one.
 
     Midway: Dumas et al. 2007 (J Biomech 40:543). Medial: the chord construction of Davis et al.
     1991 (Hum Mov Sci 10:575) with the plane given by ``medial``.
@@ -172,7 +172,7 @@ def _hinge(
 
 
 def _chord(marker: Array, proximal: Array, medial: Array, half_width: float, joint: str) -> Array:
-    """Give the centre medial of a lateral marker, at a right angle to the bone towards it."""
+    """Give the centre medial to a lateral marker, at a right angle to the bone towards it."""
     up = unit(proximal - marker)
     share = half_width / distance(proximal, marker)
     if share >= 1:

@@ -22,16 +22,16 @@ from hbm.spatial import Array, axes_from, perpendicular, rotation_about, unit
 
 SUBTALAR_INCLINATION_RAD: Final = np.radians(42.0)
 SUBTALAR_DEVIATION_RAD: Final = np.radians(16.0)
-"""Of the subtalar axis from the sole, upward, and from the foot's long axis, medially (Manter 1941,
-Anat Rec 80:397)."""
+"""Deviation of the subtalar axis upward from the sole, and medially from the foot's long axis
+(Manter 1941, Anat Rec 80:397)."""
 
 SHOULDER_WIDTH_PER_STATURE: Final = 0.129
-"""Of a shoulder that no marker shows, from the trunk's axis (Drillis and Contini 1966, as in Winter
-2009, Fig. 4.1)."""
+"""Distance of a shoulder that no marker shows from the trunk's axis (Drillis and Contini 1966, as
+in Winter 2009, Fig. 4.1)."""
 
 SHOULDER_DROP_PER_STATURE: Final = 0.009
-"""Of such a shoulder below the jugular notch (de Leva 1996: the trunk from mid shoulders to mid
-hips is 16 mm shorter than from the notch, in men of 1.741 m)."""
+"""Distance of such a shoulder below the jugular notch (de Leva 1996: the trunk from mid shoulders
+to mid hips is 16 mm shorter than from the notch, in men of 1.741 m)."""
 
 
 @dataclass(slots=True)

@@ -1,4 +1,4 @@
-"""Markers attached to a skeleton: what of them enters the kernels, and how far off they are."""
+"""Markers attached to a skeleton: their sums for the kernels, their distances from the model."""
 
 from dataclasses import dataclass
 

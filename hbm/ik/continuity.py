@@ -9,7 +9,8 @@ from hbm.spatial import Array
 
 ROTATIONS: Final = tuple(i for i, c in enumerate(TREE) if not c.translates)
 MIN_JUMP_RAD: Final = np.pi / 2
-"""No angle changes by a quarter turn between frames: a change so large is another set of angles."""
+"""No angle truly changes by a quarter turn between frames: so large a change is another set of
+angles."""
 
 
 def _ball_joints() -> tuple[int, ...]:

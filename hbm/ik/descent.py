@@ -30,11 +30,11 @@ NEAR_OPTIMUM: Final = 0.1
 """Below this step [rad or m] the exact Hessian is tried again after it was indefinite."""
 
 MAX_ITERATIONS: Final = 60
-"""Of a frame: a recorded walk takes about four from interpolated starts and ten at most; the others
+"""Per frame: a recorded walk takes about four from interpolated starts and ten at most; the others
 are for starts far from the optimum."""
 
 MAX_REDUCTIONS: Final = 20
-"""Of a step, over all iterations of a frame; 4^-20 of a step is below every tolerance."""
+"""Of the step, over all iterations of a frame; 4^-20 of a step is below every tolerance."""
 
 STEP_REDUCTION: Final = 4.0
 """Divisor of a step that raised the cost."""
@@ -73,7 +73,7 @@ class Solved:
 
     @classmethod
     def empty(cls, frames: int, markers: int) -> "Solved":
-        """Give room for the optima of frames."""
+        """Allocate arrays for the optima of some frames."""
         return cls(
             np.empty((frames, N_Q)),
             np.zeros(frames, bool),
@@ -113,7 +113,7 @@ def solve_frames(
     start
         Starting points, (F, 46); a frame whose start is NaN is not solved.
     prior, reference
-        Strength of the pull on each coordinate and the value it pulls to, (F, 46) or (46,).
+        Weight and value of the prior on each coordinate, (F, 46) or (46,).
     tolerance
         Largest last step [rad or m].
     jobs

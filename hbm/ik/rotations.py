@@ -37,17 +37,17 @@ MAX_LAST_STEP: Final = 1e-6
 """Last step of that root, relative to it: convergence is quadratic, so the error is its square."""
 
 MIN_SLOPE: Final = 1e-9
-"""Of the quartic, relative to the cube of its root: below it the root is a double one."""
+"""Slope of the quartic, relative to the cube of its root, below which the root is a double root."""
 
 MIN_SCALE: Final = 1e-2
-"""Of the closed form, relative to the cube of the root: it vanishes for markers on one line, and
-the closed form loses the digits that it is smaller by."""
+"""Scale of the closed form, relative to the cube of the root: it vanishes for markers on one line,
+and the closed form loses precision as it becomes small."""
 
 MIN_AMPLITUDE: Final = 1e-300
-"""Keeps zero from being divided by zero; any angle is as good there."""
+"""Avoids the division of zero by zero, where any angle is equally good."""
 
 HINGE_ITERATIONS: Final = 4
-"""Times that the two angles of a double hinge are improved in turn: enough for a starting point."""
+"""How often the two angles of a double hinge are improved in turn: enough for a starting point."""
 
 
 def nearest_rotation(covariance: Array) -> Array:

@@ -1,10 +1,10 @@
-"""A starting pose from one frame's markers: segment after segment, each aligned with its own.
+"""A starting pose from one frame's markers: segment by segment, each aligned with its markers.
 
 The pelvis is fitted rigidly; every further segment is attached at its joint and rotates about it:
 by the nearest rotation where the joint has three axes, by the best angle of each hinge where it has
 one or two. Where so few markers of an upper arm or thigh are visible that nothing shows its axial
-rotation, several axial rotations are tried and the one in which the limb meets its markers best is
-kept. From such a start Newton's method finds the pose; from zeros it ends in wrong minima.
+rotation, several axial rotations are tried and the one in which the limb fits its markers best is
+kept. From such a start Newton's method finds the pose; from zeros it converges to wrong minima.
 """
 
 from collections.abc import Iterable, Mapping
@@ -21,20 +21,21 @@ FOREARM_STARTS_RAD: Final = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
 one."""
 
 NEUTRAL_COVARIANCE: Final = 1e-6 * np.eye(3)
-"""Added to a joint's cross-covariance [m²]: where no marker is seen the joint stays neutral, and
-beside a marker, which contributes 1e-3 m² and more, it is negligible."""
+"""Added to a joint's cross-covariance [m²]: where no marker is seen the joint stays neutral; a
+marker contributes 1e-3 m² or more, against which it is negligible."""
 
 MIN_MARKERS_AXIAL: Final = 2
 """Markers of an upper arm or thigh that show its axial rotation."""
 
 MIN_FLEXION_RAD: Final = np.radians(-20.0)
-"""Of elbow and knee: below it the limb bends the wrong way."""
+"""Least flexion of elbow and knee: below it the limb bends the wrong way."""
 
 AXIAL_ROTATIONS_RAD: Final = tuple(np.radians(range(45, 360, 45)))
-"""Tried where markers do not show the axial rotation: with zero, any is within 22.5° of one."""
+"""Axial rotations tried where markers do not determine it: with zero, any is within 22.5° of
+one."""
 
 MIN_ROOT_MARKERS: Final = 3
-"""That show where the pelvis is and how it is oriented."""
+"""Markers needed for the position and orientation of the pelvis."""
 
 ROOT_SEGMENTS: Final = ("pelvis", "trunk", "right_thigh", "left_thigh")
 """Segments whose markers, with the joints held neutral, show the pelvis where its own are few."""

@@ -3,7 +3,7 @@
 The optimum of a frame does not depend on its neighbours, only its starting point does: it is
 interpolated between coarsely spaced frames, which in turn start from a segment-wise rigid fit
 (`hbm.ik.start`). Where an optimum is far from its start, the frame is solved again from the rigid
-fit, and the pose that meets the markers better is kept. The result therefore depends neither on how
+fit, and the pose that fits the markers better is kept. The result therefore depends neither on how
 many frames are solved at once nor on the number of threads.
 """
 
@@ -28,10 +28,11 @@ KEY_FRAME_SPACING: Final = 15
 """Frames per key frame: 0.15 s at 100 Hz, so that a spline between them starts near the optimum."""
 
 MIN_KEY_FRAMES: Final = 4
-"""That a cubic spline needs."""
+"""Key frames that a cubic spline needs."""
 
 MAX_DISTANCE_FROM_START: Final = 0.5
-"""Of any coordinate [rad or m]: an optimum farther away may be the wrong one of several."""
+"""Change of any coordinate from its start [rad or m]: an optimum farther away may be the wrong one
+of several."""
 
 FRAMES_AT_ONCE: Final = 4000
 """Bounds the memory of the rigid fits."""
@@ -161,7 +162,7 @@ class Tracker:
     def try_alternative_start(
         self, found: Solved, rows: Indices, frames: Indices, start: Array
     ) -> None:
-        """Solve some rows of what was found, and their frames, again; keep the lower optimum."""
+        """Solve some of the frames again, from another start; keep the lower optimum."""
         solved = self.newton(frames, start)
         before, after = (
             np.where(optima.converged, self.cost(optima), np.inf)
@@ -181,7 +182,7 @@ class Tracker:
 
         A coordinate is determined where the curvature that remains to it once all coordinates
         beyond it are free (its pivot) is not nearly zero and, in frames with missing markers, not
-        small against what is usual in the trial.
+        small compared with what is usual in the trial.
         """
         missing = np.isnan(found.error)
         gaps = (missing & ~missing.all(axis=0)).any(axis=1)

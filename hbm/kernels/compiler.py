@@ -61,7 +61,7 @@ def cache_directory() -> Path:
 
 
 def compiled_library(name: str, command: list[str], announce: Callable[[str], None]) -> Path | None:
-    """Give the compiled kernels, building them if the cache holds no sound copy.
+    """Give the compiled kernels, building them if the cache holds no intact copy.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def compiled_library(name: str, command: list[str], announce: Callable[[str], No
             _build(command, library)
         refusal = _refusal(library)
     except (OSError, subprocess.SubprocessError) as error:
-        announce(f"compiling with {name} failed ({_reason(error)}); trying the next way")
+        announce(f"compiling with {name} failed ({_reason(error)}); trying the next option")
         return None
     if refusal:
         raise KernelsDisagreeError(
@@ -128,7 +128,7 @@ def _writable(folder: Path, announce: Callable[[str], None]) -> Path:
 
 
 def _build(command: list[str], library: Path) -> None:
-    """Compile and check beside the final place, then move there; whoever comes first wins.
+    """Compile and check in a temporary place, then move to the cache; the first process wins.
 
     What is checked is a copy: on Windows a library cannot be moved once it has been loaded.
     """
@@ -158,7 +158,7 @@ def _build(command: list[str], library: Path) -> None:
 
 
 def _sound(library: Path) -> bool:
-    """Whether a library is there, can be read and is whole."""
+    """Whether a library exists, can be read and is undamaged."""
     try:
         return _checksum(library).read_text("ascii", "replace") == _sha256(library)
     except OSError:
@@ -166,7 +166,7 @@ def _sound(library: Path) -> bool:
 
 
 def _refusal(library: Path) -> str:
-    """Give why a library that was built is not kept; empty where there is no such verdict."""
+    """Give the reason why a library that was built is not kept; empty if there is none."""
     try:
         return (library.parent / REFUSED).read_text("utf-8", "replace")
     except OSError:

@@ -12,7 +12,7 @@ from hbm.spatial import Array
 
 MAX_DIFFERENCE: Final = 1e-9
 """Largest difference of compiled and interpreted kernels, as a share of a kernel's largest output:
-far above rounding (1e-13), far below what a wrong operation makes."""
+far above rounding (1e-13), far below what a wrong operation would cause."""
 
 TEST_FRAMES: Final = 35
 """Random poses that are compared: several full blocks of SIMD lanes and a part of one."""

@@ -60,10 +60,10 @@ def load(announce: Callable[[str], None]) -> Kernels:
                 return load_library(library, name)
         except KernelsDisagreeError as error:
             refused = True
-            announce(f"{error}; trying the next way")
+            announce(f"{error}; trying the next option")
         except OSError as error:
             announce(
-                f"the library that {name} made cannot be loaded ({error}); trying the next way"
+                f"the library that {name} made cannot be loaded ({error}); trying the next option"
             )
     if refused:
         announce(

@@ -28,13 +28,13 @@ Method = Literal["realtime", "zero_phase"]
 """How coordinates and forces are filtered; `low_pass` says what each method does."""
 
 LowPassMethod = Literal["realtime", "zero_phase", "double_pass"]
-"""The same, and the uncorrected double pass, with which published work is repeated."""
+"""The same, and the uncorrected double pass, to repeat published work."""
 
 DOUBLE_PASS_MINUS_3_DB: Final = float((np.sqrt(2) - 1) ** 0.25)
 """Frequency of −3 dB of two passes, per cut-off of each: 0.802 for second order (Winter 2009)."""
 
 PADDING_PERIODS: Final = 4
-"""Extension beyond each end, in periods of the cut-off: a transient shrinks to 2e-10 in it."""
+"""Extension beyond each end, in periods of the cut-off: a transient decays to 2e-10 over it."""
 
 EQUAL_STEPS_TOLERANCE: Final = 1e-9
 """Relative difference of time steps up to which they are rounding errors of one step."""
@@ -96,7 +96,7 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
         ÿ = (ẏ − ẏ₋) / h
 
     from y = x, ẏ = ÿ = 0 at the first sample. This is Tustin's rule without pre-warping, so −3 dB
-    lies slightly low (5.93 Hz at 100 Hz), and ÿ is the mean over the step, half a step old.
+    lies slightly low (5.93 Hz at 100 Hz), and ÿ is the mean over the step, half a step late.
 
     Zero phase: the same section forward and backward, pre-warped, and its cut-off divided by
     ``DOUBLE_PASS_MINUS_3_DB`` so that −3 dB *after both passes* is at the requested frequency
@@ -141,7 +141,7 @@ def low_pass(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: LowPa
         9.997 Hz for 10 Hz sampled at 1000 Hz. That is stated here, not corrected.
         ``"double_pass"``: forward and backward, each pass with the cut-off as stated, as MATLAB's
         ``filtfilt`` of ``butter(2, …)``; half the amplitude (−6 dB) at the cut-off, −3 dB at 0.802
-        of it. Only for repeating an experiment whose signals were filtered so.
+        of it. Only for repeating an experiment whose signals were filtered that way.
 
     Returns
     -------
@@ -151,9 +151,9 @@ def low_pass(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: LowPa
     Raises
     ------
     ValueError
-        If the whole signal is shorter than the filter needs (real time: 2 samples; the others:
-        one period of the cut-off), if times do not increase or do not fit the signal, if one of
-        the others meets unequal steps, or if the cut-off is not between 0 and half the sampling
+        If the whole signal is shorter than the filter needs (real time: 2 samples; the others: one
+        period of the cut-off), if times do not increase or do not fit the signal, if the time steps
+        for one of the others are unequal, or if the cut-off is not between 0 and half the sampling
         rate.
 
     See Also

@@ -21,7 +21,8 @@ STOPBAND_DB: Final = 80.0
 """Attenuation of what would otherwise alias: to a ten-thousandth, below the noise of any plate."""
 
 TRANSITION_WIDTH: Final = 0.2
-"""Of the anti-aliasing filter, as share of the new rate: from 0.4 to 0.6 of it."""
+"""Transition band of the anti-aliasing filter, as a share of the new rate: from 0.4 to 0.6 of
+it."""
 
 MIN_DECIMATION: Final = 0.99
 """New rate as share of the old one, from which on rates count as equal and nothing can alias."""
@@ -30,7 +31,7 @@ MIN_SPLINE_SAMPLES: Final = 4
 """Of a cubic spline."""
 
 ROUNDING_STEPS: Final = 1e-6
-"""Time beyond the ends of a block, in samples, that is taken for rounding."""
+"""Time beyond the ends of a block, in samples, that is treated as rounding error."""
 
 
 def resample(

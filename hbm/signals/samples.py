@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 from hbm.spatial import Array, Mask
 
 MAX_STEP_DIFFERENCE: Final = 2e-3
-"""Of time steps that count as equal, relative to their mean: times rounded to 0.01 ms at 100 Hz."""
+"""Difference between time steps that count as equal, relative to their mean: times rounded to
+0.01 ms at 100 Hz."""
 
 
 def sample_times(time: ArrayLike, signal: Array) -> Array:

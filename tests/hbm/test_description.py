@@ -47,4 +47,4 @@ def test_numbers_are_the_body_s_own():
 def test_a_description_ends_with_notes_and_locked_coordinates():
     text = describe(build_body(person("LLEE"), mass=MASS_KG))
     assert "the joints of the left arm need LLEE" in text
-    assert "locked at neutral, for no marker shows them: LShoulderAbduction" in text
+    assert "locked at neutral because no marker shows them: LShoulderAbduction" in text

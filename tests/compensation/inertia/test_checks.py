@@ -65,7 +65,7 @@ def test_a_dead_sensor_and_a_dead_channel_are_named(laboratories, places):
     dead, stuck = brisk.copy(), brisk.copy()
     dead[:, 3:6] = 0.02
     stuck[:, 4] = 0.1
-    assert "accelerometer 2 reads 0.035 m/s² in the median" in str(check_trial(model, dead)[0])
+    assert "accelerometer 2 reads a median of 0.035 m/s²" in str(check_trial(model, dead)[0])
     assert check_trial(model, stuck) == (
         Note.of("accelerometer_constant", channel="2 y", value_mps2=0.1),
     )

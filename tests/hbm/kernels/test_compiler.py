@@ -106,7 +106,7 @@ def test_a_sound_library_is_used_from_a_cache_that_cannot_be_written(
 def test_a_compiler_that_fails_is_skipped_with_its_error(cache, small, messages):
     broken = [sys.executable, "-c", "import sys; sys.exit('no such target')"]
     assert compiled_library("mine", broken, messages.append) is None
-    assert messages[-1] == "compiling with mine failed (no such target); trying the next way"
+    assert messages[-1] == "compiling with mine failed (no such target); trying the next option"
 
 
 @needs_compiler
@@ -166,7 +166,7 @@ def test_kernels_with_wrong_numbers_are_refused_and_the_virtual_machine_is_used(
     assert messages[0].startswith("compiling the kernels with cc")
     assert re.fullmatch(
         r"the kernels that cc compiled differ from casadi's virtual machine "
-        r"\(newton_step by [\d.e+-]+ of its largest number\); trying the next way",
+        r"\(newton_step by [\d.e+-]+ of its largest number\); trying the next option",
         messages[1],
     )
     assert messages[2].startswith("using the slower virtual machine, whose numbers are right")

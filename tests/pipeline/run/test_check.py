@@ -114,7 +114,7 @@ def test_a_sound_study_has_no_fault_and_its_remarks_list_what_will_be_used(movin
         assert any("axes point left, back, up" in line for line in remarks)
         assert any(re.fullmatch(r"body mass 74\.\d kg by the plates, .*", line) for line in remarks)
         assert "46 of the 46 markers of hbm2" in remarks
-        assert "locked at neutral, for no marker shows them: RToeFlexion, LToeFlexion" in remarks
+        assert "locked at neutral because no marker shows them: RToeFlexion, LToeFlexion" in remarks
         assert f"platform pose from the markers {', '.join(lab.PLATFORM_MARKERS_M)}" in remarks
     assert "empty.c3d: compensates plate 1, plate 2" in found.remarks
 
