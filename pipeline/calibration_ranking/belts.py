@@ -1,4 +1,4 @@
-"""Experiment 2, belts: the trial that makes the best model, and whether belts shake the sensors."""
+"""Experiment 2, belts: the trial with the best model, and vibration of the accelerometers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,16 +14,19 @@ from pipeline.calibration_ranking.trials import RATE_HZ, BeltTrial
 
 LAGS: Final = range(-10, 11, 2)
 """Samples by which accelerometers may follow or precede the belt, 0.1 s either way."""
-SHIFTS: Final = 199
-HARD: Final = 0.5
-"""Share of the largest acceleration from which on a belt is taken to accelerate."""
+RANDOM_SHIFTS: Final = 199
+"""Of the readings in time; the smallest p is 1 in 200."""
+MIN_SHIFT_S: Final = 1.0
+"""Of these shifts, beyond the lags and the ringing."""
+ACCELERATING_SHARE: Final = 0.5
+"""Of the largest acceleration, above which a belt counts as accelerating."""
 RINGING_S: Final = 0.5
-"""How long a shaken frame goes on."""
+"""For which the frame vibrates after that."""
 
 
 def rank_belts(
     calibration: Sequence[BeltTrial], validation: Sequence[BeltTrial], *, seed: int = 0
-) -> tuple[Ranking, dict[str, BeltModel]]:
+) -> Ranking[BeltModel]:
     """Fit a belt model to every calibration trial, score it on the validation trials, and rank.
 
     Parameters
@@ -35,11 +38,9 @@ def rank_belts(
 
     Returns
     -------
-    ranking
+    Ranking
         Columns are the validation trials; the component is My. The bootstrap draws blocks of 5 s
-        of the validation trials; the models stay as fitted.
-    models
-        Name -> fitted model.
+        of the validation trials and leaves the models as fitted.
 
     Raises
     ------
@@ -72,21 +73,22 @@ def rank_belts(
     scores = pd.DataFrame(
         rows, columns=["trial", "validation", "component", "rms_raw", "rms_after"]
     )
-    return ranked(scores, np.stack(columns, axis=2)), models
+    return ranked(scores, np.stack(columns, axis=2), models)
 
 
 @dataclass(frozen=True, slots=True)
 class Interaction:
-    """What the accelerometers notice of an accelerating belt.
+    """Response of the accelerometers to an accelerating belt.
 
     Attributes
     ----------
     table
-        One row per channel: sensor channel, rms [m/s²] of its changes, rms_of_belt [m/s²] that
-        follows the belt's acceleration, share of the variance [1], p; louder, the RMS while the
-        belt accelerates and half a second after, by that of the rest [1], and p_louder.
+        One row per channel: channel, rms [m/s²] about its mean, rms_of_belt [m/s²] of the part
+        that follows the belt's acceleration, its share of the variance [1], p; rms_ratio, the RMS
+        while the belt accelerates and half a second after, by that of the rest [1], and
+        p_rms_ratio.
     artefact
-        RMS of the wrench that a pitch and sway model would wrongly predict from it, (6,)
+        RMS of the wrench that a pitch and sway model wrongly predicts from that part, (6,)
         [N, N·m]; NaN without a model.
     """
 
@@ -94,49 +96,46 @@ class Interaction:
     artefact: Array
 
 
-def interaction(
-    trial: BeltTrial, names: Sequence[str], model: InertiaModel | None = None, *, seed: int = 0
+def belt_interaction(
+    trial: BeltTrial, model: InertiaModel | None = None, *, seed: int = 0
 ) -> Interaction:
-    """Look for the belt's acceleration in the accelerometers (van de Loosdrecht 2018, D.3.2).
+    """Find the belt's acceleration in the accelerometers (van de Loosdrecht 2018, D.3.2).
 
     Parameters
     ----------
     trial
         A belt trial with the platform at rest.
-    names
-        Of the accelerometers' channels.
     model
-        A pitch and sway model, to say what the interaction does to a compensated plate.
+        A pitch and sway model, to give the effect on a compensated plate.
     seed
         Of the random shifts.
 
     Returns
     -------
     Interaction
-        Each channel regressed on the belt's acceleration at lags of up to 0.1 s, and its loudness
-        whatever the phase: a roller shakes the frame at its own angle. The p-values are the shares
-        of random shifts in time (round the end) that give as much.
+        Each channel regressed on the belt's acceleration at lags of up to 0.1 s, and the ratio of
+        its RMS, which does not depend on the phase: a roller vibrates at its own angle. The
+        p-values are the shares of random circular shifts in time that give as much.
     """
     lagged = np.column_stack([np.roll(trial.acceleration, lag) for lag in LAGS])
     basis = np.linalg.qr(lagged - lagged.mean(axis=0))[0]
     readings = trial.readings - trial.readings.mean(axis=0)
     explained = basis @ (basis.T @ readings)
-    share, louder = _share(basis, readings), _louder(trial.acceleration, readings)
-    later = np.random.default_rng(seed).integers(
-        round(RATE_HZ), len(readings) - round(RATE_HZ), SHIFTS
-    )
-    shifted = [np.roll(readings, by, axis=0) for by in later]
-    by_chance = np.array([_share(basis, r) for r in shifted])
-    loud_by_chance = np.array([_louder(trial.acceleration, r) for r in shifted])
+    share, rms_ratio = _share(basis, readings), _rms_ratio(trial.acceleration, readings)
+    least = round(MIN_SHIFT_S * RATE_HZ)
+    shifts = np.random.default_rng(seed).integers(least, len(readings) - least, RANDOM_SHIFTS)
+    shifted = [np.roll(readings, by, axis=0) for by in shifts]
+    random_share = np.array([_share(basis, r) for r in shifted])
+    random_ratio = np.array([_rms_ratio(trial.acceleration, r) for r in shifted])
     table = pd.DataFrame(
         {
-            "channel": list(names),
+            "channel": list(trial.channels),
             "rms": readings.std(axis=0),
             "rms_of_belt": np.sqrt(np.mean(explained**2, axis=0)),
             "share": share,
-            "p": _chance(share, by_chance),
-            "louder": louder,
-            "p_louder": _chance(louder, loud_by_chance),
+            "p": _p_value(share, random_share),
+            "rms_ratio": rms_ratio,
+            "p_rms_ratio": _p_value(rms_ratio, random_ratio),
         }
     )
     artefact = np.full(6, np.nan)
@@ -151,28 +150,26 @@ def _share(basis: Array, readings: Array) -> Array:
     return _ratio(inside, np.sum(readings**2, axis=0))
 
 
-def _louder(acceleration: Array, readings: Array) -> Array:
-    """Give the RMS while a belt accelerates and rings by that of the rest, (k,)."""
-    hard = np.abs(acceleration) > HARD * np.max(np.abs(acceleration))
+def _rms_ratio(acceleration: Array, readings: Array) -> Array:
+    """Give the RMS while a belt accelerates and the frame rings by that of the rest, (k,)."""
+    accelerating = np.abs(acceleration) > ACCELERATING_SHARE * np.max(np.abs(acceleration))
     ringing = np.ones(1 + round(RINGING_S * RATE_HZ))
-    while_it_does = np.convolve(hard, ringing)[: len(hard)] > 0
-    if while_it_does.all():
+    shaken = np.convolve(accelerating, ringing)[: len(accelerating)] > 0
+    if shaken.all():
         return np.full(readings.shape[1], np.nan)
-    mean_squares = [
-        np.mean(readings[rows] ** 2, axis=0) for rows in (while_it_does, ~while_it_does)
-    ]
-    return np.sqrt(_ratio(mean_squares[0], mean_squares[1]))
+    then, otherwise = (np.mean(readings[rows] ** 2, axis=0) for rows in (shaken, ~shaken))
+    return np.sqrt(_ratio(then, otherwise))
 
 
 def _ratio(part: Array, whole: Array) -> Array:
-    """Divide; NaN where there is nothing to divide by, as of a dead channel."""
+    """Divide; NaN where the divisor is 0, as of a dead channel."""
     ratio = np.full(len(whole), np.nan)
     return np.asarray(np.divide(part, whole, out=ratio, where=whole > 0))
 
 
-def _chance(found: Array, by_chance: Array) -> Array:
-    """Give the share of random shifts that give as much, (k,); NaN where nothing was found."""
-    p = (1 + np.sum(by_chance >= found, axis=0)) / (1 + SHIFTS)
+def _p_value(found: Array, at_random: Array) -> Array:
+    """Give the share of random shifts that give as much, (k,); NaN where `found` is."""
+    p = (1 + np.sum(at_random >= found, axis=0)) / (1 + RANDOM_SHIFTS)
     return np.where(np.isfinite(found), p, np.nan)
 
 

@@ -1,4 +1,4 @@
-"""Experiment 2: what of a calibration trial matters: belt speed, duration, kind."""
+"""Experiment 2: effects of belt speed, duration and kind of a calibration trial."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -11,15 +11,16 @@ from pipeline.statistics.factorial import anova, compare_levels
 
 FACTORS: Final = ("speed_mps", "duration_s", "kind")
 REFERENCE: Final = "random"
+"""Kind of trial that the others are compared with: plain random motion."""
 
 
-def effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Test belt speed, duration and kind of the calibration trials, per component.
 
     Parameters
     ----------
     scores
-        As in `pipeline.calibration_ranking.ranking.Ranking`; names of the trials state kind,
+        As in `pipeline.calibration_ranking.ranking.Ranking`; the trials' names state kind,
         duration and speed.
 
     Returns
@@ -28,7 +29,7 @@ def effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
         component, effect, df, f, p, partial_eta_squared.
     pairs
         component, factor, first, second, ratio of the RMS after compensation (first by second)
-        with ratio_low and ratio_high, p_bonferroni. Empty tables where names state no levels.
+        with ratio_low and ratio_high, p_bonferroni. Both empty where names state no levels.
 
     Notes
     -----
@@ -36,8 +37,8 @@ def effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     one validation trial, which is a factor of the model too.
 
     Deviations from the original: it compared frames of the best trial at two speeds and durations
-    (van de Loosdrecht 2018, F.2.4); frames follow each other and make every difference
-    significant, so here whole trials are the observations, over all kinds.
+    (van de Loosdrecht 2018, F.2.4); frames are correlated and make every difference significant,
+    so here whole trials are the observations, over all kinds.
     """
     stated = scores["trial"].map(factors)
     if not all(stated):
@@ -60,40 +61,40 @@ def effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     return _anova_columns(tables), _pair_columns(pairs)
 
 
-def better_than_random(pairs: pd.DataFrame, kind: str) -> pd.DataFrame:
-    """Give per component the RMS left by one kind of trial as a ratio of that left by random.
+def ratio_to_random(pairs: pd.DataFrame, kind: str) -> pd.DataFrame:
+    """Give per component the RMS left by one kind of trial, by that left by random motion.
 
     Returns
     -------
     pandas.DataFrame
-        component, ratio, ratio_low, ratio_high, p_bonferroni; below 1 the kind helps.
+        component, ratio, ratio_low, ratio_high, p_bonferroni; below 1 the kind is better.
     """
     if pairs.empty:
         return pairs
-    ours = pairs[pairs["factor"] == "kind"]
-    direct = ours[ours["first"].str.endswith(kind) & ours["second"].str.endswith(REFERENCE)]
-    turned = ours[ours["second"].str.endswith(kind) & ours["first"].str.endswith(REFERENCE)]
-    inverse = turned.assign(
-        ratio=1 / turned["ratio"],
-        ratio_low=1 / turned["ratio_high"],
-        ratio_high=1 / turned["ratio_low"],
+    kinds = pairs[pairs["factor"] == "kind"]
+    direct = kinds[kinds["first"].str.endswith(kind) & kinds["second"].str.endswith(REFERENCE)]
+    reverse = kinds[kinds["second"].str.endswith(kind) & kinds["first"].str.endswith(REFERENCE)]
+    inverse = reverse.assign(
+        ratio=1 / reverse["ratio"],
+        ratio_low=1 / reverse["ratio_high"],
+        ratio_high=1 / reverse["ratio_low"],
     )
     columns = ["component", "ratio", "ratio_low", "ratio_high", "p_bonferroni"]
     return pd.concat([direct, inverse])[columns].reset_index(drop=True)
 
 
-def kinds_by_random(pairs: pd.DataFrame) -> pd.DataFrame:
-    """Give per kind of trial the RMS it leaves as a ratio of that left by random, least first.
+def ratios_to_random(pairs: pd.DataFrame) -> pd.DataFrame:
+    """Give per kind of trial the RMS that it leaves, by that left by random motion, least first.
 
     Returns
     -------
     pandas.DataFrame
         kind, one column per component, and their geometric mean "all".
     """
-    ours = pairs[pairs["factor"] == "kind"]
+    kinds = pairs[pairs["factor"] == "kind"]
     rows = []
-    for kind in sorted({*ours["first"], *ours["second"]} - {REFERENCE}):
-        ratios = better_than_random(pairs, kind).set_index("component")["ratio"]
+    for kind in sorted({*kinds["first"], *kinds["second"]} - {REFERENCE}):
+        ratios = ratio_to_random(pairs, kind).set_index("component")["ratio"]
         rows.append({"kind": kind, **ratios.to_dict(), "all": float(np.exp(np.log(ratios).mean()))})
     return pd.DataFrame(rows).sort_values("all") if rows else pd.DataFrame()
 

@@ -1,15 +1,16 @@
 """Experiment 2 from its recordings: which calibration trial to use, for platform and belts."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.calibration_ranking.belts import interaction, rank_belts
-from pipeline.calibration_ranking.ranking import rank_platform
-from pipeline.calibration_ranking.report import Experiment2
+from compensation import BeltModel, InertiaModel
+from pipeline.calibration_ranking.belts import Interaction, belt_interaction, rank_belts
+from pipeline.calibration_ranking.ranking import Ranking, rank_platform
 from pipeline.calibration_ranking.trials import (
     BeltTrial,
     PlatformTrial,
-    Rules,
+    RankingSettings,
     belt_trial,
     platform_trial,
     read_trial,
@@ -19,17 +20,52 @@ from pipeline.calibration_ranking.trials import (
 Progress = Callable[[str, int, int], None]
 
 
+@dataclass(frozen=True, slots=True)
+class PlatformResults:
+    """Ranking of the calibrations of pitch and sway, and the trials that validate them."""
+
+    ranking: Ranking[InertiaModel]
+    validation: tuple[PlatformTrial, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class BeltResults:
+    """Ranking of the calibrations of the belts.
+
+    Attributes
+    ----------
+    ranking
+        Of the calibration trials.
+    trials
+        Validation trials, then those with a person.
+    interaction
+        Response of the accelerometers in the first validation trial.
+    """
+
+    ranking: Ranking[BeltModel]
+    trials: tuple[BeltTrial, ...]
+    interaction: Interaction
+
+
+@dataclass(frozen=True, slots=True)
+class RankingResults:
+    """All results of experiment 2; None where it had no recordings."""
+
+    platform: PlatformResults | None = None
+    belts: BeltResults | None = None
+
+
 def rank_recordings(
-    folder: Path, rules: Rules, seed: int, progress: Progress | None = None
-) -> Experiment2:
+    folder: Path, settings: RankingSettings, seed: int, progress: Progress | None = None
+) -> RankingResults:
     """Read all recordings and rank the calibration trials.
 
     Parameters
     ----------
     folder
         With sub-folders calibration and validation, belt_calibration and belt_validation.
-    rules
-        Which plate and channels, and the filters.
+    settings
+        Plate, channels and filters.
     seed
         Of the bootstrap.
     progress
@@ -37,7 +73,7 @@ def rank_recordings(
 
     Returns
     -------
-    Experiment2
+    RankingResults
         The rankings of those kinds of trials that there are recordings of.
 
     Raises
@@ -51,25 +87,23 @@ def rank_recordings(
     }
     files = [(name, path) for name, paths in trial_files(folder).items() for path in paths]
     for done, (name, path) in enumerate(files, start=1):
-        recording = read_trial(path, rules)
+        recording = read_trial(path, settings)
         if name in platform:
-            platform[name].append(platform_trial(recording, rules))
+            platform[name].append(platform_trial(recording, settings))
         else:
-            belts[name].append(belt_trial(recording, rules))
+            belts[name].append(belt_trial(recording, settings))
         if progress is not None:
             progress(path.name, done, len(files))
-    validation = tuple(platform["validation"])
-    ranking, model = None, None
+    of_platform, model = None, None
     if platform["calibration"]:
         ranking = rank_platform(platform["calibration"], platform["validation"], seed=seed)
+        of_platform = PlatformResults(ranking, tuple(platform["validation"]))
         model = ranking.models[ranking.winner]
     if not belts["belt_calibration"]:
-        return Experiment2(ranking, validation)
-    first = belts["belt_validation"][0]
-    return Experiment2(
-        ranking,
-        validation,
+        return RankingResults(of_platform)
+    of_belts = BeltResults(
         rank_belts(belts["belt_calibration"], belts["belt_validation"], seed=seed),
         (*belts["belt_validation"], *belts["belt_person"]),
-        (interaction(first, first.channels, model, seed=seed), first.channels),
+        belt_interaction(belts["belt_validation"][0], model, seed=seed),
     )
+    return RankingResults(of_platform, of_belts)

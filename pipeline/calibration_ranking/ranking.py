@@ -1,34 +1,36 @@
-"""Experiment 2: which calibration trial makes the best compensation, and how sure that is."""
+"""Experiment 2: the calibration trial with the best compensation, and how certain that is."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
 from scipy.stats import rankdata
 
-from compensation import InertiaModel, fit_inertia
-from hbm.spatial import Array
+from compensation import BeltModel, InertiaModel, fit_inertia
+from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.calibration_ranking.trials import RATE_HZ, PlatformTrial
 from pipeline.statistics.nonparametric import kendalls_w
 
-COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 BLOCK_S: Final = 5.0
+"""Of validation trials: longer than their errors are correlated."""
 RESAMPLES: Final = 1000
-ALIKE: Final = 0.01
-"""Share of the resamples that a trial must win to count as possibly the best.
+"""Of the bootstrap: a share of wins of 1 % is known to 0.3 %."""
+MIN_WINS: Final = 0.01
+"""Share of the resamples that a trial must win to be possibly the best.
 
-One in twenty would be too few: the resamples do not draw another random signal, which changes the
+0.05 would exclude too many: the resamples do not draw another random signal, which changes the
 order too. Of ten simulated experiments that differ in everything random, 88 % of the winners of
-another are possibly the best by this share, and 64 % by one in twenty.
+another are possibly the best by this share, and 64 % by 0.05.
 """
+Model = TypeVar("Model", InertiaModel, BeltModel)
 
 
 @dataclass(frozen=True, slots=True)
-class Ranking:
-    """Calibration trials in their order.
+class Ranking(Generic[Model]):
+    """Calibration trials in their order, and the models fitted to them.
 
     Attributes
     ----------
@@ -48,7 +50,7 @@ class Ranking:
     table: pd.DataFrame
     scores: pd.DataFrame
     concordance: tuple[float, float] = (np.nan, np.nan)
-    models: dict[str, InertiaModel] = field(default_factory=dict)
+    models: Mapping[str, Model] = field(default_factory=dict)
 
     @property
     def winner(self) -> str:
@@ -56,15 +58,15 @@ class Ranking:
         return str(self.table["trial"].iloc[0])
 
     @property
-    def alike(self) -> list[str]:
+    def possibly_best(self) -> list[str]:
         """Trials that may be the best: the winner, and those that win some resamples."""
-        rows = self.table["trial"][(self.table["wins"] >= ALIKE) | (self.table.index == 0)]
+        rows = self.table["trial"][(self.table["wins"] >= MIN_WINS) | (self.table.index == 0)]
         return list(rows)
 
 
 def rank_platform(
     calibration: Sequence[PlatformTrial], validation: Sequence[PlatformTrial], *, seed: int = 0
-) -> Ranking:
+) -> Ranking[InertiaModel]:
     """Fit a model to every calibration trial, score it on every validation trial, and rank.
 
     Parameters
@@ -82,7 +84,7 @@ def rank_platform(
     Raises
     ------
     ValueError
-        If a trial cannot be fitted, was recorded otherwise, or there are fewer than two
+        If a trial cannot be fitted, was recorded with other sensors, or there are fewer than two
         calibration trials.
 
     Notes
@@ -90,42 +92,39 @@ def rank_platform(
     Source: van de Loosdrecht (2018), II.B and D.4.
 
     Beyond the original: the bootstrap. Each resample draws blocks of 5 s of the validation trials
-    with replacement, and for each calibration a gain from its covariance and a zero of the plate
-    anew. The zero differs from trial to trial (its spread shows in the calibrations' mean errors)
-    and would be other if the experiment were repeated; blocks of time do not show that.
+    with replacement, and for each calibration a gain from its covariance and another zero of the
+    plate. The zero differs from trial to trial, as the calibrations' mean errors show, and would
+    differ if the experiment were repeated; resampled blocks do not contain that.
     """
     if len(calibration) < 2:
         raise ValueError(f"a ranking needs at least 2 calibration trials, got {len(calibration)}")
     models = {}
     for trial in calibration:
-        _require_alike(trial, calibration[0])
+        _require_same_sensors(trial, calibration[0])
         try:
             models[trial.name] = fit_inertia(trial.accelerations, trial.wrench, trial.setup)
         except ValueError as error:
             raise ValueError(f"{trial.name}: {error}") from error
     rows = []
     for trial in validation:
-        _require_alike(trial, calibration[0])
+        _require_same_sensors(trial, calibration[0])
         raw = _rms(trial.wrench)
         if not raw.all():
-            silent = ", ".join(c for c, size in zip(COMPONENTS, raw, strict=True) if size == 0)
-            raise ValueError(
-                f"{trial.name}: the plate's {silent} is 0 throughout; is it connected?"
-            )
+            dead = ", ".join(c for c, rms in zip(WRENCH_COMPONENTS, raw, strict=True) if rms == 0)
+            raise ValueError(f"{trial.name}: the plate's {dead} is 0 throughout; is it connected?")
         for name, model in models.items():
             after = _rms(trial.wrench - model.predict(trial.accelerations))
             rows += [
-                (name, trial.name, c, *v) for c, *v in zip(COMPONENTS, raw, after, strict=True)
+                (name, trial.name, *row) for row in zip(WRENCH_COMPONENTS, raw, after, strict=True)
             ]
     scores = pd.DataFrame(
         rows, columns=["trial", "validation", "component", "rms_raw", "rms_after"]
     )
     resampled = _resampled(list(models.values()), validation, np.random.default_rng(seed))
-    ranking = ranked(scores, resampled)
-    return Ranking(ranking.table, ranking.scores, ranking.concordance, models)
+    return ranked(scores, resampled, models)
 
 
-def ranked(scores: pd.DataFrame, resampled: Array) -> Ranking:
+def ranked(scores: pd.DataFrame, resampled: Array, models: Mapping[str, Model]) -> Ranking[Model]:
     """Rank trials by how much they reduce the RMS in every column.
 
     Parameters
@@ -134,11 +133,13 @@ def ranked(scores: pd.DataFrame, resampled: Array) -> Ranking:
         As in `Ranking`, without reduction and rank; trials in the same order in each column.
     resampled
         RMS after compensation by RMS raw in every resample, (resamples, trials, columns).
+    models
+        Name -> fitted model.
 
     Returns
     -------
     Ranking
-        Without models.
+        Best trial first.
     """
     scores = scores.assign(reduction=100 * (1 - scores["rms_after"] / scores["rms_raw"]))
     columns = scores.groupby(["validation", "component"], sort=False)["reduction"]
@@ -163,11 +164,11 @@ def ranked(scores: pd.DataFrame, resampled: Array) -> Ranking:
     if wide.shape[0] > 1 and wide.shape[1] > 2:
         w, _, p = kendalls_w(wide.to_numpy())
         agreement = (w, p)
-    return Ranking(table, scores, agreement)
+    return Ranking(table, scores, agreement, models)
 
 
-def best_trials(ranking: Ranking) -> pd.DataFrame:
-    """Give the best calibration trial of every column, as the thesis' Fig. F.7.
+def best_trials(ranking: Ranking[Model]) -> pd.DataFrame:
+    """Give the best calibration trial of every column, like the thesis' Fig. F.7.
 
     Returns
     -------
@@ -178,7 +179,7 @@ def best_trials(ranking: Ranking) -> pd.DataFrame:
         ranking.scores.groupby(["validation", "component"], sort=False)["rank"].idxmin()
     ]
     wide = best.pivot(index="validation", columns="component", values="trial")
-    return wide[[c for c in COMPONENTS if c in wide.columns]]
+    return wide[[c for c in WRENCH_COMPONENTS if c in wide.columns]]
 
 
 def blocks(count: int) -> list[slice]:
@@ -190,13 +191,13 @@ def blocks(count: int) -> list[slice]:
 def _resampled(
     models: list[InertiaModel], validation: Sequence[PlatformTrial], rng: np.random.Generator
 ) -> Array:
-    """RMS after by RMS raw of every resample, (resamples, models, columns)."""
+    """Give RMS after by RMS raw in every resample, (resamples, models, columns)."""
     errors = [[v.wrench - model.predict(v.accelerations) for model in models] for v in validation]
     mean_error = np.mean([[e.mean(axis=0) for e in row] for row in errors], axis=0)
     own_zero = mean_error - mean_error.mean(axis=0)
     zero_sd = own_zero.std(axis=0, ddof=1)
-    change = np.stack([_other_gains(model, zero_sd, rng) for model in models], axis=1)
-    change[:, :, -1] -= own_zero  # the zero of this one time gives way to the one drawn
+    change = np.stack([_gain_errors(model, zero_sd, rng) for model in models], axis=1)
+    change[:, :, -1] -= own_zero  # replaced by the zero drawn
     columns = []
     for trial, row in zip(validation, errors, strict=True):
         design = np.column_stack([trial.accelerations, np.ones(len(trial.wrench))])
@@ -212,8 +213,8 @@ def _resampled(
     return np.concatenate(columns, axis=2)
 
 
-def _other_gains(model: InertiaModel, zero_sd: Array, rng: np.random.Generator) -> Array:
-    """Draw by how much gain and zero might have been other, (resamples, k + 1, 6)."""
+def _gain_errors(model: InertiaModel, zero_sd: Array, rng: np.random.Generator) -> Array:
+    """Draw by how much gain and zero might have differed, (resamples, k + 1, 6)."""
     draws = np.empty((RESAMPLES, *model.gain.shape))
     for c, covariance in enumerate(model.covariance):
         variance, directions = np.linalg.eigh(covariance)
@@ -223,7 +224,7 @@ def _other_gains(model: InertiaModel, zero_sd: Array, rng: np.random.Generator) 
     return draws
 
 
-def _require_alike(trial: PlatformTrial, first: PlatformTrial) -> None:
+def _require_same_sensors(trial: PlatformTrial, first: PlatformTrial) -> None:
     if trial.setup != first.setup:
         raise ValueError(
             f"{trial.name} was recorded with {', '.join(trial.setup.sensors)}, "

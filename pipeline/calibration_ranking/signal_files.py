@@ -1,7 +1,8 @@
-"""Signals for the machine as files: the course as CSV, course and spectra as a picture."""
+"""Signals for the machine as files: the motion as CSV, motion and spectra as a figure."""
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Final
 
 import matplotlib as mpl
 import numpy as np
@@ -20,12 +21,14 @@ from compensation import (
 from pipeline.figures.style import COLOURS, STYLE
 from pipeline.io.write import whole_file
 
-KINDS = ("pitch_sway", "belt", "validation")
-HEADER = "time_s,sway_m,pitch_deg,belt_speed_m_per_s"
-FASTEST_HZ = 50.0
-FAINTEST = 1e-6
-"""Share of a spectrum's peak below which it is not drawn."""
-ROUNDING = 1e-12
+KINDS: Final = ("pitch_sway", "belt", "validation")
+HEADER: Final = "time_s,sway_m,pitch_deg,belt_speed_m_per_s"
+MAX_SHOWN_HZ: Final = 50.0
+"""Half the rate of the protocol's signals."""
+MIN_SHOWN_SHARE: Final = 1e-6
+"""Of a spectrum's peak, below which it is not drawn."""
+ROUNDING: Final = 1e-12
+"""Power below this is the rounding of a channel at rest."""
 
 
 def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> list[Signal]:
@@ -63,9 +66,9 @@ def write_signals(
     Parameters
     ----------
     signals
-        What the machine is to do.
+        Commanded motion of the machine.
     folder
-        Where to write ``<name>.csv`` and ``<name>.png``; made where it does not exist.
+        Folder for ``<name>.csv`` and ``<name>.png``; created where it does not exist.
     rate_hz
         Samples per second in the files [Hz].
     limits
@@ -114,12 +117,12 @@ def write_signal(signal: Signal, path: Path) -> None:
 
 
 def signal_figure(signal: Signal, limits: MachineLimits) -> Figure:
-    """Draw a signal's courses and the spectra of its accelerations, with the machine's limits.
+    """Draw a signal over time and the spectra of its accelerations, with the machine's limits.
 
     Parameters
     ----------
     signal
-        What the machine is to do.
+        Commanded motion of the machine.
     limits
         Of the machine; dashed.
 
@@ -145,12 +148,12 @@ def signal_figure(signal: Signal, limits: MachineLimits) -> Figure:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(9, 6), layout="constrained")
         panels = figure.subplots(3, 2, width_ratios=(2, 1), sharex="col")
-        for (course, density), (name, values, limit, power, unit) in zip(panels, rows, strict=True):
-            course.plot(signal.time, values, color=COLOURS["compensated"], linewidth=0.6)
+        for (motion, density), (name, values, limit, power, unit) in zip(panels, rows, strict=True):
+            motion.plot(signal.time, values, color=COLOURS["compensated"], linewidth=0.6)
             for level in (-limit, limit):
-                course.axhline(level, color=COLOURS["measured"], linestyle="--", linewidth=1)
-            course.set_ylabel(name)
-            moves = power > max(FAINTEST * power.max(), ROUNDING)
+                motion.axhline(level, color=COLOURS["measured"], linestyle="--", linewidth=1)
+            motion.set_ylabel(name)
+            moves = power > max(MIN_SHOWN_SHARE * power.max(), ROUNDING)
             shown = np.where(moves, power, np.nan)
             density.plot(spectrum.frequency, shown, color=COLOURS["compensated"], linewidth=1)
             density.set_ylabel(unit)
@@ -160,10 +163,10 @@ def signal_figure(signal: Signal, limits: MachineLimits) -> Figure:
             else:
                 density.text(0.5, 0.5, "no acceleration", transform=density.transAxes, ha="center")
                 density.set_yticks([])
-        panels[0, 0].set_title("course, and limits of the machine (dashed)")
+        panels[0, 0].set_title("motion, and limits of the machine (dashed)")
         panels[0, 1].set_title("spectrum of the acceleration")
         panels[2, 0].set_xlabel("time (s)")
         panels[2, 1].set_xlabel("frequency (Hz)")
-        panels[2, 1].set_xlim(0, FASTEST_HZ)
+        panels[2, 1].set_xlim(0, MAX_SHOWN_HZ)
         figure.suptitle(signal.name, fontsize=10)
     return figure

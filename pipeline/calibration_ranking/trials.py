@@ -1,4 +1,4 @@
-"""The recordings of experiment 2: which are there, and what of them is compared."""
+"""The recordings of experiment 2: their files, and the signals that are compared."""
 
 import re
 from dataclasses import dataclass
@@ -23,26 +23,33 @@ from pipeline.trial.ground.belts import belt_axes, belt_speed
 from pipeline.trial.ground.calibration_recording import read_empty
 
 RATE_HZ: Final = 100.0
+"""At which models are fitted and compared, as D-Flow's (van de Loosdrecht 2018, D.3.4)."""
+RATE_TOLERANCE_HZ: Final = 0.01
+"""Of a recording's rate, per multiple of that."""
 PLATFORM_FILTER: Final[Method] = "zero_phase"
-"""As `hbm calibration fit` filters, so that the ranking is one of the models that it makes.
-
-The thesis states no filter for its calibrations of pitch and sway (van de Loosdrecht 2018, D.3.3).
-"""
+"""As `hbm calibration fit` filters, so that a cut-off means the same in both."""
+PLATFORM_CUTOFF_HZ: Final = 16.0
+"""−3 dB after both passes: the 20 Hz of each of MATLAB's two passes (van de Loosdrecht 2018, D.2),
+which the thesis states for experiment 1; for experiment 2 it states none."""
+BELT_CUTOFF_HZ: Final = 10.0
+"""From a smoothing spline through the belt's speed (van de Loosdrecht 2018, D.3.4)."""
 BELT_FILTER: Final[Method] = "realtime"
 """As D-Flow filters belt speed and pitch moment while it runs (van de Loosdrecht 2018, D.3.4)."""
 EDGE_S: Final = 0.5
+"""Left out at both ends, where the low-pass is inaccurate."""
 FOLDERS: Final = ("calibration", "validation", "belt_calibration", "belt_validation", "belt_person")
 NAME: Final = re.compile(r"(?P<kind>.+)_(?P<duration_s>\d+)s_(?P<speed_mps>[\d.]+)mps")
+"""Of a calibration trial, as the protocol's signals are named."""
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
-    """What of a recording is compared, and how it is filtered.
+class RankingSettings:
+    """Plate, channels and filters of a ranking.
 
     Attributes
     ----------
     plate
-        Number of the empty plate that is scored.
+        Number of the empty plate whose compensation is scored.
     cutoff_hz
         Low-pass of plate and accelerometers, `PLATFORM_FILTER` [Hz].
     belt_channel
@@ -54,15 +61,15 @@ class Rules:
     """
 
     plate: int = 1
-    cutoff_hz: float = 20.0
+    cutoff_hz: float = PLATFORM_CUTOFF_HZ
     belt_channel: str = "BeltSpeed"
-    belt_cutoff_hz: float = 10.0
+    belt_cutoff_hz: float = BELT_CUTOFF_HZ
     axes: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class PlatformTrial:
-    """An empty plate and the accelerometers, filtered alike, at 100 Hz.
+    """An empty plate and the accelerometers, equally filtered, at 100 Hz.
 
     Attributes
     ----------
@@ -72,7 +79,7 @@ class PlatformTrial:
         (N, k) [m/s²].
     wrench
         Along the belt, to its left and up, about the middle of the plate's surface,
-        (N, 6) [N, N·m]. Which end is the front an empty plate does not show; no RMS depends on it.
+        (N, 6) [N, N·m]. Which end is the front is unknown, and no RMS depends on it.
     setup
         Sensors, rate and filter.
     """
@@ -85,7 +92,7 @@ class PlatformTrial:
 
 @dataclass(frozen=True, slots=True)
 class BeltTrial:
-    """An empty plate's pitch moment and the belt's acceleration, filtered alike, at 100 Hz.
+    """An empty plate's pitch moment and the belt's acceleration, equally filtered, at 100 Hz.
 
     Attributes
     ----------
@@ -94,13 +101,13 @@ class BeltTrial:
     acceleration
         Of the belt, (N,) [m/s²].
     moment
-        About the axis across the belt, through the middle of the plate, (N,) [N·m].
+        About the axis across the belt, through the centre of the plate, (N,) [N·m].
     readings
-        The accelerometers through the same filter, (N, k) [m/s²].
+        Of the accelerometers, through the same filter, (N, k) [m/s²].
     channels
         Names of their k channels.
     spline_cutoff_hz
-        Of the smoothing spline that fits the belt's speed best; 50 where it smooths nothing [Hz].
+        Of the smoothing spline through the belt's speed; 50 where it smooths nothing [Hz].
     """
 
     name: str
@@ -117,7 +124,7 @@ def trial_files(folder: Path) -> dict[str, list[Path]]:
     Parameters
     ----------
     folder
-        With the sub-folders `FOLDERS`; platform or belt pairs may be absent.
+        With the sub-folders `FOLDERS`; those of the platform or of the belts may be missing.
 
     Returns
     -------
@@ -143,13 +150,13 @@ def trial_files(folder: Path) -> dict[str, list[Path]]:
     return files
 
 
-def read_trial(path: Path, rules: Rules) -> Recording:
-    """Read one of them."""
-    return read_empty(path, rules.axes)
+def read_trial(path: Path, settings: RankingSettings) -> Recording:
+    """Read one of these files."""
+    return read_empty(path, settings.axes)
 
 
-def platform_trial(recording: Recording, rules: Rules) -> PlatformTrial:
-    """Filter plate and accelerometers of a recording alike and thin them out.
+def platform_trial(recording: Recording, settings: RankingSettings) -> PlatformTrial:
+    """Filter plate and accelerometers of a recording equally and decimate them.
 
     Raises
     ------
@@ -160,16 +167,16 @@ def platform_trial(recording: Recording, rules: Rules) -> PlatformTrial:
     sensors = find_accelerometers(recording)
     time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
     rate, step = _rate(time, name)
-    wrench = _wrench(recording, rules.plate)
+    wrench = _wrench(recording, settings.plate)
     inside = _inside(len(time), rate, step)
-    setup = Setup(tuple(sensors), RATE_HZ, rules.cutoff_hz, filter_method=PLATFORM_FILTER)
+    setup = Setup(tuple(sensors), RATE_HZ, settings.cutoff_hz, filter_method=PLATFORM_FILTER)
     return PlatformTrial(
         name, setup.low_pass(readings, rate)[inside], setup.low_pass(wrench, rate)[inside], setup
     )
 
 
-def belt_trial(recording: Recording, rules: Rules) -> BeltTrial:
-    """Filter pitch moment, belt speed and accelerometers of a recording alike and thin them out.
+def belt_trial(recording: Recording, settings: RankingSettings) -> BeltTrial:
+    """Filter pitch moment, belt speed and accelerometers equally and decimate them.
 
     Raises
     ------
@@ -180,13 +187,13 @@ def belt_trial(recording: Recording, rules: Rules) -> BeltTrial:
     sensors = find_accelerometers(recording)
     time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
     rate, step = _rate(time, name)
-    cutoff = rules.belt_cutoff_hz
+    cutoff = settings.belt_cutoff_hz
     inside = _inside(len(time), rate, step)
-    speed = belt_speed(recording, rules.belt_channel)
+    speed = belt_speed(recording, settings.belt_channel)
     return BeltTrial(
         name,
         belt_acceleration(speed, rate, cutoff, BELT_FILTER)[inside],
-        low_pass(_wrench(recording, rules.plate)[:, 4], rate, cutoff, BELT_FILTER)[inside],
+        low_pass(_wrench(recording, settings.plate)[:, 4], rate, cutoff, BELT_FILTER)[inside],
         low_pass(readings, rate, cutoff, BELT_FILTER)[inside],
         tuple(channel for three in sensors.values() for channel in three),
         _spline_cutoff(speed[inside]),
@@ -194,17 +201,17 @@ def belt_trial(recording: Recording, rules: Rules) -> BeltTrial:
 
 
 def _spline_cutoff(speed: Array) -> float:
-    """Give the cut-off [Hz] that a belt's speed at 100 Hz asks for (van de Loosdrecht 2018, D.8).
+    """Give the cut-off [Hz] of the smoothing spline through a belt's speed at 100 Hz.
 
-    A belt at one speed, without any noise, asks for none.
+    After van de Loosdrecht (2018), eq. D.8.
     """
-    if np.ptp(speed) == 0:
+    if np.ptp(speed) == 0:  # constant and without noise: nothing to smooth
         return RATE_HZ / 2
     return min(cutoff_of_spline(spline_smoothing(speed, RATE_HZ), 1 / RATE_HZ), RATE_HZ / 2)
 
 
 def factors(name: str) -> dict[str, str | float]:
-    """Give kind, duration and belt speed that a trial's name states; empty where it does not."""
+    """Give kind, duration and belt speed from a trial's name; empty where it states none."""
     match = NAME.fullmatch(name)
     if match is None:
         return {}
@@ -219,19 +226,19 @@ def _wrench(recording: Recording, number: int) -> Array:
     for plate in recording.plates:
         if plate.number == number:
             return rotate_wrench(plate.wrench_in_plate, belt_axes(plate).T)
-    there = ", ".join(str(plate.number) for plate in recording.plates) or "none"
-    raise ValueError(f"{recording.source.name}: no plate {number}; plates there: {there}")
+    present = ", ".join(str(plate.number) for plate in recording.plates) or "none"
+    raise ValueError(f"{recording.source.name}: no plate {number}; plates there: {present}")
 
 
 def _rate(time: Array, name: str) -> tuple[float, int]:
     rate = (len(time) - 1) / float(time[-1] - time[0])
     step = round(rate / RATE_HZ)
-    if step < 1 or abs(rate / step - RATE_HZ) > 0.01:
+    if step < 1 or abs(rate / step - RATE_HZ) > RATE_TOLERANCE_HZ:
         raise ValueError(f"{name}: analog rate {rate:g} Hz, expected a multiple of {RATE_HZ:g} Hz")
     return rate, step
 
 
 def _inside(count: int, rate: float, step: int) -> slice:
-    """Every sample at 100 Hz without the edges that a filter spoils."""
+    """Give the samples at 100 Hz, without the edges."""
     edge = round(EDGE_S * rate)
     return slice(edge, count - edge, step)

@@ -166,8 +166,8 @@ def rank(
     simulate: Simulate = False,
     plate: Annotated[int, typer.Option(min=1, help="The empty plate that is scored.")] = 1,
     cutoff_hz: Annotated[
-        float, typer.Option(help="Low-pass for pitch and sway, as in fit.")
-    ] = 20.0,
+        float, typer.Option(help="Low-pass for pitch and sway, zero phase (-3 dB).")
+    ] = 16.0,
     belt_channel: Annotated[str, typer.Option(help="Channel with the belt speed.")] = "BeltSpeed",
     belt_cutoff_hz: Annotated[float, typer.Option(help="Real-time low-pass for the belts.")] = 10.0,
     axes: Axes = None,
@@ -176,13 +176,13 @@ def rank(
 ) -> None:
     """Rank calibration trials by how well they compensate the validation trials."""
     from pipeline.calibration_ranking.experiment import rank_recordings
-    from pipeline.calibration_ranking.report import write_experiment
-    from pipeline.calibration_ranking.trials import Rules
+    from pipeline.calibration_ranking.report import write_results
+    from pipeline.calibration_ranking.trials import RankingSettings
     from pipeline.cli.terminal import StepProgress, plain_console
     from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
 
     console = plain_console()
-    rules = Rules(plate, cutoff_hz, belt_channel, belt_cutoff_hz, axes)
+    settings = RankingSettings(plate, cutoff_hz, belt_channel, belt_cutoff_hz, axes)
     if simulate:
         if folder.exists() and any(folder.rglob("*.c3d")):
             raise ValueError(f"{folder} has recordings already; simulate into a new folder")
@@ -190,8 +190,8 @@ def rank(
             for done, path in enumerate(simulate_ranking(folder, seed), 1):
                 progress.show(path.name, done, TRIALS)
     with StepProgress(console, "reading", "recordings") as progress:
-        found = rank_recordings(folder, rules, seed, progress.show)
-    for sentence in write_experiment(found, out):
+        found = rank_recordings(folder, settings, seed, progress.show)
+    for sentence in write_results(found, out):
         console.print(sentence, soft_wrap=True)
     console.print(f"written to {out}: ranking.md, tables, figures", soft_wrap=True)
 

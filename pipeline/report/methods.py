@@ -155,15 +155,15 @@ def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
     if treadmill is not None and treadmill.belt is not None:
         text += (
             " The pitch moment due to the belts' acceleration was predicted from the belt speed "
-            "and subtracted before (Hnat and van den Bogert 2014)."
+            "and subtracted too (Hnat and van den Bogert 2014)."
         )
     if treadmill is None or not treadmill.accelerometers:
         return text
     count = len(treadmill.accelerometers)
     return (
         f"{text} The model used {count} triaxial accelerometer{'s' * (count > 1)} and was fitted "
-        "to a recording of the empty, moving treadmill; the signals of this recording and the "
-        "accelerations of each trial were low-pass filtered with zero phase (−3 dB at "
+        "to a recording of the empty, moving treadmill; plates and accelerometers of this "
+        "recording and of each trial were low-pass filtered with zero phase (−3 dB at "
         f"{treadmill.cutoff_hz:g} Hz)."
     )
 

@@ -25,6 +25,7 @@ from pipeline.trial.ground.calibration_recording import read_empty
 MODEL_RATE_HZ: Final = 100.0
 """The belt model's rate: belts accelerate below 10 Hz."""
 FILTER: Final[Method] = "zero_phase"
+"""A delay of the prediction would leave an artefact where the belt accelerates."""
 FILTER_EDGE_S: Final = 0.5
 """Left out at both ends of the calibration, where the low-pass has no neighbours."""
 

@@ -8,7 +8,7 @@ import pytest
 import typer
 
 from compensation import MachineLimits
-from pipeline.calibration_ranking.trials import Rules
+from pipeline.calibration_ranking.trials import RankingSettings
 from pipeline.cli.app import app, main
 from pipeline.config.schema import Treadmill
 from pipeline.config.study import read_study
@@ -23,7 +23,7 @@ COMMANDS = typer.main.get_command(app).commands["calibration"].commands
     [
         ("fit", {"cutoff_hz": Treadmill().cutoff_hz}),
         ("signals", asdict(MachineLimits())),
-        ("rank", asdict(Rules())),
+        ("rank", asdict(RankingSettings())),
     ],
 )
 def test_options_have_the_defaults_of_what_they_state(command, defaults):
