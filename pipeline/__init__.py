@@ -1,4 +1,4 @@
-"""One study: files, recordings, results, tables, statistics, pictures."""
+"""One study: files, recordings, results, tables, statistics, figures."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

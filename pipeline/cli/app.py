@@ -1,4 +1,4 @@
-"""The command line, ``hbm``: arguments in, sentences out, no science.
+"""The command line, ``hbm``: arguments in, messages out, no science.
 
 A command imports what it needs when it runs, so that ``--help`` answers at once.
 """

@@ -15,7 +15,7 @@ USAGE = 2
 """Exit code for wrong usage or input."""
 
 RESULT = ".parquet"
-"""How the file of a processed trial ends."""
+"""Suffix of the file of a processed trial."""
 
 Out = Annotated[Path, typer.Option("--out", help="Folder for the output.")]
 Jobs = Annotated[int, typer.Option(min=1, help="How many trials at a time.")]

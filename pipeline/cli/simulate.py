@@ -25,7 +25,7 @@ def simulate(
         ),
     ] = None,
     subjects: Annotated[
-        int | None, typer.Option(min=1, max=9, help="How many of the nine people.")
+        int | None, typer.Option(min=1, max=9, help="How many of the nine simulated subjects.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Equal seeds give equal files.")] = None,
     jobs: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
@@ -34,7 +34,7 @@ def simulate(
         typer.Option("--ablation", help="Tabulate what each fault adds to each residual instead."),
     ] = False,
 ) -> None:
-    """Simulate experiment 3: C3D files, study files, and the true values beside them."""
+    """Simulate experiment 3: C3D files, study files, and the true values."""
     from pipeline.virtual_lab.protocol.setting_file import read_setting
     from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Protocol, Setting
 
@@ -94,7 +94,7 @@ def _write_ablation(folder: Path, setting: "Setting", jobs: int) -> None:
 
 def demo(
     full: Annotated[
-        bool, typer.Option("--full", help="All nine people and the thesis' protocol.")
+        bool, typer.Option("--full", help="All nine subjects and the thesis' protocol.")
     ] = False,
     jobs: Jobs = 2,
     out: Out = Path("demo"),

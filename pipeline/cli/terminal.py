@@ -16,7 +16,7 @@ def plain_console() -> Console:
 
 
 def announcer(console: Console) -> Callable[[str], None]:
-    """Give what prints a sentence when something takes long."""
+    """Give a function that prints a sentence when something takes long."""
     return lambda sentence: console.print(sentence, style="dim")
 
 

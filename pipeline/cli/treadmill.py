@@ -59,7 +59,7 @@ def fit(
     except ValueError as error:
         text = str(error)
         if "unknown acceleration unit" in text:
-            text += "; if that is not their unit, say --accelerometer-unit g"
+            text += "; if that is not their unit, use --accelerometer-unit g"
         raise ValueError(text if recording.name in text else f"{recording.name}: {text}") from error
     provenance = {
         "recording": recording.name,
@@ -126,7 +126,7 @@ def signals(
     belt_m_per_s: Annotated[float, typer.Option(help="Largest belt speed.")] = 6.0,
     belt_m_per_s2: Annotated[float, typer.Option(help="Largest belt acceleration.")] = 15.0,
 ) -> None:
-    """Write calibration and validation signals for the machine: CSV and pictures."""
+    """Write calibration and validation signals for the machine: CSV and figures."""
     from compensation import MachineLimits
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
     from pipeline.cli.terminal import plain_console

@@ -63,7 +63,7 @@ def export(
     bids: Annotated[
         Path | None, typer.Option(help="BIDS data set to add the recording to.")
     ] = None,
-    subject: Annotated[str, typer.Option(help="BIDS label of the person.")] = "01",
+    subject: Annotated[str, typer.Option(help="BIDS label of the subject.")] = "01",
     task: Annotated[str, typer.Option(help="BIDS label of the task.")] = "walk",
 ) -> None:
     """Write the body as OpenSim or URDF model, results as OpenSim tables, a trial as BIDS.

@@ -33,7 +33,7 @@ class WeightRecording(InputModel):
 
 
 class StaticRecording(InputModel):
-    """A weight put down at many places, one after the other."""
+    """A weight placed on the plate at many points, one after the other."""
 
     file: Text
     belt: BeltSide

@@ -1,7 +1,7 @@
 """What the files of a study state, as types: settings, subjects, treadmill, conditions, trials.
 
-The bounds of the quantities catch a value in another unit or a slip of the keyboard; they are
-wider than anything that is measured in a gait laboratory.
+The bounds of the quantities catch a value in another unit or a typing error; they are wider than
+anything that is measured in a gait laboratory.
 """
 
 from pathlib import Path
@@ -46,7 +46,7 @@ AccelerometerRangeG = Annotated[float, Field(gt=0, le=200)]
 
 
 class InputModel(BaseModel):
-    """Base of everything that a person types: immutable; no unknown keys, no other types."""
+    """Base of everything that a user types: immutable; unknown keys and other types are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -85,7 +85,7 @@ class Settings(InputModel):
 
 
 class Subject(InputModel):
-    """Who walked; a mass that is not stated is weighed by the plates.
+    """The person who walked; a mass that is not stated is measured by the plates.
 
     Examples
     --------

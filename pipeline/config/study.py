@@ -143,7 +143,7 @@ def _subjects(
     for path in _subject_paths(folder):
         try:
             table = read_table(path)
-            if _is_no_subject(table):
+            if _is_not_a_subject(table):
                 continue
             faults += trial_faults(folder, path.name, table, conditions)
             subject = check_table(path.name, table, SubjectFile)
@@ -156,7 +156,7 @@ def _subjects(
         subjects[subject.id] = subject
     if len(faults) == before:
         if not subjects:
-            faults.append(f"{folder}: no subject files (one TOML per subject beside study.toml)")
+            faults.append(f"{folder}: no subject files (one TOML per subject, next to study.toml)")
         elif not any(person.trials for person in subjects.values()):
             faults.append(f"{folder}: no subject has a trial; state them as [trials.CONDITION]")
     faults += result_name_faults(subjects)
@@ -168,7 +168,7 @@ def _subject_paths(folder: Path) -> list[Path]:
     return [path for path in paths if path.name != "study.toml" and path.name[0] != "."]
 
 
-def _is_no_subject(table: Table) -> bool:
+def _is_not_a_subject(table: Table) -> bool:
     """Recognise a marker set or a table of segments among the subjects' files."""
     return "trials" not in table and not table.keys().isdisjoint(("markers", *SEGMENTS_WITH_MASS))
 

@@ -35,5 +35,5 @@ def check_table(name: str, table: Table, kind: type[Model]) -> Model:
 
 
 def read_segments(path: Path) -> dict[str, SegmentOverride]:
-    """Read what is known of single segments from a TOML file; raises as `read_overrides`."""
+    """Read segment overrides from a TOML file; raises as `read_overrides`."""
     return read_overrides(path.read_text(encoding="utf-8-sig"), path.name)

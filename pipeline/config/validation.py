@@ -1,4 +1,4 @@
-"""What is wrong with what a person typed, in sentences that tell how to correct it."""
+"""What is wrong with what a person typed, in sentences that say how to correct it."""
 
 import re
 from collections.abc import Mapping
@@ -55,7 +55,7 @@ def check_options(kind: type[Model], options: Mapping[str, Option]) -> Model:
     kind
         The model that they state.
     options
-        Its keys and values; an option is called as its key, ``--cutoff-hz`` for ``cutoff_hz``.
+        Its keys and values; an option is named after its key, ``--cutoff-hz`` for ``cutoff_hz``.
 
     Returns
     -------

@@ -18,7 +18,8 @@ FRAME: Final = "lab"
 AXES: Final = "ALS"
 """Anterior, left, superior: what x, y and z point to."""
 MAX_JITTER: Final = 0.1
-"""Of sample times, in sampling intervals: rounding of written times stays below."""
+"""Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
+smaller."""
 README: Final = """Marker trajectories and ground reactions of people on an instrumented treadmill.
 
 Frame `lab`: right-handed, x forward, y left, z up. Plates (tracksys-plates): force on the subject

@@ -13,7 +13,7 @@ from hbm.segments import NO_INERTIA
 from hbm.spatial import GRAVITY_MPS2
 
 FORMAT: Final = "40000"
-"""Of OpenSim 4.0 files."""
+"""Format version in OpenSim 4.0 files."""
 RANGE: Final = {True: "-10 10", False: "-6.2831853 6.2831853"}
 """Whether a coordinate translates -> the range of its slider [m or rad]."""
 

@@ -20,7 +20,8 @@ from hbm.motion import Motion
 from hbm.spatial import Array
 
 MAX_JITTER: Final = 0.1
-"""Of sample times, in sampling intervals: rounding of written times stays below."""
+"""Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
+smaller."""
 
 
 def write_coordinates(motion: Motion, path: str | Path) -> None:
@@ -94,7 +95,7 @@ def write_external_loads(time: Array, wrenches: Mapping[str, Array], path: str |
     """
     path = Path(path)
     if path.suffix == ".xml":
-        raise ValueError(f"{path.name}: name the table (.mot); the .xml is written beside it")
+        raise ValueError(f"{path.name}: name the table (.mot); the .xml is written next to it")
     columns: dict[str, Array] = {}
     for segment, wrench in wrenches.items():
         if segment not in SEGMENTS:

@@ -13,9 +13,9 @@ from hbm.segments import Inertia
 from hbm.spatial import Array
 
 TOKEN_INERTIA: Final = Inertia(1e-12, np.zeros(3), 1e-14 * np.eye(3))
-"""Of links without a segment, since MuJoCo refuses moving links below 1e-15."""
+"""Inertia of links without a segment, since MuJoCo refuses moving links below 1e-15."""
 LIMITS: Final = {"lower": "-100", "upper": "100", "effort": "1e6", "velocity": "1e6"}
-"""Of every joint [rad or m], since URDF demands them: beyond what a trial reaches."""
+"""Limits of every joint [rad or m], since URDF requires them: beyond what a trial reaches."""
 
 
 def write_urdf(body: Body, path: str | Path) -> None:

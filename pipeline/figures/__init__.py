@@ -1,1 +1,1 @@
-"""The style of all figures, and the figure of residuals that several rooms show."""
+"""The style of all figures, and the figure of residuals that several packages show."""

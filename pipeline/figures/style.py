@@ -16,7 +16,7 @@ LINE_WIDTH_PT: Final = 1.5
 BAND_OPACITY: Final = 0.2
 """Two bands and their overlap can be distinguished."""
 DPI: Final = 150
-"""Of PNG files: 1400 pixels for a figure across a page."""
+"""Resolution of PNG files: 1400 pixels for a figure across a page."""
 
 STYLE: Final[Any] = {
     "axes.spines.top": False,
@@ -58,7 +58,7 @@ def draw_band(
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG and SVG beside each other, each completely or not at all."""
+    """Write a figure as PNG and SVG, each completely or not at all."""
     bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
     with mpl.rc_context(STYLE):
         for suffix, metadata in ((".png", None), (".svg", {"Date": None})):

@@ -26,7 +26,7 @@ from pipeline.trial.residuals import AXES
 MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
 TEMPLATES: Final = Environment(
     loader=PackageLoader("pipeline.report"),
-    autoescape=True,  # whatever a person typed is text, never markup
+    autoescape=True,  # what users typed is text, never markup
     undefined=StrictUndefined,
     trim_blocks=True,
     lstrip_blocks=True,

@@ -92,7 +92,7 @@ def _table_3(table_3: pd.DataFrame) -> Table:
 
 
 def _means(residuals: pd.DataFrame) -> Table:
-    """Give mean and SD of every cell there is, whatever the conditions are called."""
+    """Give mean and SD of every cell, for conditions of any name."""
     rows = []
     for (axis, unit), own in residuals.groupby(["axis", "unit"], sort=False):
         for k, condition in enumerate(in_order(own["condition"])):

@@ -26,13 +26,13 @@ from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass
 
 MIN_TRIAL_S: Final = 5.0
-"""A few gait cycles, beside what the filter needs at both ends."""
+"""A few gait cycles, in addition to what the filter needs at both ends."""
 MIN_CYCLE_S: Final = 0.8
-"""Of fast walking; more cycles than that do not fit into a recording."""
+"""Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
 MAX_MISSING_SHARE: Final = 0.2
-"""Of a recording; a marker that is missing more often is named."""
+"""Share of the frames looked at; a marker that is missing in more is named."""
 ASSUMED_MASS_KG: Final = 70.0
-"""Of a body that is built without its mass: only where its joints are matters to a check."""
+"""For a body whose mass is not stated: a check uses only the positions of its joints."""
 Result = TypeVar("Result")
 
 
@@ -49,7 +49,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """What is good to know of a file or trial before it is processed."""
+    """Information on a file or trial before it is processed."""
 
     place: str
     note: Note
@@ -217,7 +217,7 @@ def _check_contents(preview: Preview, rule: Condition, found: _Collector) -> Non
 def _check_body(
     study: Study, person: SubjectFile, preview: Preview, pose: Recording, found: _Collector
 ) -> None:
-    """Build the body; note its mass, what of it is locked, and which markers have gaps."""
+    """Build the body; note its mass, its locked coordinates, and which markers have gaps."""
     name = preview.beginning.source.name
     weighed = None
     if pose.plates or person.static:
@@ -271,7 +271,7 @@ def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
 def _check_ground(
     recording: Recording, laboratory: Laboratory, rule: Condition, found: _Collector
 ) -> None:
-    """Look for all that compensation, platform pose and perturbations need."""
+    """Look for everything that compensation, platform pose and perturbations need."""
     name, treadmill = recording.source.name, laboratory.treadmill
     if laboratory.calibration is not None and recording.plates:
         readings = found.attempt(name, lambda: accelerations(recording, treadmill))

@@ -9,13 +9,14 @@ from typing import Any, Final
 from pipeline.run.job import WORKER_DIED, Job, Outcome, describe_error, process_job, stored_key
 
 POLL_S: Final = 10.0
-"""How often to ask for workers and finished trials: short beside a trial, long beside a network."""
+"""How often to ask for workers and finished trials: short compared with a trial, long compared with
+the network's delay."""
 MAX_WITHOUT_WORKERS_S: Final = 300.0
 """A queue needs a minute or two to replace a worker; after this long it will not."""
 
 
 def on_cluster(todo: list[Job], scheduler: str) -> Iterator[Outcome]:
-    """Process trials on a Dask cluster, whose workers may come late and die early.
+    """Process trials on a Dask cluster, whose workers may start late and may be lost.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def on_cluster(todo: list[Job], scheduler: str) -> Iterator[Outcome]:
     -----
     No more trials are sent than the workers have threads, because when a worker dies, Dask blames
     every trial that waits for it. A cluster that has no workers yet is waited for. One that has
-    lost its scheduler, or all workers for ``MAX_WITHOUT_WORKERS_S``, is given up; the trials that
+    lost its scheduler, or all workers for ``MAX_WITHOUT_WORKERS_S``, is abandoned; the trials that
     are left fail with that reason.
     """
     try:
@@ -66,7 +67,7 @@ def on_cluster(todo: list[Job], scheduler: str) -> Iterator[Outcome]:
 
 
 def _worker_threads(client: Any) -> Iterator[int]:
-    """Count the workers' threads again and again, until the cluster is given up."""
+    """Count the workers' threads again and again, until the cluster is abandoned."""
     last_worker_at = float("inf")
     while time.monotonic() - last_worker_at < MAX_WITHOUT_WORKERS_S:
         try:

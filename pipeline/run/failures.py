@@ -1,4 +1,4 @@
-"""Why trials failed: one file per trial beside its result, collected into ``failures.json``.
+"""Why trials failed: one file per trial next to its result, collected into ``failures.json``.
 
 One file per trial, since several runs may work on one results folder at the same time.
 """
@@ -39,7 +39,7 @@ def record_failure(target: Path, name: str, reason: str | None) -> None:
 
 
 def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
-    """Write ``failures.json`` from what is stored beside the results.
+    """Write ``failures.json`` from what is stored next to the results.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ Column = Array | Mask | Sequence[str]
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """What a result knows frame by frame; see `pipeline.trial.result.TrialResult`."""
+    """The values of a result in every frame; see `pipeline.trial.result.TrialResult`."""
 
     markers: Markers
     motion: Motion
@@ -85,7 +85,7 @@ def frame_table(result: TrialResult) -> pa.Table:
 
 
 def read_frames(table: pa.Table, header: TrialHeader) -> Frames:
-    """Take the columns of `frame_table` apart again.
+    """Read the columns of `frame_table` back.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def read_frames(table: pa.Table, header: TrialHeader) -> Frames:
     Returns
     -------
     Frames
-        To the last bit as they were.
+        Equal to the last bit to what was laid out.
 
     Raises
     ------

@@ -66,7 +66,7 @@ def process_job(job: Job) -> Outcome:
         result = process_trial(job.study, job.subject, job.condition)
         if trial_key(job.study, job.subject, job.condition) != job.key:
             raise ValueError(
-                "a file of it changed while it was being processed, or this process has another "
+                "one of its files changed while it was processed, or this process has another "
                 "version of the program or its libraries; run it again"
             )
         write_trial(result, job.condition, job.key, job.target)

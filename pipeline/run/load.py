@@ -30,7 +30,7 @@ class Results:
     subjects
         subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
     summaries
-        (subject, condition) -> what is known of the trial besides its frames.
+        (subject, condition) -> summary of the trial.
     """
 
     folder: Path

@@ -1,4 +1,4 @@
-"""One trial without a study: what was asked for, read, checked and processed."""
+"""One trial without a study: the request checked, the files read, the trial processed."""
 
 from collections.abc import Callable
 from pathlib import Path

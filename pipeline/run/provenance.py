@@ -28,15 +28,15 @@ class TrialState:
     Attributes
     ----------
     subject, condition
-        Which.
+        The trial.
     state
-        "done"; "outdated": done, but otherwise than the study states now; "failed"; "excluded";
+        "done"; "outdated": done, but not as the study states it now; "failed"; "excluded";
         "missing": no result and no reason.
     reason
         Why it is not simply done.
     in_tables
-        Whether there is a result that the tables and figures take: not that of a trial which
-        failed since, is excluded by now, or is no longer in the study.
+        Whether the tables and figures include its result: not if the trial has failed since, is
+        now excluded, or is no longer in the study.
     source, key
         Name of the recording's file and key of the result; None where there is no result.
     """
@@ -165,7 +165,7 @@ def _state(
             reason = "processed with other settings than the study states now; run it again"
             return TrialState(*key, "outdated", reason, True, *identity)
         if trial.key != trial_key(study, *key):
-            reason = "the program, a file of it or what is stated has changed since; run it again"
+            reason = "the program, its files or what is stated has changed since; run it again"
             return TrialState(*key, "outdated", reason, True, *identity)
     return TrialState(*key, "done", "", True, *identity)
 

@@ -1,4 +1,4 @@
-"""What a person asks of one trial: its file and every option of the command line about it."""
+"""A request to process one trial: its file and every option of the command line about it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ class TrialRequest:
     """One trial to process, and how, as typed.
 
     The command line's options are made from these fields: ``--mass-kg`` is ``mass_kg``. What each
-    one means stands beside it; settings and subject are checked when the request is processed.
+    one means is stated with it; settings and subject are checked when the request is processed.
     """
 
     trial: Annotated[
@@ -27,8 +27,8 @@ class TrialRequest:
     ]
     static: Annotated[Path | None, Help("Calibration pose; default: the trial itself.")] = None
     forces: Annotated[Path | None, Help("Ground reaction forces (.mot) of a .trc trial.")] = None
-    record: Annotated[Path | None, Help("D-Flow record file beside a D-Flow mocap file.")] = None
-    mass_kg: Annotated[float | None, Help("Body mass; default: weighed by the plates.")] = None
+    record: Annotated[Path | None, Help("D-Flow record file of a D-Flow mocap file.")] = None
+    mass_kg: Annotated[float | None, Help("Body mass; default: measured by the plates.")] = None
     sex: Annotated[str, Help("male, female or unspecified.")] = "unspecified"
     height_m: Annotated[
         float | None, Help("Stature; default: the file's, or estimated from the legs.")

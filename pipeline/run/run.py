@@ -97,7 +97,7 @@ def run_jobs(
 def _in_parallel(todo: list[Job], workers: int) -> Iterator[Outcome]:
     """Process trials in processes of their own.
 
-    When one of them dies, such as for want of memory, the pool ends all others. What is left is
+    When one of them dies, for example for lack of memory, the pool ends all others. What is left is
     then processed one by one, so that only the trial that cannot be processed fails.
     """
     left = {job.target: job for job in todo}

@@ -164,7 +164,7 @@ def remember_study(folder: Path, study: Path) -> None:
 
 
 def recall_study(folder: Path) -> Path | None:
-    """Give the study that a results folder comes from; None where it does not say or is gone."""
+    """Give the study that a results folder comes from; None if it is unknown or gone."""
     try:
         where = json.loads((folder / STUDY_POINTER).read_text(encoding="utf-8"))["study"]
     except (OSError, ValueError, KeyError):

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from statsmodels.regression.linear_model import RegressionResultsWrapper
 
 CONFIDENCE: Final = 0.95
-"""Of intervals, as everywhere in this project."""
+"""Confidence level of the intervals, as everywhere in this project."""
 NO_ERROR: Final = 1e-24
-"""Error sum of squares, per that of the response, which is rounding: (1e-12)²."""
+"""Error sum of squares, relative to that of the response, up to which it is rounding: (1e-12)²."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +221,7 @@ def _fit(
 
 
 def _term(number: int) -> str:
-    """Name a factor's effect in a formula, in which factors are f0, f1, … whatever their names."""
+    """Name a factor's effect in a formula, in which the factors are called f0, f1 and so on."""
     return f"C(f{number}, Sum)"
 
 

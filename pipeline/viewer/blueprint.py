@@ -10,7 +10,7 @@ from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
 from pipeline.viewer.scene import GROUND_SCALE, RESIDUAL_SCALES
 
 WINDOW_S: Final = 2.0
-"""Shown before and after the cursor: about two gait cycles each."""
+"""Time shown before and after the cursor: about two gait cycles each."""
 GRID_SPACING_M: Final = 0.25
 CYCLE_CURVES: Final = (
     "Mean (thick) ± SD (thin) over the gait cycle: measured vermilion, compensated blue"

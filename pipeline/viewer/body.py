@@ -17,13 +17,14 @@ BODY_COLOURS: Final = {"left": "#BCD0EE", "right": "#F0DCBC", "middle": "#E2E2E2
 HULL_ALPHA: Final = "38"
 """A fifth opaque: bones and markers stay visible inside."""
 MIN_HULL_THICKNESS_M: Final = 0.01
-"""Points within a plane, but for their noise, have no hull."""
+"""Points that lie in a plane, apart from noise, have no hull."""
 BONE_RADIUS_M: Final = 0.016
 MARKER_RADIUS_M: Final = 0.006
 AXIS_LENGTH_M: Final = 0.05
 MIN_BONE_LENGTH_M: Final = 1e-3
 HEAD_HALF_AXES: Final = np.array([0.7, 0.55, 0.95])
-"""Half axes of the head's ellipsoid over the distance of its centre of mass from the neck."""
+"""Half axes of the head's ellipsoid, as multiples of the distance of its centre of mass from the
+neck."""
 
 
 def log_body(

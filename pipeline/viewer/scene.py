@@ -30,7 +30,7 @@ MEASURED_COLOUR: Final = "#009E73"
 ERROR_COLOUR: Final = "#CC79A7"
 PLATE_COLOUR: Final = "#8A8F98"
 MIN_ERROR_LINE_M: Final = 0.02
-"""OpenSim's guideline for the RMS marker error; shorter lines would only hide the body."""
+"""OpenSim's guideline for the RMS marker error; shorter lines would only obscure the body."""
 MARKER_RADIUS_M: Final = 0.009
 ERROR_LINE_RADIUS_M: Final = 0.004
 PLATE_EDGE_RADIUS_M: Final = 0.004

@@ -12,7 +12,7 @@ from hbm.notes import Note, note_codes, warnings_first
 LEGS = {"difference_m": 0.041, "left_m": 0.843, "right_m": 0.802}
 
 
-def test_a_note_says_its_values_in_its_sentence_with_their_units():
+def test_the_sentence_of_a_note_states_its_values_with_their_units():
     note = Note.of("legs_differ", **LEGS)
     assert note.level == "warning"
     assert str(note) == note.text
@@ -36,7 +36,7 @@ def test_names_and_numbers_by_name_are_joined_by_commas():
 
 
 @pytest.mark.parametrize(("count", "words"), [(1, "1 marker distance differs"), (2, "2 marker d")])
-def test_counts_are_said_in_singular_and_plural(count, words):
+def test_counts_are_written_in_singular_and_plural(count, words):
     values = {"segment": "pelvis", "limit_m": 0.03, "largest_m": {"a–b": 0.05}}
     assert words in Note.of("marker_distances_changed", pairs=count, **values).text
 
@@ -53,7 +53,7 @@ def test_a_missing_and_a_surplus_value_are_refused():
         Note.of("psis_missing", side="left")
 
 
-def test_a_value_that_its_sentence_cannot_say_is_refused():
+def test_a_value_that_does_not_fit_its_sentence_is_refused():
     with pytest.raises(ValueError, match="note 'legs_differ': "):
         Note.of("legs_differ", **LEGS | {"left_m": "long"})
     with pytest.raises(ValueError, match="a note's value is a number, text, names or numbers by"):
@@ -73,7 +73,7 @@ def test_a_note_comes_back_from_json_and_from_pickle():
 
 
 @pytest.mark.parametrize("stored", [None, "legs", {"code": "psis_missing"}, {"values": {}}])
-def test_what_is_no_note_is_refused(stored):
+def test_what_is_not_a_note_is_refused(stored):
     with pytest.raises(ValueError, match="note"):
         Note.from_dict(stored)
 

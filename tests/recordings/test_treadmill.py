@@ -61,7 +61,7 @@ def test_body_is_recognised_and_says_what_it_was_built_from(body):
     assert 1.66 < body.height_m < 1.78  # the file says 1.72 m
 
 
-def test_head_and_arms_ride_on_the_trunk_and_are_reported_as_locked(body, motion):
+def test_head_and_arms_are_fixed_to_the_trunk_and_reported_as_locked(body, motion):
     parts = ("Head", "Shoulder", "Elbow", "ForeArm", "Wrist", "Hand", "Toe")
     assert len(body.locked) == 3 + 20 + 2
     assert all(any(part in name for part in parts) for name in body.locked)

@@ -248,7 +248,7 @@ def test_shoulders_are_17_percent_of_their_distance_below_the_acromions():
     )
 
 
-def test_without_a_medial_epicondyle_the_elbow_is_beside_the_lateral_one():
+def test_without_a_medial_epicondyle_the_elbow_is_medial_to_the_lateral_one():
     found, at = located("LMEE"), landmarks()
     wrist = middle("LLW", "LMW")
     distance = np.linalg.norm(found.points["left_elbow"] - at["LLEE"])

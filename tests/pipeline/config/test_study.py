@@ -240,7 +240,7 @@ def test_a_study_without_subjects_is_refused(tmp_path):
     assert "no subject files" in only_fault_of(tmp_path)
 
 
-def test_an_own_marker_set_is_no_subject_and_its_faults_are_reported(write):
+def test_a_marker_set_in_the_folder_is_not_a_subject_and_its_faults_are_reported(write):
     folder = write(f'[settings]\nmarker_set = "own.toml"\n{PLAIN}')
     (folder / "own.toml").write_text('[markers]\nHEEL = ["left_foot", "LHEE"]\n', encoding="utf-8")
     assert read_study(folder).marker_set.landmark == {"LHEE": "HEEL"}

@@ -83,7 +83,7 @@ def test_the_axes_of_exported_markers_are_recognised_as_the_labs(tmp_path):
     np.testing.assert_array_equal(back.markers.position, synthetic_t_pose().position)
 
 
-def test_loads_are_described_beside_their_table(rng, tmp_path):
+def test_loads_are_described_in_a_file_next_to_their_table(rng, tmp_path):
     write_external_loads(TIME, {"left_foot": rng.normal(size=(20, 6))}, tmp_path / "trial.mot")
     loads = ET.parse(tmp_path / "trial.xml").getroot().find("ExternalLoads")
     assert loads.findtext("datafile") == "trial.mot"

@@ -73,7 +73,7 @@ numbers = st.floats(allow_nan=False, allow_infinity=False)
     event_s=numbers,
 )
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-def test_numbers_beside_the_frames_are_read_back_exactly(
+def test_numbers_other_than_the_frames_are_read_back_exactly(
     processed, mass, center, onsets, corners, event_s
 ):
     foot = replace(processed.body.inertias["left_foot"], mass=abs(mass), center=center)
