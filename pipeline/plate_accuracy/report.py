@@ -17,7 +17,7 @@ from pipeline.plate_accuracy.figures import (
     vibration_figure,
 )
 from pipeline.plate_accuracy.trials import THESIS_FILTER
-from pipeline.plate_accuracy.verdict import Verdict, describe, judge, marker_noise
+from pipeline.plate_accuracy.verdict import PlateVerdict, describe, judge, marker_noise
 
 COLUMNS: Final = {
     "COPx (mm)": ("COPy", 1000.0),
@@ -78,7 +78,7 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def write_report(found: PlateAccuracy, out: Path) -> Verdict:
+def write_report(found: PlateAccuracy, out: Path) -> PlateVerdict:
     """Write tables, figures and ``verdict.md``.
 
     Parameters
@@ -90,7 +90,7 @@ def write_report(found: PlateAccuracy, out: Path) -> Verdict:
 
     Returns
     -------
-    Verdict
+    PlateVerdict
         Whether the plates are fit for inverse dynamics.
     """
     table = table_1(found.errors)
@@ -123,7 +123,7 @@ def _fault_table(found: PlateAccuracy) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _page(found: PlateAccuracy, verdict: Verdict) -> str:
+def _page(found: PlateAccuracy, verdict: PlateVerdict) -> str:
     lines = [f"# {found.study.file.name}", f"**{verdict.sentence}**"]
     for title, items in (("Against", verdict.against), ("To correct", verdict.corrections)):
         if items:
@@ -190,9 +190,9 @@ def _listed(items: tuple[str, ...] | list[str]) -> str:
     return "\n".join(f"- {item}" for item in items)
 
 
-def _row(condition: str, part: pd.DataFrame, way: str) -> dict[str, object]:
+def _row(condition: str, part: pd.DataFrame, way: str) -> dict[str, str | float]:
     means = part.groupby("quantity")[way].mean()
-    row: dict[str, object] = {"condition": condition}
+    row: dict[str, str | float] = {"condition": condition}
     for column, (quantity, scale) in COLUMNS.items():
         row[column] = "-" if quantity is None else float(means[quantity]) * scale
     return row

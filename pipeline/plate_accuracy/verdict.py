@@ -14,7 +14,7 @@ DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class PlateVerdict:
     """Whether plates are fit for inverse dynamics.
 
     Attributes
@@ -50,10 +50,10 @@ class Verdict:
         return f"Fit for inverse dynamics{limited}."
 
 
-def judge(found: PlateAccuracy) -> Verdict:
+def judge(found: PlateAccuracy) -> PlateVerdict:
     """Judge whether the plates are fit for inverse dynamics, by the study's limits."""
     against, corrections = _judge_faults(found)
-    return Verdict(
+    return PlateVerdict(
         (*against, *_nonlinear(found), *_inaccurate(found)), corrections, _unexamined(found)
     )
 

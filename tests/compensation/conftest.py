@@ -1,9 +1,9 @@
-"""A platform simulated by Newton and Euler, knowing nothing of the package under test.
+"""A platform simulated by the Newton–Euler equations, independent of the package under test.
 
 Two belt assemblies ride on a rigid platform. Each assembly is a rigid body with mass ``m``, centre
 ``c`` and inertia tensor ``I`` about that centre, in platform axes. The load cells push on it with
-``F = m (a_c - g)`` and turn it with ``M_c = I α + ω × I ω``; about the platform's origin that is
-``M = M_c + c × F``. An accelerometer at ``p`` reads ``a_p - g`` in its own, slightly crooked axes.
+``F = m (a_c - g)`` and rotate it with ``M_c = I α + ω × I ω``; about the platform's origin that is
+``M = M_c + c × F``. An accelerometer at ``p`` reads ``a_p - g`` in its own, slightly rotated axes.
 
 Where a linear compensation is exact, and where not. With platform-frame vectors, every point has
 the specific force ``f(p) = f₀ + W p``, where ``W = [α]× + [ω]×[ω]×``. ``F`` and ``M`` are sums of
@@ -13,12 +13,12 @@ the specific force ``f(p) = f₀ + W p``, where ``W = [α]× + [ω]×[ω]×``. `
   5 unknowns ``(f₀, α, ω²)``. Two sensors with baseline ``d`` give ``f(p₁)`` and
   ``W d = α (d_z, 0, -d_x) - ω² (d_x, 0, d_z)``, whose determinant ``-(d_x² + d_z²)`` vanishes only
   for a baseline along the pitch axis. Otherwise all is known: *exact*, the ω² term included, with
-  rank 5 + 1 of 6 + 1 columns (both sensors feel the same sway). One sensor: 3 equations for 5
+  rank 5 + 1 of 6 + 1 columns (both sensors measure the same sway). One sensor: 3 equations for 5
   unknowns, an approximation.
 * Any motion in space: four sensors ``p₁ … p₄`` not in one plane give ``W`` on three independent
-  baselines and so all 12 unknowns: *exact*. Four in one plane leave ``W n`` open along the normal
-  ``n``; its antisymmetric part follows from the rest up to products ``ωᵢωⱼ``, an approximation
-  that is good as long as rotation is slow.
+  baselines and so all 12 unknowns: *exact*. Four in one plane do not determine ``W n`` along the
+  normal ``n``; its antisymmetric part follows from the rest up to products ``ωᵢωⱼ``, an
+  approximation that is good as long as rotation is slow.
 """
 
 from dataclasses import dataclass
@@ -67,8 +67,8 @@ class Motion:
     force_0: np.ndarray
 
     def specific_force(self, point):
-        turning = np.cross(self.omega, np.cross(self.omega, point))
-        return self.force_0 + np.cross(self.alpha, point) + turning
+        centripetal = np.cross(self.omega, np.cross(self.omega, point))
+        return self.force_0 + np.cross(self.alpha, point) + centripetal
 
 
 def smooth_random(rng, time, largest, low_hz=0.15, high_hz=5.0):
@@ -81,7 +81,7 @@ def smooth_random(rng, time, largest, low_hz=0.15, high_hz=5.0):
     return np.cos(angle) @ size, -np.sin(angle) @ (size * omega), -np.cos(angle) @ (size * omega**2)
 
 
-def turn(axis, angle):
+def rotation_matrix(axis, angle):
     rotation = np.zeros((len(angle), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
     rotation[:, axis, axis] = 1
@@ -95,12 +95,12 @@ def apply(rotation, vector):
 
 
 def pitch_and_sway(sway, pitch, pivot=(0.15, 0.0, -0.4)):
-    """Motion of a platform that turns about a lateral axis through a pivot that sways.
+    """Motion of a platform that rotates about a lateral axis through a pivot that sways.
 
     ``sway`` and ``pitch`` are each (value, rate, second derivative).
     """
     (y, _, ay), (angle, rate, acceleration) = sway, pitch
-    rotation, lateral = turn(1, angle), np.array([0.0, 1, 0])
+    rotation, lateral = rotation_matrix(1, angle), np.array([0.0, 1, 0])
     omega, alpha = rate[:, None] * lateral, acceleration[:, None] * lateral
     back = np.swapaxes(rotation, 1, 2)
     arm = -np.asarray(pivot)  # from the pivot to the platform's origin
@@ -125,7 +125,7 @@ def motion_in_space(rng, time, largest=0.17):
     """Three translations and three rotations, R = R_y R_x R_z."""
     (b, db, ddb), (a, da, dda), (c, dc, ddc) = (smooth_random(rng, time, largest) for _ in "yxz")
     shift = [smooth_random(rng, time, 0.05) for _ in "xyz"]
-    inner, last = turn(0, a) @ turn(2, c), turn(2, c)
+    inner, last = rotation_matrix(0, a) @ rotation_matrix(2, c), rotation_matrix(2, c)
     y, x, z = (
         apply(np.swapaxes(inner, 1, 2), (0, 1, 0)),
         apply(np.swapaxes(last, 1, 2), (1, 0, 0)),
@@ -135,7 +135,7 @@ def motion_in_space(rng, time, largest=0.17):
     omega_inner = x * da + z * dc
     omega = y * db + omega_inner
     alpha = y * ddb + np.cross(y, omega_inner) * db + x * dda + np.cross(x, z * dc) * da + z * ddc
-    rotation = turn(1, b) @ inner
+    rotation = rotation_matrix(1, b) @ inner
     back = np.swapaxes(rotation, 1, 2)
     force_0 = apply(back, np.column_stack([s[2] for s in shift]) - GRAVITY_MPS2)
     return Motion(rotation, np.column_stack([s[0] for s in shift]), omega, alpha, force_0)

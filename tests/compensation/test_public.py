@@ -1,6 +1,7 @@
-"""The package's face: every public name is there, and none costs anything before it is used."""
+"""Public names: all are there, none is imported before it is used, and each has an example."""
 
 import ast
+import doctest
 import subprocess
 import sys
 from pathlib import Path
@@ -39,3 +40,10 @@ def test_importing_the_package_imports_nothing_heavy():
         cwd=Path(compensation.__file__).parents[1],
     )
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", compensation.__all__)
+def test_every_public_name_has_an_example_that_runs(name):
+    """pytest --doctest-modules runs them; here each has to be there."""
+    documented = getattr(compensation, name)
+    assert doctest.DocTestParser().get_examples(documented.__doc__)

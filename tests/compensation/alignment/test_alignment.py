@@ -1,4 +1,4 @@
-"""Delays put in by hand come back; a plate turned by hand is turned back."""
+"""Known delays and a known rotation of a plate are found again."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_a_known_delay_between_sensors_and_plate_comes_back(
 
 
 @pytest.mark.slow
-def test_stated_uncertainty_of_a_delay_is_honest(laboratory):
+def test_stated_uncertainty_of_a_delay_covers_its_error(laboratory):
     scores = []
     for seed in range(16):
         pair = shifted_pair(laboratory, 0.0123, seed, cutoff_hz=20, duration=15)

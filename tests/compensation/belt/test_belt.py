@@ -1,4 +1,4 @@
-"""The pitch moment of accelerating belts: known models come back; real recordings are predicted."""
+"""The pitch moment of accelerating belts: known models are found, real recordings predicted."""
 
 import numpy as np
 import pytest

@@ -111,7 +111,7 @@ def test_a_damaged_calibration_gets_one_clear_error(calibration, spoil, message)
         from_json(spoil(to_json(calibration)))
 
 
-def test_a_model_that_does_not_say_how_it_was_recorded_is_not_saved(laboratory):
+def test_a_model_that_does_not_state_how_it_was_recorded_is_not_saved(laboratory):
     trial = laboratory().random_trial(1, rate_hz=100, duration=20)
     model = fit_inertia(trial.accelerations, trial.wrench)
     with pytest.raises(ValueError, match=r"plate left: .* give fit_inertia a setup"):

@@ -233,7 +233,7 @@ def test_an_empty_plate_gives_no_warning(noisy):
     assert check_calibration(noisy[0], "plate 1") == ()
 
 
-def test_a_walker_in_the_calibration_trial_is_noticed(laboratory):
+def test_a_walking_person_in_the_calibration_trial_is_detected(laboratory):
     time = np.arange(60_000) / 1000
     step = np.maximum(np.sin(2 * np.pi * time), 0)[:, None]
     trial = laboratory().random_trial(
@@ -245,7 +245,7 @@ def test_a_walker_in_the_calibration_trial_is_noticed(laboratory):
     assert notes[0].values["force_n"] == pytest.approx(mean)
 
 
-def test_someone_standing_still_in_the_calibration_trial_is_noticed(laboratory):
+def test_a_person_standing_still_in_the_calibration_trial_is_detected(laboratory):
     trial = laboratory().random_trial(
         1, noise=11, cutoff_hz=20, person=np.array([0, 0, 700.0, 190, 0, 0])
     )

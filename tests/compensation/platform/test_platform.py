@@ -80,7 +80,7 @@ def test_a_force_through_a_point_of_the_platform_stays_a_force_through_it(seed):
     np.testing.assert_allclose(in_lab[:, :3], (pose.rotation @ force[..., None])[..., 0])
 
 
-def test_ignoring_the_pose_costs_what_mechanics_says():
+def test_ignoring_the_pose_causes_the_error_that_mechanics_predicts():
     weight = np.array([[0, 0, 700.0, 0, 0, 0]])
     swayed = to_lab(weight, commanded_pose([0.05], [0.0], PIVOT))
     pitched = to_lab(weight, commanded_pose([0.0], [np.radians(10)], PIVOT))
@@ -180,7 +180,7 @@ def test_gaps_of_single_markers_do_not_interrupt_the_pose(pose):
     assert np.isnan(fit.marker_error[50:100, 0]).all()
 
 
-def test_fewer_than_three_markers_are_a_gap_and_said(pose):
+def test_fewer_than_three_markers_are_a_gap_with_a_note(pose):
     markers = seen(pose)
     markers[20:50, :3] = np.nan
     fit = fit_pose(markers, MARKERS, outlier_m=0.01)
@@ -249,7 +249,7 @@ def test_delay_of_the_platform_behind_its_command_comes_back():
     assert abs(found.seconds - 0.031) < 3 * found.standard_error
 
 
-def test_specific_force_of_the_pose_is_what_accelerometers_feel(laboratory):
+def test_specific_force_of_the_pose_is_what_accelerometers_measure(laboratory):
     lab = laboratory(crooked=False)
     trial = lab.random_trial(1, rate_hz=100, duration=20)
     pose = PlatformPose(trial.motion.rotation, trial.motion.position)

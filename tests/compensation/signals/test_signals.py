@@ -74,7 +74,7 @@ def test_validation_signals_respect_the_machine():
 
 
 @pytest.mark.parametrize("rate_hz", [200.0, 300.0, 1000.0])
-def test_resampling_stays_within_the_limits_and_on_the_course(platform, belts, rate_hz):
+def test_resampling_stays_within_the_limits_and_keeps_the_motion(platform, belts, rate_hz):
     for signal in (platform["all_60s_3mps"], belts["belt_all_60s_2mps"]):
         fine = resample_signal(signal, rate_hz)
         assert check_signal(fine, MachineLimits()) == ()

@@ -15,7 +15,7 @@ from pipeline.config.plate_study import read_plates_study
 from pipeline.config.validation import StudyFaults
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.report import COLUMNS, table_1
-from pipeline.plate_accuracy.verdict import Verdict, judge
+from pipeline.plate_accuracy.verdict import PlateVerdict, judge
 from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 
@@ -65,7 +65,7 @@ def estimate(found, fault):
 
 def test_a_faultless_plate_is_found_faultless(faultless):
     assert [one for one in faultless.faults if one.significant] == []
-    assert judge(faultless) == Verdict((), (), ())
+    assert judge(faultless) == PlateVerdict((), (), ())
     assert faultless.linearities["left"].percent_of_full_scale < 0.2
 
 
