@@ -35,7 +35,7 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
     anatomy.notes += notes
     anatomy.frames["pelvis"] = R
     anatomy.points |= {"mid_asis": origin, "mid_psis": back}
-    spines = _spines(landmarks)[0]
+    spines = _iliac_spines(landmarks)[0]
     width, depth = distance(spines["LASIS"], spines["RASIS"]), distance(origin, back)
     for side, letter in SIDES.items():
         leg = _leg_length(landmarks, letter, spines[letter + "ASIS"])
@@ -66,7 +66,7 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, l
     ValueError
         If ASIS or PSIS are missing that no rule can replace.
     """
-    at, notes = _spines(landmarks)
+    at, notes = _iliac_spines(landmarks)
     left, right = need(
         at, "LASIS", "RASIS", purpose="the pelvis", instead="one ASIS with both PSIS"
     )
@@ -79,7 +79,7 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, l
     return axes_from(across, np.cross(origin - back, across), exact="left"), origin, back, notes
 
 
-def _spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[Note]]:
+def _iliac_spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[Note]]:
     """Give the landmarks, a single missing iliac spine as the mirror image of its opposite."""
     at = dict(landmarks)
     notes: list[Note] = []

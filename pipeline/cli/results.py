@@ -17,11 +17,11 @@ def report(folder: ResultsFolder = Path("results")) -> None:
     """Write tables, statistics, figures and report.html from the results of hbm run."""
     from pipeline.cli.terminal import plain_console
     from pipeline.report.write import write_report
-    from pipeline.run.store import recall_study
+    from pipeline.run.store import recorded_study_folder
 
     console = plain_console()
     with console.status("report") as status:
-        page = write_report(folder, recall_study(folder), status.update)
+        page = write_report(folder, recorded_study_folder(folder), status.update)
     console.print(f"report: {page}", soft_wrap=True)
 
 

@@ -64,7 +64,7 @@ def run(
     from pipeline.io.write import remove_leftovers, require_writable
     from pipeline.run.failures import collect_failures, record_failure
     from pipeline.run.run import plan, run_jobs
-    from pipeline.run.store import remember_study
+    from pipeline.run.store import record_study_folder
 
     console, start = plain_console(), time.monotonic()
     loaded = read_study(study)
@@ -76,7 +76,7 @@ def run(
         )
     require_writable(out / "trials")
     remove_leftovers(out / "trials")
-    remember_study(out, loaded.folder)
+    record_study_folder(out, loaded.folder)
     kernels(announcer(console))
     counts = {"done": 0, "kept": 0, "failed": 0}
     size = {job.target: max(job.size, 1) for job in planned}  # before a file may go

@@ -153,7 +153,7 @@ def _readable(path: Path) -> Iterator[None]:
         raise ValueError(f"{path.name}: {error}; {again}") from error
 
 
-def remember_study(folder: Path, study: Path) -> None:
+def record_study_folder(folder: Path, study: Path) -> None:
     """Note in a results folder which study it comes from, relative to the folder."""
     try:
         where = os.path.relpath(study.resolve(), folder.resolve())
@@ -163,7 +163,7 @@ def remember_study(folder: Path, study: Path) -> None:
         temporary.write_text(json.dumps({"study": where}), encoding="utf-8")
 
 
-def recall_study(folder: Path) -> Path | None:
+def recorded_study_folder(folder: Path) -> Path | None:
     """Give the study that a results folder comes from; None if it is unknown or gone."""
     try:
         where = json.loads((folder / STUDY_POINTER).read_text(encoding="utf-8"))["study"]

@@ -12,7 +12,7 @@ DIFFERENCE_DIGITS = 12
 """Differences that agree to this many digits of the largest are ties; the rest is rounding."""
 MAX_ABS_T = 1e4
 """Beyond it SciPy's noncentral t distribution returns NaN."""
-TAIL = 0.025
+TAIL_PROBABILITY = 0.025
 """Probability outside a 95 % confidence interval, on either side."""
 
 
@@ -99,7 +99,7 @@ def compare_paired(differences: Array) -> PairedComparison:
     if np.ptp(rounded) > 0:
         t = mean / sd * sqrt(n)
         p_t = float(2 * stats.t.sf(abs(t), n - 1))
-    half = float(stats.t.isf(TAIL, n - 1)) * sd / sqrt(n)
+    half = float(stats.t.isf(TAIL_PROBABILITY, n - 1)) * sd / sqrt(n)
     dz = _cohens_dz(t, n)
     bias = exp(lgamma((n - 1) / 2) - lgamma((n - 2) / 2)) / sqrt((n - 1) / 2) if n > 2 else nan
     return PairedComparison(
@@ -126,7 +126,7 @@ def _cohens_dz(t: float, n: int) -> IntervalEstimate:
         )
         return float(np.copysign(1, t) * noncentrality / sqrt(n))
 
-    return IntervalEstimate(dz, *sorted((bound(TAIL), bound(1 - TAIL))))
+    return IntervalEstimate(dz, *sorted((bound(TAIL_PROBABILITY), bound(1 - TAIL_PROBABILITY))))
 
 
 def _signed_ranks(differences: Array) -> dict[str, float]:
@@ -160,7 +160,7 @@ def _shift(differences: Array) -> IntervalEstimate:
     first, second = np.triu_indices(n)
     walsh = np.sort((differences[first] + differences[second]) / 2)
     cumulative = np.cumsum(_rank_sums(np.arange(1.0, n + 1)))[::2]
-    outside = int(np.searchsorted(cumulative, TAIL, side="right"))  # on either side
+    outside = int(np.searchsorted(cumulative, TAIL_PROBABILITY, side="right"))  # on either side
     median = float(np.median(walsh))
     if outside == 0:
         return IntervalEstimate(median)

@@ -169,15 +169,15 @@ def write_cycles(result: TrialResult, path: Path) -> None:
     motion = result.motion
     q = np.nanmean(normalise(motion.time, motion.q, spans), axis=0)
     rotation, origin = segment_frames(result.body, q)
-    when = {"gait_cycle_percent": np.arange(len(q))}
+    timelines = {"gait_cycle_percent": np.arange(len(q))}
     title = f"{_title(result)}, mean of {len(spans)} {side} gait cycles"
     with recording_file(path, CYCLE_APPLICATION, title, cycle_layout(origin[:, PELVIS])) as stream:
         stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        log_body(stream, when, result.body, rotation, origin)
+        log_body(stream, timelines, result.body, rotation, origin)
         curves: dict[str, Array] = {}
         for name, dynamics in variants(result).items():
             mean = np.nanmean(normalise(motion.time, dynamics.residual, spans), axis=0)
-            log_residual(stream, when, name, mean, origin[:, PELVIS])
+            log_residual(stream, timelines, name, mean, origin[:, PELVIS])
             cycles = cycle_residuals(result, name)[side]
             middle, spread = np.nanmean(cycles, axis=0), np.nanstd(cycles, axis=0)
             curves |= {
@@ -188,7 +188,7 @@ def write_cycles(result: TrialResult, path: Path) -> None:
         for k, axis in enumerate(AXES):
             log_curves(
                 stream,
-                when,
+                timelines,
                 f"residual/{axis}",
                 np.column_stack([curve[:, k] for curve in curves.values()]),
                 list(curves),

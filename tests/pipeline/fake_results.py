@@ -171,7 +171,7 @@ cycles = 12
 
 
 def write_fake_study(folder: Path, subjects: int = 9) -> Path:
-    """Write the study's statements beside recordings of a few bytes each."""
+    """Write the study's statements and recordings of a few bytes each."""
     folder.mkdir(parents=True)
     (folder / "study.toml").write_text(STUDY, encoding="utf-8")
     (folder / "empty.json").write_text("{}", encoding="utf-8")

@@ -116,7 +116,7 @@ def test_ankles_are_where_the_malleoli_are(trial, body, motion, side):
     assert rms(middle - at(trial, s + "AJC")) == pytest.approx(0.0205, abs=0.0005)
 
 
-def test_rigid_markers_are_met_within_2_mm(motion):
+def test_rigid_markers_are_fitted_within_2_mm(motion):
     assert motion.converged.all()
     assert np.sqrt(np.mean(motion.marker_error**2)) < 0.002
 

@@ -73,7 +73,7 @@ def test_every_frame_converges(motion):
     assert motion.converged.all()
 
 
-def test_markers_are_met_within_12_mm_rms_and_none_is_30_mm_away(motion):
+def test_markers_are_fitted_within_12_mm_rms_and_none_is_30_mm_away(motion):
     assert np.sqrt(np.mean(motion.marker_error**2)) < 0.012
     assert motion.marker_error.max() < 0.030
 
@@ -100,7 +100,7 @@ def test_hip_and_ankle_flexion_follow_plug_in_gait(
     assert np.corrcoef(ours, published(recording, f"{side}{joint}Angles"))[0, 1] > 0.95
 
 
-def test_vertical_residual_averages_to_nothing(residual, mass):
+def test_vertical_residual_averages_to_zero(residual, mass):
     assert abs(residual[EDGE, 2].mean()) < 0.02 * mass * GRAVITY_MPS2
 
 

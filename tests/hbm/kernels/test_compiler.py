@@ -95,7 +95,7 @@ def test_without_a_writable_cache_the_kernels_are_compiled_for_the_session_with_
 
 
 @needs_compiler
-def test_a_sound_library_is_used_from_a_cache_that_cannot_be_written(
+def test_an_intact_library_is_used_from_a_cache_that_cannot_be_written(
     cache, small, messages, monkeypatch
 ):
     library = compiled_library("cc", [COMPILER], messages.append)

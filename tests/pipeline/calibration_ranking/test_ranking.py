@@ -263,7 +263,7 @@ def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
     assert "has recordings already" in capsys.readouterr().err
 
 
-def test_a_folder_without_recordings_is_one_line(tmp_path, capsys):
+def test_a_folder_without_recordings_gives_one_line(tmp_path, capsys):
     assert main(["calibration", "rank", str(tmp_path)]) == 2
     assert "nothing to rank" in capsys.readouterr().err
     (tmp_path / "calibration").mkdir()

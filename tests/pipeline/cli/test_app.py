@@ -108,7 +108,7 @@ def refused(capsys, *arguments):
         ("still.c3d", ["--colour", "red"], ["--colour", "--help"]),
     ],
 )
-def test_a_mistake_is_one_line_with_what_is_wrong(
+def test_a_mistake_gives_one_line_with_what_is_wrong(
     folder, tmp_path, capsys, file, options, expected
 ):
     line = refused(capsys, "residuals", folder / file, "--out", tmp_path / "out", *options)
@@ -146,13 +146,13 @@ def test_all_faults_of_the_options_are_listed_at_once(folder, capsys):
         assert option in line
 
 
-def test_an_unknown_command_is_one_line(capsys):
+def test_an_unknown_command_gives_one_line(capsys):
     line = refused(capsys, "residual", "still.c3d")
     assert "residual" in line
     assert "--help" in line
 
 
-def test_a_command_without_its_argument_is_one_line_that_names_its_help(capsys):
+def test_a_command_without_its_argument_gives_one_line_that_names_its_help(capsys):
     line = refused(capsys, "calibration", "fit")
     assert "'recording'" in line
     assert "'hbm calibration fit --help'" in line
@@ -164,7 +164,7 @@ def test_a_result_is_not_processed_again(capsys):
 
 
 @pytest.mark.parametrize("command", [["view"], ["export", "--osim", "body.osim"]])
-def test_a_result_that_is_not_there_is_one_line(capsys, tmp_path, command):
+def test_a_result_that_is_not_there_gives_one_line(capsys, tmp_path, command):
     line = refused(capsys, *command, tmp_path / "absent.parquet")
     assert "absent.parquet: no such file" in line
 
@@ -258,7 +258,7 @@ def test_square_brackets_are_printed_as_they_are(capsys, monkeypatch):
 @pytest.mark.parametrize(
     "command", [["simulate", "{}"], ["demo", "--out", "{}"], ["init", "{}"], ["check", "{}"]]
 )
-def test_a_file_where_a_folder_should_be_is_one_line(tmp_path, capsys, command):
+def test_a_file_where_a_folder_should_be_gives_one_line(tmp_path, capsys, command):
     (tmp_path / "taken").touch()
     assert main([part.format(tmp_path / "taken") for part in command]) == 2
     lines = capsys.readouterr().err.splitlines()

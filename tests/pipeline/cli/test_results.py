@@ -32,7 +32,7 @@ def test_a_trial_is_shown_where_the_studys_files_are_gone(moved, capsys):
     assert sum(chunk.num_rows for chunk in chunks) == 2 * len(onsets)
 
 
-def test_a_result_of_another_version_is_one_line(moved, capsys):
+def test_a_result_of_another_version_gives_one_line(moved, capsys):
     path = moved / "trials" / "sub01_sway.parquet"
     path.write_bytes(path.read_bytes().replace(b'"version":1', b'"version":9'))
     assert main(["view", str(moved), "--condition", "sway", "--save", str(moved / "x.rrd")]) == 2

@@ -89,7 +89,7 @@ def test_a_unit_that_the_file_states_wrongly_can_be_stated(moving_study, fitted,
     out = tmp_path / "lab.json"
     command = ["calibration", "fit", str(path), "-o", str(out)]
     assert main(command) == 2
-    assert "say --accelerometer-unit g" in capsys.readouterr().err
+    assert "use --accelerometer-unit g" in capsys.readouterr().err
     assert main([*command, "--accelerometer-unit", "stones"]) == 2
     assert "unknown acceleration unit 'stones'" in capsys.readouterr().err
     assert not out.exists()

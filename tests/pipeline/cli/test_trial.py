@@ -149,7 +149,7 @@ def test_what_is_typed_is_stored_with_the_result(real_trial, tmp_path):
 
 
 def test_a_trial_in_opensims_files_runs_the_same_way(shared_data, tmp_path):
-    """Beside OpenSim's own inverse dynamics of the same stride, whose model has no arms."""
+    """Compared with OpenSim's own inverse dynamics of the same stride, whose model has no arms."""
     subject = shared_data / "opensim_subject01" / "subject01"
     options = {
         "--forces": f"{subject}_walk1_grf.mot",

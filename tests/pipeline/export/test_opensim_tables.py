@@ -94,13 +94,13 @@ def test_loads_are_described_in_a_file_next_to_their_table(rng, tmp_path):
         assert {f"{stem}{axis}" for axis in "xyz"} <= set(table.names)
 
 
-def test_loads_that_make_no_sense_are_refused(tmp_path):
+def test_inconsistent_loads_are_refused(tmp_path):
     wrench = np.zeros((20, 6))
     with pytest.raises(ValueError, match="no segment 'foot'"):
         write_external_loads(TIME, {"foot": wrench}, tmp_path / "grf.mot")
     with pytest.raises(ValueError, match=r"shape \(20, 6\), got \(20, 3\)"):
         write_external_loads(TIME, {"left_foot": wrench[:, :3]}, tmp_path / "grf.mot")
-    with pytest.raises(ValueError, match="written beside it"):
+    with pytest.raises(ValueError, match="written next to it"):
         write_external_loads(TIME, {"left_foot": wrench}, tmp_path / "grf.xml")
 
 

@@ -36,6 +36,6 @@ def test_equal_figures_give_equal_files(tmp_path):
         assert a.read_bytes() == b.read_bytes()
 
 
-def test_a_dollar_sign_is_text_and_no_formula(tmp_path):
+def test_a_dollar_sign_is_text_and_not_a_formula(tmp_path):
     save_figure(figure(), tmp_path / "dollar")
     assert "$\\frac" in (tmp_path / "dollar.svg").read_text(encoding="utf-8")

@@ -233,7 +233,7 @@ def test_all_faults_of_the_file_are_reported_at_once(tmp_path):
     assert "no file 'a.c3d'" in text
 
 
-def test_a_marker_that_is_not_there_is_one_line(tmp_path, capsys):
+def test_a_marker_that_is_not_there_gives_one_line(tmp_path, capsys):
     simulate_plates(
         tmp_path, **(FEW | {"speeds": (1.0,), "weights": (22.56,), "positions": (0.25,)})
     )

@@ -116,7 +116,7 @@ def test_every_axis_names_unit_and_direction(results, tests):
         assert lowest.get_xlabel() or [t.get_text() for t in lowest.get_xticklabels()]
 
 
-def test_there_is_a_figure_for_each_of_the_thesis(results, tests):
+def test_every_figure_of_the_thesis_has_its_counterpart(results, tests):
     names = [name for name, _ in study_figures(results, tests)]
     raw = [f"raw_{axis}" for axis in AXES]
     assert names == ["gait_cycle_sway", "gait_cycle_pitch", "marginal_means", *raw]

@@ -102,7 +102,7 @@ def shorter(seconds):
     return cut
 
 
-def test_a_sound_study_has_no_fault_and_its_remarks_list_what_will_be_used(moving_study):
+def test_a_valid_study_has_no_fault_and_its_remarks_list_what_will_be_used(moving_study):
     found = findings(moving_study)
     assert found.faults == []
     for name in TRIALS:
@@ -240,7 +240,7 @@ def test_a_trial_too_short_for_its_cycles_is_remarked(study):
     assert remark in findings(study).remarks
 
 
-def test_what_is_excluded_missing_or_twice_is_remarked(study):
+def test_excluded_missing_and_repeated_trials_are_remarked(study):
     edit(study / "sub01.toml", 'file = "sub01_pitch.c3d"', 'exclude = "fell"')
     edit(study / "sub01.toml", "sub01_baseline.c3d", "sub01_sway.c3d")
     (study / "sub03.toml").write_text('id = "sub03"\n[trials]\n', encoding="utf-8")
@@ -250,7 +250,7 @@ def test_what_is_excluded_missing_or_twice_is_remarked(study):
     assert "sub03: no trial for baseline, sway, pitch" in remarks
 
 
-def test_of_a_study_without_calibration_nothing_is_compensated(study):
+def test_nothing_is_compensated_in_a_study_without_calibration(study):
     edit(study / "study.toml", 'calibration = "empty.c3d"', "")
     found = findings(study)
     assert found.faults == []
@@ -268,7 +268,7 @@ def test_a_static_recording_is_checked_too(study):
     assert fault.startswith("pose.c3d: not a C3D file, nor ")
 
 
-def test_a_marker_hidden_at_the_beginning_is_no_fault(study, monkeypatch):
+def test_a_marker_hidden_at_the_beginning_is_not_a_fault(study, monkeypatch):
     """Where the beginning alone has a fault, the whole file decides: LASIS is hidden for 3 s."""
     monkeypatch.setattr("pipeline.io.c3d.preview.BEGINNING_FRAMES", 300)
 
@@ -290,7 +290,7 @@ def test_hbm_check_prints_everything_and_what_to_do_next(moving_study, capsys):
     )
 
 
-def test_the_template_checks_to_what_is_missing(tmp_path, capsys):
+def test_a_check_of_the_template_lists_what_is_missing(tmp_path, capsys):
     assert main(["init", str(tmp_path)]) == 0
     capsys.readouterr()
     assert main(["check", str(tmp_path)]) == 2

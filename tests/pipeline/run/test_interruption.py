@@ -205,7 +205,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", str(mounted)], check=True)
 
 
-def test_a_full_disk_is_one_clear_line(moving_study, finished, small_disk, capsys):
+def test_a_full_disk_gives_one_clear_line(moving_study, finished, small_disk, capsys):
     assert main(["run", str(moving_study), "--out", str(small_disk)]) == 1
     printed = capsys.readouterr().out
     failed = [line for line in printed.splitlines() if line.startswith("FAILED")]
@@ -227,7 +227,7 @@ def test_a_full_disk_is_one_clear_line(moving_study, finished, small_disk, capsy
     assert lines[0].endswith("cannot write there: No space left on device")
 
 
-def test_a_folder_without_permission_is_one_clear_line(moving_study, tmp_path, capsys):
+def test_a_folder_without_permission_gives_one_clear_line(moving_study, tmp_path, capsys):
     forbidden = tmp_path / "read_only"
     forbidden.mkdir(mode=0o555)
     if os.access(forbidden, os.W_OK):

@@ -130,7 +130,7 @@ def test_no_failures_file_means_no_failures(tmp_path):
     assert read_failures(tmp_path) == {}
 
 
-def test_a_damaged_failures_file_is_one_line(tmp_path):
+def test_a_damaged_failures_file_gives_one_line(tmp_path):
     (tmp_path / "failures.json").write_text("{")
     with pytest.raises(ValueError, match=r"failures\.json is damaged .*hbm run"):
         read_failures(tmp_path)

@@ -167,7 +167,7 @@ def test_a_dask_cluster_gives_the_same_results(moving_study, finished, tmp_path)
     assert contents(tmp_path) == {name: whole[name] for name in contents(tmp_path)}
 
 
-def test_a_cluster_that_is_not_there_is_one_line(moving_study, tmp_path, capsys, monkeypatch):
+def test_a_cluster_that_is_not_there_gives_one_line(moving_study, tmp_path, capsys, monkeypatch):
     pytest.importorskip("dask.distributed", reason="the extra 'cluster' is not here")
     real = cluster.import_module
 
@@ -219,7 +219,7 @@ class VanishingCluster:
 @pytest.mark.parametrize(
     "answers", [[1, 0], [0, 1, 2, 0], [1, OSError("connection lost")], [OSError("no scheduler")]]
 )
-def test_a_cluster_that_disappears_is_given_up(moving_study, tmp_path, monkeypatch, answers):
+def test_a_cluster_that_disappears_is_abandoned(moving_study, tmp_path, monkeypatch, answers):
     monkeypatch.setattr(cluster, "import_module", lambda _: VanishingCluster([*answers, 0, 0]))
     monkeypatch.setattr(cluster, "MAX_WITHOUT_WORKERS_S", 1e-9)
     outcomes = list(run_study(read_study(moving_study), tmp_path, scheduler="tcp://somewhere:1"))

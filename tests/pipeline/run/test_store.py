@@ -168,7 +168,7 @@ def rewrite(source, target, change=lambda summary: summary, drop=()):
         (b"{", b"", "not valid JSON"),
     ],
 )
-def test_a_summary_of_another_format_is_one_line(written, tmp_path, before, after, reason):
+def test_a_summary_of_another_format_gives_one_line(written, tmp_path, before, after, reason):
     path = tmp_path / "other.parquet"
     rewrite(written, path, lambda text: text.replace(before, after, 1))
     with pytest.raises(
@@ -185,7 +185,7 @@ def test_equal_results_give_equal_bytes(processed, written, tmp_path):
 
 @pytest.mark.parametrize("read", [read_summary, read_trial])
 @pytest.mark.parametrize("keep", [0, 1, 100, 0.5, -1])
-def test_a_file_cut_short_is_no_result(written, tmp_path, keep, read):
+def test_a_truncated_file_is_not_a_result(written, tmp_path, keep, read):
     whole = written.read_bytes()
     broken = tmp_path / "broken.parquet"
     broken.write_bytes(whole[: int(keep * len(whole)) if isinstance(keep, float) else keep])
@@ -193,7 +193,7 @@ def test_a_file_cut_short_is_no_result(written, tmp_path, keep, read):
         read(broken)
 
 
-def test_damaged_frames_are_one_line(written, tmp_path):
+def test_damaged_frames_give_one_line(written, tmp_path):
     """The summary stands at the end of the file and is still readable."""
     broken = tmp_path / "broken.parquet"
     whole = bytearray(written.read_bytes())
@@ -204,14 +204,14 @@ def test_damaged_frames_are_one_line(written, tmp_path):
         read_trial(broken)
 
 
-def test_a_missing_column_is_one_line(written, tmp_path):
+def test_a_missing_column_gives_one_line(written, tmp_path):
     rewrite(written, tmp_path / "less.parquet", drop=["q.LKneeFlexion"])
     with pytest.raises(ValueError, match=r"less\.parquet is damaged: .*q\.LKneeFlexion"):
         read_trial(tmp_path / "less.parquet")
 
 
 @pytest.mark.parametrize("read", [read_summary, read_trial])
-def test_another_parquet_file_is_no_result(tmp_path, read):
+def test_another_parquet_file_is_not_a_result(tmp_path, read):
     other = tmp_path / "other.parquet"
     pd.DataFrame({"x": [1]}).to_parquet(other)
     with pytest.raises(ValueError, match=r"other\.parquet is not the result of a trial"):

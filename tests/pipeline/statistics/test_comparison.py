@@ -89,7 +89,7 @@ def test_friedman_is_that_of_r_and_notes_that_it_does_not_separate_the_effects(t
     assert ("one-way" in row["note"]) == (effect == "six cells")
 
 
-def test_the_five_planned_pairs_carry_bonferroni_and_holm(table):
+def test_the_five_planned_pairs_have_bonferroni_and_holm_corrections(table):
     pairs = list(ORACLE["pairs"].values())  # in the same order
     tests = {
         "paired t": "p_t",
@@ -134,7 +134,7 @@ def test_every_pair_has_its_effect_sizes_with_intervals(table):
     assert list(sizes["Wilcoxon exact"]) == ["rank-biserial"]
 
 
-def test_sign_flips_and_aligned_ranks_stand_beside_every_effect(table):
+def test_every_effect_is_also_tested_by_sign_flips_and_aligned_ranks(table):
     for test in ("sign-flip permutation", "aligned-rank RM-ANOVA"):
         assert list(rows(table, test).index) == ["IC", "condition", "IC:condition"]
     assert (rows(table, "sign-flip permutation")["p_corrected"] == 1 / 256).all()

@@ -114,7 +114,7 @@ def test_adding_a_constant_to_one_level_moves_only_its_marginal_mean(plates):
 
 
 @pytest.mark.parametrize("values", [[1.0, 0, 2], [1.0, -1, 2], [1.0, np.nan, 2], [2.0, 2, 2]])
-def test_box_cox_refuses_what_has_no_power(values):
+def test_box_cox_refuses_values_without_a_power_transform(values):
     with pytest.raises(ValueError, match="needs"):
         box_cox(np.array(values))
 

@@ -69,7 +69,7 @@ def test_covariates_left_as_given_equal_car_and_change_only_the_within_effects()
         assert (left.f == pytest.approx(right.f)) == bool(left.between)
 
 
-def test_groups_of_three_beside_groups_of_two_equal_r():
+def test_groups_of_three_and_groups_of_two_equal_r():
     table, values = cells("obrien_kaiser", slice(2, 17), 3, 5)
     between = {name: table[name].to_numpy() for name in ("treatment", "gender")}
     terms = repeated_measures_glm(values, "ab", between)

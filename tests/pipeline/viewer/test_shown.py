@@ -181,7 +181,7 @@ def test_mean_cycle_opens_on_its_own_timeline_without_fault(recordings):
         assert count_pixels(picture, COLOURS["measured"]) > PIXELS
 
 
-def test_frames_without_solution_and_missing_layers_are_no_fault(broken):
+def test_frames_without_solution_and_missing_layers_are_not_faults(broken):
     with headless(broken) as viewer:
         settled(viewer, 9)
         for second in (0.5, 1.5, 3.0):

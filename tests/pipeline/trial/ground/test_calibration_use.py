@@ -31,7 +31,7 @@ def test_a_calibration_with_somebody_on_the_treadmill_is_noted_at_every_use(
         ([], "--out"),
     ],
 )
-def test_impossible_options_are_one_line_and_write_nothing(
+def test_impossible_options_give_one_line_and_write_nothing(
     moving_study, tmp_path, capsys, monkeypatch, options, message
 ):
     monkeypatch.chdir(tmp_path)
