@@ -31,6 +31,8 @@ MAX_MOTION_HZ: Final = 20.0
 """Neither platforms nor people move faster; what lies above is noise."""
 SAMPLES_PER_PERIOD: Final = 10
 """Of the fastest motion, so that a cubic spline passes through it."""
+MIN_SINGULAR_SHARE: Final = 1e-6
+"""Of the reference's largest singular value; a channel below it is a combination of others."""
 MIN_VARIANCE: Final = 1e-12
 """Share of a channel's variance; keeps the weight of a channel without any noise finite."""
 
@@ -223,7 +225,7 @@ def _best_lag(x: Array, y: Array, reach: int) -> tuple[int, float]:
     lags = np.arange(-reach, reach + 1)
     middle = len(x) - 1
     power = np.zeros(len(lags))
-    for column in u[:, s > 1e-6 * s[0]].T:
+    for column in u[:, s > MIN_SINGULAR_SHARE * s[0]].T:
         for channel in y.T:
             power += correlate(channel, column, method="fft")[middle + lags] ** 2
     best = int(np.argmax(power))

@@ -19,6 +19,8 @@ FADE_S: Final = 0.5
 """In which random motion begins and ends, chosen."""
 FILTER_SETTLING_S: Final = 20.0
 """Of random motion drawn beyond both ends and discarded: the high-pass settles in it."""
+ROUNDING_SAMPLES: Final = 1e-9
+"""Of a duration in samples, which adds no sample."""
 SOFT_CLIP_SHARE: Final = 0.8
 """Of the range, beyond which random motion bends smoothly towards its end."""
 
@@ -88,7 +90,7 @@ def speeds(mean: float, levels: tuple[float, ...], hold_s: float, acceleration: 
 
 def ramp(start: float, stop: float, acceleration: float) -> Array:
     """Change the speed at constant acceleration, without the first sample."""
-    count = int(np.ceil(abs(stop - start) / acceleration * RATE_HZ - 1e-9))
+    count = int(np.ceil(abs(stop - start) / acceleration * RATE_HZ - ROUNDING_SAMPLES))
     return np.linspace(start, stop, count + 1)[1:]
 
 

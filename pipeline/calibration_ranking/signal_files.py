@@ -18,7 +18,7 @@ from compensation import (
     resample_signal,
     validation_signals,
 )
-from pipeline.figures.style import COLOURS, STYLE
+from pipeline.figures.style import COLOURS, DPI, STYLE
 from pipeline.io.write import whole_file
 
 KINDS: Final = ("pitch_sway", "belt", "validation")
@@ -96,7 +96,7 @@ def write_signals(
         table = folder / f"{signal.name}.csv"
         write_signal(signal, table)
         with mpl.rc_context(STYLE), whole_file(table.with_suffix(".png")) as temporary:
-            signal_figure(signal, limits).savefig(temporary, format="png", dpi=150)
+            signal_figure(signal, limits).savefig(temporary, format="png", dpi=DPI)
         written.append(table)
     return written
 
