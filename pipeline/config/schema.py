@@ -65,7 +65,7 @@ class Settings(InputModel):
     marker_offset_m
         From the skin to a marker's centre; by default a marker of 14 mm on a base of 2 mm.
     plate_delay_s
-        How much later the plates are stamped than the markers.
+        Delay of the plates' time stamps relative to the markers'.
     contact_threshold_n
         Vertical force above which a foot is on a plate.
 

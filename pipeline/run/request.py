@@ -54,7 +54,7 @@ class TrialRequest:
     filter: Annotated[str, Help("zero_phase, or realtime as in the lab.")] = "zero_phase"
     cutoff_hz: Annotated[float, Help("Cut-off frequency of the filter.")] = 6.0
     plate_delay_ms: Annotated[
-        float, Help("How much later the plates are than the markers.", min=-500, max=500)
+        float, Help("Delay of the plates relative to the markers.", min=-500, max=500)
     ] = 0.0
     contact_threshold_n: Annotated[
         float, Help("Vertical force above which a foot is on a plate.")
@@ -68,5 +68,5 @@ class TrialRequest:
 
     @property
     def plate_delay_s(self) -> float:
-        """How much later the plates are than the markers [s]."""
+        """Delay of the plates relative to the markers [s]."""
         return self.plate_delay_ms / 1000

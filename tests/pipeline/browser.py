@@ -1,4 +1,4 @@
-"""A real browser to look at pages with: headless Chromium, spoken to through two pipes."""
+"""A real browser to look at pages with: headless Chromium, controlled through two pipes."""
 
 import base64
 import json

@@ -1,4 +1,4 @@
-"""Joint centres and axes: each rule by hand, each replacement, the error where there is none."""
+"""Joint centres and axes: rules and replacements computed by hand, and errors."""
 
 import numpy as np
 import pytest
