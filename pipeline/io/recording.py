@@ -192,8 +192,8 @@ class Recording:
     >>> import hbm, numpy as np, pipeline
     >>> time = np.arange(50) / 100
     >>> heel = hbm.Markers(time, ("LHEE",), np.zeros((50, 1, 3)))
-    >>> pipeline.Recording("heel.c3d", heel).markers.rate_hz
-    100.0
+    >>> f"{pipeline.Recording('heel.c3d', heel).markers.rate_hz:g} Hz"
+    '100 Hz'
     """
 
     source: Path
