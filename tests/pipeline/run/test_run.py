@@ -321,7 +321,7 @@ def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out
 
     monkeypatch.setattr(process, "process_trial", changing)
     outcomes = list(run_jobs(plan(read_study(study), out)))
-    assert "changed while it was being processed" in only(outcomes, "failed")["sub01_sway"]
+    assert "changed while it was processed" in only(outcomes, "failed")["sub01_sway"]
     assert not (out / "trials" / "sub01_sway.parquet").exists()
 
 
