@@ -1,0 +1,98 @@
+"""The second reading of a file: by ezc3d, or by c3d where ezc3d cannot."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from pipeline.io.c3d.data import count_frames
+from pipeline.io.c3d.header import Header, Parameters
+from pipeline.io.c3d.second_reader.process import read_with
+from pipeline.io.c3d.second_reader.reading import Reading, Refusal
+
+LIBRARIES: Final = ("ezc3d", "c3d")
+"""In the order in which they are tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class SecondReading:
+    """A second reading of a file.
+
+    Attributes
+    ----------
+    reading
+        By the first library that read the file; None where none did.
+    refusals
+        Why those before it did not.
+    """
+
+    reading: Reading | None
+    refusals: tuple[Refusal, ...]
+
+
+def second_reading(
+    path: Path, header: Header, parameters: Parameters, libraries: Sequence[str] = LIBRARIES
+) -> SecondReading:
+    """Read a C3D file with a library other than ours.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header, parameters
+        What `read_header` gave for it.
+    libraries
+        Those to try, in this order.
+
+    Returns
+    -------
+    SecondReading
+        The reading of the first library that reads as many points, channels and frames as the
+        file's header states and its size confirms, and why the others before it did not.
+
+    Raises
+    ------
+    ValueError
+        Header and size of the file contradict each other, as in `count_frames`.
+
+    Notes
+    -----
+    ezc3d 1.7.2 stops at 65,535 frames where a file has a ROTATION group, reads no channel and
+    wrong points where ANALOG:RATE is absent, and nothing where there is no POINT group.
+    """
+    frames = count_frames(path, header, parameters)
+    refusals: list[Refusal] = []
+    for library in libraries:
+        found = read_with(library, path)
+        if isinstance(found, Refusal):
+            refusals.append(found)
+        elif reason := miscount(found, header, frames):
+            refusals.append(Refusal(found.reader, reason, miscounts=True))
+        else:
+            return SecondReading(found, tuple(refusals))
+    return SecondReading(None, tuple(refusals))
+
+
+def miscount(reading: Reading, header: Header, frames: int) -> str:
+    """Say which number of a reading is not the file's; nothing where all are.
+
+    Parameters
+    ----------
+    reading
+        The reading.
+    header
+        The file's header block.
+    frames
+        The number of frames that the file holds.
+    """
+    channels = header.n_analog // header.analog_per_frame if header.analog_per_frame else 0
+    counts = {
+        "frames": (len(reading.points), frames),
+        "points": (reading.points.shape[1], header.n_points),
+        "analog channels": (reading.analog.shape[1], channels),
+        "samples of each channel": (len(reading.analog), frames * header.analog_per_frame),
+    }
+    for name, (read, held) in counts.items():
+        if read != held and held:
+            return f"it reads {read} of {held} {name}"
+    return ""

@@ -1,0 +1,100 @@
+"""A rewritten file is accepted only where nothing differs but what was to change."""
+
+import struct
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from pipeline.io.c3d.data import bytes_per_frame
+from pipeline.io.c3d.header import read_header
+from pipeline.io.c3d.second_reader.rewritten import check_rewritten
+
+SECOND = "ezc3d" if find_spec("ezc3d") else "c3d"
+
+
+@pytest.fixture
+def original(raw_c3d):
+    """A file with five points, eight channels at three samples a frame, and events."""
+    rng = np.random.default_rng(1)
+    return raw_c3d(
+        rng.normal(500, 400, size=(20, 5, 4)) * [1, 1, 1, 0],
+        rng.normal(size=(20, 3, 8)),
+        first_frame=11,
+        POINT={"LABELS": list("ABCDE")},
+        EVENT={
+            "USED": np.array([2]),
+            "CONTEXTS": ["Left", "Right"],
+            "LABELS": ["Foot Strike", "Foot Off"],
+            "TIMES": np.array([[0.0, 0], [0.05, 0.1]]),
+        },
+    )
+
+
+def rewritten(original, change):
+    """Copy a file and change its bytes, given them and where the data begin."""
+    header, _ = read_header(original)
+    content = bytearray(original.read_bytes())
+    change(content, (header.data_block - 1) * 512, bytes_per_frame(header))
+    path = original.with_name("written.c3d")
+    path.write_bytes(content)
+    return path
+
+
+def test_a_copy_is_accepted_and_the_second_reader_is_named(original):
+    found = check_rewritten(original, rewritten(original, lambda *_: None), changed_channels=())
+    assert found.reader.startswith(f"{SECOND} ")
+
+
+def flipped(word, frame):
+    """Flip the lowest bit of a word of one frame."""
+
+    def change(content, start, size):
+        content[start + frame * size + 4 * word] ^= 1
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("word", "message"),
+    [
+        (4 + 1, "marker B y, frame 14: "),
+        (4 + 3, "marker B residual, frame 14: "),
+        (20 + 8 + 6, "channel A6, frame 14, sample 2: "),
+    ],
+)
+def test_one_bit_outside_the_changed_channels_is_named(original, word, message):
+    written = rewritten(original, flipped(word, 3))
+    with pytest.raises(ValueError, match=r"^written.c3d is not made_to_order") as caught:
+        check_rewritten(original, written, changed_channels=(0, 1, 5))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_changed_channel_may_differ(original):
+    written = rewritten(original, flipped(20 + 8 + 6, 3))
+    assert check_rewritten(original, written, changed_channels=(6,)).reader
+
+
+def test_a_parameter_may_differ_only_where_it_is_named(original):
+    def change(content, *_):
+        at = content.index(struct.pack("<f", 0.05))
+        content[at : at + 4] = struct.pack("<f", 0.06)
+
+    written = rewritten(original, change)
+    with pytest.raises(
+        ValueError, match=r"EVENT:TIMES \[2, 2\]\(2\): 0.05\d* in the original, 0.0599"
+    ):
+        check_rewritten(original, written, changed_channels=())
+    assert check_rewritten(
+        original, written, changed_channels=(), changed_parameters=["EVENT:TIMES"]
+    ).reader
+
+
+def test_a_file_cut_short_is_not_the_original(original):
+    def change(content, *_):
+        del content[-8:]
+
+    written = rewritten(original, change)
+    with pytest.raises(ValueError, match="bytes of the data section: 3520 bytes in the original"):
+        check_rewritten(original, written, changed_channels=())
