@@ -1,6 +1,7 @@
 """A subject's body from a calibration pose: geometry, inertias and markers on the skeleton."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -9,37 +10,28 @@ import numpy as np
 from hbm.calibration_pose.anatomy import MARKER_OFFSET_M, Anatomy, HipRule, Measures
 from hbm.calibration_pose.frame_selection import select_frames
 from hbm.calibration_pose.landmarks import locate_anatomy
-from hbm.calibration_pose.shape import Shape, average, shape_of
+from hbm.calibration_pose.shape import average, shape_of
 from hbm.coordinates import (
     COORDINATES,
     LAST_Q,
+    MOVING,
     SEGMENTS,
-    SEGMENTS_WITH_MASS,
     SIDES,
     support,
 )
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
-from hbm.model import Body
+from hbm.model import Body, joints_of, pin_model
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride, apply_overrides
 from hbm.poses import segment_frames
-from hbm.segments import NO_INERTIA, Inertia, Proportions, Sex, proportions, segment_inertia
+from hbm.segments import Inertia, Proportions, Sex, proportions, segment_inertia
 from hbm.spatial import Array, Indices, distance
 
 __all__ = ["Body", "build_body"]
 
-PARTS: Final = {
-    "pelvis": ("lower_trunk",),
-    "trunk": ("mid_trunk", "upper_trunk"),
-    "head": ("head",),
-    **{
-        f"{side}_{part}": (f"{side}_{part}",)
-        for side in ("right", "left")
-        for part in ("upper_arm", "forearm", "hand", "thigh", "shank", "foot")
-    },
-}
-"""Segment -> the rows of de Leva's table, with their side, that make up its inertia."""
+PART_OF: Final = {"pelvis": "lower_trunk", "thorax": "upper_trunk"}
+"""Segment -> its part of the body in de Leva's table, where the names differ."""
 
 TOES_KG: Final = 1e-6
 """Mass of the toes, which de Leva's foot includes: not zero, so that no inertia is singular."""
@@ -107,8 +99,8 @@ def build_body(
     Raises
     ------
     ValueError
-        If mass or stature is implausible, no marker set fits, an override is impossible, or a
-        landmark is missing that no rule can replace.
+        If mass or stature is implausible, no marker set fits, an override is impossible, a landmark
+        is missing that no rule can replace, or Pinocchio refuses the body.
 
     Examples
     --------
@@ -157,6 +149,7 @@ def build_body(
             for anatomy, at in zip(anatomies, poses, strict=True)
         ]
     )
+    ends = {s: shape.ends[PART_OF.get(s, s)] for s in SEGMENTS if not s.endswith("toes")}
     unlocated = _unlocated_segments(anatomies[0])
     markers = tuple(n for n in shape.markers if chosen.segment[n] not in unlocated)
     segments = tuple(chosen.segment[name] for name in markers)
@@ -168,14 +161,17 @@ def build_body(
         markers=markers,
         marker_segment=segments,
         marker_position=np.array([shape.markers[name] for name in markers]),
-        offsets=shape.offsets,
-        axes=shape.axes,
-        inertias=apply_overrides(_inertias(shape, table, mass), overrides or {}, mass),
-        lengths={part: distance(ends[0], ends[1]) for part, ends in shape.ends.items()},
+        joints=joints_of(shape.offsets, shape.axes),
+        segments=apply_overrides(_inertias(ends, table, mass), overrides or {}, mass),
+        lengths={s: distance(proximal, distal) for s, (proximal, distal, _) in ends.items()},
         locked=_never_shown(set(segments)),
         notes=tuple(notes),
     )
-    return body if selection.still else _with_fitted_tracking_markers(body, calibration)
+    if not selection.still:
+        body = _with_fitted_tracking_markers(body, calibration)
+    with suppress(ModuleNotFoundError):  # on Windows, for which Pinocchio has no wheel
+        pin_model(body)
+    return body
 
 
 def _marker_set(marker_set: str | MarkerSet | None, markers: Markers) -> MarkerSet:
@@ -219,18 +215,20 @@ def _never_shown(segments: set[str]) -> tuple[str, ...]:
     return tuple(name for i, name in enumerate(COORDINATES) if i not in shown)
 
 
-def _inertias(shape: Shape, table: Mapping[str, Proportions], mass: float) -> dict[str, Inertia]:
-    """Inertias of the segments with mass; that of the toes is taken from the foot."""
-    inertias = {s: NO_INERTIA for s in SEGMENTS_WITH_MASS}
-    for s, parts in PARTS.items():
-        for part in parts:
-            row = table[part.removeprefix("right_").removeprefix("left_")]
-            inertias[s] += segment_inertia(row, mass, *shape.ends[part])
-    for side in SIDES:
-        foot = inertias[f"{side}_foot"]
-        inertias[f"{side}_foot"] = replace(foot, mass=foot.mass - TOES_KG)
-        tensor = TOES_KG * TOES_GYRATION_M**2 * np.eye(3)
-        inertias[f"{side}_toes"] = Inertia(TOES_KG, np.zeros(3), tensor)
+def _inertias(
+    ends: Mapping[str, Array], table: Mapping[str, Proportions], mass: float
+) -> dict[str, Inertia]:
+    """Inertias of the segments; that of the toes is taken from the foot."""
+    inertias = {}
+    for s in SEGMENTS:
+        if s in ends:
+            part = PART_OF.get(s, s).removeprefix("right_").removeprefix("left_")
+            inertias[s] = segment_inertia(table[part], mass, *ends[s])
+        else:
+            foot = s.replace("toes", "foot")
+            inertias[foot] = replace(inertias[foot], mass=inertias[foot].mass - TOES_KG)
+            tensor = TOES_KG * TOES_GYRATION_M**2 * np.eye(3)
+            inertias[s] = Inertia(TOES_KG, np.zeros(3), tensor)
     return inertias
 
 
@@ -243,7 +241,7 @@ def _with_fitted_tracking_markers(body: Body, calibration: Markers) -> Body:
             "lab axes"
         )
     rotation, origin = segment_frames(body, motion.q[motion.converged])
-    own = [SEGMENTS.index(s) for s in body.marker_segment]
+    own = [MOVING.index(s) for s in body.marker_segment]
     measured = _take(calibration, list(body.markers), np.flatnonzero(motion.converged)).position
     local = np.einsum("tkji,tkj->tki", rotation[:, own], measured - origin[:, own]).mean(axis=0)
     landmark = np.array([name in body.marker_set.landmark.values() for name in body.markers])

@@ -4,8 +4,8 @@ Every coordinate is a joint with a single axis, so positions and velocities have
 Names are those of the Human Body Model (van den Bogert et al. 2013, Med Biol Eng Comput 51:1069).
 In the neutral pose (all coordinates zero) the person stands upright with the arms hanging, palms
 forward, and the frames of all segments are parallel to the lab: x forward, y left, z up.
-Of the original's 18 segments the mid trunk is welded to the thorax (no coordinate moves it), so 17
-have a mass; the two shoulder points are massless frames that only carry the acromion markers.
+The coordinates move 19 frames: 17 of the 18 segments, and two massless shoulder points that only
+carry the acromion markers. The mid trunk has no coordinate of its own; it is fixed to the thorax.
 
 Deviations from the original
 ----------------------------
@@ -37,7 +37,7 @@ class Coordinate:
     name
         The Human Body Model's name.
     segment
-        The segment that it moves, together with the other coordinates of the same joint.
+        The segment or point that it moves, together with the other coordinates of the same joint.
     parent
         Number of the coordinate before it in the chain, -1 at the ground.
     translates
@@ -62,9 +62,9 @@ def _arm_and_leg(side: str) -> list[tuple[str, str, str, str, Vector | None]]:
     )
     thigh, shank, foot, toes = (f"{name}{s}" for s in ("thigh", "shank", "foot", "toes"))
     return [
-        ("trunk", shoulder, f"{side}ShoulderUp", "translation", UP),
-        ("trunk", shoulder, f"{side}ShoulderForward", "translation", FORWARD),
-        ("trunk", shoulder, f"{side}ShoulderInward", "translation", medial),
+        ("thorax", shoulder, f"{side}ShoulderUp", "translation", UP),
+        ("thorax", shoulder, f"{side}ShoulderForward", "translation", FORWARD),
+        ("thorax", shoulder, f"{side}ShoulderInward", "translation", medial),
         (shoulder, arm, f"{side}ShoulderAbduction", "rotation", outward),
         (shoulder, arm, f"{side}ShoulderFlexion", "rotation", RIGHT),
         (shoulder, arm, f"{side}ShoulderInternalRotation", "rotation", inward),
@@ -91,12 +91,12 @@ def _tree() -> tuple[Coordinate, ...]:
         ("ground", "pelvis", "PelvisYaw", "rotation", UP),
         ("ground", "pelvis", "PelvisForwardPitch", "rotation", LEFT),
         ("ground", "pelvis", "PelvisRightRoll", "rotation", FORWARD),
-        ("pelvis", "trunk", "TrunkFlexion", "rotation", LEFT),
-        ("pelvis", "trunk", "TrunkRightBend", "rotation", FORWARD),
-        ("pelvis", "trunk", "TrunkLeftTwist", "rotation", UP),
-        ("trunk", "head", "HeadFlexion", "rotation", LEFT),
-        ("trunk", "head", "HeadRightBend", "rotation", FORWARD),
-        ("trunk", "head", "HeadLeftTwist", "rotation", UP),
+        ("pelvis", "thorax", "TrunkFlexion", "rotation", LEFT),
+        ("pelvis", "thorax", "TrunkRightBend", "rotation", FORWARD),
+        ("pelvis", "thorax", "TrunkLeftTwist", "rotation", UP),
+        ("thorax", "head", "HeadFlexion", "rotation", LEFT),
+        ("thorax", "head", "HeadRightBend", "rotation", FORWARD),
+        ("thorax", "head", "HeadLeftTwist", "rotation", UP),
         *right[:10],
         *left[:10],
         *right[10:],
@@ -123,15 +123,31 @@ INDEX: Final = {name: i for i, name in enumerate(COORDINATES)}
 SIDES: Final = {"right": "R", "left": "L"}
 """Side in the names of segments -> in those of coordinates, markers and landmarks."""
 
-SEGMENTS: Final = tuple(dict.fromkeys(c.segment for c in TREE))
-MASSLESS: Final = ("right_shoulder", "left_shoulder")
-SEGMENTS_WITH_MASS: Final = tuple(s for s in SEGMENTS if s not in MASSLESS)
-FIRST_Q: Final = {s: next(i for i, c in enumerate(TREE) if c.segment == s) for s in SEGMENTS}
-LAST_Q: Final = {c.segment: i for i, c in enumerate(TREE)}
-"""Segment -> numbers of the first and the last coordinate of its joint."""
+MOVING: Final = tuple(dict.fromkeys(c.segment for c in TREE))
+"""What the coordinates move: 17 segments and the two shoulder points, each after its parent."""
 
-PARENT: Final = {s: TREE[TREE[FIRST_Q[s]].parent].segment for s in SEGMENTS if s != "pelvis"}
-"""Segment -> the segment that it is attached to."""
+FIXED_TO: Final = {"mid_trunk": "thorax"}
+"""Segment without coordinates -> the one that carries it and whose frame it shares."""
+
+SEGMENTS: Final = ("pelvis", *FIXED_TO, *(s for s in MOVING[1:] if not s.endswith("_shoulder")))
+"""The 18 segments of the Human Body Model; each has a mass."""
+
+RIGID_BODIES: Final = tuple(s for s in MOVING if s in SEGMENTS)
+"""The 17 bodies of the equations of motion: a segment with what is fixed to it."""
+
+FIRST_Q: Final = {s: next(i for i, c in enumerate(TREE) if c.segment == s) for s in MOVING}
+LAST_Q: Final = {c.segment: i for i, c in enumerate(TREE)}
+LAST_Q.update({s: LAST_Q[carrier] for s, carrier in FIXED_TO.items()})
+"""Segment or point -> numbers of the first and the last coordinate that moves it with its joint."""
+
+PARENT: Final = {s: TREE[TREE[FIRST_Q[s]].parent].segment for s in MOVING if s != "pelvis"}
+"""What moves -> the segment or point that it is attached to."""
+
+SUBJECT_OFFSETS: Final = tuple(FIRST_Q[s] for s in PARENT)
+"""Coordinates whose place in the parent's frame the subject's landmarks define."""
+
+SUBJECT_AXES: Final = tuple(i for i, c in enumerate(TREE) if c.axis is None)
+"""Coordinates whose axes they define."""
 
 
 def support(i: int) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hbm.coordinates import PARENT, SEGMENTS, SEGMENTS_WITH_MASS
+from hbm.coordinates import PARENT
 from hbm.model import Body
 from hbm.notes import Note
 from hbm.plausibility import implausible
@@ -30,12 +30,13 @@ def describe(body: Body) -> str:
     With ``body`` from `build_body`:
 
     >>> import hbm
-    >>> for line in hbm.describe(body).splitlines()[2:6]:
+    >>> for line in hbm.describe(body).splitlines()[2:7]:
     ...     print(line)
     segment             mass   length         centre of mass                   inertia
                           kg        m   mm forward, left, up          kg·m², principal
     pelvis              8.33    0.123       -9     -1     47    0.0383  0.0435  0.0477
-    trunk              24.09    0.430      -29     -4    206    0.2470  0.3857  0.5321
+    mid_trunk          12.18    0.182      -27     -4    105    0.0592  0.0884  0.0938
+    thorax             11.91    0.248      -32     -4    309    0.0751  0.1586  0.1871
     """
     lines = [
         str(body),
@@ -43,8 +44,8 @@ def describe(body: Body) -> str:
         f"{'segment':16}{'mass':>8}{'length':>9}  {'centre of mass':>21}  {'inertia':>24}",
         f"{'':16}{'kg':>8}{'m':>9}  {'mm forward, left, up':>21}  {'kg·m², principal':>24}",
     ]
-    for s in SEGMENTS_WITH_MASS:
-        part, length = body.inertias[s], _length(body, s)
+    for s, part in body.segments.items():
+        length = body.lengths.get(s)
         moments = np.linalg.eigvalsh(part.tensor)
         lines.append(
             f"{s:16}{part.mass:8.2f}{f'{length:.3f}' if length else '':>9}  "
@@ -55,20 +56,12 @@ def describe(body: Body) -> str:
         f"{'joint of':16}{'in':16}{'mm forward, left, up':>21}  {'from pelvis, neutral':>21}",
     ]
     neutral = {"pelvis": np.zeros(3)}
-    for s in SEGMENTS[1:]:
-        offset = body.offsets[s]
+    for s, offset in body.offsets.items():
         neutral[s] = neutral[PARENT[s]] + offset
         lines.append(f"{s:16}{PARENT[s]:16}{_millimetres(offset)}  {_millimetres(neutral[s])}")
     locked = [Note.of("coordinates_locked", coordinates=body.locked)] if body.locked else []
     notes = (*body.notes, *locked, *implausible(body))
     return "\n".join([*lines, "", *map(str, notes)])
-
-
-def _length(body: Body, s: str) -> float | None:
-    """Length of a segment's inertial part; for the trunk, of both its parts."""
-    parts = {"pelvis": ["lower_trunk"], "trunk": ["mid_trunk", "upper_trunk"]}.get(s, [s])
-    lengths = [body.lengths[p] for p in parts if p in body.lengths]
-    return sum(lengths) if lengths else None
 
 
 def _millimetres(point: Array) -> str:

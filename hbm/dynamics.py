@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import COORDINATES, INDEX, LAST_Q, N_Q, SEGMENTS, support
+from hbm.coordinates import COORDINATES, INDEX, LAST_Q, N_Q, support
 from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.motion import Motion
@@ -196,8 +196,8 @@ def inverse_dynamics_variants(
     frames = len(motion.time)
     for wrenches in variants:
         for segment, wrench in wrenches.items():
-            if segment not in SEGMENTS:
-                raise ValueError(f"no segment {segment!r}; there are: {', '.join(SEGMENTS)}")
+            if segment not in LAST_Q:
+                raise ValueError(f"no segment {segment!r}; there are: {', '.join(LAST_Q)}")
             if np.shape(wrench) != (frames, 6):
                 raise ValueError(
                     f"wrench on {segment} must have shape ({frames}, 6), got {np.shape(wrench)}"

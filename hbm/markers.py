@@ -9,9 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import MOVING
 from hbm.spatial import Array, read_only
-from hbm.spelling import did_you_mean
+from hbm.spelling import did_you_mean, no_segment
 
 LANDMARKS: Final = (
     *("LASIS", "RASIS", "LPSIS", "RPSIS", "SACR", "C7", "T10", "JN", "XIPH"),
@@ -159,8 +159,8 @@ def _marker_set(name: str, table: dict[str, Any]) -> MarkerSet:
             faults.append(f"{marker} must be [segment] or [segment, landmark], got {entry!r}")
             continue
         segment[marker] = entry[0]
-        if entry[0] not in SEGMENTS:
-            faults.append(f"{marker}: no segment {entry[0]!r}{did_you_mean(entry[0], SEGMENTS)}")
+        if entry[0] not in MOVING:
+            faults.append(f"{marker}: {no_segment(entry[0], MOVING)}")
         if len(entry) == 2:
             if entry[1] not in LANDMARKS:
                 hint = did_you_mean(entry[1], LANDMARKS)

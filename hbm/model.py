@@ -1,25 +1,92 @@
-"""The body, and its form for the kernels and for Pinocchio."""
+"""The body: the subject's joints and segments, and both as a Pinocchio model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from hbm.coordinates import (
     COORDINATES,
     FIRST_Q,
+    FIXED_TO,
     LAST_Q,
+    MOVING,
+    PARENT,
+    RIGID_BODIES,
     SEGMENTS,
-    SEGMENTS_WITH_MASS,
+    SUBJECT_AXES,
+    SUBJECT_OFFSETS,
     TREE,
 )
-from hbm.kernels.skeleton import JOINTED_SEGMENTS, SUBJECT_AXES
 from hbm.markers import MarkerSet
 from hbm.notes import Note
-from hbm.segments import Inertia, Sex
+from hbm.segments import NO_INERTIA, Inertia, Sex
 from hbm.spatial import Array, read_only
+
+MODEL_NAME: Final = "human_body_model"
+"""Name of the body in other programs."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """A single-axis joint of a subject: a coordinate, its place and its axis.
+
+    Attributes
+    ----------
+    name
+        The coordinate.
+    segment
+        The segment or point that it moves, together with the other coordinates of the same joint.
+    parent
+        Number of the joint before it in the chain, -1 at the ground.
+    translates
+        Whether it is a translation along its axis [m] instead of a rotation about it [rad].
+    axis
+        Axis in the frame before its motion, unit vector (3,).
+    offset
+        Its place in the frame that the joint before it leads to, (3,) [m].
+    """
+
+    name: str
+    segment: str
+    parent: int
+    translates: bool
+    axis: Array
+    offset: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axis", read_only(self.axis))
+        object.__setattr__(self, "offset", read_only(self.offset))
+
+
+def joints_of(offsets: Mapping[str, Array], axes: Mapping[str, Array]) -> tuple[Joint, ...]:
+    """Fill a subject's numbers into the tree of the coordinates.
+
+    Parameters
+    ----------
+    offsets
+        Segment or point -> its joint in the parent's frame, (3,) [m]; for all but the pelvis.
+    axes
+        Coordinate -> its axis, unit vector (3,), where the subject's landmarks define it.
+
+    Returns
+    -------
+    tuple of Joint
+        One per coordinate, each after its parent.
+    """
+    return tuple(
+        Joint(
+            c.name,
+            c.segment,
+            c.parent,
+            c.translates,
+            np.array(axes[c.name] if c.axis is None else c.axis, float),
+            offsets[c.segment] if i in SUBJECT_OFFSETS else np.zeros(3),
+        )
+        for i, c in enumerate(TREE)
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,16 +100,15 @@ class Body:
     marker_set
         The marker set it was built with.
     markers
-        Marker names, (K,); ``marker_segment`` is the segment of each, ``marker_position`` its
-        position in that segment's frame, (K, 3) [m].
-    offsets
-        Segment -> its proximal joint in the parent's frame, (3,) [m].
-    axes
-        Coordinate -> hinge axis, (3,), for the hinges that the subject's landmarks define.
-    inertias
-        Segment with mass -> mass, centre of mass and moment of inertia in its frame.
+        Marker names, (K,); ``marker_segment`` is the segment or shoulder point of each,
+        ``marker_position`` its position in that frame, (K, 3) [m].
+    joints
+        The skeleton: 46 single-axis joints, in the order of `hbm.coordinates.COORDINATES`.
+    segments
+        Segment -> mass, centre of mass and moment of inertia in its frame; that of the mid trunk
+        is the frame of the thorax, to which it is fixed.
     lengths
-        Inertial part of de Leva's table, with its side -> distance between its ends [m].
+        Segment -> distance between the ends that its inertia is scaled to [m].
     locked
         Coordinates that none of the markers depends on; they stay at zero.
     notes
@@ -54,8 +120,11 @@ class Body:
 
     >>> print(body)
     74.6 kg, 1.78 m, male; markers: 46 of Human Body Model 2, full body, 46 markers
-    >>> f"{body.inertias['right_thigh'].mass:.2f} kg"
-    '10.56 kg'
+    >>> len(body.segments), f"{body.segments['right_thigh'].mass:.2f} kg"
+    (18, '10.56 kg')
+    >>> knee = next(joint for joint in body.joints if joint.name == "RKneeFlexion")
+    >>> knee.segment, body.joints[knee.parent].segment
+    ('right_shank', 'right_thigh')
     >>> body.locked
     ('RToeFlexion', 'LToeFlexion')
     """
@@ -67,9 +136,8 @@ class Body:
     markers: tuple[str, ...]
     marker_segment: tuple[str, ...]
     marker_position: Array
-    offsets: Mapping[str, Array]
-    axes: Mapping[str, Array]
-    inertias: Mapping[str, Inertia]
+    joints: tuple[Joint, ...]
+    segments: Mapping[str, Inertia]
     lengths: Mapping[str, float]
     locked: tuple[str, ...]
     notes: tuple[Note, ...]
@@ -81,10 +149,13 @@ class Body:
                 f"body: marker_position must have shape {expected}, "
                 f"got {np.shape(self.marker_position)}"
             )
+        for what, found, names in (
+            ("joints", tuple(joint.name for joint in self.joints), COORDINATES),
+            ("segments", tuple(self.segments), SEGMENTS),
+        ):
+            if found != names:
+                raise ValueError(f"body: {what} must be {', '.join(names)}, got {', '.join(found)}")
         object.__setattr__(self, "marker_position", read_only(self.marker_position))
-        for name in ("offsets", "axes"):
-            vectors = {key: read_only(v) for key, v in getattr(self, name).items()}
-            object.__setattr__(self, name, vectors)
 
     def __str__(self) -> str:
         return (
@@ -93,25 +164,46 @@ class Body:
         )
 
     @property
-    def model(self) -> Any:
-        """The same body as a `pinocchio.Model` (see `pin_model`)."""
-        return pin_model(self)
+    def offsets(self) -> dict[str, Array]:
+        """Segment or point -> its joint in the parent's frame, (3,) [m]; for all but the pelvis."""
+        return {s: self.joints[FIRST_Q[s]].offset for s in PARENT}
+
+    @property
+    def axes(self) -> dict[str, Array]:
+        """Coordinate -> its axis, (3,), where the subject's landmarks define it."""
+        return {COORDINATES[i]: self.joints[i].axis for i in SUBJECT_AXES}
 
     @property
     def geometry(self) -> Array:
-        """Offsets and hinge axes as one vector, in the order of the kernels."""
-        axes = [self.axes[COORDINATES[i]] for i in SUBJECT_AXES]
-        return np.concatenate([*(self.offsets[s] for s in JOINTED_SEGMENTS), *axes])
+        """The subject's own offsets and axes as one vector, in the order of the kernels."""
+        return np.concatenate(
+            [
+                *(self.joints[i].offset for i in SUBJECT_OFFSETS),
+                *(self.joints[i].axis for i in SUBJECT_AXES),
+            ]
+        )
+
+    @property
+    def rigid_bodies(self) -> dict[str, Inertia]:
+        """Rigid body -> its inertia together with that of the segments fixed to it."""
+        bodies = {s: self.segments[s] for s in RIGID_BODIES}
+        for s, carrier in FIXED_TO.items():
+            bodies[carrier] += self.segments[s]
+        return bodies
 
     @property
     def inertia_vector(self) -> Array:
-        """Mass, centre and inertia (xx yy zz xy xz yz) of the segments with mass as one vector."""
+        """Mass, centre and inertia (xx yy zz xy xz yz) of the rigid bodies as one vector."""
         rows = []
-        for s in SEGMENTS_WITH_MASS:
-            i, t = self.inertias[s], self.inertias[s].tensor
-            products = [t[0, 1], t[0, 2], t[1, 2]]
-            rows.append([i.mass, *i.center, *np.diag(t), *products])
+        for part in self.rigid_bodies.values():
+            t = part.tensor
+            rows.append([part.mass, *part.center, *np.diag(t), t[0, 1], t[0, 2], t[1, 2]])
         return np.concatenate(rows)
+
+    @property
+    def model(self) -> Any:
+        """The same body as a `pinocchio.Model` (see `pin_model`)."""
+        return pin_model(self)
 
 
 @lru_cache(maxsize=8)
@@ -126,31 +218,42 @@ def pin_model(body: Body) -> Any:
     Returns
     -------
     pinocchio.Model
-        46 single-axis joints: joint ``i + 1`` is coordinate ``i`` of `hbm.coordinates.COORDINATES`;
-        operational frames carry the segments and markers.
+        Joint ``i + 1`` is ``body.joints[i]``. Frames carry the 18 segments with their inertias,
+        the shoulder points and the markers; a fixed joint leads from the thorax to the mid trunk.
 
     Raises
     ------
     ModuleNotFoundError
-        On Windows, for which Pinocchio has no wheel; nothing else of the package needs it.
+        On Windows, for which Pinocchio has no wheel.
+    ValueError
+        If Pinocchio refuses the body.
     """
     import pinocchio as pin
 
     model = pin.Model()
-    model.name = "human_body_model"
-    for i, c in enumerate(TREE):
-        axis = np.array(body.axes[c.name] if c.axis is None else c.axis)
-        first = i == FIRST_Q[c.segment] and c.segment in body.offsets
-        offset = np.array(body.offsets[c.segment]) if first else np.zeros(3)
-        kind = pin.JointModelPrismaticUnaligned if c.translates else pin.JointModelRevoluteUnaligned
-        model.addJoint(c.parent + 1, kind(*axis), pin.SE3(np.eye(3), offset), c.name)
-    for s, part in body.inertias.items():
+    model.name = MODEL_NAME
+    frame: dict[str, int] = {}
+
+    def attach(name: str, kind: Any, to: str, offset: Array, part: Inertia = NO_INERTIA) -> int:
+        place, joint = pin.SE3(np.eye(3), np.array(offset)), LAST_Q[to] + 1
         inertia = pin.Inertia(part.mass, np.array(part.center), np.array(part.tensor))
-        model.appendBodyToJoint(LAST_Q[s] + 1, inertia, pin.SE3.Identity())
-    for s in SEGMENTS:
-        model.addFrame(pin.Frame(s, LAST_Q[s] + 1, 0, pin.SE3.Identity(), pin.FrameType.BODY))
-    rows = zip(body.markers, body.marker_segment, body.marker_position, strict=True)
-    for name, s, position in rows:
-        pose = pin.SE3(np.eye(3), np.array(position))
-        model.addFrame(pin.Frame(name, LAST_Q[s] + 1, 0, pose, pin.FrameType.SENSOR))
+        return int(model.addFrame(pin.Frame(name, joint, frame[to], place, kind, inertia)))
+
+    try:
+        for joint in body.joints:
+            prismatic, revolute = pin.JointModelPrismaticUnaligned, pin.JointModelRevoluteUnaligned
+            kind = (prismatic if joint.translates else revolute)(*joint.axis)
+            place = pin.SE3(np.eye(3), np.array(joint.offset))
+            number = model.addJoint(joint.parent + 1, kind, place, joint.name)
+            frame[joint.segment] = model.addJointFrame(number)
+        for s, carrier in FIXED_TO.items():
+            frame[s] = attach(f"{s}_joint", pin.FrameType.FIXED_JOINT, carrier, np.zeros(3))
+        for s in (*MOVING, *FIXED_TO):
+            part = body.segments.get(s, NO_INERTIA)
+            frame[s] = attach(s, pin.FrameType.BODY, s, np.zeros(3), part)
+        rows = zip(body.markers, body.marker_segment, body.marker_position, strict=True)
+        for name, s, position in rows:
+            attach(name, pin.FrameType.SENSOR, s, position)
+    except RuntimeError as error:
+        raise ValueError(f"Pinocchio refuses the body: {error}") from error
     return model

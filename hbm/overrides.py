@@ -7,10 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from hbm.coordinates import SEGMENTS_WITH_MASS
+from hbm.coordinates import SEGMENTS
 from hbm.segments import Inertia
 from hbm.spatial import Array, read_only
-from hbm.spelling import did_you_mean
+from hbm.spelling import did_you_mean, no_segment
 
 MAX_CENTER_DISTANCE_M: Final = 1.0
 """Distance of a centre of mass from the joint: no segment is longer; larger numbers are
@@ -51,9 +51,9 @@ class SegmentOverride:
     >>> import hbm
     >>> prosthesis = hbm.SegmentOverride(mass_kg=1.9, center_m=[0.01, 0.0, -0.12])
     >>> body = hbm.build_body(static, mass=74.6, overrides={"right_shank": prosthesis})
-    >>> body.inertias["right_shank"].mass
+    >>> body.segments["right_shank"].mass
     1.9
-    >>> f"{sum(part.mass for part in body.inertias.values()):.1f} kg"
+    >>> f"{sum(part.mass for part in body.segments.values()):.1f} kg"
     '74.6 kg'
     """
 
@@ -139,8 +139,8 @@ def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverr
         raise ValueError(f"{name} is not valid TOML: {error}") from error
     overrides, faults = {}, []
     for segment, entry in table.items():
-        if segment not in SEGMENTS_WITH_MASS:
-            faults.append(f"no segment {segment!r}{did_you_mean(segment, SEGMENTS_WITH_MASS)}")
+        if segment not in SEGMENTS:
+            faults.append(no_segment(segment, SEGMENTS))
             continue
         try:
             overrides[segment] = _override(entry)
@@ -212,8 +212,7 @@ def apply_overrides(
     """
     for segment in overrides:
         if segment not in inertias:
-            hint = did_you_mean(segment, inertias)
-            raise ValueError(f"override for {segment!r}, which is not a segment with mass{hint}")
+            raise ValueError(f"overrides: {no_segment(segment, inertias)}")
     stated = {s: o.mass_kg for s, o in overrides.items() if o.mass_kg is not None}
     worn = sum(o.worn.mass for o in overrides.values() if o.worn)
     table = sum(part.mass for s, part in inertias.items() if s not in stated)

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import SEGMENTS, SIDES
+from hbm.coordinates import MOVING, SIDES
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.notes import Note
@@ -97,7 +97,7 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
     """
     notes = []
     on_body = dict(zip(body.markers, body.marker_position, strict=True))
-    for s in SEGMENTS:
+    for s in MOVING:
         own = [
             name
             for name, segment in zip(body.markers, body.marker_segment, strict=True)

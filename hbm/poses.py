@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from hbm.coordinates import SEGMENTS, SEGMENTS_WITH_MASS
+from hbm.coordinates import MOVING
 from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.spatial import Array
 
 
 def segment_frames(body: Body, q: Array, *, jobs: int = 1) -> tuple[Array, Array]:
-    """Give the frames of all segments, in the order of `hbm.coordinates.SEGMENTS`.
+    """Give the frames of segments and shoulder points, in the order of `hbm.coordinates.MOVING`.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def segment_frames(body: Body, q: Array, *, jobs: int = 1) -> tuple[Array, Array
         Proximal joints in the lab, (T, 19, 3) [m].
     """
     poses = kernels().segment_poses(q, body.geometry, jobs=jobs)[0]
-    poses = poses.reshape(len(q), len(SEGMENTS), 4, 3)
+    poses = poses.reshape(len(q), len(MOVING), 4, 3)
     return np.swapaxes(poses[:, :, :3], 2, 3), poses[:, :, 3]
 
 
@@ -50,7 +50,7 @@ def marker_positions(body: Body, q: Array, *, jobs: int = 1) -> Array:
         Positions in the lab, (T, K, 3) [m].
     """
     rotation, origin = segment_frames(body, q, jobs=jobs)
-    own = [SEGMENTS.index(s) for s in body.marker_segment]
+    own = [MOVING.index(s) for s in body.marker_segment]
     from_joint = np.einsum("tkij,kj->tki", rotation[:, own], body.marker_position)
     return np.asarray(origin[:, own] + from_joint)
 
@@ -72,9 +72,10 @@ def center_of_mass(body: Body, q: Array, *, jobs: int = 1) -> Array:
     Array
         Positions in the lab, (T, 3) [m].
     """
-    with_mass = [SEGMENTS.index(segment) for segment in SEGMENTS_WITH_MASS]
-    rotation, origin = (frames[:, with_mass] for frames in segment_frames(body, q, jobs=jobs))
-    parts = [body.inertias[segment] for segment in SEGMENTS_WITH_MASS]
+    bodies = body.rigid_bodies
+    own = [MOVING.index(s) for s in bodies]
+    rotation, origin = (frames[:, own] for frames in segment_frames(body, q, jobs=jobs))
+    parts = list(bodies.values())
     local = np.array([part.center for part in parts])
     centers = origin + np.einsum("tsij,sj->tsi", rotation, local)
     return np.asarray(np.average(centers, axis=1, weights=[part.mass for part in parts]))

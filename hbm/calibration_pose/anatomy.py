@@ -53,7 +53,7 @@ class Anatomy:
         Unit vectors by name, such as ``right_knee``; all point to the subject's left in the
         anatomical position.
     frames
-        Orientations of pelvis, trunk and head (columns: forward, left, up), (3, 3).
+        Orientations of pelvis, thorax and head (columns: forward, left, up), (3, 3).
     notes
         Rules that replaced missing landmarks.
     """

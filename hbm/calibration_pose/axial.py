@@ -198,7 +198,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
             "trunk and pelvis face opposite directions; front and back markers (C7, T10 against "
             "JN, XIPH; ASIS against PSIS) or left and right are probably swapped"
         )
-    anatomy.frames["trunk"] = R
+    anatomy.frames["thorax"] = R
     anatomy.points["trunk_top"] = top
 
 

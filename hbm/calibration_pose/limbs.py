@@ -111,12 +111,12 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], side: str) -> None:
             missing += [] if styloids else [f"{s}LW or {s}MW"]
             anatomy.notes.append(Note.of("arm_not_located", side=side, missing=tuple(missing)))
         return
-    trunk = anatomy.frames["trunk"]
+    thorax = anatomy.frames["thorax"]
     if {"LSHO", "RSHO"} <= set(at):
         width = distance(at["LSHO"], at["RSHO"])
     else:
-        width = 2 * abs(float((at[s + "SHO"] - anatomy.points["trunk_top"]) @ trunk[:, 1]))
-    shoulder = at[s + "SHO"] - SHOULDER_DROP_PER_WIDTH * width * trunk[:, 2]
+        width = 2 * abs(float((at[s + "SHO"] - anatomy.points["trunk_top"]) @ thorax[:, 1]))
+    shoulder = at[s + "SHO"] - SHOULDER_DROP_PER_WIDTH * width * thorax[:, 2]
     wrist, lateral = np.mean(styloids, axis=0), at[s + "LEE"]
     along = unit(wrist - shoulder)
     on_line = shoulder + ((lateral - shoulder) @ along) * along

@@ -41,7 +41,7 @@ class Shape:
     Attributes
     ----------
     offsets
-        Segment -> its proximal joint in the parent segment's frame, (3,) [m].
+        Segment or shoulder point -> its joint in the parent's frame, (3,) [m].
     axes
         Coordinate -> hinge axis in the frame before its rotation, unit vector (3,).
     ends
@@ -142,8 +142,8 @@ class _Builder:
         self.shoulder_width = SHOULDER_WIDTH_PER_STATURE * height_m
         self.shoulder_drop = SHOULDER_DROP_PER_STATURE * height_m
         self.frames = {"pelvis": (anatomy.frames["pelvis"], self.at["pelvis"])}
-        self.frames["trunk"] = anatomy.frames["trunk"], self.at["lumbar"]
-        head = anatomy.frames.get("head", anatomy.frames["trunk"])
+        self.frames["thorax"] = anatomy.frames["thorax"], self.at["lumbar"]
+        head = anatomy.frames.get("head", anatomy.frames["thorax"])
         self.frames["head"] = head, self.at["neck"]
         self.shape = Shape()
 
@@ -159,17 +159,17 @@ class _Builder:
         share = (lower + middle) / (lower + middle + upper)
         xiphoid = at.get("xiphoid_level", hips + share * (top - hips))
         navel = xiphoid + middle / (middle + lower) * (hips - xiphoid)
-        pelvis, trunk, head = (self.frames[s][0] for s in ("pelvis", "trunk", "head"))
+        pelvis, trunk, head = (self.frames[s][0] for s in ("pelvis", "thorax", "head"))
         self.ends("lower_trunk", "pelvis", navel, hips, pelvis[:, 1])
-        self.ends("mid_trunk", "trunk", xiphoid, navel, trunk[:, 1])
-        self.ends("upper_trunk", "trunk", top, xiphoid, trunk[:, 1])
+        self.ends("mid_trunk", "thorax", xiphoid, navel, trunk[:, 1])
+        self.ends("upper_trunk", "thorax", top, xiphoid, trunk[:, 1])
         cervicale = at.get("cervicale", at["neck"])
         vertex = at.get("vertex", at["neck"] + length["head"] * head[:, 2])
         self.ends("head", "head", vertex, cervicale, head[:, 1])
 
     def arm(self, side: str) -> None:
         at, s, axes = self.at, SIDES[side], self.shape.axes
-        trunk, _ = self.frames["trunk"]
+        thorax, _ = self.frames["thorax"]
         sign = MEDIAL_SIGN[side]
         arm, forearm, hand = (f"{side}_{x}" for x in ("upper_arm", "forearm", "hand"))
         if f"{side}_elbow" in at:
@@ -177,14 +177,14 @@ class _Builder:
             elbow_axis, wrist_axis = self.axes[f"{side}_elbow"], self.axes[f"{side}_wrist"]
         else:
             from_top = np.array([0.0, -sign * self.shoulder_width, -self.shoulder_drop])
-            shoulder = at["trunk_top"] + trunk @ from_top
-            elbow = shoulder - self.length["upper_arm"] * trunk[:, 2]
-            wrist = elbow - self.length["forearm"] * trunk[:, 2]
-            elbow_axis = wrist_axis = trunk[:, 1]
+            shoulder = at["trunk_top"] + thorax @ from_top
+            elbow = shoulder - self.length["upper_arm"] * thorax[:, 2]
+            wrist = elbow - self.length["forearm"] * thorax[:, 2]
+            elbow_axis = wrist_axis = thorax[:, 1]
         knuckle = at.get(f"{side}_knuckle")
 
         R = axes_from(elbow_axis, shoulder - elbow, exact="up")
-        self.frames[f"{side}_shoulder"] = trunk, shoulder
+        self.frames[f"{side}_shoulder"] = thorax, shoulder
         self.frames[arm] = R, shoulder
 
         bend = -R.T @ elbow_axis

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import MOVING
 from hbm.kernels.kernel import Kernels
 from hbm.kernels.skeleton import N_SUMS
 from hbm.spatial import Array, Indices
@@ -55,7 +55,7 @@ class MarkerAttachment:
         products = [p[:, i] * p[:, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
         local_terms = np.column_stack([np.ones(len(p)), p, *products])
         measured_factors = np.column_stack([np.ones(len(p)), p])
-        sums = np.zeros((len(position), len(SEGMENTS), N_SUMS))
+        sums = np.zeros((len(position), len(MOVING), N_SUMS))
         for s in np.unique(self.segment):
             own = np.flatnonzero(self.segment == s)
             w, m = weight[:, own], measured[:, own]
@@ -64,12 +64,12 @@ class MarkerAttachment:
             crossed = np.einsum("tki,ka->tai", weighted, measured_factors[own])
             sums[:, s, 10:22] = crossed.reshape(-1, 12)
             sums[:, s, 22] = np.einsum("tki,tki->t", weighted, m)
-        return sums.reshape(len(position), N_SUMS * len(SEGMENTS))
+        return sums.reshape(len(position), N_SUMS * len(MOVING))
 
     def errors(self, kernels: Kernels, position: Array, q: Array, jobs: int) -> Array:
         """Give the distance of given positions, (F, K, 3), from the model, (F, K) [m]."""
         poses = kernels.segment_poses(q, self.geometry, jobs=jobs)[0]
-        poses = poses.reshape(len(q), len(SEGMENTS), 4, 3)
+        poses = poses.reshape(len(q), len(MOVING), 4, 3)
         local = np.column_stack([self.local, np.ones(len(self.local))])
         model = np.einsum("tkai,ka->tki", poses[:, self.segment], local)
         return np.asarray(np.linalg.norm(model - position, axis=-1))

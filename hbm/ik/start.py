@@ -7,13 +7,14 @@ rotation, several axial rotations are tried and the one in which the limb fits i
 kept. From such a start Newton's method finds the pose; from zeros it converges to wrong minima.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import FIRST_Q, LAST_Q, N_Q, PARENT, SEGMENTS, TREE, support
+from hbm.coordinates import FIRST_Q, LAST_Q, MOVING, N_Q, PARENT, support
 from hbm.ik.rotations import hinge_angles, nearest_rotation, rotation_terms, three_angles
+from hbm.model import Joint
 from hbm.spatial import Array, Indices, Mask, rotation_about
 
 FOREARM_STARTS_RAD: Final = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
@@ -37,7 +38,7 @@ one."""
 MIN_ROOT_MARKERS: Final = 3
 """Markers needed for the position and orientation of the pelvis."""
 
-ROOT_SEGMENTS: Final = ("pelvis", "trunk", "right_thigh", "left_thigh")
+ROOT_SEGMENTS: Final = ("pelvis", "thorax", "right_thigh", "left_thigh")
 """Segments whose markers, with the joints held neutral, show the pelvis where its own are few."""
 
 LIMBS: Final = {
@@ -55,8 +56,7 @@ def starting_pose(
     weight: Array,
     local: Array,
     segment: tuple[str, ...],
-    offsets: Mapping[str, Array],
-    axes: Mapping[str, Array],
+    joints: tuple[Joint, ...],
 ) -> Array:
     """Estimate the coordinates of many frames at once.
 
@@ -70,16 +70,16 @@ def starting_pose(
         Marker positions in their segments, (K, 3) [m].
     segment
         Segment of each marker, (K,).
-    offsets, axes
-        The body's geometry (see `hbm.model.Body`).
+    joints
+        The body's skeleton.
 
     Returns
     -------
     Array
         Coordinates, (T, 46). Coordinates without markers are zero. Frames in which fewer than
-        three markers show pelvis, trunk or thighs are NaN.
+        three markers show pelvis, thorax or thighs are NaN.
     """
-    return _Start(position, weight, local, segment, offsets, axes).coordinates()
+    return _Start(position, weight, local, segment, joints).coordinates()
 
 
 class _Start:
@@ -91,24 +91,23 @@ class _Start:
         weight: Array,
         local: Array,
         segment: tuple[str, ...],
-        offsets: Mapping[str, Array],
-        axes: Mapping[str, Array],
+        joints: tuple[Joint, ...],
     ) -> None:
         self.position, self.weight, self.local = position, weight, local
-        self.offsets = offsets
+        self.offsets = {s: joints[i].offset for s, i in FIRST_Q.items()}
         own = np.array(segment)
-        self.columns = {s: np.flatnonzero(own == s) for s in SEGMENTS}
+        self.columns = {s: np.flatnonzero(own == s) for s in MOVING}
         self.rotations = {
-            s: [i for i in range(FIRST_Q[s], LAST_Q[s] + 1) if not TREE[i].translates]
-            for s in SEGMENTS
+            s: [i for i in range(FIRST_Q[s], LAST_Q[s] + 1) if not joints[i].translates]
+            for s in MOVING
         }
-        self.axis = np.array([axes[c.name] if c.axis is None else c.axis for c in TREE], float)
+        self.axis = np.array([joint.axis for joint in joints])
         self.terms = rotation_terms(self.axis)
 
     def coordinates(self) -> Array:
         frames = np.arange(len(self.position))
         R, o, solved = self.pelvis()
-        q, poses = self.align(frames, R, o, np.zeros(len(frames)), SEGMENTS[1:])
+        q, poses = self.align(frames, R, o, np.zeros(len(frames)), MOVING[1:])
         for first, limb in LIMBS.items():
             own = self.columns[first]
             unclear = frames[(self.weight[:, own] > 0).sum(axis=1) < MIN_MARKERS_AXIAL]
@@ -116,7 +115,7 @@ class _Start:
                 continue
             tries = len(AXIAL_ROTATIONS_RAD)
             again, axial = np.tile(unclear, tries), np.repeat(AXIAL_ROTATIONS_RAD, len(unclear))
-            chain = [s for s in SEGMENTS[1:] if s in limb or FIRST_Q[s] in support(FIRST_Q[first])]
+            chain = [s for s in MOVING[1:] if s in limb or FIRST_Q[s] in support(FIRST_Q[first])]
             tried_q, tried_poses = self.align(again, R[again], o[again], axial, chain)
             before = self.misfit(unclear, limb, q[unclear], poses, unclear)
             after = self.misfit(again, limb, tried_q, tried_poses).reshape(tries, -1)
@@ -133,7 +132,7 @@ class _Start:
         R, o = np.tile(np.eye(3), (frames, 1, 1)), np.zeros((frames, 3))
         solved = np.zeros(frames, bool)
         neutral = {"pelvis": np.zeros(3)}
-        for s in SEGMENTS[1:]:
+        for s in MOVING[1:]:
             neutral[s] = neutral[PARENT[s]] + self.offsets[s]
         for segments in (ROOT_SEGMENTS[:1], ROOT_SEGMENTS[:2], ROOT_SEGMENTS):
             own = np.concatenate([self.columns[s] for s in segments])

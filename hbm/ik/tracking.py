@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from hbm.coordinates import COORDINATES, INDEX, N_Q, SEGMENTS, TREE
+from hbm.coordinates import COORDINATES, INDEX, MOVING, N_Q, TREE
 from hbm.ik.attachment import MarkerAttachment
 from hbm.ik.continuity import continuous
 from hbm.ik.descent import Solved, solve_frames
@@ -83,7 +83,7 @@ class Tracker:
         self.names = tuple(body.markers[k] for k in known)
         self.segment = tuple(body.marker_segment[k] for k in known)
         self.attachment = MarkerAttachment(
-            np.array([SEGMENTS.index(s) for s in self.segment]),
+            np.array([MOVING.index(s) for s in self.segment]),
             body.marker_position[known],
             np.array([weights.get(name, 1.0) for name in self.names]),
             body.geometry,
@@ -214,8 +214,7 @@ class Tracker:
                 seen * self.attachment.weight,
                 self.attachment.local,
                 self.segment,
-                dict(body.offsets),
-                dict(body.axes),
+                body.joints,
             )
         return np.clip(start, self.lower, self.upper)
 

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import casadi as ca
 
-from hbm.coordinates import N_Q, SEGMENTS
+from hbm.coordinates import MOVING, N_Q
 from hbm.kernels import skeleton
 from hbm.kernels.kernel import CONSTANT_INPUTS, casadi_function, kernel_sizes
 
@@ -67,7 +67,7 @@ def read_c_file(name: str) -> str:
 def _array_sizes() -> str:
     sizes = {
         "N_Q": N_Q,
-        "SEGMENTS": len(SEGMENTS),
+        "MOVING": len(MOVING),
         "SUMS": skeleton.N_SUMS,
         "GEOMETRY": skeleton.N_GEOMETRY,
     }

@@ -1,6 +1,6 @@
 /* Newton's method for many frames, `LANES` of them at a time, one in each SIMD lane.
  *
- * Compiled together with the kernels that casadi writes; N_Q, SEGMENTS, SUMS and GEOMETRY (numbers of
+ * Compiled together with the kernels that casadi writes; N_Q, MOVING, SUMS and GEOMETRY (numbers of
  * coordinates, segments, marker sums per segment, and geometry) are written before it. Each frame
  * iterates independently: a step that raises the cost is reduced, the curvature is dropped where the
  * Hessian is indefinite, and a finished frame frees its lane for the next one. `hbm.ik.descent` does
@@ -26,7 +26,7 @@ typedef struct {
 typedef struct {
   long long frame[LANES];
   simd q[N_Q], accepted_q[N_Q], step[N_Q], pivots[N_Q], prior[N_Q], reference[N_Q];
-  simd sums[SUMS * SEGMENTS], origin[3];
+  simd sums[SUMS * MOVING], origin[3];
   simd cost, gradient, curvature, reductions, iterations;
 } active_frames;
 
@@ -52,10 +52,10 @@ static inline void starting_pelvis(const problem *in, long long first, simd *ori
 }
 
 /* Sum a block's markers per segment: w, wp, wpp, wm, wmp, wmm (see hbm.kernels.skeleton). */
-static void sum_markers(const problem *in, long long first, double block[LANES][SUMS * SEGMENTS]) {
-  simd origin[3], sums[SUMS * SEGMENTS];
+static void sum_markers(const problem *in, long long first, double block[LANES][SUMS * MOVING]) {
+  simd origin[3], sums[SUMS * MOVING];
   starting_pelvis(in, first, origin);
-  for (int i = 0; i < SUMS * SEGMENTS; ++i) sums[i] = zero;
+  for (int i = 0; i < SUMS * MOVING; ++i) sums[i] = zero;
   for (long long k = 0; k < in->markers; ++k) {
     const double *p = in->local + 3 * k;
     simd *s = sums + SUMS * in->segment[k], m[3];
@@ -73,13 +73,13 @@ static void sum_markers(const problem *in, long long first, double block[LANES][
       s[22] += simd_select(seen, wm * m[i], zero);
     }
   }
-  for (int i = 0; i < SUMS * SEGMENTS; ++i)
+  for (int i = 0; i < SUMS * MOVING; ++i)
     for (int lane = 0; lane < LANES; ++lane) block[lane][i] = sums[i][lane];
 }
 
 /* Distance of the markers from the model in a block of solved frames. */
 static void marker_errors(const problem *in, long long first, const simd *geometry) {
-  simd q[N_Q], pose[12 * SEGMENTS], origin[3];
+  simd q[N_Q], pose[12 * MOVING], origin[3];
   for (int lane = 0; lane < LANES; ++lane) {
     const long long t = first + lane < in->frames ? first + lane : first;
     for (int i = 0; i < N_Q; ++i) q[i][lane] = in->q[N_Q * t + i];
@@ -119,7 +119,7 @@ static void load_frame(const problem *in, active_frames *active, const double *s
     active->q[i][lane] -= active->q[i][lane]; /* 0, or NaN where there is no starting point */
   }
   for (int i = 0; i < N_Q; ++i) active->accepted_q[i][lane] = active->q[i][lane];
-  for (int i = 0; i < SUMS * SEGMENTS; ++i) active->sums[i][lane] = sums[i];
+  for (int i = 0; i < SUMS * MOVING; ++i) active->sums[i][lane] = sums[i];
   active->cost[lane] = INFINITY;
   active->gradient[lane] = NAN;
   active->curvature[lane] = 1;
@@ -184,7 +184,7 @@ static void iterate(const problem *in, active_frames *active, const simd *geomet
 EXPORT
 void solve_frames(const problem *in) {
   simd geometry[GEOMETRY];
-  double block[LANES][SUMS * SEGMENTS];
+  double block[LANES][SUMS * MOVING];
   active_frames active = {.frame = {0}};
   for (int i = 0; i < GEOMETRY; ++i) geometry[i] = broadcast(in->geometry[i]);
   for (int lane = 0; lane < LANES; ++lane) active.frame[lane] = -1;

@@ -9,7 +9,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from hbm.coordinates import N_Q, SEGMENTS, SEGMENTS_WITH_MASS
+from hbm.coordinates import MOVING, N_Q, RIGID_BODIES
 from hbm.kernels import skeleton
 from hbm.spatial import Array
 
@@ -115,11 +115,11 @@ def in_threads(work: Callable[[int, int], None], frames: int, jobs: int) -> None
 def kernel_sizes(name: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Give the numbers per frame that go into a kernel, input by input, and come out."""
     n_q, geometry = N_Q, skeleton.N_GEOMETRY
-    sums = skeleton.N_SUMS * len(SEGMENTS)
-    inertia = skeleton.N_INERTIA * len(SEGMENTS_WITH_MASS)
+    sums = skeleton.N_SUMS * len(MOVING)
+    inertia = skeleton.N_INERTIA * len(RIGID_BODIES)
     return {
         "newton_step": ((n_q, sums, n_q, n_q, 1, 1, geometry), (n_q, n_q + 2)),
-        "segment_poses": ((n_q, geometry), (12 * len(SEGMENTS),)),
+        "segment_poses": ((n_q, geometry), (12 * len(MOVING),)),
         "newton_euler": ((n_q, n_q, n_q, geometry, inertia), (n_q, 6, 6 * n_q)),
     }[name]
 

@@ -48,11 +48,12 @@ from typing import Any, Final
 import casadi as ca
 
 from hbm.coordinates import (
-    FIRST_Q,
     LAST_Q,
+    MOVING,
     N_Q,
-    SEGMENTS,
-    SEGMENTS_WITH_MASS,
+    RIGID_BODIES,
+    SUBJECT_AXES,
+    SUBJECT_OFFSETS,
     TREE,
     support,
 )
@@ -60,14 +61,8 @@ from hbm.spatial import GRAVITY_MPS2
 
 SX = Any  # casadi.SX: the package ships no types
 
-SUBJECT_AXES: Final = tuple(i for i, c in enumerate(TREE) if c.axis is None)
-"""Coordinates whose axes the subject's landmarks define."""
-
-JOINTED_SEGMENTS: Final = tuple(s for s in SEGMENTS if s != "pelvis")
-"""Segments whose proximal joint has an offset in the parent's frame."""
-
-N_GEOMETRY: Final = 3 * (len(JOINTED_SEGMENTS) + len(SUBJECT_AXES))
-"""Offsets and subject-defined axes, in this order, 3 numbers each."""
+N_GEOMETRY: Final = 3 * (len(SUBJECT_OFFSETS) + len(SUBJECT_AXES))
+"""The offsets and axes that are the subject's own, in this order, 3 numbers each."""
 
 N_SUMS: Final = 23
 """Per segment, summed over its markers: w, w p (3), w p pᵀ (xx yy zz xy xz yz), w m (3), w m pᵀ
@@ -90,22 +85,22 @@ def _symmetric(six: SX) -> SX:
 
 
 class Pose:
-    """The tree at given coordinates: frames of all segments, motion of all joints.
+    """The tree at given coordinates: frames of all that moves, motion of all joints.
 
-    ``R[s], o[s]`` is the frame of segment ``s``; ``w[i], v[i]`` the motion of coordinate ``i`` per
-    unit of its rate, ``axis[i]`` its axis and ``origin[i]`` a point on it, all in the lab.
+    ``R[s], o[s]`` is the frame of ``s``, in `MOVING`; ``w[i], v[i]`` the motion of coordinate ``i``
+    per unit of its rate, ``axis[i]`` its axis and ``origin[i]`` a point on it, all in the lab.
     """
 
     def __init__(self, q: SX, geometry: SX) -> None:
         columns = ca.horzsplit(ca.reshape(geometry, 3, -1))
-        offset = dict(zip(JOINTED_SEGMENTS, columns, strict=False))
-        own_axis = dict(zip(SUBJECT_AXES, columns[len(JOINTED_SEGMENTS) :], strict=True))
+        offset = dict(zip(SUBJECT_OFFSETS, columns, strict=False))
+        own_axis = dict(zip(SUBJECT_AXES, columns[len(SUBJECT_OFFSETS) :], strict=True))
         frame = {-1: (ca.SX.eye(3), ca.SX(3, 1))}
         self.w, self.v, self.axis, self.origin = [], [], [], []
         for i, c in enumerate(TREE):
             R, o = frame[c.parent]
-            if i == FIRST_Q[c.segment] and c.segment in offset:
-                o = o + R @ offset[c.segment]
+            if i in offset:
+                o = o + R @ offset[i]
             local = own_axis[i] if c.axis is None else ca.sparsify(ca.SX(list(c.axis)))
             axis = R @ local
             self.axis.append(axis)
@@ -119,8 +114,8 @@ class Pose:
                 R = R @ _rotation(local, q[i])
             self.origin.append(o)
             frame[i] = R, o
-        self.R = {s: frame[LAST_Q[s]][0] for s in SEGMENTS}
-        self.o = {s: frame[LAST_Q[s]][1] for s in SEGMENTS}
+        self.R = {s: frame[LAST_Q[s]][0] for s in MOVING}
+        self.o = {s: frame[LAST_Q[s]][1] for s in MOVING}
 
 
 def _sum_beyond(per_segment: dict[str, list[SX]], zero: Callable[[], list[SX]]) -> list[list[SX]]:
@@ -150,13 +145,13 @@ def newton_step() -> SX:
         pivots of the factorisation.
     """
     q, geometry = ca.SX.sym("q", N_Q), ca.SX.sym("geometry", N_GEOMETRY)
-    sums = ca.SX.sym("sums", N_SUMS * len(SEGMENTS))
+    sums = ca.SX.sym("sums", N_SUMS * len(MOVING))
     prior, reference = ca.SX.sym("prior", N_Q), ca.SX.sym("reference", N_Q)
     damping, curvature = ca.SX.sym("damping"), ca.SX.sym("curvature")
     pose = Pose(q, geometry)
 
     cost, of_segment = ca.dot(prior, (q - reference) ** 2), {}
-    for s, own in zip(SEGMENTS, ca.vertsplit(sums, N_SUMS), strict=True):
+    for s, own in zip(MOVING, ca.vertsplit(sums, N_SUMS), strict=True):
         R, o = pose.R[s], pose.o[s]
         n, p, pp, m = own[0], own[1:4], _symmetric(own[4:10]), own[10:13]
         mp, mm = ca.reshape(own[13:22], 3, 3), own[22]
@@ -228,7 +223,7 @@ def segment_poses() -> SX:
     """
     q, geometry = ca.SX.sym("q", N_Q), ca.SX.sym("geometry", N_GEOMETRY)
     pose = Pose(q, geometry)
-    poses = [ca.vertcat(ca.vec(pose.R[s]), pose.o[s]) for s in SEGMENTS]
+    poses = [ca.vertcat(ca.vec(pose.R[s]), pose.o[s]) for s in MOVING]
     return ca.Function("segment_poses", [q, geometry], [ca.densify(ca.vertcat(*poses))])
 
 
@@ -247,7 +242,7 @@ def newton_euler() -> SX:
     """
     q, qd, qdd = (ca.SX.sym(name, N_Q) for name in ("q", "v", "a"))
     geometry = ca.SX.sym("geometry", N_GEOMETRY)
-    inertia = ca.SX.sym("inertia", N_INERTIA * len(SEGMENTS_WITH_MASS))
+    inertia = ca.SX.sym("inertia", N_INERTIA * len(RIGID_BODIES))
     pose = Pose(q, geometry)
 
     ground = ca.SX(3, 1), ca.SX(3, 1), ca.SX(3, 1), ca.sparsify(ca.SX([0, 0, GRAVITY_MPS2]))
@@ -260,7 +255,7 @@ def newton_euler() -> SX:
         motion[i] = w + dw, v + dv, alpha, a
 
     of_segment = {}
-    for s, own in zip(SEGMENTS_WITH_MASS, ca.vertsplit(inertia, N_INERTIA), strict=True):
+    for s, own in zip(RIGID_BODIES, ca.vertsplit(inertia, N_INERTIA), strict=True):
         R, (w, v, alpha, a) = pose.R[s], motion[LAST_Q[s]]
         c = pose.o[s] + R @ own[1:4]
         I = R @ _symmetric(own[4:10]) @ R.T  # noqa: E741

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from hbm.coordinates import SEGMENTS_WITH_MASS
+from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
 from hbm.spelling import did_you_mean
 from pipeline.config.consistency import (
@@ -170,7 +170,7 @@ def _subject_paths(folder: Path) -> list[Path]:
 
 def _is_not_a_subject(table: Table) -> bool:
     """Recognise a marker set or a table of segments among the subjects' files."""
-    return "trials" not in table and not table.keys().isdisjoint(("markers", *SEGMENTS_WITH_MASS))
+    return "trials" not in table and not table.keys().isdisjoint(("markers", *SEGMENTS))
 
 
 def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerSet | None:

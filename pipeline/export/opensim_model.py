@@ -8,9 +8,10 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from hbm.body import Body
-from hbm.coordinates import MASSLESS, PARENT, SEGMENTS, TREE, Coordinate
-from hbm.segments import NO_INERTIA
-from hbm.spatial import GRAVITY_MPS2
+from hbm.coordinates import FIXED_TO, MOVING, PARENT
+from hbm.model import MODEL_NAME, Joint
+from hbm.segments import NO_INERTIA, Inertia
+from hbm.spatial import GRAVITY_MPS2, Array
 
 FORMAT: Final = "40000"
 """Format version in OpenSim 4.0 files."""
@@ -38,22 +39,27 @@ def write_osim(body: Body, path: str | Path) -> None:
     * Each segment has one CustomJoint to its parent: translations along axes of the parent, then
       rotations, each about an axis of the frame that the previous ones led to. Rotations that a
       joint lacks are constant.
-    * The shoulder points, which translate on the trunk and have the acromion markers, are bodies
+    * The mid trunk is welded to the thorax.
+    * The shoulder points, which translate on the thorax and have the acromion markers, are bodies
       without mass.
     * All coordinates are free, start at zero and are not clamped; their ranges are those of
       the sliders. Those that no marker shows are free as well.
     """
     document = ET.Element("OpenSimDocument", Version=FORMAT)
-    model = _add(document, "Model", name=body.model.name)
+    model = _add(document, "Model", name=MODEL_NAME)
     _add(model, "gravity", _numbers([0, 0, -GRAVITY_MPS2]))
     _add(model, "length_units", "meters")
     _add(model, "force_units", "N")
     bodies = _add(_add(model, "BodySet", name="bodyset"), "objects")
     joints = _add(_add(model, "JointSet", name="jointset"), "objects")
     markers = _add(_add(model, "MarkerSet", name="markerset"), "objects")
-    for segment in SEGMENTS:
-        _body(bodies, body, segment)
-        _joint(joints, body, segment)
+    for name in (*MOVING, *FIXED_TO):
+        _body(bodies, name, body.segments.get(name, NO_INERTIA))
+    for name in MOVING:
+        own = [joint for joint in body.joints if joint.segment == name]
+        _custom_joint(joints, name, own)
+    for name, carrier in FIXED_TO.items():
+        _joint(joints, "WeldJoint", name, f"/bodyset/{carrier}", np.zeros(3))
     for name, segment, place in zip(
         body.markers, body.marker_segment, body.marker_position, strict=True
     ):
@@ -75,25 +81,29 @@ def _numbers(values: Iterable[float]) -> str:
     return " ".join(repr(float(x)) for x in values)
 
 
-def _body(bodies: ET.Element, body: Body, segment: str) -> None:
-    inertia = NO_INERTIA if segment in MASSLESS else body.inertias[segment]
+def _body(bodies: ET.Element, name: str, inertia: Inertia) -> None:
     t = inertia.tensor
-    element = _add(bodies, "Body", name=segment)
+    element = _add(bodies, "Body", name=name)
     _add(element, "mass", _numbers([inertia.mass]))
     _add(element, "mass_center", _numbers(inertia.center))
     _add(element, "inertia", _numbers([*np.diag(t), t[0, 1], t[0, 2], t[1, 2]]))
 
 
-def _joint(joints: ET.Element, body: Body, segment: str) -> None:
-    """Join a segment to its parent."""
-    own = [c for c in TREE if c.segment == segment]
-    joint = _add(joints, "CustomJoint", name=f"{segment}_joint")
+def _joint(joints: ET.Element, kind: str, name: str, parent: str, offset: Array) -> ET.Element:
+    """Join a body to a place in its parent."""
+    joint = _add(joints, kind, name=f"{name}_joint")
     _add(joint, "socket_parent_frame", "before")
-    _add(joint, "socket_child_frame", f"/bodyset/{segment}")
+    _add(joint, "socket_child_frame", f"/bodyset/{name}")
     frame = _add(_add(joint, "frames"), "PhysicalOffsetFrame", name="before")
-    parent = f"/bodyset/{PARENT[segment]}" if segment in PARENT else "/ground"
     _add(frame, "socket_parent", parent)
-    _add(frame, "translation", _numbers(body.offsets.get(segment, np.zeros(3))))
+    _add(frame, "translation", _numbers(offset))
+    return joint
+
+
+def _custom_joint(joints: ET.Element, name: str, own: list[Joint]) -> None:
+    """Join a body to its parent by single-axis joints."""
+    parent = f"/bodyset/{PARENT[name]}" if name in PARENT else "/ground"
+    joint = _joint(joints, "CustomJoint", name, parent, own[0].offset)
     coordinates = _add(joint, "coordinates")
     for c in own:
         coordinate = _add(coordinates, "Coordinate", name=c.name)
@@ -102,13 +112,13 @@ def _joint(joints: ET.Element, body: Body, segment: str) -> None:
         for name in ("clamped", "locked"):
             _add(coordinate, name, "false")
     transform = _add(joint, "SpatialTransform")
-    _axes(transform, body, "rotation", [c for c in own if not c.translates])
-    _axes(transform, body, "translation", [c for c in own if c.translates])
+    _axes(transform, "rotation", [c for c in own if not c.translates])
+    _axes(transform, "translation", [c for c in own if c.translates])
 
 
-def _axes(transform: ET.Element, body: Body, kind: str, own: list[Coordinate]) -> None:
+def _axes(transform: ET.Element, kind: str, own: list[Joint]) -> None:
     """Write three axes: the joint's own, then constant ones for those that it lacks."""
-    axes = np.array([body.axes[c.name] if c.axis is None else c.axis for c in own]).reshape(-1, 3)
+    axes = np.array([joint.axis for joint in own]).reshape(-1, 3)
     _, _, basis = np.linalg.svd(axes)
     axes = np.vstack([axes, basis[len(own) :]])
     for k, axis in enumerate(axes):

@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from hbm.coordinates import HBM_ORDER, INDEX, SEGMENTS, TREE
+from hbm.coordinates import HBM_ORDER, INDEX, LAST_Q, TREE
 from hbm.dynamics import Dynamics
 from hbm.markers import Markers
 from hbm.motion import Motion
@@ -98,8 +98,8 @@ def write_external_loads(time: Array, wrenches: Mapping[str, Array], path: str |
         raise ValueError(f"{path.name}: name the table (.mot); the .xml is written next to it")
     columns: dict[str, Array] = {}
     for segment, wrench in wrenches.items():
-        if segment not in SEGMENTS:
-            raise ValueError(f"no segment {segment!r}; there are: {', '.join(SEGMENTS)}")
+        if segment not in LAST_Q:
+            raise ValueError(f"no segment {segment!r}; there are: {', '.join(LAST_Q)}")
         if np.shape(wrench) != (len(time), 6):
             raise ValueError(
                 f"wrench on {segment} must have shape ({len(time)}, 6), got {np.shape(wrench)}"

@@ -8,7 +8,8 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from hbm.body import Body
-from hbm.coordinates import FIRST_Q, LAST_Q, MASSLESS, TREE
+from hbm.coordinates import FIXED_TO, LAST_Q, TREE
+from hbm.model import MODEL_NAME
 from hbm.segments import Inertia
 from hbm.spatial import Array
 
@@ -38,21 +39,21 @@ def write_urdf(body: Body, path: str | Path) -> None:
       moving links below 1e-15; forces change by some 1e-10 N.
     * Rotations are ``revolute`` within ±100 rad rather than ``continuous``, which Pinocchio would
       describe by sine and cosine; translations are within ±100 m.
-    * Markers are links without mass on fixed joints. MuJoCo keeps them because the file asks it to.
+    * The mid trunk is a link on a fixed joint, and so are the markers, without mass. MuJoCo keeps
+      them because the file asks it to.
     """
-    robot = ET.Element("robot", name=body.model.name)
+    robot = ET.Element("robot", name=MODEL_NAME)
     ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", fusestatic="false")
     ET.SubElement(robot, "link", name="ground")
-    for i, c in enumerate(TREE):
-        has_segment = i == LAST_Q[c.segment] and c.segment not in MASSLESS
-        _link(robot, _name(i), body.inertias[c.segment] if has_segment else TOKEN_INERTIA)
-        kind = "prismatic" if c.translates else "revolute"
-        first = i == FIRST_Q[c.segment] and c.segment in body.offsets
-        place = body.offsets[c.segment] if first else np.zeros(3)
-        joint = _joint(robot, c.name, kind, _name(c.parent), _name(i), place)
-        axis = body.axes[c.name] if c.axis is None else c.axis
-        ET.SubElement(joint, "axis", xyz=_numbers(axis))
-        ET.SubElement(joint, "limit", LIMITS)
+    for i, joint in enumerate(body.joints):
+        _link(robot, _name(i), body.segments.get(_name(i), TOKEN_INERTIA))
+        kind = "prismatic" if joint.translates else "revolute"
+        element = _joint(robot, joint.name, kind, _name(joint.parent), _name(i), joint.offset)
+        ET.SubElement(element, "axis", xyz=_numbers(joint.axis))
+        ET.SubElement(element, "limit", LIMITS)
+    for name, carrier in FIXED_TO.items():
+        _link(robot, name, body.segments[name])
+        _joint(robot, f"{name}_joint", "fixed", carrier, name, np.zeros(3))
     for name, segment, place in zip(
         body.markers, body.marker_segment, body.marker_position, strict=True
     ):

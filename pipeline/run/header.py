@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
 from hbm.markers import MarkerSet
-from hbm.model import Body
+from hbm.model import Body, joints_of
 from hbm.segments import Inertia, Sex
 from hbm.spatial import Array
 from pipeline.io.recording import Event
@@ -60,7 +60,7 @@ class StoredBody:
     marker_position: Numbers
     offsets: Mapping[str, Numbers]
     axes: Mapping[str, Numbers]
-    inertias: Mapping[str, StoredInertia]
+    segments: Mapping[str, StoredInertia]
     lengths: Mapping[str, float]
     locked: tuple[str, ...]
     notes: tuple[StoredNote, ...]
@@ -68,8 +68,9 @@ class StoredBody:
     def to_body(self) -> Body:
         """Give the body."""
         own = {field.name: getattr(self, field.name) for field in fields(self)}
-        inertias = {s: Inertia(i.mass, i.center, i.tensor) for s, i in self.inertias.items()}
-        return Body(**own | {"inertias": inertias})
+        joints = joints_of(own.pop("offsets"), own.pop("axes"))
+        segments = {s: Inertia(i.mass, i.center, i.tensor) for s, i in self.segments.items()}
+        return Body(**own | {"joints": joints, "segments": segments})
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +130,10 @@ _JSON: Final = TypeAdapter(TrialHeader)
 def header_of(result: TrialResult) -> TrialHeader:
     """Gather a result's header."""
     body = result.body
-    own = {field.name: getattr(body, field.name) for field in fields(Body)}
-    inertias = {s: StoredInertia(i.mass, i.center, i.tensor) for s, i in body.inertias.items()}
+    own = {field.name: getattr(body, field.name) for field in fields(StoredBody)}
+    segments = {s: StoredInertia(i.mass, i.center, i.tensor) for s, i in body.segments.items()}
     return TrialHeader(
-        body=StoredBody(**own | {"inertias": inertias}),
+        body=StoredBody(**own | {"segments": segments}),
         markers=result.markers.names,
         first_frame=result.first_frame,
         plates=tuple(StoredPlate(p.number, p.center, p.corners) for p in result.plates),

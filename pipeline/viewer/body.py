@@ -7,7 +7,7 @@ import rerun as rr
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from hbm.coordinates import MASSLESS, PARENT, SEGMENTS
+from hbm.coordinates import MOVING, PARENT
 from hbm.model import Body
 from hbm.spatial import Array
 from pipeline.viewer.file import Timelines, printable, rgba, send
@@ -41,7 +41,7 @@ def log_body(
     rotation, origin
         From `hbm.poses.segment_frames`. A segment without a pose is not drawn.
     """
-    for k, segment in enumerate(SEGMENTS):
+    for k, segment in enumerate(MOVING):
         entity = f"lab/body/{segment}"
         log_pose(stream, entity, timelines, rotation[:, k], origin[:, k])
         _log_shape(stream, entity, body, segment)
@@ -95,7 +95,7 @@ def _log_shape(stream: rr.RecordingStream, entity: str, body: Body, segment: str
     side = segment.partition("_")[0]
     colour = BODY_COLOURS.get(side, BODY_COLOURS["middle"])
     if segment == "head":
-        stream.log(f"{entity}/bones", _head(body.inertias["head"].center, colour), static=True)
+        stream.log(f"{entity}/bones", _head(body.segments["head"].center, colour), static=True)
         return
     ends = _bone_ends(body, segment)
     if not len(ends):
@@ -150,7 +150,7 @@ def _bone_ends(body: Body, segment: str) -> Array:
     They are its distal joints or, where it has none, twice as far as its centre of mass.
     """
     children = [body.offsets[s] for s, parent in PARENT.items() if parent == segment]
-    if not children and segment not in MASSLESS:
-        children = [2 * body.inertias[segment].center]
+    if not children and segment in body.segments:
+        children = [2 * body.segments[segment].center]
     ends = [end for end in children if np.linalg.norm(end) > MIN_BONE_LENGTH_M]
     return np.array(ends).reshape(-1, 3)

@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 
 from compensation import PlatformPose, center_of_pressure
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import MOVING
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.spatial import Array, rotate_wrench, shift_wrench
@@ -77,7 +77,7 @@ def log_markers(
     lines = np.empty((len(origin), len(known), 2, 3))
     for i, name in enumerate(known):
         k = body.markers.index(name)
-        own = SEGMENTS.index(body.marker_segment[k])
+        own = MOVING.index(body.marker_segment[k])
         lines[:, i, 0] = markers.position[:, markers.names.index(name)]
         lines[:, i, 1] = rotation[:, own] @ body.marker_position[k] + origin[:, own]
     far = np.linalg.norm(lines[:, :, 1] - lines[:, :, 0], axis=-1) > MIN_ERROR_LINE_M

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 
 from compensation.platform.pose import PlatformPose
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import MOVING
 from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.spatial import Array
@@ -47,7 +47,7 @@ VIEW_RATE_HZ: Final = 50.0
 """Smooth to the eye, and half of the file's size at a camera's 100 Hz."""
 PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
-PELVIS: Final = SEGMENTS.index("pelvis")
+PELVIS: Final = MOVING.index("pelvis")
 LEGEND: Final = f"""# Legend
 | arrow | plates as measured | compensated |
 |---|---|---|

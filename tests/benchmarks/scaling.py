@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import MOVING
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from tests.benchmarks.implementation import Implementation, Timing, ratio, time_alternately
@@ -19,7 +19,7 @@ ELSEWHERE = 1e-5
 """Distance from the optimum [rad or m] beyond which a solution belongs to another minimum."""
 LEG = ("thigh", "shank", "foot")
 LEGS = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in LEG))
-COORDINATES = {"whole body": SEGMENTS, "legs and trunk": (*LEGS, "trunk"), "legs": LEGS}
+COORDINATES = {"whole body": MOVING, "legs and trunk": (*LEGS, "thorax"), "legs": LEGS}
 Row = dict[str, float | str]
 
 

@@ -11,10 +11,9 @@ from hbm.coordinates import (
     COORDINATES,
     HBM_ORDER,
     INDEX,
-    MASSLESS,
+    MOVING,
     N_Q,
     SEGMENTS,
-    SEGMENTS_WITH_MASS,
 )
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik
@@ -67,13 +66,27 @@ def test_the_model_has_46_coordinates_one_axis_each_with_the_human_body_model_s_
     assert body.model is model
 
 
-def test_17_segments_have_a_mass_and_two_points_carry_the_acromions():
-    assert len(SEGMENTS_WITH_MASS) == 17
-    assert (
-        set(SEGMENTS) - set(SEGMENTS_WITH_MASS)
-        == set(MASSLESS)
-        == {"left_shoulder", "right_shoulder"}
+def test_the_18_segments_have_a_mass_and_two_points_carry_the_acromions(body):
+    assert len(SEGMENTS) == 18
+    assert tuple(body.segments) == SEGMENTS
+    assert all(part.mass > 0 for part in body.segments.values())
+    assert set(MOVING) - set(SEGMENTS) == {"left_shoulder", "right_shoulder"}
+    assert set(SEGMENTS) - set(MOVING) == {"mid_trunk"}
+
+
+def test_the_mid_trunk_has_de_leva_s_inertia_and_moves_with_the_thorax(body):
+    part, mid, whole = (
+        proportions("male")["mid_trunk"],
+        body.segments["mid_trunk"],
+        body.rigid_bodies,
     )
+    assert mid.mass == pytest.approx(part.mass * MASS_KG)
+    moments = mid.mass * (np.array(part.gyration) * body.lengths["mid_trunk"]) ** 2
+    np.testing.assert_allclose(np.linalg.eigvalsh(mid.tensor), np.sort(moments), rtol=1e-12)
+    together = body.segments["thorax"] + mid
+    assert whole["thorax"].mass == together.mass
+    np.testing.assert_array_equal(whole["thorax"].tensor, together.tensor)
+    assert sum(part.mass for part in whole.values()) == pytest.approx(MASS_KG, rel=1e-14)
 
 
 def test_all_46_markers_are_attached_and_only_the_toes_are_locked(body):
@@ -82,7 +95,7 @@ def test_all_46_markers_are_attached_and_only_the_toes_are_locked(body):
 
 
 def test_the_masses_of_the_segments_sum_to_the_body_s(body):
-    assert sum(part.mass for part in body.inertias.values()) == pytest.approx(MASS_KG, rel=1e-14)
+    assert sum(part.mass for part in body.segments.values()) == pytest.approx(MASS_KG, rel=1e-14)
 
 
 def test_the_body_fits_its_calibration_pose_exactly(body):
@@ -91,15 +104,15 @@ def test_the_body_fits_its_calibration_pose_exactly(body):
 
 def test_neutral_is_upright_with_hanging_arms_and_frames_parallel_to_the_lab(body):
     rotation, origin = segment_frames(body, np.zeros((1, N_Q)))
-    np.testing.assert_allclose(rotation[0], np.tile(np.eye(3), (len(SEGMENTS), 1, 1)), atol=1e-12)
-    height = dict(zip(SEGMENTS, origin[0, :, 2], strict=True))
+    np.testing.assert_allclose(rotation[0], np.tile(np.eye(3), (len(MOVING), 1, 1)), atol=1e-12)
+    height = dict(zip(MOVING, origin[0, :, 2], strict=True))
     assert height["right_hand"] < height["right_forearm"] < height["right_upper_arm"]
     assert height["right_foot"] < height["right_shank"] < height["pelvis"] < height["head"]
 
 
 def test_the_thigh_has_de_leva_s_inertia(body):
     length = np.linalg.norm(body.offsets["right_shank"])
-    thigh, part = body.inertias["right_thigh"], proportions("male")["thigh"]
+    thigh, part = body.segments["right_thigh"], proportions("male")["thigh"]
     assert body.lengths["right_thigh"] == pytest.approx(length)
     assert thigh.mass == pytest.approx(0.1416 * MASS_KG)
     np.testing.assert_allclose(thigh.center, 0.4095 * body.offsets["right_shank"], atol=1e-12)
@@ -117,7 +130,7 @@ def test_a_body_s_arrays_are_read_only(body):
     with pytest.raises(ValueError, match="read-only"):
         body.marker_position[0] = 0
     with pytest.raises(ValueError, match="read-only"):
-        body.offsets["trunk"][0] = 0
+        body.offsets["thorax"][0] = 0
 
 
 # -- what must not matter -------------------------------------------------------------------------
@@ -156,9 +169,9 @@ def test_a_walk_without_a_static_trial_gives_nearly_the_same_body(body):
     assert found.notes[0].code == "calibration_pose_moving"
     for segment, offset in body.offsets.items():
         assert np.linalg.norm(found.offsets[segment] - offset) < 0.005, segment
-    for segment, part in body.inertias.items():
-        assert found.inertias[segment].mass == pytest.approx(part.mass, rel=1e-9)
-        np.testing.assert_allclose(found.inertias[segment].center, part.center, atol=0.005)
+    for segment, part in body.segments.items():
+        assert found.segments[segment].mass == pytest.approx(part.mass, rel=1e-9)
+        np.testing.assert_allclose(found.segments[segment].center, part.center, atol=0.005)
 
 
 def test_tracking_markers_of_a_walk_are_at_their_mean_position_on_the_fitted_skeleton(body):
@@ -170,7 +183,7 @@ def test_tracking_markers_of_a_walk_are_at_their_mean_position_on_the_fitted_ske
     own = [found.markers.index(n) for n in ("LLTHI", "RLTHI", "LLSHA", "RLSHA", "LFRM", "RFRM")]
     rotation, origin = segment_frames(found, motion.q)
     for k in own:
-        s = SEGMENTS.index(found.marker_segment[k])
+        s = MOVING.index(found.marker_segment[k])
         measured = noisy.position[:, noisy.names.index(found.markers[k])] - origin[:, s]
         seen = np.einsum("tji,tj->ti", rotation[:, s], measured).mean(axis=0)
         np.testing.assert_allclose(seen, found.marker_position[k], atol=0.002)
@@ -186,8 +199,8 @@ def test_scaled_by_s_a_person_s_inertias_scale_by_s_squared():
         hip={side: s * at for side, at in HIPS.items()},
         height_m=s * STATURE_M,
     )
-    for segment in set(SEGMENTS_WITH_MASS) - {"left_toes", "right_toes"}:
-        one, other = small.inertias[segment], large.inertias[segment]
+    for segment in set(SEGMENTS) - {"left_toes", "right_toes"}:
+        one, other = small.segments[segment], large.segments[segment]
         assert other.mass == pytest.approx(one.mass, rel=1e-12)
         np.testing.assert_allclose(other.center, s * one.center, atol=1e-12)
         np.testing.assert_allclose(other.tensor, s**2 * one.tensor, rtol=1e-9, atol=1e-12)
@@ -220,12 +233,10 @@ def test_an_arm_without_markers_is_locked_in_neutral(body):
         "RToeFlexion",
         "LToeFlexion",
     }
-    hand = found.inertias["left_hand"]
-    assert hand.mass == pytest.approx(body.inertias["left_hand"].mass)
+    hand = found.segments["left_hand"]
+    assert hand.mass == pytest.approx(body.segments["left_hand"].mass)
     origin = segment_frames(found, np.zeros((1, N_Q)))[1][0]
-    assert (
-        origin[SEGMENTS.index("left_hand"), 2] < origin[SEGMENTS.index("left_upper_arm"), 2] - 0.4
-    )
+    assert origin[MOVING.index("left_hand"), 2] < origin[MOVING.index("left_upper_arm"), 2] - 0.4
 
 
 def test_no_marker_of_an_arm_without_joints_is_used(body):
@@ -265,7 +276,7 @@ def test_a_lower_body_set_estimates_stature_and_sizes_the_rest_by_it(body):
         share = proportions("male")[part.split("_", 1)[-1] if "_" in part else part].length
         if part != "head":
             assert found.lengths[part] == pytest.approx(share * found.height_m)
-    centers = {s: found.inertias[s].center for s in ("left_upper_arm", "right_upper_arm")}
+    centers = {s: found.segments[s].center for s in ("left_upper_arm", "right_upper_arm")}
     np.testing.assert_allclose(*(c * [1, 0, 1] for c in centers.values()), atol=1e-9)
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.clinical import clinical_angles
-from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, N_Q, SEGMENTS, TREE
+from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, MOVING, N_Q, TREE
 from hbm.kernels.native import kernels
 from hbm.spatial import rotation_about
 from tests.synthetic import synthetic_body
@@ -186,18 +186,18 @@ def test_foot_pronation_lifts_the_lateral_edge(side):
 def test_toe_flexion_points_the_toes_down(side):
     q = pose(**{f"{side}ToeFlexion": 0.1})
     toes = "right_toes" if side == "R" else "left_toes"
-    forward = segment_poses(synthetic_body(), q)[SEGMENTS.index(toes), 0]
+    forward = segment_poses(synthetic_body(), q)[MOVING.index(toes), 0]
     assert forward[2] < -0.05
 
 
 def segment_poses(body, q):
-    return kernels().segment_poses(q[None], body.geometry)[0].reshape(len(SEGMENTS), 4, 3)
+    return kernels().segment_poses(q[None], body.geometry)[0].reshape(len(MOVING), 4, 3)
 
 
 def displacement(body, name, marker, **start):
     """Displacement of a marker when one coordinate increases a little from neutral."""
     k = body.markers.index(marker)
-    segment, local = SEGMENTS.index(body.marker_segment[k]), body.marker_position[k]
+    segment, local = MOVING.index(body.marker_segment[k]), body.marker_position[k]
 
     def position(**values):
         frame = segment_poses(body, pose(**values))[segment]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import SEGMENTS, SEGMENTS_WITH_MASS
+from hbm.coordinates import PARENT, SEGMENTS
 from hbm.description import describe
 from tests.hbm.people import person
 from tests.synthetic import MASS_KG, synthetic_body
@@ -20,19 +20,19 @@ def test_a_body_prints_as_the_first_line_of_its_description():
     assert describe(body).splitlines()[0] == str(body)
 
 
-def test_every_moving_segment_and_every_joint_has_a_row():
+def test_every_segment_and_every_joint_has_a_row():
     text = describe(synthetic_body())
-    for s in SEGMENTS_WITH_MASS:
+    for s in SEGMENTS:
         assert row(text, s)
     joints = text[text.index("joint of") :]
-    for s in SEGMENTS[1:]:
+    for s in PARENT:
         assert row(joints, s)
 
 
 def test_numbers_are_the_body_s_own():
     body = synthetic_body()
     mass, length, *rest = row(describe(body), "right_thigh")[1:]
-    thigh = body.inertias["right_thigh"]
+    thigh = body.segments["right_thigh"]
     assert float(mass) == pytest.approx(thigh.mass, abs=0.005)
     assert float(length) == pytest.approx(body.lengths["right_thigh"], abs=0.0005)
     np.testing.assert_allclose([float(x) for x in rest[:3]], 1000 * thigh.center, atol=0.51)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm import dynamics
-from hbm.coordinates import INDEX, LAST_Q, SEGMENTS, SEGMENTS_WITH_MASS, TREE, support
+from hbm.coordinates import INDEX, LAST_Q, MOVING, support
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
 from hbm.poses import center_of_mass, segment_frames
 from hbm.spatial import GRAVITY_MPS2, rotation_about, shift_wrench, transform_wrench
@@ -149,26 +149,26 @@ def frames_by_hand(body, q, v, a):
     """Series of orientation and origin of every segment."""
     zero = np.zeros(3)
     frames = {-1: ([np.eye(3), np.zeros((3, 3)), np.zeros((3, 3))], [zero, zero, zero])}
-    placed = set()
-    for i, c in enumerate(TREE):
-        R, o = frames[c.parent]
-        axis = np.array(body.axes[c.name] if c.axis is None else c.axis)
-        offset = zero if c.segment in placed or c.segment == "pelvis" else body.offsets[c.segment]
-        placed.add(c.segment)
-        along = [offset + axis * q[i], axis * v[i], axis * a[i] / 2] if c.translates else [offset]
+    for i, joint in enumerate(body.joints):
+        R, o = frames[joint.parent]
+        axis, offset = joint.axis, joint.offset
+        along = (
+            [offset + axis * q[i], axis * v[i], axis * a[i] / 2] if joint.translates else [offset]
+        )
         moved = multiply(R, [*along, zero, zero])
         o = [x + y for x, y in zip(o, moved, strict=True)]
-        frames[i] = (R if c.translates else multiply(R, rotation_series(axis, q[i], v[i], a[i]))), o
-    return {s: frames[LAST_Q[s]] for s in SEGMENTS}
+        frames[i] = (
+            (R if joint.translates else multiply(R, rotation_series(axis, q[i], v[i], a[i]))),
+            o,
+        )
+    return {s: frames[LAST_Q[s]] for s in body.segments}
 
 
 def needed_by_hand(body, q, v, a):
     """Sum m (a − g) and the rate of angular momentum about the lab origin, segment by segment."""
     force, moment = np.zeros(3), np.zeros(3)
     for s, (R, o) in frames_by_hand(body, q, v, a).items():
-        if s not in SEGMENTS_WITH_MASS:
-            continue
-        part, zero = body.inertias[s], np.zeros(3)
+        part, zero = body.segments[s], np.zeros(3)
         c = [x + y for x, y in zip(o, multiply(R, [part.center, zero, zero]), strict=True)]
         push = part.mass * (2 * c[2] + [0, 0, GRAVITY_MPS2])
         back = [x.T for x in R]
@@ -220,7 +220,7 @@ def test_pinocchio_and_the_kernels_give_the_same_segment_frames(pin, body, motio
     rotation, origin = segment_frames(body, motion.q)
     for k, q in enumerate(motion.q):
         pin.framesForwardKinematics(model, data, q)
-        for s, name in enumerate(SEGMENTS):
+        for s, name in enumerate(MOVING):
             frame = data.oMf[model.getFrameId(name)]
             np.testing.assert_allclose(rotation[k, s], frame.rotation, atol=1e-12)
             np.testing.assert_allclose(origin[k, s], frame.translation, atol=1e-12)
@@ -288,7 +288,7 @@ def test_a_force_is_found_by_the_name_of_its_coordinate(body, motion):
 @pytest.mark.parametrize(
     ("wrenches", "message"),
     [
-        ({"leftfoot": np.zeros((40, 6))}, "no segment 'leftfoot'; there are: pelvis, trunk"),
+        ({"leftfoot": np.zeros((40, 6))}, "no segment 'leftfoot'; there are: pelvis, thorax"),
         (
             {"left_foot": np.zeros((39, 6))},
             r"wrench on left_foot must have shape \(40, 6\), got \(39, 6\)",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import INDEX, SEGMENTS_WITH_MASS
+from hbm.coordinates import INDEX, SEGMENTS
 from hbm.dynamics import inverse_dynamics
 from hbm.overrides import SegmentOverride, read_overrides
 from hbm.segments import Inertia
@@ -24,7 +24,7 @@ mass_kg = 0.8
 mass_kg = 0.3
 center_m = [0.05, 0.0, -0.04]
 
-[trunk.worn]   # a rucksack
+[thorax.worn]   # a rucksack
 mass_kg = 5.0
 center_m = [-0.2, 0.0, 0.25]
 inertia_kg_m2 = [0.1, 0.08, 0.06, 0.0, 0.01, 0.0]
@@ -43,31 +43,31 @@ def changed():
 
 
 def test_stated_values_are_used(changed):
-    shank = changed.inertias["right_shank"]
+    shank = changed.segments["right_shank"]
     assert shank.mass == pytest.approx(1.9)
     np.testing.assert_allclose(shank.center, [0.01, 0, -0.12])
     np.testing.assert_allclose(shank.tensor, np.diag([0.012, 0.012, 0.002]))
 
 
 def test_the_total_mass_stays_the_same(changed):
-    assert sum(part.mass for part in changed.inertias.values()) == pytest.approx(MASS_KG)
+    assert sum(part.mass for part in changed.segments.values()) == pytest.approx(MASS_KG)
 
 
 def test_other_segments_share_the_rest_in_the_table_s_proportions(changed):
-    table = synthetic_body().inertias
-    others = [s for s in SEGMENTS_WITH_MASS if s not in ("right_shank", "left_foot", "trunk")]
-    share = [changed.inertias[s].mass / table[s].mass for s in others]
+    table = synthetic_body().segments
+    others = [s for s in SEGMENTS if s not in ("right_shank", "left_foot", "thorax")]
+    share = [changed.segments[s].mass / table[s].mass for s in others]
     np.testing.assert_allclose(share, share[0])
     for s in others:
-        np.testing.assert_allclose(changed.inertias[s].center, table[s].center)
-        np.testing.assert_allclose(changed.inertias[s].tensor, share[0] * table[s].tensor)
+        np.testing.assert_allclose(changed.segments[s].center, table[s].center)
+        np.testing.assert_allclose(changed.segments[s].tensor, share[0] * table[s].tensor)
 
 
 def test_what_is_worn_is_added_to_the_segment(changed):
-    own = 0.8 / synthetic_body().inertias["left_foot"].mass
-    foot = synthetic_body().inertias["left_foot"]
+    own = 0.8 / synthetic_body().segments["left_foot"].mass
+    foot = synthetic_body().segments["left_foot"]
     bare = Inertia(0.8, foot.center, own * foot.tensor)
-    shod = changed.inertias["left_foot"]
+    shod = changed.segments["left_foot"]
     assert shod.mass == pytest.approx(1.1)
     np.testing.assert_allclose(
         shod.mass * shod.center, bare.mass * bare.center + 0.3 * np.array([0.05, 0, -0.04])
@@ -79,7 +79,7 @@ def test_what_is_worn_is_added_to_the_segment(changed):
 
 
 def test_six_numbers_include_the_products_of_inertia():
-    worn = read_overrides(TOML)["trunk"].worn
+    worn = read_overrides(TOML)["thorax"].worn
     expected = [[0.1, 0, 0.01], [0, 0.08, 0], [0.01, 0, 0.06]]
     np.testing.assert_allclose(worn.tensor, expected)
 
@@ -103,6 +103,7 @@ def test_empty_overrides_change_nothing():
     [
         ("[right_shank", "overrides is not valid TOML"),
         ("[rigth_shank]\nmass_kg = 1.0", "no segment 'rigth_shank', did you mean 'right_shank'"),
+        ("[trunk]\nmass_kg = 20.0", "no segment 'trunk', write 'thorax' and 'mid_trunk'"),
         ("right_shank = 2.0", "right_shank: must be a table with some of mass_kg"),
         ("[head]\nmas_kg = 1.0", "head: no key 'mas_kg', did you mean 'mass_kg'"),
         ("[head]\nmass_kg = '4'", "head: mass_kg must be 1 number, got '4'"),
@@ -128,9 +129,9 @@ def test_all_faults_are_listed_at_once():
 
 def test_overrides_that_leave_no_mass_for_other_segments_are_refused():
     with pytest.raises(ValueError, match=r"weigh 80.00 kg, which leaves nothing of 74.6 kg"):
-        built({"trunk": SegmentOverride(mass_kg=80.0)})
+        built({"thorax": SegmentOverride(mass_kg=80.0)})
 
 
 def test_an_override_for_an_unknown_segment_is_refused():
-    with pytest.raises(ValueError, match="override for 'left_leg', which is not a segment"):
+    with pytest.raises(ValueError, match="overrides: no segment 'left_leg', did you mean"):
         built({"left_leg": SegmentOverride(mass_kg=8.0)})

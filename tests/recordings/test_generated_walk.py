@@ -8,7 +8,7 @@ import pytest
 
 from hbm.body import build_body
 from hbm.calibration_pose.functional import functional_hips
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import MOVING
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik
 from hbm.markers import read_marker_set
@@ -88,7 +88,7 @@ def at(trial, name):
 
 
 def joint(body, motion, segment):
-    return segment_frames(body, motion.q)[1][:, SEGMENTS.index(segment)]
+    return segment_frames(body, motion.q)[1][:, MOVING.index(segment)]
 
 
 def rms(away):
@@ -157,8 +157,8 @@ def test_the_true_masses_halve_what_de_leva_s_leave(
 
 def test_masses_differ_from_the_model_s_as_two_tables_do(body, true_masses):
     """De Leva's thigh is 2 kg heavier than the scaled generic model's, its pelvis 2 kg lighter."""
-    ours = {s: body.inertias[s if s == "pelvis" else f"right_{s}"].mass for s in PARTS}
-    ours["foot"] += body.inertias["right_toes"].mass
+    ours = {s: body.segments[s if s == "pelvis" else f"right_{s}"].mass for s in PARTS}
+    ours["foot"] += body.segments["right_toes"].mass
     away = {s: ours[s] - true_masses[s] for s in PARTS}
     expected = {
         "pelvis": -2.2, "thigh": 2.1, "shank": -0.1, "foot": -0.4,
@@ -166,4 +166,4 @@ def test_masses_differ_from_the_model_s_as_two_tables_do(body, true_masses):
     }  # fmt: skip
     for s, difference in expected.items():
         assert away[s] == pytest.approx(difference, abs=0.1), s
-    assert sum(part.mass for part in body.inertias.values()) == pytest.approx(MASS_KG, rel=1e-12)
+    assert sum(part.mass for part in body.segments.values()) == pytest.approx(MASS_KG, rel=1e-12)

@@ -12,7 +12,7 @@ from typing import Any, Final
 import casadi as ca
 import numpy as np
 
-from hbm.coordinates import COORDINATES, INDEX, N_Q, SEGMENTS_WITH_MASS, TREE
+from hbm.coordinates import COORDINATES, INDEX, N_Q, TREE
 from hbm.kernels import skeleton
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.virtual_lab.person.sole import LEFT, OUTWARD, orientation, rolled, sole_of
@@ -230,9 +230,9 @@ def _node(subject: VirtualSubject, target: Target) -> tuple[Symbol, Array]:
     force, moment = on_belt
     under = tilt @ ca.vertcat(pressure, 0)
     center = sum(
-        body.inertias[s].mass * (pose.o[s] + pose.R[s] @ ca.DM(np.array(body.inertias[s].center)))
-        for s in SEGMENTS_WITH_MASS
-    ) / sum(body.inertias[s].mass for s in SEGMENTS_WITH_MASS)
+        part.mass * (pose.o[s] + pose.R[s] @ ca.DM(np.array(part.center)))
+        for s, part in body.rigid_bodies.items()
+    ) / sum(part.mass for part in body.segments.values())
     to_center = center - under
     shear = wrench[:2] - wrench[2] * to_center[:2] / to_center[2]
     terms += [

@@ -7,7 +7,7 @@ import numpy as np
 
 from compensation import center_of_pressure
 from hbm.body import Body
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import MOVING
 from hbm.motion import Motion
 from hbm.poses import segment_frames
 from hbm.spatial import Array, Mask
@@ -25,8 +25,7 @@ def feet_of(body: Body, motion: Motion) -> Array:
     """Give the middle of the left and right foot, ankle to toes, in the lab, (T, 2, 3) [m]."""
     _, origin = segment_frames(body, motion.q)
     ends = [
-        [SEGMENTS.index(f"{side}_{part}") for part in ("foot", "toes")]
-        for side in ("left", "right")
+        [MOVING.index(f"{side}_{part}") for part in ("foot", "toes")] for side in ("left", "right")
     ]
     return np.asarray(origin[:, ends].mean(axis=2))
 

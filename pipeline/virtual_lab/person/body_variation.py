@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 
 from hbm.body import Body
-from hbm.coordinates import PARENT, SEGMENTS
+from hbm.coordinates import FIXED_TO, MOVING, PARENT, RIGID_BODIES, SIDES
+from hbm.model import joints_of
 from hbm.poses import marker_positions, segment_frames
 from hbm.segments import Inertia
 from hbm.spatial import Array, rotation_about
@@ -22,7 +23,7 @@ from pipeline.virtual_lab.faults import BodyFaults, Faults
 MIN_MASS_KG: Final = 0.01
 """Segments below this mass are only there to split a joint; their inertia is not varied."""
 JOINT_CENTER_SD_M: Final = {
-    **{"trunk": 0.008, "head": 0.006, "upper_arm": 0.008, "forearm": 0.004, "hand": 0.003},
+    **{"thorax": 0.008, "head": 0.006, "upper_arm": 0.008, "forearm": 0.004, "hand": 0.003},
     **{"thigh": 0.008, "shank": 0.004, "foot": 0.003, "toes": 0.0, "shoulder": 0.0},
 }
 """Standard deviation of the proximal joint centre of each segment, in every direction: the hip's as
@@ -52,13 +53,18 @@ def vary(body: Body, t_pose: Array, faults: BodyFaults, rng: np.random.Generator
     """
     if faults == Faults.none().body:
         return body
-    axes = {name: _tilted(axis, faults.axis_deg, rng) for name, axis in body.axes.items()}
-    tilted = replace(body, axes=axes)
+    axes = {
+        name: _tilted(body.axes[name], faults.axis_deg, rng)
+        for side in SIDES.values()
+        for name in body.axes
+        if name.startswith(side)
+    }
+    tilted = replace(body, joints=joints_of(body.offsets, axes))
     suggested, true = (_pose(b, t_pose) for b in (body, tilted))
     markers = marker_positions(body, t_pose[None])[0]
     R, old = {s: r for s, (r, _) in true.items()}, {s: o for s, (_, o) in suggested.items()}
     new = dict(old)
-    for s in SEGMENTS[1:]:
+    for s in MOVING[1:]:
         part = s.split("_", 1)[1] if s.startswith(("right_", "left_")) else s
         error = faults.joint_scale * JOINT_CENTER_SD_M[part] * _drawn(rng, 3)
         new[s] = old[s] + error
@@ -68,14 +74,18 @@ def vary(body: Body, t_pose: Array, faults: BodyFaults, rng: np.random.Generator
     position = np.array(
         [R[s].T @ (m - new[s]) for m, s in zip(markers, body.marker_segment, strict=True)]
     )
-    inertias = _varied_inertias(body, faults, rng)
-    return replace(body, marker_position=position, offsets=offsets, axes=axes, inertias=inertias)
+    return replace(
+        body,
+        marker_position=position,
+        joints=joints_of(offsets, axes),
+        segments=_varied_inertias(body, faults, rng),
+    )
 
 
 def _pose(body: Body, q: Array) -> dict[str, tuple[Array, Array]]:
     """Give rotation and origin of every segment in one pose."""
     rotation, origin = segment_frames(body, q[None])
-    return {s: (rotation[0, k], origin[0, k]) for k, s in enumerate(SEGMENTS)}
+    return {s: (rotation[0, k], origin[0, k]) for k, s in enumerate(MOVING)}
 
 
 def _tilted(axis: Array, sd_deg: float, rng: np.random.Generator) -> Array:
@@ -89,14 +99,20 @@ def _tilted(axis: Array, sd_deg: float, rng: np.random.Generator) -> Array:
 def _varied_inertias(
     body: Body, faults: BodyFaults, rng: np.random.Generator
 ) -> dict[str, Inertia]:
-    names = [s for s, part in body.inertias.items() if part.mass > MIN_MASS_KG]
-    drawn = {s: (_drawn(rng), _drawn(rng, 3), _drawn(rng)) for s in names}
+    """Vary the segments; the mid trunk varies with the thorax."""
+    drawn = {
+        s: (_drawn(rng), _drawn(rng, 3), _drawn(rng))
+        for s in RIGID_BODIES
+        if body.segments[s].mass > MIN_MASS_KG
+    }
+    drawn |= {s: drawn[carrier] for s, carrier in FIXED_TO.items()}
+    names = [s for s in body.segments if s in drawn]
     heavier = {s: 1 + faults.mass_share * float(drawn[s][0][0]) for s in names}
-    total = sum(body.inertias[s].mass for s in names)
-    scale = total / sum(body.inertias[s].mass * heavier[s] for s in names)
-    varied = dict(body.inertias)
+    total = sum(body.segments[s].mass for s in names)
+    scale = total / sum(body.segments[s].mass * heavier[s] for s in names)
+    varied = dict(body.segments)
     for s in names:
-        part, (_, away, wider) = body.inertias[s], drawn[s]
+        part, (_, away, wider) = body.segments[s], drawn[s]
         factor = scale * heavier[s]
         varied[s] = Inertia(
             part.mass * factor,

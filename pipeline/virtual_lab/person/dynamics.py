@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import MOVING
 from hbm.kernels.native import kernels
 from hbm.poses import segment_frames
 from hbm.spatial import Array
@@ -32,7 +32,7 @@ def ground_wrench(subject: VirtualSubject, motion: Trajectory, time: Array, jobs
 
 def segment_poses(subject: VirtualSubject, q: Array, names: list[str]) -> list[tuple[Array, Array]]:
     """Give rotation and origin of some segments, (T, 3, 3) and (T, 3) [m] each."""
-    chosen = [SEGMENTS.index(name) for name in names]
+    chosen = [MOVING.index(name) for name in names]
     parts = [
         segment_frames(subject.body, q[k : k + CHUNK_FRAMES])
         for k in range(0, len(q), CHUNK_FRAMES)

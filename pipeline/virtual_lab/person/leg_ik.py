@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from hbm.body import Body
-from hbm.coordinates import INDEX, N_Q, SEGMENTS
+from hbm.coordinates import INDEX, MOVING, N_Q
 from hbm.kernels.native import kernels
 from hbm.kernels.skeleton import N_SUMS
 from hbm.spatial import Array
@@ -129,7 +129,7 @@ def _solve(
     jobs: int,
 ) -> Array:
     frames = len(reference)
-    sums = np.zeros((frames, len(SEGMENTS), N_SUMS))
+    sums = np.zeros((frames, len(MOVING), N_SUMS))
     for target in targets:
         sole, weight = target.sole, target.weight
         rotation, origin = sole.foot_pose(target.rotation, target.position)
@@ -139,7 +139,7 @@ def _solve(
         )
         on_foot = (on_sole - sole.origin) @ sole.rotation
         in_lab = np.einsum("tij,kj->tki", rotation, on_foot) + origin[:, None]
-        own = sums[:, SEGMENTS.index(sole.segment)]
+        own = sums[:, MOVING.index(sole.segment)]
         (x, y, z), ones = on_foot.T, np.ones(len(on_foot))
         moments = np.stack([ones, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=1)
         weighted = weight[:, :, None] * in_lab

@@ -11,7 +11,7 @@ from pipeline.virtual_lab.faults import CameraFaults
 
 SKIN_RMS_M: Final = {
     "pelvis": 0.004,
-    "trunk": 0.004,
+    "thorax": 0.004,
     "head": 0.001,
     "shoulder": 0.005,
     "upper_arm": 0.006,

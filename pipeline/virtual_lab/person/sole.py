@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from hbm.body import Body
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import MOVING
 from hbm.kernels.native import kernels
 from hbm.spatial import Array, rotation_about
 
@@ -94,15 +94,15 @@ def sole_of(body: Body, standing: Array, side: str) -> Sole:
     Sole
         The foot's sole.
     """
-    poses = kernels().segment_poses(standing[None], body.geometry)[0].reshape(len(SEGMENTS), 4, 3)
-    pose = poses[SEGMENTS.index(f"{side}_foot")]
+    poses = kernels().segment_poses(standing[None], body.geometry)[0].reshape(len(MOVING), 4, 3)
+    pose = poses[MOVING.index(f"{side}_foot")]
     R, ankle = pose[:3].T, pose[3]
     letter = side[0].upper()
     landmark = body.marker_set.landmark
 
     def place(name: str) -> Array:
         k = body.markers.index(landmark[letter + name])
-        segment = poses[SEGMENTS.index(body.marker_segment[k])]
+        segment = poses[MOVING.index(body.marker_segment[k])]
         return np.asarray(segment[3] + segment[:3].T @ body.marker_position[k])
 
     heel, outer = place("HEE"), place("MT5")

@@ -214,13 +214,13 @@ def test_the_neck_is_55_percent_of_the_way_from_c7_to_the_notch_8_degrees_up():
     assert np.linalg.norm(neck) == pytest.approx(0.55 * np.linalg.norm(forward))
     cosine = neck @ forward / np.linalg.norm(neck) / np.linalg.norm(forward)
     assert np.degrees(np.arccos(cosine)) == pytest.approx(8)
-    assert neck @ found.frames["trunk"][:, 2] > forward @ found.frames["trunk"][:, 2] * 0.55
+    assert neck @ found.frames["thorax"][:, 2] > forward @ found.frames["thorax"][:, 2] * 0.55
 
 
 def test_the_trunk_axis_runs_from_lower_to_upper_ribcage():
     found = located()
     up = middle("C7", "JN") - middle("T10", "XIPH")
-    np.testing.assert_allclose(found.frames["trunk"][:, 2], up / np.linalg.norm(up))
+    np.testing.assert_allclose(found.frames["thorax"][:, 2], up / np.linalg.norm(up))
 
 
 @pytest.mark.parametrize(
@@ -235,7 +235,7 @@ def test_the_trunk_axis_runs_from_lower_to_upper_ribcage():
 def test_the_trunk_is_found_without_some_of_its_markers(missing, code):
     found = located(*missing)
     assert Note.of(code) in found.notes
-    difference = found.frames["trunk"].T @ located().frames["trunk"]
+    difference = found.frames["thorax"].T @ located().frames["thorax"]
     assert np.degrees(np.arccos((np.trace(difference) - 1) / 2)) < 15
     assert np.linalg.norm(found.points["neck"] - located().points["neck"]) < 0.08
 
@@ -244,7 +244,7 @@ def test_shoulders_are_17_percent_of_their_distance_below_the_acromions():
     found, at = located(), landmarks()
     drop = at["LSHO"] - found.points["left_shoulder"]
     np.testing.assert_allclose(
-        drop, 0.17 * np.linalg.norm(at["LSHO"] - at["RSHO"]) * found.frames["trunk"][:, 2]
+        drop, 0.17 * np.linalg.norm(at["LSHO"] - at["RSHO"]) * found.frames["thorax"][:, 2]
     )
 
 

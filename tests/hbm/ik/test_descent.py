@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import COORDINATES, N_Q, SEGMENTS
+from hbm.coordinates import COORDINATES, MOVING, N_Q
 from hbm.ik import descent
 from hbm.ik.attachment import MarkerAttachment
 from hbm.kernels.native import kernels
@@ -26,7 +26,7 @@ def problem():
     measured = marker_positions(body, q)
     measured += random.normal(0, 0.003, measured.shape)
     measured[4, 7] = np.nan
-    segment = np.array([SEGMENTS.index(s) for s in body.marker_segment])
+    segment = np.array([MOVING.index(s) for s in body.marker_segment])
     attachment = MarkerAttachment(
         segment,
         body.marker_position,

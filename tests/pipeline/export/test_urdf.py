@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hbm.coordinates import COORDINATES, N_Q, SEGMENTS, SEGMENTS_WITH_MASS, TREE
+from hbm.coordinates import COORDINATES, MOVING, N_Q, RIGID_BODIES, TREE
 from hbm.kernels.native import kernels
 from pipeline.export.urdf import TOKEN_INERTIA, write_urdf
 from tests.synthetic import synthetic_body
@@ -34,12 +34,12 @@ def q():
 
 @pytest.fixture(scope="module")
 def poses(body, q):
-    return kernels().segment_poses(q, body.geometry)[0].reshape(POSES, len(SEGMENTS), 4, 3)
+    return kernels().segment_poses(q, body.geometry)[0].reshape(POSES, len(MOVING), 4, 3)
 
 
 @pytest.fixture(scope="module")
 def marker_positions(body, poses):
-    own = [SEGMENTS.index(s) for s in body.marker_segment]
+    own = [MOVING.index(s) for s in body.marker_segment]
     local = np.column_stack([body.marker_position, np.ones(len(own))])
     return np.einsum("tkai,ka->tki", poses[:, own], local)
 
@@ -52,7 +52,7 @@ def test_pinocchio_puts_segments_and_markers_where_we_do(body, path, q, poses, m
     order = order_in(model)
     for k in range(POSES):
         pin.framesForwardKinematics(model, data, q[k, order])
-        for j, segment in enumerate(SEGMENTS):
+        for j, segment in enumerate(MOVING):
             frame = data.oMf[model.getFrameId(segment)]
             np.testing.assert_allclose(frame.rotation, poses[k, j, :3].T, rtol=0, atol=1e-12)
             np.testing.assert_allclose(frame.translation, poses[k, j, 3], rtol=0, atol=1e-12)
@@ -80,7 +80,7 @@ def test_mujoco_puts_segments_and_markers_where_we_do(body, path, q, poses, mark
         for name, value in zip(COORDINATES, q[k], strict=True):
             state.joint(name).qpos = value
         mujoco.mj_kinematics(model, state)
-        for j, segment in enumerate(SEGMENTS):
+        for j, segment in enumerate(MOVING):
             link = state.body(segment)
             np.testing.assert_allclose(
                 link.xmat.reshape(3, 3), poses[k, j, :3].T, rtol=0, atol=1e-12
@@ -107,8 +107,8 @@ def test_mujoco_finds_our_generalized_forces(body, path, q):
 def test_the_mass_of_links_between_coordinates_is_negligible(body, path):
     model = pin.buildModelFromUrdf(str(path))
     total = sum(inertia.mass for inertia in model.inertias)
-    tokens = N_Q - len(SEGMENTS_WITH_MASS)
-    segments = sum(part.mass for part in body.inertias.values())
+    tokens = N_Q - len(RIGID_BODIES)
+    segments = sum(part.mass for part in body.segments.values())
     np.testing.assert_allclose(total, segments + tokens * TOKEN_INERTIA.mass, rtol=1e-14)
 
 

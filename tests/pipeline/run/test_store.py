@@ -76,8 +76,8 @@ numbers = st.floats(allow_nan=False, allow_infinity=False)
 def test_numbers_other_than_the_frames_are_read_back_exactly(
     processed, mass, center, onsets, corners, event_s
 ):
-    foot = replace(processed.body.inertias["left_foot"], mass=abs(mass), center=center)
-    body = replace(processed.body, inertias={**processed.body.inertias, "left_foot": foot})
+    foot = replace(processed.body.segments["left_foot"], mass=abs(mass), center=center)
+    body = replace(processed.body, segments={**processed.body.segments, "left_foot": foot})
     result = replace(
         processed,
         body=body,
@@ -155,8 +155,8 @@ def rewrite(source, target, change=lambda summary: summary, drop=()):
 @pytest.mark.parametrize(
     ("before", "after", "reason"),
     [
-        (b'"version":1', b'"version":2', "written by another version of hbm .format 2"),
-        (b'"version":1,', b"", "written by another version of hbm .format unknown"),
+        (b'"version":2', b'"version":1', "written by another version of hbm .format 1"),
+        (b'"version":2,', b"", "written by another version of hbm .format unknown"),
         (b'"key":"a key",', b"", "key: field required"),
         (
             b'"unsolved_frames":',

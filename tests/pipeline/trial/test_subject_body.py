@@ -54,11 +54,11 @@ def test_a_prosthesis_and_a_shoe_stated_in_a_file_are_in_the_body(study, process
     state(study / "sub01.toml", "[trials", 'segments = "sub01_segments.toml"\n[trials')
     read = read_study(study)
     result = process_trial(read, "sub01", "pitch")
-    shank = result.body.inertias["left_shank"]
+    shank = result.body.segments["left_shank"]
     assert shank.mass == pytest.approx(1.9)
     np.testing.assert_allclose(np.diag(shank.tensor), [0.021, 0.021, 0.002])
     assert result.body.mass == processed.body.mass
-    whole = sum(part.mass for part in result.body.inertias.values())
+    whole = sum(part.mass for part in result.body.segments.values())
     assert whole == pytest.approx(result.body.mass)
     assert Note.of("inertia_overridden", segments=("left_shank", "right_foot")) in result.notes
     changed = np.nanmax(abs(result.compensated.residual - processed.compensated.residual))

@@ -11,7 +11,7 @@ import rerun as rr
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from hbm.coordinates import SEGMENTS
+from hbm.coordinates import MOVING
 from hbm.poses import marker_positions, segment_frames
 from hbm.spatial import shift_wrench
 from pipeline.trial.gait.cycles import normalise
@@ -105,7 +105,7 @@ def test_measured_markers_come_back_at_their_frames_and_times(stored, trial):
 
 def test_segments_are_drawn_at_their_poses_in_the_model(stored, trial):
     rotation, origin = segment_frames(trial.body, trial.motion.q[::STEP])
-    for k, segment in enumerate(SEGMENTS):
+    for k, segment in enumerate(MOVING):
         entity = f"lab/body/{segment}"
         at = np.array(stored.rows(entity, "translation"))[:, 0]
         turned = Rotation.from_quat(np.array(stored.rows(entity, "quaternion"))[:, 0])
@@ -171,7 +171,7 @@ def test_centre_of_pressure_lies_on_the_moving_surface_and_leaves_only_a_moment_
 @pytest.mark.parametrize("variant", ["measured", "compensated"])
 def test_residual_wrench_is_drawn_at_the_pelvis_in_lab_axes(stored, trial, variant):
     residual = getattr(trial, variant).residual[::STEP]
-    pelvis = segment_frames(trial.body, trial.motion.q[::STEP])[1][:, SEGMENTS.index("pelvis")]
+    pelvis = segment_frames(trial.body, trial.motion.q[::STEP])[1][:, MOVING.index("pelvis")]
     entity = f"lab/residual/{variant}"
     vectors = np.array(stored.rows(entity, "vectors"))
     np.testing.assert_array_equal(vectors[:, 0], single(residual[:, :3] / 500))
@@ -314,7 +314,7 @@ def test_mean_cycle_is_on_the_timeline_of_the_gait_cycle_alone(trial, tmp_path):
                 np.testing.assert_allclose(curves[:, column], value, rtol=1e-12, atol=1e-12)
     q = normalise(trial.motion.time, trial.motion.q, trial.cycles["right"]).mean(axis=0)
     _, origin = segment_frames(trial.body, q)
-    for k, segment in enumerate(SEGMENTS):
+    for k, segment in enumerate(MOVING):
         at = np.array(stored.rows(f"lab/body/{segment}", "translation"))[:, 0]
         np.testing.assert_allclose(at, origin[:, k], atol=1e-6)
     subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)

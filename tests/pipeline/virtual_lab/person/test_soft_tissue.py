@@ -29,7 +29,7 @@ def rms(moved):
 
 @pytest.mark.parametrize(("part", "size_m"), list(SKIN_RMS_M.items()))
 def test_the_skin_of_every_segment_moves_by_its_published_size_in_walking(part, size_m):
-    segment = part if part in ("pelvis", "trunk", "head") else f"right_{part}"
+    segment = part if part in ("pelvis", "thorax", "head") else f"right_{part}"
     assert rms(displacement(segment, 4000, 6, seed=1)) == pytest.approx(size_m, rel=0.3)
 
 

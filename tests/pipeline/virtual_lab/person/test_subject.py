@@ -65,7 +65,7 @@ def test_without_faults_the_body_is_the_one_built_from_the_markers(marker_set):
 def test_a_varied_body_has_the_same_mass_and_the_same_markers_in_the_t_pose():
     plain = make_subject(Person(), rng=np.random.default_rng(5))
     varied = make_subject(Person(), faults=BodyFaults(), rng=np.random.default_rng(5))
-    total = [sum(part.mass for part in w.body.inertias.values()) for w in (plain, varied)]
+    total = [sum(part.mass for part in w.body.segments.values()) for w in (plain, varied)]
     assert total[1] == pytest.approx(total[0])
     q = plain.t_pose[None]
     np.testing.assert_allclose(
@@ -73,8 +73,8 @@ def test_a_varied_body_has_the_same_mass_and_the_same_markers_in_the_t_pose():
     )
     assert np.abs(varied.body.geometry - plain.body.geometry).max() > 0.005
     heavier = [
-        varied.body.inertias[s].mass / part.mass - 1
-        for s, part in plain.body.inertias.items()
+        varied.body.segments[s].mass / part.mass - 1
+        for s, part in plain.body.segments.items()
         if part.mass > 0.1
     ]
     assert 0.02 < np.std(heavier) < 0.12

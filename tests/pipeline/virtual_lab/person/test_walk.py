@@ -157,7 +157,7 @@ def test_the_force_is_mass_times_acceleration_of_the_centre_of_mass(walked):
     time = np.arange(15.0, 16.0, step)
     center = center_of_mass(walk.subject.body, walk.motion.at(time))
     acceleration = np.gradient(np.gradient(center, step, axis=0), step, axis=0)[5:-5]
-    mass = sum(part.mass for part in walk.subject.body.inertias.values())
+    mass = sum(part.mass for part in walk.subject.body.segments.values())
     weight = np.array([0, 0, GRAVITY_MPS2])
     force = ground_wrench(walk.subject, walk.motion, time)[5:-5, :3]
     np.testing.assert_allclose(force, mass * (acceleration + weight), atol=0.5)
