@@ -11,7 +11,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.io.c3d.header import BLOCK_BYTES, Header, Parameters, floats, integer_type
+from pipeline.io.c3d.byte_order import BLOCK_BYTES, floats, integer_type
+from pipeline.io.c3d.header import Header
+from pipeline.io.c3d.parameters import Parameters
 
 FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the result."""

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.io.c3d.header import BLOCK_BYTES
+from pipeline.io.c3d.byte_order import BLOCK_BYTES
 
 Value = str | Sequence[str] | NDArray[np.integer] | NDArray[np.floating]
 Groups = dict[str, dict[str, Value]]

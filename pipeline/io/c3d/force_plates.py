@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.io.c3d.header import Parameters
+from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.units import force_in_n, length_in_m, moment_in_nm
 
 Channel = tuple[str, str]

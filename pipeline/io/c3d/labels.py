@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from hbm.notes import Note
-from pipeline.io.c3d.header import Parameters
+from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.labels import rename_markers
 
 OUTPUT_GROUPS: Final = (

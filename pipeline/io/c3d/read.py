@@ -21,8 +21,9 @@ from hbm.spatial import Array
 from pipeline.io.axes import parse_axes, settle_axes
 from pipeline.io.c3d.data import Samples, read_samples
 from pipeline.io.c3d.force_plates import MeasuredPlate, measured_plates
-from pipeline.io.c3d.header import Header, Parameters, read_header
+from pipeline.io.c3d.header import Header, read_header
 from pipeline.io.c3d.labels import PointLabels, sort_labels
+from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.recording import Analog, Event, Metadata, Plate, Recording
 from pipeline.io.units import check_span, length_in_m
 

@@ -9,15 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.io.c3d.byte_order import BLOCK_BYTES, floats, integer_type
 from pipeline.io.c3d.data import bytes_per_frame, count_frames
-from pipeline.io.c3d.header import (
-    BLOCK_BYTES,
-    Header,
-    Parameters,
-    floats,
-    integer_type,
-    read_header,
-)
+from pipeline.io.c3d.header import Header, read_header
+from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.c3d.second_reader.disagreement import (
     Disagreement,
     parameters_that_differ,

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Final
 
 from pipeline.io.c3d.data import count_frames
-from pipeline.io.c3d.header import Header, Parameters
+from pipeline.io.c3d.header import Header
+from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.c3d.second_reader.process import read_with
 from pipeline.io.c3d.second_reader.reading import Reading, Refusal
 

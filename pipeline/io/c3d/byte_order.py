@@ -1,0 +1,52 @@
+"""Numbers and texts of a C3D file as bytes, in the order of the processor that wrote it."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+BLOCK_BYTES: Final = 512
+BYTE_ORDERS: Final = {84: "intel", 85: "dec", 86: "sgi"}
+"""Processor type in the parameter section -> order of bytes."""
+
+
+def floats(data: bytes, byte_order: str) -> NDArray[np.floating]:
+    """Decode 4-byte floating point numbers of any of the three byte orders.
+
+    Notes
+    -----
+    A DEC (VAX F) number is an IEEE number with its two 16-bit halves exchanged, times four.
+    """
+    with np.errstate(invalid="ignore"):
+        if byte_order != "dec":
+            return np.frombuffer(data, ">f4" if byte_order == "sgi" else "<f4").astype(np.float32)
+        swapped = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1].copy()
+        return swapped.view("<f4")[:, 0] / np.float32(4)
+
+
+def float_bytes(values: ArrayLike, byte_order: str) -> bytes:
+    """Encode 4-byte floating point numbers; `floats` decodes them.
+
+    Raises
+    ------
+    ValueError
+        A number is too large for the format.
+    """
+    with np.errstate(over="ignore"):
+        numbers = np.asarray(values).astype(np.float32).ravel()
+        times_four = numbers * np.float32(4)
+    if not np.isfinite(times_four if byte_order == "dec" else numbers).all():
+        raise ValueError("a number does not fit into 4 bytes")
+    if byte_order != "dec":
+        return numbers.astype(">f4" if byte_order == "sgi" else "<f4").tobytes()
+    return times_four.astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
+
+
+def integer_type(byte_order: str, *, signed: bool = True) -> np.dtype:
+    """Give the type of 2-byte integers in a byte order."""
+    return np.dtype((">" if byte_order == "sgi" else "<") + ("i2" if signed else "u2"))
+
+
+def decoded_text(data: bytes) -> str:
+    """Decode a text, which ends at its first zero, without spaces around it."""
+    return data.decode("utf-8", "replace").split("\0", 1)[0].strip()
