@@ -13,12 +13,14 @@ def did_you_mean(word: object, known: Iterable[str]) -> str:
 
 
 def no_segment(name: object, known: Iterable[str]) -> str:
-    """Say that there is no segment of a name, and what to write instead.
+    """Say that a segment is none of those known here, and what to write instead.
 
     "trunk" is the name of earlier versions for thorax and mid trunk together.
     """
     known = list(known)
-    instead = ["thorax", "mid_trunk"] if name == "trunk" else [FIXED_TO.get(str(name), "")]
-    instead = [repr(s) for s in instead if s in known]
-    hint = f", write {' and '.join(instead)}" if instead else did_you_mean(name, known)
-    return f"no segment {name!r}{hint}"
+    if name in FIXED_TO:
+        return f"{name!r} has no coordinates; write {FIXED_TO[str(name)]!r}, to which it is fixed"
+    if name == "trunk":
+        parts = " and ".join(repr(s) for s in ("thorax", "mid_trunk") if s in known)
+        return f"no segment 'trunk', write {parts}"
+    return f"no segment {name!r}{did_you_mean(name, known)}"

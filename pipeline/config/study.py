@@ -169,8 +169,9 @@ def _subject_paths(folder: Path) -> list[Path]:
 
 
 def _is_not_a_subject(table: Table) -> bool:
-    """Recognise a marker set or a table of segments among the subjects' files."""
-    return "trials" not in table and not table.keys().isdisjoint(("markers", *SEGMENTS))
+    """Recognise a marker set or a table of segments, old or new, among the subjects' files."""
+    words = ("markers", "trunk", *SEGMENTS)
+    return "trials" not in table and not table.keys().isdisjoint(words)
 
 
 def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerSet | None:

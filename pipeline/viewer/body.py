@@ -7,8 +7,9 @@ import rerun as rr
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from hbm.coordinates import MOVING, PARENT
+from hbm.coordinates import FIXED_TO, MOVING, PARENT
 from hbm.model import Body
+from hbm.segments import Inertia
 from hbm.spatial import Array
 from pipeline.viewer.file import Timelines, printable, rgba, send
 
@@ -31,6 +32,9 @@ def log_body(
     stream: rr.RecordingStream, timelines: Timelines, body: Body, rotation: Array, origin: Array
 ) -> None:
     """Draw every segment's frame, and in it its bones, hull and modelled markers.
+
+    A segment that is fixed to another has no pose of its own: it is a part of the other's drawing,
+    as the ellipsoid that has its mass and moments of inertia at uniform density.
 
     Parameters
     ----------
@@ -59,6 +63,9 @@ def log_body(
                 ),
                 static=True,
             )
+    for segment, carrier in FIXED_TO.items():
+        part = _ellipsoid(body.segments[segment], segment)
+        stream.log(f"lab/body/{carrier}/{segment}", part, static=True)
 
 
 def log_pose(
@@ -140,6 +147,22 @@ def _head(center: Array, colour: str) -> rr.Ellipsoids3D:
         colors=rgba(colour),
         fill_mode="solid",
         labels="head",
+        show_labels=False,
+    )
+
+
+def _ellipsoid(part: Inertia, segment: str) -> rr.Ellipsoids3D:
+    """Give the ellipsoid of uniform density that has a segment's mass and inertia."""
+    moments, axes = np.linalg.eigh(part.tensor)
+    squares = 2.5 / part.mass * (moments.sum() - 2 * moments)
+    axes[:, 2] *= np.linalg.det(axes)
+    return rr.Ellipsoids3D(
+        centers=[part.center],
+        half_sizes=[np.sqrt(np.maximum(squares, 0))],
+        quaternions=[Rotation.from_matrix(axes).as_quat()],
+        colors=rgba(BODY_COLOURS["middle"]),
+        fill_mode="majorwireframe",
+        labels=segment.replace("_", " "),
         show_labels=False,
     )
 

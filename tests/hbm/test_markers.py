@@ -83,6 +83,8 @@ def test_all_faults_of_a_set_are_listed_at_once():
     F = ["pelvis", "SACR", "C7"]
     G = [3]
     H = ["pelvis", ["C7"]]
+    I = ["trunk"]
+    J = ["mid_trunk"]
     """
     with pytest.raises(ValueError, match="marker set 'lab'") as caught:
         read_marker_set(text, "lab")
@@ -95,6 +97,8 @@ def test_all_faults_of_a_set_are_listed_at_once():
         "F must be [segment] or [segment, landmark]",
         "G must be [segment] or [segment, landmark], got [3]",
         "H must be [segment] or [segment, landmark], got ['pelvis', ['C7']]",
+        "I: no segment 'trunk', write 'thorax'",
+        "J: 'mid_trunk' has no coordinates; write 'thorax', to which it is fixed",
     ):
         assert fault in message
     assert "\n" not in message

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hbm.coordinates import COORDINATES, MOVING, N_Q, RIGID_BODIES, TREE
+from hbm.coordinates import COORDINATES, FIXED_TO, MOVING, N_Q, RIGID_BODIES, SEGMENTS, TREE
 from hbm.kernels.native import kernels
 from pipeline.export.urdf import TOKEN_INERTIA, write_urdf
 from tests.synthetic import synthetic_body
@@ -11,6 +11,8 @@ from tests.synthetic import synthetic_body
 pin = pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
 
 TRANSLATES = np.array([c.translates for c in TREE])
+NUMBER = {s: MOVING.index(FIXED_TO.get(s, s)) for s in (*MOVING, *FIXED_TO)}
+"""Segment or point -> number of the frame that it has."""
 POSES = 20
 
 
@@ -52,7 +54,7 @@ def test_pinocchio_puts_segments_and_markers_where_we_do(body, path, q, poses, m
     order = order_in(model)
     for k in range(POSES):
         pin.framesForwardKinematics(model, data, q[k, order])
-        for j, segment in enumerate(MOVING):
+        for segment, j in NUMBER.items():
             frame = data.oMf[model.getFrameId(segment)]
             np.testing.assert_allclose(frame.rotation, poses[k, j, :3].T, rtol=0, atol=1e-12)
             np.testing.assert_allclose(frame.translation, poses[k, j, 3], rtol=0, atol=1e-12)
@@ -80,7 +82,7 @@ def test_mujoco_puts_segments_and_markers_where_we_do(body, path, q, poses, mark
         for name, value in zip(COORDINATES, q[k], strict=True):
             state.joint(name).qpos = value
         mujoco.mj_kinematics(model, state)
-        for j, segment in enumerate(MOVING):
+        for segment, j in NUMBER.items():
             link = state.body(segment)
             np.testing.assert_allclose(
                 link.xmat.reshape(3, 3), poses[k, j, :3].T, rtol=0, atol=1e-12
@@ -88,6 +90,16 @@ def test_mujoco_puts_segments_and_markers_where_we_do(body, path, q, poses, mark
             np.testing.assert_allclose(link.xpos, poses[k, j, 3], rtol=0, atol=1e-12)
         theirs = [state.body(name).xpos for name in body.markers]
         np.testing.assert_allclose(theirs, marker_positions[k], rtol=0, atol=1e-12)
+
+
+def test_mujoco_finds_18_bodies_with_the_segments_masses_and_centres(body, path):
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    heavy = {model.body(k).name for k in range(model.nbody) if model.body(k).mass > 1e-9}
+    assert heavy == set(SEGMENTS)
+    for s, part in body.segments.items():
+        np.testing.assert_allclose(model.body(s).mass, part.mass, rtol=1e-12)
+        np.testing.assert_allclose(model.body(s).ipos, part.center, rtol=0, atol=1e-12)
 
 
 def test_mujoco_finds_our_generalized_forces(body, path, q):

@@ -116,6 +116,17 @@ def test_faults_of_a_segments_file_are_faults_of_the_study(study):
     assert second.startswith("sub02.toml: segments: no file 'arms.toml'")
 
 
+def test_a_file_of_segments_that_says_trunk_gets_one_line_that_says_what_to_write(study):
+    (study / "rucksack.toml").write_text("[trunk]\nmass_kg = 30.0\n", encoding="utf-8")
+    state(study / "sub01.toml", "[trials", 'segments = "rucksack.toml"\n[trials')
+    with pytest.raises(StudyFaults) as caught:
+        read_study(study)
+    (fault,) = caught.value.faults
+    assert fault == (
+        "sub01.toml: segments: rucksack.toml: no segment 'trunk', write 'thorax' and 'mid_trunk'"
+    )
+
+
 def test_one_trial_takes_hips_and_segments_on_the_command_line(walker, tmp_path, capsys):
     usual = subject_body(walker, Subject(), Settings(), 74.6)
     write_c3d(tmp_path / "star.c3d", swinging(usual))

@@ -113,6 +113,18 @@ def test_segments_are_drawn_at_their_poses_in_the_model(stored, trial):
         np.testing.assert_allclose(turned.as_matrix(), rotation[:, k], atol=1e-6)
 
 
+def test_the_mid_trunk_is_a_part_of_the_thorax_with_its_own_mass_and_inertia(stored, trial):
+    part, entity = trial.body.segments["mid_trunk"], "lab/body/thorax/mid_trunk"
+    (size,) = stored.rows(entity, "half_sizes", static=True)[0]
+    (turned,) = stored.rows(entity, "quaternions", static=True)[0]
+    (center,) = stored.rows(entity, "centers", static=True)[0]
+    axes = Rotation.from_quat(turned).as_matrix()
+    moments = part.mass / 5 * (size @ size - size**2)
+    np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, part.tensor, atol=1e-6)
+    np.testing.assert_array_equal(center, single(part.center))
+    assert not any(name.startswith("lab/body/mid_trunk") for name in stored.entities)
+
+
 def test_modelled_markers_are_attached_to_their_segments(stored, trial):
     body = trial.body
     for segment in set(body.marker_segment):
