@@ -1,20 +1,22 @@
 """Inverse dynamics of a filtered motion, and the pelvis residual."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from hbm.coordinates import COORDINATES, INDEX, LAST_Q, N_Q, support
-from hbm.kernels.native import kernels
+from hbm.engines.agreement import frames_to_check, require_agreement
+from hbm.engines.choice import choose_engine, other_engine
+from hbm.engines.engine import Engine, EngineName, EngineUsed, title
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth
 from hbm.spatial import Array, read_only, shift_wrench
 
 FRAMES_AT_ONCE: Final = 2000
-"""Bounds the memory for the coordinates' motions, 2.2 kB a frame."""
+"""Bounds the memory for intermediate results, 2 to 3 kB a frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,8 @@ class Dynamics:
         N·m]: lab axes (X forward, Y left, Z up), about the pelvis origin (mid-hip).
     power
         Power of each coordinate's generalized force, (T, 46) [W].
+    engine
+        The engine that computed them, and how well the other one agrees.
 
     Examples
     --------
@@ -51,6 +55,7 @@ class Dynamics:
     tau: Array
     residual: Array
     power: Array
+    engine: EngineUsed
 
     def __post_init__(self) -> None:
         frames = len(self.time)
@@ -108,7 +113,12 @@ def filter_motion(motion: Motion, *, cutoff: float = 6.0, method: Method = "zero
 
 
 def inverse_dynamics(
-    body: Body, motion: Motion, wrenches: Mapping[str, Array], *, jobs: int = 1
+    body: Body,
+    motion: Motion,
+    wrenches: Mapping[str, Array],
+    *,
+    jobs: int = 1,
+    engine: EngineName | None = None,
 ) -> Dynamics:
     """Find the generalized forces of a motion under external wrenches.
 
@@ -124,6 +134,8 @@ def inverse_dynamics(
         acts on; the residual does not.
     jobs
         Threads.
+    engine
+        "pinocchio" or "kernels"; by default Pinocchio where it can be imported.
 
     Returns
     -------
@@ -133,13 +145,18 @@ def inverse_dynamics(
     Raises
     ------
     ValueError
-        If a segment is unknown, a wrench's shape is wrong, or the motion has not been filtered.
+        If a segment is unknown, a wrench's shape is wrong, the motion has not been filtered, the
+        engine cannot be imported, or the two engines disagree.
 
     Notes
     -----
     Newton–Euler: ``tau = M(q) a + c(q, v) − Jᵀ w`` (van den Bogert et al. 2013, Med Biol Eng
     Comput 51:1069). The force residual is ``Σ m(a − g) − Σ F`` and the moment residual the same
     balance of moments about the pelvis origin.
+
+    Where both engines can be imported, 16 frames are computed by the other one too. They must
+    agree to 1e-8 of the largest force of the frame (of at least 1 N), and moments of the largest
+    moment (of at least 1 N·m).
 
     Deviations from the original
     ----------------------------
@@ -157,21 +174,26 @@ def inverse_dynamics(
     >>> f"{without.residual[50, 2]:.1f} N, {74.6 * 9.81:.1f} N"
     '731.8 N, 731.8 N'
     >>> weight = np.tile([0, 0, 74.6 * 9.81, 0, 0, 0], (100, 1))
-    >>> ground = hbm.inverse_dynamics(body, standing, {"left_foot": weight})
+    >>> ground = hbm.inverse_dynamics(body, standing, {"left_foot": weight}, engine="kernels")
     >>> bool(np.abs(ground.residual[:, :3]).max() < 1e-6)
     True
     """
-    return inverse_dynamics_variants(body, motion, [wrenches], jobs=jobs)[0]
+    return inverse_dynamics_variants(body, motion, [wrenches], jobs=jobs, engine=engine)[0]
 
 
 def inverse_dynamics_variants(
-    body: Body, motion: Motion, variants: list[Mapping[str, Array]], *, jobs: int = 1
+    body: Body,
+    motion: Motion,
+    variants: Sequence[Mapping[str, Array]],
+    *,
+    jobs: int = 1,
+    engine: EngineName | None = None,
 ) -> list[Dynamics]:
-    """Do `inverse_dynamics` for several sets of wrenches in one evaluation of the kinematics.
+    """Do `inverse_dynamics` for several sets of wrenches in one evaluation of the equations.
 
     Parameters
     ----------
-    body, motion, jobs
+    body, motion, jobs, engine
         As for `inverse_dynamics`.
     variants
         Sets of wrenches, such as plates as measured and compensated.
@@ -205,26 +227,65 @@ def inverse_dynamics_variants(
     if frames and np.isnan(motion.v).all() and not np.isnan(motion.q).all():
         raise ValueError("the motion has no velocities; filter it first with filter_motion")
 
-    forces = [np.empty((frames, N_Q)) for _ in variants]
-    residuals = [np.empty((frames, 6)) for _ in variants]
+    chosen = choose_engine(engine)
+    forces = _forces(chosen, body, (motion.q, motion.v, motion.a), variants, jobs)
+    used = _checked(chosen, body, motion, variants, forces)
+    return [
+        Dynamics(motion.time, tau, residual, tau * motion.v, used)
+        for tau, residual in (np.split(force, [N_Q], axis=1) for force in forces)
+    ]
+
+
+def _forces(
+    engine: Engine,
+    body: Body,
+    state: tuple[Array, Array, Array],
+    variants: Sequence[Mapping[str, Array]],
+    jobs: int = 1,
+) -> list[Array]:
+    """Give generalized forces and residual of each variant, (T, 52)."""
+    frames = len(state[0])
+    segments = sorted(set().union(*variants))
+    forces = [np.empty((frames, N_Q + 6)) for _ in variants]
     for first in range(0, frames, FRAMES_AT_ONCE):
         block = slice(first, first + FRAMES_AT_ONCE)
-        state = (x[block] for x in (motion.q, motion.v, motion.a))
-        tau, needed, subspace = kernels().newton_euler(
-            *state, body.geometry, body.inertia_vector, jobs=jobs
-        )
-        subspace = subspace.reshape(-1, N_Q, 6)
-        for wrenches, force, residual in zip(variants, forces, residuals, strict=True):
-            external = np.zeros_like(needed)
-            force[block] = tau
+        q, v, a = (np.asarray(x[block]) for x in state)
+        free = engine.free_dynamics(body, q, v, a, segments, jobs)
+        for wrenches, force in zip(variants, forces, strict=True):
+            tau, external = free.tau.copy(), np.zeros_like(free.wrench)
             for segment, wrench in wrenches.items():
                 acting = np.asarray(wrench, float)[block]
                 external += acting
                 chain = np.array(support(LAST_Q[segment]))
-                moment_first = np.concatenate([acting[:, 3:], acting[:, :3]], axis=1)
-                force[block, chain] -= np.einsum("tci,ti->tc", subspace[:, chain], moment_first)
-            residual[block] = shift_wrench(needed - external, motion.q[block, :3])
-    return [
-        Dynamics(motion.time, force, residual, force * motion.v)
-        for force, residual in zip(forces, residuals, strict=True)
+                tau[:, chain] -= np.einsum("tci,ti->tc", free.jacobians[segment], acting)
+            force[block, :N_Q] = tau
+            force[block, N_Q:] = free.wrench - shift_wrench(external, q[:, :3])
+    return forces
+
+
+def _checked(
+    engine: Engine,
+    body: Body,
+    motion: Motion,
+    variants: Sequence[Mapping[str, Array]],
+    forces: list[Array],
+) -> EngineUsed:
+    """Compute some frames by the other engine too, and refuse forces on which the two disagree."""
+    used, other = EngineUsed(engine.name, engine.version), other_engine(engine)
+    frames = frames_to_check(forces)
+    if other is None or not len(frames):
+        return used
+    state = motion.q[frames], motion.v[frames], motion.a[frames]
+    on_frames = [{s: np.asarray(w)[frames] for s, w in of_one.items()} for of_one in variants]
+    engines = str(used), title(other.name, other.version)
+    differences = [
+        require_agreement(found[frames], again, engines, frames, motion.time[frames])
+        for found, again in zip(forces, _forces(other, body, state, on_frames), strict=True)
     ]
+    return replace(
+        used,
+        other=other.name,
+        other_version=other.version,
+        frames=len(frames),
+        difference=max(differences),
+    )

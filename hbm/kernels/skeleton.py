@@ -236,9 +236,9 @@ def newton_euler() -> SX:
         ``(q, v, a, geometry, inertia) -> (tau, wrench, motion)``. ``inertia`` is 10 numbers per
         segment with mass (see `N_INERTIA`), in its own frame; ``tau`` (46) [N, N·m]; ``wrench`` (6)
         is the total action that the motion needs from the surroundings, in lab axes about the lab
-        origin; ``motion`` (6 per coordinate) is its motion per unit rate, so that a wrench
-        ``(F, M)`` on a segment reduces the force of each coordinate that carries the segment by
-        ``w·M + v·F``.
+        origin; ``motion`` (6 per coordinate, v before w) is its motion per unit rate, so that a
+        wrench ``(F, M)`` on a segment reduces the force of each coordinate that carries the segment
+        by ``v·F + w·M``.
     """
     q, qd, qdd = (ca.SX.sym(name, N_Q) for name in ("q", "v", "a"))
     geometry = ca.SX.sym("geometry", N_GEOMETRY)
@@ -264,7 +264,7 @@ def newton_euler() -> SX:
 
     beyond = _sum_beyond(of_segment, lambda: [ca.SX(3, 1), ca.SX(3, 1)])
     tau = [ca.dot(pose.w[i], M) + ca.dot(pose.v[i], F) for i, (F, M) in enumerate(beyond)]
-    subspace = [ca.vertcat(pose.w[i], pose.v[i]) for i in range(N_Q)]
+    subspace = [ca.vertcat(pose.v[i], pose.w[i]) for i in range(N_Q)]
     return ca.Function(
         "newton_euler",
         [q, qd, qdd, geometry, inertia],

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from hbm.calibration_pose.anatomy import MARKER_OFFSET_M
+from hbm.engines.engine import EngineName
 from hbm.segments import Sex
 from hbm.signals.filtering import Method
 from pipeline.io.axes import parse_axes
@@ -68,6 +69,9 @@ class Settings(InputModel):
         Delay of the plates' time stamps relative to the markers'.
     contact_threshold_n
         Vertical force above which a foot is on a plate.
+    engine
+        What computes the inverse dynamics; None for Pinocchio where it can be imported, else the
+        kernels.
 
     Examples
     --------
@@ -82,6 +86,7 @@ class Settings(InputModel):
     marker_offset_m: MarkerOffsetM = MARKER_OFFSET_M
     plate_delay_s: DelayS = 0.0
     contact_threshold_n: ForceThresholdN = 30.0
+    engine: EngineName | None = None
 
 
 class Subject(InputModel):

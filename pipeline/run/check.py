@@ -8,6 +8,7 @@ from typing import Final, TypeVar
 from compensation import Calibration, check_calibration
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST_Q, support
+from hbm.engines.choice import choose_engine
 from hbm.notes import Note, NoteValue
 from hbm.spelling import did_you_mean
 from pipeline.config.schema import Condition, SubjectFile, Trial
@@ -110,6 +111,7 @@ def check_study(study: Study) -> Findings:
         beginning and frames spread over it; before a fault is reported, all of it is read.
     """
     found = _Collector()
+    found.attempt("study.toml", lambda: choose_engine(study.file.settings.engine))
     calibration = _check_calibration(study, found)
     trial_of: dict[Path, str] = {}
     for subject, person in study.subjects.items():

@@ -10,6 +10,7 @@ import pyarrow as pa
 from compensation.platform.pose import PlatformPose
 from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX
 from hbm.dynamics import Dynamics
+from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.spatial import Array, Mask
@@ -84,7 +85,7 @@ def frame_table(result: TrialResult) -> pa.Table:
     return pa.table({name: pa.array(column) for name, column in columns.items()})
 
 
-def read_frames(table: pa.Table, header: TrialHeader) -> Frames:
+def read_frames(table: pa.Table, header: TrialHeader, engine: EngineUsed) -> Frames:
     """Read the columns of `frame_table` back.
 
     Parameters
@@ -93,6 +94,8 @@ def read_frames(table: pa.Table, header: TrialHeader) -> Frames:
         The table.
     header
         The same trial's header, which names markers and feet.
+    engine
+        The engine that computed its dynamics.
 
     Returns
     -------
@@ -127,7 +130,7 @@ def read_frames(table: pa.Table, header: TrialHeader) -> Frames:
     for variant, feet in header.feet.items():
         force = read(f"tau.{variant}", COORDINATES)
         residual = reported(read(f"residual.{variant}", AXES))
-        dynamics[variant] = Dynamics(time, force, residual, force * motion.v)
+        dynamics[variant] = Dynamics(time, force, residual, force * motion.v, engine)
         ground[variant] = {foot: read(f"ground.{variant}.{foot}", WRENCH) for foot in feet}
     pose = read("platform", POSE) if header.platform_moves else None
     return Frames(

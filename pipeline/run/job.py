@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final, Literal
 
+from hbm.engines.choice import engine_identity
 from pipeline.config.study import Study
 from pipeline.run.program import computation_digest
 from pipeline.run.store import read_summary, write_trial
@@ -103,8 +104,8 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
     Returns
     -------
     str
-        SHA-256 of the contents of its files, of what the study states about it, of the sources and
-        libraries that compute it, and of the format in which it is stored.
+        SHA-256 of the contents of its files, of what the study states about it, of the sources,
+        libraries and engine that compute it, and of the format in which it is stored.
     """
     person = study.subject(subject)
     trial = person.trials[condition]
@@ -119,6 +120,7 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
         "subject": person.person.model_dump(),
         "marker_set": str(study.marker_set),
         "program": computation_digest(),
+        "engine": engine_identity(study.file.settings.engine),
         "format": FORMAT_VERSION,
     }
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()

@@ -59,6 +59,10 @@ class TrialRequest:
     contact_threshold_n: Annotated[
         float, Help("Vertical force above which a foot is on a plate.")
     ] = 30.0
+    engine: Annotated[
+        str | None,
+        Help("Of the inverse dynamics: pinocchio or kernels; default: pinocchio where installed."),
+    ] = None
     calibration: Annotated[
         Path | None, Help("Calibration of the moving treadmill (hbm calibration fit).")
     ] = None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from joblib import Parallel, delayed
 
+from hbm.engines.choice import choose_engine
 from pipeline.config.study import Study
 from pipeline.run.cluster import on_cluster
 from pipeline.run.job import WORKER_DIED, Job, Outcome, process_job, stored_key, trial_key
@@ -44,7 +45,7 @@ def run_study(
     Raises
     ------
     ValueError
-        If a subject or condition is unknown.
+        If a subject or condition is unknown, or the study states an engine that cannot be imported.
     """
     planned = plan(study, out, subjects=subjects, conditions=conditions)
     yield from run_jobs(planned, workers=jobs, scheduler=scheduler)
@@ -59,8 +60,10 @@ def plan(
 ) -> list[Job]:
     """List the trials of a study that have a recording, with the key of what goes into each.
 
-    Paths are made absolute, for a worker may run in another folder.
+    Paths are made absolute, for a worker may run in another folder. An engine that is stated but
+    cannot be imported is a ValueError.
     """
+    choose_engine(study.file.settings.engine)
     study, out = replace(study, folder=study.folder.resolve()), out.resolve()
     wanted = [study.subject(s).id for s in dict.fromkeys(subjects or study.subjects)]
     for condition in conditions or ():

@@ -93,7 +93,7 @@ def read_trial(path: Path) -> TrialResult:
     with _readable(path):
         summary = TrialSummary.from_json(metadata[SUMMARY])
         header = TrialHeader.from_json(metadata[HEADER])
-        frames = read_frames(pq.read_table(path), header)
+        frames = read_frames(pq.read_table(path), header, summary.engine)
     return TrialResult(
         source=Path(summary.source),
         subject=summary.subject,

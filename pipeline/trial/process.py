@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hbm.body import Body
-from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
+from hbm.dynamics import filter_motion, inverse_dynamics_variants
+from hbm.engines.choice import choose_engine
 from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
@@ -80,7 +80,8 @@ def process_recording(
     Raises
     ------
     ValueError
-        If the trial has no plates, no known markers, no usable mass, or is too short.
+        If the trial has no plates, no known markers, no usable mass, or is too short; if the engine
+        cannot be imported, or the other one disagrees with it.
 
     Examples
     --------
@@ -94,6 +95,7 @@ def process_recording(
     """
     pose = static or recording
     _require_plates(recording)
+    choose_engine(settings.engine)
     mass_kg, mass_note = body_mass(subject, pose)
     body = subject_body(
         pose,
@@ -119,7 +121,10 @@ def process_recording(
         variant: _filtered(by_foot, motion, settings)
         for variant, (by_foot, _) in under_feet.items()
     }
-    dynamics = _inverse_dynamics(body, motion, wrenches, jobs)
+    by_variant = inverse_dynamics_variants(
+        body, motion, [*wrenches.values()], jobs=jobs, engine=settings.engine
+    )
+    dynamics = dict(zip(wrenches, by_variant, strict=True))
 
     events, events_note = gait_events(recording)
     cycles, cycle_notes = cut_cycles(events, dynamics.values())
@@ -161,6 +166,7 @@ def process_recording(
             *body.notes,
             *check_motion(body, unfiltered),
             *ground.notes,
+            dynamics["measured"].engine.note,
             events_note,
             *agreement,
             *cycle_notes,
@@ -243,10 +249,3 @@ def _filtered(by_foot: Mapping[str, Array], motion: Motion, settings: Settings) 
         foot: low_pass(wrench, motion.time, settings.cutoff_hz, settings.filter)
         for foot, wrench in by_foot.items()
     }
-
-
-def _inverse_dynamics(
-    body: Body, motion: Motion, wrenches: Mapping[str, dict[str, Array]], jobs: int
-) -> dict[str, Dynamics]:
-    variants = inverse_dynamics_variants(body, motion, [*wrenches.values()], jobs=jobs)
-    return dict(zip(wrenches, variants, strict=True))

@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Final
 import numpy as np
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
+from hbm.engines.engine import EngineUsed
 from hbm.notes import Note
 from pipeline.config.schema import Settings, Subject
 from pipeline.trial.residuals import (
@@ -52,6 +53,8 @@ class TrialSummary:
         As stated.
     versions
         Package -> version the trial was processed with.
+    engine
+        The engine of the inverse dynamics, and how well the other one agrees.
     body_mass_kg, height_m
         As stated or, where they were not, weighed and estimated.
     marker_set
@@ -85,6 +88,7 @@ class TrialSummary:
     subject: Subject
     settings: Settings
     versions: Mapping[str, str]
+    engine: EngineUsed
     body_mass_kg: float
     height_m: float
     marker_set: str
@@ -173,6 +177,7 @@ def summarise(result: TrialResult, condition: str, key: str) -> TrialSummary:
         subject=result.subject,
         settings=result.settings,
         versions={name: version(name) for name in PACKAGES},
+        engine=result.measured.engine,
         body_mass_kg=result.body.mass,
         height_m=result.body.height_m,
         marker_set=result.body.marker_set.name,

@@ -1,4 +1,8 @@
-"""The equations of motion: closed loops, invariances, and three independent implementations."""
+"""The equations of motion: closed loops, invariances, independent implementations.
+
+Every statement holds for both engines. Where `inverse_dynamics` is called without an engine, it is
+the one that the test is run for.
+"""
 
 from dataclasses import replace
 
@@ -8,6 +12,8 @@ import pytest
 from hbm import dynamics
 from hbm.coordinates import INDEX, LAST_Q, MOVING, support
 from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
+from hbm.engines import choice
+from hbm.engines.engine import ENGINES
 from hbm.poses import center_of_mass, segment_frames
 from hbm.spatial import GRAVITY_MPS2, rotation_about, shift_wrench, transform_wrench
 from tests.hbm.motions import motion_of, swinging
@@ -16,6 +22,16 @@ from tests.synthetic import MASS_KG, synthetic_body
 PELVIS = slice(0, 3)
 RELATIVE = 1e-9
 WEIGHT = MASS_KG * GRAVITY_MPS2
+
+
+@pytest.fixture(autouse=True, params=ENGINES)
+def engine(request, monkeypatch):
+    """Make each engine the default in turn."""
+    if request.param == "pinocchio":
+        pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
+    choose = choice.choose_engine
+    monkeypatch.setattr(dynamics, "choose_engine", lambda stated: choose(stated or request.param))
+    return request.param
 
 
 @pytest.fixture(scope="module")
@@ -243,6 +259,10 @@ def test_power_of_all_forces_is_the_rate_of_mechanical_energy(pin, body):
 # -- the interface --------------------------------------------------------------------------------
 
 
+def test_results_name_the_engine_that_computed_them(engine, body, motion):
+    assert inverse_dynamics(body, motion, {}).engine.name == engine
+
+
 def test_variants_in_one_pass_equal_each_alone(body, motion, wrenches):
     sets = [wrenches, {}, {"left_foot": 2 * wrenches["left_foot"]}]
     together = inverse_dynamics_variants(body, motion, sets, jobs=2)
@@ -311,7 +331,7 @@ def test_results_are_read_only_and_of_the_right_shape(body, motion):
     with pytest.raises(ValueError, match="read-only"):
         found.tau[0] = 0
     with pytest.raises(ValueError, match=r"dynamics: tau must have shape \(40, 46\)"):
-        Dynamics(found.time, found.tau[:, :6], found.residual, found.power)
+        Dynamics(found.time, found.tau[:, :6], found.residual, found.power, found.engine)
 
 
 def test_zero_phase_filter_preserves_slow_movement_and_gives_its_derivatives():

@@ -12,6 +12,7 @@ import numpy as np
 
 from hbm.coordinates import INDEX
 from hbm.dynamics import Dynamics
+from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.notes import Note
@@ -22,6 +23,7 @@ from pipeline.trial.residuals import reported
 from pipeline.trial.result import TrialResult
 from tests.synthetic import synthetic_body
 
+ENGINE = EngineUsed("pinocchio", "4.1.0", "kernels", "casadi 3.7.2", 16, 2e-14)
 RATE_HZ = 100.0
 CYCLE_S = 1.1
 WALKING = np.array([50.0, 40.0, 85.0, 15.0, 27.0, 6.0])
@@ -117,7 +119,7 @@ def fake_trial(
     )
 
     def dynamics(residual):
-        return Dynamics(time=time, tau=zeros, residual=reported(residual), power=zeros)
+        return Dynamics(time, zeros, reported(residual), zeros, ENGINE)
 
     weight = np.zeros((frames, 6))
     weight[:, 2] = 400 + 350 * np.abs(np.sin(phase))

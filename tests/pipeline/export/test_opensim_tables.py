@@ -7,6 +7,7 @@ import pytest
 
 from hbm.coordinates import HBM_ORDER, INDEX, N_Q, TREE
 from hbm.dynamics import Dynamics
+from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
 from hbm.motion import Motion
 from pipeline.export.opensim_tables import (
@@ -51,7 +52,8 @@ def test_coordinates_come_back_in_degrees_and_metres_in_the_original_order(rng, 
 
 def test_forces_come_back_under_the_names_that_opensim_gives_them(rng, tmp_path):
     tau = rng.normal(size=(20, N_Q))
-    dynamics = Dynamics(TIME, tau, np.zeros((20, 6)), np.zeros((20, N_Q)))
+    engine = EngineUsed("kernels", "1")
+    dynamics = Dynamics(TIME, tau, np.zeros((20, 6)), np.zeros((20, N_Q)), engine)
     write_forces(dynamics, tmp_path / "trial_id.sto")
     table = read_sto(tmp_path / "trial_id.sto")
     assert not table.in_degrees

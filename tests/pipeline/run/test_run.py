@@ -7,11 +7,13 @@ import pickle
 import re
 import shutil
 import signal
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from hbm.body import Body
 from pipeline.cli.app import main
 from pipeline.config.study import Study, read_study
 from pipeline.run import cluster, program, run
@@ -94,6 +96,10 @@ def add_axes(folder):
     edit(folder / "study.toml", 'name = "Moving numbers"', 'axes = "left,back,up"')
 
 
+def state_kernels(folder):
+    edit(folder / "study.toml", "[treadmill]", '[settings]\nengine = "kernels"\n[treadmill]')
+
+
 @pytest.mark.parametrize(
     ("change", "redone"),
     [
@@ -105,6 +111,10 @@ def add_axes(folder):
         (retype("study.toml", "cycles = 2", "cycles = 1"), ["sway"]),
         (retype("study.toml", "[treadmill]", "[settings]\ncutoff_hz = 8.0\n[treadmill]"), TRIALS),
         (retype("study.toml", "[treadmill]", "[treadmill]\ncutoff_hz = 10.0"), TRIALS),
+        (
+            retype("study.toml", "[treadmill]", '[settings]\nengine = "kernels"\n[treadmill]'),
+            TRIALS,
+        ),
         (add_axes, TRIALS),
         (retype("sub02.toml", 'sex = "female"', 'sex = "male"'), ["sub02"]),
         (
@@ -130,6 +140,45 @@ def test_another_program_or_library_redoes_everything(moving_study, out, monkeyp
     after = [job.key for job in plan(read_study(moving_study), out)]
     program.computation_digest.cache_clear()
     assert not set(before) & set(after)
+
+
+def test_another_engine_redoes_everything(moving_study, out, monkeypatch):
+    before = [job.key for job in plan(read_study(moving_study), out)]
+    pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    after = [job.key for job in plan(read_study(moving_study), out)]
+    assert not set(before) & set(after)
+
+
+def test_an_engine_that_is_missing_is_refused_before_anything_is_processed(
+    study, out, monkeypatch, capsys
+):
+    edit(study / "study.toml", "[treadmill]", '[settings]\nengine = "pinocchio"\n[treadmill]')
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    line = 'engine = "pinocchio" is stated, but Pinocchio cannot be imported here'
+    assert main(["run", str(study), "--out", str(out)]) == 2
+    assert line in capsys.readouterr().err
+    assert main(["check", str(study)]) == 2
+    assert f"FAULT study.toml: {line}" in capsys.readouterr().out
+
+
+def test_a_trial_on_which_the_engines_disagree_fails_with_one_line(study, out, monkeypatch, capsys):
+    """One of them is made wrong by a millionth of the thighs' masses."""
+    pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
+    intact = Body.inertia_vector.fget
+
+    def wrong(body):
+        rows = intact(body).reshape(-1, 10)
+        rows[rows[:, 0] == body.rigid_bodies["left_thigh"].mass, 0] *= 1 + 1e-6
+        return rows.ravel()
+
+    forget(out, "sub01_sway")
+    monkeypatch.setattr(Body, "inertia_vector", property(wrong))
+    assert main(["run", str(study), "--out", str(out)]) == 1
+    printed = capsys.readouterr().out.splitlines()
+    (line,) = (line for line in printed if line.startswith("FAILED"))
+    assert line.startswith("FAILED sub01 sway: the two engines of inverse dynamics disagree: frame")
+    assert "'hbm doctor'" in line
 
 
 def test_a_missing_or_damaged_result_is_made_again_and_equal(study, out, finished):

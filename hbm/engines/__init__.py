@@ -1,0 +1,1 @@
+"""The two engines of inverse dynamics: Pinocchio, and the package's own kernels."""

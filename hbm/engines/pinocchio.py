@@ -1,0 +1,113 @@
+"""Inverse dynamics by Pinocchio: the recursive Newton–Euler algorithm on the body's own model.
+
+The forces on the pelvis' three rotations are projections of the moment on axes that depend on the
+pose, and at ±90° of pitch two of these axes coincide. The engine's model therefore has two more
+joints that always stand still, about the lab's X and Y axes at mid-hip, before the pelvis' rotation
+about Z. The forces on these three joints are the moment about mid-hip in lab axes, in every pose.
+
+Source: Carpentier et al. 2019 (IEEE/SICE Int Symp System Integration, 614) for the library,
+Featherstone 2008 (Rigid Body Dynamics Algorithms) for the algorithm.
+"""
+
+from collections.abc import Collection
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+import pinocchio as pin
+
+from hbm.coordinates import INDEX, LAST_Q, support
+from hbm.engines.engine import FreeDynamics
+from hbm.model import Body
+from hbm.spatial import GRAVITY_MPS2, Array
+
+YAW: Final = INDEX["PelvisYaw"]
+STILL: Final = (YAW, YAW)
+"""The two joints that stand still come before this coordinate."""
+CACHED_BODIES: Final = 8
+
+
+def free_dynamics(
+    body: Body, q: Array, v: Array, a: Array, segments: Collection[str], jobs: int
+) -> FreeDynamics:
+    """Find what a motion needs where nothing but gravity acts on the body.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    q, v, a
+        Coordinates and their derivatives, (T, 46) each.
+    segments
+        Those whose Jacobians are wanted.
+    jobs
+        Threads.
+
+    Returns
+    -------
+    FreeDynamics
+        Undefined frames are NaN.
+    """
+    state = [np.insert(x, STILL, 0.0, axis=1) for x in (q, v, a)]
+    tau = np.empty_like(state[0])
+    if hasattr(pin, "rneaInParallel"):
+        pool = _pool(body, jobs)
+        pin.rneaInParallel(jobs, pool, *(x.T for x in state), tau.T)
+    else:  # in Pinocchio's wheels for macOS, which lack OpenMP
+        model = _model(body)
+        data = model.createData()
+        for frame, *of_frame in zip(tau, *state, strict=True):
+            frame[:] = pin.rnea(model, data, *of_frame)
+    return FreeDynamics(
+        tau=np.delete(tau, (YAW, YAW + 1), axis=1),
+        wrench=tau[:, :6].copy(),
+        jacobians=_jacobians(body, q, segments),
+    )
+
+
+def _jacobians(body: Body, q: Array, segments: Collection[str]) -> dict[str, Array]:
+    chains = {s: support(LAST_Q[s]) for s in segments}
+    carrying = sorted(set().union(*chains.values()))
+    if not carrying:
+        return {}
+    model = _carrying_model(body, tuple(carrying))
+    data = model.createData()
+    motion = np.empty((len(q), 6, len(carrying)))
+    for frame, coordinates in zip(motion, q[:, carrying], strict=True):
+        frame[:] = pin.computeJointJacobians(model, data, coordinates)
+    columns = {s: np.searchsorted(carrying, chain) for s, chain in chains.items()}
+    return {s: np.swapaxes(motion[:, :, own], 1, 2) for s, own in columns.items()}
+
+
+@lru_cache(maxsize=CACHED_BODIES)
+def _pool(body: Body, jobs: int) -> Any:
+    return pin.ModelPool(_model(body), jobs)
+
+
+@lru_cache(maxsize=CACHED_BODIES)
+def _model(body: Body) -> Any:
+    """Copy the body's model, with the two joints that stand still."""
+    model, copy, place = body.model, pin.Model(), [0]
+    copy.gravity.linear = np.array([0.0, 0.0, -GRAVITY_MPS2])
+    for i in range(1, model.njoints):
+        parent = place[model.parents[i]]
+        if i == YAW + 1:
+            for joint in (pin.JointModelRX(), pin.JointModelRY()):
+                parent = copy.addJoint(parent, joint, pin.SE3.Identity(), joint.shortname())
+        place.append(_add_joint(copy, parent, model, i))
+        copy.appendBodyToJoint(place[i], model.inertias[i], pin.SE3.Identity())
+    return copy
+
+
+@lru_cache(maxsize=CACHED_BODIES)
+def _carrying_model(body: Body, coordinates: tuple[int, ...]) -> Any:
+    """Copy those joints of the body's model that carry some segments, without inertias."""
+    copy, place = pin.Model(), {0: 0}
+    for i in (c + 1 for c in coordinates):
+        place[i] = _add_joint(copy, place[body.model.parents[i]], body.model, i)
+    return copy
+
+
+def _add_joint(copy: Any, parent: int, model: Any, i: int) -> int:
+    joint: int = copy.addJoint(parent, model.joints[i], model.jointPlacements[i], model.names[i])
+    return joint

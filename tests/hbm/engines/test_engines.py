@@ -1,0 +1,257 @@
+"""Two engines, one mechanics: they agree in every pose, and a call in which they do not fails."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hbm import dynamics
+from hbm.coordinates import INDEX, LAST_Q, MOVING, N_Q, support
+from hbm.dynamics import inverse_dynamics, inverse_dynamics_variants
+from hbm.engines.agreement import CHECKED_FRAMES, frames_to_check, require_agreement
+from hbm.engines.choice import choose_engine, engine_identity, other_engine
+from hbm.engines.engine import ENGINES, Engine, EngineUsed
+from hbm.model import Body
+from hbm.poses import segment_frames
+from tests.hbm.motions import any_pose, swinging
+from tests.synthetic import synthetic_body
+
+pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
+FEET = ("left_foot", "right_foot")
+ROUNDING = 1e-11
+
+
+@pytest.fixture(scope="module")
+def body():
+    return synthetic_body()
+
+
+@pytest.fixture(scope="module")
+def motion():
+    return swinging(np.random.default_rng(1))
+
+
+@pytest.fixture
+def wrenches(motion):
+    random = np.random.default_rng(2)
+    return {foot: random.normal(scale=300, size=(len(motion.time), 6)) for foot in FEET}
+
+
+@pytest.fixture
+def without_pinocchio(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    monkeypatch.delitem(sys.modules, "hbm.engines.pinocchio", raising=False)
+
+
+def by_both(body, motion, wrenches):
+    return [inverse_dynamics(body, motion, wrenches, engine=engine) for engine in ENGINES]
+
+
+def assert_same(one, other):
+    for mine, theirs in ((one.tau, other.tau), (one.residual, other.residual)):
+        assert np.abs(mine - theirs).max() < ROUNDING * max(1, np.abs(mine).max())
+
+
+@given(seed=st.integers(0, 2**32 - 1), speed=st.floats(0, 10), segment=st.sampled_from([*LAST_Q]))
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_both_engines_agree_in_any_pose_at_any_speed_wherever_a_wrench_acts(
+    body, seed, speed, segment
+):
+    random = np.random.default_rng(seed)
+    pose = any_pose(random, 3)
+    v, a = (speed * random.normal(size=(3, N_Q)) for _ in range(2))
+    wrench = {segment: random.normal(scale=500, size=(3, 6))}
+    assert_same(*by_both(body, replace(pose, v=v, a=10 * a), wrench))
+
+
+@pytest.mark.parametrize("pitch", [89.9, 90.0, -90.0, 90.0 + 1e-9, 270.0])
+def test_the_residual_moment_is_right_where_two_axes_of_the_pelvis_coincide(
+    body, motion, wrenches, pitch
+):
+    q = motion.q.copy()
+    q[:, INDEX["PelvisForwardPitch"]] = np.radians(pitch)
+    assert_same(*by_both(body, replace(motion, q=q), wrenches))
+
+
+def test_the_number_of_threads_changes_nothing(body, motion, wrenches):
+    for engine in ENGINES:
+        one, two = (
+            inverse_dynamics(body, motion, wrenches, jobs=jobs, engine=engine) for jobs in (1, 2)
+        )
+        np.testing.assert_array_equal(one.tau, two.tau)
+        np.testing.assert_array_equal(one.residual, two.residual)
+
+
+def test_without_pinocchios_parallel_function_the_numbers_are_the_same(
+    body, motion, wrenches, monkeypatch
+):
+    in_parallel = inverse_dynamics(body, motion, wrenches, engine="pinocchio")
+    monkeypatch.delattr(pinocchio, "rneaInParallel")
+    one_by_one = inverse_dynamics(body, motion, wrenches, engine="pinocchio")
+    np.testing.assert_array_equal(in_parallel.tau, one_by_one.tau)
+
+
+# -- which engine runs ----------------------------------------------------------------------------
+
+
+def test_pinocchio_runs_where_it_can_be_imported_and_else_the_kernels(without_pinocchio):
+    assert choose_engine().name == "kernels"
+    assert engine_identity().startswith("kernels casadi ")
+    assert other_engine(choose_engine()) is None
+
+
+def test_pinocchio_is_the_default_and_each_engine_checks_the_other():
+    assert choose_engine().name == "pinocchio"
+    for name, other in (ENGINES, ENGINES[::-1]):
+        assert other_engine(choose_engine(name)).name == other
+
+
+def test_stating_pinocchio_where_it_is_missing_is_one_line(without_pinocchio):
+    with pytest.raises(ValueError, match='or state engine = "kernels"'):
+        choose_engine("pinocchio")
+    assert engine_identity("pinocchio") == "pinocchio, missing"
+
+
+def test_an_unknown_engine_is_refused():
+    with pytest.raises(ValueError, match="one of pinocchio, kernels, got 'opensim'"):
+        choose_engine("opensim")
+
+
+def test_the_engine_is_named_with_the_version_it_runs_on(body, motion):
+    used = inverse_dynamics(body, motion, {}).engine
+    assert str(used) == f"Pinocchio {pinocchio.__version__}"
+    assert str(used.note).startswith(f"inverse dynamics by {used}; kernels (casadi ")
+    assert str(used.note).endswith("of the largest force and moment in 16 frames")
+    assert used.frames == CHECKED_FRAMES
+
+
+def test_a_result_that_nothing_checked_says_so(body, motion, without_pinocchio):
+    used = inverse_dynamics(body, motion, {}).engine
+    assert used.other is None
+    assert used.note.code == "engine_unchecked"
+
+
+# -- the check by the other engine ----------------------------------------------------------------
+
+
+MASS, TENSOR = slice(0, 1), slice(4, 10)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(
+    ("segment", "numbers"),
+    [
+        *((s, MASS) for s in ("pelvis", "head", "left_thigh", "right_shank", "left_hand")),
+        *((s, TENSOR) for s in ("left_thigh", "right_shank")),
+    ],
+)
+def test_an_inertia_that_is_a_millionth_off_in_one_engine_is_found(
+    body, motion, wrenches, monkeypatch, engine, segment, numbers
+):
+    wrong = body.inertia_vector.reshape(-1, 10).copy()
+    wrong[wrong[:, 0] == body.rigid_bodies[segment].mass, numbers] *= 1 + 1e-6
+    monkeypatch.setattr(Body, "inertia_vector", property(lambda _: wrong.ravel()))
+    with pytest.raises(ValueError, match=r"disagree: frame \d+ \(\d\.\d+ s\), .*'hbm doctor'"):
+        inverse_dynamics(body, motion, wrenches, engine=engine)
+
+
+def test_a_wrong_jacobian_in_one_engine_is_found(body, motion, wrenches, monkeypatch):
+    def shifted(*inputs):
+        free = intact.free_dynamics(*inputs)
+        jacobians = {s: j * (1 + 1e-6) for s, j in free.jacobians.items()}
+        return replace(free, jacobians=jacobians)
+
+    intact = choose_engine("kernels")
+    broken = Engine("kernels", intact.version, shifted)
+    monkeypatch.setattr(dynamics, "other_engine", lambda _: broken)
+    inverse_dynamics(body, motion, {})
+    with pytest.raises(ValueError, match="the two engines of inverse dynamics disagree"):
+        inverse_dynamics(body, motion, wrenches)
+
+
+def test_every_variant_is_checked(body, motion, wrenches, monkeypatch):
+    compared = []
+
+    def count(*inputs):
+        compared.append(inputs)
+        return require_agreement(*inputs)
+
+    monkeypatch.setattr(dynamics, "require_agreement", count)
+    inverse_dynamics_variants(body, motion, [wrenches, {}, wrenches])
+    assert len(compared) == 3
+
+
+def test_a_disagreement_says_where_how_large_and_what_next():
+    forces = np.ones((2, N_Q + 6))
+    other = forces.copy()
+    other[1, INDEX["RKneeFlexion"]] = 1 + 2e-8
+    with pytest.raises(ValueError, match="disagree") as caught:
+        require_agreement(forces, other, ("A", "B"), np.array([7, 30]), np.array([0.07, 0.3]))
+    assert "frame 30 (0.300 s), RKneeFlexion: 1 N·m by A, 1.00000002 N·m by B" in str(caught.value)
+
+
+@given(size=st.floats(1, 1e5), share=st.floats(0, 3e-8))
+def test_differences_are_relative_to_the_frames_largest_force_and_moment(size, share):
+    forces = np.ones((1, N_Q + 6))
+    forces[0, INDEX["PelvisZ"]] = forces[0, INDEX["LHipFlexion"]] = size
+    for quantity in ("PelvisX", "RKneeFlexion"):
+        other = forces.copy()
+        other[0, INDEX[quantity]] += share * size
+        arguments = forces, other, ("A", "B"), np.array([0]), np.array([0.0])
+        if share > 1.01e-8:
+            with pytest.raises(ValueError, match=quantity):
+                require_agreement(*arguments)
+        elif share < 0.99e-8:
+            assert require_agreement(*arguments) == pytest.approx(share, abs=1e-12)
+
+
+def test_an_undefined_number_of_one_engine_is_a_disagreement():
+    forces = np.ones((1, N_Q + 6))
+    undefined = np.where(np.arange(N_Q + 6) == 3, np.nan, forces)
+    with pytest.raises(ValueError, match="PelvisYaw"):
+        require_agreement(forces, undefined, ("A", "B"), np.array([0]), np.array([0.0]))
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=200))
+def test_the_checked_frames_are_spread_over_the_defined_ones(defined):
+    forces = np.where(np.array(defined)[:, None], 1.0, np.nan) * np.ones((1, N_Q + 6))
+    frames, possible = frames_to_check([forces, np.ones_like(forces)]), np.flatnonzero(defined)
+    assert len(frames) == len(set(frames)) == min(CHECKED_FRAMES, len(possible))
+    if len(possible):
+        assert frames[0] == possible[0]
+        assert frames[-1] == possible[-1] or len(frames) == 1
+        assert np.diff(np.searchsorted(possible, frames), prepend=0).max() <= len(possible) / 15 + 1
+    assert np.isin(frames, possible).all()
+
+
+def test_where_no_frame_is_defined_there_is_nothing_to_check(body, motion):
+    undefined = np.full_like(motion.q, np.nan)
+    found = inverse_dynamics(body, replace(motion, q=undefined, v=undefined, a=undefined), {})
+    assert found.engine == EngineUsed("pinocchio", pinocchio.__version__)
+
+
+def test_the_jacobian_has_the_velocities_of_points_on_the_segment(body, motion):
+    """Shown by moving one coordinate after the other a little."""
+    step = 1e-6
+    for engine in ENGINES:
+        free = choose_engine(engine).free_dynamics
+        q, zero = motion.q[:1], np.zeros((1, N_Q))
+        jacobian = free(body, q, zero, zero, ["left_foot"], 1).jacobians["left_foot"][0]
+        point = np.array([0.1, 0.2, 0.3])
+        for row, i in zip(jacobian, support(LAST_Q["left_foot"]), strict=True):
+            velocity = row[:3] + np.cross(row[3:], point)
+            moved = [_carried(body, q[0], i, sign * step, point) for sign in (1, -1)]
+            np.testing.assert_allclose(velocity, (moved[0] - moved[1]) / (2 * step), atol=1e-8)
+
+
+def _carried(body, q, coordinate, change, point):
+    """Where a lab point goes that is fixed to the left foot while a coordinate changes."""
+    foot = MOVING.index("left_foot")
+    changed = q.copy()
+    changed[coordinate] += change
+    rotation, origin = segment_frames(body, np.array([q, changed]))
+    local = rotation[0, foot].T @ (point - origin[0, foot])
+    return origin[1, foot] + rotation[1, foot] @ local

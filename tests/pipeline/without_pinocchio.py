@@ -1,0 +1,59 @@
+"""The same trial with and without Pinocchio, each in a process of its own."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.run.store import read_summary
+
+BLOCKED = """
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "pinocchio":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Blocked())
+"""
+COMMAND = "import sys; from pipeline.cli.app import main; raise SystemExit(main(sys.argv[1:]))"
+AGREEMENT = 1e-8
+
+
+def with_and_without_pinocchio(trial, folder, *options):
+    """Give what ``hbm residuals`` prints and stores, with Pinocchio and with its import blocked."""
+    pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
+    found = []
+    for name, code in (("with", COMMAND), ("without", BLOCKED + COMMAND)):
+        words = ["residuals", str(trial), "--out", str(folder / name), *options]
+        done = subprocess.run(
+            [sys.executable, "-c", code, *words], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        path = folder / name / f"{trial.stem}.parquet"
+        found.append((done.stdout, read_summary(path), pq.read_table(path)))
+    return found
+
+
+def assert_only_the_engine_differs(trial, folder, *options):
+    """Require that the results name the engine and agree in all else."""
+    with_it, without = with_and_without_pinocchio(trial, folder, *options)
+    for (printed, summary, _), engine in ((with_it, "Pinocchio"), (without, "kernels")):
+        assert f"inverse dynamics by {engine}" in " ".join(printed.split())
+        assert str(summary.engine).startswith(engine)
+    assert (with_it[1].engine.other, without[1].engine.other) == ("kernels", None)
+    for one, other in zip(with_it[1].residuals, without[1].residuals, strict=True):
+        assert one.rms == pytest.approx(other.rms, rel=AGREEMENT)
+        assert one.peak == pytest.approx(other.peak, rel=AGREEMENT)
+    frames, again = with_it[2], without[2]
+    assert frames.column_names == again.column_names
+    for column in frames.column_names:
+        values, others = (table.column(column).to_numpy() for table in (frames, again))
+        if column.startswith(("tau.", "residual.")):
+            size = np.nanmax(np.abs(values))
+            np.testing.assert_allclose(others, values, rtol=0, atol=AGREEMENT * size)
+        else:
+            np.testing.assert_array_equal(others, values)
