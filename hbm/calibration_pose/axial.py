@@ -168,15 +168,12 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     """
     low = "T10" in at and "XIPH" in at
     bottom = (at["T10"] + at["XIPH"]) / 2 if low else anatomy.points["lumbar"]
-    if low:
-        anatomy.points["xiphoid_level"] = bottom
-    else:
+    if not low:
         anatomy.notes.append(Note.of("trunk_axis_from_lumbar_joint"))
     if "C7" in at and "JN" in at:
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
         R = axes_from(np.cross(top - bottom, forward), top - bottom, exact="up")
         anatomy.points["neck"] = at["C7"] + _neck(forward, R[:, 2], measures)
-        anatomy.points["cervicale"] = at["C7"]
     elif "LSHO" in at and "RSHO" in at:
         top = (at["LSHO"] + at["RSHO"]) / 2
         R = axes_from(at["LSHO"] - at["RSHO"], top - bottom, exact="up")

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from hbm.calibration_pose.anatomy import Anatomy, Measures
 from hbm.calibration_pose.axial import locate_head, locate_pelvis, locate_trunk
 from hbm.calibration_pose.limbs import locate_arm, locate_leg
+from hbm.calibration_pose.trunk_levels import locate_trunk_levels
 from hbm.coordinates import SIDES
 from hbm.spatial import Array
 
@@ -40,6 +41,7 @@ def locate_anatomy(landmarks: Mapping[str, Array], measures: Measures) -> Anatom
     for side in SIDES:
         locate_leg(anatomy, landmarks, measures, side)
     locate_trunk(anatomy, landmarks, measures)
+    locate_trunk_levels(anatomy, landmarks, measures.sex)
     locate_head(anatomy, landmarks)
     for side in SIDES:
         locate_arm(anatomy, landmarks, side)

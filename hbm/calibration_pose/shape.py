@@ -29,10 +29,6 @@ SHOULDER_WIDTH_PER_STATURE: Final = 0.129
 """Distance of a shoulder that no marker shows from the trunk's axis (Drillis and Contini 1966, as
 in Winter 2009, Fig. 4.1)."""
 
-SHOULDER_DROP_PER_STATURE: Final = 0.009
-"""Distance of such a shoulder below the jugular notch (de Leva 1996: the trunk from mid shoulders
-to mid hips is 16 mm shorter than from the notch, in men of 1.741 m)."""
-
 
 @dataclass(slots=True)
 class Shape:
@@ -85,8 +81,12 @@ def shape_of(
 
     Notes
     -----
-    Parts that no marker shows have de Leva's (1996) mean lengths as shares of stature; their
-    shoulders: `SHOULDER_WIDTH_PER_STATURE`, `SHOULDER_DROP_PER_STATURE`.
+    The trunk's parts end where de Leva's (1996) do: the upper trunk at cervicale and xiphoid, both
+    on the trunk's axis (`hbm.calibration_pose.trunk_levels`), the middle one at xiphoid and navel,
+    the lower one at navel and mid-hip. The navel divides the way from xiphoid to mid-hip as in her
+    means. The head ends at vertex and cervicale. Parts that no marker shows have her mean lengths
+    as shares of stature; their shoulders are at her level, `SHOULDER_WIDTH_PER_STATURE` apart from
+    the axis.
     """
     build = _Builder(anatomy, table, height_m)
     build.trunk_and_head()
@@ -140,7 +140,6 @@ class _Builder:
         self.at, self.axes = anatomy.points, anatomy.axes
         self.length = {name: part.length * height_m for name, part in table.items()}
         self.shoulder_width = SHOULDER_WIDTH_PER_STATURE * height_m
-        self.shoulder_drop = SHOULDER_DROP_PER_STATURE * height_m
         self.frames = {"pelvis": (anatomy.frames["pelvis"], self.at["pelvis"])}
         self.frames["thorax"] = anatomy.frames["thorax"], self.at["lumbar"]
         head = anatomy.frames.get("head", anatomy.frames["thorax"])
@@ -154,17 +153,14 @@ class _Builder:
 
     def trunk_and_head(self) -> None:
         at, length = self.at, self.length
-        hips, top = at["pelvis"], at["trunk_top"]
-        lower, middle, upper = (length[s] for s in ("lower_trunk", "mid_trunk", "upper_trunk"))
-        share = (lower + middle) / (lower + middle + upper)
-        xiphoid = at.get("xiphoid_level", hips + share * (top - hips))
+        hips, cervicale, xiphoid = at["pelvis"], at["cervicale"], at["xiphoid"]
+        lower, middle = length["lower_trunk"], length["mid_trunk"]
         navel = xiphoid + middle / (middle + lower) * (hips - xiphoid)
-        pelvis, trunk, head = (self.frames[s][0] for s in ("pelvis", "thorax", "head"))
+        pelvis, thorax, head = (self.frames[s][0] for s in ("pelvis", "thorax", "head"))
         self.ends("lower_trunk", "pelvis", navel, hips, pelvis[:, 1])
-        self.ends("mid_trunk", "thorax", xiphoid, navel, trunk[:, 1])
-        self.ends("upper_trunk", "thorax", top, xiphoid, trunk[:, 1])
-        cervicale = at.get("cervicale", at["neck"])
-        vertex = at.get("vertex", at["neck"] + length["head"] * head[:, 2])
+        self.ends("mid_trunk", "thorax", xiphoid, navel, thorax[:, 1])
+        self.ends("upper_trunk", "thorax", cervicale, xiphoid, thorax[:, 1])
+        vertex = at.get("vertex", cervicale + length["head"] * head[:, 2])
         self.ends("head", "head", vertex, cervicale, head[:, 1])
 
     def arm(self, side: str) -> None:
@@ -176,8 +172,7 @@ class _Builder:
             shoulder, elbow, wrist = (at[f"{side}_{x}"] for x in ("shoulder", "elbow", "wrist"))
             elbow_axis, wrist_axis = self.axes[f"{side}_elbow"], self.axes[f"{side}_wrist"]
         else:
-            from_top = np.array([0.0, -sign * self.shoulder_width, -self.shoulder_drop])
-            shoulder = at["trunk_top"] + thorax @ from_top
+            shoulder = at["mid_shoulders"] - sign * self.shoulder_width * thorax[:, 1]
             elbow = shoulder - self.length["upper_arm"] * thorax[:, 2]
             wrist = elbow - self.length["forearm"] * thorax[:, 2]
             elbow_axis = wrist_axis = thorax[:, 1]
