@@ -1,0 +1,1 @@
+"""Which end points de Leva's upper trunk has: choices compared on real recordings."""
