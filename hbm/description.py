@@ -34,9 +34,9 @@ def describe(body: Body) -> str:
     ...     print(line)
     segment             mass   length         centre of mass                   inertia
                           kg        m   mm forward, left, up          kg·m², principal
-    pelvis              8.33    0.123       -9     -1     47    0.0383  0.0435  0.0477
-    mid_trunk          12.18    0.182      -27     -4    105    0.0592  0.0884  0.0938
-    thorax             11.91    0.248      -32     -4    309    0.0751  0.1586  0.1871
+    pelvis              8.33    0.127       -9     -1     48    0.0407  0.0462  0.0507
+    mid_trunk          12.18    0.188      -27     -4    112    0.0629  0.0939  0.0996
+    thorax             11.91    0.272      -32     -4    330    0.0901  0.1903  0.2244
     """
     lines = [
         str(body),

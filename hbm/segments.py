@@ -88,7 +88,9 @@ def proportions(sex: Sex) -> dict[str, Proportions]:
     Notes
     -----
     de Leva P (1996) J Biomech 29:1223-1230, Table 4, with the endpoints head VERT-CERV, upper
-    trunk CERV-XYPH, mid trunk XYPH-OMPH, lower trunk OMPH-MIDH, hand WJC-MET3, shank KJC-AJC.
+    trunk CERV-XYPH, mid trunk XYPH-OMPH, lower trunk OMPH-MIDH, hand WJC-MET3, shank KJC-AJC. The
+    lengths are distances along a segment's longitudinal axis: landmarks of head and trunk, such as
+    CERV (the spine of C7) and XYPH (the lower end of the sternum), are projected on it.
     """
     if sex == "unspecified":
         men, women = _table("male"), _table("female")

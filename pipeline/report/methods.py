@@ -123,11 +123,32 @@ def _kinematics(trials: Sequence[TrialSummary]) -> str:
         "den Bogert et al. 2013) with 46 degrees of freedom. Each subject's model was built from a "
         f"calibration pose with the marker set {marker_sets}. Hip joint centres were located by "
         f"{hips}; marker centres were {offsets} mm from the skin; segment inertial parameters were "
-        f"those of de Leva (1996) {sex}{own}.{held if locked else ''} Inverse kinematics minimised "
-        "the sum of squared distances between measured and modelled markers in each frame (Lu and "
-        "O'Connor 1999). Coordinates and ground reaction wrenches were filtered alike with "
+        f"those of de Leva (1996) {sex}{own}. {_trunk(trials)}{held if locked else ''} Inverse "
+        "kinematics minimised the sum of squared distances between measured and modelled markers "
+        "in each frame (Lu and O'Connor 1999). Coordinates and ground reaction wrenches were "
+        "filtered alike with "
         f"{filters} before velocities, accelerations and inverse dynamics were computed."
     )
+
+
+def _trunk(trials: Sequence[TrialSummary]) -> str:
+    """State the end points of the trunk's segments, and where one of them was inferred."""
+    inferred = {
+        f"{note.values['level']} from {note.values['shown']}"
+        for trial in trials
+        for note in trial.notes
+        if note.code == "trunk_level_from_proportions"
+    }
+    text = (
+        "Her upper trunk extends from the cervicale (C7) to the xiphoid process, her mid trunk "
+        "from there to the navel, both taken at their levels on the trunk's longitudinal axis"
+    )
+    if inferred:
+        levels = join_names(sorted(inferred))
+        text += (
+            f"; where no marker showed a level, it followed from her mean proportions ({levels})"
+        )
+    return f"{text}."
 
 
 def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:

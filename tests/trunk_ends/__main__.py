@@ -47,7 +47,7 @@ def main(data: Path) -> None:
                 f"| {title} | {choice} | {shift:+.1f} | {np.linalg.eigvalsh(part.tensor)[2]:.4f} |"
             )
 
-    print("\nQuiet standing: the centre of mass ahead of the centre of pressure\n")
+    print("\nQuiet standing: the centre of mass behind the centre of pressure\n")
     print("| end points | My N·m | mm |")
     print("|---|---|---|")
     case = cases["quiet standing"]

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from hbm.notes import Note
 from pipeline.config.schema import Settings
 from pipeline.config.study import read_study
 from pipeline.report.methods import cited, methods
@@ -37,6 +38,7 @@ def test_the_methods_describe_the_study(usual):
         "marker set hbm2",
         "Harrington et al. (2007)",
         "9 mm from the skin",
+        "upper trunk extends from the cervicale (C7) to the xiphoid process",
         "forward and backward (−3 dB at 6 Hz after both passes)",
         "platform's pose measured with 3 markers",
         "contact (threshold 30 N)",
@@ -48,6 +50,19 @@ def test_the_methods_describe_the_study(usual):
         "pingouin",
     ):
         assert phrase in text
+
+
+def test_levels_of_the_trunk_that_no_marker_showed_are_named(usual):
+    text, results = usual
+    assert "mean proportions" not in text
+    key = ("sub01", "sway")
+    note = Note.of(
+        "trunk_level_from_proportions", level="xiphoid", missing="XIPH", shown="the cervicale"
+    )
+    trial = replace(results.summaries[key], notes=(*results.summaries[key].notes, note))
+    found = replace(results, summaries=results.summaries | {key: trial})
+    text = " ".join(methods(found, statistics(found.residuals, found.subjects), None))
+    assert "followed from her mean proportions (xiphoid from the cervicale)" in text
 
 
 def test_segments_with_stated_inertial_parameters_are_named(usual):

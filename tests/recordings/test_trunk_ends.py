@@ -1,0 +1,66 @@
+"""End points of trunk and head on real recordings: what they say for those of the body."""
+
+import numpy as np
+import pytest
+
+from hbm.coordinates import MOVING
+from hbm.poses import segment_frames
+from tests.synthetic import synthetic_body, synthetic_t_pose
+from tests.trunk_ends.choices import with_ends
+from tests.trunk_ends.generated_model import our_trunk, true_trunk
+from tests.trunk_ends.recordings import generated_walk, quiet_standing
+
+
+@pytest.fixture(scope="module")
+def standing(shared_data):
+    return quiet_standing(shared_data)
+
+
+def chosen(case, choice):
+    return with_ends(case.body, choice, case.calibration, case.measures)
+
+
+def assert_equal_inertias(found, expected):
+    for name, part in expected.segments.items():
+        np.testing.assert_allclose(found.segments[name].center, part.center, atol=1e-9)
+        np.testing.assert_allclose(found.segments[name].tensor, part.tensor, rtol=1e-9, atol=1e-12)
+
+
+def test_the_compared_choice_is_the_body_s_own(standing):
+    body = synthetic_body()
+    assert_equal_inertias(with_ends(body, "CERV-XYPH", synthetic_t_pose()), body)
+    assert_equal_inertias(chosen(standing, "CERV-XYPH"), standing.body)
+
+
+def test_standing_still_the_head_s_centre_is_near_the_mastoids(standing):
+    """It was 74 mm behind them while the head ended at the marker on C7."""
+    i = MOVING.index("head")
+    rotation, origin = (x[:, i] for x in segment_frames(standing.body, standing.motion.q))
+    names = standing.markers.names
+    mastoids = [standing.markers.position[:, names.index(s + "MAS"), 0] for s in "LR"]
+    behind = {
+        choice: np.mean(mastoids) - (origin + rotation @ head.center)[:, 0].mean()
+        for choice in ("CERV-XYPH", "CERV-XYPH, head to C7")
+        for head in [chosen(standing, choice).segments["head"]]
+    }
+    assert behind["CERV-XYPH"] < 0.04
+    assert behind["CERV-XYPH, head to C7"] > 0.07
+
+
+def test_standing_still_the_centre_of_mass_is_nearer_to_the_centre_of_pressure(standing):
+    own, old = (standing.residual(chosen(standing, c)) for c in ("CERV-XYPH", "midpoints"))
+    assert abs(own[:, 4].mean()) < 0.7 * abs(old[:, 4].mean())
+
+
+def test_the_generated_walk_s_trunk_is_nearer_to_that_of_the_model_that_made_it(shared_data):
+    """Pelvis, trunk and head about mid-hip; the rest is that model's other masses."""
+    case = generated_walk(shared_data)
+    frame = int(np.flatnonzero(case.counted).mean())
+    truth = true_trunk(shared_data / "truth_walk" / "subject01.osim", case.markers, frame)
+    own, old = (
+        our_trunk(chosen(case, c), case.motion, case.markers, frame)
+        for c in ("CERV-XYPH", "midpoints")
+    )
+    assert old.center[2] < own.center[2] - 0.01
+    assert own.center[2] < truth.center[2]
+    assert old.tensor[1, 1] < own.tensor[1, 1] < truth.tensor[1, 1]
