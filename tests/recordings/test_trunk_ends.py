@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from hbm.coordinates import MOVING
-from hbm.poses import segment_frames
 from tests.synthetic import synthetic_body, synthetic_t_pose
 from tests.trunk_ends.choices import with_ends
 from tests.trunk_ends.generated_model import our_trunk, true_trunk
-from tests.trunk_ends.recordings import generated_walk, quiet_standing
+from tests.trunk_ends.recordings import generated_walk, quiet_standing, stairs
 
 
 @pytest.fixture(scope="module")
@@ -32,19 +30,23 @@ def test_the_compared_choice_is_the_body_s_own(standing):
     assert_equal_inertias(chosen(standing, "CERV-XYPH"), standing.body)
 
 
-def test_standing_still_the_head_s_centre_is_near_the_mastoids(standing):
-    """It was 74 mm behind them while the head ended at the marker on C7."""
-    i = MOVING.index("head")
-    rotation, origin = (x[:, i] for x in segment_frames(standing.body, standing.motion.q))
-    names = standing.markers.names
-    mastoids = [standing.markers.position[:, names.index(s + "MAS"), 0] for s in "LR"]
-    behind = {
-        choice: np.mean(mastoids) - (origin + rotation @ head.center)[:, 0].mean()
-        for choice in ("CERV-XYPH", "CERV-XYPH, head to C7")
-        for head in [chosen(standing, choice).segments["head"]]
-    }
-    assert behind["CERV-XYPH"] < 0.04
-    assert behind["CERV-XYPH, head to C7"] > 0.07
+def ahead_of_the_head_s_centre(case, choice, names):
+    """Mean position of markers of the head, from its centre of mass forward [m]."""
+    body = chosen(case, choice)
+    own = [body.marker_position[body.markers.index(name), 0] for name in names]
+    return np.mean(own) - body.segments["head"].center[0]
+
+
+def test_the_head_s_centre_is_nearer_to_the_mastoids_and_to_the_middle_of_the_head_band(
+    standing, shared_data
+):
+    """It was 7 cm behind both while the head ended at the marker on C7."""
+    for case, names in (
+        (standing, ("LMAS", "RMAS")),
+        (stairs(shared_data), ("LFHD", "RFHD", "LBHD", "RBHD")),
+    ):
+        assert 0 < ahead_of_the_head_s_centre(case, "CERV-XYPH", names) < 0.04
+        assert ahead_of_the_head_s_centre(case, "CERV-XYPH, head to C7", names) > 0.06
 
 
 def test_standing_still_the_centre_of_mass_is_nearer_to_the_centre_of_pressure(standing):

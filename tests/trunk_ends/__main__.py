@@ -41,11 +41,12 @@ def main(data: Path) -> None:
     for title, each in choices.items():
         old = each["midpoints"].segments["thorax"]
         for choice, body in each.items():
+            if choice == "CERV-XYPH, head to C7":
+                continue
             part = body.segments["thorax"]
             shift = 1000 * (part.center - old.center)[2]
-            print(
-                f"| {title} | {choice} | {shift:+.1f} | {np.linalg.eigvalsh(part.tensor)[2]:.4f} |"
-            )
+            moment = np.linalg.eigvalsh(part.tensor)[2]
+            print(f"| {title} | {choice} | {shift:+.0f} | {moment:.3f} |")
 
     print("\nQuiet standing: the centre of mass behind the centre of pressure\n")
     print("| end points | My N·m | mm |")
