@@ -169,7 +169,7 @@ def build_body(
     )
     if not selection.still:
         body = _with_fitted_tracking_markers(body, calibration)
-    with suppress(ModuleNotFoundError):  # on Windows, for which Pinocchio has no wheel
+    with suppress(ImportError):  # on Windows, for which Pinocchio has no wheel
         pin_model(body)
     return body
 

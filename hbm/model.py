@@ -223,7 +223,7 @@ def pin_model(body: Body) -> Any:
 
     Raises
     ------
-    ModuleNotFoundError
+    ImportError
         On Windows, for which Pinocchio has no wheel.
     ValueError
         If Pinocchio refuses the body.

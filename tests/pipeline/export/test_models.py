@@ -15,14 +15,8 @@ from pipeline.cli.app import main
 from pipeline.export.opensim_model import write_osim
 from pipeline.export.urdf import TOKEN_INERTIA, write_urdf
 from tests.hbm.people import person
+from tests.pipeline.without_pinocchio import BLOCKED, COMMAND
 from tests.synthetic import MASS_KG, synthetic_body
-
-WITHOUT_PINOCCHIO = """
-import sys
-sys.modules["pinocchio"] = None
-from pipeline.cli.app import main
-sys.exit(main(sys.argv[1:]))
-"""
 
 
 @pytest.fixture(scope="module", params=["by the table", "with a rucksack and a helmet"])
@@ -93,7 +87,7 @@ def test_hbm_export_writes_the_same_files_without_pinocchio(walker, tmp_path):
     assert main(["export", *stored, *options]) == 0
     for name, source in (("recording", trial), ("stored", stored)):
         options, files = models(tmp_path / name)
-        command = [sys.executable, "-c", WITHOUT_PINOCCHIO, "export", *source, *options]
+        command = [sys.executable, "-c", BLOCKED + COMMAND, "export", *source, *options]
         done = subprocess.run(command, capture_output=True, text=True, timeout=300)
         assert done.returncode == 0, done.stderr
         for file, same in zip(files, expected, strict=True):
