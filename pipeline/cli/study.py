@@ -1,17 +1,12 @@
 """A study on the command line: init, check, run."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from pipeline.cli.options import USAGE, Jobs, Out, StudyFolder
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study.")]) -> None:
@@ -58,70 +53,37 @@ def run(
     out: Out = Path("results"),
 ) -> int:
     """Process a study; finished trials are skipped, failed ones listed with reasons."""
-    from hbm.kernels.native import kernels
     from pipeline.cli.terminal import StepProgress, announcer, counted, plain_console
     from pipeline.config.study import read_study
-    from pipeline.io.write import remove_leftovers, require_writable
-    from pipeline.run.failures import collect_failures, record_failure
-    from pipeline.run.run import plan, run_jobs
-    from pipeline.run.store import record_study_folder
+    from pipeline.run.run import plan, run_planned
 
     console, start = plain_console(), time.monotonic()
     loaded = read_study(study)
     planned = plan(loaded, out, subjects=subject, conditions=condition)
-    if not planned:
-        raise ValueError(
-            f"{study}: nothing to process: all trials of these subjects and conditions are "
-            "excluded, or there are none"
-        )
-    require_writable(out / "trials")
-    remove_leftovers(out / "trials")
-    record_study_folder(out, loaded.folder)
-    kernels(announcer(console))
     counts = {"done": 0, "kept": 0, "failed": 0}
     size = {job.target: max(job.size, 1) for job in planned}  # before a file may go
     size_done, to_do = 0, sum(size.values())
+    outcomes = run_planned(
+        loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announcer(console)
+    )
     with StepProgress(console, "processing", "trials") as progress:
-        for finished, outcome in enumerate(run_jobs(planned, workers=jobs, scheduler=scheduler), 1):
-            job, reason = outcome.job, outcome.reason if outcome.state == "failed" else None
-            name = f"{job.subject} {job.condition}"
+        for finished, outcome in enumerate(outcomes, 1):
             counts[outcome.state] += 1
             if outcome.state == "kept":
-                to_do -= size[job.target]
+                to_do -= size[outcome.job.target]
             else:
-                size_done += size[job.target]
+                size_done += size[outcome.job.target]
             progress.show(
-                f"{outcome.state} {name}" if reason is None else f"FAILED {name}: {reason}",
+                str(outcome),
                 finished,
                 len(planned),
                 size_done=size_done,
                 size=to_do,
-                always=reason is not None,
+                always=outcome.failure is not None,
             )
-            with _unwritable_reported(console):
-                record_failure(job.target, name, reason)
-    with _unwritable_reported(console):
-        collect_failures(
-            out,
-            [
-                f"{subject} {condition}"
-                for subject, person in loaded.subjects.items()
-                for condition, trial in person.trials.items()
-                if trial.exclude is None
-            ],
-        )
     console.print(
         f"{counted(counts['done'], 'trial')} processed, {counts['kept']} were there already, "
         f"{counts['failed']} failed, in {time.monotonic() - start:.1f} s; next: hbm report {out}",
         soft_wrap=True,
     )
     return 1 if counts["failed"] else 0
-
-
-@contextmanager
-def _unwritable_reported(console: "Console") -> Iterator[None]:
-    """Print what could not be written, and go on."""
-    try:
-        yield
-    except OSError as error:
-        console.print(f"{error.filename or 'results'}: {error.strerror}", soft_wrap=True)

@@ -39,6 +39,11 @@ class Job:
     key: str
 
     @property
+    def name(self) -> str:
+        """The trial, as "subject condition"."""
+        return f"{self.subject} {self.condition}"
+
+    @property
     def size(self) -> int:
         """Size of the recording [bytes]; 0 where there is none."""
         name = self.study.subjects[self.subject].trials[self.condition].file
@@ -55,6 +60,16 @@ class Outcome:
     job: Job
     state: Literal["done", "kept", "failed"]
     reason: str = ""
+
+    def __str__(self) -> str:
+        if self.failure is not None:
+            return f"FAILED {self.job.name}: {self.reason}"
+        return f"{self.state} {self.job.name}"
+
+    @property
+    def failure(self) -> str | None:
+        """Why the trial failed; None if it did not."""
+        return self.reason if self.state == "failed" else None
 
 
 def process_job(job: Job) -> Outcome:

@@ -1,16 +1,24 @@
 """A whole study: every trial once, in parallel, resumable, nothing half-written."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from joblib import Parallel, delayed
 
 from hbm.engines.choice import choose_engine
+from hbm.kernels.native import kernels
 from pipeline.config.study import Study
+from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
+from pipeline.run.failures import collect_failures, record_failure
 from pipeline.run.job import WORKER_DIED, Job, Outcome, process_job, stored_key, trial_key
+from pipeline.run.store import record_study_folder
+
+Announce = Callable[[str], None]
+"""Called with a sentence when something takes long or cannot be written."""
 
 
 def run_study(
@@ -21,8 +29,9 @@ def run_study(
     conditions: Sequence[str] | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
+    announce: Announce = lambda sentence: None,
 ) -> Iterator[Outcome]:
-    """Process the trials of a study whose results are not there yet.
+    r"""Process the trials of a study whose results are not there yet.
 
     Parameters
     ----------
@@ -36,19 +45,35 @@ def run_study(
         How many trials at a time.
     scheduler
         Address of a Dask scheduler to run them on instead.
+    announce
+        Called with a sentence when something takes long or cannot be written.
 
-    Yields
-    ------
-    Outcome
-        As trials finish; first those whose results exist already. A failure stops no other trial.
+    Returns
+    -------
+    iterator of Outcome
+        As trials finish; first those whose results exist already. A failure stops no other trial;
+        its reason is stored beside the results.
 
     Raises
     ------
     ValueError
-        If a subject or condition is unknown, or the study states an engine that cannot be imported.
+        If a subject or condition is unknown, there is nothing to process, the study states an
+        engine that cannot be imported, or ``out`` cannot be written to.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> _ = Path("study.toml").write_text("[conditions.level]")
+    >>> trials = '[trials.level]\nfile = "walk.c3d"'
+    >>> _ = Path("sub01.toml").write_text(f'id = "sub01"\nsex = "male"\n{trials}')
+    >>> for outcome in pipeline.run_study(pipeline.read_study("."), Path("results")):
+    ...     print(outcome)
+    done sub01 level
     """
     planned = plan(study, out, subjects=subjects, conditions=conditions)
-    yield from run_jobs(planned, workers=jobs, scheduler=scheduler)
+    return run_planned(study, planned, out, jobs=jobs, scheduler=scheduler, announce=announce)
 
 
 def plan(
@@ -60,11 +85,12 @@ def plan(
 ) -> list[Job]:
     """List the trials of a study that have a recording, with the key of what goes into each.
 
-    Paths are made absolute, for a worker may run in another folder. An engine that is stated but
-    cannot be imported is a ValueError.
+    Paths are made absolute, for a worker may run in another folder. A ValueError says that a
+    subject or condition is unknown, that nothing is left to process, or that the stated engine
+    cannot be imported.
     """
     choose_engine(study.file.settings.engine)
-    study, out = replace(study, folder=study.folder.resolve()), out.resolve()
+    absolute, out = replace(study, folder=study.folder.resolve()), out.resolve()
     wanted = [study.subject(s).id for s in dict.fromkeys(subjects or study.subjects)]
     for condition in conditions or ():
         study.condition(condition)
@@ -73,15 +99,62 @@ def plan(
         for condition, trial in study.subjects[subject].trials.items():
             if trial.exclude is None and (not conditions or condition in conditions):
                 target = out / "trials" / f"{subject}_{condition}.parquet"
-                key = trial_key(study, subject, condition)
-                jobs.append(Job(study, subject, condition, target, key))
+                key = trial_key(absolute, subject, condition)
+                jobs.append(Job(absolute, subject, condition, target, key))
+    if not jobs:
+        raise ValueError(
+            f"{study.folder}: nothing to process: all trials of these subjects and conditions are "
+            "excluded, or there are none"
+        )
     return jobs
+
+
+def run_planned(
+    study: Study,
+    planned: Iterable[Job],
+    out: Path,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    announce: Announce = lambda sentence: None,
+) -> Iterator[Outcome]:
+    """Process planned trials and leave in ``out`` why trials failed and where the study is.
+
+    Parameters, outcomes and errors as for `run_study`.
+    """
+    require_writable(out / "trials")
+    remove_leftovers(out / "trials")
+    record_study_folder(out, study.folder)
+    kernels(announce)
+    for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
+        with _unwritable_announced(announce):
+            record_failure(outcome.job.target, outcome.job.name, outcome.failure)
+        yield outcome
+    with _unwritable_announced(announce):
+        collect_failures(
+            out,
+            [
+                f"{subject} {condition}"
+                for subject, person in study.subjects.items()
+                for condition, trial in person.trials.items()
+                if trial.exclude is None
+            ],
+        )
+
+
+@contextmanager
+def _unwritable_announced(announce: Announce) -> Iterator[None]:
+    """Announce what could not be written, and go on."""
+    try:
+        yield
+    except OSError as error:
+        announce(f"{error.filename or 'results'}: {error.strerror}")
 
 
 def run_jobs(
     planned: Iterable[Job], *, workers: int = 1, scheduler: str | None = None
 ) -> Iterator[Outcome]:
-    """Process planned trials; parameters and outcomes as for `run_study`."""
+    """Process planned trials, and nothing besides; outcomes as for `run_study`."""
     todo = []
     for job in planned:
         if stored_key(job.target) == job.key:

@@ -70,7 +70,7 @@ def read_summary(path: Path) -> TrialSummary:
 
 
 def read_trial(path: Path) -> TrialResult:
-    """Read a trial's result back, as it was written.
+    r"""Read a trial's result back, as it was written.
 
     Parameters
     ----------
@@ -88,6 +88,20 @@ def read_trial(path: Path) -> TrialResult:
         If the file is damaged, not a trial's result, or written by another version.
     OSError
         If it cannot be opened.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> _ = Path("study.toml").write_text("[conditions.level]")
+    >>> trials = '[trials.level]\nfile = "walk.c3d"'
+    >>> _ = Path("sub01.toml").write_text(f'id = "sub01"\nsex = "male"\n{trials}')
+    >>> (outcome,) = pipeline.run_study(pipeline.read_study("."), Path("results"))
+    >>> outcome.job.target.name
+    'sub01_level.parquet'
+    >>> f"{pipeline.read_trial(outcome.job.target).body.mass:.1f} kg"
+    '74.6 kg'
     """
     metadata = _metadata(path)
     with _readable(path):

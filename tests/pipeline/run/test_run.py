@@ -39,7 +39,7 @@ def out(finished, tmp_path):
 
 
 def contents(out):
-    return {path.name: path.read_bytes() for path in (out / "trials").iterdir()}
+    return {path.name: path.read_bytes() for path in (out / "trials").glob("*.parquet")}
 
 
 def edit(path, old, new):
@@ -343,6 +343,37 @@ def test_a_trial_that_is_excluded_has_no_longer_failed(study, out):
     edit(study / "sub01.toml", 'file = "sub01_sway.c3d"', 'exclude = "file lost"')
     assert main(["run", str(study), "--out", str(out)]) == 0
     assert json.loads((out / "failures.json").read_text("utf-8")) == {}
+
+
+def test_a_run_from_python_leaves_what_the_command_leaves(study, tmp_path):
+    """Results, the reason of every failure, and where the study is: all that a report needs."""
+    (study / "sub01_sway.c3d").write_bytes(b"no trial")
+    only_one = {"subjects": ["sub01"], "conditions": ["sway", "pitch"]}
+    outcomes = list(run_study(read_study(study), tmp_path / "python", **only_one))
+    assert [str(outcome) for outcome in outcomes if outcome.failure is None] == ["done sub01 pitch"]
+    (failed,) = (outcome for outcome in outcomes if outcome.failure is not None)
+    assert str(failed) == f"FAILED sub01 sway: {failed.reason}"
+    chosen = ["--subject", "sub01", "--condition", "sway", "--condition", "pitch"]
+    assert main(["run", str(study), "--out", str(tmp_path / "command"), *chosen]) == 1
+    left = [
+        {p.relative_to(out).as_posix(): p.read_bytes() for p in out.rglob("*") if p.is_file()}
+        for out in (tmp_path / "python", tmp_path / "command")
+    ]
+    assert {"run.json", "failures.json", "trials/sub01_sway.failed.json"} < left[0].keys()
+    assert left[0] == left[1]
+
+
+def test_what_cannot_be_stored_is_announced_and_stops_nothing(study, out, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device", "failures")
+
+    (study / "sub01_sway.c3d").write_bytes(b"no trial")
+    monkeypatch.setattr(run, "record_failure", full)
+    monkeypatch.setattr(run, "collect_failures", full)
+    said = []
+    outcomes = list(run_study(read_study(study), out, subjects=["sub01"], announce=said.append))
+    assert list(only(outcomes, "failed")) == ["sub01_sway"]
+    assert said == ["failures: No space left on device"] * 4
 
 
 def test_a_file_that_disappears_midway_fails_only_its_own_trial(study, out, finished):
