@@ -4,22 +4,34 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pipeline.config.schema import Settings, Subject
+    from pipeline.config.schema import Condition, Platform, Settings, Subject, Treadmill
     from pipeline.config.study import Study, read_study
     from pipeline.io.c3d.read import read_c3d
     from pipeline.io.opensim.trc import read_trc
     from pipeline.io.opensim.trial import read_opensim_trial
     from pipeline.io.read import read_recording
     from pipeline.io.recording import Recording
+    from pipeline.report.write import write_report
+    from pipeline.run.run import run_study
+    from pipeline.run.store import read_trial
+    from pipeline.trial.ground.calibration_recording import read_calibration
+    from pipeline.trial.ground.laboratory import Laboratory
     from pipeline.trial.process import process_recording, process_trial
     from pipeline.trial.residuals import residual_table
     from pipeline.trial.result import TrialResult
 
 _HOME = {
+    "Condition": "config.schema",
+    "Laboratory": "trial.ground.laboratory",
+    "Platform": "config.schema",
     "read_c3d": "io.c3d.read",
+    "read_calibration": "trial.ground.calibration_recording",
     "read_opensim_trial": "io.opensim.trial",
     "read_recording": "io.read",
+    "read_trial": "run.store",
+    "run_study": "run.run",
     "TrialResult": "trial.result",
+    "Treadmill": "config.schema",
     "process_recording": "trial.process",
     "process_trial": "trial.process",
     "Recording": "io.recording",
@@ -29,22 +41,31 @@ _HOME = {
     "Subject": "config.schema",
     "read_study": "config.study",
     "read_trc": "io.opensim.trc",
+    "write_report": "report.write",
 }
 
 __all__ = [
+    "Condition",
+    "Laboratory",
+    "Platform",
     "Recording",
     "Settings",
     "Study",
     "Subject",
+    "Treadmill",
     "TrialResult",
     "process_recording",
     "process_trial",
     "read_c3d",
+    "read_calibration",
     "read_opensim_trial",
     "read_recording",
     "read_study",
     "read_trc",
+    "read_trial",
     "residual_table",
+    "run_study",
+    "write_report",
 ]
 
 

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    folder: Annotated[Path, typer.Argument(help="Folder for the study, or for the table.")],
+    folder: Annotated[
+        Path,
+        typer.Argument(help="Folder for the study, or for the table; may hold a simulated study."),
+    ],
     setting: Annotated[
         Path | None,
         typer.Option(
@@ -34,43 +37,59 @@ def simulate(
         typer.Option("--ablation", help="Tabulate what each fault adds to each residual instead."),
     ] = False,
 ) -> None:
-    """Simulate experiment 3: C3D files, study files, and the true values."""
-    from pipeline.virtual_lab.protocol.setting_file import read_setting
-    from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Protocol, Setting
+    """Simulate experiment 3: C3D files, study files, and the true values.
 
+    Of a simulated study that is in the folder already, only what is missing is written.
+    """
+    from pipeline.virtual_lab.protocol.setting_file import read_setting
+    from pipeline.virtual_lab.protocol.study_folder import folder_setting, require_setting
+    from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Setting
+
+    there = None if ablation else folder_setting(folder)
     if setting is not None:
         chosen = read_setting(setting.read_text(encoding="utf-8-sig"))
     else:
-        chosen = Setting(protocol=SHORT if ablation else Protocol())
+        chosen = Setting(protocol=SHORT) if ablation else there or Setting()
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
     if subjects is not None:
         protocol = chosen.protocol.model_copy(update={"subjects": subjects})
         chosen = chosen.model_copy(update={"protocol": protocol})
+    if there is not None:
+        require_setting(folder, there, chosen)
     if ablation:
         _write_ablation(folder, chosen, jobs)
     else:
-        _write_study(folder, chosen, jobs)
+        _complete_study(folder, chosen, jobs)
 
 
-def _write_study(folder: Path, setting: "Setting", jobs: int) -> None:
-    from pipeline.cli.terminal import plain_console
+def _complete_study(folder: Path, setting: "Setting", jobs: int) -> None:
+    """Write what is missing of a study; print what was written and what was there."""
+    from pipeline.cli.terminal import counted, plain_console
+    from pipeline.virtual_lab.protocol.study_folder import missing_files, study_files
 
-    if folder.is_dir() and any(folder.iterdir()):
-        raise ValueError(f"{folder}: is not empty; name a new folder, nothing is overwritten")
-    console = plain_console()
-    _simulate_study(folder, setting, jobs, console)
-    console.print(f"written to {folder}; next: hbm run {folder}", soft_wrap=True)
+    console, start = plain_console(), time.monotonic()
+    missing, every = missing_files(folder, setting), study_files(setting)
+    _simulate_study(folder, setting, jobs, console, keep=True)
+    recordings = sum(name.endswith(".c3d") for name in missing)
+    console.print(
+        f"{counted(recordings, 'recording')} and {counted(len(missing) - recordings, 'other file')}"
+        f" written to {folder} in {time.monotonic() - start:.0f} s, "
+        f"{len(every) - len(missing)} were there already; next: hbm run {folder}",
+        soft_wrap=True,
+    )
 
 
-def _simulate_study(folder: Path, setting: "Setting", jobs: int, console: "Console") -> None:
+def _simulate_study(
+    folder: Path, setting: "Setting", jobs: int, console: "Console", *, keep: bool = False
+) -> None:
     from hbm.kernels.native import kernels
     from pipeline.cli.terminal import StepProgress, announcer
     from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
     kernels(announcer(console))
     with StepProgress(console, "simulating", "recordings") as progress:
-        simulate_study(folder, setting, progress.show, jobs)
+        simulate_study(folder, setting, progress.show, jobs, keep=keep)
 
 
 def _write_ablation(folder: Path, setting: "Setting", jobs: int) -> None:

@@ -108,7 +108,13 @@ class Subject(InputModel):
 
 
 class Platform(InputModel):
-    """How the platform's pose is known: from markers on it, or from its commanded motion."""
+    """How the platform's pose is known: from markers on it, or from its commanded motion.
+
+    Examples
+    --------
+    >>> Platform(sway_channel="Sway", pitch_channel="Pitch", pivot_m=(0.0, 0.0, -0.3)).channels
+    ('Sway', 'Pitch')
+    """
 
     markers: Labels = ()
     sway_channel: Text | None = None
@@ -131,7 +137,14 @@ class Belt(InputModel):
 
 
 class Treadmill(InputModel):
-    """The machine: its accelerometers, its calibration, its belts, its platform."""
+    """The machine: its accelerometers, its calibration, its belts, its platform.
+
+    Examples
+    --------
+    >>> sensors = {"rear_left": ("Acc1.X", "Acc1.Y", "Acc1.Z")}
+    >>> Treadmill(calibration="empty.c3d", accelerometers=sensors).accelerometer_range_g
+    2.0
+    """
 
     calibration: Text | None = None
     accelerometers: dict[Name, Channels] = Field(default_factory=dict)
@@ -173,7 +186,13 @@ class Treadmill(InputModel):
 
 
 class Condition(InputModel):
-    """Which gait cycles of a condition are analysed."""
+    """Which gait cycles of a condition are analysed.
+
+    Examples
+    --------
+    >>> Condition(cycles=50, skip_s=10.0).perturbed
+    False
+    """
 
     cycles: Annotated[int, Field(ge=1)] | None = None
     perturbed: bool = False

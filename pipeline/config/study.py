@@ -7,6 +7,7 @@ folder is a subject. File names in them are relative to the folder.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
@@ -20,6 +21,9 @@ from pipeline.config.consistency import (
 from pipeline.config.schema import Condition, StudyFile, SubjectFile
 from pipeline.config.toml_file import Table, check_table, read_table
 from pipeline.config.validation import StudyFaults
+
+SIMULATED: Final = "truth/setting.toml"
+"""What a simulated study was simulated with, relative to its folder."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +121,8 @@ def read_study(folder: str | Path) -> Study:
     if file is not None:
         marker_set = _own_marker_set(folder, file, faults)
         faults += treadmill_faults(folder, file)
+    if faults and (folder / SIMULATED).is_file() and not any(folder.glob("*.c3d")):
+        raise StudyFaults([f"{folder}: no recordings yet; 'hbm simulate {folder}' writes them"])
     if faults or file is None:
         raise StudyFaults(faults)
     return Study(folder, file, subjects, marker_set)

@@ -53,6 +53,13 @@ def write_report(
     -----
     Every file is written completely or not at all. Equal results give equal files: none holds a
     date.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> pipeline.write_report(Path("results"))
+    Traceback (most recent call last):
+    ValueError: results: no results of trials here; run 'hbm run STUDY --out results'
     """
     study = read_study(study_folder) if study_folder is not None else None
     announce("collecting the trials")

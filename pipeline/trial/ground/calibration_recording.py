@@ -53,7 +53,7 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
     return Calibration(models, {"recording": recording.source.name})
 
 
-def read_calibration(path: Path, treadmill: Treadmill, axes: str | None) -> Calibration:
+def read_calibration(path: Path, treadmill: Treadmill, axes: str | None = None) -> Calibration:
     """Read a fitted calibration (JSON), or fit one to a recording of the empty treadmill (C3D).
 
     Parameters
@@ -74,6 +74,18 @@ def read_calibration(path: Path, treadmill: Treadmill, axes: str | None) -> Cali
     ------
     ValueError, OSError
         If the file cannot be read or used.
+
+    Examples
+    --------
+    >>> import compensation, pipeline
+    >>> felt = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> wrench = felt @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> setup = compensation.Setup(("rear",), rate_hz=1000.0, cutoff_hz=20.0)
+    >>> fitted = Calibration({"plate 1": compensation.fit_inertia(felt, wrench, setup)})
+    >>> _ = Path("lab.json").write_text(compensation.to_json(fitted))
+    >>> rear = pipeline.Treadmill(accelerometers={"rear": ("Acc1.X", "Acc1.Y", "Acc1.Z")})
+    >>> list(pipeline.read_calibration(Path("lab.json"), rear).plates)
+    ['plate 1']
     """
     if path.suffix.lower() == ".json":
         try:

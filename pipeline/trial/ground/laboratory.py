@@ -12,7 +12,15 @@ from pipeline.trial.ground.calibration_recording import read_calibration, setup_
 
 @dataclass(frozen=True, slots=True)
 class Laboratory:
-    """The treadmill as stated, its calibration and its plates' belt models where there are any."""
+    """The treadmill as stated, its calibration and its plates' belt models where there are any.
+
+    Examples
+    --------
+    >>> still = Laboratory(Treadmill())
+    >>> moving = Laboratory(Treadmill(platform=Platform(markers=("PLAT1", "PLAT2", "PLAT3"))))
+    >>> moving.calibration is still.calibration is None
+    True
+    """
 
     treadmill: Treadmill
     calibration: Calibration | None = None

@@ -39,7 +39,7 @@ def read_setting(text: str) -> Setting:
 
 def setting_toml(setting: Setting) -> str:
     """Write a setting as TOML, with every value."""
-    return "\n".join(_lines("", setting)) + "\n"
+    return "\n".join(_lines("", setting))
 
 
 def _lines(name: str, model: BaseModel) -> list[str]:

@@ -128,6 +128,11 @@ class Setting(InputModel):
     faults: Faults = Faults()
 
 
+def recording_name(person: Person, condition: ConditionName) -> str:
+    """Name the recording of one person in one condition."""
+    return f"{person.name}_{condition}.c3d"
+
+
 def perturbations(protocol: Protocol, steps: Steps, seed: int) -> tuple[Array, Array]:
     """Choose when the platform sways, and to which side.
 

@@ -10,23 +10,18 @@ from joblib import Parallel, delayed
 from hbm.coordinates import COORDINATES
 from hbm.kernels.native import kernels
 from hbm.spatial import Array, shift_wrench
+from pipeline.config.study import SIMULATED
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
+from pipeline.io.write import remove_leftovers, whole_file, write_text
 from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
-from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
 from pipeline.virtual_lab.machine.instruments.sampling import SAMPLES_PER_FRAME
 from pipeline.virtual_lab.machine.treadmill import Machine
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
-from pipeline.virtual_lab.person.subject import Person
-from pipeline.virtual_lab.protocol.instrumented_treadmill import (
-    PITCH_CHANNEL,
-    PLATFORM_MARKERS_M,
-    PULSE_CHANNEL,
-    SWAY_CHANNEL,
-    make_treadmill,
-)
-from pipeline.virtual_lab.protocol.setting_file import setting_toml
-from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, ConditionName, Protocol, Setting
+from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.protocol.study_folder import missing_files, study_files, trial_names
+from pipeline.virtual_lab.protocol.study_text import CALIBRATION, study_texts
+from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, ConditionName, Setting
 from pipeline.virtual_lab.protocol.walking_trial import (
     WalkingTrial,
     run_calibration,
@@ -35,13 +30,6 @@ from pipeline.virtual_lab.protocol.walking_trial import (
 )
 
 WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
-CALIBRATION: Final = "calibration.c3d"
-TRUTH: Final = "truth"
-CYCLES: Final = 50
-CUTOFF_HZ: Final = 6.0
-"""Gait cycles per condition, and cut-off frequency: the thesis'."""
-SETTLE_S: Final = 2.0
-"""After the belts have reached their speed, before the gait cycles are counted; assumed."""
 ProgressCallback = Callable[[str, int, int], None]
 """Called with the name of what is done, how many are done, and how many there are."""
 
@@ -51,6 +39,8 @@ def simulate_study(
     setting: Setting | None = None,
     progress: ProgressCallback | None = None,
     jobs: int = 2,
+    *,
+    keep: bool = False,
 ) -> Path:
     """Simulate a study and write its files as a laboratory would.
 
@@ -62,9 +52,11 @@ def simulate_study(
     setting
         Protocol, faults and seed; by default the thesis' protocol and the default faults.
     progress
-        Called after every file with its name, the number of files written, and of all files.
+        Called after every recording with its name, how many are written, and how many will be.
     jobs
         Number of processes. The files do not depend on it.
+    keep
+        Whether files that are in the folder already are kept; by default they are written anew.
 
     Returns
     -------
@@ -73,25 +65,26 @@ def simulate_study(
 
     Notes
     -----
-    Equal settings give files that are equal byte by byte on the same computer. Memory is bounded by
-    one trial per process.
+    Equal settings give files that are equal byte by byte on the same computer. Every file is
+    written completely or not at all. Memory is bounded by one trial per process.
     """
     folder, setting = Path(out), setting or Setting()
-    (folder / TRUTH).mkdir(parents=True, exist_ok=True)
     protocol = setting.protocol
-    (folder / "study.toml").write_text(_study_toml(setting), encoding="utf-8")
-    (folder / TRUTH / "setting.toml").write_text(setting_toml(setting), encoding="utf-8")
-    for person in PERSONS[: protocol.subjects]:
-        text = _subject_toml(person, protocol)
-        (folder / f"{person.name}.toml").write_text(text, encoding="utf-8")
+    wanted = frozenset(missing_files(folder, setting) if keep else study_files(setting))
+    for name, text in study_texts(setting).items():
+        if name in wanted:
+            write_text(text, folder / name)
+    remove_leftovers(folder)
+    remove_leftovers((folder / SIMULATED).parent)
 
-    kernels()  # compiled once before the processes start
-    tasks = [delayed(_write_calibration)(folder, setting)]
+    tasks = [delayed(_write_calibration)(folder, setting)] if CALIBRATION in wanted else []
     tasks += [
-        delayed(_write_trial)(folder, setting, number, condition)
+        delayed(_write_trial)(folder, setting, number, condition, wanted)
         for number in range(protocol.subjects)
         for condition in sorted(protocol.conditions, key=protocol.duration, reverse=True)
+        if not wanted.isdisjoint(trial_names(PERSONS[number], condition))
     ]
+    kernels()  # compiled once before the processes start
     finished: Iterator[str] = Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks)
     for done, name in enumerate(finished, start=1):
         if progress is not None:
@@ -156,78 +149,22 @@ def _named(prefix: str, wrench: Array) -> dict[str, Array]:
 
 def _write_calibration(folder: Path, setting: Setting) -> str:
     treadmill = make_treadmill(setting.faults, setting.seed)
-    write_recording(folder / CALIBRATION, run_calibration(setting, treadmill))
+    with whole_file(folder / CALIBRATION) as temporary:
+        write_recording(temporary, run_calibration(setting, treadmill))
     return CALIBRATION
 
 
-def _write_trial(folder: Path, setting: Setting, number: int, condition: ConditionName) -> str:
+def _write_trial(
+    folder: Path, setting: Setting, number: int, condition: ConditionName, wanted: frozenset[str]
+) -> str:
+    """Simulate one trial; write those of its files that are wanted."""
     treadmill = make_treadmill(setting.faults, setting.seed)
     trial = run_trial(setting, treadmill, study_subject(setting, number), number, condition)
-    name = trial.recording.source.name
-    write_recording(folder / name, trial.recording)
-    table = truth_table(trial, treadmill.machine)
-    table.to_parquet(folder / TRUTH / Path(name).with_suffix(".parquet"), index=False)
-    return name
-
-
-def _platform_toml(setting: Setting) -> str:
-    """State how the laboratory knows the platform's pose, with its error."""
-    if setting.protocol.pose == "markers":
-        names = ", ".join(f'"{name}"' for name in PLATFORM_MARKERS_M)
-        return f"markers = [{names}]"
-    x, y, z = Machine().pivot_m
-    return f"""\
-sway_channel = "{SWAY_CHANNEL}"
-pitch_channel = "{PITCH_CHANNEL}"
-pivot_m = [{x:g}, {y:g}, {z + setting.faults.platform.pivot_error_m:g}]"""
-
-
-def _study_toml(setting: Setting) -> str:
-    """State the laboratory and its conditions as `pipeline.config.study` reads them."""
-    protocol = setting.protocol
-    sensors = "\n".join(
-        f'{name} = ["{name}.X", "{name}.Y", "{name}.Z"]'
-        for name in SENSOR_NAMES[: setting.faults.accelerometers.sensors]
-    )
-    skip = protocol.steady_s + SETTLE_S
-    keys = {
-        "familiarisation": f"cycles = {CYCLES}\nskip_s = {skip:g}",
-        "baseline": f"cycles = {CYCLES}\nskip_s = {skip:g}",
-        "sway": f'perturbed = true\npulse_channel = "{PULSE_CHANNEL}"',
-        "pitch": f"cycles = {CYCLES}\nskip_s = {skip:g}",
-    }
-    conditions = "\n\n".join(f"[conditions.{name}]\n{keys[name]}" for name in protocol.conditions)
-    return f"""\
-# A study recorded in the virtual laboratory. truth/setting.toml lists its faults.
-name = "virtual laboratory"
-
-[settings]
-cutoff_hz = {CUTOFF_HZ:g}
-filter = "zero_phase"
-marker_set = "{protocol.marker_set}"
-
-[treadmill]
-calibration = "{CALIBRATION}"
-
-[treadmill.accelerometers]
-{sensors}
-
-[treadmill.platform]
-{_platform_toml(setting)}
-
-{conditions}
-"""
-
-
-def _subject_toml(person: Person, protocol: Protocol) -> str:
-    trials = "\n".join(
-        f'[trials.{condition}]\nfile = "{person.name}_{condition}.c3d"\n'
-        for condition in protocol.conditions
-    )
-    return f"""\
-id = "{person.name}"
-sex = "{person.sex}"
-height_m = {person.height_m:.2f}
-age_years = {person.age:g}
-
-{trials}"""
+    recording, truth = trial_names(PERSONS[number], condition)
+    if recording in wanted:
+        with whole_file(folder / recording) as temporary:
+            write_recording(temporary, trial.recording)
+    if truth in wanted:
+        with whole_file(folder / truth) as temporary:
+            truth_table(trial, treadmill.machine).to_parquet(temporary, index=False)
+    return recording

@@ -22,6 +22,7 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
     Setting,
     perturbations,
     pitch_command,
+    recording_name,
     sway_command,
 )
 
@@ -84,7 +85,7 @@ def run_trial(
         Equal seeds give equal trials.
     """
     walk, motion = run_walk(setting, treadmill.machine, subject, number, condition)
-    name = f"{subject.person.name}_{condition}.c3d"
+    name = recording_name(subject.person, condition)
     noise = np.random.default_rng((setting.seed, number, CONDITIONS.index(condition), 1))
     return WalkingTrial(walk, motion, record(treadmill, motion, walk, name, noise))
 

@@ -18,8 +18,11 @@ from pipeline.cli.app import app, main
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Plate
+from pipeline.io.write import write_text
 from pipeline.run import one_trial
 from pipeline.run.request import TrialRequest
+from pipeline.virtual_lab.protocol.study_text import study_texts
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from tests.synthetic import synthetic_t_pose
 
 HEAVY = (
@@ -282,3 +285,78 @@ def test_simulating_overwrites_nothing(tmp_path, capsys):
     assert main(["simulate", str(tmp_path)]) == 2
     assert "is not empty" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["sub01_baseline.c3d"]
+
+
+@pytest.fixture
+def simulated(tmp_path):
+    """The text files of a simulated study of three subjects, without recordings."""
+    folder = tmp_path / "simulated"
+    for name, text in study_texts(Setting(protocol=Protocol(subjects=3))).items():
+        write_text(text, folder / name)
+    return folder
+
+
+def test_into_a_study_that_people_recorded_nothing_is_simulated(tmp_path, capsys):
+    assert main(["init", str(tmp_path)]) == 0
+    before = sorted(tmp_path.iterdir())
+    line = refused(capsys, "simulate", tmp_path)
+    assert "its study.toml is not of a simulated study" in line
+    assert "name a new folder" in line
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ('sex = "male"', 'sex = "female"', "sex is 'female', that of the simulated subject is"),
+        ("height_m = 1.85", "height_m = 1.58", "height_m is 1.58, that of the simulated"),
+        ('id = "sub01"', 'id = "P01"', "id is 'P01', that of the simulated"),
+        ('id = "sub01"', "id = ", "sub01.toml: not valid TOML"),
+    ],
+)
+def test_of_other_subjects_than_those_of_the_study_nothing_is_simulated(
+    simulated, capsys, old, new, expected
+):
+    subject = simulated / "sub01.toml"
+    subject.write_text(subject.read_text("utf-8").replace(old, new), encoding="utf-8")
+    line = refused(capsys, "simulate", simulated)
+    assert "sub01.toml" in line
+    assert expected in line
+    assert not list(simulated.glob("*.c3d"))
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--subjects", 9], "subjects = 3 (not subjects = 9)"),
+        (["--seed", 5, "--subjects", 3], "seed = 1 (not seed = 5); leave out"),
+        (["--setting", "other.toml"], "waits_s = [17.0, "),
+    ],
+)
+def test_options_that_contradict_the_study_in_the_folder_are_refused(
+    simulated, tmp_path, capsys, monkeypatch, options, expected
+):
+    monkeypatch.chdir(tmp_path)
+    Path("other.toml").write_text("[protocol]\nsubjects = 3\nwaits_s = [12.0]", encoding="utf-8")
+    line = refused(capsys, "simulate", simulated, *options)
+    assert "its study is simulated with" in line
+    assert expected in line
+    assert not list(simulated.glob("*.c3d"))
+
+
+def test_a_damaged_setting_in_the_folder_is_refused_by_its_name(simulated, capsys):
+    (simulated / "truth" / "setting.toml").write_text("seeds = 1", encoding="utf-8")
+    line = refused(capsys, "simulate", simulated)
+    assert f"{simulated / 'truth' / 'setting.toml'}: setting: " in line
+    assert "seeds" in line
+
+
+@pytest.mark.parametrize("command", ["check", "run"])
+def test_of_a_simulated_study_without_recordings_the_next_command_is_named(
+    simulated, capsys, command
+):
+    line = refused(capsys, command, simulated)
+    assert f"{simulated}: no recordings yet; 'hbm simulate {simulated}' writes them" in line
+    (simulated / "sub01_sway.c3d").touch()
+    assert main([command, str(simulated)]) == 2
+    assert "no file 'sub02_sway.c3d'" in capsys.readouterr().err

@@ -1,5 +1,12 @@
 """The files of a simulated study: readable by others, reproducible, consistent with the truth."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
 import c3d
 import ezc3d
 import numpy as np
@@ -16,10 +23,12 @@ from pipeline.virtual_lab.protocol.instrumented_treadmill import (
     make_treadmill,
     record,
 )
+from pipeline.virtual_lab.protocol.setting_file import setting_toml
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import WRENCH, simulate_study
 from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 
+ROOT = Path(__file__).resolve().parents[4]
 SMALL = Protocol(
     conditions=("baseline", "sway"),
     subjects=1,
@@ -30,9 +39,9 @@ SMALL = Protocol(
 TINY = SMALL.model_copy(update={"conditions": ("baseline",), "baseline_s": 2.0})
 
 
-def simulated(folder, jobs=1, **changes):
+def simulated(folder, jobs=1, keep=False, **changes):
     changes = {"protocol": SMALL} | changes
-    return simulate_study(folder, Setting(**changes), jobs=jobs)
+    return simulate_study(folder, Setting(**changes), jobs=jobs, keep=keep)
 
 
 def contents(folder):
@@ -64,6 +73,48 @@ def test_equal_seeds_give_equal_files_in_any_number_of_processes_and_other_seeds
     assert differ == {name for name in first if name.endswith((".c3d", ".parquet"))} | {
         "truth/setting.toml"
     }
+
+
+@pytest.mark.slow
+def test_of_a_study_that_is_there_only_what_is_missing_is_written(tmp_path):
+    """Whether deleted or never written; a file that its owner changed stays as it is."""
+    folder = simulated(tmp_path / "lab", protocol=TINY)
+    whole = contents(folder)
+    gone = ("calibration.c3d", "truth/sub01_baseline.parquet", "study.toml")
+    for name in gone:
+        (folder / name).unlink()
+    changed = whole["sub01.toml"] + b'[trials.sway]\nexclude = "ill"\n'
+    (folder / "sub01.toml").write_bytes(changed)
+    os.utime(folder / "sub01_baseline.c3d", (1, 1))
+    steps = []
+    simulate_study(
+        folder, Setting(protocol=TINY), lambda *step: steps.append(step), jobs=1, keep=True
+    )
+    assert contents(folder) == whole | {"sub01.toml": changed}
+    assert (folder / "sub01_baseline.c3d").stat().st_mtime == 1
+    assert steps == [("calibration.c3d", 1, 2), ("sub01_baseline.c3d", 2, 2)]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="process groups and signals")
+def test_a_simulation_that_was_killed_is_completed_to_the_same_files(tmp_path):
+    protocol = TINY.model_copy(update={"conditions": ("baseline", "pitch"), "pitch_s": 8.0})
+    setting = tmp_path / "setting.toml"
+    setting.write_text(setting_toml(Setting(protocol=protocol)), encoding="utf-8")
+    folder = tmp_path / "killed"
+    command = [sys.executable, "-m", "pipeline.cli", "simulate", folder, "--setting", setting]
+    for _ in range(2):
+        before = set(folder.glob("*.part"))
+        running = subprocess.Popen([*map(str, command)], cwd=ROOT, start_new_session=True)
+        while running.poll() is None and set(folder.glob("*.part")) <= before:
+            time.sleep(0.001)
+        if running.poll() is None:
+            os.killpg(running.pid, signal.SIGKILL)
+        running.communicate()
+    assert list(folder.glob("*.part"))
+    simulated(folder, protocol=protocol, keep=True)
+    left = {name: c for name, c in contents(folder).items() if not name.endswith(".part")}
+    assert left == contents(simulated(tmp_path / "whole", protocol=protocol))
 
 
 def test_the_study_file_can_be_read(study):
