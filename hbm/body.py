@@ -149,7 +149,6 @@ def build_body(
             for anatomy, at in zip(anatomies, poses, strict=True)
         ]
     )
-    ends = {s: shape.ends[PART_OF.get(s, s)] for s in SEGMENTS if not s.endswith("toes")}
     unlocated = _unlocated_segments(anatomies[0])
     markers = tuple(n for n in shape.markers if chosen.segment[n] not in unlocated)
     segments = tuple(chosen.segment[name] for name in markers)
@@ -162,8 +161,8 @@ def build_body(
         marker_segment=segments,
         marker_position=np.array([shape.markers[name] for name in markers]),
         joints=joints_of(shape.offsets, shape.axes),
-        segments=apply_overrides(_inertias(ends, table, mass), overrides or {}, mass),
-        lengths={s: distance(proximal, distal) for s, (proximal, distal, _) in ends.items()},
+        segments=apply_overrides(_inertias(shape.ends, table, mass), overrides or {}, mass),
+        lengths={s: distance(proximal, distal) for s, (proximal, distal, _) in shape.ends.items()},
         locked=_never_shown(set(segments)),
         notes=tuple(notes),
     )

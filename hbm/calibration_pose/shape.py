@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from hbm.calibration_pose.anatomy import MEDIAL_SIGN, Anatomy
-from hbm.coordinates import DOWN, FORWARD, LEFT, PARENT, SIDES
+from hbm.coordinates import DOWN, FIXED_TO, FORWARD, LEFT, PARENT, SIDES
 from hbm.segments import Proportions
 from hbm.spatial import Array, axes_from, perpendicular, rotation_about, unit
 
@@ -41,7 +41,7 @@ class Shape:
     axes
         Coordinate -> hinge axis in the frame before its rotation, unit vector (3,).
     ends
-        Inertial part -> its proximal and distal end and a lateral direction, (3, 3).
+        Segment -> the proximal and distal end of its inertia and a lateral direction, (3, 3).
     markers
         Marker -> position, (3,) [m].
     """
@@ -146,10 +146,10 @@ class _Builder:
         self.frames["head"] = head, self.at["neck"]
         self.shape = Shape()
 
-    def ends(self, part: str, segment: str, proximal: Array, distal: Array, left: Array) -> None:
-        """Store a part's ends in its segment's frame."""
-        R, o = self.frames[segment]
-        self.shape.ends[part] = np.stack([R.T @ (proximal - o), R.T @ (distal - o), R.T @ left])
+    def ends(self, segment: str, proximal: Array, distal: Array, left: Array) -> None:
+        """Store the ends that a segment's inertia is scaled to, in its frame."""
+        R, o = self.frames[FIXED_TO.get(segment, segment)]
+        self.shape.ends[segment] = np.stack([R.T @ (proximal - o), R.T @ (distal - o), R.T @ left])
 
     def trunk_and_head(self) -> None:
         at, length = self.at, self.length
@@ -157,11 +157,11 @@ class _Builder:
         lower, middle = length["lower_trunk"], length["mid_trunk"]
         navel = xiphoid + middle / (middle + lower) * (hips - xiphoid)
         pelvis, thorax, head = (self.frames[s][0] for s in ("pelvis", "thorax", "head"))
-        self.ends("lower_trunk", "pelvis", navel, hips, pelvis[:, 1])
-        self.ends("mid_trunk", "thorax", xiphoid, navel, thorax[:, 1])
-        self.ends("upper_trunk", "thorax", cervicale, xiphoid, thorax[:, 1])
+        self.ends("pelvis", navel, hips, pelvis[:, 1])
+        self.ends("mid_trunk", xiphoid, navel, thorax[:, 1])
+        self.ends("thorax", cervicale, xiphoid, thorax[:, 1])
         vertex = at.get("vertex", cervicale + length["head"] * head[:, 2])
-        self.ends("head", "head", vertex, cervicale, head[:, 1])
+        self.ends("head", vertex, cervicale, head[:, 1])
 
     def arm(self, side: str) -> None:
         at, s, axes = self.at, SIDES[side], self.shape.axes
@@ -198,9 +198,9 @@ class _Builder:
         R = R @ rotation_about(-sign * ahead, sign * np.arcsin(-y))
         self.frames[hand] = R, wrist
 
-        self.ends(arm, arm, shoulder, elbow, elbow_axis)
-        self.ends(forearm, forearm, elbow, wrist, wrist_axis)
-        self.ends(hand, hand, wrist, tip, wrist_axis)
+        self.ends(arm, shoulder, elbow, elbow_axis)
+        self.ends(forearm, elbow, wrist, wrist_axis)
+        self.ends(hand, wrist, tip, wrist_axis)
 
     def leg(self, side: str) -> None:
         at, s, axes = self.at, SIDES[side], self.shape.axes
@@ -224,6 +224,6 @@ class _Builder:
         axes[f"{s}FootPronation"] = -sign * _subtalar(R.T @ along, sign)
         axes[f"{s}ToeFlexion"] = R.T @ self.axes[f"{side}_toes"]
 
-        self.ends(f"{side}_thigh", thigh, hip, knee, knee_axis)
-        self.ends(f"{side}_shank", shank, knee, ankle, knee_axis)
-        self.ends(f"{side}_foot", foot, at[f"{side}_heel"], at[f"{side}_toe_tip"], ankle_axis)
+        self.ends(thigh, hip, knee, knee_axis)
+        self.ends(shank, knee, ankle, knee_axis)
+        self.ends(foot, at[f"{side}_heel"], at[f"{side}_toe_tip"], ankle_axis)
