@@ -98,6 +98,7 @@ def _lead_links_to_the_root(_: Sphinx, path: Path, parent: str, content: list[st
     """Let links in an included file of the root lead where they do in the repository."""
     if path.parent == Path(".."):
         text = re.sub(r"\]\((CHANGELOG|CONTRIBUTING)", lambda link: link[0].lower(), content[0])
+        text = text.replace("](subjects/README.md", "](subjects.md")
         content[0] = re.sub(r"\]\((?!https?:|#|notebooks/|[a-z]+\.md)", "](../", text)
 
 

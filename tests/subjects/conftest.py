@@ -65,6 +65,8 @@ def clone(study, tmp_path):
 @pytest.fixture
 def shell(clone, tmp_path_factory):
     """Give a function that starts shell commands there, with a stand-in for SLURM."""
+    if os.name == "nt":
+        pytest.skip("commands for Unix shells")
     programs = tmp_path_factory.mktemp("bin")
     for name, text in {
         "hbm": f'#!/bin/sh\nexec "{sys.executable}" -m pipeline.cli "$@"\n',

@@ -1,16 +1,12 @@
 """The commands of docs/cluster.md, as printed, with a stand-in for SLURM: all results are equal."""
 
-import os
 import re
 
 import pytest
 
 from tests.subjects.conftest import ROOT, results
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(os.name == "nt", reason="a page for Unix shells"),
-]
+pytestmark = pytest.mark.slow
 PAGE = (ROOT / "docs" / "cluster.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```sh\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 

@@ -8,10 +8,7 @@ import pytest
 
 from tests.subjects.conftest import ROOT, results
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(os.name == "nt", reason="a page for Unix shells"),
-]
+pytestmark = pytest.mark.slow
 PAGE = (ROOT / "docs" / "cluster.md").read_text(encoding="utf-8")
 (CLUSTER,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 

@@ -95,8 +95,8 @@ def _require_person(path: Path, person: Person) -> None:
         return
     stated = read_table(path)
     for key, value in (("id", person.name), ("sex", person.sex), ("height_m", person.height_m)):
-        if stated.get(key) != value:
+        if stated.get(key, value) not in (value, "unspecified"):
             raise ValueError(
-                f"{path}: {key} is {stated.get(key)!r}, that of the simulated subject is "
-                f"{value!r}; correct the file or delete it, or name a new folder"
+                f"{path}: {key} is {stated[key]!r}, that of the simulated subject is {value!r}; "
+                "correct the file or delete it, or name a new folder"
             )

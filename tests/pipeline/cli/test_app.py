@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,7 @@ from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.run import one_trial
 from pipeline.run.request import TrialRequest
+from pipeline.virtual_lab.protocol.study_folder import folder_setting
 from pipeline.virtual_lab.protocol.study_text import study_texts
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from tests.synthetic import synthetic_t_pose
@@ -323,6 +325,13 @@ def test_of_other_subjects_than_those_of_the_study_nothing_is_simulated(
     assert "sub01.toml" in line
     assert expected in line
     assert not list(simulated.glob("*.c3d"))
+
+
+def test_a_subject_of_whom_less_is_stated_is_still_the_same(simulated):
+    subject = simulated / "sub01.toml"
+    less = re.sub(r"(?m)^(height_m|age_years) = .*\n", "", subject.read_text(encoding="utf-8"))
+    subject.write_text(less.replace('"male"', '"unspecified"'), encoding="utf-8")
+    assert folder_setting(simulated) == Setting(protocol=Protocol(subjects=3))
 
 
 @pytest.mark.parametrize(
