@@ -194,11 +194,11 @@ class Body:
     @property
     def inertia_vector(self) -> Array:
         """Mass, centre and inertia (xx yy zz xy xz yz) of the rigid bodies as one vector."""
-        rows = []
-        for part in self.rigid_bodies.values():
-            t = part.tensor
-            rows.append([part.mass, *part.center, *np.diag(t), t[0, 1], t[0, 2], t[1, 2]])
-        return np.concatenate(rows)
+        parts = list(self.rigid_bodies.values())
+        tensors = np.array([part.tensor for part in parts])
+        six = tensors[:, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
+        masses, centers = [part.mass for part in parts], [part.center for part in parts]
+        return np.column_stack([masses, centers, six]).ravel()
 
     @property
     def model(self) -> Any:
