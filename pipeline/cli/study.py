@@ -2,11 +2,17 @@
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.cli.options import USAGE, Jobs, Out, StudyFolder
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pipeline.config.study import Study
+    from pipeline.run.check import Findings
 
 
 def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study.")]) -> None:
@@ -17,14 +23,24 @@ def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study."
     typer.echo(f"written: {study}, {subject}; next: edit them, then hbm check {folder}")
 
 
-def check(study: StudyFolder) -> int:
+def check(
+    study: StudyFolder,
+    second_reader: Annotated[
+        bool,
+        typer.Option(
+            "--second-reader", help="Read every C3D file also with ezc3d and list what differs."
+        ),
+    ] = False,
+) -> int:
     """Read every TOML and every recording of a study, list all problems, compute nothing."""
     from pipeline.cli.terminal import counted, note_line, plain_console
     from pipeline.config.study import read_study
-    from pipeline.run.check import check_study
+    from pipeline.run.check import check_study, joined
 
     console, loaded = plain_console(), read_study(study)
     findings = check_study(loaded)
+    if second_reader:
+        findings = joined([findings, *_read_twice(loaded, console)])
     for place in dict.fromkeys(remark.place for remark in findings.remarks):
         console.print(place, soft_wrap=True)
         for remark in findings.remarks:
@@ -40,6 +56,18 @@ def check(study: StudyFolder) -> int:
         soft_wrap=True,
     )
     return USAGE if findings.faults else 0
+
+
+def _read_twice(study: "Study", console: "Console") -> "list[Findings]":
+    from pipeline.cli.terminal import StepProgress
+    from pipeline.run.second_reader import read_twice, study_recordings, summarise
+
+    found, paths = [], study_recordings(study)
+    with StepProgress(console, "reading twice", "files") as progress:
+        for path in paths:
+            found.append(read_twice(path))
+            progress.show(path.name, len(found), len(paths))
+    return [*found, summarise(found)]
 
 
 def run(

@@ -67,6 +67,15 @@ class Findings:
     remarks: tuple[Remark, ...]
 
 
+def joined(findings: Iterable[Findings]) -> Findings:
+    """Join what several checks found, each thing once."""
+    every = list(findings)
+    return Findings(
+        tuple(dict.fromkeys(fault for each in every for fault in each.faults)),
+        tuple(dict.fromkeys(remark for each in every for remark in each.remarks)),
+    )
+
+
 @dataclass(slots=True)
 class _Collector:
     """Faults and remarks as they are found."""

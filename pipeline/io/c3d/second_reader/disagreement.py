@@ -13,7 +13,7 @@ FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the readings."""
 MAX_SHOWN: Final = 40
 """Characters of a text that are shown."""
-Kind = Literal["header", "parameter", "marker", "channel", "rotation", "bytes"]
+Kind = Literal["header", "number", "parameter", "marker", "channel", "rotation", "bytes"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -167,12 +167,8 @@ def _c3d_values(parameter: Any) -> list[str] | list[float]:
         width = parameter.dimensions[0] if parameter.dimensions else 1
         data = parameter.bytes
         return [_text(data[k : k + width]) for k in range(0, len(data), width)]
-    if kind == 4:
-        values = parameter.float_array if parameter.dimensions else [parameter.float_value]
-    elif parameter.dimensions:
-        values = parameter.int_array
-    else:
-        values = [parameter.int16_value if kind == 2 else parameter.int8_value]
+    parameter.dimensions = parameter.dimensions or [1]  # its scalars are not zero in DEC files
+    values = parameter.float_array if kind == 4 else parameter.int_array
     return [float(value) for value in np.ravel(values)]
 
 

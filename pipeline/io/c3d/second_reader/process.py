@@ -45,8 +45,8 @@ def read_with(library: str, path: Path) -> Reading | Refusal:
         more memory or time than it may have, or ended without a word. On Windows and macOS, memory
         is not limited.
     """
-    if find_spec(library) is None:
-        return Refusal(library, "it is not installed")
+    if not installed(library):
+        return Refusal(library, "it is not installed", installed=False)
     reader = f"{library} {version(library)}"
     size = path.stat().st_size
     memory = MEMORY_BYTES + MEMORY_PER_BYTE * size
@@ -76,6 +76,14 @@ def read_with(library: str, path: Path) -> Reading | Refusal:
     if "bad_alloc" in loaded:
         return Refusal(reader, f"it needs more than {memory / 1e9:.1f} GB of memory")
     return Refusal(reader, " ".join(loaded.split())[:MAX_REASON])
+
+
+def installed(library: str) -> bool:
+    """Whether a library is installed."""
+    try:
+        return find_spec(library) is not None
+    except ValueError:  # its import is blocked
+        return False
 
 
 def _ending(returncode: int) -> str:

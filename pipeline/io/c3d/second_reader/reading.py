@@ -13,12 +13,24 @@ Parameter = tuple[str | float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a library gave no reading of a file."""
+    """Why a library gave no reading of a file.
+
+    Attributes
+    ----------
+    reader
+        The library, with its version if it is installed.
+    reason
+        One line.
+    installed
+        Whether the library is installed.
+    miscount
+        What it read another number of than the file holds, such as "frames"; both numbers.
+    """
 
     reader: str
     reason: str
-    miscounts: bool = False
-    """Whether it read something, but not as many points, channels or frames as the file holds."""
+    installed: bool = True
+    miscount: tuple[str, int, int] | None = None
 
     def __str__(self) -> str:
         return f"{self.reader} cannot read it: {self.reason}"

@@ -98,8 +98,8 @@ def check_rewritten(
         again = read_with(second.reading.reader.split()[0], written)
         if isinstance(again, Refusal):
             raise ValueError(f"{again}, but read the original")
-        if reason := miscount(again, header, count_frames(original, header, parameters)):
-            raise ValueError(f"of what {again.reader} reads, {reason}")
+        if wrong := miscount(again, header, count_frames(original, header, parameters)):
+            raise ValueError("{3} reads {1} of {2} {0}".format(*wrong, again.reader))
         found = _differences_of_readings(second.reading, again, changed_channels, allowed, group)
         _require_none(found, f"as {again.reader} reads them")
     except ValueError as error:

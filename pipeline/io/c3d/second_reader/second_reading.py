@@ -67,15 +67,17 @@ def second_reading(
         found = read_with(library, path)
         if isinstance(found, Refusal):
             refusals.append(found)
-        elif reason := miscount(found, header, frames):
-            refusals.append(Refusal(found.reader, reason, miscounts=True))
+        elif wrong := miscount(found, header, frames):
+            name, read, held = wrong
+            reason = f"it reads {read} of {held} {name}"
+            refusals.append(Refusal(found.reader, reason, miscount=wrong))
         else:
             return SecondReading(found, tuple(refusals))
     return SecondReading(None, tuple(refusals))
 
 
-def miscount(reading: Reading, header: Header, frames: int) -> str:
-    """Say which number of a reading is not the file's; nothing where all are.
+def miscount(reading: Reading, header: Header, frames: int) -> tuple[str, int, int] | None:
+    """Name the first number of a reading that is not the file's; None where all are.
 
     Parameters
     ----------
@@ -85,15 +87,17 @@ def miscount(reading: Reading, header: Header, frames: int) -> str:
         The file's header block.
     frames
         The number of frames that the file holds.
+
+    Returns
+    -------
+    tuple[str, int, int] | None
+        What was counted, how many were read, how many the file holds.
     """
     channels = header.n_analog // header.analog_per_frame if header.analog_per_frame else 0
-    counts = {
-        "frames": (len(reading.points), frames),
-        "points": (reading.points.shape[1], header.n_points),
-        "analog channels": (reading.analog.shape[1], channels),
-        "samples of each channel": (len(reading.analog), frames * header.analog_per_frame),
-    }
-    for name, (read, held) in counts.items():
-        if read != held and held:
-            return f"it reads {read} of {held} {name}"
-    return ""
+    counts = (
+        ("frames", len(reading.points) if header.n_points else frames, frames),
+        ("points", reading.points.shape[1], header.n_points),
+        ("analog channels", reading.analog.shape[1], channels),
+        ("samples of a channel", len(reading.analog), frames * header.analog_per_frame),
+    )
+    return next((count for count in counts if count[1] != count[2]), None)
