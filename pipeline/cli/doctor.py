@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from hbm.kernels.native import Kernel
 
-PACKAGES = ("hbm-residuals", "pin", "casadi", "numpy", "scipy", "pandas", "rerun-sdk", "pingouin")
+PACKAGES = (
+    "hbm-residuals",
+    "pin",
+    "casadi",
+    "numpy",
+    "scipy",
+    "pandas",
+    "rerun-sdk",
+    "pingouin",
+    "ezc3d",
+    "c3d",
+)
 FRAMES = 4096
 """How many frames a kernel is timed with: milliseconds, so that a clock resolves it."""
 REPETITIONS = 3

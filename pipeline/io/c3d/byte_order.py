@@ -15,13 +15,16 @@ def floats(data: bytes, byte_order: str) -> NDArray[np.floating]:
 
     Notes
     -----
-    A DEC (VAX F) number is an IEEE number with its two 16-bit halves exchanged, times four.
+    A DEC (VAX F) number is an IEEE number with its two 16-bit halves exchanged, times four; with an
+    exponent of zero it is zero, whatever its other bits.
     """
     with np.errstate(invalid="ignore"):
         if byte_order != "dec":
             return np.frombuffer(data, ">f4" if byte_order == "sgi" else "<f4").astype(np.float32)
         swapped = np.frombuffer(data, "<u2").reshape(-1, 2)[:, ::-1].copy()
-        return swapped.view("<f4")[:, 0] / np.float32(4)
+        numbers = swapped.view("<f4")[:, 0] / np.float32(4)
+        numbers[(swapped[:, 1] & 0x7F80) == 0] = 0
+        return numbers
 
 
 def float_bytes(values: ArrayLike, byte_order: str) -> bytes:

@@ -175,7 +175,8 @@ def count_frames(path: Path, header: Header, parameters: Parameters) -> int:
     -----
     Header and POINT:FRAMES have 16 bits: they stop at 65535 or start over. TRIAL:ACTUAL_*_FIELD
     and POINT:LONG_FRAMES hold the true number where a program wrote them; otherwise the size of the
-    data section decides between the numbers that 16 bits may stand for.
+    data section decides between the numbers that 16 bits may stand for. A file may be longer than
+    its frames, if header and parameters agree on points and channels.
     """
     size, data_start = path.stat().st_size, (header.data_block - 1) * BLOCK_BYTES
     per_frame = bytes_per_frame(header)
@@ -203,12 +204,23 @@ def count_frames(path: Path, header: Header, parameters: Parameters) -> int:
     if fitting:
         return fitting[0]
     declared = {*long_counts, *short_counts}
-    if len(declared) == 1 and 0 < (count := declared.pop()) <= held:
+    if (
+        len(declared) == 1
+        and 0 < (count := declared.pop()) <= held
+        and _counts_agree(header, parameters)
+    ):
         return count
     raise ValueError(
         f"the file says it has {_listed(long_counts + short_counts)} frames, but its size holds "
         f"{held}: it is truncated or damaged"
     )
+
+
+def _counts_agree(header: Header, parameters: Parameters) -> bool:
+    """Whether header and parameters state the same numbers of points and analog channels."""
+    channels = header.n_analog // max(header.analog_per_frame, 1)
+    stated = (("POINT", header.n_points), ("ANALOG", channels))
+    return all(parameters.integer(group, "USED", count) == count for group, count in stated)
 
 
 def _padding_frames(path: Path, header: Header, held: int, slack: int) -> int:

@@ -7,16 +7,19 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.io.c3d.data import Samples, read_samples
-from pipeline.io.c3d.header import Header, Parameters, read_header
+from pipeline.io.c3d.data import MAX_COUNT, Samples, read_samples
+from pipeline.io.c3d.header import Header, read_header
+from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.c3d.second_reader.disagreement import (
+    SMALLEST,
     Disagreement,
     parameters_that_differ,
     samples_that_differ,
 )
 from pipeline.io.c3d.second_reader.reading import Parameter, Reading, Refusal
-from pipeline.io.c3d.second_reader.second_reading import second_reading
+from pipeline.io.c3d.second_reader.second_reading import LIBRARIES, second_reading
 
+FRAMES: Final = "POINT:FRAMES"
 ROUNDING: Final = 4
 """Steps of floating point numbers by which programs differ that scale in another order."""
 
@@ -69,7 +72,8 @@ def compare_readers(path: Path) -> Agreement:
     Compared are the samples before units and axes are settled, which follow from the parameters.
     A point is missing to our reader also where all its coordinates are zero; the same is applied
     to the second reading. Residuals of seen points are not compared, since our reader does not keep
-    them, nor parameters of a group without a name, for which nobody can ask.
+    them, nor parameters of a group without a name, for which nobody can ask, nor POINT:FRAMES, in
+    whose place the frames are counted.
     """
     try:
         header, parameters = read_header(path)
@@ -79,18 +83,61 @@ def compare_readers(path: Path) -> Agreement:
     second = second_reading(path, header, parameters)
     if second.reading is None:
         return _without_reading(second.refusals)
-    found = _compare(header, parameters, samples, second.reading)
-    return Agreement(second.reading.reader, second.refusals, tuple(found))
+    reading, refusals = second.reading, second.refusals
+    found = _compare(header, parameters, samples, reading)
+    if found and _takes_offsets_without_sign(found, header, parameters, samples, reading):
+        refusals += (Refusal(reading.reader, "it takes ANALOG:OFFSET without its sign"),)
+        other = second_reading(path, header, parameters, LIBRARIES[1:])
+        refusals += other.refusals
+        if other.reading is None:
+            return Agreement(None, refusals, ())
+        reading = other.reading
+        found = _compare(header, parameters, samples, reading)
+    return Agreement(reading.reader, refusals, tuple(found))
+
+
+def _takes_offsets_without_sign(
+    found: list[Disagreement],
+    header: Header,
+    parameters: Parameters,
+    samples: Samples,
+    second: Reading,
+) -> bool:
+    """Whether that alone explains all that differs.
+
+    ezc3d 1.7.2 subtracts the magnitude of ANALOG:OFFSET. The C3D user guide defines it as signed,
+    or with the samples as unsigned where ANALOG:FORMAT is UNSIGNED.
+    """
+    if any(each.kind != "channel" for each in found):
+        return False
+    unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
+    channels = samples.analog.shape[1]
+    stored = parameters.numbers("ANALOG", "OFFSET").ravel()[:channels]
+    offset = np.where(stored < 0, stored + 65536, stored) if unsigned else stored
+    shift = offset - np.abs(np.where(stored > 32767, stored - 65536, stored))
+    scale = parameters.numbers("ANALOG", "SCALE").ravel()[:channels] * next(
+        iter(parameters.numbers("ANALOG", "GEN_SCALE").flat), 1.0
+    )
+    differ = _Unequal(_analog_step(header, parameters, samples), np.abs(shift * scale))
+    unexplained = differ(samples.analog + shift * scale, second.analog)
+    if unsigned and header.scale > 0:
+        unexplained &= differ(samples.analog + (shift - 65536) * scale, second.analog)
+    return not unexplained.any()
 
 
 def _without_reading(refusals: tuple[Refusal, ...]) -> Agreement:
-    """Take a number as a disagreement that no other library corrects."""
+    """Take a number as a disagreement that no other library corrects.
+
+    That a library counts frames in 16 bits is none: ezc3d 1.7.2 does so in files with a group
+    ROTATION, c3d 0.6 where no parameter holds the true number.
+    """
     for refusal in refusals:
         if refusal.miscount is not None:
             name, read, held = refusal.miscount
-            others = tuple(other for other in refusals if other is not refusal)
-            found = Disagreement("number", f"of {name}", str(held), str(read))
-            return Agreement(refusal.reader, others, (found,))
+            if name != "frames" or not read <= MAX_COUNT < held:
+                others = tuple(other for other in refusals if other is not refusal)
+                found = Disagreement("number", f"of {name}", str(held), str(read))
+                return Agreement(refusal.reader, others, (found,))
     return Agreement(None, refusals, ())
 
 
@@ -98,23 +145,21 @@ def _compare(
     header: Header, parameters: Parameters, samples: Samples, second: Reading
 ) -> list[Disagreement]:
     found = [
-        Disagreement("header", name, str(ours), str(theirs))
-        for name, ours, theirs in (
+        Disagreement("header", name, str(mine), str(other))
+        for name, mine, other in (
             ("first frame", header.first_frame, second.first_frame),
-            ("frame rate", header.rate_hz, second.rate_hz),
+            ("frame rate", samples.rate_hz, second.rate_hz),
             ("samples per frame", header.analog_per_frame, second.analog_per_frame),
-            ("events", header.events, second.events),
+            ("events", tuple(e for e in header.events if e[0]), second.events),
         )
-        if ours != theirs
+        if mine != other
     ]
-    found += parameters_that_differ(
-        _values(parameters),
-        {
-            key: values
-            for key, values in second.parameters.items()
-            if key[0] != ":" and (key not in second.assumed or _holds(parameters, key))
-        },
-    )
+    theirs = {key: values for key, values in second.parameters.items() if key[0] != ":"}
+    for key in second.assumed:
+        if not _holds(parameters, key):
+            theirs.pop(key, None)
+    ours = _values(parameters) | {FRAMES: theirs.get(FRAMES, ())}
+    found += parameters_that_differ(ours, theirs)
     coarse = second.points.dtype == np.float32 and header.scale > 0
     found += samples_that_differ(
         "marker",
@@ -129,11 +174,19 @@ def _compare(
         second.labels("ANALOG", samples.analog.shape[1]),
         samples.analog,
         np.where(np.isfinite(second.analog), second.analog, np.nan),
-        _Unequal(np.finfo(np.float64).eps),
+        _Unequal(_analog_step(header, parameters, samples)),
         first_frame=header.first_frame,
         per_frame=header.analog_per_frame,
     )
     return found
+
+
+def _analog_step(header: Header, parameters: Parameters, samples: Samples) -> NDArray[np.float64]:
+    """Give how finely each channel is compared: ezc3d subtracts offsets in single precision."""
+    offset = parameters.numbers("ANALOG", "OFFSET").ravel()[: samples.analog.shape[1]]
+    single = (offset != 0) & (header.scale < 0)
+    kinds = np.finfo(np.float32).eps / ROUNDING, np.finfo(np.float64).eps
+    return np.where(single, *kinds)
 
 
 def _values(parameters: Parameters) -> dict[str, Parameter]:
@@ -155,18 +208,21 @@ def _holds(parameters: Parameters, key: str) -> bool:
 
 def _seen(second: Reading) -> NDArray[np.floating]:
     """Give points with NaN wherever our reader takes them as missing."""
-    missing = ~np.isfinite(second.points).all(axis=-1) | ~second.points.any(axis=-1)
+    missing = ~np.isfinite(second.points).all(axis=-1)
+    missing |= ~(np.abs(second.points) > SMALLEST).any(axis=-1)
     missing |= ~np.greater_equal(second.residuals, 0)
     return np.where(missing[..., np.newaxis], np.nan, second.points)
 
 
 @dataclass(frozen=True, slots=True)
 class _Unequal:
-    """Whether samples differ by more than rounding, whose relative step is given."""
+    """Whether samples differ by more than rounding of numbers of at least a size."""
 
-    step: np.floating[Any]
+    step: np.floating[Any] | NDArray[np.float64]
+    least: float | NDArray[np.float64] = 0.0
 
     def __call__(self, first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.bool_]:
-        close = np.abs(first - second) <= ROUNDING * self.step * np.abs(first)
+        size = np.maximum(np.abs(first), self.least)
+        close = np.abs(first - second) <= np.maximum(ROUNDING * self.step * size, SMALLEST)
         different = ~(close | (np.isnan(first) & np.isnan(second)))
         return np.asarray(different.any(axis=-1) if different.ndim == 3 else different)

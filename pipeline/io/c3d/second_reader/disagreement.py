@@ -11,6 +11,8 @@ from pipeline.io.c3d.second_reader.reading import Parameter
 
 FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the readings."""
+SMALLEST: Final = 4 * float(np.finfo(np.float32).tiny)
+"""Numbers below are zero, or occur only in DEC files; ezc3d 1.7.2 takes them four-fold."""
 MAX_SHOWN: Final = 40
 """Characters of a text that are shown."""
 Kind = Literal["header", "number", "parameter", "marker", "channel", "rotation", "bytes"]
@@ -45,7 +47,8 @@ class Disagreement:
         """Say it in one line, given what to call either reading."""
         frame = f", frame {self.frame}" if self.frame is not None else ""
         sample = f", sample {self.sample}" if self.sample is not None else ""
-        further = f", and {self.further} further samples differ" if self.further else ""
+        verb = "differs" if self.further == 1 else "differ"
+        further = f", and {self.further} further {verb}" if self.further else ""
         return (
             f"{self.kind} {self.name}{frame}{sample}: {self.first} {first}, "
             f"{self.second} {second}{further}"
@@ -167,6 +170,8 @@ def _alike(first: str | float, second: str | float) -> bool:
         return first == second
     if np.isnan(first) and np.isnan(second):
         return True
-    return first == second or (
-        abs(first - second) == 65536 and -32768 <= min(first, second) < 0 <= max(first, second)
+    return (
+        abs(first - second) <= SMALLEST
+        or first == second
+        or (abs(first - second) == 65536 and -32768 <= min(first, second) < 0 <= max(first, second))
     )

@@ -8,6 +8,7 @@ import json
 import sys
 import warnings
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -83,10 +84,11 @@ def read_ezc3d(source: str, folder: Path) -> Description:
     descriptions: dict[str, str] = {}
     for group, members in file["parameters"].items():
         about = members["__METADATA__"]
-        descriptions[group.upper()] = f"{about['DESCRIPTION']} {about['IS_LOCKED']}"
+        group = _text(group).upper()
+        descriptions[group] = f"{about['DESCRIPTION']} {about['IS_LOCKED']}"
         for name, parameter in members.items():
             if name != "__METADATA__":
-                key = f"{group}:{name}".upper()
+                key = f"{group}:{_text(name).upper()}"
                 parameters.setdefault(key, _plain(parameter["value"]))
                 descriptions[key] = f"{parameter['description']} {parameter['is_locked']}"
     return {
@@ -119,11 +121,14 @@ def read_c3d(source: str, folder: Path) -> Description:
 
     with Path(source).open("rb") as handle:
         file = c3d.Reader(handle)
-        frames = file.frame_count
-        points = np.zeros((frames, file.point_used, 5), np.float32)
-        analog = np.zeros((frames, file.analog_per_frame, file.analog_used))
+        counts = file.point_used, file.analog_used, file.analog_per_frame
+        n_points, channels, per_frame = map(int, counts)
+        words = max(4 * n_points + channels * per_frame, 1)
+        frames = min(int(file.frame_count), Path(source).stat().st_size // words)
+        points = np.zeros((frames, n_points, 5), np.float32)
+        analog = np.zeros((frames, per_frame, channels))
         read = 0
-        for _, frame_points, frame_analog in file.read_frames(copy=False):
+        for _, frame_points, frame_analog in islice(file.read_frames(copy=False), frames):
             points[read] = frame_points
             if analog.size:
                 analog[read] = frame_analog.T
@@ -134,20 +139,22 @@ def read_c3d(source: str, folder: Path) -> Description:
         points=np.where(missing[..., np.newaxis], np.nan, points[:read, :, :3]),
         residuals=points[:read, :, 3],
         cameras=points[:read, :, 4],
-        analog=analog[:read].reshape(read * file.analog_per_frame, -1 if analog.size else 0),
+        analog=analog[:read].reshape(read * per_frame, channels),
         rotations=np.empty(0),
     )
     parameters: Description = {}
     descriptions: dict[str, str] = {}
-    for group, members in file.group_items():
+    for name, members in file.group_items():
+        group = _text(name)
         descriptions[group] = _text(members.desc)
         for name, parameter in members.param_items():
-            parameters[f"{group}:{name}"] = _c3d_values(parameter)
-            descriptions[f"{group}:{name}"] = _text(parameter.desc)
+            key = f"{group}:{_text(name)}"
+            parameters[key] = _c3d_values(parameter)
+            descriptions[key] = _text(parameter.desc)
     header = file.header
     return {
         "first_frame": header.first_frame,
-        "rate_hz": float(header.frame_rate),
+        "rate_hz": float(file.point_rate),
         "analog_per_frame": header.analog_per_frame,
         "events": [(_text(label), float(time)) for time, label in header.events],
         "parameters": parameters,

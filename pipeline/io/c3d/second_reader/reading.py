@@ -33,7 +33,7 @@ class Refusal:
     miscount: tuple[str, int, int] | None = None
 
     def __str__(self) -> str:
-        return f"{self.reader} cannot read it: {self.reason}"
+        return f"{self.reader} does not read it: {self.reason}"
 
 
 @dataclass(frozen=True, slots=True)
