@@ -2,11 +2,9 @@
 
 The file is parsed here (`header`, `data`): every count and offset is checked against the file's
 size before it is used, so that a damaged file gives one line of error. The native library ezc3d
-1.7.2 is not used; the tests compare with it. Of the sample files it refuses the SGI ones and takes
-34 s and 12.6 GB to refuse one with a broken parameter section; it reads a truncated file short
-without a warning, and one in 400 files with random damage ends the interpreter. A check beforehand
-that prevents all this has to read all that a reader reads; a process of its own for each file would
-still need the memory.
+1.7.2 is a second reader only (`second_reader`). Of the sample files it refuses the SGI ones and
+takes 34 s and 12.6 GB to refuse one with a broken parameter section; it reads a truncated file
+short without a warning, and one in 400 files with random damage ends the interpreter.
 """
 
 from collections.abc import Mapping
