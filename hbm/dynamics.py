@@ -252,13 +252,13 @@ def _forces(
         q, v, a = (np.asarray(x[block]) for x in state)
         free = engine.free_dynamics(body, q, v, a, segments, jobs)
         for wrenches, force in zip(variants, forces, strict=True):
-            tau, external = free.tau.copy(), np.zeros_like(free.wrench)
+            force[block, :N_Q] = free.tau
+            external = np.zeros_like(free.wrench)
             for segment, wrench in wrenches.items():
                 acting = np.asarray(wrench, float)[block]
                 external += acting
                 chain = np.array(support(LAST_Q[segment]))
-                tau[:, chain] -= np.einsum("tci,ti->tc", free.jacobians[segment], acting)
-            force[block, :N_Q] = tau
+                force[block, chain] -= np.einsum("tci,ti->tc", free.jacobians[segment], acting)
             force[block, N_Q:] = free.wrench - shift_wrench(external, q[:, :3])
     return forces
 

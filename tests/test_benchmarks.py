@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from hbm.engines.engine import ENGINES
 from hbm.kinematics import solve_ik
 from pipeline.io.c3d.read import read_c3d
 from tests.benchmarks import commands, report
@@ -73,9 +74,16 @@ def test_the_compiler_changes_nothing(result):
     np.testing.assert_allclose(compiled, machine, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", [COMPILED, MACHINE, OPENSIM, "MuJoCo", "Pinocchio"])
-def test_all_inverse_dynamics_give_the_same_forces(trial, result, name):
-    assert force_error(trial, result(name, "id")) < 1e-6
+@pytest.mark.parametrize(
+    ("name", "task"),
+    [
+        *((name, f"id {engine}") for name in (COMPILED, MACHINE) for engine in ENGINES),
+        *((name, "id") for name in (COMPILED, "MuJoCo", "Pinocchio")),
+        pytest.param("OpenSim", "id", marks=pytest.mark.opensim),
+    ],
+)
+def test_all_inverse_dynamics_give_the_same_forces(trial, result, name, task):
+    assert force_error(trial, result(name, task)) < 1e-6
 
 
 @pytest.mark.parametrize(

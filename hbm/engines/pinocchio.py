@@ -16,14 +16,14 @@ from typing import Any, Final
 import numpy as np
 import pinocchio as pin
 
-from hbm.coordinates import INDEX, LAST_Q, support
+from hbm.coordinates import INDEX, LAST_Q, N_Q, support
 from hbm.engines.engine import FreeDynamics
 from hbm.model import Body
 from hbm.spatial import GRAVITY_MPS2, Array
 
 YAW: Final = INDEX["PelvisYaw"]
-STILL: Final = (YAW, YAW)
-"""The two joints that stand still come before this coordinate."""
+N_STILL: Final = 2
+"""The joints that stand still come before yaw; with it, they are those of the moment."""
 CACHED_BODIES: Final = 8
 
 
@@ -48,7 +48,9 @@ def free_dynamics(
     FreeDynamics
         Undefined frames are NaN.
     """
-    state = [np.insert(x, STILL, 0.0, axis=1) for x in (q, v, a)]
+    state = np.zeros((3, len(q), N_Q + N_STILL))
+    for x, given in zip(state, (q, v, a), strict=True):
+        x[:, :YAW], x[:, YAW + N_STILL :] = given[:, :YAW], given[:, YAW:]
     tau = np.empty_like(state[0])
     if hasattr(pin, "rneaInParallel"):
         pool = _pool(body, jobs)
@@ -59,8 +61,8 @@ def free_dynamics(
         for frame, *of_frame in zip(tau, *state, strict=True):
             frame[:] = pin.rnea(model, data, *of_frame)
     return FreeDynamics(
-        tau=np.delete(tau, (YAW, YAW + 1), axis=1),
-        wrench=tau[:, :6].copy(),
+        tau=np.hstack([tau[:, :YAW], tau[:, YAW + N_STILL :]]),
+        wrench=tau[:, :6],
         jacobians=_jacobians(body, q, segments),
     )
 
@@ -72,11 +74,10 @@ def _jacobians(body: Body, q: Array, segments: Collection[str]) -> dict[str, Arr
         return {}
     model = _carrying_model(body, tuple(carrying))
     data = model.createData()
-    motion = np.empty((len(q), 6, len(carrying)))
+    motion = np.empty((len(q), len(carrying), 6))
     for frame, coordinates in zip(motion, q[:, carrying], strict=True):
-        frame[:] = pin.computeJointJacobians(model, data, coordinates)
-    columns = {s: np.searchsorted(carrying, chain) for s, chain in chains.items()}
-    return {s: np.swapaxes(motion[:, :, own], 1, 2) for s, own in columns.items()}
+        frame[:] = pin.computeJointJacobians(model, data, coordinates).T
+    return {s: motion[:, np.searchsorted(carrying, chain)] for s, chain in chains.items()}
 
 
 @lru_cache(maxsize=CACHED_BODIES)

@@ -1,4 +1,4 @@
-"""How this machine runs the kernels."""
+"""How this machine runs kernels and engines."""
 
 import platform
 import time
@@ -6,7 +6,9 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from hbm.engines.engine import EngineName
     from hbm.kernels.native import Kernel
+    from hbm.motion import Motion
 
 PACKAGES = (
     "hbm-residuals",
@@ -26,7 +28,9 @@ REPETITIONS = 3
 
 
 def doctor() -> None:
-    """Print versions, how the kernels run here, and how fast."""
+    """Print versions, how kernels and engines run here, how fast, and whether the engines agree."""
+    from hbm.engines.choice import choose_engine
+    from hbm.engines.engine import ENGINES
     from hbm.kernels import native
     from pipeline.cli.terminal import announcer, plain_console
 
@@ -42,6 +46,50 @@ def doctor() -> None:
     for name in ("newton_step", "segment_poses", "newton_euler"):
         rate = speed(getattr(kernels, name))
         console.print(f"  {name}: {rate:,.0f} frames/s on one core ({1e6 / rate:.1f} µs)")
+    console.print(f"inverse dynamics: {choose_engine().name} unless another engine is stated")
+    for engine in ENGINES:
+        console.print(f"  {engine}: {engine_report(engine)}", soft_wrap=True)
+
+
+def engine_report(engine: "EngineName") -> str:
+    """Say how fast an engine runs and how well the other one agrees, or why it does not run."""
+    import numpy as np
+
+    from hbm.dynamics import inverse_dynamics
+    from pipeline.virtual_lab.person.subject import Person, make_subject
+
+    body, motion = make_subject(Person()).body, random_motion()
+    feet = dict.fromkeys(("left_foot", "right_foot"), np.ones((FRAMES, 6)))
+    seconds = []
+    try:
+        for _ in range(REPETITIONS + 1):
+            start = time.perf_counter()
+            used = inverse_dynamics(body, motion, feet, engine=engine).engine
+            seconds.append(time.perf_counter() - start)
+    except ValueError as error:
+        return str(error)
+    rate = FRAMES / min(seconds)
+    return f"{rate:,.0f} frames/s on one core ({1e6 / rate:.1f} µs); {used.note}"
+
+
+def random_motion() -> "Motion":
+    """Give a motion in which every coordinate moves."""
+    import numpy as np
+
+    from hbm.coordinates import N_Q
+    from hbm.motion import Motion
+
+    q, v, a = np.random.default_rng(0).normal(size=(3, FRAMES, N_Q))
+    return Motion(
+        time=np.arange(FRAMES) / 100.0,
+        q=q,
+        v=v,
+        a=a,
+        markers=(),
+        marker_error=np.zeros((FRAMES, 0)),
+        converged=np.ones(FRAMES, bool),
+        observed=np.ones((FRAMES, N_Q), bool),
+    )
 
 
 def speed(kernel: "Kernel") -> float:

@@ -7,11 +7,13 @@ from typing import Final
 
 import pandas as pd
 
+from hbm.engines.engine import EngineName, EngineUsed
 from hbm.signals.filtering import Method
 from pipeline.config.schema import Condition, Treadmill
 from pipeline.config.study import Study
 from pipeline.report.references import references
 from pipeline.run.load import Results
+from pipeline.run.provenance import engines_of
 from pipeline.statistics.design import CONDITIONS, PLANNED_PAIRS, in_order
 from pipeline.statistics.verdict import MARGIN, join_names
 from pipeline.trial.summary import TrialSummary
@@ -63,8 +65,11 @@ def methods(results: Results, statistics: pd.DataFrame, study: Study | None = No
 
 def cited(results: Results) -> list[str]:
     """Give the keys of the works that the Methods cite, and of the thesis, in order."""
-    used = {HIP_METHODS[trial.settings.hip][1] for trial in results.summaries.values()}
+    trials = results.summaries.values()
+    used = {HIP_METHODS[trial.settings.hip][1] for trial in trials}
     unused = {key for _, key in HIP_METHODS.values()} - used
+    if not any("pinocchio" in (trial.engine.name, trial.engine.other) for trial in trials):
+        unused.add("carpentier2019")
     return [key for key in references() if key not in unused]
 
 
@@ -127,7 +132,8 @@ def _kinematics(trials: Sequence[TrialSummary]) -> str:
         "kinematics minimised the sum of squared distances between measured and modelled markers "
         "in each frame (Lu and O'Connor 1999). Coordinates and ground reaction wrenches were "
         "filtered alike with "
-        f"{filters} before velocities, accelerations and inverse dynamics were computed."
+        f"{filters} before velocities, accelerations and inverse dynamics were computed. "
+        + " ".join(_mechanics(engine) for engine in engines_of([t.engine for t in trials]))
     )
 
 
@@ -149,6 +155,27 @@ def _trunk(trials: Sequence[TrialSummary]) -> str:
             f"; where no marker showed a level, it followed from her mean proportions ({levels})"
         )
     return f"{text}."
+
+
+def _mechanics(engine: EngineUsed) -> str:
+    """Say how the equations of motion were solved and verified."""
+    text = (
+        "The equations of motion were solved by the recursive Newton–Euler algorithm with "
+        f"{_engine(engine.name, engine.version)}"
+    )
+    if engine.other is None:
+        return f"{text}."
+    return (
+        f"{text} and verified in {engine.frames} frames with a second implementation "
+        f"({_engine(engine.other, engine.other_version)}): generalised forces and residuals agreed "
+        f"to {engine.difference:.0e} of each frame's largest force and moment."
+    )
+
+
+def _engine(name: EngineName, version: str) -> str:
+    if name == "pinocchio":
+        return f"Pinocchio {version} (Carpentier et al. 2019)"
+    return f"equations generated with {version.replace('casadi', 'CasADi')}"
 
 
 def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:

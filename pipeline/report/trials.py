@@ -88,7 +88,7 @@ class TrialSection:
 
 
 def find_problems(states: Sequence[TrialState], provenance: Provenance) -> Problems | None:
-    """Name every trial that is not simply done, and settings or versions that differ.
+    """Name every trial that is not simply done, and settings, versions or engines that differ.
 
     Parameters
     ----------
@@ -107,13 +107,14 @@ def find_problems(states: Sequence[TrialState], provenance: Provenance) -> Probl
         for s in states
         if s.state != "done"
     ]
-    for quantity, versions in (
+    for quantity, different in (
         ("settings", provenance.settings),
         ("versions", provenance.versions),
+        ("engines", provenance.engines),
     ):
-        if len(versions) > 1:
+        if len(different) > 1:
             text = (
-                f"Trials were processed with {len(versions)} different {quantity}: run them again."
+                f"Trials were processed with {len(different)} different {quantity}: run them again."
             )
             lines.append(Problem("", text))
     if not lines:

@@ -10,6 +10,7 @@ from tests.benchmarks.implementation import Implementation, Timing, ratio, time_
 from tests.benchmarks.trial import Trial
 
 COMPILED, MACHINE = "hbm, compiled", "hbm, virtual machine"
+ENGINE, KERNELS = "hbm, Pinocchio", "hbm, kernels"
 OTHERS = ("OpenSim", "MuJoCo", "Pinocchio")
 IK = {
     "OpenSim": ("OpenSim IK tool", "ik tool", "ik files"),
@@ -21,6 +22,8 @@ ID = {
     "MuJoCo": ("MuJoCo mj_inverse, rates given", "id", None),
     "Pinocchio": ("Pinocchio rnea, rates given", "id", None),
 }
+ID_RESULT = {"OpenSim": "id"}
+"""Task that gives the forces, where it is another than the one that is timed."""
 Row = dict[str, float | str]
 
 
@@ -54,20 +57,24 @@ def compare_dynamics(trial: Trial, running: dict[str, Implementation], repeats: 
 
     OpenSim differentiates the coordinates itself, and so does ours unless their rates are given.
     """
-    others = _timings(ID, running)
+    compiled, machine = running[COMPILED], running[MACHINE]
     timings = {
-        COMPILED: Timing(f"{COMPILED}, with filter, two variants", running[COMPILED], "id"),
-        MACHINE: Timing(f"{MACHINE}, with filter, two variants", running[MACHINE], "id"),
-        "rates": Timing(
-            f"{COMPILED}, rates given, two variants", running[COMPILED], "id from rates"
+        ENGINE: Timing(f"{ENGINE}, with filter, two variants", compiled, "id pinocchio"),
+        KERNELS: Timing(f"{KERNELS}, with filter, two variants", compiled, "id kernels"),
+        MACHINE: Timing(f"{MACHINE}, with filter, two variants", machine, "id kernels"),
+        f"{ENGINE}, rates": Timing(
+            f"{ENGINE}, rates given, two variants", compiled, "id pinocchio from rates"
         ),
-    } | others
+        f"{KERNELS}, rates": Timing(
+            f"{KERNELS}, rates given, two variants", compiled, "id kernels from rates"
+        ),
+    } | _timings(ID, running)
     errors = {
-        name: force_error(trial, running.get(name, running[COMPILED]).result("id"))
-        for name in timings
+        name: force_error(trial, timing.implementation.result(ID_RESULT.get(name, timing.task)))
+        for name, timing in timings.items()
     }
     time_alternately(list(timings.values()), repeats)
-    return [_row(timings, name, trial) | {"force_error": errors[name]} for name in timings]
+    return [_row(timings, name, trial, ENGINE) | {"force_error": errors[name]} for name in timings]
 
 
 def _timings(tasks, running: dict[str, Implementation]) -> dict[str, Timing]:
@@ -78,8 +85,8 @@ def _timings(tasks, running: dict[str, Implementation]) -> dict[str, Timing]:
     }
 
 
-def _row(timings: dict[str, Timing], name: str, trial: Trial) -> Row:
-    frames, timing, ours = len(trial.markers.time), timings[name], timings[COMPILED]
+def _row(timings: dict[str, Timing], name: str, trial: Trial, of_ours: str = COMPILED) -> Row:
+    frames, timing, ours = len(trial.markers.time), timings[name], timings[of_ours]
     return {
         "key": name,
         "name": timing.name,

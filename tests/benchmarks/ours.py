@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from hbm.dynamics import filter_motion, inverse_dynamics_variants
+from hbm.engines.engine import ENGINES
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.motion import Motion
@@ -19,15 +20,17 @@ def tasks(folder: Path):
     feet = {foot: given[foot] for foot in ("left_foot", "right_foot")}
     compensated = {foot: 0.9 * wrench for foot, wrench in feet.items()}
 
-    def forces(motion):
+    def forces(motion, engine):
         """Forces and residuals for two variants of the plates, as in every compensated trial."""
-        measured, _ = inverse_dynamics_variants(body, motion, [feet, compensated])
+        variants = [feet, compensated]
+        measured, _ = inverse_dynamics_variants(body, motion, variants, engine=engine)
         return measured.tau
 
     return {
         "ik": lambda: solve_ik(body, markers).q,
-        "id": lambda: forces(filter_motion(raw)),
-        "id from rates": lambda: forces(motion),
+        "id": lambda: forces(filter_motion(raw), None),
+        **{f"id {e}": lambda e=e: forces(filter_motion(raw), e) for e in ENGINES},
+        **{f"id {e} from rates": lambda e=e: forces(motion, e) for e in ENGINES},
     }
 
 

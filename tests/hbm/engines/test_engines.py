@@ -123,7 +123,9 @@ def test_an_unknown_engine_is_refused():
 def test_the_engine_is_named_with_the_version_it_runs_on(body, motion):
     used = inverse_dynamics(body, motion, {}).engine
     assert str(used) == f"Pinocchio {pinocchio.__version__}"
-    assert str(used.note).startswith(f"inverse dynamics by {used}; kernels (casadi ")
+    assert str(used.note).startswith(
+        f"inverse dynamics by {used}; the other engine, kernels (casadi "
+    )
     assert str(used.note).endswith("of the largest force and moment in 16 frames")
     assert used.frames == CHECKED_FRAMES
 

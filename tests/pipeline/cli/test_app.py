@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import typer
 
+from hbm.body import Body
 from hbm.kernels import native
 from hbm.kernels.compiler import KernelsDisagreeError
 from hbm.markers import Markers
@@ -238,6 +239,37 @@ def test_doctor_names_versions_the_backend_and_its_speed(capsys):
     for words in ("Python 3.", "pin ", "casadi ", "kernels: ", "newton_step: ", "frames/s"):
         assert words in out
     assert "missing" not in out
+
+
+def test_doctor_names_both_engines_their_speed_and_that_they_agree(capsys):
+    pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
+    assert main(["doctor"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    start = lines.index("inverse dynamics: pinocchio unless another engine is stated")
+    for line, engine, other in zip(
+        lines[start + 1 :], ("pinocchio", "kernels"), ("kernels (casadi", "Pinocchio "), strict=True
+    ):
+        assert line.startswith(f"  {engine}: ")
+        assert re.search(
+            rf"frames/s on one core \(.* µs\); .*; the other engine, {re.escape(other)}.* agrees",
+            line,
+        )
+
+
+def test_doctor_says_which_engine_is_missing(capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    assert main(["doctor"]) == 0
+    out = capsys.readouterr().out
+    assert "inverse dynamics: kernels unless another engine is stated" in out
+    assert '  pinocchio: engine = "pinocchio" is stated, but Pinocchio cannot be imported' in out
+
+
+def test_doctor_says_where_the_engines_disagree(capsys, monkeypatch):
+    pytest.importorskip("pinocchio", reason="Pinocchio has no wheel for this system")
+    vector = Body.inertia_vector.fget
+    monkeypatch.setattr(Body, "inertia_vector", property(lambda body: 1.001 * vector(body)))
+    assert main(["doctor"]) == 0
+    assert "  kernels: the two engines of inverse dynamics disagree: " in capsys.readouterr().out
 
 
 def test_doctor_shows_that_compiled_kernels_were_refused(capsys, monkeypatch):

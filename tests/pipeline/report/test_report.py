@@ -169,6 +169,7 @@ def test_settings_versions_and_hashes_are_on_the_page_and_in_study_json(page, fo
     for digest in (stored["program"]["sha256"], *stored["inputs"].values()):
         assert digest in page.text
     assert len(stored["trials"]) == 12
+    assert "Pinocchio 4.1.0 kernels (casadi 3.7.2)" in page.text
     assert "@software{hbm_residuals" in page.text
     assert "10.1007/s11517-013-1076-z" in page.text
 

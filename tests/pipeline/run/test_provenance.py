@@ -4,9 +4,11 @@ import hashlib
 import json
 import re
 import shutil
+from dataclasses import asdict, replace
 
 import pytest
 
+from hbm.engines.engine import EngineUsed
 from pipeline.config.schema import Settings
 from pipeline.config.study import read_study
 from pipeline.run.failures import read_failures
@@ -14,11 +16,12 @@ from pipeline.run.job import trial_key
 from pipeline.run.load import collect, select_trials
 from pipeline.run.program import git_commit
 from pipeline.run.provenance import (
+    engines_of,
     input_digests,
     provenance,
     trial_states,
 )
-from tests.pipeline.fake_results import write_fake_results, write_fake_study
+from tests.pipeline.fake_results import ENGINE, write_fake_results, write_fake_study
 
 
 @pytest.fixture(scope="module")
@@ -147,11 +150,18 @@ def test_provenance_is_json_and_complete(results, study):
     stored = json.loads(provenance(results, trial_states(results, {}, study), study).to_json())
     assert stored["settings"] == [Settings().model_dump()]
     assert stored["versions"][0]["hbm-residuals"]
+    assert stored["engines"] == [asdict(replace(ENGINE, frames=16 * len(results.summaries)))]
     assert re.fullmatch(r"[0-9a-f]{64}", stored["program"]["sha256"])
     assert stored["treadmill"]["cutoff_hz"] == 20
     trial = next(t for t in stored["trials"] if (t["subject"], t["condition"]) == ("sub01", "sway"))
     assert (trial["state"], trial["source"]) == ("done", "sub01_sway.c3d")
     assert trial["key"] == trial_key(study, "sub01", "sway")
+
+
+def test_each_engine_is_named_once_with_the_largest_difference():
+    close, far = (EngineUsed("kernels", "1", "pinocchio", "2", 16, d) for d in (1e-15, 1e-12))
+    alone = EngineUsed("kernels", "1")
+    assert engines_of([close, alone, far]) == (replace(far, frames=32), alone)
 
 
 def test_the_commit_is_that_of_the_sources():
