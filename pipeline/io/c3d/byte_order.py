@@ -35,14 +35,14 @@ def float_bytes(values: ArrayLike, byte_order: str) -> bytes:
     ValueError
         A number is too large for the format.
     """
+    values = np.asarray(values, float).ravel()
     with np.errstate(over="ignore"):
-        numbers = np.asarray(values).astype(np.float32).ravel()
-        times_four = numbers * np.float32(4)
-    if not np.isfinite(times_four if byte_order == "dec" else numbers).all():
-        raise ValueError("a number does not fit into 4 bytes")
-    if byte_order != "dec":
-        return numbers.astype(">f4" if byte_order == "sgi" else "<f4").tobytes()
-    return times_four.astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
+        numbers = (values * 4 if byte_order == "dec" else values).astype("<f4")
+    if (np.isinf(numbers) & np.isfinite(values)).any():
+        raise ValueError("a number is too large for the 4 bytes that a C3D file has for it")
+    if byte_order == "dec":
+        return numbers.view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
+    return numbers.astype(">f4" if byte_order == "sgi" else "<f4").tobytes()
 
 
 def integer_type(byte_order: str, *, signed: bool = True) -> np.dtype:

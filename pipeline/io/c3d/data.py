@@ -90,10 +90,10 @@ def read_samples(
             f"the frame rate is {rate:g} Hz, expected {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
         )
     _check_scale(header, parameters)
-    unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
+    unsigned = is_unsigned(parameters)
     frames = count_frames(path, header, parameters)
     frames = frames if max_frames is None else min(frames, max_frames)
-    offset, scale = _analog_scaling(parameters, channels, unsigned)
+    offset, scale = analog_scaling(parameters, channels)
     points = np.empty((frames, n_points, 3))
     analog = np.empty((frames, per_frame, channels))
     with path.open("rb") as file, np.errstate(invalid="ignore", over="ignore"):
@@ -272,11 +272,25 @@ def _is_missing(points: NDArray[np.number]) -> NDArray[np.bool_]:
     return invalid
 
 
-def _analog_scaling(
-    parameters: Parameters, channels: int, unsigned: bool
+def is_unsigned(parameters: Parameters) -> bool:
+    """Whether integer samples of analog channels have no sign."""
+    return parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
+
+
+def analog_scaling(
+    parameters: Parameters, channels: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Give offset and scale of each analog channel: value = (sample − offset) · scale.
+
+    Raises
+    ------
+    ValueError
+        ANALOG:OFFSET or ANALOG:SCALE has fewer values than there are channels.
+    """
     general = float(next(iter(parameters.numbers("ANALOG", "GEN_SCALE").flat), 1.0))
-    offset = (parameters.integers if unsigned else parameters.numbers)("ANALOG", "OFFSET")
+    offset = (parameters.integers if is_unsigned(parameters) else parameters.numbers)(
+        "ANALOG", "OFFSET"
+    )
     scale = parameters.numbers("ANALOG", "SCALE")
     for name, values in (("OFFSET", offset), ("SCALE", scale)):
         if values.size < channels:

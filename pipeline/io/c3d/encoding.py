@@ -1,13 +1,13 @@
 """Parameters of a C3D file as bytes."""
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.io.c3d.byte_order import BLOCK_BYTES
+from pipeline.io.c3d.byte_order import BLOCK_BYTES, float_bytes, integer_type
 
 Value = str | Sequence[str] | NDArray[np.integer] | NDArray[np.floating]
 Groups = dict[str, dict[str, Value]]
@@ -41,17 +41,14 @@ def parameter_section(groups: Groups, data_block: int) -> bytes:
     ValueError
         A text, a list or the whole section is longer than the format allows.
     """
-    records: list[tuple[int, str, bytes]] = []
-    for identity, (group, members) in enumerate(groups.items(), start=1):
-        records.append((-identity, group, b"\0"))
-        records += [
-            (identity, name, _encoded(f"{group}:{name}", value) + b"\0")
-            for name, value in members.items()
-        ]
-        if group == "POINT":
-            start = _encoded("POINT:DATA_START", np.array([data_block]))
-            records.append((identity, "DATA_START", start + b"\0"))
-    body = b"".join(_record(*record) for record in records)
+    members = {
+        group: values | ({"DATA_START": np.array([data_block])} if group == "POINT" else {})
+        for group, values in groups.items()
+    }
+    body = b"".join(
+        encoded_group(identity, group, values)
+        for identity, (group, values) in enumerate(members.items(), start=1)
+    )
     blocks = -(-(len(body) + 6) // BLOCK_BYTES)
     if blocks > MAX_BLOCKS:
         raise ValueError(
@@ -61,27 +58,68 @@ def parameter_section(groups: Groups, data_block: int) -> bytes:
     return struct.pack("<4B", 1, 0x50, blocks, 84) + body + bytes(2)
 
 
-def _record(identity: int, name: str, content: bytes) -> bytes:
+def encoded_group(
+    identity: int, group: str, members: Mapping[str, Value], byte_order: str = "intel"
+) -> bytes:
+    """Encode a group and its parameters.
+
+    Parameters
+    ----------
+    identity
+        Number of the group, from 1.
+    group
+        Its name.
+    members
+        Parameter -> value.
+    byte_order
+        "intel", "dec" or "sgi".
+
+    Returns
+    -------
+    bytes
+        Records that other records may follow.
+
+    Raises
+    ------
+    ValueError
+        A text or a list is longer than the format allows.
+    """
+    records = [_record(-identity, group, b"\0", byte_order)]
+    for name, value in members.items():
+        content = _encoded(f"{group}:{name}", value, byte_order) + b"\0"
+        records.append(_record(identity, name, content, byte_order))
+    return b"".join(records)
+
+
+def encoded_numbers(values: NDArray[np.number], byte_order: str) -> bytes:
+    """Encode numbers, 4-byte real or 2-byte whole; the first index runs fastest."""
+    if values.dtype.kind == "f":
+        return float_bytes(values.ravel(order="F"), byte_order)
+    return values.astype(integer_type(byte_order, signed=False)).tobytes(order="F")
+
+
+def _record(identity: int, name: str, content: bytes, byte_order: str) -> bytes:
     if len(content) + 2 > MAX_RECORD_BYTES:
         raise ValueError(f"parameter {name} has {len(content)} bytes, more than a C3D file allows")
     label = name.encode("ascii")
+    step = np.array([len(content) + 2])
     return (
         struct.pack("<bb", len(label), identity)
         + label
-        + struct.pack("<h", len(content) + 2)
+        + encoded_numbers(step, byte_order)
         + content
     )
 
 
-def _encoded(name: str, value: Value) -> bytes:
+def _encoded(name: str, value: Value, byte_order: str) -> bytes:
     if isinstance(value, str):
         text = value.encode()
         return struct.pack("<bBB", -1, 1, _dimension(name, len(text))) + text
     if isinstance(value, np.ndarray):
-        kind, numbers = (4, "<f4") if value.dtype.kind == "f" else (2, "<u2")
+        kind = 4 if value.dtype.kind == "f" else 2
         shape = [_dimension(name, n) for n in value.shape]
         head = struct.pack(f"<bB{len(shape)}B", kind, len(shape), *shape)
-        return head + value.astype(numbers).tobytes(order="F")
+        return head + encoded_numbers(value, byte_order)
     texts = [text.encode() for text in value]
     width = max((len(text) for text in texts), default=1) or 1
     head = struct.pack("<bBBB", -1, 2, _dimension(name, width), _dimension(name, len(texts)))

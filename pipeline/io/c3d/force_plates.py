@@ -21,6 +21,65 @@ VOLTS: Final = {"v", "mv", "uv", "volt", "volts", ""}
 
 
 @dataclass(frozen=True, slots=True)
+class PlateLayout:
+    """How a file describes one plate: which channels it has, what they mean, where it lies.
+
+    Attributes
+    ----------
+    number
+        The plate's number in the file, from 1.
+    kind
+        Its TYPE, 1 to 4.
+    channels
+        Indices of the analog channels that it consists of.
+    scale
+        One of each channel in SI units; of TYPE 4, of each component after the matrix, (c,).
+    matrix
+        Calibration matrix of TYPE 4, (6, 6); None for the others.
+    origin
+        From the transducer to the centre of the surface; of TYPE 3 the distances of its sensors,
+        of TYPE 1 zero, (3,) [m].
+    corners
+        Corners of the surface in the file's axes, (4, 3) [m].
+    rotation
+        Orientation of the plate in the file's axes (columns: the plate's axes), (3, 3).
+    """
+
+    number: int
+    kind: int
+    channels: tuple[int, ...]
+    scale: Array
+    matrix: Array | None
+    origin: Array
+    corners: Array
+    rotation: Array
+
+    def wrench(self, channels: Array) -> Array:
+        """Turn samples of the plate's channels into wrenches.
+
+        Parameters
+        ----------
+        channels
+            In the file's units, (N, c).
+
+        Returns
+        -------
+        Array
+            Action on the subject in the plate's axes about the centre of its surface, (N, 6)
+            [N, N·m].
+        """
+        if self.matrix is not None:
+            channels = channels @ self.matrix.T
+        values = channels * self.scale
+        if self.kind == 1:
+            return _from_centre_of_pressure(values)
+        if self.kind == 3:
+            return _from_eight_sensors(values, self.origin)
+        values[:, 3:] += np.cross(values[:, :3], self.origin)
+        return values
+
+
+@dataclass(frozen=True, slots=True)
 class MeasuredPlate:
     """One plate in SI units and the file's axes.
 
@@ -72,7 +131,7 @@ def measured_plates(
     Raises
     ------
     ValueError
-        A plate's type is not 1 to 4, its parameters are incomplete, or a unit is unknown.
+        As `plate_layouts`.
 
     Notes
     -----
@@ -90,6 +149,39 @@ def measured_plates(
     for the centre of pressure is not used, since no centre of pressure is. ezc3d 1.7.2 gives TYPE 1
     moments the opposite sign, against its own free moment.
     """
+    return [
+        MeasuredPlate(
+            plate.channels,
+            plate.wrench(analog[:, plate.channels]),
+            plate.rotation,
+            plate.corners,
+        )
+        for plate in plate_layouts(parameters, names, units)
+    ]
+
+
+def plate_layouts(
+    parameters: Parameters, names: Sequence[str], units: Sequence[str]
+) -> list[PlateLayout]:
+    """Read how a file describes its force plates.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the file.
+    names, units
+        Label and unit of each analog channel as the file writes them.
+
+    Returns
+    -------
+    list[PlateLayout]
+        One per plate, in the file's order.
+
+    Raises
+    ------
+    ValueError
+        A plate's type is not 1 to 4, its parameters are incomplete, or a unit is unknown.
+    """
     used = parameters.integer("FORCE_PLATFORM", "USED", 0)
     types = parameters.integers("FORCE_PLATFORM", "TYPE").ravel()
     if used and len(types) < used:
@@ -98,15 +190,15 @@ def measured_plates(
     plates = []
     for k in range(used):
         try:
-            plates.append(_measured_plate(k, int(types[k]), parameters, analog, labelled))
+            plates.append(_plate_layout(k, int(types[k]), parameters, labelled))
         except ValueError as error:
             raise ValueError(f"force plate {k + 1}: {error}") from error
     return plates
 
 
-def _measured_plate(
-    k: int, kind: int, parameters: Parameters, analog: Array, labelled: list[Channel]
-) -> MeasuredPlate:
+def _plate_layout(
+    k: int, kind: int, parameters: Parameters, labelled: list[Channel]
+) -> PlateLayout:
     if kind not in N_CHANNELS:
         raise ValueError(
             f"plates of TYPE {kind} are not supported, only TYPE 1 to 4: "
@@ -114,20 +206,15 @@ def _measured_plate(
         )
     metre = length_in_m(parameters.text("POINT", "UNITS"))
     corners = _of_plate(parameters, "CORNERS", k, (3, 4)).T * metre
-    channels = tuple(_of_plate(parameters, "CHANNEL", k, (N_CHANNELS[kind],)).astype(int) - 1)
-    if not all(0 <= channel < analog.shape[1] for channel in channels):
-        raise ValueError(f"it uses channels outside the file's {analog.shape[1]} analog channels")
-    raw, sources = analog[:, channels], [labelled[channel] for channel in channels]
-    if kind == 1:
-        wrench = _from_centre_of_pressure(raw, sources)
-    elif kind == 3:
-        wrench = _from_eight_sensors(raw, sources, _origin(parameters, k) * metre)
-    else:
-        if kind == 4:
-            raw = raw @ _of_plate(parameters, "CAL_MATRIX", k, (6, 6)).T
-        wrench = raw * _wrench_scale(sources, parameters, kind)
-        wrench[:, 3:] += np.cross(wrench[:, :3], _origin(parameters, k) * metre)
-    return MeasuredPlate(channels, wrench, plate_axes(corners), corners)
+    numbers = _of_plate(parameters, "CHANNEL", k, (N_CHANNELS[kind],)).astype(int) - 1
+    channels = tuple(numbers.tolist())
+    if not all(0 <= channel < len(labelled) for channel in channels):
+        raise ValueError(f"it uses channels outside the file's {len(labelled)} analog channels")
+    matrix = _of_plate(parameters, "CAL_MATRIX", k, (6, 6)) if kind == 4 else None
+    scale = _scale(kind, [labelled[channel] for channel in channels], parameters)
+    origin = np.zeros(3) if kind == 1 else _origin(parameters, k) * metre
+    rotation = plate_axes(corners)
+    return PlateLayout(k + 1, kind, channels, scale, matrix, origin, corners, rotation)
 
 
 def _of_plate(parameters: Parameters, name: str, k: int, shape: tuple[int, ...]) -> Array:
@@ -173,7 +260,12 @@ def plate_axes(corners: Array) -> Array:
     return np.asarray((axes / np.linalg.norm(axes, axis=1, keepdims=True)).T)
 
 
-def _wrench_scale(sources: list[Channel], parameters: Parameters, kind: int) -> Array:
+def _scale(kind: int, sources: list[Channel], parameters: Parameters) -> Array:
+    if kind == 1:
+        parts = ((force_in_n, slice(3)), (length_in_m, slice(3, 5)), (moment_in_nm, slice(5, 6)))
+        return np.hstack([_scales(convert, sources[part]) for convert, part in parts])
+    if kind == 3:
+        return _scales(force_in_n, sources)
     if kind == 4 and {unit.strip().lower() for _, unit in sources} <= VOLTS:
         force = force_in_n(parameters.text("FORCE_PLATFORM", "UNITS") or "N")
         moment = force * length_in_m(parameters.text("POINT", "UNITS"))
@@ -191,17 +283,16 @@ def _scales(convert: Callable[[str], float], sources: list[Channel]) -> Array:
     return np.array(scales)
 
 
-def _from_centre_of_pressure(raw: Array, sources: list[Channel]) -> Array:
-    parts = ((force_in_n, slice(3)), (length_in_m, slice(3, 5)), (moment_in_nm, slice(5, 6)))
-    raw = raw * np.hstack([_scales(convert, sources[part]) for convert, part in parts])
-    moment = np.cross(np.pad(raw[:, 3:5], ((0, 0), (0, 1))), raw[:, :3])
-    moment[:, 2] += raw[:, 5]
-    return np.hstack([raw[:, :3], moment])
+def _from_centre_of_pressure(values: Array) -> Array:
+    force, centre = values[:, :3], np.pad(values[:, 3:5], ((0, 0), (0, 1)))
+    moment = np.cross(centre, force)
+    moment[:, 2] += values[:, 5]
+    return np.hstack([force, moment])
 
 
-def _from_eight_sensors(raw: Array, sources: list[Channel], origin: Array) -> Array:
-    x12, x34, y14, y23, z1, z2, z3, z4 = (raw * _scales(force_in_n, sources)).T
-    a, b, height = origin
+def _from_eight_sensors(values: Array, distances: Array) -> Array:
+    x12, x34, y14, y23, z1, z2, z3, z4 = values.T
+    a, b, height = distances
     force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
     moment = np.column_stack(
         [b * (z1 + z2 - z3 - z4), a * (z2 + z3 - z1 - z4), b * (x34 - x12) + a * (y14 - y23)]

@@ -1,4 +1,4 @@
-"""Points of a C3D file: markers, or outputs of another program; of which subject."""
+"""Labels of a C3D file: points, which are markers or outputs of another program; channels."""
 
 import re
 from collections import Counter
@@ -114,6 +114,14 @@ def sort_labels(
     if outputs:
         notes.append(Note.of("model_outputs_set_aside", points=len(outputs)))
     return PointLabels(markers, outputs, subject or next(iter(subjects), ""), tuple(notes))
+
+
+def channel_labels(parameters: Parameters, count: int) -> tuple[list[str], list[str]]:
+    """Give label and unit of each analog channel; a number and nothing where there are none."""
+    names = parameters.texts("ANALOG", "LABELS")[:count]
+    units = parameters.texts("ANALOG", "UNITS")[:count]
+    names += [f"channel_{k + 1}" for k in range(len(names), count)]
+    return names, units + [""] * (count - len(units))
 
 
 def _labels(parameters: Parameters, n_points: int) -> tuple[list[str], list[Note]]:

@@ -20,7 +20,7 @@ from pipeline.io.axes import parse_axes, settle_axes
 from pipeline.io.c3d.data import Samples, read_samples
 from pipeline.io.c3d.force_plates import MeasuredPlate, measured_plates
 from pipeline.io.c3d.header import Header, read_header
-from pipeline.io.c3d.labels import PointLabels, sort_labels
+from pipeline.io.c3d.labels import PointLabels, channel_labels, sort_labels
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.recording import Analog, Event, Metadata, Plate, Recording
 from pipeline.io.units import check_span, length_in_m
@@ -117,7 +117,7 @@ def _read(
     labels = sort_labels(parameters, header.n_points, subject=subject, rename=rename)
     unit = parameters.text("POINT", "UNITS")
     metre = length_in_m(unit)
-    names, units = _channels(parameters, samples.analog.shape[1])
+    names, units = channel_labels(parameters, samples.analog.shape[1])
     measured = measured_plates(parameters, samples.analog, names, units)
 
     position = samples.points[:, list(labels.markers.values())] * metre
@@ -162,13 +162,6 @@ def _plate(number: int, plate: MeasuredPlate, time: Array, to_lab: Array) -> Pla
         center=corners.mean(axis=0),
         corners=corners,
     )
-
-
-def _channels(parameters: Parameters, count: int) -> tuple[list[str], list[str]]:
-    names = parameters.texts("ANALOG", "LABELS")[:count]
-    units = parameters.texts("ANALOG", "UNITS")[:count]
-    names += [f"channel_{k + 1}" for k in range(len(names), count)]
-    return names, units + [""] * (count - len(units))
 
 
 def _other_channels(
