@@ -4,12 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, read_only, transform_wrench
+
+PlateFrame = Literal["recorded", "plate", "lab"]
+"""Where the plates of a file with compensated plates are; see `Compensation`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +166,40 @@ left_ankle_width_m, right_ankle_width_m
 
 
 @dataclass(frozen=True, slots=True)
+class Compensation:
+    """What was subtracted from the plates of a file after it had been recorded.
+
+    Attributes
+    ----------
+    software
+        Program and version that did it.
+    plates
+        Numbers of the plates, from 1.
+    calibration, calibration_sha256
+        Name and SHA-256 of the calibration of the moving platform; empty without one.
+    belts, belts_sha256
+        The same of the calibration of the belts.
+    cutoff_hz
+        Cut-off of the calibration's low-pass [Hz]: up to it the compensation is valid.
+    filter
+        Which low-pass plates and prediction went through before one was subtracted from the other.
+    frame
+        "recorded": wrenches in the plates' own moving frame, corners as recorded; "plate": corners
+        in the mean pose of the platform; "lab": wrenches turned into the lab, corners as recorded.
+    """
+
+    software: str
+    plates: tuple[int, ...]
+    calibration: str = ""
+    calibration_sha256: str = ""
+    belts: str = ""
+    belts_sha256: str = ""
+    cutoff_hz: float | None = None
+    filter: str = "none"
+    frame: PlateFrame = "recorded"
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
     """One trial as recorded, in SI units and lab axes (X forward, Y left, Z up).
 
@@ -184,6 +222,8 @@ class Recording:
     model_outputs
         Angles, moments and powers that another program stored in the file: name -> (T, 3) in the
         file's own units.
+    compensation
+        What was subtracted from its plates before; None where they are as measured.
     notes
         What was inferred or changed on reading: axes, units, names.
 
@@ -204,6 +244,7 @@ class Recording:
     first_frame: int = 1
     metadata: Metadata = field(default_factory=Metadata)
     model_outputs: Mapping[str, Array] = field(default_factory=dict)
+    compensation: Compensation | None = None
     notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:

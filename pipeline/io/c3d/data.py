@@ -84,11 +84,7 @@ def read_samples(
         )
     if n_points == 0 and channels == 0:
         raise ValueError("the file holds neither points nor analog channels")
-    rate = float(next(iter(parameters.numbers("POINT", "RATE").flat), header.rate_hz))
-    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
-        raise ValueError(
-            f"the frame rate is {rate:g} Hz, expected {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
-        )
+    rate = frame_rate_hz(header, parameters)
     _check_scale(header, parameters)
     unsigned = is_unsigned(parameters)
     frames = count_frames(path, header, parameters)
@@ -270,6 +266,16 @@ def _is_missing(points: NDArray[np.number]) -> NDArray[np.bool_]:
     invalid |= ~position.any(axis=-1)
     invalid |= ~np.greater_equal(residual, 0)
     return invalid
+
+
+def frame_rate_hz(header: Header, parameters: Parameters) -> float:
+    """Give the frame rate [Hz]; a ValueError where no camera has it."""
+    rate = float(next(iter(parameters.numbers("POINT", "RATE").flat), header.rate_hz))
+    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+        raise ValueError(
+            f"the frame rate is {rate:g} Hz, expected {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
+        )
+    return rate
 
 
 def is_unsigned(parameters: Parameters) -> bool:

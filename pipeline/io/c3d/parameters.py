@@ -104,7 +104,7 @@ def parse_parameters(section: bytes, byte_order: str) -> Parameters:
             names[-record.identity] = record.name
         elif record.identity > 0:
             try:
-                values = _parse_values(section, record.pointer + 2, byte_order)
+                values = _parse_values(section, record, byte_order)
             except (struct.error, IndexError, ValueError) as error:
                 raise ValueError(_broken(record.start, str(error))) from error
             members.append((record.identity, record.name, values))
@@ -159,16 +159,46 @@ def _broken(start: int, reason: str) -> str:
     return f"the parameter section is broken {start + 4} bytes after its start: {reason}"
 
 
-def _parse_values(section: bytes, position: int, byte_order: str) -> Values:
-    kind, n_dimensions = struct.unpack_from("bB", section, position)
+def values_of(section: bytes, record: Record) -> tuple[int, list[int], slice]:
+    """Find the values of a parameter.
+
+    Parameters
+    ----------
+    section
+        The section without its first four bytes.
+    record
+        The parameter.
+
+    Returns
+    -------
+    kind
+        -1 for text, otherwise the bytes of a number: 4 of a real one, 1 or 2 of a whole one.
+    shape
+        The dimensions; of text, the first one is the number of characters.
+    values
+        Where they are in the section.
+
+    Raises
+    ------
+    ValueError
+        They reach beyond the section, or are of a type that the format does not have.
+    """
+    start = record.pointer + 2
+    kind, n_dimensions = struct.unpack_from("bB", section, start)
     if kind not in (-1, 1, 2, 4) or n_dimensions > 7:
         raise ValueError(f"a parameter of unknown type {kind} with {n_dimensions} dimensions")
-    shape = list(section[position + 2 : position + 2 + n_dimensions])
+    shape = list(section[start + 2 : start + 2 + n_dimensions])
     count = int(np.prod(shape, dtype=object)) if shape else 1
-    start = position + 2 + n_dimensions
-    data = section[start : start + count * abs(kind)]
-    if len(shape) < n_dimensions or len(data) < count * abs(kind):
+    start += 2 + n_dimensions
+    stop = start + count * abs(kind)
+    if len(shape) < n_dimensions or stop > len(section):
         raise ValueError("a parameter reaches beyond the end of the section")
+    return kind, shape, slice(start, stop)
+
+
+def _parse_values(section: bytes, record: Record, byte_order: str) -> Values:
+    kind, shape, where = values_of(section, record)
+    data = section[where]
     if kind == -1:
         width, *rows = shape or [1]
         n_texts = int(np.prod(rows, dtype=object))
