@@ -26,7 +26,14 @@ if TYPE_CHECKING:
     from compensation.inertia.fit import fit_inertia, sensor_noise_of
     from compensation.inertia.model import InertiaModel, Setup
     from compensation.platform.markers import PoseFit, check_pose, fit_pose, neutral_markers
-    from compensation.platform.pose import PlatformPose, commanded_pose, pose_delay, specific_force
+    from compensation.platform.pose import (
+        PlatformPose,
+        commanded_pose,
+        interpolate_pose,
+        mean_pose,
+        pose_delay,
+        specific_force,
+    )
     from compensation.platform.wrench import (
         center_of_pressure,
         free_moment,
@@ -86,6 +93,8 @@ _HOME = {
     "neutral_markers": "compensation.platform.markers",
     "PlatformPose": "compensation.platform.pose",
     "commanded_pose": "compensation.platform.pose",
+    "interpolate_pose": "compensation.platform.pose",
+    "mean_pose": "compensation.platform.pose",
     "pose_delay": "compensation.platform.pose",
     "specific_force": "compensation.platform.pose",
     "center_of_pressure": "compensation.platform.wrench",
@@ -140,10 +149,12 @@ __all__ = [
     "free_moment",
     "from_json",
     "hammer_delay",
+    "interpolate_pose",
     "linearity",
     "low_pass",
     "marker_plate_delay",
     "mean_by_level",
+    "mean_pose",
     "moment_error_of_pivot",
     "neutral_markers",
     "pitch_and_sway_signals",

@@ -8,10 +8,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from compensation.alignment.delay import Delay, estimate_delay
 from compensation.inputs import read_rate, read_signal, refuse_gaps, refuse_unequal
-from hbm.spatial import GRAVITY_MPS2, Array, read_only, rotation_about
+from hbm.signals.resampling import interpolate
+from hbm.spatial import GRAVITY_MPS2, Array, fit_rotation, read_only, rotation_about
 
 LEFT: Final = read_only([0.0, 1.0, 0.0])
 """The lab's left axis, along which the platform sways and about which it pitches."""
@@ -213,6 +215,82 @@ def specific_force(pose: PlatformPose, rate_hz: float) -> Array:
     cross = back @ _derivative(pose.rotation, rate)  # [ω]×
     omega = np.stack([cross[:, 2, 1], cross[:, 0, 2], cross[:, 1, 0]], axis=1)
     return np.hstack([force, _derivative(omega, rate)])
+
+
+def interpolate_pose(pose: PlatformPose, time: ArrayLike, at: ArrayLike) -> PlatformPose:
+    """Give the pose at other times, such as those of the plates.
+
+    Parameters
+    ----------
+    pose
+        The platform's pose; gaps are NaN.
+    time
+        Its times, (T,) [s].
+    at
+        Wanted times, (N,) [s].
+
+    Returns
+    -------
+    PlatformPose
+        By cubic splines through positions and rotation vectors; NaN inside gaps and outside the
+        recorded time.
+
+    Raises
+    ------
+    ValueError
+        Fewer than 4 samples, or times that do not fit the pose.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> time = np.arange(0, 1, 0.1)
+    >>> pose = commanded_pose(0.1 * time, 0.2 * time, [0, 0, 0])
+    >>> between = interpolate_pose(pose, time, [0.25])
+    >>> print(between.pitch.round(6), between.position.round(6) + 0.0)
+    [0.05] [[0.    0.025 0.   ]]
+    """
+    known = np.asarray(np.isfinite(pose.position).all(axis=1))
+    vectors = np.full((len(pose.position), 6), np.nan)
+    vectors[known, :3] = Rotation.from_matrix(pose.rotation[known]).as_rotvec()
+    vectors[:, 3:] = pose.position
+    wanted = interpolate(time, vectors, at)
+    found = np.asarray(np.isfinite(wanted).all(axis=1))
+    rotation = np.full((len(wanted), 3, 3), np.nan)
+    rotation[found] = Rotation.from_rotvec(wanted[found, :3]).as_matrix()
+    return PlatformPose(rotation, np.where(found[:, None], wanted[:, 3:], np.nan))
+
+
+def mean_pose(pose: PlatformPose) -> PlatformPose:
+    """Give the mean of a pose over time.
+
+    Parameters
+    ----------
+    pose
+        The platform's pose; gaps are NaN and do not count.
+
+    Returns
+    -------
+    PlatformPose
+        One pose: the mean position, and the rotation nearest to the mean of the rotations.
+
+    Raises
+    ------
+    ValueError
+        The pose is nowhere known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> pose = commanded_pose([0.0, 0.1], np.radians([8, 12]), [0, 0, 0])
+    >>> mean = mean_pose(pose)
+    >>> print(np.degrees(mean.pitch).round(6), mean.position.round(6) + 0.0)
+    [10.] [[0.   0.05 0.  ]]
+    """
+    known = np.isfinite(pose.position).all(axis=1)
+    if not known.any():
+        raise ValueError("the platform's pose is nowhere known")
+    rotation = fit_rotation(pose.rotation[known].mean(axis=0))
+    return PlatformPose(rotation[None], pose.position[known].mean(axis=0)[None])
 
 
 def _derivative(values: Array, rate: float) -> Array:

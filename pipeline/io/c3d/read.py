@@ -17,12 +17,13 @@ from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
 from pipeline.io.axes import parse_axes, settle_axes
+from pipeline.io.c3d.compensation import read_compensation
 from pipeline.io.c3d.data import Samples, read_samples
 from pipeline.io.c3d.force_plates import MeasuredPlate, measured_plates
 from pipeline.io.c3d.header import Header, read_header
 from pipeline.io.c3d.labels import PointLabels, channel_labels, sort_labels
 from pipeline.io.c3d.parameters import Parameters
-from pipeline.io.recording import Analog, Event, Metadata, Plate, Recording
+from pipeline.io.recording import Analog, Compensation, Event, Metadata, Plate, Recording
 from pipeline.io.units import check_span, length_in_m
 
 EVENT_LABELS: Final = {
@@ -134,6 +135,7 @@ def _read(
     time = np.arange(len(position)) / samples.rate_hz
     analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
     events, event_notes = _events(header, parameters, samples.rate_hz)
+    compensation = read_compensation(parameters)
     return Recording(
         source=path,
         markers=Markers(time, tuple(labels.markers), position @ to_lab.T),
@@ -143,11 +145,13 @@ def _read(
         first_frame=_first_frame(header, parameters),
         metadata=_metadata(parameters, labels),
         model_outputs={name: samples.points[:, k] for name, k in labels.outputs.items()},
+        compensation=compensation,
         notes=(
             *axes_notes,
             *labels.notes,
             *event_notes,
             *_plate_notes(parameters, measured),
+            *_compensation_notes(compensation),
         ),
     )
 
@@ -242,3 +246,16 @@ def _plate_notes(parameters: Parameters, plates: list[MeasuredPlate]) -> list[No
     if plates and zero.size == 2 and 0 < zero[0] < zero[1]:
         return [Note.of("plate_baseline_not_subtracted", first=zero[0], last=zero[1])]
     return []
+
+
+def _compensation_notes(done: Compensation | None) -> list[Note]:
+    if done is None:
+        return []
+    return [
+        Note.of(
+            "plates_compensated_before",
+            software=done.software,
+            calibrations=tuple(filter(None, (done.calibration, done.belts))),
+            frame="moving plates" if done.frame == "recorded" else "lab",
+        )
+    ]

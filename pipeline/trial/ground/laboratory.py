@@ -61,6 +61,37 @@ def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaMo
     return [known[plate] for plate in wanted]
 
 
+def require_uncompensated(recording: Recording, laboratory: Laboratory) -> None:
+    """Refuse to subtract a second time what is already subtracted from a file's plates.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    laboratory
+        The treadmill and its calibrations.
+
+    Raises
+    ------
+    ValueError
+        If the file's plates are compensated and the laboratory has a calibration, or if they are in
+        the lab and the laboratory has a moving platform.
+    """
+    done, file = recording.compensation, recording.source.name
+    if done is None:
+        return
+    if laboratory.calibration is not None or laboratory.belts:
+        raise ValueError(
+            f"{file}: its plates are compensated already, by {done.software}; leave the "
+            "calibration out, or give the original recording"
+        )
+    if done.frame != "recorded" and laboratory.treadmill.platform is not None:
+        raise ValueError(
+            f"{file}: {done.software} has brought its plates to the lab (--frame {done.frame}); "
+            "leave the platform's markers or channels out, or give the original recording"
+        )
+
+
 def read_laboratory(file: Path, platform_markers: tuple[str, ...], axes: str | None) -> Laboratory:
     """Give the laboratory that a calibration file describes.
 

@@ -9,8 +9,6 @@ import numpy as np
 from compensation import (
     InertiaModel,
     PlatformPose,
-    check_calibration,
-    check_trial,
     moment_error_of_pivot,
     to_lab,
 )
@@ -19,9 +17,10 @@ from hbm.signals.resampling import resample
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import setup_of
-from pipeline.trial.ground.laboratory import Laboratory, plate_models
+from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 
 ASSUMED_PIVOT_ERROR_M: Final = 0.01
@@ -81,8 +80,10 @@ def ground_wrenches(
     Raises
     ------
     ValueError
-        If the calibration does not fit the trial, or a channel or platform marker is missing.
+        If the calibration does not fit the trial, a channel or platform marker is missing, or the
+        file's plates are compensated already.
     """
+    require_uncompensated(recording, laboratory)
     plates, treadmill = recording.plates, laboratory.treadmill
     measured = [resample(p.time, p.wrench_in_plate, time + plate_delay_s) for p in plates]
     notes = [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
@@ -133,13 +134,7 @@ def _without_inertia(
         wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
         wrench = resample(plate.time, wrench, plate_time)
         compensated.append(_compensated(model, acceleration, wrench))
-    notes = [
-        note
-        for plate, model in zip(plates, models, strict=True)
-        for note in check_calibration(model, f"plate {plate.number}")
-    ]
-    known = readings[np.isfinite(readings).all(axis=1)]
-    notes += check_trial(models[0], known, treadmill.accelerometer_range_g)
+    notes = compensation_doubts(plates, models, readings, treadmill)
     notes.append(
         Note.of(
             "plates_compensated",

@@ -120,7 +120,7 @@ class PlateFile:
     def _section(self, step, channels, data_block):
         first, count = self.spare_channels, len(UNITS[self.kind])
         numbers = 1 + first + np.arange(count * self.plates).reshape(self.plates, count)
-        corners = [CORNERS_MM + [0, 500 * k, 0] for k in range(self.plates)]
+        corners = [CORNERS_MM + np.array([0, 500 * k, 0]) for k in range(self.plates)]
         plates = {
             "USED": [self.plates],
             "TYPE": [self.kind] * self.plates,

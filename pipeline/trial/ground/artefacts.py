@@ -1,0 +1,105 @@
+"""What a moving treadmill adds to its plates, at the plates' own samples and unfiltered.
+
+The prediction is linear in the accelerations, so that a low-pass that is applied to the difference
+afterwards does the same as one on plates and accelerations before: up to the calibration's cut-off
+nothing is lost by leaving both unfiltered.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from compensation import InertiaModel, check_calibration, check_trial
+from hbm.notes import Note
+from hbm.signals.resampling import resample
+from hbm.spatial import Array
+from pipeline.config.schema import Treadmill
+from pipeline.io.recording import Plate, Recording
+from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.belts import belt_wrenches
+from pipeline.trial.ground.laboratory import Laboratory, plate_models
+
+MAX_HELD_S: Final = 0.5
+"""At either end, over which the nearest prediction is used: no delay is longer."""
+MIN_NOTED_S: Final = 0.02
+"""Two samples of the belts' model, which ends with its last whole interval."""
+
+
+def plate_artefacts(
+    recording: Recording, laboratory: Laboratory
+) -> tuple[list[Array], tuple[Note, ...]]:
+    """Predict what the platform's motion and accelerating belts add to each plate.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    laboratory
+        The treadmill with the calibration of its platform, its belts, or both.
+
+    Returns
+    -------
+    artefacts
+        Per plate at its own samples, in its own moving frame about the centre of its surface,
+        (N, 6) [N, N·m]. The accelerations are not low-passed; those of the belts are, as their
+        model requires.
+    notes
+        What is doubtful about calibration and trial, and where a prediction was held.
+
+    Raises
+    ------
+    ValueError
+        The calibration does not fit the trial, a channel is missing, or the prediction is unknown
+        within the trial or for more than 0.5 s at one of its ends.
+    """
+    plates, treadmill = recording.plates, laboratory.treadmill
+    artefacts = [np.zeros((len(plate.time), 6)) for plate in plates]
+    notes: list[Note] = []
+    if laboratory.calibration is not None:
+        clock, readings = accelerations(recording, treadmill)
+        models = plate_models(recording, laboratory)
+        for artefact, plate, model in zip(artefacts, plates, models, strict=True):
+            felt = resample(clock, readings, plate.time + treadmill.accelerometer_delay_s)
+            artefact += model.predict(_held(felt, recording, plate, "acceleration", notes))
+        notes += compensation_doubts(plates, models, readings, treadmill)
+    if laboratory.belts and treadmill.belt is not None:
+        added = belt_wrenches(recording, laboratory.belts, treadmill.belt, plates[0].time)
+        for artefact, plate, wrench in zip(artefacts, plates, added, strict=True):
+            artefact += _held(wrench, recording, plate, "belt acceleration", notes)
+    return artefacts, tuple(notes)
+
+
+def compensation_doubts(
+    plates: tuple[Plate, ...], models: list[InertiaModel], readings: Array, treadmill: Treadmill
+) -> list[Note]:
+    """Find what is doubtful about a calibration and about a trial's accelerations (N, k)."""
+    doubts = [
+        note
+        for plate, model in zip(plates, models, strict=True)
+        for note in check_calibration(model, f"plate {plate.number}")
+    ]
+    known = readings[np.isfinite(readings).all(axis=1)]
+    return [*doubts, *check_trial(models[0], known, treadmill.accelerometer_range_g)]
+
+
+def _held(values: Array, recording: Recording, plate: Plate, what: str, notes: list[Note]) -> Array:
+    """Fill unknown samples (N, k) at either end with the nearest known one; refuse others."""
+    file, time = recording.source.name, plate.time
+    known = np.isfinite(values).all(axis=1)
+    if not known.any():
+        raise ValueError(f"{file}: the {what} is nowhere known while the plates are recorded")
+    first, last = np.flatnonzero(known)[[0, -1]]
+    unknown = np.flatnonzero(~known)
+    if len(inside := unknown[(unknown > first) & (unknown < last)]):
+        at = time[inside[0]]
+        raise ValueError(f"{file}: the {what} has a gap at {at:.3f} s: plates cannot have one")
+    missing_s = float(max(time[first] - time[0], time[-1] - time[last]))
+    if missing_s > MAX_HELD_S:
+        raise ValueError(
+            f"{file}: the {what} is unknown for {missing_s:.2f} s at one end of the plates' "
+            f"recording, expected at most {MAX_HELD_S:g} s"
+        )
+    note = Note.of("compensation_held", missing_s=missing_s)
+    if missing_s > MIN_NOTED_S and note not in notes:
+        notes.append(note)
+    return values[np.clip(np.arange(len(values)), first, last)]
