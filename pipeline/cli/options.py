@@ -31,7 +31,7 @@ StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and su
 ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote.")]
 
 
-def takes_trial_request(command: Callable[..., None]) -> Callable[..., None]:
+def takes_trial_request(command: Callable[..., int | None]) -> Callable[..., int | None]:
     """Give a command the options that a `TrialRequest` is made of.
 
     Parameters
@@ -48,9 +48,9 @@ def takes_trial_request(command: Callable[..., None]) -> Callable[..., None]:
     parameters = [*_parameters(TrialRequest), *own]
 
     @wraps(command)
-    def typed(**options: Any) -> None:
+    def typed(**options: Any) -> int | None:
         request = TrialRequest(**{f.name: options.pop(f.name) for f in fields(TrialRequest)})
-        command(request, **options)
+        return command(request, **options)
 
     typed.__annotations__ = {p.name: p.annotation for p in parameters}
     vars(typed)["__signature__"] = signature(command).replace(parameters=parameters)

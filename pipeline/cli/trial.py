@@ -65,34 +65,58 @@ def export(
     ] = None,
     subject: Annotated[str, typer.Option(help="BIDS label of the subject.")] = "01",
     task: Annotated[str, typer.Option(help="BIDS label of the task.")] = "walk",
-) -> None:
-    """Write the body as OpenSim or URDF model, results as OpenSim tables, a trial as BIDS.
+    c3d: Annotated[
+        bool,
+        typer.Option("--c3d", help="Write the C3D file again with compensated plates, to --out."),
+    ] = False,
+    frame: Annotated[
+        Literal["plate", "lab"] | None,
+        typer.Option(
+            help="Of --c3d on a moving platform: corners in its mean pose (plate), or wrenches "
+            "turned into the lab (lab); default: only the plates' samples change."
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the files of --c3d.")] = None,
+) -> int:
+    """Write the body as OpenSim or URDF model, results as OpenSim tables, a trial as BIDS or C3D.
 
     TRIAL may be a result, RESULTS/trials/*.parquet: it is exported as it is, not processed again.
+    With --c3d, TRIAL may be a study's folder: the recordings of all its trials are written.
     """
     from hbm.notes import warnings_first
+    from pipeline.cli.compensated import export_study, export_trial
     from pipeline.cli.terminal import note_line, plain_console
     from pipeline.export.bids import write_bids
     from pipeline.export.trial import write_models, write_tables
     from pipeline.run.one_trial import process_request, read_requested
     from pipeline.run.store import read_trial
 
-    if not (osim or urdf or tables or bids):
+    models = osim or urdf or tables
+    if not (models or bids or c3d):
         raise ValueError(
-            "nothing to export; name --osim FILE, --urdf FILE, --tables DIR or --bids DIR"
+            "nothing to export; name --osim FILE, --urdf FILE, --tables DIR, --bids DIR or "
+            "--c3d --out DIR"
         )
+    folder = _folder_of_c3d(c3d, out, frame)
+    if folder and request.trial.is_dir():
+        _require_no_options(request, "a study, whose files state everything")
+        if models or bids:
+            raise ValueError("of a whole study only --c3d is exported; leave the others out")
+        return export_study(request.trial, folder, frame)
     processed = request.trial.suffix == RESULT
     if processed:
-        _require_no_options(request)
-    if processed and bids:
+        _require_no_options(request, "a result that has been processed already")
+    if processed and (bids or c3d):
         raise ValueError(
-            f"{request.trial.name} is a result; BIDS holds what was recorded: "
-            "give the recording instead"
+            f"{request.trial.name} is a result; {'BIDS' if bids else 'C3D'} holds what was "
+            "recorded: give the recording instead"
         )
     console, written = plain_console(), []
+    if folder:
+        written.append(export_trial(request, folder, frame))
     if bids:
         written += write_bids(read_requested(request), bids, subject, task)
-    if osim or urdf or tables:
+    if models:
         result = read_trial(request.trial) if processed else process_request(request)
         written += write_models(result, osim=osim, urdf=urdf)
         if tables:
@@ -102,10 +126,23 @@ def export(
         for note in warnings_first(result.notes):
             console.print(note_line(note), soft_wrap=True)
     console.print("written: " + ", ".join(map(str, written)), soft_wrap=True)
+    return 0
 
 
-def _require_no_options(request: TrialRequest) -> None:
-    """Refuse options of a trial that has been processed already."""
+def _folder_of_c3d(c3d: bool, out: Path | None, frame: str | None) -> Path | None:
+    """Give the folder for C3D files; None where none are wanted."""
+    if not c3d:
+        if out or frame:
+            raise ValueError(f"{'--out' if out else '--frame'} goes with --c3d")
+        return None
+    if out is None:
+        raise ValueError("--c3d needs a folder for its files: name --out DIR")
+    _require_folder(out)
+    return out
+
+
+def _require_no_options(request: TrialRequest, what: str) -> None:
+    """Refuse options of a trial where they can have no effect."""
     given = [
         f"--{field.name.replace('_', '-')}"
         for field in fields(request)
@@ -113,8 +150,8 @@ def _require_no_options(request: TrialRequest) -> None:
     ]
     if given:
         raise ValueError(
-            f"{request.trial.name} is a result that has been processed already; leave out "
-            f"{', '.join(given)}, or give the recording instead"
+            f"{request.trial.name} is {what}; leave out {', '.join(given)}, or give the recording "
+            "instead"
         )
 
 

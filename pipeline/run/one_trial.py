@@ -56,7 +56,7 @@ def process_request(
             hip_trial=_read(request, request.hip_trial),
             segments=read_segments(request.segments) if request.segments else None,
             marker_set=marker_set,
-            laboratory=_laboratory(request),
+            laboratory=requested_laboratory(request),
         )
     except ValueError as error:
         if request.trial.name not in str(error):
@@ -80,7 +80,8 @@ def _own_marker_set(name: str | None) -> MarkerSet | None:
     return read_marker_set(Path(name).read_text(encoding="utf-8-sig"), Path(name).stem)
 
 
-def _laboratory(request: TrialRequest) -> Laboratory:
+def requested_laboratory(request: TrialRequest) -> Laboratory:
+    """Read the treadmill that a request describes: its calibration and platform markers."""
     markers = tuple(filter(None, map(str.strip, request.platform_markers.split(","))))
     if request.calibration is not None:
         return read_laboratory(request.calibration, markers, request.axes)

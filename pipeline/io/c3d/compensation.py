@@ -46,10 +46,11 @@ def read_compensation(parameters: Parameters) -> Compensation | None:
         return None
     texts = {attribute: parameters.text(GROUP, name) for name, attribute in TEXTS.items()}
     frames: tuple[PlateFrame, ...] = get_args(PlateFrame)
-    frame = next((known for known in frames if known == texts.pop("frame")), None)
+    stated = texts.pop("frame")
+    frame = next((known for known in frames if known == stated), None)
     if frame is None:
         raise ValueError(
-            f"{GROUP}:FRAME is {parameters.text(GROUP, 'FRAME')!r}, expected one of "
+            f"{GROUP}:FRAME is {stated!r}, expected one of "
             f"{', '.join(frames)}; another version of this program wrote it"
         )
     plates = tuple(parameters.integers(GROUP, "PLATES").ravel().tolist())

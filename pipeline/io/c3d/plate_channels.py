@@ -70,6 +70,6 @@ def _centre_of_pressure_change(plate: PlateLayout, channels: Array, wrench_chang
         wanted = np.column_stack([fx, fy, fz, x, y, mz - (x * fy - y * fx)])
         change = wanted / plate.scale - channels
     reach = np.linalg.norm(plate.corners - plate.corners.mean(axis=0), axis=1).max()
-    change[~(np.hypot(x, y) <= reach)] = np.nan
+    change[~(np.hypot(x, y) <= reach), 3:] = np.nan
     change[~wrench_change.any(axis=1)] = 0
     return change

@@ -57,7 +57,8 @@ def rewrite_plates(
     compensation
         What was done; becomes a parameter group.
     corners
-        Per plate, new corners of its surface in the file's axes, (4, 3) [m]; none to keep them.
+        Per plate, new corners of its surface, in the plate's axes about the centre of its surface
+        as they are in ``original``, (4, 3) [m]; none to keep them.
 
     Returns
     -------
@@ -105,7 +106,7 @@ def _rewrite(
         with original.open("rb") as source, temporary.open("wb") as copy:
             head = source.read(parameter_start)
             section = source.read(data_start - parameter_start)
-            section = _changed_section(section, header, parameters, compensation, corners)
+            section = _changed_section(section, samples, parameters, compensation, corners)
             copy.write(_moved(head, header, len(section) // BLOCK_BYTES) + section)
             for start in range(0, frames, FRAMES_PER_SLICE):
                 count = min(FRAMES_PER_SLICE, frames - start)
@@ -148,13 +149,13 @@ def _moved(head: bytes, header: Header, parameter_blocks: int) -> bytes:
 
 def _changed_section(
     section: bytes,
-    header: Header,
+    samples: PlateSamples,
     parameters: Parameters,
     compensation: Compensation,
     corners: Sequence[Array],
 ) -> bytes:
     """Give the parameter section with the group, the data's new start and new corners."""
-    order, length = header.byte_order, len(section)
+    order, length = samples.header.byte_order, len(section)
     section = with_group(section, order, GROUP, compensation_group(compensation))
     moved = (len(section) - length) // BLOCK_BYTES
     for group, name in MOVED if moved else ():
@@ -164,7 +165,8 @@ def _changed_section(
         metre = length_in_m(parameters.text("POINT", "UNITS"))
         values = parameters.numbers("FORCE_PLATFORM", "CORNERS")
         by_plate = values if values.ndim == 3 else values[..., np.newaxis]
-        for k, of_plate in enumerate(corners):
-            by_plate[:3, :4, k] = of_plate.T / metre
+        for k, (plate, moved_corners) in enumerate(zip(samples.plates, corners, strict=True)):
+            in_file = moved_corners @ plate.rotation.T + plate.corners.mean(axis=0)
+            by_plate[:3, :4, k] = in_file.T / metre
         section = with_values(section, order, "FORCE_PLATFORM", "CORNERS", values)
     return section

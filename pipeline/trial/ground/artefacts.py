@@ -17,10 +17,9 @@ from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.belts import belt_wrenches
+from pipeline.trial.ground.ends import hold_ends
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
-MAX_HELD_S: Final = 0.5
-"""At either end, over which the nearest prediction is used: no delay is longer."""
 MIN_NOTED_S: Final = 0.02
 """Two samples of the belts' model, which ends with its last whole interval."""
 
@@ -60,12 +59,12 @@ def plate_artefacts(
         models = plate_models(recording, laboratory)
         for artefact, plate, model in zip(artefacts, plates, models, strict=True):
             felt = resample(clock, readings, plate.time + treadmill.accelerometer_delay_s)
-            artefact += model.predict(_held(felt, recording, plate, "acceleration", notes))
+            artefact += model.predict(_held(felt, recording, plate, "the acceleration", notes))
         notes += compensation_doubts(plates, models, readings, treadmill)
     if laboratory.belts and treadmill.belt is not None:
         added = belt_wrenches(recording, laboratory.belts, treadmill.belt, plates[0].time)
         for artefact, plate, wrench in zip(artefacts, plates, added, strict=True):
-            artefact += _held(wrench, recording, plate, "belt acceleration", notes)
+            artefact += _held(wrench, recording, plate, "the belts' acceleration", notes)
     return artefacts, tuple(notes)
 
 
@@ -83,23 +82,11 @@ def compensation_doubts(
 
 
 def _held(values: Array, recording: Recording, plate: Plate, what: str, notes: list[Note]) -> Array:
-    """Fill unknown samples (N, k) at either end with the nearest known one; refuse others."""
-    file, time = recording.source.name, plate.time
-    known = np.isfinite(values).all(axis=1)
-    if not known.any():
-        raise ValueError(f"{file}: the {what} is nowhere known while the plates are recorded")
-    first, last = np.flatnonzero(known)[[0, -1]]
-    unknown = np.flatnonzero(~known)
-    if len(inside := unknown[(unknown > first) & (unknown < last)]):
-        at = time[inside[0]]
-        raise ValueError(f"{file}: the {what} has a gap at {at:.3f} s: plates cannot have one")
-    missing_s = float(max(time[first] - time[0], time[-1] - time[last]))
-    if missing_s > MAX_HELD_S:
-        raise ValueError(
-            f"{file}: the {what} is unknown for {missing_s:.2f} s at one end of the plates' "
-            f"recording, expected at most {MAX_HELD_S:g} s"
-        )
-    note = Note.of("compensation_held", missing_s=missing_s)
-    if missing_s > MIN_NOTED_S and note not in notes:
+    try:
+        held, held_s = hold_ends(plate.time, values, what)
+    except ValueError as error:
+        raise ValueError(f"{recording.source.name}: {error}") from error
+    note = Note.of("compensation_held", held_s=held_s)
+    if held_s > MIN_NOTED_S and note not in notes:
         notes.append(note)
-    return values[np.clip(np.arange(len(values)), first, last)]
+    return held

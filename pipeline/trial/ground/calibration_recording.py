@@ -154,8 +154,18 @@ def read_empty(path: Path, axes: str | None) -> Recording:
     Raises
     ------
     ValueError, OSError
-        If the file cannot be read.
+        If the file cannot be read, or what is to be calibrated is subtracted from its plates.
     """
+    recording = _read_with_any_axes(path, axes)
+    if recording.compensation is not None:
+        raise ValueError(
+            f"{path.name}: its plates are compensated, by {recording.compensation.software}; a "
+            "calibration needs the original recording"
+        )
+    return recording
+
+
+def _read_with_any_axes(path: Path, axes: str | None) -> Recording:
     if axes is not None:
         return read_recording(path, axes)
     try:

@@ -1,17 +1,27 @@
-"""The platform's pose in a trial, from its markers or as commanded."""
+"""The platform's pose in a trial, from its markers or as commanded; plates that move with it."""
 
 from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
-from compensation import PlatformPose, check_pose, commanded_pose, fit_pose, neutral_markers
+from compensation import (
+    PlatformPose,
+    check_pose,
+    commanded_pose,
+    fit_pose,
+    interpolate_pose,
+    mean_pose,
+    neutral_markers,
+    to_lab,
+)
 from hbm.notes import Note
 from hbm.signals.resampling import resample
-from hbm.spatial import Array
+from hbm.spatial import Array, rotate_wrench, shift_wrench, transform_wrench
 from pipeline.config.schema import Platform
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Plate, Recording
 from pipeline.io.units import angle_in_rad, length_in_m
+from pipeline.trial.ground.ends import hold_ends
 from pipeline.trial.ground.instruments import read_channel
 
 NEUTRAL_FRAMES: Final = 100
@@ -53,6 +63,81 @@ def platform_pose(
     if not platform.channels:
         raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
     return _commanded_pose(recording, platform, time)
+
+
+def pose_at(recording: Recording, pose: PlatformPose, time: Array) -> PlatformPose:
+    """Give a trial's pose at other times than those of its markers.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    pose
+        The platform's pose at the markers' times.
+    time
+        Wanted times on the markers' clock, (N,) [s].
+
+    Returns
+    -------
+    PlatformPose
+        Without gaps; before and after the markers the nearest known pose, for 0.5 s at most.
+
+    Raises
+    ------
+    ValueError
+        The pose has a gap, or is unknown for longer at an end.
+    """
+    between = interpolate_pose(pose, recording.markers.time, time)
+    values = np.hstack([between.rotation.reshape(-1, 9), between.position])
+    try:
+        values, _ = hold_ends(time, values, "the platform's pose")
+    except ValueError as error:
+        raise ValueError(f"{recording.source.name}: {error}") from error
+    return PlatformPose(values[:, :9].reshape(-1, 3, 3), values[:, 9:])
+
+
+def turned_to_lab(plate: Plate, wrench_in_plate: Array, pose: PlatformPose) -> Array:
+    """Turn wrenches from a plate that moves to the same plate in neutral.
+
+    Parameters
+    ----------
+    plate
+        The plate.
+    wrench_in_plate
+        Action on the subject in the moving plate's axes about the centre of its surface, (N, 6)
+        [N, N·m].
+    pose
+        The platform's pose at the same instants.
+
+    Returns
+    -------
+    Array
+        The same action in the axes of the plate in neutral about the centre of its surface there,
+        (N, 6) [N, N·m].
+    """
+    on_platform = transform_wrench(wrench_in_plate, plate.rotation, plate.center)
+    about_center = shift_wrench(to_lab(on_platform, pose), plate.center)
+    return rotate_wrench(about_center, plate.rotation.T)
+
+
+def moved_corners(plate: Plate, pose: PlatformPose) -> Array:
+    """Give the corners of a plate in the mean of a pose.
+
+    Parameters
+    ----------
+    plate
+        The plate.
+    pose
+        The platform's pose over the trial.
+
+    Returns
+    -------
+    Array
+        In the axes of the plate in neutral about the centre of its surface there, (4, 3) [m].
+    """
+    mean = mean_pose(pose)
+    in_lab = plate.corners @ mean.rotation[0].T + mean.position[0]
+    return np.asarray((in_lab - plate.center) @ plate.rotation)
 
 
 def _pose_from_markers(

@@ -63,9 +63,9 @@ class PlateFile:
 
     @property
     def scale(self):
-        """SCALE of every channel: real files hold values, integer files counts of 16 bits."""
+        """SCALE of every channel: real files hold thousandths of its range, others counts."""
         highest = np.array([10.0] * self.spare_channels + RANGE[self.kind] * self.plates)
-        return highest / (10.0 if self.real else 25_000.0) / self.general_scale
+        return highest / (1000.0 if self.real else 25_000.0) / self.general_scale
 
     @property
     def count(self):
@@ -138,6 +138,7 @@ class PlateFile:
             "OFFSET": [self.offset] * channels,
             "RATE": [100.0 * self.per_frame],
             "UNITS": ["V"] * first + UNITS[self.kind] * self.plates,
+            "DESCRIPTIONS": ["-"] * channels,
             "LABELS": [f"SPARE{k}" for k in range(first)]
             + [f"P{p + 1}C{k + 1}" for p in range(self.plates) for k in range(count)],
             "FORMAT": ["UNSIGNED" if self.unsigned else "SIGNED"],
@@ -150,6 +151,7 @@ class PlateFile:
                 "RATE": [100.0],
                 "UNITS": ["mm"],
                 "LABELS": ["LHEE", "RHEE"],
+                "DESCRIPTIONS": ["left heel", "right heel"],
                 "DATA_START": [data_block],
             },
             "ANALOG": analog,

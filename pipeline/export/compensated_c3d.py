@@ -1,0 +1,240 @@
+"""The original C3D files of a trial or study with compensated force plates, for other programs."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path, PurePath
+from typing import Final, Literal
+
+import numpy as np
+
+from hbm.notes import Note
+from pipeline.config.schema import Trial
+from pipeline.config.study import Study
+from pipeline.io.c3d.rewrite import rewrite_plates
+from pipeline.io.c3d.second_reader.rewritten import Verification
+from pipeline.io.read import file_format
+from pipeline.io.recording import Compensation, Recording
+from pipeline.run.job import describe_error, file_digest
+from pipeline.trial.ground.artefacts import plate_artefacts
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.platform import moved_corners, platform_pose, pose_at, turned_to_lab
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
+
+PROGRAM: Final = "hbm-residuals"
+Frame = Literal["plate", "lab"]
+
+
+@dataclass(frozen=True, slots=True)
+class Calibrations:
+    """A laboratory and the files of its calibrations, which compensated files name.
+
+    Attributes
+    ----------
+    laboratory
+        The treadmill, with the calibration of its platform, its belts, or both.
+    platform, belts
+        The files of these calibrations.
+    """
+
+    laboratory: Laboratory
+    platform: Path | None = None
+    belts: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """A compensated file.
+
+    Attributes
+    ----------
+    path
+        The file.
+    verification
+        Who else read it and its original and found only the plates changed.
+    notes
+        What is doubtful about the compensation.
+    """
+
+    path: Path
+    verification: Verification
+    notes: tuple[Note, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What became of one trial of a study: a compensated file, or the reason why there is none."""
+
+    name: str
+    written: Written | None
+    reason: str = ""
+
+
+def require_c3d(path: Path) -> None:
+    """Refuse a recording that is no C3D file; a ValueError or OSError says so."""
+    kind = file_format(path)
+    if kind != "C3D":
+        raise ValueError(
+            f"{path.name}: is a {kind} file; --c3d copies a C3D file and changes its plates, so "
+            "give the trial's C3D file"
+        )
+
+
+def write_compensated(
+    recording: Recording,
+    calibrations: Calibrations,
+    target: Path,
+    *,
+    frame: Frame | None = None,
+    plate_delay_s: float = 0.0,
+) -> Written:
+    """Write a trial's C3D file again with compensated plates.
+
+    Parameters
+    ----------
+    recording
+        The trial, read from a C3D file.
+    calibrations
+        The treadmill with a calibration, and the calibration's file.
+    target
+        Where to write. A file with other content there is not overwritten.
+    frame
+        None changes nothing but the plates' samples: wrenches stay in the plates' own moving
+        frame, corners where the file has them. "plate" also moves the corners to the platform's
+        mean pose. "lab" turns every wrench into the lab, sample by sample, about the centre of the
+        plate's surface in neutral; the corners stay.
+    plate_delay_s
+        How much later the plates are than the markers, which show the platform's pose [s].
+
+    Returns
+    -------
+    Written
+        The file, and what is doubtful about it.
+
+    Raises
+    ------
+    ValueError
+        The recording is compensated already, the calibration does not fit it, the pose is needed
+        and unknown, or `rewrite_plates` refuses.
+    OSError
+        A file cannot be read or written.
+
+    Notes
+    -----
+    Measured signals stay as they are, without any low-pass, and the prediction is subtracted
+    unfiltered too. After the low-pass of the calibration, or a lower one, the plates are those that
+    `hbm residuals --calibration` computes.
+    """
+    laboratory = calibrations.laboratory
+    if recording.compensation is not None:
+        raise ValueError(
+            f"{recording.source.name}: its plates are compensated already, by "
+            f"{recording.compensation.software}"
+        )
+    artefacts, notes = plate_artefacts(recording, laboratory)
+    changes, corners = [-artefact for artefact in artefacts], []
+    if frame is not None:
+        pose, pose_notes = platform_pose(
+            recording, laboratory.treadmill.platform, recording.markers.time
+        )
+        notes += pose_notes
+        if pose is None:
+            raise ValueError(
+                f"{recording.source.name}: --frame {frame} needs the pose of the platform: name "
+                "its markers or channels"
+            )
+        if frame == "plate":
+            corners = [moved_corners(plate, pose) for plate in recording.plates]
+        else:
+            pose = pose_at(recording, pose, recording.plates[0].time - plate_delay_s)
+            changes = [
+                turned_to_lab(plate, plate.wrench_in_plate + change, pose) - plate.wrench_in_plate
+                for plate, change in zip(recording.plates, changes, strict=True)
+            ]
+    for plate, change in zip(recording.plates, changes, strict=True):
+        change[~np.isfinite(plate.wrench_in_plate).all(axis=1)] = 0  # what is unknown stays so
+    done = Compensation(
+        software=f"{PROGRAM} {version(PROGRAM)}",
+        plates=tuple(plate.number for plate in recording.plates),
+        calibration=_name(calibrations.platform),
+        calibration_sha256=_digest(calibrations.platform),
+        belts=_name(calibrations.belts),
+        belts_sha256=_digest(calibrations.belts),
+        cutoff_hz=laboratory.treadmill.cutoff_hz if laboratory.calibration else None,
+        frame=frame or "recorded",
+    )
+    verification = rewrite_plates(recording.source, target, changes, done, corners)
+    return Written(target, verification, notes)
+
+
+def _name(calibration: Path | None) -> str:
+    return calibration.name if calibration else ""
+
+
+def _digest(calibration: Path | None) -> str:
+    return file_digest(calibration) if calibration else ""
+
+
+def write_compensated_study(study: Study, out: Path, frame: Frame | None) -> Iterator[Exported]:
+    """Write the C3D file of every trial of a study again with compensated plates.
+
+    Parameters
+    ----------
+    study
+        The study; its ``[treadmill]`` names a calibration.
+    out
+        Folder for the files, which keep their names relative to the study's folder.
+    frame
+        As for `write_compensated`.
+
+    Yields
+    ------
+    Exported
+        One per recording, in the study's order. A failure stops no other one.
+
+    Raises
+    ------
+    ValueError
+        The study has no calibration, or it cannot be read or fitted.
+    OSError
+        The calibration cannot be read.
+    """
+    treadmill = study.file.treadmill
+    laboratory = read_study_laboratory(study)
+    if laboratory.calibration is None and not laboratory.belts:
+        raise ValueError(
+            f"{study.folder}: study.toml names no calibration in [treadmill], so that there is "
+            "nothing to compensate its plates with"
+        )
+    calibrations = Calibrations(
+        laboratory,
+        study.path(treadmill.calibration) if treadmill.calibration else None,
+        study.path(treadmill.belt.calibration) if treadmill.belt else None,
+    )
+    for name, trial in recordings_of(study).items():
+        try:
+            if PurePath(name).is_absolute() or ".." in PurePath(name).parts:
+                raise ValueError(f"{name}: lies outside the study's folder")
+            require_c3d(study.path(name))
+            recording = read_study_file(study, name, trial)
+            written = write_compensated(
+                recording,
+                calibrations,
+                out / name,
+                frame=frame,
+                plate_delay_s=study.file.settings.plate_delay_s,
+            )
+        except Exception as error:
+            yield Exported(name, None, describe_error(error))
+        else:
+            yield Exported(name, written)
+
+
+def recordings_of(study: Study) -> dict[str, Trial]:
+    """Give every recording of a study's trials once: name of the file -> its trial."""
+    return {
+        trial.file: trial
+        for person in study.subjects.values()
+        for trial in person.trials.values()
+        if trial.file is not None and trial.exclude is None
+    }

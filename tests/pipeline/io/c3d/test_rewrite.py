@@ -1,0 +1,430 @@
+"""A rewritten file is the original but for its plates' samples, one group and the data's start."""
+
+import struct
+from datetime import timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from pipeline.io.c3d.compensation import GROUP
+from pipeline.io.c3d.data import read_samples
+from pipeline.io.c3d.force_plates import measured_plates
+from pipeline.io.c3d.header import read_header
+from pipeline.io.c3d.labels import channel_labels
+from pipeline.io.c3d.parameters import parameter_records
+from pipeline.io.c3d.plate_samples import plate_samples
+from pipeline.io.c3d.read import read_c3d
+from pipeline.io.c3d.rewrite import rewrite_plates
+from pipeline.io.c3d.second_reader.rewritten import Verification
+from pipeline.io.recording import Compensation
+from tests.pipeline.io.c3d.plate_files import BLOCK, CORNERS_MM, PlateFile
+
+DONE = Compensation("hbm-residuals 0.2.0", (1, 2), "lab.json", "ab" * 32, cutoff_hz=20.0)
+TYPES, PROCESSORS = (1, 2, 3, 4), ("intel", "dec", "sgi")
+CHANGE = np.array([3.0, -2.0, 5.0, 1.0, -2.0, 0.5])
+"""Amplitude of the change of a wrench [N, N·m]."""
+REAL_FILES = (
+    "c3d_samples/DEC_INT.C3D",
+    "c3d_samples/Gait.c3d",
+    "c3d_samples/TYPE-2.C3D",
+    "c3d_samples/TYPE-4.C3D",
+    "c3d_samples/parameterOverflow.c3d",
+    "c3d_samples/pc_int.c3d",
+    "c3d_samples/sgi_real.c3d",
+    "full_body_standing/1min_CGM_HBM_static.c3d",
+    "plug_in_gait/Movement_trial.c3d",
+    "plug_in_gait/Static_trial.c3d",
+    "treadmill_hbm2/treadmill_events.c3d",
+)
+
+
+def plates_of(path):
+    """Plates of a file, without the axes that a recording needs."""
+    header, parameters = read_header(path)
+    samples = read_samples(path, header, parameters)
+    names, units = channel_labels(parameters, samples.analog.shape[1])
+    return measured_plates(parameters, samples.analog, names, units)
+
+
+def changes_of(path, size=1.0):
+    """A smooth change of every plate's wrench, other than zero in every sample."""
+    changes = []
+    for k, plate in enumerate(plates_of(path), 1):
+        phase = np.linspace(0.1, 3.0, len(plate.wrench_in_plate))
+        changes.append(size * CHANGE * np.sin(k * phase)[:, None])
+    return changes
+
+
+def rewritten(path, changes, **options):
+    target = path.parent / "written" / path.name
+    return target, rewrite_plates(path, target, changes, DONE, **options)
+
+
+def original_of(shared_data, tmp_path, name):
+    copy = tmp_path / Path(name).name
+    copy.write_bytes((shared_data / name).read_bytes())
+    return copy
+
+
+def unchanged(path):
+    return [np.zeros_like(plate.wrench_in_plate) for plate in plates_of(path)]
+
+
+def assert_only_the_group_is_added(original, written):
+    """Every byte but those of the added group and of the data's start is the original's."""
+    before, after = original.read_bytes(), written.read_bytes()
+    (header, parameters), (header_after, parameters_after) = map(read_header, (original, written))
+    order = ">" if header.byte_order == "sgi" else "<"
+    moved = header_after.data_block - header.data_block
+    assert len(after) - len(before) == 512 * moved
+    start, data = ((block - 1) * 512 for block in (header.parameter_block, header.data_block))
+    assert after[data + 512 * moved :] == before[data:]
+    assert after[:16] + after[18:start] == before[:16] + before[18:start]
+
+    expected = bytearray(before[start:data])
+    records = list(parameter_records(bytes(expected[4:]), header.byte_order))
+    records_after = list(
+        parameter_records(after[start + 4 : data + 512 * moved], header.byte_order)
+    )
+    added = records_after[len(records) :]
+    assert [record.name for record in added[:2]] == [GROUP, "SOFTWARE"]
+    assert {abs(record.identity) for record in added}.isdisjoint(
+        abs(record.identity) for record in records
+    )
+    for record in records:
+        if record.name == "DATA_START" and moved:
+            place = 4 + record.pointer + 4 + expected[4 + record.pointer + 3]
+            struct.pack_into(f"{order}H", expected, place, header_after.data_block)
+    last, first = records[-1], added[0]
+    struct.pack_into(f"{order}H", expected, 4 + last.pointer, first.start - last.pointer)
+    expected[2] = after[start + 2]
+    assert after[start : start + 4 + first.start] == expected[: 4 + first.start]
+    end = 4 + added[-1].pointer + added[-1].step + 2
+    assert after[start + end : data] == expected[end:]
+    assert not any(after[max(start + end, data) : data + 512 * moved])
+    assert after[start + 2] * 512 >= end
+    for group, members in parameters.groups.items():
+        for name, values in members.items():
+            if name != "DATA_START":
+                np.testing.assert_array_equal(parameters_after.groups[group][name], values)
+
+
+def assert_read_back(original, written, changes):
+    """Real samples: to 1e-6 of the largest component. Whole ones: half a count in every channel."""
+    header, parameters = read_header(original)
+    samples = plate_samples(header, parameters)
+    for plate, before, after, change in zip(
+        samples.plates, plates_of(original), plates_of(written), changes, strict=True
+    ):
+        wanted = before.wrench_in_plate + change
+        error = np.abs(after.wrench_in_plate - wanted)
+        if header.scale < 0:
+            assert (error <= 1e-6 * np.abs(wanted).max(axis=0)).all()
+            continue
+        half = np.abs(samples.scale[list(plate.channels)]) / 2
+        if plate.kind == 1:
+            in_si = half * plate.scale
+            x, y = np.abs([-wanted[:, 4], wanted[:, 3]] / wanted[:, 2])
+            fx, fy, fz = np.abs(wanted[:, :3]).T
+            allowed = np.column_stack(
+                [
+                    *np.broadcast_to(in_si[:3], (len(wanted), 3)).T,
+                    y * in_si[2] + fz * in_si[4],
+                    x * in_si[2] + fz * in_si[3],
+                    x * in_si[1] + fy * in_si[3] + y * in_si[0] + fx * in_si[4] + in_si[5],
+                ]
+            )
+            assert (error <= 1.01 * allowed).all()
+        else:
+            to_wrench = np.abs(plate.wrench(np.eye(len(half))).T)
+            assert (error <= 1.000001 * to_wrench @ half).all()
+
+
+@pytest.fixture
+def without_second_reader(monkeypatch):
+    """Save the seconds that it takes where a test compares the bytes itself."""
+    nobody = Verification(None, ())
+    monkeypatch.setattr("pipeline.io.c3d.rewrite.check_rewritten", lambda *_, **__: nobody)
+
+
+@pytest.mark.usefixtures("without_second_reader")
+@pytest.mark.parametrize("kind", TYPES)
+@pytest.mark.parametrize("byte_order", PROCESSORS)
+@pytest.mark.parametrize("real", [True, False])
+@pytest.mark.parametrize("last_step", ["stated", "zero"])
+def test_without_a_change_only_the_group_is_added(tmp_path, kind, byte_order, real, last_step):
+    file = PlateFile(kind, byte_order, real, plates=2, last_step=last_step)
+    original = file.write(tmp_path / "trial.c3d")
+    written, _ = rewritten(original, unchanged(original))
+    assert_only_the_group_is_added(original, written)
+
+
+@pytest.mark.parametrize("name", REAL_FILES)
+def test_without_a_change_only_the_group_is_added_to_a_real_file(shared_data, tmp_path, name):
+    original = original_of(shared_data, tmp_path, name)
+    written, _ = rewritten(original, unchanged(original))
+    assert_only_the_group_is_added(original, written)
+
+
+def test_every_real_file_with_plates_that_is_read_is_in_the_tests(shared_data):
+    found = set()
+    for path in shared_data.rglob("*"):
+        if path.suffix.lower() == ".c3d" and path.parent.name != "broken":
+            try:
+                plates = plates_of(path)
+            except ValueError:
+                continue
+            if plates:
+                found.add(path.relative_to(shared_data).as_posix())
+    assert found == set(REAL_FILES)
+
+
+@pytest.mark.parametrize("name", REAL_FILES)
+def test_a_real_file_reads_back_as_the_changed_wrench(shared_data, tmp_path, name):
+    original = original_of(shared_data, tmp_path, name)
+    changes = changes_of(original)
+    written, verification = rewritten(original, changes)
+    assert_read_back(original, written, changes)
+    if name == "c3d_samples/sgi_real.c3d":  # which ezc3d cannot read
+        assert verification.reader.startswith("c3d ")
+        assert "ezc3d" in str(verification.refusals[0])
+    assert verification.reader
+
+
+@pytest.mark.usefixtures("without_second_reader")
+@given(
+    kind=st.sampled_from(TYPES),
+    byte_order=st.sampled_from(PROCESSORS),
+    real=st.booleans(),
+    unsigned=st.booleans(),
+    plates=st.integers(1, 3),
+    per_frame=st.integers(1, 5),
+    general_scale=st.sampled_from([1.0, 0.25, 3.0]),
+    spare_channels=st.integers(0, 2),
+    offset=st.sampled_from([0, 3]),
+)
+@settings(
+    max_examples=100,
+    deadline=timedelta(seconds=5),
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_a_changed_wrench_is_read_back_whatever_the_file(
+    tmp_path, kind, byte_order, real, unsigned, plates, per_frame, general_scale, spare_channels,
+    offset,
+):  # fmt: skip
+    file = PlateFile(
+        kind=kind,
+        byte_order=byte_order,
+        real=real,
+        unsigned=unsigned,
+        plates=plates,
+        per_frame=per_frame,
+        general_scale=general_scale,
+        spare_channels=spare_channels,
+        offset=30_000 if unsigned and not real else offset,
+    )
+    original = file.write(tmp_path / "trial.c3d")
+    changes = changes_of(original)
+    (tmp_path / "written" / "trial.c3d").unlink(missing_ok=True)
+    written, _ = rewritten(original, changes)
+    assert_read_back(original, written, changes)
+    header, parameters = read_header(written)
+    spare = read_samples(written, header, parameters).analog[:, :spare_channels]
+    before = read_samples(original, *read_header(original)).analog[:, :spare_channels]
+    np.testing.assert_array_equal(spare, before)
+
+
+def test_type_3_changes_least_over_its_eight_channels(tmp_path):
+    """No combination of channels that leaves the wrench as it is is part of the change."""
+    original = PlateFile(3).write(tmp_path / "trial.c3d")
+    written, _ = rewritten(original, changes_of(original))
+    raw = [read_samples(path, *read_header(path)).analog[:, 1:] for path in (original, written)]
+    (plate,) = plate_samples(*read_header(original)).plates
+    to_wrench = plate.wrench(np.eye(8)).T
+    without_effect = np.linalg.svd(to_wrench)[2][6:]
+    np.testing.assert_allclose((raw[1] - raw[0]) @ without_effect.T, 0, atol=1e-4)
+    assert np.abs(raw[1] - raw[0]).max() > 1
+
+
+@pytest.mark.parametrize("reader", ["ezc3d", "c3d"])
+@pytest.mark.parametrize("kind", TYPES)
+def test_other_readers_see_only_the_plates_change(tmp_path, kind, reader):
+    library = pytest.importorskip(reader, reason=f"{reader} has no wheel for this system")
+    original = PlateFile(kind, plates=2, spare_channels=2).write(tmp_path / "trial.c3d")
+    written, _ = rewritten(original, changes_of(original))
+    read = {"ezc3d": _by_ezc3d, "c3d": _by_c3d}[reader]
+    (points, analog), (points_after, analog_after) = (
+        read(library, path) for path in (original, written)
+    )
+    np.testing.assert_array_equal(points_after, points)
+    np.testing.assert_array_equal(analog_after[:, :2], analog[:, :2])
+    assert (analog_after[:, 2:] != analog[:, 2:]).mean() > 0.9
+
+
+def _by_ezc3d(library, path):
+    data = library.c3d(str(path))["data"]
+    return data["points"], data["analogs"][0].T
+
+
+def _by_c3d(library, path):
+    with path.open("rb") as file:
+        frames = list(library.Reader(file).read_frames(copy=True))
+    return np.array([f[1] for f in frames]), np.concatenate([f[2].T for f in frames])
+
+
+def test_the_reader_tells_what_was_done(tmp_path):
+    original = PlateFile(2, plates=2, byte_order="dec").write(tmp_path / "trial.c3d")
+    written, _ = rewritten(original, changes_of(original))
+    assert read_c3d(original, "forward,left,up").compensation is None
+    recording = read_c3d(written, "forward,left,up")
+    assert recording.compensation == DONE
+    (note,) = [n for n in recording.notes if n.code == "plates_compensated_before"]
+    assert "hbm-residuals 0.2.0 has compensated" in note.text
+    assert "with lab.json; its wrenches are in the moving plates" in note.text
+
+
+def test_a_file_is_not_compensated_twice(tmp_path):
+    original = PlateFile(2).write(tmp_path / "trial.c3d")
+    written, _ = rewritten(original, changes_of(original))
+    with pytest.raises(
+        ValueError, match=r"^trial\.c3d: its plates are compensated already, by hbm"
+    ):
+        rewrite_plates(written, tmp_path / "again.c3d", changes_of(written), DONE)
+    assert not (tmp_path / "again.c3d").exists()
+
+
+@pytest.mark.parametrize("unsigned", [False, True])
+def test_a_sample_that_would_saturate_is_named(tmp_path, unsigned):
+    file = PlateFile(2, real=False, unsigned=unsigned, offset=30_000 * unsigned)
+    original = file.write(tmp_path / "trial.c3d")
+    changes = unchanged(original)
+    changes[0][57, 2] = 8000.0  # N, as many as 50,000 counts
+    span = "0 to 65535" if unsigned else "-32768 to 32767"
+    with pytest.raises(
+        ValueError, match=rf"force plate 1, channel P1C3, at 0\.1425 s: .* range .* {span}; export"
+    ):
+        rewritten(original, changes)
+    assert list((tmp_path / "written").iterdir()) == []
+
+
+def test_type_1_without_a_centre_of_pressure_is_refused(tmp_path):
+    """Where the plate carries nothing, TYPE 1 has no place for a moment."""
+    original = PlateFile(1).write(tmp_path / "trial.c3d")
+    changes = unchanged(original)
+    changes[0][40] = -plates_of(original)[0].wrench_in_plate[40] + [0, 0, 1e-3, 2, 0, 0]
+    with pytest.raises(
+        ValueError, match=r"force plate 1, channel P1C4, at 0\.1000 s: .*no centre of .* TYPE 2 pla"
+    ):
+        rewritten(original, changes)
+
+
+def test_a_singular_calibration_matrix_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("tests.pipeline.io.c3d.plate_files.MATRIX", np.ones((6, 6)))
+    original = PlateFile(4).write(tmp_path / "trial.c3d")
+    with pytest.raises(
+        ValueError, match=r"force plate 1: its channels do not determine .*CAL_MATR"
+    ):
+        rewritten(original, changes_of(original))
+
+
+def test_samples_that_are_no_number_stay_so(tmp_path):
+    file = PlateFile(2)
+    file.values[10:14, 3] = np.nan
+    original = file.write(tmp_path / "trial.c3d")
+    changes = changes_of(original)
+    written, _ = rewritten(original, changes)
+    (before,), (after,) = plates_of(original), plates_of(written)
+    assert np.isnan(after.wrench_in_plate[10:14]).any(axis=1).all()
+    known = np.isfinite(before.wrench_in_plate).all(axis=1)
+    wanted = (before.wrench_in_plate + changes[0])[known]
+    np.testing.assert_allclose(after.wrench_in_plate[known], wanted, atol=1e-3)
+
+
+@pytest.fixture
+def filled_file(raw_c3d):
+    """Write a file with a plate whose last block of parameters has less room than a group needs."""
+
+    def write(*texts):
+        used, sizes = 0, [1, 1]
+        while (left := -used % BLOCK) > 60 or not used:
+            sizes = [1 + left // 2, 1 + (left - 20) // 2] if used else sizes
+            path = raw_c3d(
+                np.full((10, 2, 4), [[400.0, 0, 0, 0], [800, 0, 0, 0]]),
+                np.ones((10, 1, 6)),
+                POINT={"LABELS": ["A", "B"]},
+                ANALOG={"UNITS": ["N"] * 3 + ["Nmm"] * 3},
+                FORCE_PLATFORM={
+                    "USED": np.array([1]),
+                    "TYPE": np.array([2]),
+                    "CORNERS": CORNERS_MM.T[..., None],
+                    "ORIGIN": np.zeros((3, 1)),
+                    "CHANNEL": np.arange(1, 7)[:, None],
+                },
+                FILLER={f"TEXT{k}": ["x" * 255] * n for k, n in enumerate(texts)}
+                | {f"PAD{k}": "x" * size for k, size in enumerate(sizes)},
+            )
+            section = path.read_bytes()[BLOCK : (read_header(path)[0].data_block - 1) * BLOCK]
+            last = list(parameter_records(section[4:], "intel"))[-1]
+            used = 4 + last.pointer + last.step
+        return path
+
+    return write
+
+
+def test_a_parameter_section_without_room_grows_by_whole_blocks(filled_file):
+    original = filled_file(100)
+    written, _ = rewritten(original, unchanged(original))
+    assert_only_the_group_is_added(original, written)
+    assert read_header(written)[0].data_block == read_header(original)[0].data_block + 1
+
+
+def test_a_parameter_section_that_cannot_grow_is_refused(filled_file):
+    original = filled_file(100, 100, 100, 100, 106)
+    with pytest.raises(ValueError, match=r"group HBM_RESIDUALS does not fit: .* room for 255; rem"):
+        rewritten(original, unchanged(original))
+
+
+def test_a_section_of_labels_and_ranges_is_not_moved(filled_file):
+    """The header names its block; the copy would leave it behind."""
+    original = filled_file(100)
+    content = bytearray(original.read_bytes())
+    struct.pack_into("<2H", content, 294, 12345, 4)
+    original.write_bytes(content)
+    with pytest.raises(ValueError, match="a section of labels and ranges"):
+        rewritten(original, unchanged(original))
+
+
+def test_another_file_at_the_target_is_kept(tmp_path):
+    original = PlateFile(2).write(tmp_path / "trial.c3d")
+    target = tmp_path / "other.c3d"
+    target.write_bytes(b"mine")
+    with pytest.raises(ValueError, match=r"other\.c3d exists and is another file"):
+        rewrite_plates(original, target, changes_of(original), DONE)
+    assert target.read_bytes() == b"mine"
+    first, _ = rewritten(original, changes_of(original))
+    content = first.read_bytes()
+    rewritten(original, changes_of(original))  # the same again is no other file
+    assert first.read_bytes() == content
+
+
+def test_changes_with_gaps_and_of_another_length_are_refused(tmp_path):
+    original = PlateFile(2).write(tmp_path / "trial.c3d")
+    gap, short = changes_of(original), [changes_of(original)[0][:-1]]
+    gap[0][3, 3] = np.nan
+    for changes in (gap, short):
+        with pytest.raises(ValueError, match=r"the change of plate 1 must have shape \(120, 6\)"):
+            rewritten(original, changes)
+
+
+def test_a_channel_that_two_plates_share_is_refused(tmp_path):
+    original = PlateFile(2, plates=2).write(tmp_path / "trial.c3d")
+    content = original.read_bytes()
+    channels = struct.pack("<12H", *range(2, 14))
+    assert channels in content
+    shared = struct.pack("<12H", *range(2, 8), 2, *range(9, 14))
+    original.write_bytes(content.replace(channels, shared))
+    with pytest.raises(ValueError, match="FORCE_PLATFORM:CHANNEL names P1C1 twice"):
+        rewritten(original, changes_of(original))
