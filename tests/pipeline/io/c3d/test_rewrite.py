@@ -382,7 +382,7 @@ def test_a_parameter_section_without_room_grows_by_whole_blocks(filled_file):
 
 
 def test_a_parameter_section_that_cannot_grow_is_refused(filled_file):
-    original = filled_file(100, 100, 100, 100, 106)
+    original = filled_file(100, 100, 100, 100, 108)
     with pytest.raises(ValueError, match=r"group HBM_RESIDUALS does not fit: .* room for 255; rem"):
         rewritten(original, unchanged(original))
 
