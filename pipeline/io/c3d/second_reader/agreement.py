@@ -20,6 +20,11 @@ from pipeline.io.c3d.second_reader.reading import Parameter, Reading, Refusal
 from pipeline.io.c3d.second_reader.second_reading import LIBRARIES, second_reading
 
 FRAMES: Final = "POINT:FRAMES"
+FROM_HEADER: Final = {
+    *(f"POINT:{name}" for name in ("USED", "SCALE", "RATE", "DATA_START")),
+    *(f"ANALOG:{name}" for name in ("USED", "RATE")),
+}
+"""Parameters that ezc3d makes from the header where the file has none."""
 ROUNDING: Final = 4
 """Steps of floating point numbers by which programs differ that scale in another order."""
 
@@ -155,7 +160,7 @@ def _compare(
         if mine != other
     ]
     theirs = {key: values for key, values in second.parameters.items() if key[0] != ":"}
-    for key in second.assumed:
+    for key in second.assumed | FROM_HEADER:
         if not _holds(parameters, key):
             theirs.pop(key, None)
     ours = _values(parameters) | {FRAMES: theirs.get(FRAMES, ())}
@@ -164,8 +169,8 @@ def _compare(
     found += samples_that_differ(
         "marker",
         second.labels("POINT", header.n_points),
-        samples.points,
-        _seen(second),
+        _seen(samples.points),
+        _seen(np.where((second.residuals >= 0)[..., np.newaxis], second.points, np.nan)),
         _Unequal(np.finfo(np.float32 if coarse else np.float64).eps),
         first_frame=header.first_frame,
     )
@@ -206,12 +211,10 @@ def _holds(parameters: Parameters, key: str) -> bool:
     return name in parameters.groups.get(group, {})
 
 
-def _seen(second: Reading) -> NDArray[np.floating]:
-    """Give points with NaN wherever our reader takes them as missing."""
-    missing = ~np.isfinite(second.points).all(axis=-1)
-    missing |= ~(np.abs(second.points) > SMALLEST).any(axis=-1)
-    missing |= ~np.greater_equal(second.residuals, 0)
-    return np.where(missing[..., np.newaxis], np.nan, second.points)
+def _seen(points: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Give points with NaN where none was seen: a coordinate is no number, or all are zero."""
+    missing = ~np.isfinite(points).all(axis=-1) | ~(np.abs(points) > SMALLEST).any(axis=-1)
+    return np.where(missing[..., np.newaxis], np.nan, points)
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,6 +88,8 @@ def samples_that_differ(
     list[Disagreement]
         One per marker or channel that differs somewhere.
     """
+    if not names:
+        return []
     show = show or shown
     count, where = np.zeros(len(names), int), np.full(len(names), -1)
     for start in range(0, len(first), FRAMES_PER_SLICE):

@@ -94,10 +94,11 @@ def miscount(reading: Reading, header: Header, frames: int) -> tuple[str, int, i
         What was counted, how many were read, how many the file holds.
     """
     channels = header.n_analog // header.analog_per_frame if header.analog_per_frame else 0
+    samples = frames * header.analog_per_frame
     counts = (
         ("frames", len(reading.points) if header.n_points else frames, frames),
         ("points", reading.points.shape[1], header.n_points),
         ("analog channels", reading.analog.shape[1], channels),
-        ("samples of a channel", len(reading.analog), frames * header.analog_per_frame),
+        ("samples of a channel", len(reading.analog) if channels else samples, samples),
     )
     return next((count for count in counts if count[1] != count[2]), None)

@@ -248,6 +248,17 @@ def test_that_others_count_frames_in_16_bits_is_said_and_no_disagreement(tmp_pat
     ]
 
 
+@needs_ezc3d
+def test_a_parameter_that_ezc3d_makes_from_the_header_is_no_difference(raw_c3d):
+    path = raw_c3d(np.full((4, 1, 4), 500.0) * [1, 1, 1, 0], POINT={"LABELS": ["A"]})
+    content = path.read_bytes()
+    assert b"\x04\x01RATE" in content
+    path.write_bytes(content.replace(b"\x04\x01RATE", b"\x04\x01RITE"))
+    found = compare_readers(path)
+    assert found.reader.startswith("ezc3d ")
+    assert found.told() == []
+
+
 @pytest.mark.slow
 def test_a_trial_of_twelve_minutes_is_read_twice(tmp_path):
     """72,000 frames of the files that this project writes: within the limits of memory and time."""
