@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 from compensation import check_pose
 from compensation.alignment.delay import estimate_delay
 from compensation.platform.markers import fit_pose, neutral_markers
-from compensation.platform.pose import PlatformPose, commanded_pose, pose_delay, specific_force
+from compensation.platform.pose import (
+    PlatformPose,
+    commanded_pose,
+    interpolate_pose,
+    mean_pose,
+    pose_delay,
+    specific_force,
+)
 from compensation.platform.wrench import (
     center_of_pressure,
     free_moment,
@@ -55,6 +62,29 @@ def test_the_pitch_axis_only_sways(pose):
     expected = PIVOT + SWAY[:, None] * [0, 1, 0]
     np.testing.assert_allclose(pose.to_lab(PIVOT), expected, atol=1e-15)
     np.testing.assert_allclose(pose.pitch, PITCH, atol=1e-15)
+
+
+def test_between_its_samples_the_pose_is_that_of_the_motion(pose):
+    at = time[:-1] + 0.005
+    true = commanded_pose(0.05 * np.sin(3 * at), np.radians(10) * np.sin(2 * at + 0.4), PIVOT)
+    same_pose(interpolate_pose(pose, time, at), true, 1e-7, 1e-7)
+
+
+def test_a_pose_is_not_interpolated_across_a_gap_or_beyond_its_ends(pose):
+    rotation, position = pose.rotation.copy(), pose.position.copy()
+    rotation[100:120], position[100:120] = np.nan, np.nan
+    found = interpolate_pose(PlatformPose(rotation, position), time, [0.5, 1.1, 1.5, 2.995])
+    np.testing.assert_array_equal(np.isnan(found.pitch), [False, True, False, True])
+
+
+def test_the_mean_of_a_pose_is_between_its_extremes_and_leaves_gaps_out():
+    rotation = rotation_about([0, 1, 0], np.radians([5.0, 15.0, np.nan]))
+    position = np.array([[0.1, 0, 0], [0.3, 0, 0], [np.nan] * 3])
+    mean = mean_pose(PlatformPose(rotation, position))
+    np.testing.assert_allclose(np.degrees(mean.pitch), [10.0])
+    np.testing.assert_allclose(mean.position, [[0.2, 0, 0]])
+    with pytest.raises(ValueError, match="nowhere known"):
+        mean_pose(PlatformPose(rotation[2:], position[2:]))
 
 
 def test_positive_pitch_lowers_the_front():

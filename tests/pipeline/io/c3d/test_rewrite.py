@@ -1,6 +1,8 @@
 """A rewritten file is the original but for its plates' samples, one group and the data's start."""
 
 import struct
+import tracemalloc
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from hbm.markers import Markers
 from pipeline.io.c3d.compensation import GROUP
 from pipeline.io.c3d.data import read_samples
 from pipeline.io.c3d.force_plates import measured_plates
@@ -19,6 +22,7 @@ from pipeline.io.c3d.plate_samples import plate_samples
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.rewrite import rewrite_plates
 from pipeline.io.c3d.second_reader.rewritten import Verification
+from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Compensation
 from tests.pipeline.io.c3d.plate_files import BLOCK, CORNERS_MM, PlateFile
 
@@ -395,6 +399,40 @@ def test_a_section_of_labels_and_ranges_is_not_moved(filled_file):
     original.write_bytes(content)
     with pytest.raises(ValueError, match="a section of labels and ranges"):
         rewritten(original, unchanged(original))
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_second_reader")
+def test_a_long_trial_is_written_whole_in_the_memory_of_a_short_one(tmp_path):
+    """More frames than 16 bits can count."""
+    peaks = {}
+    for frames in (10_000, 70_000):
+        original = PlateFile(2, frames=frames).write(tmp_path / f"{frames}.c3d")
+        changes = changes_of(original)
+        tracemalloc.start()
+        written, _ = rewritten(original, changes)
+        peaks[frames] = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert_read_back(original, written, changes)
+        assert len(plates_of(written)[0].wrench_in_plate) == 4 * frames
+    assert peaks[70_000] < 1.2 * peaks[10_000]
+
+
+@pytest.mark.slow
+def test_a_long_trial_is_checked_by_another_reader(tmp_path, plates):
+    """Its true number of frames is where current programs state it."""
+    time = np.arange(70_000) / 100
+    position = np.ones((len(time), 2, 3)) * [[[0.0], [0.5]]]
+    long = [
+        replace(plate, time=time, wrench_in_plate=np.resize(plate.wrench_in_plate, (len(time), 6)))
+        for plate in plates
+    ]
+    original = tmp_path / "long.c3d"
+    write_c3d(original, Markers(time, ("A", "B"), position), long)
+    changes = changes_of(original)
+    written, verification = rewritten(original, changes)
+    assert verification.reader.split()[0] in ("ezc3d", "c3d")
+    assert_read_back(original, written, changes)
 
 
 def test_another_file_at_the_target_is_kept(tmp_path):

@@ -13,7 +13,8 @@ from pipeline.config.validation import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
-from pipeline.trial.ground.belts import belt_axes, belt_speed, fit_belts
+from pipeline.trial.ground.artefacts import plate_artefacts
+from pipeline.trial.ground.belts import belt_axes, belt_speed, belt_wrenches, fit_belts
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
@@ -59,6 +60,23 @@ def test_compensation_leaves_a_twentieth_of_the_pitch_moment_of_belt_pulses(mode
     raw, left = left_over(record_signal_trial(PULSES, seed=3), models)
     assert raw > 5
     assert left < 0.05 * raw
+
+
+def test_at_the_plates_own_samples_the_same_is_subtracted_and_the_end_is_held(models):
+    """The model's last whole interval ends 9 ms before the plates do."""
+    recording = record_signal_trial(PULSES, seed=3)
+    laboratory = Laboratory(TREADMILL, None, models)
+    artefacts, notes = plate_artefacts(recording, laboratory)
+    times = recording.plates[0].time
+    for artefact, wrench in zip(
+        artefacts, belt_wrenches(recording, models, BELT, times), strict=True
+    ):
+        known = np.isfinite(wrench).all(axis=1)
+        assert times[~known].min() > times[-1] - 0.01
+        np.testing.assert_array_equal(artefact[known], wrench[known])
+        np.testing.assert_array_equal(artefact[-1], wrench[known][-1])
+        assert np.abs(artefact).max() > 5
+    assert notes == ()
 
 
 def test_what_a_person_on_the_belt_adds_is_not_compensated(models):

@@ -1,0 +1,149 @@
+"""Compensated C3D files on the command line: what is written, printed, and refused in one line."""
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.io.c3d.read import read_c3d
+from tests.pipeline import lab
+
+MARKERS = ["--platform-markers", ",".join(lab.PLATFORM_MARKERS_M)]
+
+
+@pytest.fixture(scope="module")
+def calibration(moving_study, tmp_path_factory):
+    path = tmp_path_factory.mktemp("calibration") / "lab.json"
+    assert main(["calibration", "fit", str(moving_study / "empty.c3d"), "-o", str(path)]) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def trial(moving_study):
+    return moving_study / "sub01_pitch.c3d"
+
+
+def line_of_error(capsys):
+    line = capsys.readouterr().err
+    assert line.startswith("hbm: error: ")
+    assert line.count("\n") == 1
+    return line
+
+
+def test_a_trial_is_written_under_its_own_name(trial, calibration, tmp_path, capsys):
+    out = tmp_path / "compensated"
+    command = ["export", str(trial), "--c3d", "--calibration", str(calibration), "--out", str(out)]
+    assert main(command) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert (
+        f"{out / trial.name}: only the plates differ from the original, as read by this" in printed
+    )
+    assert f"written: {out / trial.name}" in printed
+    done = read_c3d(out / trial.name).compensation
+    assert done.calibration == "lab.json"
+    again = ["export", str(out / trial.name), "--c3d", "--calibration", str(calibration)]
+    assert main([*again, "--out", str(tmp_path / "twice")]) == 2
+    assert "sub01_pitch.c3d: its plates are compensated already, by hbm-res" in line_of_error(
+        capsys
+    )
+    assert not (tmp_path / "twice").exists()
+
+
+@pytest.mark.slow
+def test_residuals_of_the_written_file_are_the_compensated_ones(
+    trial, calibration, tmp_path, capsys
+):
+    """As other programs would compute them: without calibration, and without its low-pass."""
+    out, options = tmp_path / "compensated", ["--sex", "male", *MARKERS]
+    command = ["--calibration", str(calibration)]
+    assert main(["export", str(trial), "--c3d", *command, "--out", str(out)]) == 0
+    assert main(["residuals", str(trial), *command, *options, "--out", str(tmp_path / "a")]) == 0
+    assert main(["residuals", str(out / trial.name), *options, "--out", str(tmp_path / "b")]) == 0
+    capsys.readouterr()
+    before, after = (
+        pd.read_csv(tmp_path / name / "sub01_pitch_residuals.csv") for name in ("a", "b")
+    )
+    measured, expected = (before[before["compensated"] == flag]["rms"] for flag in (False, True))
+    found = after["rms"].to_numpy()
+    np.testing.assert_allclose(found, expected, atol=0.15)  # N and N·m: of 20 Hz before 6 Hz
+    assert np.abs(measured.to_numpy() - found).max() > 50
+    assert main(["residuals", str(out / trial.name), *options, *command, "--out", str(out)]) == 2
+    assert "its plates are compensated already" in line_of_error(capsys)
+
+
+@pytest.mark.slow
+def test_a_study_is_written_to_a_folder_and_can_be_written_again(moving_study, tmp_path, capsys):
+    out = tmp_path / "compensated"
+    assert main(["export", str(moving_study), "--c3d", "--out", str(out), "--frame", "lab"]) == 0
+    assert "6 recordings with compensated plates" in capsys.readouterr().out
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        path.name for path in moving_study.glob("sub0*.c3d")
+    )
+    content = (out / "sub01_sway.c3d").read_bytes()
+    (out / "sub02_sway.c3d").write_bytes(b"mine")
+    (out / "sub02_pitch.c3d").unlink()
+    assert main(["export", str(moving_study), "--c3d", "--out", str(out), "--frame", "lab"]) == 1
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "FAILED sub02_sway.c3d:" in printed
+    assert "is another file; nothing is overwritten" in printed
+    assert "5 recordings with compensated plates in" in printed
+    assert (out / "sub01_sway.c3d").read_bytes() == content
+    assert (out / "sub02_sway.c3d").read_bytes() == b"mine"
+    assert (out / "sub02_pitch.c3d").is_file()
+
+
+@pytest.mark.slow
+def test_the_recordings_of_a_study_cannot_be_overwritten(moving_study, tmp_path, capsys):
+    copy = tmp_path / "study"
+    shutil.copytree(moving_study, copy)
+    before = {path.name: path.read_bytes() for path in copy.glob("*.c3d")}
+    assert main(["export", str(copy), "--c3d", "--out", str(copy)]) == 1
+    assert "0 recordings with compensated plates" in capsys.readouterr().out
+    assert {path.name: path.read_bytes() for path in copy.glob("*.c3d")} == before
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--c3d"], "--c3d needs a folder for its files: name --out DIR"),
+        (["--c3d", "--out", "out"], "--c3d compensates the plates: name the --calibration"),
+        (["--frame", "lab", "--urdf", "x"], "--frame goes with --c3d"),
+        (["--out", "out", "--urdf", "x"], "--out goes with --c3d"),
+        (["--c3d", "--out", "out", "--frame", "moon"], "'moon' is not one of"),
+        ([], "nothing to export; name --osim FILE"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(
+    trial, tmp_path, monkeypatch, capsys, options, message
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", str(trial), *options]) == 2
+    assert message in line_of_error(capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_frame_needs_the_platform(trial, calibration, tmp_path, capsys):
+    command = ["export", str(trial), "--c3d", "--calibration", str(calibration), "--frame", "lab"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 2
+    assert "--frame lab needs the pose of the platform" in line_of_error(capsys)
+    assert main([*command, *MARKERS, "--out", str(tmp_path / "out")]) == 0
+
+
+def test_a_study_takes_no_options_of_a_trial(moving_study, calibration, tmp_path, capsys):
+    command = ["export", str(moving_study), "--c3d", "--out", str(tmp_path / "out")]
+    assert main([*command, "--calibration", str(calibration)]) == 2
+    assert "is a study, whose files state everything; leave out --calib" in line_of_error(capsys)
+    assert main([*command, "--urdf", str(tmp_path / "x.urdf")]) == 2
+    assert "of a whole study only --c3d is exported" in line_of_error(capsys)
+
+
+def test_other_formats_and_results_are_refused(calibration, tmp_path, capsys):
+    text = tmp_path / "mocap.txt"
+    text.write_text("TimeStamp\tFrameNumber\tLASIS.PosX\n0.0\t1\t0.1\n", encoding="utf-8")
+    command = ["--c3d", "--calibration", str(calibration), "--out", str(tmp_path / "out")]
+    assert main(["export", str(text), *command]) == 2
+    assert "mocap.txt: is a D-Flow file; --c3d copies a C3D file" in line_of_error(capsys)
+    assert main(["export", "walk.parquet", "--c3d", "--out", str(tmp_path / "out")]) == 2
+    assert "C3D holds what was recorded: give the recording" in line_of_error(capsys)

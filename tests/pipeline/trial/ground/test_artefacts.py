@@ -1,0 +1,112 @@
+"""What the treadmill adds to its plates, sample by sample, is what `ground_wrenches` removes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.config.schema import Treadmill
+from pipeline.io.recording import Compensation
+from pipeline.trial.ground.artefacts import plate_artefacts
+from pipeline.trial.ground.calibration_recording import fit_calibration, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.wrenches import ground_wrenches
+from tests.pipeline import lab
+
+DONE = Compensation("hbm-residuals 0.2.0", (1, 2))
+
+
+@pytest.fixture(scope="module")
+def laboratory():
+    treadmill = Treadmill(
+        accelerometers=lab.CHANNELS,
+        platform={"markers": list(lab.PLATFORM_MARKERS_M)},
+    )
+    empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
+    return Laboratory(treadmill, fit_calibration(empty, treadmill))
+
+
+@pytest.fixture(scope="module")
+def pitching(walker):
+    return lab.on_platform(walker, lab.pitching(12.0))
+
+
+def delayed(laboratory, seconds):
+    treadmill = laboratory.treadmill.model_copy(update={"accelerometer_delay_s": seconds})
+    return replace(laboratory, treadmill=treadmill)
+
+
+def test_after_the_low_pass_the_plates_are_those_that_were_compensated_after_it(
+    pitching, laboratory
+):
+    """Filters and gains are linear, so that it makes no difference which comes first."""
+    artefacts, notes = plate_artefacts(pitching, laboratory)
+    columns = [pitching.analog.channel(name) for names in lab.CHANNELS.values() for name in names]
+    readings = np.column_stack(columns) * 9.80665
+    for plate, artefact in zip(pitching.plates, artefacts, strict=True):
+        model = laboratory.calibration.plates[f"plate {plate.number}"]
+        acceleration = model.setup.low_pass(readings, plate.time)
+        measured = model.setup.low_pass(plate.wrench_in_plate, plate.time)
+        expected = model.compensate(acceleration, measured)
+        found = model.setup.low_pass(plate.wrench_in_plate - artefact, plate.time)
+        span = np.ptp(plate.wrench_in_plate, axis=0)
+        assert (np.abs(found - expected) < 1e-9 * span).all()
+        assert (np.abs(artefact[2000:, :3]).max(axis=0) > 20).any()
+    assert notes == ()
+
+
+def test_the_treadmill_without_people_is_empty_without_its_artefact(laboratory):
+    empty = lab.on_platform(lab.without_people(12.0), lab.pitching(12.0), noise=0, seed=4)
+    artefacts, _ = plate_artefacts(empty, laboratory)
+    for plate, artefact in zip(empty.plates, artefacts, strict=True):
+        left = plate.wrench_in_plate - artefact
+        assert np.std(left) < 0.02 * np.std(plate.wrench_in_plate)
+
+
+def test_a_delay_leaves_an_end_that_is_held_and_noted(pitching, laboratory):
+    artefacts, notes = plate_artefacts(pitching, delayed(laboratory, 0.04))
+    (note,) = notes
+    assert note.text.startswith("the prediction is not known in 40 ms at the beginning or end")
+    for artefact in artefacts:
+        np.testing.assert_array_equal(artefact[-40:], np.tile(artefact[-41], (40, 1)))
+    without, _ = plate_artefacts(pitching, laboratory)
+    np.testing.assert_allclose(artefacts[0][:-40], without[0][40:], atol=1e-6)
+
+
+def test_a_gap_of_an_accelerometer_is_refused_with_its_time(pitching, laboratory):
+    values = pitching.analog.values.copy()
+    values[5000:5010, 2] = np.nan
+    broken = replace(pitching, analog=replace(pitching.analog, values=values))
+    with pytest.raises(ValueError, match=r"walk_0\.c3d: the acceleration has a gap at 5\.000 s"):
+        plate_artefacts(broken, laboratory)
+
+
+def test_compensated_plates_are_not_compensated_again(pitching, laboratory):
+    again = replace(pitching, compensation=DONE)
+    with pytest.raises(
+        ValueError, match=r"plates are compensated already, by hbm-residuals 0\.2\."
+    ):
+        ground_wrenches(again, laboratory, again.markers.time, 0.0)
+    only_moving = Laboratory(laboratory.treadmill.model_copy(update={"calibration": None}))
+    ground = ground_wrenches(again, only_moving, again.markers.time, 0.0)
+    assert set(ground.variants) == {"measured"}
+
+
+@pytest.mark.parametrize("frame", ["plate", "lab"])
+def test_plates_in_the_lab_are_not_moved_with_the_platform_again(pitching, laboratory, frame):
+    in_lab = replace(pitching, compensation=replace(DONE, frame=frame))
+    moving = Laboratory(laboratory.treadmill)
+    with pytest.raises(ValueError, match=rf"to the lab \(--frame {frame}\); leave the platform's"):
+        ground_wrenches(in_lab, moving, in_lab.markers.time, 0.0)
+    assert ground_wrenches(in_lab, Laboratory(Treadmill()), in_lab.markers.time, 0.0).pose is None
+
+
+def test_a_compensated_recording_is_no_calibration(tmp_path, laboratory, monkeypatch):
+    empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
+    path = lab.save(empty, tmp_path / "empty.c3d")
+    monkeypatch.setattr(
+        "pipeline.trial.ground.calibration_recording.read_recording",
+        lambda *_: replace(empty, compensation=DONE),
+    )
+    with pytest.raises(ValueError, match=r"empty\.c3d: its plates are compensated, by hbm-residua"):
+        read_calibration(path, laboratory.treadmill, "left,back,up")
