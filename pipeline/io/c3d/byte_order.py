@@ -41,6 +41,7 @@ def float_bytes(values: ArrayLike, byte_order: str) -> bytes:
     if (np.isinf(numbers) & np.isfinite(values)).any():
         raise ValueError("a number is too large for the 4 bytes that a C3D file has for it")
     if byte_order == "dec":
+        numbers[np.abs(numbers) < np.finfo(np.float32).tiny] = 0  # there is no negative zero
         return numbers.view("<u2").reshape(-1, 2)[:, ::-1].tobytes()
     return numbers.astype(">f4" if byte_order == "sgi" else "<f4").tobytes()
 

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hbm.markers import Markers
+from pipeline.io.c3d.byte_order import float_bytes, floats
 from pipeline.io.c3d.compensation import GROUP
 from pipeline.io.c3d.data import read_samples
 from pipeline.io.c3d.force_plates import measured_plates
@@ -466,3 +467,13 @@ def test_a_channel_that_two_plates_share_is_refused(tmp_path):
     original.write_bytes(content.replace(channels, shared))
     with pytest.raises(ValueError, match="FORCE_PLATFORM:CHANNEL names P1C1 twice"):
         rewritten(original, changes_of(original))
+
+
+@pytest.mark.parametrize("byte_order", PROCESSORS)
+def test_numbers_are_encoded_as_they_are_decoded(byte_order):
+    numbers = np.array([0.0, -0.0, 1.0, -1.5, 3.1415927, 1e-30, -2e30, 8.5e37], np.float32)
+    data = float_bytes(numbers, byte_order)
+    np.testing.assert_array_equal(floats(data, byte_order), numbers)
+    assert data[4:8] == data[:4] or byte_order != "dec"  # which has no negative zero
+    with pytest.raises(ValueError, match="too large for the 4 bytes"):
+        float_bytes([1e39], byte_order)
