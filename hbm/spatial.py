@@ -46,10 +46,14 @@ def shift_wrench(wrench: ArrayLike, to: ArrayLike) -> Array:
     Array
         The same wrenches about ``to``, (..., 6). Shifting back is shifting by ``-to``.
     """
-    wrench = np.asarray(wrench, float)
+    wrench, to = np.asarray(wrench, float), np.asarray(to, float)
     force, moment = wrench[..., :3], wrench[..., 3:]
-    shifted = moment - np.cross(np.asarray(to, float), force)
-    return np.concatenate([np.broadcast_to(force, shifted.shape), shifted], axis=-1)
+    shifted = np.empty((*np.broadcast_shapes(force.shape, to.shape)[:-1], 6))
+    shifted[..., :3] = force
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # np.cross takes four times as long
+        cross = to[..., j] * force[..., k] - to[..., k] * force[..., j]
+        shifted[..., 3 + i] = moment[..., i] - cross
+    return shifted
 
 
 def rotate_wrench(wrench: ArrayLike, rotation: ArrayLike) -> Array:

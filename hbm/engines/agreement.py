@@ -21,7 +21,7 @@ IS_FORCE: Final[Mask] = np.array([c.translates for c in TREE] + 3 * [True] + 3 *
 
 def frames_to_check(forces: Sequence[Array]) -> Indices:
     """Choose frames that are spread over those in which all forces, (T, 52) each, are defined."""
-    defined = np.flatnonzero(np.all([np.isfinite(of_one).all(axis=1) for of_one in forces], axis=0))
+    defined = np.flatnonzero(np.isfinite(sum(of_one.sum(axis=1) for of_one in forces)))
     spread = np.linspace(0, len(defined) - 1, min(CHECKED_FRAMES, len(defined)))
     return np.asarray(defined[np.round(spread).astype(int)])
 
