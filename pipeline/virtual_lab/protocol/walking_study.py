@@ -1,5 +1,6 @@
 """A whole simulated walking study: its files as a laboratory has them, and the truth."""
 
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
@@ -85,10 +86,13 @@ def simulate_study(
         if not wanted.isdisjoint(trial_names(PERSONS[number], condition))
     ]
     kernels()  # compiled once before the processes start
-    finished: Iterator[str] = Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks)
-    for done, name in enumerate(finished, start=1):
-        if progress is not None:
-            progress(name, done, len(tasks))
+    with warnings.catch_warnings():
+        # after a long trial, joblib replaces a process because its memory has grown
+        warnings.filterwarnings("ignore", "A worker stopped", UserWarning)
+        finished: Iterator[str] = Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks)
+        for done, name in enumerate(finished, start=1):
+            if progress is not None:
+                progress(name, done, len(tasks))
     return folder
 
 

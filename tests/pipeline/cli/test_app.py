@@ -23,7 +23,7 @@ from pipeline.io.recording import Plate
 from pipeline.io.write import write_text
 from pipeline.run import one_trial
 from pipeline.run.request import TrialRequest
-from pipeline.virtual_lab.protocol.study_folder import folder_setting
+from pipeline.virtual_lab.protocol.study_folder import folder_setting, study_files
 from pipeline.virtual_lab.protocol.study_text import study_texts
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from tests.synthetic import synthetic_t_pose
@@ -383,6 +383,17 @@ def test_options_that_contradict_the_study_in_the_folder_are_refused(
     assert "its study is simulated with" in line
     assert expected in line
     assert not list(simulated.glob("*.c3d"))
+
+
+def test_what_was_written_and_what_was_there_is_printed(simulated, capsys):
+    for name in study_files(Setting(protocol=Protocol(subjects=3))):
+        (simulated / name).touch()
+    before = {path: path.stat().st_mtime_ns for path in simulated.rglob("*")}
+    assert main(["simulate", str(simulated), "--subjects", "3"]) == 0
+    line = capsys.readouterr().out.splitlines()[-1]
+    assert line.startswith(f"0 recordings and 0 other files written to {simulated} in ")
+    assert line.endswith(f"s, 24 were there already; next: hbm run {simulated}")
+    assert {path: path.stat().st_mtime_ns for path in simulated.rglob("*")} == before
 
 
 def test_a_damaged_setting_in_the_folder_is_refused_by_its_name(simulated, capsys):
