@@ -20,7 +20,7 @@ from pipeline.trial.gait.events import gait_events
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.belts import read_belts
 from pipeline.trial.ground.calibration_recording import read_calibration
-from pipeline.trial.ground.laboratory import Laboratory, plate_models
+from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.study_files import read_study_file
 from pipeline.trial.subject_body import subject_body
@@ -284,6 +284,7 @@ def _check_ground(
 ) -> None:
     """Look for everything that compensation, platform pose and perturbations need."""
     name, treadmill = recording.source.name, laboratory.treadmill
+    found.attempt(name, lambda: require_uncompensated(recording, laboratory))
     if laboratory.calibration is not None and recording.plates:
         readings = found.attempt(name, lambda: accelerations(recording, treadmill))
         if readings is not None:

@@ -80,7 +80,7 @@ def require_uncompensated(recording: Recording, laboratory: Laboratory) -> None:
     done, file = recording.compensation, recording.source.name
     if done is None:
         return
-    if laboratory.calibration is not None or laboratory.belts:
+    if laboratory.calibration is not None or laboratory.treadmill.belt is not None:
         raise ValueError(
             f"{file}: its plates are compensated already, by {done.software}; leave the "
             "calibration out, or give the original recording"

@@ -16,6 +16,7 @@ from pipeline.export.compensated_c3d import (
     write_compensated_study,
 )
 from pipeline.io.c3d.read import read_c3d
+from pipeline.run.check import check_study
 from pipeline.run.job import file_digest
 from pipeline.trial.ground.artefacts import plate_artefacts
 from pipeline.trial.ground.platform import platform_pose, pose_at
@@ -229,6 +230,17 @@ def test_a_study_is_written_whole_and_what_fails_is_listed(study, tmp_path):
     assert "lies outside the study's folder" in outcomes["../elsewhere.c3d"].reason
     assert "trial.trc: is a TRC file; --c3d copies a C3D file" in outcomes["trial.trc"].reason
     assert all(outcomes[f"sub01_{c}.c3d"].written for c in ("baseline", "sway", "pitch"))
+
+
+def test_a_study_with_compensated_recordings_and_a_calibration_is_at_fault(
+    study, written, tmp_path
+):
+    """Before anything is computed, `hbm check` says so."""
+    for path in study.folder.iterdir():
+        target = written[None].path if path.name == "sub01_pitch.c3d" else path
+        (tmp_path / path.name).symlink_to(target)
+    (fault,) = check_study(read_study(tmp_path)).faults
+    assert "sub01_pitch.c3d: its plates are compensated already, by hbm-residuals" in str(fault)
 
 
 def test_a_study_without_a_calibration_is_refused_in_one_line(study, tmp_path):
