@@ -114,8 +114,8 @@ def write_compensated(
     Raises
     ------
     ValueError
-        The recording is compensated already, the calibration does not fit it, the pose is needed
-        and unknown, or `rewrite_plates` refuses.
+        The recording has no plates or is compensated already, ``target`` is the recording, the
+        calibration does not fit it, the pose is needed and unknown, or `rewrite_plates` refuses.
     OSError
         A file cannot be read or written.
 
@@ -130,6 +130,12 @@ def write_compensated(
         raise ValueError(
             f"{recording.source.name}: its plates are compensated already, by "
             f"{recording.compensation.software}"
+        )
+    if not recording.plates:
+        raise ValueError(f"{recording.source.name}: the file has no force plates")
+    if target.exists() and target.samefile(recording.source):
+        raise ValueError(
+            f"{recording.source.name}: would be written over the original; name another folder"
         )
     artefacts, notes = plate_artefacts(recording, laboratory)
     changes, corners = [-artefact for artefact in artefacts], []
@@ -168,7 +174,8 @@ def write_compensated(
 
 
 def _name(calibration: Path | None) -> str:
-    return calibration.name if calibration else ""
+    """Give a file's name as text that a C3D file can hold: what is no UTF-8 as "?"."""
+    return calibration.name.encode(errors="replace").decode() if calibration else ""
 
 
 def _digest(calibration: Path | None) -> str:

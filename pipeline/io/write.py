@@ -25,7 +25,10 @@ def write_csv(table: pd.DataFrame, path: Path) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside a file; it takes the file's place once all is written."""
+    """Give a temporary name beside a file; it takes the file's place once all is written.
+
+    That the disk is full is said of the file.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder, not a file to write", str(path))
@@ -36,6 +39,10 @@ def whole_file(path: Path) -> Iterator[Path]:
         yield temporary
         temporary.chmod(0o644)
         temporary.replace(path)
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -113,13 +113,16 @@ class PlateSamples:
             "the compensated force has no centre of pressure on the plate's surface, and plates of "
             "TYPE 1 store no other moment; export the recording with TYPE 2 plates",
         )
-        refuse((change != 0) & (scale == 0), "its scale is 0, so that it can hold no force")
+        refuse(
+            (change != 0) & ((scale == 0) | ~np.isfinite(scale)),
+            "its scale is 0 or no number, so that it can hold no force",
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             after = np.where(change == 0, before, before + change / scale)
         after = after if self._real else np.rint(after)
         low, high = self._limits
         refuse(
-            (change != 0) & ((after < low) | (after > high)),
+            (change != 0) & ~((after >= low) & (after <= high)),
             f"the compensated sample is outside the range of the file's samples, {low:g} to "
             f"{high:g}; export the recording with real (floating-point) samples",
         )

@@ -23,7 +23,7 @@ from pipeline.io.c3d.plate_samples import PlateSamples, plate_samples
 from pipeline.io.c3d.second_reader.rewritten import Verification, check_rewritten
 from pipeline.io.recording import Compensation
 from pipeline.io.units import length_in_m
-from pipeline.io.write import whole_file
+from pipeline.io.write import remove_leftovers, whole_file
 
 FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the trial."""
@@ -102,6 +102,7 @@ def _rewrite(
     parameter_start, data_start = (
         (block - 1) * BLOCK_BYTES for block in (header.parameter_block, header.data_block)
     )
+    remove_leftovers(target.parent)
     with whole_file(target) as temporary:
         with original.open("rb") as source, temporary.open("wb") as copy:
             head = source.read(parameter_start)

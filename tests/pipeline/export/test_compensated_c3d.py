@@ -186,6 +186,34 @@ def test_a_written_file_is_not_written_again(recordings, calibrations, tmp_path)
         write_compensated(recordings[None], calibrations, tmp_path / "x.c3d")
 
 
+def test_a_recording_without_plates_is_refused(original, calibrations, tmp_path):
+    path = lab.save(replace(original, plates=()), tmp_path / "no_plates.c3d")
+    with pytest.raises(ValueError, match=r"no_plates\.c3d: the file has no force plates"):
+        write_compensated(read_c3d(path), calibrations, tmp_path / "out" / "no_plates.c3d")
+
+
+def test_the_original_is_never_written_over(original, calibrations, tmp_path):
+    """Nor by another name of the same file."""
+    link = tmp_path / "link.c3d"
+    link.symlink_to(original.source)
+    before = file_digest(original.source)
+    for target in (original.source, link):
+        with pytest.raises(ValueError, match="would be written over the original; name another f"):
+            write_compensated(original, calibrations, target)
+    assert file_digest(original.source) == before
+
+
+def test_a_calibration_may_have_a_name_that_is_no_utf_8(original, calibrations, study, tmp_path):
+    odd = tmp_path / "l\udce4b.c3d"
+    try:
+        odd.write_bytes(study.path("empty.c3d").read_bytes())
+    except (OSError, UnicodeError):
+        pytest.skip("this file system has no such names")
+    named = replace(calibrations, platform=odd)
+    written = write_compensated(original, named, tmp_path / "out" / "trial.c3d")
+    assert read_c3d(written.path).compensation.calibration == "l?b.c3d"
+
+
 @pytest.mark.parametrize("frame", [None, "lab"])
 def test_samples_that_a_plate_missed_stay_missing(original, calibrations, tmp_path, frame):
     wrench = original.plates[0].wrench_in_plate.copy()

@@ -235,6 +235,14 @@ def test_a_write_that_fails_leaves_what_was_there(processed, written, tmp_path, 
     assert [p.name for p in tmp_path.iterdir()] == ["trial.parquet"]
 
 
+def test_a_full_disk_is_said_of_the_file_that_does_not_fit(tmp_path):
+    path = tmp_path / "table.csv"
+    with pytest.raises(OSError, match="No space left") as caught, whole_file(path):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert caught.value.filename == str(path)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_file_is_never_seen_half_written(tmp_path):
     path = tmp_path / "table.csv"
     with whole_file(path) as temporary:

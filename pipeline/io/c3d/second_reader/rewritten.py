@@ -97,7 +97,7 @@ def check_rewritten(
         found = _differences_of_readings(second.reading, again, changed_channels, allowed, group)
         _require_none(found, f"as {again.reader} reads them")
     except ValueError as error:
-        raise ValueError(f"{written.name} is not {original.name} written again: {error}") from error
+        raise ValueError(f"the copy is not {original.name} written again: {error}") from error
     return Verification(second.reading.reader, second.refusals)
 
 

@@ -100,14 +100,16 @@ def _records(
         owner = groups.get(abs(record.identity), "")
         name = owner if record.identity < 0 else f"{owner}:{record.name}"
         if owner != group and name not in allowed:
-            end = record.pointer + record.step if record.step else _end(section, record)
+            end = record.pointer + record.step
+            if not record.step or end > len(section):
+                end = _end(section, record)
             head, rest = section[record.start : record.pointer], section[record.pointer + 2 : end]
             records[name].append(head + rest.rstrip(b"\0"))
     return records
 
 
 def _end(section: bytes, record: Record) -> int:
-    """Give the end of a last record that does not say where the next one would begin."""
+    """Give the end of a last record that does not say rightly where the next one would begin."""
     start = record.pointer + 2
     if record.identity > 0:
         kind, dimensions = struct.unpack_from("bB", section, start)

@@ -1,6 +1,8 @@
 """A rewritten file is the original but for its plates' samples, one group and the data's start."""
 
+import os
 import struct
+import time
 import tracemalloc
 from dataclasses import replace
 from datetime import timedelta
@@ -447,6 +449,47 @@ def test_another_file_at_the_target_is_kept(tmp_path):
     content = first.read_bytes()
     rewritten(original, changes_of(original))  # the same again is no other file
     assert first.read_bytes() == content
+
+
+def test_what_a_killed_export_left_is_removed_by_the_next_one(tmp_path):
+    original = PlateFile(2).write(tmp_path / "trial.c3d")
+    dead = tmp_path / "written" / ".trial.c3d.deadbeef.part"
+    dead.parent.mkdir()
+    dead.write_bytes(b"half")
+    os.utime(dead, (time.time() - 7200,) * 2)
+    target, _ = rewritten(original, changes_of(original))
+    assert list(target.parent.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("byte_order", PROCESSORS)
+def test_what_follows_the_last_parameter_may_be_anything(tmp_path, byte_order):
+    """Programs that state a wrong way from the last record on leave old bytes behind it."""
+    original = PlateFile(2, byte_order).write(tmp_path / "trial.c3d")
+    content, (header, _) = bytearray(original.read_bytes()), read_header(original)
+    start, data = ((block - 1) * BLOCK for block in (header.parameter_block, header.data_block))
+    last = list(parameter_records(bytes(content[start + 4 : data]), byte_order))[-1]
+    end, pointer = start + 4 + last.pointer + last.step, start + 4 + last.pointer
+    order = ">" if byte_order == "sgi" else "<"
+    struct.pack_into(f"{order}h", content, pointer, 16129)
+    content[end + 2 : data] = b"\x41" * (data - end - 2)
+    original.write_bytes(content)
+    written, _ = rewritten(original, unchanged(original))
+    assert written.read_bytes()[-len(content) + data :] == content[data:]
+    assert read_header(written)[1].text(GROUP, "SOFTWARE") == DONE.software
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e-38])
+def test_a_channel_of_a_scale_that_is_no_number_is_refused(tmp_path, wrong):
+    """As it is where a damaged byte made the scale so: no sample can be computed from it."""
+    file = PlateFile(2, real=False)
+    original = file.write(tmp_path / "trial.c3d")
+    changes, scale = changes_of(original), struct.pack("<f", file.scale[3])
+    content = original.read_bytes()
+    assert content.count(scale) >= 1
+    original.write_bytes(content.replace(scale, struct.pack("<f", wrong)))
+    with pytest.raises(ValueError, match=r"^trial\.c3d: "):
+        rewritten(original, changes)
+    assert not list((tmp_path / "written").glob("*"))
 
 
 def test_changes_with_gaps_and_of_another_length_are_refused(tmp_path):

@@ -67,7 +67,7 @@ def flipped(word, frame):
 )
 def test_one_bit_outside_the_changed_channels_is_named(original, word, message):
     written = rewritten(original, flipped(word, 3))
-    with pytest.raises(ValueError, match=r"^written.c3d is not made_to_order") as caught:
+    with pytest.raises(ValueError, match=r"^the copy is not made_to_order") as caught:
         check_rewritten(original, written, changed_channels=(0, 1, 5))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -124,7 +124,7 @@ def test_no_bit_may_change_but_the_place_of_the_data_and_the_end_of_the_paramete
     written = rewritten(original, lambda c, *_: c.__setitem__(at, c[at] ^ (1 << bit)))
     if at in free:
         return
-    with pytest.raises(ValueError, match=r"^written\.c3d is not ") as caught:
+    with pytest.raises(ValueError, match=r"^the copy is not ") as caught:
         check_rewritten(original, written, changed_channels=())
     assert "\n" not in str(caught.value)
 
