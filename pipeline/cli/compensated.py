@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def export_trial(request: "TrialRequest", out: Path, frame: "Frame | None") -> Path:
-    """Write a trial's C3D file again with compensated plates, and say who has checked it.
+    """Write a trial's C3D file again with compensated plates, and say what has checked it.
 
     Parameters
     ----------

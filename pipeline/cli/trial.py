@@ -73,7 +73,7 @@ def export(
         Literal["plate", "lab"] | None,
         typer.Option(
             help="Of --c3d on a moving platform: corners in its mean pose (plate), or wrenches "
-            "turned into the lab (lab); default: only the plates' samples change."
+            "in the lab frame (lab); default: only the plates' samples change."
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the files of --c3d.")] = None,

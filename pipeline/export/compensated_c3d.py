@@ -51,7 +51,7 @@ class Written:
     path
         The file.
     verification
-        Who else read it and its original and found only the plates changed.
+        Which second reader read it and its original and found only the plates changed.
     notes
         What is doubtful about the compensation.
     """
@@ -63,7 +63,7 @@ class Written:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """What became of one trial of a study: a compensated file, or the reason why there is none."""
+    """The outcome of one recording: a compensated file, or the reason why there is none."""
 
     name: str
     written: Written | None
@@ -101,8 +101,8 @@ def write_compensated(
     frame
         None changes nothing but the plates' samples: wrenches stay in the plates' own moving
         frame, corners where the file has them. "plate" also moves the corners to the platform's
-        mean pose. "lab" turns every wrench into the lab, sample by sample, about the centre of the
-        plate's surface in neutral; the corners stay.
+        mean pose. "lab" expresses every wrench in the lab frame, sample by sample, about the centre
+        of the plate's surface in neutral position; the corners stay.
     plate_delay_s
         How much later the plates are than the markers, which show the platform's pose [s].
 

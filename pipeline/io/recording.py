@@ -185,7 +185,7 @@ class Compensation:
         Which low-pass plates and prediction went through before one was subtracted from the other.
     frame
         "recorded": wrenches in the plates' own moving frame, corners as recorded; "plate": corners
-        in the mean pose of the platform; "lab": wrenches turned into the lab, corners as recorded.
+        in the mean pose of the platform; "lab": wrenches in the lab frame, corners as recorded.
     """
 
     software: str

@@ -55,7 +55,7 @@ def read_twice(path: Path) -> Findings:
     elif not agreement.disagreements:
         notes.append(Note.of("second_reader_agrees", reader=agreement.reader))
     return Findings(
-        tuple(Fault(place, line) for line in agreement.told()),
+        tuple(Fault(place, line) for line in agreement.lines()),
         tuple(Remark(place, note) for note in notes),
     )
 

@@ -19,7 +19,7 @@ from pipeline.io.c3d.plate_channels import channel_change
 
 MAX_REAL: Final = float(np.finfo(np.float32).max)
 MAX_DEC: Final = MAX_REAL / 4
-"""Its numbers are those of the others times four."""
+"""The same bits mean a quarter of the IEEE number in a DEC file."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,7 +63,7 @@ def rewrite_plates(
     Returns
     -------
     Verification
-        Who else read both files and found nothing else changed.
+        Which second reader read both files and found nothing else changed.
 
     Raises
     ------

@@ -65,8 +65,8 @@ def folder_setting(folder: Path) -> Setting | None:
     if not (folder / SIMULATED).is_file():
         if (folder / "study.toml").is_file():
             raise ValueError(
-                f"{folder}: its study.toml is not of a simulated study (no {SIMULATED}), so that "
-                "recordings would not be of its subjects; name a new folder"
+                f"{folder}: its study is not a simulated one (it has no {SIMULATED}), and "
+                "simulated recordings would not be of its subjects; name a new folder"
             )
         raise ValueError(f"{folder}: is not empty; name a new folder, nothing is overwritten")
     try:

@@ -330,11 +330,11 @@ def simulated(tmp_path):
     return folder
 
 
-def test_into_a_study_that_people_recorded_nothing_is_simulated(tmp_path, capsys):
+def test_nothing_is_simulated_into_a_study_of_recorded_people(tmp_path, capsys):
     assert main(["init", str(tmp_path)]) == 0
     before = sorted(tmp_path.iterdir())
     line = refused(capsys, "simulate", tmp_path)
-    assert "its study.toml is not of a simulated study" in line
+    assert "its study is not a simulated one" in line
     assert "name a new folder" in line
     assert sorted(tmp_path.iterdir()) == before
 

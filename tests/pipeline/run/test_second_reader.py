@@ -82,7 +82,7 @@ def test_a_file_that_is_no_c3d_file_is_named_as_not_covered(tmp_path):
     path.write_text("PathFileType\t4\t(X/Y/Z)\twalk.trc\n", encoding="utf-8")
     found = read_twice(path)
     assert [str(remark) for remark in found.remarks] == [
-        "walk.trc: no C3D file: there is no second reader for it"
+        "walk.trc: not a C3D file: there is no second reader for it"
     ]
     assert found.faults == ()
 

@@ -31,7 +31,7 @@ ROUNDING: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """What a second reader says of a file that ours has read.
+    """Whether a second reader reads a file as ours does.
 
     Attributes
     ----------
@@ -47,9 +47,9 @@ class Agreement:
     refusals: tuple[Refusal, ...]
     disagreements: tuple[Disagreement, ...]
 
-    def told(self) -> list[str]:
+    def lines(self) -> list[str]:
         """Say each disagreement in one line."""
-        return [each.told("here", f"by {self.reader}") for each in self.disagreements]
+        return [each.line("here", f"by {self.reader}") for each in self.disagreements]
 
 
 def compare_readers(path: Path) -> Agreement:
@@ -63,7 +63,8 @@ def compare_readers(path: Path) -> Agreement:
     Returns
     -------
     Agreement
-        Who read it, and every marker, channel, parameter and number of the header that differs.
+        Which library read it, and every marker, channel, parameter and number of the header that
+        differs.
 
     Raises
     ------
@@ -77,8 +78,8 @@ def compare_readers(path: Path) -> Agreement:
     Compared are the samples before units and axes are settled, which follow from the parameters.
     A point is missing to our reader also where all its coordinates are zero; the same is applied
     to the second reading. Residuals of seen points are not compared, since our reader does not keep
-    them, nor parameters of a group without a name, for which nobody can ask, nor POINT:FRAMES, in
-    whose place the frames are counted.
+    them, nor parameters of a group without a name, which no program can look up, nor POINT:FRAMES,
+    in whose place the frames are counted.
     """
     try:
         header, parameters = read_header(path)

@@ -12,7 +12,8 @@ from pipeline.io.c3d.second_reader.reading import Parameter
 FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the readings."""
 SMALLEST: Final = 4 * float(np.finfo(np.float32).tiny)
-"""Numbers below are zero, or occur only in DEC files; ezc3d 1.7.2 takes them four-fold."""
+"""Numbers below are zero, or occur only in DEC files, where ezc3d 1.7.2 reads four times as
+much."""
 MAX_SHOWN: Final = 40
 """Characters of a text that are shown."""
 Kind = Literal["header", "number", "parameter", "marker", "channel", "rotation", "bytes"]
@@ -43,7 +44,7 @@ class Disagreement:
     sample: int | None = None
     further: int = 0
 
-    def told(self, first: str, second: str) -> str:
+    def line(self, first: str, second: str) -> str:
         """Say it in one line, given what to call either reading."""
         frame = f", frame {self.frame}" if self.frame is not None else ""
         sample = f", sample {self.sample}" if self.sample is not None else ""

@@ -42,8 +42,8 @@ def read_with(library: str, path: Path) -> Reading | Refusal:
     -------
     Reading | Refusal
         What it read, or in one line why it did not: it is not installed, refuses the file, needs
-        more memory or time than it may have, or ended without a word. On Windows and macOS, memory
-        is not limited.
+        more memory or time than it may have, or ended without a message. On Windows and macOS,
+        memory is not limited.
     """
     if not installed(library):
         return Refusal(library, "it is not installed", installed=False)

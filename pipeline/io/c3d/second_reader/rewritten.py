@@ -25,7 +25,7 @@ DATA_START: Final = "POINT:DATA_START"
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """Who found that a rewritten file differs only where it was to.
+    """Which second reader found that a rewritten file differs only where it was meant to.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ def check_rewritten(
 def _require_none(found: list[Disagreement], reader: str) -> None:
     if found:
         more = f"; {len(found) - 1} more of them" if len(found) > 1 else ""
-        raise ValueError(f"{found[0].told('in the original', 'as written')}, {reader}{more}")
+        raise ValueError(f"{found[0].line('in the original', 'as written')}, {reader}{more}")
 
 
 def _differences_of_readings(

@@ -163,8 +163,8 @@ def test_any_difference_is_named_with_channel_frame_and_values(
 
     monkeypatch.setattr(agreement, "second_reading", altered)
     found = compare_readers(everything)
-    (told,) = found.told()
-    assert line.format(reader=found.reader) in told
+    (printed,) = found.lines()
+    assert line.format(reader=found.reader) in printed
 
 
 @pytest.mark.parametrize("library", ["ezc3d", "c3d"])
@@ -188,7 +188,7 @@ def test_equal_content_has_no_difference(raw_c3d, monkeypatch, library, scale):
     monkeypatch.setattr(agreement, "second_reading", lambda *file: second_reading(*file, [library]))
     found = compare_readers(path)
     assert found.reader.startswith(library)
-    assert found.told() == []
+    assert found.lines() == []
 
 
 @needs_ezc3d
@@ -205,7 +205,7 @@ def test_that_ezc3d_takes_offsets_without_sign_is_said_and_c3d_checks(raw_c3d, s
         ANALOG={"OFFSET": np.array([offset]), "SCALE": np.array([0.7]), "FORMAT": form},
     )
     found = compare_readers(path)
-    assert found.told() == []
+    assert found.lines() == []
     assert found.reader.startswith("c3d ")
     (refusal,) = found.refusals
     assert refusal.reason == "it takes ANALOG:OFFSET without its sign"
@@ -225,8 +225,8 @@ def test_what_offsets_without_sign_do_not_explain_is_a_disagreement(raw_c3d, mon
         return SecondReading(changed(analog=lambda a: a.__setitem__((2, 0), 5.0))(reading), ())
 
     monkeypatch.setattr(agreement, "second_reading", altered)
-    (told,) = compare_readers(path).told()
-    assert told.startswith("channel A0, frame 1: 100 here, -100 by ezc3d ")
+    (printed,) = compare_readers(path).lines()
+    assert printed.startswith("channel A0, frame 1: 100 here, -100 by ezc3d ")
 
 
 @needs_ezc3d
@@ -241,7 +241,7 @@ def test_that_others_count_frames_in_16_bits_is_said_and_no_disagreement(tmp_pat
     path = tmp_path / "long.c3d"
     made.write(str(path))
     found = compare_readers(path)
-    assert (found.reader, found.told()) == (None, [])
+    assert (found.reader, found.lines()) == (None, [])
     assert [refusal.reason for refusal in found.refusals] == [
         "it reads 65535 of 66000 frames",
         "it reads 0 of 66000 frames",
@@ -256,7 +256,7 @@ def test_a_parameter_that_ezc3d_makes_from_the_header_is_no_difference(raw_c3d):
     path.write_bytes(content.replace(b"\x04\x01RATE", b"\x04\x01RITE"))
     found = compare_readers(path)
     assert found.reader.startswith("ezc3d ")
-    assert found.told() == []
+    assert found.lines() == []
 
 
 @pytest.mark.slow
@@ -271,4 +271,4 @@ def test_a_trial_of_twelve_minutes_is_read_twice(tmp_path):
     write_c3d(path, markers, analog=Analog(sample_time, names, ("V",) * 12, values))
     found = compare_readers(path)
     assert found.reader.startswith("ezc3d " if installed("ezc3d") else "c3d ")
-    assert found.told() == []
+    assert found.lines() == []
