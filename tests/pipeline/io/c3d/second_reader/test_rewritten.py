@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from pipeline.io.c3d.data import bytes_per_frame
 from pipeline.io.c3d.header import read_header
+from pipeline.io.c3d.parameters import parameter_records
 from pipeline.io.c3d.second_reader.rewritten import check_rewritten
 
 SECOND = "ezc3d" if find_spec("ezc3d") else "c3d"
@@ -115,11 +116,17 @@ def test_names_locks_and_texts_of_parameters_are_compared(original, old, new, me
 def test_no_bit_may_change_but_the_place_of_the_data_and_the_end_of_the_parameters(
     original, place, bit
 ):
-    """Those of bytes 17 and 18, and behind the last parameter."""
+    """Free are bytes 17 and 18, POINT:DATA_START, the length of the section, and what ends it."""
     content = original.read_bytes()
     header, _ = read_header(original)
-    start = (header.data_block - 1) * 512
-    free = {16, 17, *range(len(content[:start].rstrip(b"\0")), start)}
+    section, start = ((k - 1) * 512 for k in (header.parameter_block, header.data_block))
+    records = list(parameter_records(content[section + 4 : start], header.byte_order))
+    (data_start,) = (record for record in records if record.name == "DATA_START")
+    free = {16, 17, *range(section, section + 3)}
+    first = section + 4
+    free |= set(range(first + data_start.start, first + data_start.pointer + data_start.step))
+    free |= {first + records[-1].pointer, first + records[-1].pointer + 1}
+    free |= set(range(len(content[:start].rstrip(b"\0")), start))
     at = int(place * len(content))
     written = rewritten(original, lambda c, *_: c.__setitem__(at, c[at] ^ (1 << bit)))
     if at in free:
