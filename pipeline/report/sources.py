@@ -68,7 +68,7 @@ def source_section(provenance: Provenance) -> Sources:
 
 def _engine_row(engine: EngineUsed) -> tuple[str, ...]:
     if engine.other is None:
-        return str(engine), "not installed", "0", "unknown"
+        return str(engine), "not checked", "0", "unknown"
     other = title(engine.other, engine.other_version)
     return str(engine), other, str(engine.frames), f"{engine.difference:.0e}"
 

@@ -12,6 +12,8 @@ import numpy as np
 from pipeline.io.c3d.byte_order import BLOCK_BYTES, BYTE_ORDERS, decoded_text, floats, integer_type
 from pipeline.io.c3d.parameters import Parameters, parse_parameters
 
+DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
+"""Parameters that, like the header, say in which block of the file data begin."""
 KEY: Final = 0x50
 """Second byte of every C3D file."""
 EVENTS_KEY: Final = 12345

@@ -17,7 +17,7 @@ from pipeline.io.c3d.byte_order import BLOCK_BYTES, integer_type
 from pipeline.io.c3d.compensation import GROUP, compensation_group, read_compensation
 from pipeline.io.c3d.data import bytes_per_frame, count_frames
 from pipeline.io.c3d.encoding import with_group, with_values
-from pipeline.io.c3d.header import Header, read_header
+from pipeline.io.c3d.header import DATA_STARTS, Header, read_header
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.c3d.plate_samples import PlateSamples, plate_samples
 from pipeline.io.c3d.second_reader.rewritten import Verification, check_rewritten
@@ -32,8 +32,6 @@ DATA_BLOCK: Final = 8
 LABEL_RANGE: Final = 147
 LABEL_RANGE_KEY: Final = 12345
 """This number in this word of the header: the file has a section of labels and ranges."""
-MOVED: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
-"""Parameters that count blocks from the file's beginning."""
 
 
 def rewrite_plates(
@@ -119,7 +117,7 @@ def _rewrite(
             temporary,
             changed_channels={channel for plate in samples.plates for channel in plate.channels},
             added_group=GROUP,
-            changed_parameters={":".join(name) for name in MOVED}
+            changed_parameters={":".join(name) for name in DATA_STARTS}
             | ({"FORCE_PLATFORM:CORNERS"} if corners else set()),
         )
         if target.exists() and not filecmp.cmp(temporary, target, shallow=False):
@@ -159,7 +157,7 @@ def _changed_section(
     order, length = samples.header.byte_order, len(section)
     section = with_group(section, order, GROUP, compensation_group(compensation))
     moved = (len(section) - length) // BLOCK_BYTES
-    for group, name in MOVED if moved else ():
+    for group, name in DATA_STARTS if moved else ():
         if start := parameters.integer(group, name, 0):
             section = with_values(section, order, group, name, np.array([start + moved]))
     if corners:

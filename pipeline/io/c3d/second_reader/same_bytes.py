@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.io.c3d.byte_order import BLOCK_BYTES, floats, integer_type
 from pipeline.io.c3d.data import bytes_per_frame, count_frames
-from pipeline.io.c3d.header import Header, read_header
+from pipeline.io.c3d.header import DATA_STARTS, Header, read_header
 from pipeline.io.c3d.parameters import Parameters, Record, parameter_records
 from pipeline.io.c3d.second_reader.disagreement import (
     Disagreement,
@@ -68,6 +68,8 @@ def bytes_that_differ(
     ) or _records_that_differ(
         _records(first, header, allowed, group), _records(second, header_again, allowed, group)
     )
+    moved = header_again.data_block - header.data_block
+    found += _starts_that_differ(parameters, parameters_again, moved)
     data, data_again = (
         side[(own.data_block - 1) * BLOCK_BYTES :]
         for side, own in ((first, header), (second, header_again))
@@ -126,6 +128,18 @@ def _records_that_differ(
         for name in sorted({*first, *second})
         if first.get(name) != second.get(name)
     ]
+
+
+def _starts_that_differ(first: Parameters, second: Parameters, moved: int) -> list[Disagreement]:
+    """Find starts of data that have not moved by so many blocks, as the header's has."""
+    found = []
+    for group, name in DATA_STARTS:
+        start, again = (side.integer(group, name, 0) for side in (first, second))
+        expected = start + moved if start else 0
+        if again != expected:
+            key = f"{group}:{name}"
+            found.append(Disagreement("parameter", key, f"{expected} after the move", str(again)))
+    return found
 
 
 def _values(parameters: Parameters, allowed: set[str], group: str | None) -> dict[str, Parameter]:

@@ -109,6 +109,15 @@ def test_names_locks_and_texts_of_parameters_are_compared(original, old, new, me
         check_rewritten(original, rewritten(original, change), changed_channels=())
 
 
+def test_the_start_of_the_data_in_the_parameters_moves_as_the_headers(original):
+    def change(content, *_):
+        at = content.index(b"DATA_START") + len(b"DATA_START") + 5
+        content[at] += 1
+
+    with pytest.raises(ValueError, match=r"POINT:DATA_START: \d+ after the move in the original"):
+        check_rewritten(original, rewritten(original, change), changed_channels=())
+
+
 @given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 @settings(
     max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
