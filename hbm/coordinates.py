@@ -143,6 +143,22 @@ LAST_Q.update({s: LAST_Q[carrier] for s, carrier in FIXED_TO.items()})
 PARENT: Final = {s: TREE[TREE[FIRST_Q[s]].parent].segment for s in MOVING if s != "pelvis"}
 """What moves -> the segment or point that it is attached to."""
 
+LIMBS: Final = {
+    "head": ("head",),
+    **{
+        f"{side} {limb}": tuple(f"{side}_{s}" for s in segments)
+        for side in SIDES
+        for limb, segments in (
+            ("arm", ("shoulder", "upper_arm", "forearm", "hand")),
+            ("leg", ("thigh", "shank", "foot", "toes")),
+        )
+    },
+}
+"""Head, arms and legs -> their segments and points; they move none of each other's."""
+
+CARRIERS: Final = ("pelvis", "thorax")
+"""What carries head and limbs."""
+
 SUBJECT_OFFSETS: Final = tuple(FIRST_Q[s] for s in PARENT)
 """Coordinates whose place in the parent's frame the subject's landmarks define."""
 

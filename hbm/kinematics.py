@@ -10,6 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hbm.coordinates import INDEX
+from hbm.ik.problem import Problem
 from hbm.ik.tracking import Tracker
 from hbm.markers import Markers
 from hbm.model import Body
@@ -87,7 +88,7 @@ def solve_ik(
                 )
             if kind == "prior" and not (first >= 0 and np.isfinite([first, second]).all()):
                 raise ValueError(f"the prior of {name} must be a weight of 0 or more and a value")
-    return Tracker(
+    problem = Problem(
         body,
         markers,
         weights or {},
@@ -95,4 +96,5 @@ def solve_ik(
         priors or {},
         tolerance=tolerance,
         jobs=jobs,
-    ).motion()
+    )
+    return Tracker(problem).motion()

@@ -2,8 +2,10 @@
 
 In one native call per block of frames (``descent.c``) or, without a compiler, in NumPy around the
 same kernels on the virtual machine. Each frame iterates independently: a step that raises the cost
-is reduced, the curvature is dropped where the Hessian is indefinite, and the frame is done once its
-step is below the tolerance.
+is computed again with more damping (Levenberg 1944, Marquardt 1963), the curvature is dropped where
+the Hessian is indefinite, and the frame is done once the step of the undamped, exact Hessian is
+below the tolerance. The damping is a multiple of the second derivative along the step that went too
+far, so that it slows the directions that markers hardly show and no others.
 """
 
 import ctypes
@@ -29,19 +31,35 @@ MAX_STEP: Final = 0.5
 NEAR_OPTIMUM: Final = 0.1
 """Below this step [rad or m] the exact Hessian is tried again after it was indefinite."""
 
-MAX_ITERATIONS: Final = 60
+MAX_ITERATIONS: Final = 300
 """Per frame: a recorded walk takes about four from interpolated starts and ten at most; the others
-are for starts far from the optimum."""
+are for starts far from the optimum and for directions that markers hardly show."""
 
-MAX_REDUCTIONS: Final = 20
-"""Of the step, over all iterations of a frame; 4^-20 of a step is below every tolerance."""
+DAMPING_FACTOR: Final = 10.0
+"""Of the second derivative along a step that raised the cost, or of its damping: the damping of the
+next try, which shortens that step to a tenth or less and leaves steeper directions nearly as they
+were."""
 
-STEP_REDUCTION: Final = 4.0
-"""Divisor of a step that raised the cost."""
+DAMPING_DIVISOR: Final = 4.0
+"""By which the damping falls with every accepted step."""
+
+NEGLIGIBLE_DAMPING: Final = 1e-7
+"""Below it [m²/rad², or 1 for a translation] a step is computed without damping."""
 
 MAX_RELATIVE_RISE: Final = 1e-9
 MAX_ABSOLUTE_RISE: Final = 1e-12
 """Rise of the cost [m² times the weights] that is taken for rounding, not for a step too far."""
+
+NEGLIGIBLE_GAIN: Final = 1e-18
+"""Twice the reduction of the cost [m² times the weights] that the next step promises, below which a
+frame is done whatever the step: where no marker shows a direction, steps along it are rounding
+errors, divided by next to nothing. A step of 1e-6 rad promises more wherever a coordinate counts as
+observed."""
+
+MAX_SADDLE_CURVATURE: Final = 1e-5
+"""Negative curvature, per unit of weight, that a minimum may seem to have [m²/rad², or 1]: less
+than a marker 3 mm from the axis contributes, and of the order of what its distance from the model
+takes away again."""
 
 FRAMES_AT_ONCE: Final = 4000
 """Without a compiler: bounds the memory for marker sums and results to some 30 MB."""
@@ -81,6 +99,12 @@ class Solved:
             np.empty((frames, N_Q)),
             np.empty((frames, markers)),
         )
+
+    @classmethod
+    def joined(cls, *parts: "Solved") -> "Solved":
+        """Put the frames of several solutions one after the other."""
+        names = cls.__slots__
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     def overwrite(self, rows: Indices | slice, other: "Solved") -> None:
         """Replace some frames by those of another solution."""
@@ -150,10 +174,12 @@ class _Problem(ctypes.Structure):
     _fields_: ClassVar = [
         *((name, ctypes.c_longlong) for name in ("frames", "markers", "measured")),
         *((name, ctypes.c_longlong) for name in ("prior_stride", "reference_stride")),
-        *((name, ctypes.c_longlong) for name in ("max_iterations", "max_reductions")),
+        ("max_iterations", ctypes.c_longlong),
         *((name, ctypes.c_double) for name in ("tolerance", "damping", "max_step")),
         *((name, ctypes.c_double) for name in ("near_optimum", "relative_rise", "absolute_rise")),
-        ("reduction", ctypes.c_double),
+        *((name, ctypes.c_double) for name in ("damping_factor", "damping_divisor")),
+        *((name, ctypes.c_double) for name in ("negligible_damping", "negligible_gain")),
+        ("saddle", ctypes.c_double),
         *((name, ctypes.c_void_p) for name in ("row", "column", "segment", "local", "weight")),
         *((name, ctypes.c_void_p) for name in ("geometry", "position", "start", "prior")),
         *((name, ctypes.c_void_p) for name in ("reference", "q", "pivots", "error", "gradient")),
@@ -186,14 +212,17 @@ def _compiled(
             prior_stride=prior.strides[0] // prior.itemsize,
             reference_stride=reference.strides[0] // reference.itemsize,
             max_iterations=MAX_ITERATIONS,
-            max_reductions=MAX_REDUCTIONS,
             tolerance=tolerance,
             damping=DAMPING,
             max_step=MAX_STEP,
             near_optimum=NEAR_OPTIMUM,
             relative_rise=MAX_RELATIVE_RISE,
             absolute_rise=MAX_ABSOLUTE_RISE,
-            reduction=STEP_REDUCTION,
+            damping_factor=DAMPING_FACTOR,
+            damping_divisor=DAMPING_DIVISOR,
+            negligible_damping=NEGLIGIBLE_DAMPING,
+            negligible_gain=NEGLIGIBLE_GAIN,
+            saddle=-MAX_SADDLE_CURVATURE,
             **fixed,
             **pointers,
         )
@@ -219,38 +248,50 @@ def _interpreted(
     measured = attachment.measured(rows) - origin[:, None, :3]
     terms = attachment.sums(measured), prior, reference - origin
     q = start - origin
-    accepted_q, step, pivots = q.copy(), np.zeros((total, N_Q)), np.full((total, N_Q), np.nan)
+    accepted_q, pivots = q.copy(), np.full((total, N_Q), np.nan)
     cost, gradient = np.full(total, np.inf), np.full(total, np.nan)
-    curvature, reductions, converged = np.ones(total), np.zeros(total, int), np.zeros(total, bool)
+    curvature, lowest, converged = np.ones(total), np.zeros(total), np.zeros(total, bool)
+    damping, step_damping, step_curvature = np.full((3, total), DAMPING)
     active = np.flatnonzero(~np.isnan(start).any(axis=1))
     for _ in range(MAX_ITERATIONS):
         if not len(active):
             break
         newton_step, report = ready.newton_step(
             *(x[active] for x in (q, *terms)),
-            np.full((len(active), 1), DAMPING),
+            damping[active, None],
             curvature[active, None],
             attachment.geometry,
             jobs=jobs,
         )
-        pivots[active] = report[:, 2:]
+        pivots[active] = report[:, 3:]
         highest = cost[active] * (1 + MAX_RELATIVE_RISE) + MAX_ABSOLUTE_RISE
         rejected = ~(report[:, 0] <= highest)
-        indefinite = ~rejected & (report[:, 2:].min(axis=1) <= 0) & (curvature[active] > 0)
+        indefinite = ~rejected & (report[:, 3:].min(axis=1) <= 0) & (curvature[active] > 0)
         back = active[rejected]
-        reductions[back] += 1
-        step[back] /= STEP_REDUCTION
-        q[back] = accepted_q[back] + step[back]
+        q[back] = accepted_q[back]
+        damping[back] = DAMPING_FACTOR * np.maximum(step_curvature[back], step_damping[back])
         curvature[active[indefinite]] = 0
+        lowest[active[indefinite]] = report[indefinite, 3:].min(axis=1)
 
         accepted = ~rejected & ~indefinite
-        good, size = active[accepted], np.abs(newton_step[accepted]).max(axis=1, initial=0)
-        scale = np.where(size > MAX_STEP, MAX_STEP / np.maximum(size, MAX_STEP), 1.0)
+        good, step, slope = active[accepted], newton_step[accepted], report[accepted, 2]
+        size, square = np.abs(step).max(axis=1, initial=0), np.vecdot(step, step)
+        used = damping[good]
+        along = np.divide(-slope, square, out=np.zeros_like(slope), where=square > 0) - used
+        excess = np.maximum(size / MAX_STEP, 1)
+        relaxed = used / DAMPING_DIVISOR
+        relaxed[relaxed < NEGLIGIBLE_DAMPING] = DAMPING
+        damping[good] = np.where(excess > 1, np.maximum(along * (excess - 1), relaxed), relaxed)
+        step_damping[good], step_curvature[good] = used, along
         cost[good], gradient[good] = report[accepted, :2].T
-        accepted_q[good], step[good] = q[good], scale[:, None] * newton_step[accepted]
-        q[good] += step[good]
+        accepted_q[good] = q[good]
+        q[good] += step / excess[:, None]
+        exact = curvature[good] > 0
+        still = (exact & (size < tolerance) | (-slope < NEGLIGIBLE_GAIN)) & (used <= DAMPING)
+        converged[good] = still & (exact | (lowest[good] > -MAX_SADDLE_CURVATURE))
         curvature[good[size < NEAR_OPTIMUM]] = 1
-        converged[good] = size < tolerance
-        active = active[~converged[active] & (reductions[active] <= MAX_REDUCTIONS)]
+        finished = np.zeros(total, bool)
+        finished[good] = still
+        active = active[~finished[active]]
     error = attachment.errors(ready, measured, q, jobs)
     return Solved(q + origin, converged, gradient, pivots, error)

@@ -3,24 +3,23 @@
 The optimum of a frame does not depend on its neighbours, only its starting point does: it is
 interpolated between coarsely spaced frames, which in turn start from a segment-wise rigid fit
 (`hbm.ik.start`). Where an optimum is far from its start, the frame is solved again from the rigid
-fit, and the pose that fits the markers better is kept. The result therefore depends neither on how
+fit. Where that leads lower, and in the spaced frames where markers show a limb only weakly, still
+lower optima are looked for (`hbm.ik.lowest`); so they are in all frames of a recording that is not
+continuous. The result therefore depends neither on how
 many frames are solved at once nor on the number of threads.
 """
 
-from collections.abc import Mapping
-from dataclasses import replace
+from itertools import combinations
 from typing import Final
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from hbm.coordinates import COORDINATES, INDEX, MOVING, N_Q, TREE
-from hbm.ik.attachment import MarkerAttachment
+from hbm.coordinates import CARRIERS, LIMBS, N_Q, TREE
 from hbm.ik.continuity import continuous
-from hbm.ik.descent import Solved, solve_frames
-from hbm.ik.start import starting_pose
-from hbm.markers import Markers
-from hbm.model import Body
+from hbm.ik.descent import MAX_ABSOLUTE_RISE, Solved
+from hbm.ik.lowest import lowest
+from hbm.ik.problem import Problem
 from hbm.motion import Motion
 from hbm.spatial import Array, Indices, Mask
 
@@ -34,12 +33,17 @@ MAX_DISTANCE_FROM_START: Final = 0.5
 """Change of any coordinate from its start [rad or m]: an optimum farther away may be the wrong one
 of several."""
 
-FRAMES_AT_ONCE: Final = 4000
-"""Bounds the memory of the rigid fits."""
+MAX_SHARE_FAR: Final = 0.5
+"""Of the frames: where more are far from their start, the frames are no continuous recording, and
+tell nothing of each other."""
 
-LOCK: Final = 1e9
-"""Prior weight of a coordinate that is held [m²/rad², or 1 for a translation]: markers, which weigh
-about 1, move it by about 1e-9 rad."""
+MIN_CLEAR_PIVOT: Final = 1e-3
+"""Curvature, per unit of weight, of a rotation that markers show well [m²/rad²]: that of a marker
+3 cm from the axis."""
+
+MAX_CLEAR_ERROR_M: Final = 0.015
+"""RMS distance of a limb's markers from the model; in another optimum than the lowest it is larger,
+or the limb is shown weakly."""
 
 MIN_PIVOT: Final = 1e-6
 """Curvature, per unit of weight, from which on a coordinate counts as observed [m²/rad² or 1]: that
@@ -52,84 +56,57 @@ MAX_UNRELATED_PIVOT: Final = 1e-8
 """Curvature below which no marker depends on an unobserved coordinate: changing it then moves no
 other."""
 
-N_PELVIS: Final = 6
-"""The pelvis' coordinates, the first of all: without them a frame cannot be solved."""
-
-MAX_ACTIVE_SET_ROUNDS: Final = 10
-"""Rounds of holding coordinates at limits and releasing them; a few suffice."""
+EQUAL_COST: Final = 1e-6
+"""Relative difference of the costs of one optimum that is reached from two starts."""
 
 
 class Tracker:
-    """One trial's markers against one body."""
+    """One trial, frame by frame."""
 
-    def __init__(
-        self,
-        body: Body,
-        markers: Markers,
-        weights: Mapping[str, float],
-        limits: Mapping[str, tuple[float, float]],
-        priors: Mapping[str, tuple[float, float]],
-        *,
-        tolerance: float,
-        jobs: int,
-    ) -> None:
-        known = [k for k, name in enumerate(body.markers) if name in markers.names]
-        if not known:
-            raise ValueError(
-                f"none of the body's markers is in the trial; the body has "
-                f"{', '.join(body.markers[:6])}, …, the trial {', '.join(markers.names[:6])}, …"
-            )
-        self.body, self.time, self.tolerance, self.jobs = body, markers.time, tolerance, jobs
-        self.names = tuple(body.markers[k] for k in known)
-        self.segment = tuple(body.marker_segment[k] for k in known)
-        self.attachment = MarkerAttachment(
-            np.array([MOVING.index(s) for s in self.segment]),
-            body.marker_position[known],
-            np.array([weights.get(name, 1.0) for name in self.names]),
-            body.geometry,
-            markers.position,
-            np.array([markers.names.index(name) for name in self.names]),
-        )
-        self.lower, self.upper = np.full(N_Q, -np.inf), np.full(N_Q, np.inf)
-        for name, (low, high) in limits.items():
-            self.lower[INDEX[name]], self.upper[INDEX[name]] = low, high
-        self.prior_weight, self.prior_value = np.zeros(N_Q), np.zeros(N_Q)
-        for name, (weight, value) in priors.items():
-            self.prior_weight[INDEX[name]], self.prior_value[INDEX[name]] = weight, value
-        self.locked = np.array([name in body.locked for name in COORDINATES])
-        self.locked |= ~_with_markers_beyond(set(self.segment))
-        self.prior = np.where(self.locked, LOCK, self.prior_weight)
-        self.reference = np.where(self.locked, 0.0, self.prior_value)
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.frames = np.arange(len(problem.time))
 
     def motion(self) -> Motion:
         """Solve all frames."""
-        frames = np.arange(len(self.time))
+        problem = self.problem
         start, usual_pivots = self.starting_points()
-        found = self.newton(frames, start)
-        doubtful = np.flatnonzero(~found.converged | self.far(found.q, start))
-        self.try_alternative_start(found, doubtful, doubtful, self.rigid_fit(doubtful))
-        observed = self.observed(found, usual_pivots)
-        pelvis: Mask = np.asarray(observed[:, :N_PELVIS].all(axis=1))
-        found.q[~pelvis | ~found.converged & observed[:, ~self.locked].all(axis=1)] = np.nan
+        found = problem.newton(self.frames, start)
+        far = ~found.converged | _far(found.q, start)
+        if np.mean(far) > MAX_SHARE_FAR:
+            usual_pivots = None
+        doubtful = np.flatnonzero(far)
+        lower = self.try_start(found, doubtful, problem.rigid_fit(doubtful))
+        self.look_for_lower(found, self.frames if usual_pivots is None else doubtful[lower])
+        unsolved = self.leave_limbs_out(found)
+        observed = self.observed(found, usual_pivots) & ~unsolved
+        carriers: Mask = np.asarray(observed[:, self.carriers].all(axis=1))
+        found.q[~carriers | ~found.converged & observed[:, ~problem.locked].all(axis=1)] = np.nan
         found.q[:] = continuous(found.q)
-        self.bridge_gaps(found, observed & pelvis[:, None])
-        found.converged[~pelvis] = False
+        self.bridge_gaps(found, observed & carriers[:, None], unsolved, usual_pivots is None)
+        found.converged[~carriers] = False
         found.q[~found.converged] = np.nan
         found.error[~found.converged] = np.nan
         not_yet = np.full(found.q.shape, np.nan)
         return Motion(
-            self.time,
+            problem.time,
             found.q,
             not_yet,
             not_yet,
-            self.names,
+            problem.names,
             found.error,
             found.converged,
             observed & found.converged[:, None],
             found.gradient,
         )
 
-    def starting_points(self) -> tuple[Array, Array]:
+    @property
+    def carriers(self) -> Mask:
+        """Coordinates without which a frame is lost: of the pelvis, and of a trunk with markers."""
+        own = np.array([c.segment in CARRIERS for c in TREE])
+        return np.asarray(own & ~self.problem.locked)
+
+    def starting_points(self) -> tuple[Array, Array | None]:
         """Give every frame a starting point: splines between key frames solved from rigid fits.
 
         Returns
@@ -137,168 +114,152 @@ class Tracker:
         start
             Starting points, (T, 46); NaN where nothing is known.
         usual_pivots
-            The median pivots of the key frames, (46,).
+            The median pivots of the key frames, (46,); None where there are too few of them, so
+            that frames tell nothing of each other, and the starting points are rigid fits.
         """
-        frames = np.arange(len(self.time))
-        keys = self.key_frames()
-        found = self.newton(keys, self.rigid_fit(keys))
+        problem, keys = self.problem, self.key_frames()
+        found = problem.newton(keys, problem.rigid_fit(keys))
+        self.look_for_lower(found, np.flatnonzero(self.doubtful(found)), keys)
         solved = np.flatnonzero(found.converged)
-        pivots = np.median(found.pivots[solved], axis=0) if len(solved) else np.zeros(N_Q)
         if len(solved) < MIN_KEY_FRAMES:
-            return self.rigid_fit(frames), pivots
+            return problem.rigid_fit(self.frames), None
         found.q[solved] = continuous(found.q[solved])
         inner = solved[1:-1]
         between = (found.q[solved[:-2]] + found.q[solved[2:]]) / 2
-        isolated = self.far(found.q[inner], between)
-        rows = inner[isolated]
-        self.try_alternative_start(found, rows, keys[rows], between[isolated])
+        isolated = _far(found.q[inner], between)
+        self.try_start(found, inner[isolated], between[isolated], keys)
         spline = make_interp_spline(keys[solved], continuous(found.q[solved]), k=3)
-        return np.asarray(spline(np.clip(frames, keys[solved[0]], keys[solved[-1]]))), pivots
+        start = np.asarray(spline(np.clip(self.frames, keys[solved[0]], keys[solved[-1]])))
+        return start, np.median(found.pivots[solved], axis=0)
 
-    def far(self, q: Array, start: Array) -> Mask:
-        """Whether poses are far from their starting points, (F,)."""
-        return np.asarray(np.abs(q - start).max(axis=1, initial=0) > MAX_DISTANCE_FROM_START)
+    def doubtful(self, found: Solved) -> Mask:
+        """Whether a lower optimum is likely: markers show a limb weakly, or it does not fit them.
 
-    def try_alternative_start(
-        self, found: Solved, rows: Indices, frames: Indices, start: Array
+        Parameters
+        ----------
+        found
+            Optima of some frames that were solved from rigid fits.
+
+        Returns
+        -------
+        Mask
+            (F,).
+        """
+        problem = self.problem
+        pivots = found.pivots[:, problem.rotates & ~problem.locked]
+        weight = problem.attachment.weight.max()
+        weak = (pivots > MIN_PIVOT * weight) & (pivots < MIN_CLEAR_PIVOT * weight)
+        doubtful: Mask = ~found.converged | weak.any(axis=1)
+        for segments in LIMBS.values():
+            own = [k for k, s in enumerate(problem.segment) if s in segments]
+            square = found.error[:, own] ** 2
+            seen = np.isfinite(square)
+            largest = MAX_CLEAR_ERROR_M**2 * seen.sum(axis=1)
+            doubtful |= np.where(seen, square, 0).sum(axis=1) > largest
+        return np.asarray(doubtful)
+
+    def look_for_lower(
+        self, found: Solved, rows: Indices, frames: Indices | slice = slice(None)
     ) -> None:
-        """Solve some of the frames again, from another start; keep the lower optimum."""
-        solved = self.newton(frames, start)
-        before, after = (
-            np.where(optima.converged, self.cost(optima), np.inf)
-            for optima in (found.select(rows), solved)
-        )
+        """Replace optima by lower ones where there are any; rows of ``frames``, or of all."""
+        rows = rows[np.isfinite(found.q[rows]).all(axis=1)]
+        found.overwrite(rows, lowest(self.problem, self.frames[frames][rows], found.select(rows)))
+
+    def try_start(
+        self, found: Solved, rows: Indices, start: Array, frames: Indices | slice = slice(None)
+    ) -> Mask:
+        """Solve some rows of ``frames`` from another start and keep the lower optimum.
+
+        Gives whether that is a lower one, or neither start leads to an optimum, (R,).
+        """
+        solved = self.problem.newton(self.frames[frames][rows], start)
+        before, after = (self.problem.cost(optima) for optima in (found.select(rows), solved))
         better = after < before
         found.overwrite(rows[better], solved.select(better))
+        lower = after < before * (1 - EQUAL_COST) - MAX_ABSOLUTE_RISE
+        return np.asarray(lower | np.isinf(np.minimum(before, after)))
 
-    def cost(self, solved: Solved) -> Array:
-        """Give twice the sum that is minimised, (F,)."""
-        prior = self.prior_weight * (solved.q - self.prior_value) ** 2
-        markers = np.nansum(self.attachment.weight * solved.error**2, axis=1)
-        return np.asarray(markers + prior.sum(axis=1))
+    def leave_limbs_out(self, found: Solved) -> Mask:
+        """Solve frames that did not converge without the fewest limbs that keep them from it.
 
-    def observed(self, found: Solved, usual_pivots: Array) -> Mask:
+        Gives the coordinates that are left out, (T, 46).
+        """
+        left_out = np.zeros(found.q.shape, bool)
+        for count in range(1, len(LIMBS) + 1):
+            for names in combinations(LIMBS, count):
+                rows = np.flatnonzero(~found.converged)
+                rows = rows[np.isfinite(found.q[rows]).all(axis=1)]
+                if not len(rows):
+                    return left_out
+                segments = {s for name in names for s in LIMBS[name]}
+                without = self.problem.without(segments)
+                solved = without.newton(rows, found.q[rows])
+                rows, solved = rows[solved.converged], solved.select(solved.converged)
+                solved.error[:, [s in segments for s in without.segment]] = np.nan
+                found.overwrite(rows, solved)
+                left_out[rows] = [c.segment in segments for c in TREE]
+        return left_out
+
+    def observed(self, found: Solved, usual_pivots: Array | None) -> Mask:
         """Which coordinates the visible markers determine, (T, 46).
 
         A coordinate is determined where the curvature that remains to it once all coordinates
         beyond it are free (its pivot) is not nearly zero and, in frames with missing markers, not
         small compared with what is usual in the trial.
         """
-        missing = np.isnan(found.error)
-        gaps = (missing & ~missing.all(axis=0)).any(axis=1)
-        least = np.full(N_Q, MIN_PIVOT * self.attachment.weight.max())
-        from_markers = found.pivots - self.prior_weight
+        problem = self.problem
+        least = np.full(N_Q, MIN_PIVOT * problem.attachment.weight.max())
+        from_markers = found.pivots - problem.prior_weight
         observed = from_markers > least
-        observed[gaps] &= from_markers[gaps] > MIN_PIVOT_SHARE * usual_pivots
-        return np.asarray(observed & ~self.locked)
+        if usual_pivots is not None:
+            missing = np.isnan(found.error)
+            gaps = (missing & ~missing.all(axis=0)).any(axis=1)
+            observed[gaps] &= from_markers[gaps] > MIN_PIVOT_SHARE * usual_pivots
+        return np.asarray(observed & ~problem.locked)
 
     def key_frames(self) -> Indices:
         """Choose the frame with the most markers in each interval, and both ends."""
-        frames = len(self.time)
-        position, column = self.attachment.position, self.attachment.column
+        frames, attachment = len(self.frames), self.problem.attachment
         count = np.full(-(-frames // KEY_FRAME_SPACING) * KEY_FRAME_SPACING, -1)
-        count[:frames] = np.isfinite(position[:, column, 0]).sum(axis=1)
+        count[:frames] = np.isfinite(attachment.position[:, attachment.column, 0]).sum(axis=1)
         intervals = count.reshape(-1, KEY_FRAME_SPACING)
         best = intervals.argmax(axis=1) + KEY_FRAME_SPACING * np.arange(len(intervals))
         return np.unique([0, *best, frames - 1])
 
-    def rigid_fit(self, rows: Indices) -> Array:
-        """Give starting points that depend on the frame itself alone, (F, 46)."""
-        start, body = np.empty((len(rows), N_Q)), self.body
-        for first in range(0, len(rows), FRAMES_AT_ONCE):
-            block = slice(first, first + FRAMES_AT_ONCE)
-            measured = self.attachment.measured(rows[block])
-            seen = np.isfinite(measured[..., 0])
-            start[block] = starting_pose(
-                np.where(seen[..., None], measured, 0.0),
-                seen * self.attachment.weight,
-                self.attachment.local,
-                self.segment,
-                body.joints,
-            )
-        return np.clip(start, self.lower, self.upper)
+    def bridge_gaps(self, found: Solved, observed: Mask, unsolved: Mask, unrelated: bool) -> None:
+        """Interpolate coordinates that markers do not show between their neighbours in time.
 
-    def newton(self, rows: Indices, start: Array, held: tuple[Mask, Array] | None = None) -> Solved:
-        """Solve some frames.
+        Where a remaining marker depends on them, the other coordinates are solved again.
 
         Parameters
         ----------
-        rows
-            Frame numbers, (F,).
-        start
-            Starting points, (F, 46).
-        held
-            Whether coordinates are held, (F, 46), and at which values.
-
-        Returns
-        -------
-        Solved
-            The optima.
+        found
+            Optima of all frames; changed in place.
+        observed
+            Coordinates that the markers show, (T, 46).
+        unsolved
+            Coordinates of limbs that are left out, (T, 46): no marker that is used depends on them.
+        unrelated
+            Whether the frames tell nothing of each other: then only coordinates on which no marker
+            depends are interpolated.
         """
-        locked, prior, reference = self.locked, self.prior, self.reference
-        if held is not None:
-            locked = locked | held[0]
-            prior, reference = np.where(held[0], LOCK, prior), np.where(held[0], held[1], reference)
-        return self.bounded(rows, np.where(locked, reference, start), prior, reference, locked)
-
-    def unbounded(self, rows: Indices, start: Array, prior: Array, reference: Array) -> Solved:
-        """Solve without limits."""
-        return solve_frames(
-            self.attachment,
-            rows,
-            start,
-            prior,
-            reference,
-            tolerance=self.tolerance,
-            jobs=self.jobs,
-        )
-
-    def bounded(
-        self, rows: Indices, start: Array, prior: Array, reference: Array, locked: Mask
-    ) -> Solved:
-        """Hold coordinates at limits that they would pass; release those that return inside."""
-        solved = self.unbounded(rows, start, prior, reference)
-        if np.isinf(self.lower).all() and np.isinf(self.upper).all():
-            return solved
-        held, value = np.zeros(start.shape, bool), reference
-        for _ in range(MAX_ACTIVE_SET_ROUNDS):
-            low, high = ~locked & (solved.q < self.lower), ~locked & (solved.q > self.upper)
-            inward = held & np.where(value == self.lower, solved.q > value, solved.q < value)
-            if not ((low | high) & ~held | inward).any():
-                break
-            held = (held | low | high) & ~inward
-            limit = np.where(low, self.lower, np.where(high, self.upper, value))
-            value = np.where(held, limit, reference)
-            solved = self.unbounded(
-                rows, np.where(held, value, solved.q), np.where(held, LOCK, prior), value
-            )
-        return replace(solved, q=np.clip(solved.q, self.lower, self.upper))
-
-    def bridge_gaps(self, found: Solved, observed: Mask) -> None:
-        """Interpolate coordinates that lost their markers between their neighbours in time.
-
-        Where a remaining marker depends on them, the other coordinates are solved again.
-        """
+        problem = self.problem
         present = ~np.isnan(found.q[:, 0])
-        lost = ~(observed | self.locked) & present[:, None]
+        lost = ~(observed | problem.locked) & present[:, None]
         related = ~found.converged[:, None] | (
-            found.pivots - self.prior_weight > MAX_UNRELATED_PIVOT
+            found.pivots - problem.prior_weight > MAX_UNRELATED_PIVOT
         )
+        related &= ~unsolved
+        if unrelated:
+            lost &= ~related
         rows = np.flatnonzero((lost & related).any(axis=1))
         for i in np.flatnonzero(lost.any(axis=0)):
             gap = np.flatnonzero(lost[:, i])
             known = np.flatnonzero(observed[:, i] & found.converged)
             found.q[gap, i] = np.interp(gap, known, found.q[known, i]) if len(known) else 0.0
-        found.overwrite(rows, self.newton(rows, found.q[rows], (lost[rows], found.q[rows])))
+        found.overwrite(rows, problem.newton(rows, found.q[rows], (lost[rows], found.q[rows])))
 
 
-def _with_markers_beyond(segments: set[str]) -> Mask:
-    """Which coordinates have one of these segments beyond them, (46,)."""
-    carries = np.zeros(N_Q, bool)
-    for i in reversed(range(N_Q)):
-        last = i + 1 == N_Q or TREE[i + 1].segment != TREE[i].segment
-        if last and TREE[i].segment in segments:
-            carries[i] = True
-        if carries[i] and TREE[i].parent >= 0:
-            carries[TREE[i].parent] = True
-    return carries
+def _far(q: Array, start: Array) -> Mask:
+    """Whether poses are far from their starting points, (F,)."""
+    return np.asarray(np.abs(q - start).max(axis=1, initial=0) > MAX_DISTANCE_FROM_START)

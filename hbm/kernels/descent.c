@@ -2,9 +2,10 @@
  *
  * Compiled together with the kernels that casadi writes; N_Q, MOVING, SUMS and GEOMETRY (numbers of
  * coordinates, segments, marker sums per segment, and geometry) are written before it. Each frame
- * iterates independently: a step that raises the cost is reduced, the curvature is dropped where the
- * Hessian is indefinite, and a finished frame frees its lane for the next one. `hbm.ik.descent` does
- * the same in NumPy where there is no compiler, and passes its constants.
+ * iterates independently: a step that raises the cost is computed again with more damping, the
+ * curvature is dropped where the Hessian is indefinite, and a finished frame frees its lane for the
+ * next one. `hbm.ik.descent` does the same in NumPy where there is no compiler, and passes its
+ * constants.
  */
 
 /* Markers attached to a skeleton, where they were measured, and frames to solve. `row` is the row of
@@ -12,8 +13,9 @@
  * stride of 0. The fields are those of `hbm.ik.descent._Problem`, in the same order. */
 typedef struct {
   long long frames, markers, measured, prior_stride, reference_stride;
-  long long max_iterations, max_reductions;
-  double tolerance, damping, max_step, near_optimum, relative_rise, absolute_rise, reduction;
+  long long max_iterations;
+  double tolerance, damping, max_step, near_optimum, relative_rise, absolute_rise;
+  double damping_factor, damping_divisor, negligible_damping, negligible_gain, saddle;
   const long long *row, *column, *segment;
   const double *local, *weight, *geometry, *position, *start, *prior, *reference;
   double *q, *pivots, *error, *gradient;
@@ -22,12 +24,14 @@ typedef struct {
 
 /* The frames being solved, one in each lane; `frame` is -1 where a lane is empty. Positions are
  * relative to `origin`, the pelvis of the starting point, so that rounding does not grow with the
- * distance from the lab's origin. */
+ * distance from the lab's origin. `step` leads from `accepted_q` to `q`; it was computed with
+ * `step_damping`, and the next one will be with `damping`. `slope` is gradient times step, with the
+ * square of what the step was cut by, `lowest` the lowest pivot of the Hessian when it was last indefinite. */
 typedef struct {
   long long frame[LANES];
-  simd q[N_Q], accepted_q[N_Q], step[N_Q], pivots[N_Q], prior[N_Q], reference[N_Q];
-  simd sums[SUMS * MOVING], origin[3];
-  simd cost, gradient, curvature, reductions, iterations;
+  simd q[N_Q], accepted_q[N_Q], step[N_Q], prior[N_Q], reference[N_Q];
+  simd sums[SUMS * MOVING], origin[3], report[3 + N_Q];
+  simd cost, slope, gradient, curvature, lowest, damping, step_damping, iterations;
 } active_frames;
 
 static const simd zero = {0};
@@ -123,7 +127,9 @@ static void load_frame(const problem *in, active_frames *active, const double *s
   active->cost[lane] = INFINITY;
   active->gradient[lane] = NAN;
   active->curvature[lane] = 1;
-  active->reductions[lane] = active->iterations[lane] = 0;
+  active->lowest[lane] = 0;
+  active->damping[lane] = active->step_damping[lane] = in->damping;
+  active->slope[lane] = active->iterations[lane] = 0;
 }
 
 /* Write a finished frame's solution and empty its lane. */
@@ -131,53 +137,78 @@ static void store_frame(const problem *in, active_frames *active, int converged,
   const long long t = active->frame[lane];
   for (int i = 0; i < N_Q; ++i) {
     in->q[N_Q * t + i] = active->q[i][lane] + (i < 3 ? active->origin[i][lane] : 0);
-    in->pivots[N_Q * t + i] = active->pivots[i][lane];
+    in->pivots[N_Q * t + i] = active->report[3 + i][lane];
   }
   in->gradient[t] = active->gradient[lane];
   in->converged[t] = converged;
   active->frame[lane] = -1;
 }
 
+/* The damping of the next step where the last one was too far: of those that raised the cost, a
+ * multiple of the second derivative along the step or of its damping; of those that were cut, what
+ * would have made them as long as they became. */
+static void damp(const problem *in, active_frames *active, simd_mask rejected, simd_mask cut,
+                 simd size) {
+  simd square = zero;
+  for (int i = 0; i < N_Q; ++i) square += active->step[i] * active->step[i];
+  const simd along = -active->slope / square - active->step_damping;
+  const simd more = in->damping_factor * simd_fmax(along, active->step_damping);
+  const simd enough = simd_fmax(along * (size / in->max_step - 1), active->damping);
+  active->damping = simd_select(rejected, more, simd_select(cut, enough, active->damping));
+}
+
 /* Do one iteration in every lane and store the frames that have converged or failed. */
 static void iterate(const problem *in, active_frames *active, const simd *geometry) {
-  const simd damping = broadcast(in->damping);
-  simd step[N_Q], report[2 + N_Q], size = zero, lowest;
-  const simd *arg[] = {active->q,         active->sums, active->prior,
-                       active->reference, &damping,     &active->curvature,
+  simd step[N_Q], *report = active->report, size = zero, lowest;
+  const simd *arg[] = {active->q,         active->sums,     active->prior,
+                       active->reference, &active->damping, &active->curvature,
                        geometry};
   simd *res[] = {step, report};
   newton_step(arg, res, 0, 0, 0);
-  const simd cost = report[0], gradient = report[1], *pivots = report + 2;
+  const simd cost = report[0], gradient = report[1], slope = report[2], *pivots = report + 3;
   lowest = pivots[0];
   for (int i = 0; i < N_Q; ++i) {
-    active->pivots[i] = pivots[i];
     lowest = simd_select(pivots[i] < lowest, pivots[i], lowest);
     size = simd_fmax(simd_fabs(step[i]), size);
   }
   const simd_mask rejected = ~(cost <= active->cost * (1 + in->relative_rise) + in->absolute_rise);
   const simd_mask indefinite = ~rejected & (lowest <= 0) & (active->curvature > 0);
-  const simd_mask accepted = ~rejected & ~indefinite;
-  const simd scale = simd_select(size > in->max_step, in->max_step / size, broadcast(1));
+  const simd_mask accepted = ~rejected & ~indefinite, exact = active->curvature > 0;
+  const simd_mask cut = accepted & (size > in->max_step);
+  const simd scale = simd_select(cut, in->max_step / size, broadcast(1));
   for (int i = 0; i < N_Q; ++i) {
-    const simd reduced = simd_select(rejected, active->step[i] / in->reduction, active->step[i]);
-    active->step[i] = simd_select(accepted, scale * step[i], reduced);
-    active->accepted_q[i] = simd_select(accepted, active->q[i], active->accepted_q[i]);
-    active->q[i] =
-        simd_select(indefinite, active->q[i], active->accepted_q[i] + active->step[i]);
+    const simd from = simd_select(rejected, active->accepted_q[i], active->q[i]);
+    const simd by = simd_select(accepted, scale * step[i], zero);
+    active->accepted_q[i] = from;
+    active->q[i] = from + by;
+    active->step[i] = simd_select(rejected, active->step[i], by);
   }
-  active->reductions += simd_select(rejected, broadcast(1), zero);
+  const simd_mask undamped = active->damping <= in->damping;
+  const simd_mask no_gain = -slope < in->negligible_gain;
+  const simd_mask still = accepted & undamped & (no_gain | (exact & (size < in->tolerance)));
+  const simd_mask failed = rejected & (active->cost == INFINITY);
+  active->lowest = simd_select(indefinite, lowest, active->lowest);
+  const simd_mask minimum = exact | (active->lowest > in->saddle);
+  const simd less = active->damping / in->damping_divisor;
+  const simd relaxed =
+      simd_select(less < in->negligible_damping, broadcast(in->damping), less);
   active->iterations += 1;
-  const simd_mask failed =
-      (rejected & (active->cost == INFINITY)) | (active->reductions > (double)in->max_reductions);
   active->cost = simd_select(accepted, cost, active->cost);
+  active->slope = simd_select(accepted, slope * scale * scale, active->slope);
   active->gradient = simd_select(accepted, gradient, active->gradient);
+  active->step_damping = simd_select(accepted, active->damping, active->step_damping);
+  active->damping = simd_select(accepted, relaxed, active->damping);
   active->curvature = simd_select(accepted & (size < in->near_optimum), broadcast(1),
                                   simd_select(indefinite, zero, active->curvature));
-  const simd_mask converged = accepted & (size < in->tolerance);
-  const simd_mask finished = converged | failed | (active->iterations >= (double)in->max_iterations);
-  for (int lane = 0; lane < LANES; ++lane)
+  const simd_mask finished = still | failed | (active->iterations >= (double)in->max_iterations);
+  const simd_mask too_far = rejected | cut;
+  int any = 0;
+  for (int lane = 0; lane < LANES; ++lane) {
+    any |= too_far[lane] != 0;
     if (active->frame[lane] >= 0 && finished[lane])
-      store_frame(in, active, converged[lane] != 0, lane);
+      store_frame(in, active, still[lane] && minimum[lane], lane);
+  }
+  if (any) damp(in, active, rejected, cut, size);
 }
 
 /* Solve all frames: whenever a lane becomes free the next frame takes it. */

@@ -118,7 +118,7 @@ def kernel_sizes(name: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
     sums = skeleton.N_SUMS * len(MOVING)
     inertia = skeleton.N_INERTIA * len(RIGID_BODIES)
     return {
-        "newton_step": ((n_q, sums, n_q, n_q, 1, 1, geometry), (n_q, n_q + 2)),
+        "newton_step": ((n_q, sums, n_q, n_q, 1, 1, geometry), (n_q, n_q + 3)),
         "segment_poses": ((n_q, geometry), (12 * len(MOVING),)),
         "newton_euler": ((n_q, n_q, n_q, geometry, inertia), (n_q, 6, 6 * n_q)),
     }[name]

@@ -141,8 +141,8 @@ def newton_step() -> SX:
         ``sums`` are the marker sums (23 per segment, see `N_SUMS`); ``prior`` (46) is the weight of
         each coordinate's squared distance from ``reference`` (46) [m² or m²/rad² per unit marker
         weight]; ``damping`` is added to the diagonal; ``curvature`` is 1 for Newton, 0 for
-        Gauss–Newton. ``report`` is the cost at ``q``, the gradient's largest entry, and the 46
-        pivots of the factorisation.
+        Gauss–Newton. ``report`` is the cost at ``q``, the gradient's largest entry, the slope of
+        the cost along the step (gradient · step), and the 46 pivots of the factorisation.
     """
     q, geometry = ca.SX.sym("q", N_Q), ca.SX.sym("geometry", N_GEOMETRY)
     sums = ca.SX.sym("sums", N_SUMS * len(MOVING))
@@ -183,8 +183,9 @@ def newton_step() -> SX:
             H[i, j] = ca.dot(pose.w[j], N) + ca.dot(pose.v[j], F)
         H[i, i] += prior[i] + damping
 
-    step = solve_tree(H, [-x for x in g])
-    report = ca.vertcat(cost / 2, ca.mmax(ca.fabs(ca.vertcat(*g))), *(H[i, i] for i in range(N_Q)))
+    step, square = solve_tree(H, [-x for x in g])
+    gradient = ca.mmax(ca.fabs(ca.vertcat(*g)))
+    report = ca.vertcat(cost / 2, gradient, -square, *(H[i, i] for i in range(N_Q)))
     return ca.Function(
         "newton_step",
         [q, sums, prior, reference, damping, curvature, geometry],
@@ -192,13 +193,13 @@ def newton_step() -> SX:
     )
 
 
-def solve_tree(H: dict[tuple[int, int], SX], x: list[SX]) -> list[SX]:
+def solve_tree(H: dict[tuple[int, int], SX], x: list[SX]) -> tuple[list[SX], SX]:
     """Solve ``H y = x`` for a matrix with a tree's pattern, by ``H = Lᵀ D L`` from tip to root.
 
     ``H[i, j]`` holds the entries for ``j`` in `support` of ``i``; on return it holds the factors,
-    with the pivots on its diagonal.
+    with the pivots on its diagonal. Gives ``y`` and ``x · y``.
     """
-    x = list(x)
+    x, product = list(x), 0
     for k in reversed(range(N_Q)):
         ancestors, inverse = support(k)[1:], 1 / H[k, k]
         for i in ancestors:
@@ -209,8 +210,10 @@ def solve_tree(H: dict[tuple[int, int], SX], x: list[SX]) -> list[SX]:
         for i in ancestors:
             x[i] -= H[k, i] * x[k]
     for k in range(N_Q):
-        x[k] = x[k] * (1 / H[k, k]) - sum(H[k, i] * x[i] for i in support(k)[1:])
-    return x
+        scaled = x[k] * (1 / H[k, k])
+        product += x[k] * scaled
+        x[k] = scaled - sum(H[k, i] * x[i] for i in support(k)[1:])
+    return x, product
 
 
 def segment_poses() -> SX:

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from hbm.coordinates import COORDINATES, INDEX, N_Q
-from hbm.ik import descent, tracking
-from hbm.ik.tracking import Tracker
+from hbm.coordinates import COORDINATES, INDEX, LIMBS, N_Q, TREE
+from hbm.ik import descent, problem
+from hbm.ik.problem import Problem
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
@@ -20,10 +20,13 @@ from tests.hbm.motions import (
     with_noise,
     without,
 )
-from tests.synthetic import synthetic_body
+from tests.synthetic import T_POSE_MM, synthetic_body
 
 NOISE_M = 0.004
 SEEN = np.array(["Toe" not in name for name in COORDINATES])
+PELVIS = ("LASIS", "RASIS", "LPSIS", "RPSIS")
+TRUNK = ("C7", "T10", "JN", "XIPH")
+LEG = ("LEK", "MEK", "LTHI", "LM", "MM", "LSHA", "HEE", "MT2", "MT5")
 ARM = ("LLEE", "LMEE", "LDELT", "LSHO", "LFRM", "LLW", "LMW", "LFIN")
 
 
@@ -211,7 +214,7 @@ def test_the_result_does_not_depend_on_the_number_of_threads(body, noisy, solved
 def test_the_result_does_not_depend_on_how_many_frames_are_solved_at_once(
     body, noisy, solved, frames, monkeypatch
 ):
-    for module in (tracking, descent):
+    for module in (problem, descent):
         monkeypatch.setattr(module, "FRAMES_AT_ONCE", frames)
     np.testing.assert_allclose(solve_ik(body, noisy).q, solved.q, atol=1e-9)
 
@@ -235,8 +238,8 @@ def test_any_pose_is_found_as_from_the_true_pose(body, noise_m):
     """500 unrelated poses in one trial, and some of them alone: neighbours do not help."""
     poses = any_pose(np.random.default_rng(13), 500)
     markers = with_noise(markers_of(body, poses), np.random.default_rng(14), noise_m)
-    tracker = Tracker(body, markers, {}, {}, {}, tolerance=1e-6, jobs=1)
-    from_truth = tracker.newton(np.arange(500), poses.q)
+    frames = Problem(body, markers, {}, {}, {}, tolerance=1e-6, jobs=1)
+    from_truth = frames.newton(np.arange(500), poses.q)
     least = (from_truth.error**2).sum(axis=1)
     found = solve_ik(body, markers)
     assert found.converged.all()
@@ -312,6 +315,58 @@ def test_a_pelvis_without_markers_is_found_from_trunk_and_thighs(body, truth):
     found = solve_ik(body, exact)
     assert found.converged.all()
     np.testing.assert_allclose(found.q[:, SEEN], truth.q[:, SEEN], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "gone",
+    [
+        [*PELVIS, *(n for n in T_POSE_MM if n[1:] in LEG)],
+        [*TRUNK, *(n for n in T_POSE_MM if "HEAD" in n)],
+    ],
+    ids=["pelvis and legs", "trunk and head"],
+)
+def test_only_frames_without_pelvis_or_trunk_are_lost(body, noisy, solved, gone):
+    found = solve_ik(body, without(noisy, gone, slice(100, 130)))
+    np.testing.assert_array_equal(np.flatnonzero(~found.converged), np.arange(100, 130))
+    elsewhere = np.r_[0:100, 130:240]
+    np.testing.assert_allclose(found.q[elsewhere], solved.q[elsewhere], atol=1e-9)
+
+
+@pytest.mark.parametrize("limb", LIMBS)
+def test_a_limb_without_markers_for_long_costs_no_frame(body, noisy, solved, limb):
+    names = [n for n, s in zip(body.markers, body.marker_segment, strict=True) if s in LIMBS[limb]]
+    found = solve_ik(body, without(noisy, names, slice(30, 200)))
+    assert found.converged.all()
+    own = np.array([c.segment in LIMBS[limb] for c in TREE])
+    assert not found.observed[30:200, own].any()
+    assert found.observed[30:200, SEEN & ~own].all()
+    np.testing.assert_allclose(found.q[:30], solved.q[:30], atol=1e-9)
+
+
+def test_a_limb_that_cannot_be_solved_is_left_out_and_the_rest_of_the_body_is_solved(
+    body, noisy, monkeypatch
+):
+    """Scattered markers of an arm take more iterations than there are, all else does not."""
+    names = [
+        n for n, s in zip(body.markers, body.marker_segment, strict=True) if s in LIMBS["left arm"]
+    ]
+    scattered = noisy.position.copy()
+    columns = [noisy.names.index(name) for name in names]
+    scattered[60:80, columns] += np.random.default_rng(18).normal(0, 0.6, (20, len(names), 3))
+    markers = Markers(noisy.time, noisy.names, scattered)
+    monkeypatch.setattr(descent, "MAX_ITERATIONS", 12)
+    found = solve_ik(body, markers)
+    arm = np.array([c.segment in LIMBS["left arm"] for c in TREE])
+    left_out = ~found.observed[:, arm].any(axis=1)
+    assert left_out.any()
+    assert not left_out[np.r_[0:60, 80:240]].any()
+    assert found.converged.all()
+    own = [found.markers.index(name) for name in names]
+    assert np.isnan(found.marker_error[np.ix_(left_out, own)]).all()
+    alone = left_out & found.observed[:, SEEN & ~arm].all(axis=1)
+    assert alone.sum() > 5
+    expected = solve_ik(body, without(noisy, names)).q
+    np.testing.assert_allclose(found.q[alone][:, ~arm], expected[alone][:, ~arm], atol=1e-8)
 
 
 # -- noise ----------------------------------------------------------------------------------------

@@ -95,15 +95,27 @@ def test_compiled_and_interpreted_descent_find_the_same_optima(problem, monkeypa
 
 @pytest.mark.parametrize(
     ("constant", "value"),
-    [("MAX_ITERATIONS", 2), ("MAX_STEP", 0.01), ("DAMPING", 10.0), ("MAX_RELATIVE_RISE", -0.5)],
+    [
+        ("MAX_ITERATIONS", 2),
+        ("MAX_STEP", 0.01),
+        ("NEAR_OPTIMUM", 10.0),
+        ("DAMPING", 10.0),
+        ("DAMPING_FACTOR", 3.0),
+        ("DAMPING_DIVISOR", 2.0),
+        ("NEGLIGIBLE_DAMPING", 1e-2),
+        ("MAX_RELATIVE_RISE", -0.5),
+    ],
 )
 def test_compiled_and_interpreted_descent_use_the_same_constants(
     problem, monkeypatch, constant, value
 ):
+    """Far from the optimum and after a few iterations, every constant has left its mark."""
     ready = kernels()
     if ready.solve_frames is None:
         pytest.skip("no compiler here: there is only the interpreted descent")
-    start = problem[1] + np.where(problem[2] > 0, 0, 0.3)
+    away = np.random.default_rng(4).normal(0, 0.7, problem[1].shape)
+    start = problem[1] + np.where(problem[2] > 0, 0, away)
+    monkeypatch.setattr(descent, "MAX_ITERATIONS", 12)
     usual = solve(problem, start=start)
     monkeypatch.setattr(descent, constant, value)
     compiled = solve(problem, start=start)
