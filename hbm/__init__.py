@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hbm.body import Body, build_body
+    from hbm.calibration_pose.anatomy import LimbMeasures
     from hbm.calibration_pose.functional import functional_hips
     from hbm.coordinates import COORDINATES, HBM_ORDER
     from hbm.description import describe
@@ -29,6 +30,7 @@ _HOME = {
     "inverse_dynamics": "dynamics",
     "inverse_dynamics_variants": "dynamics",
     "solve_ik": "kinematics",
+    "LimbMeasures": "calibration_pose.anatomy",
     "Markers": "markers",
     "MarkerSet": "markers",
     "marker_sets": "markers",
@@ -43,6 +45,7 @@ __all__ = [
     "HBM_ORDER",
     "Body",
     "Dynamics",
+    "LimbMeasures",
     "MarkerSet",
     "Markers",
     "Motion",

@@ -7,10 +7,18 @@ from typing import Final
 
 import numpy as np
 
-from hbm.calibration_pose.anatomy import MARKER_OFFSET_M, Anatomy, HipRule, Measures
+from hbm.calibration_pose.anatomy import (
+    MARKER_OFFSET_M,
+    Anatomy,
+    HipRule,
+    LimbMeasures,
+    Measures,
+)
+from hbm.calibration_pose.arms import elbow_notes
 from hbm.calibration_pose.frame_selection import select_frames
 from hbm.calibration_pose.landmarks import locate_anatomy
 from hbm.calibration_pose.shape import average, shape_of
+from hbm.calibration_pose.trunk_levels import stand_trunk
 from hbm.coordinates import (
     COORDINATES,
     LAST_Q,
@@ -27,6 +35,7 @@ from hbm.overrides import SegmentOverride, apply_overrides
 from hbm.poses import segment_frames
 from hbm.segments import Inertia, Proportions, Sex, proportions, segment_inertia
 from hbm.spatial import Array, Indices, distance
+from hbm.spelling import differing_case
 
 __all__ = ["Body", "build_body"]
 
@@ -41,6 +50,14 @@ TOES_GYRATION_M: Final = 0.01
 
 LEGS_PER_STATURE: Final = 0.245 + 0.246
 """Thigh and shank, as shares of stature (Drillis and Contini 1966, as in Winter 2009, Fig. 4.1)."""
+
+MIN_SHARE_NOTED: Final = 0.02
+"""Share of the body's mass: both hands are 1.2 %, whose own motion hardly matters."""
+
+LEGS: Final = tuple(f"{side}_{s}" for side in SIDES for s in ("thigh", "shank", "foot", "toes"))
+
+MAX_LABELS_LISTED: Final = 8
+"""In an error message."""
 
 MIN_MASS_KG, MAX_MASS_KG = 10, 400
 """From a toddler to beyond the load of instrumented treadmills; grams and pounds of light people
@@ -59,8 +76,7 @@ def build_body(
     height_m: float | None = None,
     window_s: tuple[float, float] | None = None,
     hip: HipRule | Mapping[str, Array] = "harrington",
-    knee_width_m: float | None = None,
-    ankle_width_m: float | None = None,
+    limbs: Mapping[str, LimbMeasures] | None = None,
     marker_offset_m: float = MARKER_OFFSET_M,
     overrides: Mapping[str, SegmentOverride] | None = None,
 ) -> Body:
@@ -83,8 +99,10 @@ def build_body(
         least, or the whole recording where the subject never stands still.
     hip
         "harrington", "bell", or functional centres (see `hbm.calibration_pose.anatomy.Measures`).
-    knee_width_m, ankle_width_m, marker_offset_m
-        See `hbm.calibration_pose.anatomy.Measures`.
+    limbs
+        Side -> widths of its joints and other measures, where markers do not show them.
+    marker_offset_m
+        Distance of a marker's centre from the skin [m].
     overrides
         Segment -> inertia that is known better than from de Leva's table; the total mass stays
         ``mass``.
@@ -125,33 +143,43 @@ def build_body(
             f"stature must be between {MIN_STATURE_M} and {MAX_STATURE_M} m, got {height_m:g}"
         )
     chosen = _marker_set(marker_set, static_markers)
-    measures = Measures(sex, hip, knee_width_m, ankle_width_m, marker_offset_m)
+    measures = Measures(sex, hip, limbs or {}, marker_offset_m)
     table = proportions(sex)
 
-    used = [name for name in chosen.segment if name in static_markers.names]
+    present = _present(chosen, static_markers)
+    segment, landmark = chosen.segment | present.segment, present.landmark
+    used = list(present.segment)
     selection = select_frames(static_markers, used, window_s)
     calibration = _take(static_markers, used, selection.frames)
     poses = [dict(zip(used, p, strict=True)) for p in calibration.position]
     poses = [{name: p for name, p in at.items() if not np.isnan(p[0])} for at in poses]
     anatomies = [
-        locate_anatomy({mark: at[n] for mark, n in chosen.landmark.items() if n in at}, measures)
+        locate_anatomy({mark: at[n] for mark, n in landmark.items() if n in at}, measures)
         for at in poses
     ]
+    for at, anatomy in zip(poses, anatomies, strict=True):
+        at |= {chosen.landmark[mark]: position for mark, position in anatomy.markers.items()}
     notes = [selection.note, *dict.fromkeys(note for a in anatomies for note in a.notes)]
+    notes += elbow_notes(anatomies, set(landmark))
+    if marker_set is None and chosen.name not in marker_sets():
+        notes.append(Note.of("marker_sets_mixed", title=chosen.title))
     if height_m is None:
         height_m = float(np.mean([_stature(a) for a in anatomies]))
         notes.append(Note.of("stature_estimated", height_m=height_m))
     if overrides:
         notes.append(Note.of("inertia_overridden", segments=tuple(overrides)))
+    unlocated = _unlocated_segments(anatomies[0])
+    for anatomy in anatomies:
+        if "thorax" not in anatomy.frames:
+            stand_trunk(anatomy, height_m, sex)
     shape = average(
         [
-            shape_of(anatomy, table, height_m, at, chosen.segment)
+            shape_of(anatomy, table, height_m, at, segment)
             for anatomy, at in zip(anatomies, poses, strict=True)
         ]
     )
-    unlocated = _unlocated_segments(anatomies[0])
-    markers = tuple(n for n in shape.markers if chosen.segment[n] not in unlocated)
-    segments = tuple(chosen.segment[name] for name in markers)
+    markers = tuple(n for n in shape.markers if segment[n] not in unlocated)
+    segments = tuple(segment[name] for name in markers)
     body = Body(
         mass=float(mass),
         sex=sex,
@@ -166,8 +194,9 @@ def build_body(
         locked=_never_shown(set(segments)),
         notes=tuple(notes),
     )
+    body = replace(body, notes=(*notes, *_mass_not_shown(body)))
     if not selection.still:
-        body = _with_fitted_tracking_markers(body, calibration)
+        body = _with_fitted_tracking_markers(body, calibration, set(landmark.values()))
     with suppress(ImportError):  # on Windows, for which Pinocchio has no wheel
         pin_model(body)
     return body
@@ -181,6 +210,21 @@ def _marker_set(marker_set: str | MarkerSet | None, markers: Markers) -> MarkerS
     if marker_set not in marker_sets():
         raise ValueError(f"no marker set {marker_set!r}; known: {', '.join(marker_sets())}")
     return marker_sets()[marker_set]
+
+
+def _present(chosen: MarkerSet, markers: Markers) -> MarkerSet:
+    """Give the markers of a set that a recording has; refuse a set that does not fit it at all."""
+    present = chosen.present(markers.names)
+    if not present.markers:
+        count = len(markers.names)
+        listed = ", ".join(markers.names[:MAX_LABELS_LISTED]) + ", …" * (count > MAX_LABELS_LISTED)
+        known = [label for marker in chosen.markers for label in marker.labels]
+        raise ValueError(
+            f"none of the {len(known)} labels of marker set {chosen.name!r} is in the recording, "
+            f"which has {listed or 'no markers'}{differing_case(markers.names, known)}; correct "
+            "the set's labels, or choose another set"
+        )
+    return present
 
 
 def _take(markers: Markers, names: list[str], frames: Indices) -> Markers:
@@ -203,7 +247,9 @@ def _stature(anatomy: Anatomy) -> float:
 
 
 def _unlocated_segments(anatomy: Anatomy) -> set[str]:
-    """Segments of arms whose joints could not be found, so that their markers cannot be placed."""
+    """Segments whose joints could not be found, so that their markers cannot be placed."""
+    if "thorax" not in anatomy.frames:
+        return set(MOVING[1:]) - set(LEGS)
     arm = ("upper_arm", "forearm", "hand")
     return {f"{side}_{s}" for side in SIDES if f"{side}_elbow" not in anatomy.points for s in arm}
 
@@ -212,6 +258,15 @@ def _never_shown(segments: set[str]) -> tuple[str, ...]:
     """Coordinates that move none of the segments with markers."""
     shown = {i for s in segments for i in support(LAST_Q[s])}
     return tuple(name for i, name in enumerate(COORDINATES) if i not in shown)
+
+
+def _mass_not_shown(body: Body) -> list[Note]:
+    """Say what share of the body's mass no marker shows, if it matters; feet include the toes."""
+    hidden = [s for s in SEGMENTS if COORDINATES[LAST_Q[s]] in body.locked and "toes" not in s]
+    share = sum(body.segments[s].mass for s in hidden) / body.mass
+    if share < MIN_SHARE_NOTED:
+        return []
+    return [Note.of("mass_not_shown", segments=tuple(hidden), share=share)]
 
 
 def _inertias(
@@ -231,7 +286,7 @@ def _inertias(
     return inertias
 
 
-def _with_fitted_tracking_markers(body: Body, calibration: Markers) -> Body:
+def _with_fitted_tracking_markers(body: Body, calibration: Markers, landmarks: set[str]) -> Body:
     """Move markers that are not landmarks to their mean position on the fitted skeleton."""
     motion = solve_ik(body, calibration)
     if not motion.converged.any():
@@ -240,9 +295,13 @@ def _with_fitted_tracking_markers(body: Body, calibration: Markers) -> Body:
             "lab axes"
         )
     rotation, origin = segment_frames(body, motion.q[motion.converged])
-    own = [MOVING.index(s) for s in body.marker_segment]
-    measured = _take(calibration, list(body.markers), np.flatnonzero(motion.converged)).position
+    tracking = [
+        k for k, n in enumerate(body.markers) if n in calibration.names and n not in landmarks
+    ]
+    own = [MOVING.index(body.marker_segment[k]) for k in tracking]
+    names = [body.markers[k] for k in tracking]
+    measured = _take(calibration, names, np.flatnonzero(motion.converged)).position
     local = np.einsum("tkji,tkj->tki", rotation[:, own], measured - origin[:, own]).mean(axis=0)
-    landmark = np.array([name in body.marker_set.landmark.values() for name in body.markers])
-    position = np.where(landmark[:, None], body.marker_position, local)
+    position = body.marker_position.copy()
+    position[tracking] = local
     return replace(body, marker_position=position)

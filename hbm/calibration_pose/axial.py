@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from hbm.calibration_pose.anatomy import MEDIAL_SIGN, Anatomy, Measures, need
-from hbm.coordinates import SIDES
+from hbm.coordinates import SIDES, UP
 from hbm.notes import Note
 from hbm.spatial import Array, axes_from, distance, perpendicular, unit
 
@@ -23,13 +23,18 @@ NECK_ELEVATION_DEG: Final = {"male": 8.0, "female": 14.0, "unspecified": 11.0}
 """C7/T1 from C7, as share of the distance from C7 to jugular notch and angle above that line (Reed
 et al. 1999; Dumas et al. 2007)."""
 
+TRUNK_LANDMARKS: Final = frozenset(("C7", "T2", "T8", "T10", "JN", "XIPH", "LSHO", "RSHO"))
+HEAD_PAIRS: Final = ("HEAD", "FHEAD", "BHEAD", "MAS")
+"""Landmarks of which the head has a left and a right one."""
+
 
 def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Measures) -> None:
     """Find the pelvis frame, both hip centres (the body's origin is midway) and the lumbar joint.
 
     The frame is that of ASIS and PSIS. A single missing iliac spine is taken as the mirror image of
     its opposite; the sacrum marker replaces both PSIS. Hip centres: `hip_center`. Lumbar joint:
-    `LUMBAR_PER_PELVIS_WIDTH`.
+    `LUMBAR_PER_PELVIS_WIDTH`. The leg length that the hips depend on is that of the markers or,
+    without a medial malleolus, the measured one.
     """
     R, origin, back, notes = pelvis_frame(landmarks)
     anatomy.notes += notes
@@ -39,6 +44,8 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
     width, depth = distance(spines["LASIS"], spines["RASIS"]), distance(origin, back)
     for side, letter in SIDES.items():
         leg = _leg_length(landmarks, letter, spines[letter + "ASIS"])
+        if letter + "MM" not in landmarks:
+            leg = measures.limb(side).leg_length_m or leg
         anatomy.points[f"{side}_hip"] = origin + R @ hip_center(side, width, depth, leg, measures)
         if leg is None and measures.hip == "harrington":
             anatomy.notes.append(Note.of("hip_without_leg_length", side=side))
@@ -158,7 +165,7 @@ def _leg_length(landmarks: Mapping[str, Array], letter: str, spine: Array) -> fl
 
 
 def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) -> None:
-    """Find the trunk's frame, its upper end and the neck.
+    """Find the trunk's frame, its upper end and the neck; none if it has too few landmarks.
 
     The axis runs from the midpoint of T10 and xiphoid (where one is missing: the lumbar joint) to
     the midpoint of C7 and jugular notch. Without C7 or jugular notch, the midpoint of the acromions
@@ -168,27 +175,25 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     """
     low = "T10" in at and "XIPH" in at
     bottom = (at["T10"] + at["XIPH"]) / 2 if low else anatomy.points["lumbar"]
-    if not low:
-        anatomy.notes.append(Note.of("trunk_axis_from_lumbar_joint"))
+    notes = [] if low else [Note.of("trunk_axis_from_lumbar_joint")]
     if "C7" in at and "JN" in at:
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
         R = axes_from(np.cross(top - bottom, forward), top - bottom, exact="up")
-        anatomy.points["neck"] = at["C7"] + _neck(forward, R[:, 2], measures)
+        neck = at["C7"] + _neck(forward, R[:, 2], measures)
     elif "LSHO" in at and "RSHO" in at:
-        top = (at["LSHO"] + at["RSHO"]) / 2
+        top = neck = (at["LSHO"] + at["RSHO"]) / 2
         R = axes_from(at["LSHO"] - at["RSHO"], top - bottom, exact="up")
-        anatomy.points["neck"] = top
-        anatomy.notes.append(Note.of("trunk_axis_to_acromions"))
-    else:
-        front, back, notch = need(
-            at, "XIPH", "T10", "JN", purpose="the trunk", instead="C7 with JN, or LSHO with RSHO,"
-        )
+        notes.append(Note.of("trunk_axis_to_acromions"))
+    elif low and "JN" in at:
         root = anatomy.points["lumbar"]
         up = unit(bottom - root)
-        top = root + ((notch - root) @ up) * up
-        R = axes_from(np.cross(up, front - back), up, exact="up")
-        anatomy.points["neck"] = top
-        anatomy.notes.append(Note.of("trunk_axis_to_jugular_notch"))
+        top = neck = root + ((at["JN"] - root) @ up) * up
+        R = axes_from(np.cross(up, at["XIPH"] - at["T10"]), up, exact="up")
+        notes.append(Note.of("trunk_axis_to_jugular_notch"))
+    else:
+        if not TRUNK_LANDMARKS.isdisjoint(at):
+            anatomy.notes.append(Note.of("trunk_not_located"))
+        return
     pelvis = anatomy.frames["pelvis"]
     if R[:, 0] @ pelvis[:, 0] < 0 or R[:, 2] @ pelvis[:, 2] < 0:
         raise ValueError(
@@ -196,7 +201,8 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
             "JN, XIPH; ASIS against PSIS) or left and right are probably swapped"
         )
     anatomy.frames["thorax"] = R
-    anatomy.points["trunk_top"] = top
+    anatomy.points |= {"trunk_top": top, "neck": neck}
+    anatomy.notes += notes
 
 
 def _neck(forward: Array, up: Array, measures: Measures) -> Array:
@@ -208,9 +214,18 @@ def _neck(forward: Array, up: Array, measures: Measures) -> Array:
 
 
 def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:
-    """Find the head's frame from its left, right and top markers; none if one is missing."""
-    if not {"LHEAD", "RHEAD", "THEAD"} <= set(at):
+    """Find the head's frame from its left, right and top markers; none if it has too few.
+
+    Without a marker on top, pairs of markers at the front and back of the head or on the mastoids
+    show its left, and its up is the vertical of the lab: the head is taken as level in the
+    calibration pose, as Plug-in-Gait does. The top of the head is then not shown.
+    """
+    if {"LHEAD", "RHEAD", "THEAD"} <= set(at):
+        across, middle = at["LHEAD"] - at["RHEAD"], (at["LHEAD"] + at["RHEAD"]) / 2
+        anatomy.frames["head"] = axes_from(across, at["THEAD"] - middle, exact="left")
+        anatomy.points["vertex"] = at["THEAD"]
         return
-    across, middle = at["LHEAD"] - at["RHEAD"], (at["LHEAD"] + at["RHEAD"]) / 2
-    anatomy.frames["head"] = axes_from(across, at["THEAD"] - middle, exact="left")
-    anatomy.points["vertex"] = at["THEAD"]
+    pairs = [(at["L" + n], at["R" + n]) for n in HEAD_PAIRS if {"L" + n, "R" + n} <= set(at)]
+    if pairs:
+        across = np.sum([left - right for left, right in pairs], axis=0)
+        anatomy.frames["head"] = axes_from(across, np.array(UP), exact="left")

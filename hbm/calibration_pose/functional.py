@@ -60,7 +60,7 @@ def functional_hips(markers: Markers, marker_set: MarkerSet | None = None) -> di
     >>> [f"{1000 * x:.0f} mm" for x in hips["left"]]
     ['-66 mm', '104 mm', '-86 mm']
     """
-    chosen = marker_set or recognise_marker_set(markers.names)
+    chosen = (marker_set or recognise_marker_set(markers.names)).present(markers.names)
     hips = {}
     for side in ("right", "left"):
         pelvis, thigh = (_cluster(markers, chosen, s) for s in ("pelvis", f"{side}_thigh"))
@@ -79,7 +79,8 @@ def functional_hips(markers: Markers, marker_set: MarkerSet | None = None) -> di
 
 
 def _cluster(markers: Markers, chosen: MarkerSet, segment: str) -> tuple[list[str], Array]:
-    names = [n for n in markers.names if chosen.segment.get(n) == segment]
+    own = chosen.segment
+    names = [n for n in markers.names if own.get(n) == segment]
     if len(names) < 3:
         raise ValueError(
             f"functional hips need three markers on the {segment}, got {', '.join(names) or 'none'}"

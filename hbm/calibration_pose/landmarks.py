@@ -8,9 +8,10 @@ whatever direction the subject faces.
 from collections.abc import Mapping
 
 from hbm.calibration_pose.anatomy import Anatomy, Measures
+from hbm.calibration_pose.arms import locate_arm
 from hbm.calibration_pose.axial import locate_head, locate_pelvis, locate_trunk
-from hbm.calibration_pose.limbs import locate_arm, locate_leg
-from hbm.calibration_pose.trunk_levels import locate_trunk_levels
+from hbm.calibration_pose.legs import locate_leg
+from hbm.calibration_pose.trunk_levels import locate_trunk_levels, with_spine
 from hbm.coordinates import SIDES
 from hbm.spatial import Array
 
@@ -28,21 +29,22 @@ def locate_anatomy(landmarks: Mapping[str, Array], measures: Measures) -> Anatom
     Returns
     -------
     Anatomy
-        In the lab, in the calibration pose.
+        In the lab, in the calibration pose; without head and arms if the trunk is not shown.
 
     Raises
     ------
     ValueError
-        If a pelvis, leg or trunk landmark is missing that no rule can replace, or sides are
-        swapped.
+        If a pelvis or leg landmark is missing that no rule can replace, or sides are swapped.
     """
     anatomy = Anatomy()
     locate_pelvis(anatomy, landmarks, measures)
     for side in SIDES:
         locate_leg(anatomy, landmarks, measures, side)
+    landmarks = with_spine(anatomy, landmarks, measures.sex)
     locate_trunk(anatomy, landmarks, measures)
-    locate_trunk_levels(anatomy, landmarks, measures.sex)
-    locate_head(anatomy, landmarks)
-    for side in SIDES:
-        locate_arm(anatomy, landmarks, side)
+    if "thorax" in anatomy.frames:
+        locate_trunk_levels(anatomy, landmarks, measures.sex)
+        locate_head(anatomy, landmarks)
+        for side in SIDES:
+            locate_arm(anatomy, landmarks, measures, side)
     return anatomy

@@ -77,7 +77,7 @@ def shape_of(
     Returns
     -------
     Shape
-        In segment frames. A head and arms that no marker shows are in the neutral position.
+        In segment frames. A trunk, head and arms that no marker shows are in the neutral position.
 
     Notes
     -----
@@ -144,6 +144,8 @@ class _Builder:
         self.frames["thorax"] = anatomy.frames["thorax"], self.at["lumbar"]
         head = anatomy.frames.get("head", anatomy.frames["thorax"])
         self.frames["head"] = head, self.at["neck"]
+        self.posture = anatomy.frames.get("upright", anatomy.frames["thorax"])
+        self.head_up = anatomy.frames.get("head", self.posture)[:, 2]
         self.shape = Shape()
 
     def ends(self, segment: str, proximal: Array, distal: Array, left: Array) -> None:
@@ -160,22 +162,41 @@ class _Builder:
         self.ends("pelvis", navel, hips, pelvis[:, 1])
         self.ends("mid_trunk", xiphoid, navel, thorax[:, 1])
         self.ends("thorax", cervicale, xiphoid, thorax[:, 1])
-        vertex = at.get("vertex", cervicale + length["head"] * head[:, 2])
+        vertex = at.get("vertex", cervicale + length["head"] * self.head_up)
         self.ends("head", vertex, cervicale, head[:, 1])
 
+    def hanging_arm(self, side: str) -> None:
+        """Place an arm that no marker shows: hanging from its shoulder, in the neutral pose."""
+        s, sign, length = SIDES[side], MEDIAL_SIGN[side], self.length
+        thorax, _ = self.frames["thorax"]
+        ahead, left, up = self.posture.T
+        joints = [self.at["mid_shoulders"] - sign * self.shoulder_width * left]
+        parts = [f"{side}_{part}" for part in ("upper_arm", "forearm", "hand")]
+        self.frames[f"{side}_shoulder"] = thorax, joints[0]
+        for part in parts:
+            self.frames[part] = thorax, joints[-1]
+            joints.append(joints[-1] - length[part.removeprefix(f"{side}_")] * up)
+            self.ends(part, joints[-2], joints[-1], left)
+        self.shape.axes |= {
+            f"{s}{coordinate}": thorax.T @ axis
+            for coordinate, axis in (
+                ("ElbowFlexion", -left),
+                ("ForeArmPronation", sign * up),
+                ("WristFlexion", -left),
+                ("HandAbduction", -sign * ahead),
+            )
+        }
+
     def arm(self, side: str) -> None:
+        if f"{side}_elbow" not in self.at:
+            self.hanging_arm(side)
+            return
         at, s, axes = self.at, SIDES[side], self.shape.axes
         thorax, _ = self.frames["thorax"]
         sign = MEDIAL_SIGN[side]
         arm, forearm, hand = (f"{side}_{x}" for x in ("upper_arm", "forearm", "hand"))
-        if f"{side}_elbow" in at:
-            shoulder, elbow, wrist = (at[f"{side}_{x}"] for x in ("shoulder", "elbow", "wrist"))
-            elbow_axis, wrist_axis = self.axes[f"{side}_elbow"], self.axes[f"{side}_wrist"]
-        else:
-            shoulder = at["mid_shoulders"] - sign * self.shoulder_width * thorax[:, 1]
-            elbow = shoulder - self.length["upper_arm"] * thorax[:, 2]
-            wrist = elbow - self.length["forearm"] * thorax[:, 2]
-            elbow_axis = wrist_axis = thorax[:, 1]
+        shoulder, elbow, wrist = (at[f"{side}_{x}"] for x in ("shoulder", "elbow", "wrist"))
+        elbow_axis, wrist_axis = self.axes[f"{side}_elbow"], self.axes[f"{side}_wrist"]
         knuckle = at.get(f"{side}_knuckle")
 
         R = axes_from(elbow_axis, shoulder - elbow, exact="up")

@@ -12,10 +12,11 @@ from typing import Final
 import numpy as np
 
 from hbm.calibration_pose.anatomy import Anatomy
-from hbm.calibration_pose.limbs import SHOULDER_DROP_PER_WIDTH
+from hbm.calibration_pose.arms import SHOULDER_DROP_PER_WIDTH
+from hbm.coordinates import UP
 from hbm.notes import Note
-from hbm.segments import Sex
-from hbm.spatial import Array, distance
+from hbm.segments import SAMPLE_STATURE_M, Sex
+from hbm.spatial import Array, axes_from, distance, unit
 
 HEIGHT_MM: Final[dict[str, dict[str, float]]] = {
     "male": {"cervicale": 603.3, "notch": 531.9, "shoulders": 515.5, "xiphoid": 361.2},
@@ -38,11 +39,48 @@ def height_per_cervicale(sex: Sex) -> dict[str, float]:
     dict[str, float]
         By level: cervicale, notch, shoulders (joint centres), xiphoid.
     """
-    columns = [HEIGHT_MM[s] for s in (HEIGHT_MM if sex == "unspecified" else (sex,))]
+    columns = [HEIGHT_MM[s] for s in _columns(sex)]
     return {
         level: float(np.mean([column[level] / column["cervicale"] for column in columns]))
         for level in HEIGHT_MM["male"]
     }
+
+
+def _columns(sex: Sex) -> tuple[str, ...]:
+    return tuple(HEIGHT_MM) if sex == "unspecified" else (sex,)
+
+
+def with_spine(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> dict[str, Array]:
+    """Give the landmarks, with other levels of the spine in place of a missing C7 or T10.
+
+    T8 stands in for T10 as it is: both show the lower rib cage. T2 is raised to the level of C7,
+    along the line from the lumbar joint to the midpoint of T2 and jugular notch, by the heights of
+    cervicale and notch (`height_per_cervicale`).
+
+    Parameters
+    ----------
+    anatomy
+        With the hips and the lumbar joint.
+    at
+        Landmark -> position, (3,) [m].
+    sex
+        Column of de Leva's table.
+
+    Returns
+    -------
+    dict[str, Array]
+        Landmark -> position, (3,) [m].
+    """
+    found = dict(at)
+    if "T8" in at and "T10" not in at:
+        found["T10"] = at["T8"]
+        anatomy.notes.append(Note.of("landmark_stands_in", landmark="T10", other="T8"))
+    if {"T2", "JN"} <= set(at) and "C7" not in at:
+        up = unit((at["T2"] + at["JN"]) / 2 - anatomy.points["lumbar"])
+        notch, second = ((at[name] - anatomy.points["pelvis"]) @ up for name in ("JN", "T2"))
+        found["C7"] = at["T2"] + (notch / height_per_cervicale(sex)["notch"] - second) * up
+        anatomy.notes.append(Note.of("landmark_stands_in", landmark="C7", other="T2"))
+    return found
 
 
 def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> None:
@@ -109,3 +147,34 @@ def locate_trunk_levels(anatomy: Anatomy, at: Mapping[str, Array], sex: Sex) -> 
         ("xiphoid", xiphoid),
     ):
         anatomy.points[name] = hips_on_axis + value * up
+
+
+def stand_trunk(anatomy: Anatomy, height_m: float, sex: Sex) -> None:
+    """Place a trunk that no marker shows: upright above the hips, with lengths by stature.
+
+    Its coordinates stay at zero, so that its frame is the pelvis' one; but in the calibration pose
+    it stands vertically above the middle of the hips, however the iliac spines lie.
+
+    Parameters
+    ----------
+    anatomy
+        With the pelvis and the lumbar joint.
+    height_m
+        Stature [m].
+    sex
+        Column of de Leva's table.
+
+    Notes
+    -----
+    In two recordings of people who stand or walk, the upper trunk's centre was 7 mm behind to 2 mm
+    ahead of the hips; in a third with iliac spines marked at very different heights, 23 mm ahead.
+    """
+    pelvis, hips = anatomy.frames["pelvis"], anatomy.points["pelvis"]
+    upright = axes_from(pelvis[:, 1], np.array(UP), exact="up")
+    columns = [(HEIGHT_MM[s], SAMPLE_STATURE_M[s]) for s in _columns(sex)]
+    for level in ("cervicale", "shoulders", "xiphoid"):
+        share = np.mean([heights[level] / 1000 / stature for heights, stature in columns])
+        name = "mid_shoulders" if level == "shoulders" else level
+        anatomy.points[name] = hips + share * height_m * upright[:, 2]
+    anatomy.points["neck"] = anatomy.points["cervicale"]
+    anatomy.frames |= {"thorax": pelvis, "upright": upright}

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, read_only, transform_wrench
@@ -138,9 +139,8 @@ class Metadata:
         Of the recording, as the file writes them.
     mass_kg, height_m
         Body mass and stature.
-    left_leg_length_m, right_leg_length_m, left_knee_width_m, right_knee_width_m, \
-left_ankle_width_m, right_ankle_width_m
-        As measured on the subject.
+    limbs
+        Side -> what was measured on it.
     dflow_events
         Letter of a D-Flow event -> its times, (E,) [s].
     """
@@ -153,15 +153,11 @@ left_ankle_width_m, right_ankle_width_m
     comments: str = ""
     mass_kg: float | None = None
     height_m: float | None = None
-    left_leg_length_m: float | None = None
-    right_leg_length_m: float | None = None
-    left_knee_width_m: float | None = None
-    right_knee_width_m: float | None = None
-    left_ankle_width_m: float | None = None
-    right_ankle_width_m: float | None = None
+    limbs: Mapping[str, LimbMeasures] = field(default_factory=dict)
     dflow_events: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "limbs", MappingProxyType(dict(self.limbs)))
         object.__setattr__(self, "dflow_events", MappingProxyType(dict(self.dflow_events)))
 
 

@@ -255,11 +255,12 @@ def _check_body(
 
 def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
     name, known = preview.beginning.source.name, body.marker_set
-    present = [marker for marker in known.segment if marker in preview.beginning.markers.names]
-    absent = tuple(marker for marker in known.segment if marker not in present)
+    present = list(known.present(preview.beginning.markers.names).segment)
+    needed = [marker for marker in known.markers if not marker.optional]
+    absent = tuple(m.labels[0] for m in needed if not set(m.labels) & set(present))
     counts: dict[str, NoteValue] = {
-        "present": len(present),
-        "count": len(known.segment),
+        "present": len(needed) - len(absent),
+        "count": len(needed),
         "marker_set": known.name,
     }
     if absent:

@@ -7,15 +7,16 @@ from typing import Final
 import numpy as np
 
 from hbm.body import Body, build_body
-from hbm.calibration_pose.anatomy import HipRule
+from hbm.calibration_pose.anatomy import HipRule, LimbMeasures
 from hbm.calibration_pose.functional import functional_hips
+from hbm.coordinates import SIDES
 from hbm.markers import MarkerSet, marker_sets
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.spatial import Array
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Recording
-from pipeline.trial.weighing import joint_widths, stature
+from pipeline.trial.weighing import stature
 
 EXPECTED_HIP_DISTANCE_M: Final = 0.03
 """Harrington's regression misses imaged hip centres by 1 to 2 cm in adults: 3 cm is doubtful."""
@@ -64,7 +65,7 @@ def subject_body(
         As `build_body` and `functional_hips`; if functional hips have no recording or are too far
         from the regression's, or if there is a recording for them that is not used.
     """
-    knee, ankle = joint_widths(subject, pose)
+    limbs = limb_measures(subject, pose)
 
     def built(hip: HipRule | dict[str, Array]) -> Body:
         return build_body(
@@ -75,9 +76,8 @@ def subject_body(
             marker_set=marker_set or settings.marker_set,
             window_s=window_s,
             hip=hip,
+            limbs=limbs,
             marker_offset_m=settings.marker_offset_m,
-            knee_width_m=knee,
-            ankle_width_m=ankle,
             overrides=segments,
         )
 
@@ -91,6 +91,33 @@ def subject_body(
     body = built(functional_hips(hip_trial.markers, marker_set or named))
     note = _beside_regression(body, built("harrington"), hip_trial.source.name)
     return replace(body, notes=(*body.notes, note))
+
+
+def limb_measures(subject: Subject, pose: Recording) -> dict[str, LimbMeasures]:
+    """Give what was measured on a subject's limbs.
+
+    Parameters
+    ----------
+    subject
+        Who.
+    pose
+        Recording of the calibration pose.
+
+    Returns
+    -------
+    dict[str, LimbMeasures]
+        Side -> its measures: the recording's own of that side, but widths of knee and ankle that
+        are stated.
+    """
+    limbs = {}
+    for side in SIDES:
+        recorded = pose.metadata.limbs.get(side, LimbMeasures())
+        limbs[side] = replace(
+            recorded,
+            knee_width_m=subject.knee_width_m or recorded.knee_width_m,
+            ankle_width_m=subject.ankle_width_m or recorded.ankle_width_m,
+        )
+    return limbs
 
 
 def _beside_regression(body: Body, by_regression: Body, file: str) -> Note:

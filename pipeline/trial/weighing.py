@@ -1,4 +1,4 @@
-"""Body mass, stature and joint widths: as stated, weighed by the plates, or from the file."""
+"""Body mass and stature: as stated, weighed by the plates, or from the file."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -65,35 +65,6 @@ def body_mass(subject: Subject, pose: Recording) -> tuple[float, Note]:
         )
     mass = float(np.mean(weight)) / GRAVITY_MPS2
     return mass, Note.of("mass_weighed", mass_kg=mass, frames=WEIGHING_FRAMES, file=name)
-
-
-def joint_widths(subject: Subject, pose: Recording) -> tuple[float | None, float | None]:
-    """Give the widths that stand in for medial markers at knee and ankle.
-
-    Parameters
-    ----------
-    subject
-        Who.
-    pose
-        Recording of the calibration pose.
-
-    Returns
-    -------
-    knee, ankle
-        As stated, else the mean of both sides in the recording; None where unknown [m].
-    """
-    recorded = pose.metadata
-    knee, ankle = subject.knee_width_m, subject.ankle_width_m
-    if knee is None:
-        knee = _mean_of_known(recorded.left_knee_width_m, recorded.right_knee_width_m)
-    if ankle is None:
-        ankle = _mean_of_known(recorded.left_ankle_width_m, recorded.right_ankle_width_m)
-    return knee, ankle
-
-
-def _mean_of_known(*values: float | None) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.mean(known)) if known else None
 
 
 def carried_mass(

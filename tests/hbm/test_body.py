@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
-from hbm.coordinates import (
-    COORDINATES,
-    HBM_ORDER,
-    INDEX,
-    MOVING,
-    N_Q,
-    SEGMENTS,
-)
+from hbm.calibration_pose.anatomy import LimbMeasures
+from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, MOVING, N_Q, SEGMENTS, SIDES
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, marker_sets
@@ -258,7 +252,7 @@ def test_toes_stay_at_neutral_where_no_marker_shows_them(body):
 @pytest.mark.parametrize("name", ["hbm1", "hbm1_lower"])
 def test_the_sets_of_human_body_model_1_make_a_body_that_fits_its_pose(name):
     static = hbm1_person(marker_sets()[name].segment)
-    found = built(static, knee_width_m=0.11, ankle_width_m=0.075)
+    found = built(static, limbs=dict.fromkeys(SIDES, LimbMeasures(0.9, 0.11, 0.075)))
     assert found.marker_set.name == name
     assert len(found.markers) == len(static.names)
     assert solve_ik(found, static).marker_error.max() < 1e-9
@@ -351,7 +345,7 @@ def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
         ({"mass": np.nan}, "between 10 and 400 kg, got nan"),
         ({"height_m": 178}, "stature must be between 0.5 and 2.6 m, got 178"),
         ({"sex": "man"}, "sex must be one of male, female, unspecified"),
-        ({"marker_set": "hbm3"}, "no marker set 'hbm3'; known: hbm2, hbm2_lower, hbm1, hbm1_lower"),
+        ({"marker_set": "hbm3"}, "no marker set 'hbm3'; known: hbm2_lower, hbm2, hbm1_lower, hbm1"),
         ({"hip": "davis"}, "hip must be 'harrington' or 'bell'"),
     ],
 )

@@ -13,6 +13,8 @@ from typing import Final
 
 import numpy as np
 
+from hbm.calibration_pose.anatomy import LimbMeasures
+from hbm.coordinates import SIDES
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
@@ -42,12 +44,16 @@ OLD_EVENT_LABELS: Final = {
 MEASURES: Final = {
     "BODYMASS": (1.0, 5.0, 500.0),
     "HEIGHT": (1e-3, 0.3, 2.7),
-    **dict.fromkeys(("LLEGLENGTH", "RLEGLENGTH"), (1e-3, 0.1, 1.5)),
-    **dict.fromkeys(("LKNEEWIDTH", "RKNEEWIDTH"), (1e-3, 0.01, 0.5)),
-    **dict.fromkeys(("LANKLEWIDTH", "RANKLEWIDTH"), (1e-3, 0.01, 0.5)),
+    "LEGLENGTH": (1e-3, 0.1, 1.5),
+    "KNEEWIDTH": (1e-3, 0.01, 0.5),
+    "ANKLEWIDTH": (1e-3, 0.01, 0.5),
+    "ELBOWWIDTH": (1e-3, 0.01, 0.3),
+    "WRISTWIDTH": (1e-3, 0.01, 0.2),
+    "HANDTHICKNESS": (1e-3, 0.005, 0.1),
+    "SHOULDEROFFSET": (1e-3, 0.005, 0.2),
 }
-"""PROCESSING parameter -> factor to SI from the file's kg and mm, and bounds beyond which its unit
-is another one [kg or m]."""
+"""PROCESSING parameter, without the L or R before it -> factor to SI from the file's kg and mm, and
+bounds beyond which it is not stated (zero) or in another unit [kg or m]."""
 
 
 def read_c3d(
@@ -224,19 +230,32 @@ def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
         software=" ".join(software),
         mass_kg=_measure(parameters, "BODYMASS"),
         height_m=_measure(parameters, "HEIGHT"),
-        left_leg_length_m=_measure(parameters, "LLEGLENGTH"),
-        right_leg_length_m=_measure(parameters, "RLEGLENGTH"),
-        left_knee_width_m=_measure(parameters, "LKNEEWIDTH"),
-        right_knee_width_m=_measure(parameters, "RKNEEWIDTH"),
-        left_ankle_width_m=_measure(parameters, "LANKLEWIDTH"),
-        right_ankle_width_m=_measure(parameters, "RANKLEWIDTH"),
+        limbs=_limbs(parameters),
     )
 
 
-def _measure(parameters: Parameters, name: str) -> float | None:
+def _limbs(parameters: Parameters) -> dict[str, LimbMeasures]:
+    """Give what was measured on each side, for the sides of which anything was."""
+    limbs = {
+        side: LimbMeasures(
+            leg_length_m=_measure(parameters, "LEGLENGTH", letter),
+            knee_width_m=_measure(parameters, "KNEEWIDTH", letter),
+            ankle_width_m=_measure(parameters, "ANKLEWIDTH", letter),
+            elbow_width_m=_measure(parameters, "ELBOWWIDTH", letter),
+            wrist_width_m=_measure(parameters, "WRISTWIDTH", letter),
+            hand_thickness_m=_measure(parameters, "HANDTHICKNESS", letter),
+            shoulder_offset_m=_measure(parameters, "SHOULDEROFFSET", letter),
+        )
+        for side, letter in SIDES.items()
+    }
+    return {side: measures for side, measures in limbs.items() if measures != LimbMeasures()}
+
+
+def _measure(parameters: Parameters, name: str, letter: str = "") -> float | None:
     """Give a measure of the subject in SI units; None where it is absent or implausible."""
     scale, lowest, highest = MEASURES[name]
-    values = [float(value * scale) for value in parameters.numbers("PROCESSING", name).flat]
+    numbers = parameters.numbers("PROCESSING", letter + name)
+    values = [float(value * scale) for value in numbers.flat]
     plausible = [value for value in values if lowest < value < highest]
     return plausible[-1] if plausible else None
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hbm.body import build_body
 from hbm.calibration_pose.anatomy import Anatomy
-from hbm.calibration_pose.limbs import SHOULDER_DROP_PER_WIDTH
+from hbm.calibration_pose.arms import SHOULDER_DROP_PER_WIDTH
 from hbm.calibration_pose.trunk_levels import (
     HEIGHT_MM,
     height_per_cervicale,

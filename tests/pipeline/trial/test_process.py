@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.notes import Note
 from hbm.signals.filtering import butterworth
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill
@@ -270,7 +271,7 @@ def test_stature_is_as_stated_else_as_recorded_else_from_the_legs(walker):
     assert any(note.code == "stature_estimated" for note in notes)
 
 
-def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded(walker):
+def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded_of_that_side(walker):
     markers = walker.markers
     kept = [k for k, name in enumerate(markers.names) if name not in ("LMEK", "RMEK")]
     names, position = tuple(markers.names[k] for k in kept), markers.position[:, kept]
@@ -278,15 +279,18 @@ def test_widths_stand_in_for_medial_markers_as_stated_else_as_recorded(walker):
         walker, markers=replace(markers, names=names, position=position), metadata=Metadata()
     )
 
-    def beside_the_knee(recording, **stated):
+    def beside_the_knees(recording, **stated):
         person = PERSON.model_copy(update=stated)
         body = process_recording(recording, person, Settings()).body
-        lateral = body.marker_position[body.markers.index("LLEK")]
-        return np.linalg.norm(lateral - body.offsets["left_shank"]) - Settings().marker_offset_m
+        lateral = [body.marker_position[body.markers.index(name)] for name in ("LLEK", "RLEK")]
+        knees = [body.offsets[f"{side}_shank"] for side in ("left", "right")]
+        return np.linalg.norm(np.subtract(lateral, knees), axis=1) - Settings().marker_offset_m
 
-    recorded = replace(bare, metadata=Metadata(left_knee_width_m=0.13, right_knee_width_m=0.11))
-    assert beside_the_knee(recorded) == pytest.approx(0.06, abs=1e-3)
-    assert beside_the_knee(recorded, knee_width_m=0.1) == pytest.approx(0.05, abs=1e-3)
+    widths = {"left": 0.13, "right": 0.11}
+    limbs = {side: LimbMeasures(knee_width_m=width) for side, width in widths.items()}
+    recorded = replace(bare, metadata=Metadata(limbs=limbs))
+    np.testing.assert_allclose(beside_the_knees(recorded), [0.065, 0.055], atol=1e-3)
+    np.testing.assert_allclose(beside_the_knees(recorded, knee_width_m=0.1), 0.05, atol=1e-3)
 
 
 def test_the_body_is_built_from_the_static_recording(walker):

@@ -28,8 +28,8 @@ def test_the_real_treadmill_trial_is_read_in_full(shared_data):
     assert recording.metadata.marker_set == "LowerLimb_Trunk_HBM2"
     assert recording.metadata.mass_kg == pytest.approx(55.326, abs=1e-3)
     assert recording.metadata.height_m == pytest.approx(1.7197, abs=1e-4)
-    assert recording.metadata.right_leg_length_m == pytest.approx(0.9047, abs=1e-4)
-    assert recording.metadata.left_ankle_width_m == pytest.approx(0.0772, abs=1e-4)
+    assert recording.metadata.limbs["right"].leg_length_m == pytest.approx(0.9047, abs=1e-4)
+    assert recording.metadata.limbs["left"].ankle_width_m == pytest.approx(0.0772, abs=1e-4)
     assert recording.metadata.manufacturer == "Vicon"
     assert recording.metadata.software.startswith("Vicon Nexus 2.14")
 

@@ -1,0 +1,58 @@
+"""Marker trajectories."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.spatial import Array, read_only
+
+
+@dataclass(frozen=True, slots=True)
+class Markers:
+    """Marker trajectories in the lab frame.
+
+    Attributes
+    ----------
+    time
+        Sample times, (T,) [s], increasing.
+    names
+        Marker labels, one per column, unique.
+    position
+        Positions in lab axes (X forward, Y left, Z up), (T, M, 3) [m]. A gap is NaN.
+
+    Examples
+    --------
+    Two markers at 100 Hz:
+
+    >>> import hbm, numpy as np
+    >>> heels = hbm.Markers(np.arange(50) / 100, ("LHEE", "RHEE"), np.zeros((50, 2, 3)))
+    >>> round(heels.rate_hz, 6)
+    100.0
+    """
+
+    time: Array
+    names: tuple[str, ...]
+    position: Array
+
+    def __post_init__(self) -> None:
+        time, position = np.asarray(self.time, float), np.array(self.position, float)
+        names = tuple(self.names)
+        if position.ndim != 3 or position.shape != (len(time), len(names), 3):
+            raise ValueError(
+                f"marker positions must have shape ({len(time)}, {len(names)}, 3) "
+                f"for {len(time)} times and {len(names)} names, got {position.shape}"
+            )
+        if len(set(names)) != len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise ValueError(f"marker names must be unique, but these appear twice: {twice}")
+        if len(time) > 1 and not np.all(np.diff(time) > 0):
+            raise ValueError("marker times must increase")
+        position[np.isnan(position).any(axis=-1)] = np.nan
+        object.__setattr__(self, "time", read_only(time))
+        object.__setattr__(self, "names", names)
+        object.__setattr__(self, "position", read_only(position))
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate [Hz]: the median of the time steps."""
+        return float(1 / np.median(np.diff(self.time)))

@@ -1,0 +1,220 @@
+"""Bodies from every shipped marker set, compared with the person that wears the markers."""
+
+import numpy as np
+import pytest
+
+from hbm.body import build_body
+from hbm.calibration_pose.anatomy import LimbMeasures
+from hbm.coordinates import COORDINATES, MOVING, SEGMENTS, SIDES
+from hbm.kinematics import solve_ik
+from hbm.markers import marker_sets, read_marker_set
+from hbm.notes import Note
+from hbm.poses import segment_frames
+from hbm.spatial import unit
+from tests.hbm.people import mirrored, moved, standing
+from tests.hbm.wearers import MEDIAL, PIG, PIG_LOWER, SETS, joints, measured, points, wearing
+from tests.synthetic import MASS_KG, STATURE_M, T_POSE_MM
+
+LEGS = ("thigh", "shank", "foot")
+ARMS = ("upper_arm", "forearm", "hand")
+ROD_M = 0.1
+
+
+def built(markers, **options):
+    usual = {"mass": MASS_KG, "sex": "male", "height_m": STATURE_M, "limbs": measured()}
+    return build_body(markers, **usual | options)
+
+
+def errors_mm(body, markers, segments):
+    """Distance of the joints of a body in its calibration pose from the person's own."""
+    motion = solve_ik(body, markers)
+    assert motion.converged.all()
+    origin = segment_frames(body, motion.q[:1])[1][0]
+    names = [f"{side}_{s}" for side in SIDES for s in segments]
+    return {s: 1000 * float(np.linalg.norm(origin[MOVING.index(s)] - joints()[s])) for s in names}
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_every_set_is_recognised_and_makes_a_body_that_fits_its_pose(name):
+    static = wearing(SETS[name])
+    body = built(static)
+    assert body.marker_set == marker_sets()[name]
+    assert set(body.markers) == set(static.names)
+    assert solve_ik(body, static).marker_error.max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ["pig", "cgm2"])
+def test_with_medial_markers_all_joints_are_the_person_s_own(name):
+    """CGM2.5's T2 is not C7: the trunk's axis, and with it the shoulders, differ by 2.4 mm."""
+    static = wearing(SETS[name] | MEDIAL)
+    found = errors_mm(built(static), static, (*LEGS, *ARMS))
+    shoulders = {s for s in found if s.endswith("upper_arm")}
+    assert all(found[s] < (3 if name == "cgm2" else 1e-6) for s in shoulders)
+    assert max(found[s] for s in found.keys() - shoulders) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["ior_lower", "ior"])
+def test_the_legs_of_the_rizzoli_set_are_the_person_s_own(name):
+    static = wearing(SETS[name])
+    assert max(errors_mm(built(static), static, LEGS).values()) < 1e-6
+
+
+def test_lateral_markers_and_widths_place_the_joints_as_well_as_their_axes_are_known():
+    """Half a width of 55, 38, 37 mm times the angle between the true axis and the one taken.
+
+    The person's knee axes are 5 to 6° from the pelvis' own, the ankles' 19° from the knees' (tibial
+    torsion) and the elbows' 11° from the perpendicular to the plane of the arm.
+    """
+    static = wearing(PIG)
+    found = errors_mm(built(static), static, (*LEGS, *ARMS))
+    limits = {"thigh": 1, "shank": 7, "foot": 16, "upper_arm": 1e-6, "forearm": 11, "hand": 1e-6}
+    for s, error in found.items():
+        assert error < limits[s.split("_", 1)[1]], s
+
+
+def test_a_knee_alignment_device_replaces_knee_markers_in_the_pose_and_not_in_the_trial():
+    """The marker that the device covers is where its corner was."""
+    at, rods = points(), {}
+    for s in SIDES.values():
+        lateral = unit(at[f"{s}LEK"] - at[f"{s}MEK"])
+        up = unit(np.cross(lateral, np.cross([0.0, 0.0, 1.0], lateral)))
+        ends = {"KAX": lateral, "KD1": up, "KD2": np.cross(lateral, up)}
+        rods |= {s + n: 1000 * (at[f"{s}LEK"] + ROD_M * way) for n, way in ends.items()}
+    worn = {label: 1000 * at[point] for label, point in PIG.items() if label[1:] != "KNE"}
+    pose = standing(worn | rods)
+    body = built(pose)
+    assert {"LKNE", "RKNE", "LKAX"} <= set(body.markers)
+    assert body.marker_set.name == "pig"
+    trial = wearing(PIG)
+    assert solve_ik(body, trial).marker_error.max() < 2e-3
+    assert max(e for s, e in errors_mm(body, trial, ("shank",)).items()) < 2
+
+
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("yaw", [0.8, np.pi])
+def test_the_body_of_a_turned_person_is_the_same(name, yaw):
+    static = wearing(SETS[name])
+    body, turned = built(static), built(moved(static, yaw, (2.0, -5.0, 0.0)))
+    np.testing.assert_allclose(turned.geometry, body.geometry, atol=1e-9)
+    np.testing.assert_allclose(turned.inertia_vector, body.inertia_vector, atol=1e-9)
+    np.testing.assert_allclose(turned.marker_position, body.marker_position, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_the_body_of_a_mirrored_person_is_mirrored(name):
+    static, flip, other = (
+        wearing(SETS[name]),
+        np.array([1, -1, 1]),
+        {"right": "left", "left": "right"},
+    )
+    limbs = {other[side]: widths for side, widths in measured().items()}
+    body, image = built(static), built(mirrored(static), limbs=limbs)
+    for s, offset in body.offsets.items():
+        side, _, part = s.partition("_")
+        opposite = f"{other[side]}_{part}" if side in other else s
+        np.testing.assert_allclose(image.offsets[opposite], offset * flip, atol=1e-9, err_msg=s)
+    assert sorted(n.code for n in image.notes) == sorted(n.code for n in body.notes)
+
+
+# -- parts that no marker shows -------------------------------------------------------------------
+
+
+def test_a_set_of_pelvis_and_legs_locks_all_above_and_says_how_much_of_the_body_that_is():
+    """Mid and upper trunk, head and arms are 49.1 % of a man by de Leva's table."""
+    body = built(wearing(PIG_LOWER))
+    above = COORDINATES[6 : COORDINATES.index("RHipFlexion")]
+    assert set(body.locked) == {*above, "RToeFlexion", "LToeFlexion"}
+    (note,) = (note for note in body.notes if note.code == "mass_not_shown")
+    assert note.level == "warning"
+    assert note.values["share"] == pytest.approx(0.4911, abs=1e-4)
+    legs = {f"{side}_{part}" for side in SIDES for part in (*LEGS, "toes")}
+    assert set(note.values["segments"]) == set(SEGMENTS) - {"pelvis", *legs}
+
+
+def test_what_no_marker_shows_stands_upright_and_symmetric_on_a_tilted_pelvis():
+    static = wearing(PIG_LOWER)
+    body = built(static)
+    q = solve_ik(body, static).q[:1]
+    rotation, origin = (x[0] for x in segment_frames(body, q))
+    pelvis = rotation[MOVING.index("pelvis")]
+    assert np.degrees(np.arccos(pelvis[2, 2])) > 3, "the person's pelvis is tilted"
+    at = {s: origin[MOVING.index(s)] for s in MOVING}
+
+    def center(s):
+        return at[s] + rotation[MOVING.index(s)] @ body.segments[s].center
+
+    hips = at["pelvis"]
+    for s in ("thorax", "head"):
+        np.testing.assert_allclose((center(s) - hips)[:2], 0, atol=1e-9)
+    for side in SIDES:
+        arm = center(f"{side}_hand") - center(f"{side}_upper_arm")
+        np.testing.assert_allclose(unit(arm), [0, 0, -1], atol=1e-9)
+    left, right = (center(f"{side}_forearm") - hips for side in ("left", "right"))
+    assert left[2] == pytest.approx(right[2])
+    assert np.linalg.norm((left + right)[:2]) < 1e-9
+
+
+def test_a_few_markers_of_a_trunk_are_not_used():
+    body = built(wearing(PIG_LOWER | {"C7": "C7", "LSHO": "LSHO", "LFHD": "LFHD", "RFHD": "RFHD"}))
+    assert set(body.markers) == set(PIG_LOWER)
+    assert Note.of("trunk_not_located") in body.notes
+
+
+def test_hands_alone_are_not_worth_a_warning():
+    body = built(wearing({label: p for label, p in PIG.items() if label[1:] != "FIN"}))
+    assert {"RWristFlexion", "LWristFlexion"} <= set(body.locked)
+    assert not any(note.code == "mass_not_shown" for note in body.notes)
+
+
+def test_a_head_band_shows_the_head_and_the_vertex_is_by_stature():
+    body = built(wearing(PIG))
+    assert not {"HeadFlexion", "HeadRightBend", "HeadLeftTwist"} & set(body.locked)
+    assert body.lengths["head"] == pytest.approx(0.2429 / 1.741 * STATURE_M, rel=1e-3)
+
+
+# -- tables that do not fit -----------------------------------------------------------------------
+
+
+def test_a_table_none_of_whose_labels_is_there_is_refused_with_the_labels_that_are():
+    own = read_marker_set('[markers]\n"X?" = ["pelvis", "ASIS"]\nlasi = ["pelvis"]', "lab")
+    with pytest.raises(
+        ValueError,
+        match=r"none of the 3 labels of marker set 'lab' is in the recording, which has LASI, "
+        r"RASI, LPSI, RPSI, LTHI, LKNE, LTIB, LANK, …; 1 differs in case only, such as 'LASI' for "
+        r"lasi; correct the set's labels, or choose another set",
+    ):
+        built(wearing(PIG_LOWER), marker_set=own)
+
+
+def test_a_table_some_of_whose_labels_are_there_is_refused_for_what_is_missing():
+    own = read_marker_set('[markers]\nLASI = ["pelvis", "LASIS"]', "lab")
+    with pytest.raises(ValueError, match="the pelvis needs the landmark"):
+        built(wearing(PIG_LOWER), marker_set=own)
+
+
+def test_markers_of_two_sets_make_one_body_with_a_note():
+    arms = {
+        n: p for n, p in PIG.items() if p[1:] in ("SHO", "DELT", "LEE", "FRM", "MW", "LW", "FIN")
+    }
+    legs = {n: n for n in marker_sets()["hbm2_lower"].segment}
+    static = wearing(legs | arms)
+    body = built(static)
+    assert body.marker_set.name == "hbm2+pig"
+    assert Note.of("marker_sets_mixed", title=body.marker_set.title) in body.notes
+    assert set(body.markers) == set(static.names)
+    assert "LShoulderFlexion" not in body.locked
+
+
+def test_a_body_of_one_set_has_no_note_about_others():
+    body = build_body(standing(T_POSE_MM), mass=MASS_KG)
+    assert not any(note.code == "marker_sets_mixed" for note in body.notes)
+
+
+def test_measures_of_one_side_change_that_side_alone():
+    static = wearing(PIG)
+    wide = measured() | {"left": LimbMeasures(knee_width_m=0.14, ankle_width_m=0.09)}
+    body, other = built(static), built(static, limbs=wide)
+    beside = other.marker_position[other.markers.index("LKNE")] - other.offsets["left_shank"]
+    assert np.linalg.norm(beside) == pytest.approx(0.07 + 0.009)
+    for s in ("right_shank", "right_foot"):
+        np.testing.assert_allclose(other.offsets[s], body.offsets[s], atol=1e-12)
