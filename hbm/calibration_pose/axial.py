@@ -218,14 +218,18 @@ def locate_head(anatomy: Anatomy, at: Mapping[str, Array]) -> None:
 
     Without a marker on top, pairs of markers at the front and back of the head or on the mastoids
     show its left, and its up is the vertical of the lab: the head is taken as level in the
-    calibration pose, as Plug-in-Gait does. The top of the head is then not shown.
+    calibration pose, as Plug-in-Gait does. Its top is then above the middle of front and back.
     """
-    if {"LHEAD", "RHEAD", "THEAD"} <= set(at):
-        across, middle = at["LHEAD"] - at["RHEAD"], (at["LHEAD"] + at["RHEAD"]) / 2
-        anatomy.frames["head"] = axes_from(across, at["THEAD"] - middle, exact="left")
+    pairs = [name for name in HEAD_PAIRS if {"L" + name, "R" + name} <= set(at)]
+    middle = {name: (at["L" + name] + at["R" + name]) / 2 for name in pairs}
+    if "HEAD" in middle and "THEAD" in at:
+        across, up = at["LHEAD"] - at["RHEAD"], at["THEAD"] - middle["HEAD"]
+        anatomy.frames["head"] = axes_from(across, up, exact="left")
         anatomy.points["vertex"] = at["THEAD"]
-        return
-    pairs = [(at["L" + n], at["R" + n]) for n in HEAD_PAIRS if {"L" + n, "R" + n} <= set(at)]
-    if pairs:
-        across = np.sum([left - right for left, right in pairs], axis=0)
+    elif middle:
+        across = np.sum([at["L" + name] - at["R" + name] for name in pairs], axis=0)
         anatomy.frames["head"] = axes_from(across, np.array(UP), exact="left")
+        front = middle.get("FHEAD", at.get("GLAB"))
+        back = middle.get("BHEAD", middle.get("MAS"))
+        if front is not None and back is not None:
+            anatomy.points["mid_head"] = (front + back) / 2

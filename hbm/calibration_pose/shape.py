@@ -84,9 +84,10 @@ def shape_of(
     The trunk's parts end where de Leva's (1996) do: the upper trunk at cervicale and xiphoid, both
     on the trunk's axis (`hbm.calibration_pose.trunk_levels`), the middle one at xiphoid and navel,
     the lower one at navel and mid-hip. The navel divides the way from xiphoid to mid-hip as in her
-    means. The head ends at vertex and cervicale. Parts that no marker shows have her mean lengths
-    as shares of stature; their shoulders are at her level, `SHOULDER_WIDTH_PER_STATURE` apart from
-    the axis.
+    means. The head ends at vertex and cervicale; a vertex that no marker shows is as far above the
+    cervicale's level as in her means, over the middle of the head's markers. Parts that no marker
+    shows have her mean lengths as shares of stature; their shoulders are at her level,
+    `SHOULDER_WIDTH_PER_STATURE` apart from the axis.
     """
     build = _Builder(anatomy, table, height_m)
     build.trunk_and_head()
@@ -162,7 +163,10 @@ class _Builder:
         self.ends("pelvis", navel, hips, pelvis[:, 1])
         self.ends("mid_trunk", xiphoid, navel, thorax[:, 1])
         self.ends("thorax", cervicale, xiphoid, thorax[:, 1])
-        vertex = at.get("vertex", cervicale + length["head"] * self.head_up)
+        up = self.head_up
+        below = at.get("mid_head", cervicale)
+        below = below + ((cervicale - below) @ up) * up
+        vertex = at.get("vertex", below + length["head"] * up)
         self.ends("head", vertex, cervicale, head[:, 1])
 
     def hanging_arm(self, side: str) -> None:

@@ -166,10 +166,15 @@ def test_hands_alone_are_not_worth_a_warning():
     assert not any(note.code == "mass_not_shown" for note in body.notes)
 
 
-def test_a_head_band_shows_the_head_and_the_vertex_is_by_stature():
-    body = built(wearing(PIG))
+def test_a_head_band_shows_the_head_whose_top_is_above_the_band():
+    """The top follows the band, and the centre, 50.02 % of the way down, by 49.98 % of that."""
+    band = {label: 1000 * points()[label] for label in ("LFHD", "RFHD", "LBHD", "RBHD")}
+    others = {label: 1000 * points()[p] for label, p in PIG.items() if label not in band}
+    ahead = {label: np.add(point, (40, 0, 0)) for label, point in band.items()}
+    body, leaning = (built(standing(others | each)) for each in (band, ahead))
     assert not {"HeadFlexion", "HeadRightBend", "HeadLeftTwist"} & set(body.locked)
-    assert body.lengths["head"] == pytest.approx(0.2429 / 1.741 * STATURE_M, rel=1e-3)
+    shift = leaning.segments["head"].center - body.segments["head"].center
+    assert np.linalg.norm(shift) == pytest.approx((1 - 0.5002) * 0.040, rel=1e-6)
 
 
 # -- tables that do not fit -----------------------------------------------------------------------

@@ -153,11 +153,18 @@ NO_HEAD = ("LHEAD", "RHEAD", "THEAD")
 
 
 @pytest.mark.parametrize(
-    "markers",
-    [HEADBAND, {"LMAS": (5, 70, 1620), "RMAS": (9, -70, 1624), "GLAB": (105, 2, 1680)}],
-    ids=["four", "mastoids"],
+    ("markers", "front", "back"),
+    [
+        (HEADBAND, ("LFHEAD", "RFHEAD"), ("LBHEAD", "RBHEAD")),
+        (
+            {"LMAS": (5, 70, 1620), "RMAS": (9, -70, 1624), "GLAB": (105, 2, 1680)},
+            ("GLAB",),
+            ("LMAS", "RMAS"),
+        ),
+    ],
+    ids=["head band", "mastoids"],
 )
-def test_a_head_without_a_top_marker_is_level_and_faces_where_its_pairs_do(markers):
+def test_a_head_without_a_top_marker_is_level_and_faces_where_its_pairs_do(markers, front, back):
     at = landmarks(*NO_HEAD, **markers)
     found = locate_anatomy(at, MEN)
     head = found.frames["head"]
@@ -167,6 +174,8 @@ def test_a_head_without_a_top_marker_is_level_and_faces_where_its_pairs_do(marke
     assert head[2, 0] == pytest.approx(0, abs=1e-12)
     assert head[2, 2] > 0.9
     assert "vertex" not in found.points
+    ends = [np.mean([at[name] for name in names], axis=0) for names in (front, back)]
+    np.testing.assert_allclose(found.points["mid_head"], np.mean(ends, axis=0))
 
 
 # -- a trunk that no marker shows -----------------------------------------------------------------

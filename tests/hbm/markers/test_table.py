@@ -1,6 +1,7 @@
 """Marker sets as tables."""
 
 from collections import Counter
+from pathlib import Path
 
 import pytest
 
@@ -177,3 +178,13 @@ def test_a_set_is_equal_to_one_of_the_same_markers():
     assert read_marker_set('[markers]\nLASI = ["pelvis", "LASIS"]') == MarkerSet(
         "own", "own", markers
     )
+
+
+def test_the_documentation_lists_every_set_and_every_landmark():
+    page = (Path(__file__).resolve().parents[3] / "docs" / "marker_sets.md").read_text("utf-8")
+    rows = {row.split("|")[1].strip(): row for row in page.splitlines() if row.startswith("| `")}
+    listed = {name.strip("` ") for row in rows for name in row.split(",")}
+    assert set(SETS) <= listed
+    for landmark, meaning in LANDMARKS.items():
+        assert f"`{landmark}`" in page
+        assert meaning.removesuffix(", left").removesuffix(", right") in page
