@@ -70,7 +70,7 @@ class Measures:
         """Give what was measured on a side."""
         return self.limbs.get(side, NOT_MEASURED)
 
-    def half(self, width_m: float | None) -> float | None:
+    def to_center(self, width_m: float | None) -> float | None:
         """Give the distance of a joint's centre from a marker beside it [m]; None if unknown."""
         return None if width_m is None else width_m / 2 + self.marker_offset_m
 

@@ -45,7 +45,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
         return
     shoulder = _shoulder(anatomy, at, measures, side)
     wrist, lateral = np.mean(ends, axis=0), at[s + "LEE"]
-    half_width = measures.half(limb.elbow_width_m)
+    half_width = measures.to_center(limb.elbow_width_m)
     if half_width is None:
         half_width = HALF_WIDTH_PER_FOREARM * distance(lateral, wrist)
 
@@ -56,7 +56,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
 
     elbow = elbow_with(wrist)
     thumb = None if ulnar is None or radial is None else radial - ulnar
-    bar = measures.half(limb.wrist_width_m) if {s + "WRA", s + "WRB"} <= set(at) else None
+    bar = measures.to_center(limb.wrist_width_m) if {s + "WRA", s + "WRB"} <= set(at) else None
     if bar is not None and thumb is not None:
         wrist = wrist + bar * _palmar(thumb, wrist - elbow, side)
         elbow = elbow_with(wrist)
@@ -69,7 +69,7 @@ def locate_arm(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
         anatomy.axes[f"{side}_wrist"] = anatomy.axes[f"{side}_elbow"]
         anatomy.notes.append(Note.of("wrist_axis_from_elbow", side=side))
     if s + "FIN" in at:
-        knuckle, half = at[s + "FIN"], measures.half(limb.hand_thickness_m)
+        knuckle, half = at[s + "FIN"], measures.to_center(limb.hand_thickness_m)
         if half is not None and thumb is not None:
             down = _palmar(thumb, knuckle - wrist, side)
             knuckle = chord(knuckle, wrist, down, half, f"{side} knuckle")

@@ -44,7 +44,7 @@ def locate_pelvis(anatomy: Anatomy, landmarks: Mapping[str, Array], measures: Me
     width, depth = distance(spines["LASIS"], spines["RASIS"]), distance(origin, back)
     for side, letter in SIDES.items():
         leg = _leg_length(landmarks, letter, spines[letter + "ASIS"])
-        if letter + "MM" not in landmarks:
+        if leg is None or letter + "MM" not in landmarks:
             leg = measures.limb(side).leg_length_m or leg
         anatomy.points[f"{side}_hip"] = origin + R @ hip_center(side, width, depth, leg, measures)
         if leg is None and measures.hip == "harrington":

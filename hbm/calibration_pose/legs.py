@@ -50,7 +50,7 @@ def locate_leg(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, si
 
     def half_width(joint: str, width_m: float | None) -> float | None:
         by_shank = None if shank is None else HALF_WIDTH_PER_SHANK[joint] * shank
-        return by_shank if width_m is None else measures.half(width_m)
+        return by_shank if width_m is None else measures.to_center(width_m)
 
     knee = half_width("knee", limb.knee_width_m)
     if device is not None and knee is not None:

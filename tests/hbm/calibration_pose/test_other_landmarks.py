@@ -76,6 +76,18 @@ def test_the_device_gives_the_knee_s_axis_and_stands_in_for_the_marker_that_it_c
         np.testing.assert_allclose(found.markers[s + "LEK"], corner, atol=1e-12)
 
 
+def test_a_leg_length_that_the_device_hides_is_the_measured_one():
+    """Without a knee marker the markers show no leg length."""
+    both = locate_anatomy(landmarks(), MEN)
+    at = landmarks("LLEK", "LMEK")
+    at |= device("L", landmarks()["LLEK"], both.axes["left_knee"])
+    limbs = {"left": LimbMeasures(leg_length_m=0.93, knee_width_m=0.09)}
+    note = Note.of("hip_without_leg_length", side="left")
+    unknown = {"left": LimbMeasures(knee_width_m=0.09)}
+    assert note not in locate_anatomy(at, Measures("male", limbs=limbs)).notes
+    assert note in locate_anatomy(at, Measures("male", limbs=unknown)).notes
+
+
 # -- foot -----------------------------------------------------------------------------------------
 
 
