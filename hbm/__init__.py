@@ -11,7 +11,9 @@ if TYPE_CHECKING:
     from hbm.description import describe
     from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics, inverse_dynamics_variants
     from hbm.kinematics import solve_ik
-    from hbm.markers import Markers, MarkerSet, marker_sets, read_marker_set
+    from hbm.markers.marker_set import MarkerSet
+    from hbm.markers.table import marker_sets, read_marker_set
+    from hbm.markers.trajectories import Markers
     from hbm.motion import Motion
     from hbm.overrides import SegmentOverride, read_overrides
     from hbm.plausibility import changed_distances, implausible
@@ -31,10 +33,10 @@ _HOME = {
     "inverse_dynamics_variants": "dynamics",
     "solve_ik": "kinematics",
     "LimbMeasures": "calibration_pose.anatomy",
-    "Markers": "markers",
-    "MarkerSet": "markers",
-    "marker_sets": "markers",
-    "read_marker_set": "markers",
+    "Markers": "markers.trajectories",
+    "MarkerSet": "markers.marker_set",
+    "marker_sets": "markers.table",
+    "read_marker_set": "markers.table",
     "Motion": "motion",
     "SegmentOverride": "overrides",
     "read_overrides": "overrides",
