@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from math import isnan
 from numbers import Integral, Real
 from string import Formatter
 from types import MappingProxyType
@@ -176,6 +177,8 @@ class _Sentence(Formatter):
             return ", ".join(numbers)
         if isinstance(value, tuple):
             return ", ".join(value)
+        if isinstance(value, float) and isnan(value):
+            return "unknown"
         singular, plural, several = format_spec.partition("|")
         if plural:
             return f"{value} {singular if value == 1 else several}"

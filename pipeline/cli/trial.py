@@ -13,6 +13,7 @@ from pipeline.run.request import TrialRequest
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from pipeline.trial.residuals import MarkerRow
     from pipeline.trial.result import TrialResult
 
 
@@ -174,7 +175,6 @@ def print_result(result: "TrialResult", console: "Console") -> None:
     console
         Where.
     """
-    import numpy as np
     from rich.table import Table
 
     from hbm.notes import warnings_first
@@ -203,12 +203,22 @@ def print_result(result: "TrialResult", console: "Console") -> None:
             f"{threshold.unit}, limit {threshold.limit:.1f} {threshold.unit} "
             f"({_plates(threshold.compensated)})"
         )
-    *single, every = marker_rows(result)
-    single.sort(key=lambda marker: -np.nan_to_num(marker.rms_mm))
-    errors = ", ".join(f"{marker.marker} {marker.rms_mm:.1f}" for marker in single)
-    console.print(f"marker error {every.rms_mm:.1f} mm RMS over {len(single)} markers: {errors}")
+    console.print(_marker_errors(*marker_rows(result)))
     for note in warnings_first(result.notes):
         console.print(note_line(note), soft_wrap=True)
+
+
+def _marker_errors(*rows: "MarkerRow") -> str:
+    """Say how far the markers are from the model, the farthest first; the last row is of all."""
+    *single, every = rows
+    seen = sorted((row for row in single if row.seen), key=lambda row: -row.rms_mm)
+    unseen = ", ".join(row.marker for row in single if not row.seen)
+    errors = ", ".join(f"{row.marker} {row.rms_mm:.1f}" for row in seen)
+    never = f"never seen: {unseen}"
+    if not seen:
+        return f"marker error unknown; {never}"
+    text = f"marker error {every.rms_mm:.1f} mm RMS over {len(seen)} markers: {errors}"
+    return f"{text}; {never}" if unseen else text
 
 
 def _plates(compensated: bool) -> str:

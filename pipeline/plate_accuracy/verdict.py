@@ -132,8 +132,11 @@ def describe(fault: FaultEstimate) -> str:
     scale, unit = DISPLAY_UNITS.get(fault.unit, (1.0, fault.unit))
     error = scale * fault.uncertainty
     digits = max(1 - math.floor(math.log10(error)), 0) if error > 0 else 3
-    value = f"{scale * fault.value:.{digits}f} ± {error:.{digits}f} {unit}"
-    text = f"{fault.belt}: {fault.fault} {value}"
+    value = f"{scale * fault.value:.{digits}f}"
+    if np.isfinite(error):
+        text = f"{fault.belt}: {fault.fault} {value} ± {error:.{digits}f} {unit}"
+    else:
+        text = f"{fault.belt}: {fault.fault} {value} {unit}, of unknown uncertainty"
     if np.isfinite(fault.frequency_hz):
         text += f" at {fault.frequency_hz:.2f} Hz in the centre of pressure along the belt"
     return text

@@ -91,8 +91,10 @@ def trial_quality(trial: TrialSummary) -> tuple[Criterion, ...]:
 
 
 def _marker_error(markers: Sequence[MarkerRow]) -> Check:
-    overall, single = markers[-1], markers[:-1]
-    worst = max(single, key=lambda row: row.rms_mm)
+    overall, seen = markers[-1], [row for row in markers[:-1] if row.seen]
+    if not seen:
+        return Check("unknown", "fail")
+    worst = max(seen, key=lambda row: row.rms_mm)
     rating: Rating = "pass" if overall.rms_mm < MAX_MARKER_RMS_MM else "fail"
     if rating == "pass" and overall.peak_mm > MAX_MARKER_PEAK_MM:
         rating = "check"

@@ -48,5 +48,8 @@ def plate_delay(plate_force: Array, residual_force: Array, time: Array) -> Plate
         found = marker_plate_delay(plate_force, residual_force + plate_force, time)
     except ValueError as error:
         return PlateDelay(np.nan, np.nan, Note.of("plate_delay_unknown", reason=str(error)))
+    if not np.isfinite(found.standard_error):
+        reason = "its uncertainty cannot be estimated"
+        return PlateDelay(np.nan, np.nan, Note.of("plate_delay_unknown", reason=reason))
     note = Note.of("plate_delay", delay_s=found.seconds, uncertainty_s=found.standard_error)
     return PlateDelay(found.seconds, found.standard_error, note)

@@ -82,6 +82,11 @@ class MarkerRow:
     peak_mm: float
     missing_percent: float
 
+    @property
+    def seen(self) -> bool:
+        """Whether it was visible in any frame that was solved."""
+        return bool(np.isfinite(self.rms_mm))
+
 
 def reported(residual: Array) -> Array:
     """Give residuals in the axes in which they are reported.

@@ -2,8 +2,6 @@
 
 from typing import Final
 
-import numpy as np
-
 from hbm.notes import warnings_first
 from pipeline.trial.residuals import (
     AXES,
@@ -86,15 +84,17 @@ def _thresholds(result: TrialResult) -> str:
 
 def _markers(result: TrialResult) -> str:
     *single, every = marker_rows(result)
-    single.sort(key=lambda row: -np.nan_to_num(row.rms_mm))
+    seen = sorted((row for row in single if row.seen), key=lambda row: -row.rms_mm)
+    unseen = ", ".join(row.marker for row in single if not row.seen)
     lines = [
         "## Distance of markers from the model",
-        f"The {min(LISTED_MARKERS, len(single))} largest of {len(single)}, and all markers.",
+        f"The {min(LISTED_MARKERS, len(seen))} largest of {len(seen)}, and all markers."
+        + (f" Never seen: {unseen}." if unseen else ""),
         "",
         "| marker | RMS (mm) | peak (mm) | missing (%) |",
         "|---|---:|---:|---:|",
     ]
-    for row in [*single[:LISTED_MARKERS], every]:
+    for row in [*seen[:LISTED_MARKERS], every] if seen else []:
         lines.append(
             f"| {row.marker} | {row.rms_mm:.1f} | {row.peak_mm:.1f} | {row.missing_percent:.1f} |"
         )

@@ -98,3 +98,8 @@ def test_warnings_come_first_and_the_rest_keeps_its_order():
 
 def test_every_code_is_a_word_that_can_be_looked_up():
     assert all(code.isidentifier() and code.islower() for code in note_codes())
+
+
+def test_a_number_that_is_not_known_is_called_unknown():
+    note = Note.of("legs_differ", **LEGS | {"left_m": float("nan")})
+    assert "(left unknown m, right 0.802 m from hip" in note.text

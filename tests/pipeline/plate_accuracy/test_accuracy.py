@@ -3,6 +3,7 @@
 Estimates may be four standard errors off: some forty of them are tested.
 """
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from pipeline.cli.app import main
 from pipeline.config.plate_study import read_plates_study
 from pipeline.config.validation import StudyFaults
 from pipeline.plate_accuracy.accuracy import check_plates
+from pipeline.plate_accuracy.faults import FaultEstimate
 from pipeline.plate_accuracy.report import COLUMNS, table_1
-from pipeline.plate_accuracy.verdict import PlateVerdict, judge
+from pipeline.plate_accuracy.verdict import PlateVerdict, describe, judge
 from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 
@@ -253,3 +255,10 @@ def test_the_uncorrected_double_pass_is_used_by_this_experiment_alone():
         if "double_pass" in path.read_text(encoding="utf-8")
     }
     assert users == {"hbm/signals/filtering.py", "pipeline/plate_accuracy/trials.py"}
+
+
+def test_an_estimate_from_a_single_impact_has_no_known_uncertainty():
+    single = FaultEstimate("left", "delay", 0.0062, np.nan, "s", 0)
+    assert describe(single) == "left: delay 6.200 ms, of unknown uncertainty"
+    several = replace(single, standard_error=0.0002, degrees_of_freedom=9)
+    assert describe(several) == "left: delay 6.20 ± 0.45 ms"

@@ -1,12 +1,17 @@
 """Residuals as reported: signs, both RMS, thresholds, marker errors."""
 
+import re
 from dataclasses import replace
+from io import StringIO
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2
+from pipeline.cli.trial import print_result
+from pipeline.report.trial_quality import trial_quality
 from pipeline.trial.residuals import (
     AXES,
     cycle_residuals,
@@ -17,6 +22,8 @@ from pipeline.trial.residuals import (
     threshold_rows,
     variants,
 )
+from pipeline.trial.summary import summarise
+from pipeline.viewer.summary import trial_summary
 
 SPANS = np.array([[6.0, 7.0], [7.0, 8.5]])
 
@@ -138,3 +145,38 @@ def test_marker_errors_leave_gaps_out_and_count_them(processed):
 def test_variants_are_named_in_order(processed):
     assert list(variants(processed)) == ["measured", "compensated"]
     assert list(variants(replace(processed, compensated=None))) == ["measured"]
+
+
+def with_unseen(result, *names):
+    """The trial with markers that no solved frame shows."""
+    error = result.motion.marker_error.copy()
+    error[:, [result.motion.markers.index(name) for name in names]] = np.nan
+    return replace(result, motion=replace(result.motion, marker_error=error))
+
+
+def printed(result):
+    """What the command line, the viewer and the report say of the markers."""
+    text = StringIO()
+    print_result(result, Console(file=text, width=2000))
+    summary = trial_summary(result)
+    quality = trial_quality(summarise(result, "pitch", ""))
+    return text.getvalue(), summary[summary.index("## Distance") :], str(quality)
+
+
+def test_markers_that_were_never_seen_are_named_and_have_no_error(processed):
+    for text in printed(processed):
+        assert "ever seen" not in text
+    terminal, viewer, report = printed(with_unseen(processed, "LHEE", "RMT5"))
+    assert "mm RMS over 44 markers: " in terminal
+    assert "; never seen: LHEE, RMT5" in terminal
+    assert "largest of 44, and all markers. Never seen: LHEE, RMT5." in viewer
+    for text in (terminal, viewer, report):
+        assert not re.search(r"\bnan\b", text)
+
+
+def test_where_no_marker_was_seen_the_error_is_unknown(processed):
+    terminal, viewer, report = printed(with_unseen(processed, *processed.motion.markers))
+    assert "marker error unknown; never seen: " in terminal
+    assert "Check(value='unknown', rating='fail'" in report
+    for text in (terminal, viewer, report):
+        assert not re.search(r"\bnan\b", text)
