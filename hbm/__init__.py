@@ -16,16 +16,17 @@ if TYPE_CHECKING:
     from hbm.markers.trajectories import Markers
     from hbm.motion import Motion
     from hbm.overrides import SegmentOverride, read_overrides
-    from hbm.plausibility import changed_distances, implausible
+    from hbm.plausibility.body import implausible
+    from hbm.plausibility.marker_distances import changed_distances
 
 _HOME = {
     "Body": "body",
     "build_body": "body",
     "COORDINATES": "coordinates",
     "HBM_ORDER": "coordinates",
-    "changed_distances": "plausibility",
+    "changed_distances": "plausibility.marker_distances",
     "describe": "description",
-    "implausible": "plausibility",
+    "implausible": "plausibility.body",
     "Dynamics": "dynamics",
     "filter_motion": "dynamics",
     "functional_hips": "calibration_pose.functional",

@@ -30,6 +30,12 @@ FILTERS: Final[dict[Method, str]] = {
     "realtime": "a causal second-order Butterworth low-pass filter (cut-off {cutoff_hz:g} Hz, as "
     "in the real-time filter of the Human Body Model)",
 }
+MASS_ORIGINS: Final = {
+    "mass_stated": "as stated",
+    "mass_weighed": "measured by the force plates in the steadiest second of standing still",
+    "mass_of_file": "as stated in the recording",
+}
+"""Note -> where body mass came from."""
 SEXES: Final = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
 
 
@@ -88,11 +94,8 @@ def _participants(results: Results) -> str:
     ]
     conditions = in_order(condition for _, condition in results.summaries)
     stated = [trial.subject for trial in results.summaries.values()]
-    mass = _origin(
-        "Body mass",
-        [person.mass_kg is not None for person in stated],
-        "measured by the force plates during the first 100 frames of the calibration pose",
-    )
+    codes = {note.code for trial in results.summaries.values() for note in trial.notes}
+    mass = ", or ".join(words for code, words in MASS_ORIGINS.items() if code in codes)
     height = _origin(
         "stature",
         [person.height_m is not None for person in stated],
@@ -101,7 +104,8 @@ def _participants(results: Results) -> str:
     return (
         f"The analysis included {len(people)} subject{'s' * (len(people) > 1)} "
         f"({'; '.join([', '.join(counts), *measures])}) in the "
-        f"condition{'s' * (len(conditions) > 1)} {join_names(conditions)}. {mass}; {height}."
+        f"condition{'s' * (len(conditions) > 1)} {join_names(conditions)}. Body mass was {mass}; "
+        f"{height}."
     )
 
 

@@ -24,7 +24,7 @@ from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_u
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.study_files import read_study_file
 from pipeline.trial.subject_body import subject_body
-from pipeline.trial.weighing import body_mass
+from pipeline.trial.weighing import body_mass, differing_masses
 
 MIN_TRIAL_S: Final = 5.0
 """A few gait cycles, in addition to what the filter needs at both ends."""
@@ -230,18 +230,18 @@ def _check_body(
 ) -> None:
     """Build the body; note its mass, its locked coordinates, and which markers have gaps."""
     name = preview.beginning.source.name
-    weighed = None
+    mass = None
     if pose.plates or person.static:
-        weighed = found.attempt(name, lambda: body_mass(person.person, pose))
-    if weighed is not None:
-        found.notes(name, weighed[1:])
+        mass = found.attempt(name, lambda: body_mass(person.person, pose, preview.beginning))
+    if mass is not None:
+        found.notes(name, (mass.note, *differing_masses(mass.known_kg, None)))
 
     def build() -> Body:
         return subject_body(
             pose,
             person.person,
             study.file.settings,
-            weighed[0] if weighed is not None else ASSUMED_MASS_KG,
+            mass.mass_kg if mass is not None else ASSUMED_MASS_KG,
             marker_set=study.marker_set,
             hip_trial=read_study_file(study, person.hip_trial) if person.hip_trial else None,
             segments=read_segments(study.path(person.segments)) if person.segments else None,

@@ -28,7 +28,9 @@ class TrialRequest:
     static: Annotated[Path | None, Help("Calibration pose; default: the trial itself.")] = None
     forces: Annotated[Path | None, Help("Ground reaction forces (.mot) of a .trc trial.")] = None
     record: Annotated[Path | None, Help("D-Flow record file of a D-Flow mocap file.")] = None
-    mass_kg: Annotated[float | None, Help("Body mass; default: measured by the plates.")] = None
+    mass_kg: Annotated[
+        float | None, Help("Body mass; default: measured by the plates, else the file's.")
+    ] = None
     sex: Annotated[str, Help("male, female or unspecified.")] = "unspecified"
     height_m: Annotated[
         float | None, Help("Stature; default: the file's, or estimated from the legs.")

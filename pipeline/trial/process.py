@@ -10,7 +10,8 @@ from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
 from hbm.overrides import SegmentOverride
-from hbm.plausibility import changed_distances, implausible
+from hbm.plausibility.body import implausible
+from hbm.plausibility.marker_distances import changed_distances
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill
@@ -29,7 +30,7 @@ from pipeline.trial.motion_check import check_motion
 from pipeline.trial.result import PlateSurface, TrialResult
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from pipeline.trial.subject_body import subject_body
-from pipeline.trial.weighing import body_mass, carried_mass
+from pipeline.trial.weighing import body_mass, carried_mass, differing_masses
 
 
 def process_recording(
@@ -96,12 +97,12 @@ def process_recording(
     pose = static or recording
     _require_plates(recording)
     choose_engine(settings.engine)
-    mass_kg, mass_note = body_mass(subject, pose)
+    mass = body_mass(subject, pose, recording)
     body = subject_body(
         pose,
         subject,
         settings,
-        mass_kg,
+        mass.mass_kg,
         window_s=static_window_s,
         marker_set=marker_set,
         hip_trial=hip_trial,
@@ -159,8 +160,9 @@ def process_recording(
         ambiguous=ambiguous,
         notes=(
             *recording.notes,
-            mass_note,
-            *implausible(body, carried_kg=carried_mass_kg),
+            mass.note,
+            *differing_masses(mass.known_kg, carried_mass_kg),
+            *implausible(body),
             *carried_notes,
             *changed_distances(body, recording.markers),
             *body.notes,

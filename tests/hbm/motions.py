@@ -49,6 +49,22 @@ def without(markers, names, frames=slice(None)):
     return Markers(markers.time, markers.names, position)
 
 
+def relabelled(markers, *pairs):
+    """The same markers, the labels of each pair exchanged throughout."""
+    other = {a: b for pair in pairs for a, b in (pair, pair[::-1])}
+    names = tuple(other.get(name, name) for name in markers.names)
+    return Markers(markers.time, names, markers.position)
+
+
+def exchanged(markers, frames, *pairs):
+    """The same markers, the labels of each pair exchanged in some frames."""
+    position = markers.position.copy()
+    for pair in pairs:
+        own = [markers.names.index(name) for name in pair]
+        position[frames, own] = position[frames, own[::-1]]
+    return Markers(markers.time, markers.names, position)
+
+
 def any_pose(rng, frames):
     """Unrelated random poses: facing anywhere, arms anywhere, within the joints' ranges."""
     ranges = {

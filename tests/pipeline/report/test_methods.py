@@ -69,6 +69,18 @@ def test_levels_of_the_trunk_that_no_marker_showed_are_named(usual):
     assert "followed from her mean proportions (xiphoid from the cervicale)" in text
 
 
+def test_where_body_mass_came_from_is_told(usual):
+    text, results = usual
+    weighed = "measured by the force plates in the steadiest second of standing still"
+    assert f"Body mass was {weighed}; stature" in text
+    key = ("sub01", "sway")
+    note = Note.of("mass_of_file", mass_kg=70.0, file="walk.c3d")
+    trial = replace(results.summaries[key], notes=(note,))
+    found = replace(results, summaries=results.summaries | {key: trial})
+    text = " ".join(methods(found, statistics(found.residuals, found.subjects), None))
+    assert f"Body mass was {weighed}, or as stated in the recording; stature" in text
+
+
 def test_segments_with_stated_inertial_parameters_are_named(usual):
     text, results = usual
     assert "except for stated values" not in text

@@ -159,7 +159,7 @@ def test_notes_are_shown_with_their_codes_warnings_first(page):
     warnings, _, information = page.text.partition("What was inferred, locked or filled")
     assert "Warnings, trial by trial" in warnings
     assert re.search(r"the legs differ by 41 mm .* legs_differ", warnings)
-    assert "body mass 70.0 kg as stated mass_stated" in information
+    assert "body mass 70.0 kg by the plates, standing still from 0.50 to 1.50 s" in information
     assert "legs_differ" not in information
 
 
