@@ -184,7 +184,9 @@ class _Sentence(Formatter):
             return f"{value} {singular if value == 1 else several}"
         number, space, unit = format_spec.partition(" ")
         factor, _, number = number.rpartition("*")
-        return format(value * float(factor) if factor else value, number) + space + unit
+        return format(value * float(factor) if factor else value, number) + (
+            unit if unit == "°" else space + unit
+        )
 
 
 _SENTENCE: Final = _Sentence()

@@ -11,7 +11,6 @@ from hbm.markers import MarkerSet
 from hbm.motion import Motion
 from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
-from hbm.plausibility.marker_distances import changed_distances
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill
@@ -26,6 +25,7 @@ from pipeline.trial.gait.event_agreement import agreement_with_plates
 from pipeline.trial.gait.events import gait_events
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.marker_check import check_markers
 from pipeline.trial.motion_check import check_motion
 from pipeline.trial.result import PlateSurface, TrialResult
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
@@ -164,9 +164,9 @@ def process_recording(
             *differing_masses(mass.known_kg, carried_mass_kg),
             *implausible(body),
             *carried_notes,
-            *changed_distances(body, recording.markers),
+            *check_markers(body, recording, pose),
             *body.notes,
-            *check_motion(body, unfiltered),
+            *check_motion(body, unfiltered, recording.markers),
             *ground.notes,
             dynamics["measured"].engine.note,
             events_note,

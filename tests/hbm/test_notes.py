@@ -103,3 +103,8 @@ def test_every_code_is_a_word_that_can_be_looked_up():
 def test_a_number_that_is_not_known_is_called_unknown():
     note = Note.of("legs_differ", **LEGS | {"left_m": float("nan")})
     assert "(left unknown m, right 0.802 m from hip" in note.text
+
+
+def test_degrees_stand_next_to_their_number():
+    note = Note.of("joint_angles_impossible", share=0.5, extreme_deg={"RHipFlexion": -100.0})
+    assert "the extremes being RHipFlexion -100°:" in note.text

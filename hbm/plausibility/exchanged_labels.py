@@ -1,0 +1,98 @@
+"""Check of marker labels: two that change places from one frame to the next."""
+
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+
+from hbm.markers import Markers
+from hbm.notes import Note
+from hbm.plausibility.exchanged_sides import first_named
+from hbm.plausibility.repeated_positions import frozen_frames
+from hbm.spatial import Array, Mask
+
+MIN_JUMP_M: Final = 0.03
+"""Of a marker against its own motion: noise and an acceleration of 100 m/s² make 1 cm at 100 Hz."""
+MAX_EXCHANGED_SHARE: Final = 1 / 3
+"""Of that jump that remains when two markers are exchanged, for their labels to have changed
+places."""
+MAX_GAP_S: Final = 0.1
+"""Over which a marker's motion is extrapolated; labels often change places where one is hidden."""
+
+
+def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]:
+    """Find markers whose labels change places from one frame to the next.
+
+    Parameters
+    ----------
+    markers
+        A trial.
+    names
+        Labels to look at.
+
+    Returns
+    -------
+    tuple of Note
+        One ``labels_exchanged``: pairs that jump at one instant, each to where the other one's
+        motion leads, with the times of the first and the last such instant.
+
+    Notes
+    -----
+    Motion is extrapolated from the last two positions, over gaps of up to 0.1 s, but not from
+    positions that were repeated.
+
+    Examples
+    --------
+    >>> import hbm
+    >>> heels = [static.names.index(name) for name in ("LHEE", "RHEE")]
+    >>> position = static.position + 1.3 * static.time[:, None, None]
+    >>> position[30:60, heels] = position[30:60, heels[::-1]]
+    >>> trial = hbm.Markers(static.time, static.names, position)
+    >>> for note in labels_exchanged(trial, static.names):
+    ...     print(*note.values["named"], note.values["first_s"], note.values["last_s"])
+    LHEE/RHEE 0.3 0.6
+    """
+    names = [name for name in names if name in markers.names]
+    position = markers.position[:, [markers.names.index(name) for name in names]]
+    expected = _extrapolated(markers.time, position)
+    jump = np.linalg.norm(position - expected, axis=-1)
+    jumped: Mask = jump > MIN_JUMP_M
+    found: dict[str, list[float]] = {}
+    jumped[1:][frozen_frames(markers, names)[:-1]] = False
+    for frame in np.flatnonzero(jumped.sum(axis=1) > 1):
+        own = np.flatnonzero(jumped[frame])
+        apart = np.linalg.norm(position[frame, own, None] - expected[frame, own], axis=-1)
+        nearest = apart.argmin(axis=1)
+        for a, b in enumerate(nearest):
+            farther = max(apart[a, b], apart[b, a])
+            mutual = a < b and nearest[b] == a
+            if mutual and farther < MAX_EXCHANGED_SHARE * jump[frame, own[[a, b]]].min():
+                pair = f"{names[own[a]]}/{names[own[b]]}"
+                found.setdefault(pair, []).append(float(markers.time[frame]))
+    if not found:
+        return ()
+    times = [time for each in found.values() for time in each]
+    return (
+        Note.of(
+            "labels_exchanged",
+            pairs=len(found),
+            named=first_named(list(found)),
+            first_s=min(times),
+            last_s=max(times),
+        ),
+    )
+
+
+def _extrapolated(time: Array, position: Array) -> Array:
+    """Give where each marker (T, K, 3) would be by its last two positions; NaN where unknown."""
+    frames = np.arange(len(time))
+    seen = np.isfinite(position[..., 0])
+    last = np.maximum.accumulate(np.where(seen, frames[:, None], -1), axis=0)
+    before = np.concatenate([np.full((1, seen.shape[1]), -1), last[:-1]])
+    column = np.arange(seen.shape[1])
+    earlier = np.where(before > 0, last[before - 1, column], -1)
+    known = (earlier >= 0) & (time[:, None] - time[earlier] <= MAX_GAP_S)
+    moved = position[before, column] - position[earlier, column]
+    share = (time[:, None] - time[before]) / np.where(known, time[before] - time[earlier], 1.0)
+    reached = position[before, column] + share[..., None] * moved
+    return np.where(known[..., None], reached, np.nan)
