@@ -18,6 +18,7 @@ from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.recording import Recording
 from pipeline.trial.delay import plate_delay
+from pipeline.trial.event_check import check_events, reference_events
 from pipeline.trial.gait.contact import feet_of, share_between_feet
 from pipeline.trial.gait.cycle_selection import perturbation_onsets, select_cycles
 from pipeline.trial.gait.cycles import cut_cycles
@@ -27,6 +28,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.marker_check import check_markers
 from pipeline.trial.motion_check import check_motion
+from pipeline.trial.plate_check import check_plates
 from pipeline.trial.result import PlateSurface, TrialResult
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from pipeline.trial.subject_body import subject_body
@@ -138,6 +140,9 @@ def process_recording(
     carried_mass_kg, carried_notes = carried_mass(motion.time, total[:, 2], cycles)
     by_foot, ambiguous = under_feet[ground.best]
     agreement = agreement_with_plates(events, by_foot, motion.time, settings.contact_threshold_n)
+    reference = reference_events(
+        by_foot, motion.time, settings.contact_threshold_n, recording.markers
+    )
     return TrialResult(
         source=recording.source,
         subject=subject,
@@ -168,8 +173,10 @@ def process_recording(
             *body.notes,
             *check_motion(body, unfiltered, recording.markers),
             *ground.notes,
+            *check_plates(recording, best, mass.mass_kg),
             dynamics["measured"].engine.note,
             events_note,
+            *check_events(events, reference),
             *agreement,
             *cycle_notes,
             *selection_notes,

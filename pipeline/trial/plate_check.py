@@ -1,0 +1,149 @@
+"""Checks of a trial's plates: what they read when nobody is on them, and loads that jump."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from hbm.notes import Note
+from hbm.spatial import GRAVITY_MPS2, Array
+from pipeline.io.recording import Recording
+from pipeline.trial.standing import (
+    MAX_STILL_EXTENT_M,
+    TENTH_S,
+    common_tenths,
+    median_extent,
+    tenths,
+)
+
+MAX_REST_SHARE: Final = 0.1
+"""Of body weight that a plate without load may read; more is taken as load."""
+REST_SPREAD_N: Final = 6.0
+"""Means of a tenth of a second of an unloaded plate lie this close together: noise and creep."""
+MIN_REST_S: Final = 0.3
+"""In all, so that a foot that lands or leaves does not count as rest: one swing of a foot."""
+MAX_REST_N: Final = 10.0
+"""About 1 kg: plates drift by less between two zeroings."""
+MAX_TOTAL_REST_N: Final = 20.0
+"""Of all plates together: 3 % of the weight of a light adult."""
+
+MIN_LOAD_JUMP: Final = 0.2
+"""Share of body weight by which the load of somebody who stands still cannot change."""
+MAX_LOAD_SPREAD: Final = 0.05
+"""Share of body weight within which a load is steady before and after it jumps."""
+STEADY_TENTHS: Final = 4
+"""Tenths of a second on either side of a jump in which load and subject are steady."""
+
+
+def check_plates(
+    recording: Recording, wrenches: Sequence[Array], mass_kg: float
+) -> tuple[Note, ...]:
+    """Find plates that are not zero when nobody is on them, and loads that jump.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    wrenches
+        Per plate, action on the subject in lab axes at the markers' times, without what a moving
+        platform adds, (T, 6) [N, N·m].
+    mass_kg
+        Body mass.
+
+    Returns
+    -------
+    tuple of Note
+        ``plates_not_zeroed`` where an unloaded plate reads more than 10 N either way, or all
+        together more than 20 N; ``load_jumps`` where their total changes by a fifth of the body
+        weight while the subject stands still.
+    """
+    time, weight_n = recording.markers.time, mass_kg * GRAVITY_MPS2
+    vertical = {
+        f"plate {plate.number}": wrench[:, 2]
+        for plate, wrench in zip(recording.plates, wrenches, strict=True)
+    }
+    levels = {plate: rest_level(force, time, weight_n) for plate, force in vertical.items()}
+    rest_n = {plate: level for plate, level in levels.items() if level is not None}
+    total_n = sum(rest_n.values())
+    jumps = load_jumps(vertical, recording.markers.position, time, weight_n)
+    if max(map(abs, rest_n.values()), default=0) <= MAX_REST_N and abs(total_n) <= MAX_TOTAL_REST_N:
+        return jumps
+    added_kg = total_n / GRAVITY_MPS2
+    rest = Note.of("plates_not_zeroed", rest_n=rest_n, total_n=total_n, mass_kg=added_kg)
+    return (rest, *jumps)
+
+
+def rest_level(vertical: Array, time: Array, weight_n: float) -> float | None:
+    """Give what a plate reads when nobody is on it.
+
+    Parameters
+    ----------
+    vertical
+        Vertical force, (T,) [N].
+    time
+        (T,) [s].
+    weight_n
+        Body weight.
+
+    Returns
+    -------
+    float or None
+        The level, below a tenth of the body weight, at which the plate is most often [N]: the mean
+        over those tenths of a second that lie closest together. None where the plate is never
+        at rest for 0.3 s in all: somebody stands on it throughout.
+    """
+    means = tenths(vertical, time, *common_tenths(time))
+    low = np.sort(means[means < MAX_REST_SHARE * weight_n])
+    within = np.searchsorted(low, low + REST_SPREAD_N, side="right") - np.arange(len(low))
+    if TENTH_S * max(within, default=0) < MIN_REST_S:
+        return None
+    start = int(np.argmax(within))
+    return float(low[start : start + within[start]].mean())
+
+
+def load_jumps(
+    vertical: Mapping[str, Array], position: Array, time: Array, weight_n: float
+) -> tuple[Note, ...]:
+    """Find where the load of somebody who stands still jumps.
+
+    Parameters
+    ----------
+    vertical
+        Plate -> vertical force on the subject, (T,) [N].
+    position
+        The subject's markers, (T, K, 3) [m].
+    time
+        (T,) [s].
+    weight_n
+        Body weight.
+
+    Returns
+    -------
+    tuple of Note
+        ``load_jumps`` for the largest change of the plates' total from one steady load to another
+        by more than a fifth of the body weight while half of the markers stay within 2 cm.
+    """
+    every = common_tenths(time)
+    load = np.stack([tenths(force, time, *every) for force in vertical.values()])
+    place, wide = tenths(position, time, *every), 2 * STEADY_TENTHS + 1
+    largest_n = MIN_LOAD_JUMP * weight_n
+    notes: tuple[Note, ...] = ()
+    for start in range(load.shape[1] - wide + 1):
+        window = load[:, start : start + wide]
+        before, after = window[:, :STEADY_TENTHS], window[:, -STEADY_TENTHS:]
+        spread_n = max(np.ptp(before.sum(axis=0)), np.ptp(after.sum(axis=0)))
+        change = after.mean(axis=1) - before.mean(axis=1)
+        jumps = abs(change.sum()) > largest_n and spread_n < MAX_LOAD_SPREAD * weight_n
+        if jumps and median_extent(place[start : start + wide]) < MAX_STILL_EXTENT_M:
+            largest_n = abs(change.sum())
+            note = Note.of(
+                "load_jumps",
+                plates=[
+                    p for p, each in zip(vertical, change, strict=True) if 2 * abs(each) > largest_n
+                ],
+                at_s=time[0] + TENTH_S * (start + wide / 2),
+                before_n=before.sum(axis=0).mean(),
+                after_n=after.sum(axis=0).mean(),
+            )
+            notes = (note,)
+    return notes

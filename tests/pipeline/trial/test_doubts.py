@@ -1,0 +1,105 @@
+"""Recordings with one fault each: processed, and doubted by name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.markers import Markers
+from pipeline.config.schema import Settings, Subject
+from pipeline.trial.gait.events import zeni_events
+from pipeline.trial.process import process_recording
+from tests.hbm.motions import exchanged, relabelled, without
+from tests.pipeline.trial.test_event_check import other_side, shifted
+
+PERSON = Subject(id="sub01", sex="male")
+CLUSTER = ("LLEK", "RLEK"), ("LMEK", "RMEK"), ("LLTHI", "RLTHI")
+HEELS = ("LHEE", "RHEE")
+
+
+def warned(recording, *, static=None):
+    """Codes of the warnings on a recording."""
+    result = process_recording(recording, PERSON, Settings(), static=static)
+    return {note.code for note in result.notes if note.level == "warning"}
+
+
+def held(markers, frames, names):
+    position = markers.position.copy()
+    own = [markers.names.index(name) for name in names]
+    position[frames, own] = position[frames.start, own]
+    return Markers(markers.time, markers.names, position)
+
+
+def offset(recording, newtons):
+    first, *others = recording.plates
+    wrench = first.wrench_in_plate + newtons * np.array([0, 0, first.rotation[2, 2], 0, 0, 0])
+    return (replace(first, wrench_in_plate=wrench), *others)
+
+
+def test_a_good_recording_is_not_doubted(walker):
+    assert warned(walker) == warned(walker, static=walker) == set()
+
+
+@pytest.mark.parametrize(
+    ("markers", "code"),
+    [
+        (lambda m: relabelled(m, HEELS), "sides_exchanged"),
+        (lambda m: relabelled(m, *CLUSTER), "sides_exchanged"),
+        (lambda m: relabelled(m, *CLUSTER), "joint_angles_impossible"),
+        (lambda m: relabelled(m, HEELS), "segment_error_large"),
+        (lambda m: relabelled(m, HEELS), "marker_error_large"),
+        (lambda m: exchanged(m, slice(600, 900), HEELS), "labels_exchanged"),
+        (lambda m: held(m, slice(600, 650), m.names), "markers_frozen"),
+        (lambda m: held(m, slice(0, 1200), ["LMT5"]), "markers_constant"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_faulty_markers_are_doubted(walker, markers, code):
+    assert code in warned(replace(walker, markers=markers(walker.markers)), static=walker)
+
+
+def test_a_static_pose_with_exchanged_labels_is_doubted_and_not_the_walk(walker):
+    pose = replace(walker, markers=relabelled(walker.markers, ("LLTHI", "RLTHI")))
+    named = replace(pose, source=walker.source.with_name("pose.c3d"))
+    result = process_recording(walker, PERSON, Settings(), static=named)
+    notes = [note for note in result.notes if note.code == "sides_exchanged"]
+    assert [note.values["recording"] for note in notes] == ["pose.c3d"]
+
+
+@pytest.mark.parametrize("newtons", [-32.0, 15.0])
+def test_a_plate_that_was_not_zeroed_is_doubted(walker, newtons):
+    assert "plates_not_zeroed" in warned(replace(walker, plates=offset(walker, newtons)))
+
+
+@pytest.mark.parametrize(
+    ("events", "code"),
+    [
+        (other_side, "events_of_other_side"),
+        (lambda e: shifted(e, 0.25), "events_offset"),
+        (lambda e: shifted(e, -0.25), "events_offset"),
+    ],
+)
+def test_wrong_gait_events_are_doubted(walker, events, code):
+    found = zeni_events(walker.markers)
+    assert warned(replace(walker, events=found)) == set()
+    assert warned(replace(walker, events=events(found))) == {code}
+
+
+def test_a_file_s_mass_that_the_plates_contradict_is_doubted(walker):
+    metadata = replace(walker.metadata, mass_kg=1.05 * walker.metadata.mass_kg)
+    assert warned(replace(walker, metadata=metadata)) == {"mass_differs"}
+
+
+def counted(recording, code):
+    notes = process_recording(recording, PERSON, Settings()).notes
+    return [note.values for note in notes if note.code == code]
+
+
+def test_missing_samples_and_unsolved_frames_are_counted_apart(walker):
+    """Ten gaps of one marker, and twenty frames without any."""
+    markers = without(walker.markers, ["LHEE"], slice(600, 610))
+    gaps = replace(walker, markers=without(markers, markers.names, slice(700, 720)))
+    assert counted(walker, "marker_samples_missing") == []
+    assert counted(walker, "frames_unsolved") == []
+    assert counted(gaps, "marker_samples_missing") == [{"samples": 10}]
+    assert counted(gaps, "frames_unsolved") == [{"unsolved": 20, "frames": 1200}]

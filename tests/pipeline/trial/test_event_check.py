@@ -1,0 +1,126 @@
+"""Gait events of the wrong side, early and late ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from hbm.signals.resampling import resample
+from pipeline.io.recording import Event
+from pipeline.trial.event_check import check_events, reference_events
+
+OTHER = {"left": "right", "right": "left"}
+
+
+def walking(strides=10, stride_s=1.1, noise_s=0.01, seed=0):
+    """Events of a walk: feet strike half a stride apart and leave after 0.62 of a stride."""
+    rng = np.random.default_rng(seed)
+    starts = stride_s * np.arange(strides) + 0.2
+    events = [
+        Event(float(start + later * stride_s + rng.normal(scale=noise_s)), label, side)
+        for start in starts
+        for later, label, side in (
+            (0.0, "foot_strike", "left"),
+            (0.12, "foot_off", "right"),
+            (0.5, "foot_strike", "right"),
+            (0.62, "foot_off", "left"),
+        )
+    ]
+    return tuple(sorted(events, key=lambda event: event.time))
+
+
+def shifted(events, seconds, labels=("foot_strike", "foot_off")):
+    return tuple(replace(e, time=e.time + seconds * (e.label in labels)) for e in events)
+
+
+def other_side(events):
+    return tuple(replace(e, side=OTHER[e.side]) for e in events)
+
+
+TRUE = walking()
+PLATES = {"the plates": walking(seed=1)}
+
+
+def test_events_that_agree_raise_no_warning():
+    assert check_events(TRUE, PLATES) == ()
+
+
+def test_events_with_exchanged_sides_are_found():
+    (note,) = check_events(other_side(TRUE), PLATES)
+    assert (note.code, note.level) == ("events_of_other_side", "warning")
+    assert "coincide with those that the plates show for the other foot" in note.text
+
+
+@given(seconds=st.floats(-0.3, 0.3), stride_s=st.floats(0.9, 1.6))
+def test_events_are_early_or_late_from_150_ms_on_and_never_below(seconds, stride_s):
+    assume(abs(abs(seconds) - 0.15) > 0.02)
+    events = shifted(walking(stride_s=stride_s), seconds)
+    notes = check_events(events, {"the plates": walking(stride_s=stride_s, seed=1)})
+    assert bool(notes) == (abs(seconds) > 0.15)
+    for note in notes:
+        assert note.code == "events_offset"
+        assert len(note.values["offset_ms"]) == 4
+        for offset_ms in note.values["offset_ms"].values():
+            assert offset_ms == pytest.approx(1000 * seconds, abs=20)
+
+
+def test_only_the_kinds_that_are_late_are_named():
+    (note,) = check_events(shifted(TRUE, 0.25, ["foot_off"]), PLATES)
+    assert set(note.values["offset_ms"]) == {"left foot offs", "right foot offs"}
+    assert "left foot offs +25" in note.text
+
+
+def test_where_the_plates_show_too_little_the_markers_decide():
+    few = {"the plates": PLATES["the plates"][:4], "heel, toe and sacrum markers": walking(seed=2)}
+    (note,) = check_events(shifted(TRUE, 0.25), few)
+    assert note.values["source"] == "heel, toe and sacrum markers"
+    assert check_events(TRUE, few) == ()
+
+
+def test_where_the_plates_agree_the_markers_are_not_asked():
+    swapped_heels = {**PLATES, "heel, toe and sacrum markers": other_side(TRUE)}
+    assert check_events(TRUE, swapped_heels) == ()
+
+
+@given(seed=st.integers(0, 50))
+def test_events_that_have_nothing_in_common_are_not_compared(seed):
+    rng = np.random.default_rng(seed)
+    scattered = tuple(replace(e, time=float(rng.uniform(0, 11))) for e in TRUE)
+    assert check_events(TRUE, {"the plates": scattered}) == ()
+
+
+@pytest.mark.parametrize("only", ["left", "right"])
+def test_a_walk_over_one_plate_is_compared_where_it_can_be(only):
+    one_foot = {"the plates": [e for e in PLATES["the plates"] if e.side == only]}
+    assert check_events(TRUE, one_foot) == ()
+    assert check_events(other_side(TRUE), one_foot)[0].code == "events_of_other_side"
+
+
+def test_a_trial_without_events_or_without_reference_is_not_judged():
+    assert check_events((), PLATES) == ()
+    assert check_events(TRUE, {}) == ()
+
+
+def test_plates_and_markers_of_a_walk_agree_on_its_events(walker):
+    time = walker.markers.time
+    feet = {
+        f"{'left' if plate.center[1] > 0 else 'right'}_foot": resample(
+            plate.time, plate.wrench, time
+        )
+        for plate in walker.plates
+    }
+    found = reference_events(feet, time, 30.0, walker.markers)
+    by_plates, by_markers = found.values()
+    assert list(found) == ["the plates", "heel, toe and sacrum markers"]
+    assert min(len(by_plates), len(by_markers)) > 20
+    assert check_events(by_markers, found) == ()
+    assert check_events(other_side(by_markers), found) != ()
+
+
+def test_without_heel_toe_and_sacrum_only_the_plates_show_events(walker):
+    time = walker.markers.time
+    feet = {f"{side}_foot": np.zeros((len(time), 6)) for side in ("left", "right")}
+    unnamed = replace(walker.markers, names=tuple(f"M{k}" for k in range(46)))
+    assert reference_events(feet, time, 30.0, unnamed) == {"the plates": ()}

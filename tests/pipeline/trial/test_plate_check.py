@@ -1,0 +1,146 @@
+"""Plates that are not zero when nobody is on them, and loads that jump."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from hbm.signals.resampling import resample
+from pipeline.trial.plate_check import check_plates, rest_level
+from tests.pipeline.trial.standing import WEIGHT_N, late, standing
+
+MASS_KG = 80.0
+SWING = 0.38
+"""Share of a stride in which a foot swings and its belt is free."""
+
+
+def steps(time, phase, rest_n=0.0):
+    """The load of one belt of a treadmill: nobody on it while its foot swings."""
+    stance = np.clip(((time / 1.1 + phase) % 1) / (1 - SWING), 0, 1)
+    return rest_n + WEIGHT_N * np.sin(np.pi * stance) ** 0.5 * (stance < 1)
+
+
+def walking(duration_s=10.0, *, rest_n=(0.0, 0.0), noise_n=3.0):
+    return standing(
+        duration_s,
+        loads_n=lambda t: [steps(t, 0.5 * k, rest_n[k]) for k in range(2)],
+        speed_mps=1.0,
+        noise_n=noise_n,
+    )
+
+
+def check(recording):
+    time = recording.markers.time
+    wrenches = [resample(plate.time, plate.wrench, time) for plate in recording.plates]
+    return check_plates(recording, wrenches, MASS_KG)
+
+
+def codes(recording):
+    return [note.code for note in check(recording)]
+
+
+def test_plates_that_are_zeroed_raise_no_warning():
+    assert check(walking()) == ()
+    assert check(standing()) == ()
+
+
+@settings(deadline=None)
+@given(rest_n=st.floats(-60, 60))
+def test_a_belt_is_not_zeroed_from_10_n_on_and_never_below(rest_n):
+    assume(abs(abs(rest_n) - 10) > 1)
+    notes = check(walking(rest_n=(rest_n, 0.0)))
+    assert bool(notes) == (abs(rest_n) > 10)
+    for note in notes:
+        assert (note.code, note.level) == ("plates_not_zeroed", "warning")
+        found = note.values["rest_n"]
+        assert found["plate 1"] == pytest.approx(rest_n, abs=1.5)
+        assert found["plate 2"] == pytest.approx(0.0, abs=1.5)
+
+
+def test_the_effect_of_an_offset_is_stated():
+    (note,) = check(walking(rest_n=(-32.0, 2.0), noise_n=0.1))
+    assert "plate 1 -32 N, plate 2 +2 N, together -30 N" in note.text
+    assert "-3.1 kg in a mass that they weigh" in note.text
+
+
+def test_small_offsets_of_several_plates_add_up():
+    plates = walking().plates
+    offset = np.array([0, 0, 8.0, 0, 0, 0])
+    numbered = tuple(
+        replace(plate, number=k, wrench_in_plate=plate.wrench_in_plate + offset)
+        for k, plate in enumerate((*plates, plates[0]), 1)
+    )
+    assert codes(replace(walking(), plates=numbered[:2])) == []
+    assert codes(replace(walking(), plates=numbered)) == ["plates_not_zeroed"]
+
+
+def test_a_plate_that_nobody_steps_on_counts_too():
+    recording = standing(loads_n=lambda t: (WEIGHT_N + 0 * t, -32 + 0 * t))
+    (note,) = check(recording)
+    assert list(note.values["rest_n"]) == ["plate 2"]
+
+
+@pytest.mark.parametrize("rate_hz", [50, 100, 200])
+@pytest.mark.parametrize("noise_n", [0.0, 1.0, 5.0])
+def test_the_level_of_a_free_belt_is_found_at_any_rate_and_noise(rate_hz, noise_n):
+    time = np.arange(10 * rate_hz) / rate_hz
+    noise = np.random.default_rng(0).normal(scale=noise_n, size=len(time))
+    level = rest_level(steps(time, 0.0, -12.0) + noise, time, WEIGHT_N)
+    assert level == pytest.approx(-12.0, abs=2.0)
+
+
+def test_a_plate_that_is_always_loaded_has_no_level_of_rest():
+    time = np.arange(1000) / 100
+    assert rest_level(0.4 * WEIGHT_N + 0 * time, time, WEIGHT_N) is None
+    brief = np.where(time < 0.25, 0.0, 0.4 * WEIGHT_N)
+    assert rest_level(brief, time, WEIGHT_N) is None
+
+
+@pytest.mark.parametrize("plate", [0, 1])
+@settings(deadline=None, max_examples=30)
+@given(begin_s=st.floats(0.6, 11.4), rest_n=st.floats(-5, 5))
+def test_a_plate_that_begins_late_while_the_subject_stands_is_found(plate, begin_s, rest_n):
+    (note,) = check(standing(loads_n=late(plate, begin_s, rest_n)))
+    assert (note.code, note.level) == ("load_jumps", "warning")
+    assert note.values["plates"] == (f"plate {plate + 1}",)
+    assert note.values["at_s"] == pytest.approx(begin_s, abs=0.2)
+    assert note.values["before_n"] == pytest.approx(WEIGHT_N / 2 + rest_n, abs=2)
+    assert note.values["after_n"] == pytest.approx(WEIGHT_N, abs=2)
+
+
+def test_a_plate_that_stops_is_found():
+    def stops(time):
+        return np.where(time < 7.0, WEIGHT_N / 2, 0.0), WEIGHT_N / 2 + 0 * time
+
+    (note,) = check(standing(loads_n=stops))
+    assert note.values["after_n"] < note.values["before_n"]
+
+
+@settings(deadline=None)
+@given(share=st.floats(0.05, 0.95))
+def test_loads_jump_from_a_fifth_of_the_weight_on_and_never_below(share):
+    """In a plate that loses a share of the subject's weight."""
+    assume(abs(share - 0.2) > 0.01)
+
+    def loads(time):
+        return np.where(time < 5.0, 1.0, 1.0 - share) * WEIGHT_N, 0 * time
+
+    assert ("load_jumps" in codes(standing(loads_n=loads))) == (share > 0.2)
+
+
+def test_weight_that_shifts_from_foot_to_foot_is_no_jump():
+    def shifts(time):
+        left = np.where(time < 5.0, 0.8, 0.2) * WEIGHT_N
+        return left, WEIGHT_N - left
+
+    assert codes(standing(loads_n=shifts)) == []
+
+
+def test_somebody_who_steps_on_the_plates_moves():
+    def steps_on(time):
+        return np.where(time < 5.0, 0.0, WEIGHT_N), 0 * time
+
+    assert codes(standing(loads_n=steps_on, speed_mps=0.5)) == []
+    assert codes(standing(loads_n=steps_on)) == ["load_jumps"]
