@@ -9,6 +9,7 @@ import pandas as pd
 from hbm.dynamics import Dynamics
 from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
+from pipeline.trial.cycle_shortage import cycle_shortage
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.result import TrialResult
 
@@ -182,9 +183,9 @@ def residual_rows(result: TrialResult, condition: str) -> tuple[ResidualRow, ...
     """
     inside = in_cycles(result)
     if not inside.any():
-        raise ValueError(
-            f"{result.source.name}: no gait cycle was found; residuals are reported per cycle"
-        )
+        motion = result.motion
+        reason = cycle_shortage(result.events, result.notes, motion.time, motion.converged)
+        raise ValueError(f"{result.source.name}: no gait cycle was found: {reason}")
     weight = result.body.mass * GRAVITY_MPS2
     scale = np.array([weight] * 3 + [weight * result.body.height_m] * 3) / 100
     rows = []

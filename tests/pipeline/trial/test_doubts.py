@@ -9,6 +9,7 @@ from hbm.markers import Markers
 from pipeline.config.schema import Settings, Subject
 from pipeline.trial.gait.events import zeni_events
 from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import residual_rows
 from tests.hbm.motions import exchanged, relabelled, without
 from tests.pipeline.trial.test_event_check import other_side, shifted
 
@@ -103,3 +104,10 @@ def test_missing_samples_and_unsolved_frames_are_counted_apart(walker):
     assert counted(walker, "frames_unsolved") == []
     assert counted(gaps, "marker_samples_missing") == [{"samples": 10}]
     assert counted(gaps, "frames_unsolved") == [{"unsolved": 20, "frames": 1200}]
+
+
+def test_events_beyond_the_markers_are_why_there_is_no_gait_cycle(walker):
+    late = replace(walker, events=shifted(zeni_events(walker.markers), 60.0))
+    result = process_recording(late, PERSON, Settings())
+    with pytest.raises(ValueError, match=r"no gait cycle was found: all foot strikes are beyond"):
+        residual_rows(result, "level")
