@@ -3,7 +3,8 @@
 Where few markers show a limb, the sum of squares has several optima, such as a thigh turned by half
 a turn with the knee bent backwards. All rotations are changed at random and the frame is solved
 again, many times. As head and limbs hardly affect each other, each then takes the pose in which its
-own markers fit best, whatever the others did in that try.
+own markers fit best, whatever the others did in that try. Of poses that fit equally well, such as
+two of a hand with one marker, the one nearer to neutral is taken.
 """
 
 from functools import cache
@@ -25,9 +26,9 @@ SPREADS_RAD: Final = (0.5, 1.0, 3.0)
 MAX_ROUNDS: Final = 3
 """Rounds of tries; nearly always, the second finds nothing lower."""
 
-MIN_RELATIVE_GAIN: Final = 1e-9
-MIN_ABSOLUTE_GAIN: Final = 1e-15
-"""By which a cost [m² times the weights] must be lower to count as such, and not as rounding."""
+EQUAL_RELATIVE: Final = 1e-9
+EQUAL_ABSOLUTE: Final = 1e-15
+"""Difference of costs [m² times the weights] that is rounding."""
 
 FRAMES_AT_ONCE: Final = 4000
 """Bounds the memory for the tries that are solved at once."""
@@ -56,11 +57,9 @@ def lowest(problem: Problem, rows: Indices, solved: Solved) -> Solved:
     for first in range(0, len(rows), step):
         block = np.arange(first, min(first + step, len(rows)))
         for _ in range(MAX_ROUNDS):
-            found = _lowest_of_tries(problem, rows[block], best.select(block))
-            before, after = problem.cost(best.select(block)), problem.cost(found)
-            lower = after < before * (1 - MIN_RELATIVE_GAIN) - MIN_ABSOLUTE_GAIN
-            best.overwrite(block[lower], found.select(lower))
-            block = block[lower]
+            before = problem.cost(best.select(block))
+            best.overwrite(block, _lowest_of_tries(problem, rows[block], best.select(block)))
+            block = block[problem.cost(best.select(block)) < _just_below(before)]
             if not len(block):
                 break
     return best
@@ -82,8 +81,7 @@ def _lowest_of_tries(problem: Problem, rows: Indices, solved: Solved) -> Solved:
         problem.newton(rows, _best_limbs(problem, s, len(rows))) for s in (limbs_alone, every)
     ]
     found = Solved.joined(every, *exchanged)
-    cost = problem.cost(found).reshape(-1, len(rows))
-    return found.select(cost.argmin(axis=0) * len(rows) + np.arange(len(rows)))
+    return found.select(_lowest_nearest_to_neutral(problem.cost(found), found.q, len(rows)))
 
 
 def _best_limbs(problem: Problem, solved: Solved, frames: int) -> Array:
@@ -93,10 +91,34 @@ def _best_limbs(problem: Problem, solved: Solved, frames: int) -> Array:
     q = solved.q[:frames].copy()
     for segments in LIMBS.values():
         own = [k for k, s in enumerate(problem.segment) if s in segments]
-        best = square[:, own].sum(axis=1).reshape(-1, frames).argmin(axis=0)
         limb = slice(FIRST_Q[segments[0]], LAST_Q[segments[-1]] + 1)
-        q[:, limb] = solved.q[best * frames + np.arange(frames), limb]
+        best = _lowest_nearest_to_neutral(square[:, own].sum(axis=1), solved.q[:, limb], frames)
+        q[:, limb] = solved.q[best, limb]
     return q
+
+
+def _lowest_nearest_to_neutral(cost: Array, q: Array, frames: int) -> Indices:
+    """Give the number of the best solution of each frame, (F,).
+
+    Parameters
+    ----------
+    cost
+        Of all solutions, (S · F,): those of all frames, one solution after the other.
+    q
+        Their coordinates, (S · F, n).
+    frames
+        How many frames there are.
+    """
+    each = cost.reshape(-1, frames)
+    from_neutral = np.abs((q + np.pi) % (2 * np.pi) - np.pi).sum(axis=1).reshape(-1, frames)
+    least = each.min(axis=0)
+    equal = each <= least * (1 + EQUAL_RELATIVE) + EQUAL_ABSOLUTE
+    best = np.where(equal, from_neutral, np.inf).argmin(axis=0)
+    return np.asarray(best * frames + np.arange(frames))
+
+
+def _just_below(cost: Array) -> Array:
+    return np.asarray(cost * (1 - EQUAL_RELATIVE) - EQUAL_ABSOLUTE)
 
 
 @cache
