@@ -10,7 +10,7 @@ import numpy as np
 from hbm.coordinates import SEGMENTS
 from hbm.segments import Inertia
 from hbm.spatial import Array, read_only
-from hbm.spelling import did_you_mean, no_segment
+from hbm.spelling import did_you_mean, no_segment, short
 
 MAX_CENTER_DISTANCE_M: Final = 1.0
 """Distance of a centre of mass from the joint: no segment is longer; larger numbers are
@@ -21,6 +21,9 @@ MAX_MOMENT_KG_M2: Final = 10.0
 
 MAX_ROUNDING: Final = 1e-9
 """Relative to the largest principal moment, when a tensor is checked."""
+
+MAX_NUMBER: Final = 1e6
+"""In kg, m or kg·m²: beyond it a digit key was held down."""
 
 COUNTS: Final = {"mass_kg": (1,), "center_m": (3,), "inertia_kg_m2": (3, 6)}
 """Key of the file -> how many numbers it may have."""
@@ -135,7 +138,7 @@ def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverr
     """
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{name} is not valid TOML: {error}") from error
     overrides, faults = {}, []
     for segment, entry in table.items():
@@ -153,7 +156,9 @@ def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverr
 
 def _override(entry: Any) -> SegmentOverride:
     if not isinstance(entry, dict):
-        raise ValueError(f"must be a table with some of {', '.join(COUNTS)}, worn; got {entry!r}")
+        raise ValueError(
+            f"must be a table with some of {', '.join(COUNTS)}, worn; got {short(repr(entry))}"
+        )
     values = _values({key: value for key, value in entry.items() if key != "worn"})
     if "worn" not in entry:
         return SegmentOverride(**values)
@@ -177,7 +182,9 @@ def _values(entry: Mapping[str, Any]) -> dict[str, Any]:
         if not counted or any(type(x) not in (int, float) for x in numbers):
             wanted = " or ".join(str(n) for n in COUNTS[key])
             plural = "" if COUNTS[key] == (1,) else "s"
-            raise ValueError(f"{key} must be {wanted} number{plural}, got {value!r}")
+            raise ValueError(f"{key} must be {wanted} number{plural}, got {short(repr(value))}")
+        if any(abs(x) > MAX_NUMBER for x in numbers):
+            raise ValueError(f"{key} must be less than {MAX_NUMBER:g}, got {short(repr(value))}")
         values[key] = float(value) if key == "mass_kg" else np.array(numbers, float)
     if "inertia_kg_m2" in values:
         xx, yy, zz, xy, xz, yz = [*values["inertia_kg_m2"], 0.0, 0.0, 0.0][:6]

@@ -1,15 +1,34 @@
-"""Hints for misspelt names in messages to people."""
+"""Names in messages to people: short, printable, with a hint where one is misspelt."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Final
 
 from hbm.coordinates import FIXED_TO
+
+MAX_CHARACTERS: Final = 40
+"""Of a name in a message; files may hold any."""
+MAX_LISTED: Final = 8
+"""Names in a message."""
+
+
+def short(name: object) -> str:
+    """Give a name as it is shown: its first characters, without those that cannot be printed."""
+    text = "".join(letter if letter.isprintable() else "?" for letter in str(name))
+    return text if len(text) <= MAX_CHARACTERS else f"{text[: MAX_CHARACTERS - 1]}…"
+
+
+def listed(names: Iterable[object]) -> str:
+    """Give the first of some names, and how many more there are; "none" where there are none."""
+    every = [short(name) for name in names]
+    more = f" and {len(every) - MAX_LISTED} more" if len(every) > MAX_LISTED else ""
+    return f"{', '.join(every[:MAX_LISTED])}{more}" if every else "none"
 
 
 def did_you_mean(word: object, known: Iterable[str]) -> str:
     """Give ``", did you mean 'x'?"`` for the nearest known word, or nothing."""
     close = get_close_matches(str(word), list(known), n=1)
-    return f", did you mean {close[0]!r}?" if close else ""
+    return f", did you mean {short(close[0])!r}?" if close else ""
 
 
 def differing_case(names: Iterable[str], known: Iterable[str]) -> str:

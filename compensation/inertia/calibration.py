@@ -108,7 +108,7 @@ calibration'
     """
     try:
         document = json.loads(text)
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"the calibration is not JSON: {error}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
@@ -120,7 +120,7 @@ calibration'
     try:
         plates = {name: _model(plain) for name, plain in document["plates"].items()}
         calibration = Calibration(plates, document["provenance"])
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
         raise ValueError(f"the calibration is damaged: {error}; fit it again") from error
     if setup is not None:
         for model in calibration.plates.values():

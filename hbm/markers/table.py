@@ -57,7 +57,7 @@ def read_marker_set(text: str, name: str = "own") -> MarkerSet:
     """
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"marker set {name!r} is not valid TOML: {error}") from error
     if not isinstance(table.get("markers"), dict) or not table["markers"]:
         raise ValueError(f"marker set {name!r} needs a [markers] table with at least one marker")

@@ -18,6 +18,7 @@ from hbm.signals.filtering import Method
 from hbm.spatial import Array, rotate_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
+from pipeline.io.stated import PlateUnits, Stated
 from pipeline.trial.ground.accelerometers import accelerations, find_accelerometers
 from pipeline.trial.ground.belts import belt_axes, belt_speed
 from pipeline.trial.ground.calibration_recording import read_empty
@@ -56,8 +57,8 @@ class RankingSettings:
         Analog channel with the belt's speed.
     belt_cutoff_hz
         Low-pass of pitch moment and belt acceleration, `BELT_FILTER` [Hz].
-    axes
-        Where the files' axes point; None to infer.
+    axes, units, plate_units
+        How the files are to be read, as in `pipeline.io.stated.Stated`.
     """
 
     plate: int = 1
@@ -65,6 +66,15 @@ class RankingSettings:
     belt_channel: str = "BeltSpeed"
     belt_cutoff_hz: float = BELT_CUTOFF_HZ
     axes: str | None = None
+    units: str | None = None
+    plate_units: str | None = None
+
+    @property
+    def stated(self) -> Stated:
+        """How the files are to be read."""
+        return Stated(
+            axes=self.axes, units=self.units, plate_units=PlateUnits.parse(self.plate_units)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +162,7 @@ def trial_files(folder: Path) -> dict[str, list[Path]]:
 
 def read_trial(path: Path, settings: RankingSettings) -> Recording:
     """Read one of these files."""
-    return read_empty(path, settings.axes)
+    return read_empty(path, settings.stated)
 
 
 def platform_trial(recording: Recording, settings: RankingSettings) -> PlatformTrial:

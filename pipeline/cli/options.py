@@ -5,7 +5,7 @@ from dataclasses import MISSING, fields
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -26,6 +26,13 @@ Simulate = Annotated[
 Axes = Annotated[
     str | None,
     typer.Option(help="Where the file's x, y, z point, e.g. left,back,up; default: inferred."),
+]
+Units = Annotated[
+    str | None, typer.Option(help="Unit of the markers, e.g. mm; default: the file's.")
+]
+PlateUnits = Annotated[
+    str | None,
+    typer.Option(help="Units of the plates' forces and moments, e.g. N,Nmm; default: the file's."),
 ]
 StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and subject files.")]
 ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote.")]
@@ -49,8 +56,12 @@ def takes_trial_request(command: Callable[..., int | None]) -> Callable[..., int
 
     @wraps(command)
     def typed(**options: Any) -> int | None:
-        request = TrialRequest(**{f.name: options.pop(f.name) for f in fields(TrialRequest)})
-        return command(request, **options)
+        typed_in = {f.name: options.pop(f.name) for f in fields(TrialRequest)}
+        values: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in typed_in.items()
+        }
+        return command(TrialRequest(**values), **options)
 
     typed.__annotations__ = {p.name: p.annotation for p in parameters}
     vars(typed)["__signature__"] = signature(command).replace(parameters=parameters)
@@ -58,7 +69,10 @@ def takes_trial_request(command: Callable[..., int | None]) -> Callable[..., int
 
 
 def _parameters(request: type[TrialRequest]) -> list[Parameter]:
-    """Give a request's fields for typer: the trial as an argument, the others as options."""
+    """Give a request's fields for typer: the trial as an argument, the others as options.
+
+    A field of several values is an option that may be repeated, for which typer wants a list.
+    """
     hints = get_type_hints(request, include_extras=True)
     parameters = []
     for field in fields(request):
@@ -69,6 +83,8 @@ def _parameters(request: type[TrialRequest]) -> list[Parameter]:
             if field.default is MISSING
             else typer.Option(field.default, help=option.text, min=option.min, max=option.max)
         )
+        if get_origin(kind) is tuple:
+            kind = list[get_args(kind)[0]]  # type: ignore[misc]
         keyword = Parameter.POSITIONAL_OR_KEYWORD
         parameters.append(Parameter(field.name, keyword, default=default, annotation=kind))
     return parameters

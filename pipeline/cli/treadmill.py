@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.options import Axes, Out, Seed, Simulate
+from pipeline.cli.options import Axes, Out, PlateUnits, Seed, Simulate, Units
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -20,6 +20,8 @@ def fit(
     recording: Annotated[Path, typer.Argument(help="The empty, moving treadmill.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="Calibration file to write (.json).")],
     axes: Axes = None,
+    units: Units = None,
+    plate_units: PlateUnits = None,
     cutoff_hz: Annotated[
         float,
         typer.Option(min=0.1, max=100, help="Low-pass of fit and trials, zero phase (-3 dB)."),
@@ -31,7 +33,7 @@ def fit(
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import Calibration, check_calibration, to_json
     from pipeline.cli.terminal import note_line, plain_console
-    from pipeline.config.schema import Treadmill
+    from pipeline.config.schema import RecordingRules, Treadmill
     from pipeline.config.validation import check_options
     from pipeline.io.units import acceleration_in_mps2
     from pipeline.io.write import write_text
@@ -42,7 +44,8 @@ def fit(
     console = plain_console()
     if out.is_dir():
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
-    empty = read_empty(recording, axes)
+    rules = {"axes": axes, "units": units, "plate_units": plate_units}
+    empty = read_empty(recording, check_options(RecordingRules, rules).stated())
     sensors = find_accelerometers(empty)
     if accelerometer_unit is not None:
         acceleration_in_mps2(accelerometer_unit)
@@ -171,6 +174,8 @@ def rank(
     belt_channel: Annotated[str, typer.Option(help="Channel with the belt speed.")] = "BeltSpeed",
     belt_cutoff_hz: Annotated[float, typer.Option(help="Real-time low-pass for the belts.")] = 10.0,
     axes: Axes = None,
+    units: Units = None,
+    plate_units: PlateUnits = None,
     seed: Seed = 0,
     out: Out = Path("ranking"),
 ) -> None:
@@ -182,7 +187,9 @@ def rank(
     from pipeline.virtual_lab.protocol.ranking_study import TRIALS, simulate_ranking
 
     console = plain_console()
-    settings = RankingSettings(plate, cutoff_hz, belt_channel, belt_cutoff_hz, axes)
+    settings = RankingSettings(
+        plate, cutoff_hz, belt_channel, belt_cutoff_hz, axes, units, plate_units
+    )
     if simulate:
         if folder.exists() and any(folder.rglob("*.c3d")):
             raise ValueError(f"{folder} has recordings already; simulate into a new folder")

@@ -4,13 +4,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from pipeline.config.consistency import missing_file
-from pipeline.config.schema import CoordinateM, InputModel, Text
+from pipeline.config.schema import (
+    AxesText,
+    CoordinateM,
+    InputModel,
+    LengthUnit,
+    PlateUnitsText,
+    Text,
+)
 from pipeline.config.toml_file import Table, check_table, read_table
 from pipeline.config.validation import StudyFaults
-from pipeline.io.axes import parse_axes
+from pipeline.io.stated import PlateUnits, Stated
 
 FILE = "plates.toml"
 BeltSide = Literal["left", "right"]
@@ -70,7 +77,9 @@ class PlatesFile(InputModel):
     """The contents of ``plates.toml``; full scale and filter are those of the thesis."""
 
     name: str = "plates"
-    axes: Text
+    axes: AxesText
+    units: LengthUnit | None = None
+    plate_units: PlateUnitsText | None = None
     marker: Text = "WEIGHT"
     hammer_marker: Text = "HAMMER"
     plate_numbers: dict[BeltSide, int] = Field(default_factory=_plate_numbers)
@@ -82,11 +91,12 @@ class PlatesFile(InputModel):
     hammer: Annotated[tuple[HammerRecording, ...], Field(strict=False)] = ()
     weights: Annotated[tuple[WeightRecording, ...], Field(strict=False, min_length=1)]
 
-    @field_validator("axes")
-    @classmethod
-    def _right_handed(cls, axes: str) -> str:
-        parse_axes(axes)
-        return axes
+    @property
+    def stated(self) -> Stated:
+        """How its recordings are to be read."""
+        return Stated(
+            axes=self.axes, units=self.units, plate_units=PlateUnits.parse(self.plate_units)
+        )
 
 
 @dataclass(frozen=True, slots=True)

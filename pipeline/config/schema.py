@@ -7,14 +7,23 @@ anything that is measured in a gait laboratory.
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    field_validator,
+    model_validator,
+)
 
 from hbm.calibration_pose.anatomy import MARKER_OFFSET_M
 from hbm.engines.engine import EngineName
+from hbm.markers import MarkerSet
 from hbm.segments import Sex
 from hbm.signals.filtering import Method
 from pipeline.io.axes import parse_axes
-from pipeline.io.units import acceleration_in_mps2
+from pipeline.io.stated import PlateUnits, Stated
+from pipeline.io.units import acceleration_in_mps2, length_in_m
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 """Part of a file name on every operating system."""
@@ -23,6 +32,27 @@ Labels = Annotated[tuple[Text, ...], Field(strict=False)]
 Channels = Annotated[tuple[Text, Text, Text], Field(strict=False)]
 """Labels of a sensor's x, y and z channels."""
 
+
+def _axes(axes: str) -> str:
+    parse_axes(axes)
+    return axes
+
+
+def _length_unit(unit: str) -> str:
+    length_in_m(unit)
+    return unit
+
+
+def _plate_units(units: str) -> str:
+    PlateUnits.parse(units)
+    return units
+
+
+AxesText = Annotated[str, AfterValidator(_axes)]
+"""Lab directions of the files' x, y and z axis, such as "left,back,up"."""
+LengthUnit = Annotated[str, AfterValidator(_length_unit)]
+PlateUnitsText = Annotated[str, AfterValidator(_plate_units)]
+"""Units of force and moment, such as "N,Nmm", and of centres of pressure as a third."""
 DelayS = Annotated[float, Field(ge=-0.5, le=0.5)]
 """Two devices of one laboratory disagree by some tens of milliseconds."""
 CoordinateM = Annotated[float, Field(ge=-2, le=2)]
@@ -220,22 +250,53 @@ class Trial(InputModel):
         return tuple(filter(None, (self.file, self.forces, self.record)))
 
 
-class StudyFile(InputModel):
+class RecordingRules(InputModel):
+    """How recordings are to be read, where their files do not say it themselves, or wrongly.
+
+    Attributes
+    ----------
+    axes
+        Lab directions of the files' axes; None infers them.
+    rename
+        Label in the files, without the prefix of a subject -> label wanted.
+    label_prefix
+        Prefix of the subject wanted, where several subjects carry the same labels.
+    units
+        Unit of the markers' positions.
+    plate_units
+        Units of the plates' channels.
+
+    Examples
+    --------
+    >>> RecordingRules(units="mm", plate_units="N,Nmm").stated().plate_units.moment
+    'Nmm'
+    """
+
+    axes: AxesText | None = None
+    rename: dict[Text, Text] = Field(default_factory=dict)
+    label_prefix: Text | None = None
+    units: LengthUnit | None = None
+    plate_units: PlateUnitsText | None = None
+
+    def stated(self, marker_set: MarkerSet | None = None) -> Stated:
+        """Give what is stated to those who read files, with the set that the markers are of."""
+        return Stated(
+            axes=self.axes,
+            rename=self.rename,
+            label_prefix=self.label_prefix,
+            units=self.units,
+            plate_units=PlateUnits.parse(self.plate_units),
+            marker_set=marker_set,
+        )
+
+
+class StudyFile(RecordingRules):
     """The contents of ``study.toml``."""
 
     name: str = "study"
-    axes: str | None = None
-    rename: dict[Text, Text] = Field(default_factory=dict)
     settings: Settings = Settings()
     treadmill: Treadmill = Treadmill()
     conditions: Annotated[dict[Name, Condition], Field(min_length=1)]
-
-    @field_validator("axes")
-    @classmethod
-    def _right_handed(cls, axes: str | None) -> str | None:
-        if axes is not None:
-            parse_axes(axes)
-        return axes
 
 
 class SubjectFile(Subject):

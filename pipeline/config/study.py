@@ -21,6 +21,7 @@ from pipeline.config.consistency import (
 from pipeline.config.schema import Condition, StudyFile, SubjectFile
 from pipeline.config.toml_file import Table, check_table, read_table
 from pipeline.config.validation import StudyFaults
+from pipeline.io.stated import Stated
 
 SIMULATED: Final = "truth/setting.toml"
 """What a simulated study was simulated with, relative to its folder."""
@@ -55,6 +56,12 @@ class Study:
     file: StudyFile
     subjects: Mapping[str, SubjectFile]
     marker_set: MarkerSet | None
+
+    @property
+    def stated(self) -> Stated:
+        """How its recordings are to be read, with the marker set that they are of."""
+        shipped = marker_sets().get(self.file.settings.marker_set or "")
+        return self.file.stated(self.marker_set or shipped)
 
     def path(self, name: str) -> Path:
         """Give the path of a file of the study."""

@@ -17,10 +17,12 @@ def read_table(path: Path) -> Table:
     """Read a TOML file; StudyFaults if it cannot be read, is not UTF-8 or not TOML."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except tomllib.TOMLDecodeError as error:
-        fault = f"not valid TOML: {error}"
     except UnicodeDecodeError as error:
         fault = f"is not saved as UTF-8: {error.reason} at byte {error.start}"
+    except ValueError as error:
+        fault = f"not valid TOML: {error}"
+    except RecursionError:
+        fault = "not valid TOML: it is nested too deeply"
     except OSError as error:
         fault = f"cannot be read: {error.strerror}"
     raise StudyFaults([f"{path.name}: {fault}"])

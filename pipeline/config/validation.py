@@ -7,10 +7,12 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from hbm.spelling import did_you_mean
+from hbm.spelling import did_you_mean, short
 
+MAX_TYPED: Final = 1e9
+"""In any unit; beyond it a number is no quantity in another unit."""
 Model = TypeVar("Model", bound=BaseModel)
-Option = str | float | bool | None | Mapping[str, tuple[str, str, str]]
+Option = str | float | bool | None | Mapping[str, str | tuple[str, str, str]]
 """Value of an option of the command line."""
 UNIT_NAMES: Final = {"_kg": "kilograms", "_m": "metres", "_s": "seconds"}
 SMALLER_UNITS: Final = {
@@ -89,10 +91,10 @@ def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
         text = fault["msg"].removeprefix("Value error, ")
         return f"{key}: {text}" if key else text
     if fault["type"] == "string_pattern_mismatch":
-        return f"{key}: must be letters, digits, '_', '-' and '.', got {value!r}"
+        return f"{key}: must be letters, digits, '_', '-' and '.', got {short(repr(value))}"
     text = fault["msg"][0].lower() + fault["msg"][1:].replace("valid tuple", "list")
     name = next(part for part in reversed(place) if isinstance(part, str))
-    return f"{key}: {text}, got {value!r}{_hint(fault, name)}"
+    return f"{key}: {text}, got {short(repr(value))}{_hint(fault, name)}"
 
 
 def _hint(fault: ErrorDetails, key: str) -> str:
@@ -104,7 +106,9 @@ def _hint(fault: ErrorDetails, key: str) -> str:
         return ""
     bound = abs(allowed.get("le", allowed.get("ge", 0)))
     suffix = next((s for s in SMALLER_UNITS if key.endswith(s)), None)
-    if suffix is None or not isinstance(value, int | float) or abs(value) <= bound:
+    if suffix is None or not isinstance(value, int | float):
+        return ""
+    if not bound < abs(value) < MAX_TYPED:
         return ""
     for scale, unit in SMALLER_UNITS[suffix].items():
         if abs(value) / scale <= bound:

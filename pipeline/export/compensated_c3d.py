@@ -132,7 +132,7 @@ def write_compensated(
             f"{recording.compensation.software}"
         )
     if not recording.plates:
-        raise ValueError(f"{recording.source.name}: the file has no force plates")
+        raise ValueError(f"{recording.source.name}: {recording.why_no_plates}")
     if target.exists() and target.samefile(recording.source):
         raise ValueError(
             f"{recording.source.name}: would be written over the original; name another folder"
@@ -169,7 +169,9 @@ def write_compensated(
         cutoff_hz=laboratory.treadmill.cutoff_hz if laboratory.calibration else None,
         frame=frame or "recorded",
     )
-    verification = rewrite_plates(recording.source, target, changes, done, corners)
+    verification = rewrite_plates(
+        recording.source, target, changes, done, corners, stated=recording.stated
+    )
     return Written(target, verification, notes)
 
 

@@ -4,14 +4,17 @@ A direction string such as ``"left,back,up"`` names the lab direction of the fil
 axis, in that order.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hbm.markers import MarkerSet
 from hbm.notes import Note
 from hbm.spatial import Array
+from hbm.spelling import short
+from pipeline.io.orientation import Sites, between, find_sites, rise, typical
 
 DIRECTIONS: Final = {
     "forward": (1, 0, 0),
@@ -23,17 +26,19 @@ DIRECTIONS: Final = {
 }
 MIN_MEAN_LOAD_N: Final = 50.0
 """Mean force of a plate on which somebody stood; drift of an empty plate is less."""
+MAX_FORCE_N: Final = 20_000.0
+"""On a plate that somebody stands, walks or lands on; a larger number is damaged."""
 MIN_SHARE_FACING_ONE_WAY: Final = 0.9
 """Of the frames in which left and right are seen; the rest may be swapped labels."""
 MAX_ANGLE_TO_AXIS_DEG: Final = 30.0
 """Beyond it a direction is too close to the diagonal to belong to one axis."""
-PELVIS_AND_SHOULDERS: Final = ("ASI", "ASIS", "PSI", "PSIS", "SHO", "ACR", "ACROMIUM", "ACROMION")
-HEELS: Final = ("HEE", "HEEL", "CAL")
-TOES: Final = ("TOE", "MT2", "MT5", "TOETIP", "MT1")
-ANKLES: Final = ("ANK", "LM", "MM")
+MAX_COSINE_OPPOSITE: Final = -0.5
+"""Cosine to left of a marker pair that lies the other way round: 120°; legs cross by less."""
 PAIRS_NAMED: Final = 3
 """Marker pairs that a note or message names: enough to check by eye."""
-ASK: Final = 'state the axes, for example axes="forward,left,up"'
+ASK: Final = (
+    'state the axes, for example --axes forward,left,up, or axes = "forward,left,up" in study.toml'
+)
 
 
 def parse_axes(axes: str) -> Array:
@@ -58,11 +63,13 @@ def parse_axes(axes: str) -> Array:
     words = [word.strip().lower() for word in axes.split(",")]
     if len(words) != 3 or any(word not in DIRECTIONS for word in words):
         raise ValueError(
-            f'axes {axes!r} must be three of {", ".join(DIRECTIONS)}, such as "left,back,up"'
+            f'axes {short(axes)!r} must be three of {", ".join(DIRECTIONS)}, such as "left,back,up"'
         )
     rotation = np.array([DIRECTIONS[word] for word in words], float).T
     if round(np.linalg.det(rotation)) != 1:
-        raise ValueError(f"axes {axes!r} are not right-handed axes of three different directions")
+        raise ValueError(
+            f"axes {short(axes)!r} are not right-handed axes of three different directions"
+        )
     return rotation
 
 
@@ -71,6 +78,7 @@ def settle_axes(
     position: ArrayLike,
     names: Sequence[str],
     *,
+    marker_set: MarkerSet | None = None,
     plate_normals: ArrayLike = (),
     plate_forces: ArrayLike = (),
     screen_up: str = "",
@@ -85,10 +93,13 @@ def settle_axes(
         Marker positions in the file's axes, (T, M, 3); gaps are NaN; any unit.
     names
         Marker labels.
+    marker_set
+        The set that they are of; by default recognised from the labels.
     plate_normals
         Normals of the plates' surfaces in the file's axes, up or down, (P, 3).
     plate_forces
-        Mean force of each plate on the subject in the file's axes, (P, 3) [N].
+        Mean force of each plate on the subject in the file's axes, as `mean_force` gives it,
+        (P, 3) [N].
     screen_up
         The file's own Y_SCREEN hint, such as "+Z"; empty where it gives none.
 
@@ -97,8 +108,9 @@ def settle_axes(
     axes
         The directions.
     notes
-        ``axes_stated`` or ``axes_inferred`` with the evidence; ``subject_faces_sideways`` where the
-        subject does not face forward by the stated axes.
+        ``axes_stated`` or ``axes_inferred`` with the evidence; ``sides_contradict`` where some
+        marker pairs lie the other way round; ``subject_faces_sideways`` where the subject does not
+        face forward by the stated axes.
 
     Raises
     ------
@@ -114,20 +126,20 @@ def settle_axes(
     another way than forward is a warning only.
     """
     position = np.asarray(position, float)
-    columns = {name: k for k, name in enumerate(names)}
-    rise = _rise(position, columns)
+    sites = find_sites(names, marker_set)
+    above = rise(position, sites)
     loads = _loads(plate_forces)
     if axes is not None:
-        if rise is not None:
-            _check_up(parse_axes(axes)[2], {"pelvis or shoulders above feet": rise, **loads})
+        if above is not None:
+            _check_up(parse_axes(axes)[2], {"pelvis or shoulders above feet": above, **loads})
         stated = Note.of("axes_stated", axes=_listed(axes))
-        return axes, (stated, *_not_forward(axes, position, columns))
+        return axes, (stated, *_not_forward(axes, position, sites))
     if not np.isfinite(position).any():
         raise ValueError(f"axes cannot be inferred: no marker is ever visible; {ASK}")
-    up, up_evidence = _infer_up(rise, loads, plate_normals, screen_up)
-    left, pairs = _infer_left(position, columns, up)
+    up, up_evidence = _infer_up(above, loads, plate_normals, screen_up)
+    left, pairs, doubts = _infer_left(position, sites, up)
     forward = np.cross(left, up)
-    toes = _mean(_differences(position, _heel_toe_pairs(columns)))
+    toes = typical(between(position, sites.feet).reshape(-1, 3))
     forward_evidence = ["left and up"]
     if np.isfinite(toes).all():
         if toes @ forward < 0:
@@ -145,32 +157,31 @@ def settle_axes(
         marker_pairs=pairs,
         forward_evidence=forward_evidence,
     )
-    return axes, (inferred,)
+    return axes, (inferred, *doubts)
 
 
-def _not_forward(axes: str, position: Array, columns: Mapping[str, int]) -> tuple[Note, ...]:
+def mean_force(force: Array) -> Array:
+    """Give the mean of a plate's forces, (N, 3), without gaps and damaged samples, (3,) [N]."""
+    with np.errstate(invalid="ignore"):
+        measured = np.all(np.abs(force) < MAX_FORCE_N, axis=-1, keepdims=True)
+    return np.asarray(np.where(measured, force, 0.0).sum(axis=0) / max(len(force), 1))
+
+
+def _not_forward(axes: str, position: Array, sites: Sites) -> tuple[Note, ...]:
     """Warn where the subject faces one way by the stated axes, and that is not forward."""
     rotation = parse_axes(axes)
     try:
-        left, pairs = _infer_left(position, columns, rotation[2])
+        left, pairs, doubts = _infer_left(position, sites, rotation[2])
     except ValueError:
         return ()
     facing = _direction_name(rotation @ np.cross(left, rotation[2]))
     if facing == "forward":
-        return ()
-    return (Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs),)
+        return doubts
+    return (Note.of("subject_faces_sideways", direction=facing, marker_pairs=pairs), *doubts)
 
 
 def _listed(axes: str) -> tuple[str, ...]:
     return tuple(word.strip() for word in axes.split(","))
-
-
-def _rise(position: Array, columns: Mapping[str, int]) -> Array | None:
-    """Give the mean vector from feet to pelvis and shoulders, (3,); None where not seen."""
-    high = _sites(columns, PELVIS_AND_SHOULDERS)
-    low = _sites(columns, HEELS + TOES + ANKLES)
-    rise = _mean(position[:, high]) - _mean(position[:, low])
-    return rise if np.isfinite(rise).all() else None
 
 
 def _loads(plate_forces: ArrayLike) -> dict[str, Array]:
@@ -192,12 +203,12 @@ def _check_up(up: Array, evidence: dict[str, Array]) -> None:
 
 
 def _infer_up(
-    rise: Array | None, loads: dict[str, Array], plate_normals: ArrayLike, screen_up: str
+    above: Array | None, loads: dict[str, Array], plate_normals: ArrayLike, screen_up: str
 ) -> tuple[Array, list[str]]:
     """Give the file's axis that points up, (3,), and what shows it."""
     evidence = dict(loads)
-    if rise is not None:
-        evidence["pelvis or shoulders above feet"] = rise
+    if above is not None:
+        evidence["pelvis or shoulders above feet"] = above
     if not evidence:
         raise ValueError(f"axes cannot be inferred: no loaded plate, no known markers; {ASK}")
     signed = {source: _nearest_axis(vector, source) for source, vector in evidence.items()}
@@ -218,63 +229,38 @@ def _infer_up(
 
 
 def _infer_left(
-    position: Array, columns: Mapping[str, int], up: Array
-) -> tuple[Array, tuple[str, ...]]:
-    """Give the file's axis that points to the subject's left, (3,), and marker pairs for it."""
-    pairs = _side_pairs(columns)
-    trunk = [pair for pair in pairs if _bare(pair[0])[1:] in PELVIS_AND_SHOULDERS]
-    used = trunk or pairs
-    across = _differences(position, [(columns[right], columns[left]) for left, right in used])
-    mean = _mean(across)
-    if not np.isfinite(mean).all():
+    position: Array, sites: Sites, up: Array
+) -> tuple[Array, tuple[str, ...], tuple[Note, ...]]:
+    """Give the file's axis that points to the subject's left, (3,), what shows it, and doubts."""
+    across = between(position, sites.across.values())
+    across = across - (across @ up)[..., None] * up
+    by_pair = np.reshape([typical(across[:, k]) for k in range(across.shape[1])], (-1, 3))
+    seen = np.isfinite(by_pair).all(axis=-1)
+    names = [short(name) for name in sites.across]
+    named = tuple(name for name, known in zip(names, seen, strict=True) if known)
+    if not named:
         raise ValueError(
             f"axes cannot be inferred: no marker pair such as LASIS and RASIS shows left; {ASK}"
         )
-    named = tuple("/".join(pair) for pair in used[:PAIRS_NAMED])
-    left = _nearest_axis(mean - (mean @ up) * up, f"the marker pairs {', '.join(named)}")
-    seen = across[np.isfinite(across).all(axis=-1)]
-    if trunk and np.mean(seen @ left > 0) < MIN_SHARE_FACING_ONE_WAY:
+    by_pair, across = by_pair[seen], across[:, seen]
+    source = f"the marker pairs {', '.join(named[:PAIRS_NAMED])}"
+    left = _nearest_axis(by_pair.mean(axis=0), source)
+    cosines = by_pair @ left / np.maximum(np.linalg.norm(by_pair, axis=1), np.finfo(float).tiny)
+    against = [
+        name for name, cosine in zip(named, cosines, strict=True) if cosine < MAX_COSINE_OPPOSITE
+    ]
+    if 2 * len(against) >= len(named):
+        raise ValueError(
+            f"axes cannot be inferred: of {source}, {', '.join(against[:PAIRS_NAMED])} lie the "
+            f"other way round; {ASK}"
+        )
+    agree = across[:, cosines > 0]
+    facing = agree[np.isfinite(agree).all(axis=-1)] @ left
+    if sites.on_trunk and np.mean(facing > 0) < MIN_SHARE_FACING_ONE_WAY:
         raise ValueError(f"axes cannot be inferred: the subject turns around; {ASK}")
-    return left, named
-
-
-def _sites(columns: Mapping[str, int], sites: Iterable[str]) -> list[int]:
-    return [k for name, k in columns.items() if _bare(name)[1:] in sites]
-
-
-def _side_pairs(columns: Mapping[str, int]) -> list[tuple[str, str]]:
-    """Give the labels that differ by side only, (left, right)."""
-    opposite = {"L": "R", "l": "r"}
-    return [
-        (name, other)
-        for name in columns
-        if name[:1] in opposite and (other := opposite[name[0]] + name[1:]) in columns
-    ]
-
-
-def _heel_toe_pairs(columns: Mapping[str, int]) -> list[tuple[int, int]]:
-    found = {_bare(name): k for name, k in columns.items()}
-    return [
-        (found[side + heel], found[side + toe])
-        for side in "LR"
-        for heel in HEELS
-        for toe in TOES
-        if side + heel in found and side + toe in found
-    ]
-
-
-def _bare(name: str) -> str:
-    return name.replace(".", "").replace("_", "").upper()
-
-
-def _differences(position: Array, pairs: Sequence[tuple[int, int]]) -> Array:
-    start, end = np.reshape(np.array(pairs, int), (-1, 2)).T
-    return position[:, end] - position[:, start]
-
-
-def _mean(vectors: Array) -> Array:
-    known = vectors[np.isfinite(vectors).all(axis=-1)]
-    return known.mean(axis=0) if len(known) else np.full(3, np.nan)
+    doubts = [Note.of("sides_contradict", marker_pairs=against)] if against else []
+    agreeing = tuple(name for name, cosine in zip(named, cosines, strict=True) if cosine > 0)
+    return left, agreeing[:PAIRS_NAMED], tuple(doubts)
 
 
 def _nearest_axis(vector: Array, source: str) -> Array:

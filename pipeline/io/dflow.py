@@ -1,7 +1,7 @@
 """Text files of Motek D-Flow's mocap module, with or without one of its record module."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Literal
@@ -10,12 +10,14 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.notes import Note
-from hbm.spatial import Array, rotate_wrench
-from pipeline.io.axes import parse_axes, settle_axes
+from hbm.spatial import Array
+from hbm.spelling import listed, short
+from pipeline.io.axes import mean_force, parse_axes, settle_axes
 from pipeline.io.dflow_record import on_clock, read_record
-from pipeline.io.labels import rename_markers
-from pipeline.io.moment_reference import wrench_about_origin
-from pipeline.io.recording import Analog, Metadata, Plate, Recording
+from pipeline.io.labels import marker_columns
+from pipeline.io.moment_reference import PlateColumns, plates_about_origin
+from pipeline.io.recording import Analog, Metadata, Recording
+from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import parse_rows, read_lines
 from pipeline.io.units import check_span
 
@@ -56,16 +58,17 @@ class _Table:
     def vector(self, stem: str) -> Array:
         wanted = [f"{stem}{axis}" for axis in "XYZ"]
         if absent := [name for name in wanted if name not in self.names]:
-            raise ValueError(f"column {absent[0]} is absent, but others of {stem} are there")
+            raise ValueError(
+                f"column {short(absent[0])} is absent, but others of {short(stem)} are there"
+            )
         return self.values[:, [self.names.index(name) for name in wanted]]
 
 
 def read_dflow(
     path: str | Path,
-    axes: str | None = None,
+    stated: Stated | str | None = None,
     *,
     record: str | Path | None = None,
-    rename: Mapping[str, str] | None = None,
     missing: Literal["auto", "held", "zero"] = "auto",
 ) -> Recording:
     """Read a file of D-Flow's mocap module, and one of its record module beside it.
@@ -74,14 +77,12 @@ def read_dflow(
     ----------
     path
         The mocap file (.txt).
-    axes
-        Lab directions of the file's x, y and z axis; by default D-Flow's, "right,up,back". Up is
-        checked against markers and plates.
+    stated
+        What is stated about it, as for `pipeline.io.c3d.read.read_c3d`. Axes are by default
+        D-Flow's, "right,up,back", units m, N and N·m.
     record
         A record file of the same session: its signals become analog channels on the cameras'
         clock, its events ``metadata.dflow_events``.
-    rename
-        Label in the file -> label wanted.
     missing
         How this version of D-Flow writes a marker that no camera sees: "held" at its last place
         (before 3.16.2) or "zero"; by default both are gaps.
@@ -110,38 +111,44 @@ def read_dflow(
     """
     path = Path(path)
     try:
-        return _read(path, axes, Path(record) if record else None, rename or {}, missing)
+        return _read(path, as_stated(stated), Path(record) if record else None, missing)
     except ValueError as error:
         named = any(str(error).startswith(f"{p.name}: ") for p in (Path(record or path), path))
         raise error if named else ValueError(f"{path.name}: {error}") from error
 
 
-def _read(
-    path: Path, axes: str | None, record: Path | None, rename: Mapping[str, str], missing: str
-) -> Recording:
+def _read(path: Path, stated: Stated, record: Path | None, missing: str) -> Recording:
     table = _table(path)
     stems = dict.fromkeys(m[1] for name in table.names if (m := MARKER.fullmatch(name)))
     stems = {stem: None for stem in stems if stem.lower() not in SEGMENTS}
     if not stems:
         raise ValueError("no markers: no column such as LASIS.PosX")
-    position = np.stack([table.vector(f"{stem}.Pos") for stem in stems], 1)
-    gaps = _gaps(position, list(stems), missing)
-    check_span(position, "m")
-    plates = dict.fromkeys(int(m[1]) for name in table.names if (m := PLATE.fullmatch(name)))
-    forces = [table.vector(f"FP{k}.For") for k in plates]
-    names = tuple(rename_markers(dict.fromkeys(stems, 0), rename))
-    loads = [np.nan_to_num(force).mean(axis=0) for force in forces]
-    settled, axes_notes = settle_axes(axes or AXES, position, names, plate_forces=loads)
-    if axes is None:
+    metre, unit_notes = stated.marker_unit("m")
+    markers, subject, label_notes = marker_columns(list(stems), stated)
+    kept = [list(stems)[k] for k in markers.values()]
+    position = np.stack([table.vector(f"{stem}.Pos") for stem in kept], 1) * metre
+    gaps = _gaps(position, list(markers), missing)
+    check_span(position, stated.units or "m")
+    numbers = dict.fromkeys(int(m[1]) for name in table.names if (m := PLATE.fullmatch(name)))
+    time = np.arange(len(position)) / table.rate_hz
+    columns, plate_notes = _plates(table, numbers, stated, time)
+    loads = [mean_force(plate.force) for plate in columns]
+    settled, axes_notes = settle_axes(
+        stated.axes or AXES,
+        position,
+        tuple(markers),
+        marker_set=stated.marker_set,
+        plate_forces=loads,
+    )
+    if stated.axes is None:
         default = Note.of("axes_of_format", axes=AXES.split(","), program="D-Flow")
         axes_notes = (default, *axes_notes[1:])
     to_lab = parse_axes(settled)
-    time = np.arange(len(position)) / table.rate_hz
-    placed = [_plate(table, k, time, to_lab) for k in plates]
+    plates, moment_notes = plates_about_origin(columns, to_lab)
     used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
-    used |= {f"FP{k}.{q}{axis}" for k in plates for q in ("For", "Mom", "Cop") for axis in "XYZ"}
+    used |= {f"FP{k}.{q}{axis}" for k in numbers for q in ("For", "Mom", "Cop") for axis in "XYZ"}
     analog = _analog(table, used, time)
-    notes = [*axes_notes, *table.notes, *gaps]
+    notes = [*axes_notes, *table.notes, *unit_notes, *label_notes, *gaps]
     events: Mapping[str, tuple[float, ...]] = {}
     if record:
         signals = read_record(record)
@@ -149,12 +156,13 @@ def _read(
         notes.append(note)
     return Recording(
         source=path,
-        markers=Markers(time, names, position @ to_lab.T),
-        plates=tuple(plate for plate, _ in placed),
+        markers=Markers(time, tuple(markers), position @ to_lab.T),
+        plates=plates,
         analog=analog,
         first_frame=table.first_frame,
-        metadata=Metadata(software="D-Flow", dflow_events=events),
-        notes=(*notes, *(note for _, note in placed)),
+        metadata=Metadata(subject=subject, software="D-Flow", dflow_events=events),
+        stated=stated,
+        notes=(*notes, *plate_notes, *moment_notes),
     )
 
 
@@ -165,7 +173,7 @@ def _table(path: Path) -> _Table:
         if column not in names:
             raise ValueError(f"not a D-Flow mocap file: its first line has no column {column}")
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ValueError(f"several columns have the same name: {', '.join(twice)}")
+        raise ValueError(f"several columns have the same name: {listed(twice)}")
     rows = [(k, line) for k, line in enumerate(lines[1:], start=2) if line.strip()]
     values = parse_rows([line for _, line in rows], "\t", names, [k for k, _ in rows])
     frames, stamps = (values[:, names.index(name)] for name in ("FrameNumber", "TimeStamp"))
@@ -234,17 +242,27 @@ def _gaps(position: Array, names: Sequence[str], missing: str) -> list[Note]:
     return notes
 
 
-def _plate(table: _Table, number: int, time: Array, to_lab: Array) -> tuple[Plate, Note]:
-    force, moment = (table.vector(f"FP{number}.{quantity}") for quantity in ("For", "Mom"))
-    has_pressure = f"FP{number}.CopX" in table.names
-    wrench, note = wrench_about_origin(
-        force,
-        moment,
-        table.vector(f"FP{number}.Cop") if has_pressure else None,
-        to_lab[2],
-        f"plate {number}",
-    )
-    return Plate.at_origin(number, time, rotate_wrench(wrench, to_lab)), note
+def _plates(
+    table: _Table, numbers: Iterable[int], stated: Stated, time: Array
+) -> tuple[list[PlateColumns], list[Note]]:
+    """Give the columns of the plates that have all of them, and notes on units and the others."""
+    units = {
+        "For": stated.force_unit("N"),
+        "Mom": stated.moment_unit("Nm"),
+        "Cop": stated.pressure_unit("m"),
+    }
+    found, notes = [], [*stated.plate_notes(["N"], ["Nm"], ["m"])]
+    for number in numbers:
+        name = f"plate {number}"
+        needed = [f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in "XYZ"]
+        if absent := [column for column in needed if column not in table.names]:
+            reason = f"column {absent[0]} is absent"
+            notes.append(Note.of("plate_left_out", plate=name, reason=reason))
+            continue
+        present = [q for q in units if q != "Cop" or f"FP{number}.CopX" in table.names]
+        force, moment, *pressure = (table.vector(f"FP{number}.{q}") * units[q] for q in present)
+        found.append(PlateColumns(number, name, time, force, moment, next(iter(pressure), None)))
+    return found, notes
 
 
 def _analog(table: _Table, used: set[str], time: Array) -> Analog | None:

@@ -1,7 +1,8 @@
 """Motek's .mox files (XML)."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
@@ -10,11 +11,13 @@ import numpy as np
 
 from hbm.markers import Markers
 from hbm.notes import Note
-from hbm.spatial import Array, rotate_wrench
-from pipeline.io.axes import parse_axes, settle_axes
-from pipeline.io.labels import rename_markers
-from pipeline.io.moment_reference import wrench_about_origin
-from pipeline.io.recording import Analog, Metadata, Plate, Recording
+from hbm.spatial import Array
+from hbm.spelling import short
+from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.labels import marker_columns
+from pipeline.io.moment_reference import PlateColumns, plates_about_origin
+from pipeline.io.recording import Analog, Metadata, Recording
+from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import decoded, read_number
 from pipeline.io.units import check_span
 
@@ -30,19 +33,16 @@ PLATE: Final = re.compile(
 )
 
 
-def read_mox(
-    path: str | Path, axes: str | None = None, *, rename: Mapping[str, str] | None = None
-) -> Recording:
+def read_mox(path: str | Path, stated: Stated | str | None = None) -> Recording:
     """Read a .mox file.
 
     Parameters
     ----------
     path
         The file.
-    axes
-        Lab directions of the file's x, y and z axis; inferred where absent.
-    rename
-        Label in the file -> label wanted.
+    stated
+        What is stated about it, as for `pipeline.io.c3d.read.read_c3d`. Units are by default m, N
+        and N·m.
 
     Returns
     -------
@@ -67,48 +67,63 @@ def read_mox(
     """
     path = Path(path)
     try:
-        return _read(path, axes, rename or {})
+        return _read(path, as_stated(stated))
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
 
 
-def _read(path: Path, axes: str | None, rename: Mapping[str, str]) -> Recording:
+def _read(path: Path, stated: Stated) -> Recording:
     header, channels, rates = _channels(path.read_bytes())
     marked = {k: m for k in channels if (m := MARKER.fullmatch(k))}
     stems = dict.fromkeys(m["a"] or m["b"] for m in marked.values())
     if not stems:
         raise ValueError("no markers: no channel such as LASIS.PosX")
+    metre, unit_notes = stated.marker_unit("m")
+    markers, subject, label_notes = marker_columns(list(stems), stated)
     rate, position = _vectors(
-        {(m["a"] or m["b"], m["axis"]): k for k, m in marked.items()}, [*stems], channels, rates
+        {(m["a"] or m["b"], m["axis"]): k for k, m in marked.items()},
+        [list(stems)[k] for k in markers.values()],
+        channels,
+        rates,
     )
+    position *= metre
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    check_span(position, "m")
+    check_span(position, stated.units or "m")
     on_plates = {k: m for k in channels if (m := PLATE.fullmatch(k))}
-    numbers = dict.fromkeys(int(m["number"] or 1) for m in on_plates.values())
     parts = {
         (f"{int(m['number'] or 1)} {m['what'].lower()}", m["axis"].upper()): k
         for k, m in on_plates.items()
     }
-    loads = [
-        np.nan_to_num(_vectors(parts, [f"{n} for"], channels, rates)[1][:, 0]).mean(axis=0)
-        for n in numbers
-    ]
-    names = tuple(rename_markers(dict.fromkeys(stems, 0), rename))
-    settled, axes_notes = settle_axes(axes, position, names, plate_forces=loads)
+    numbers = dict.fromkeys(int(m["number"] or 1) for m in on_plates.values())
+    columns, plate_notes = _plates(parts, numbers, channels, rates, stated)
+    settled, axes_notes = settle_axes(
+        stated.axes,
+        position,
+        tuple(markers),
+        marker_set=stated.marker_set,
+        plate_forces=[mean_force(plate.force) for plate in columns],
+    )
     to_lab = parse_axes(settled)
-    plates = [_plate(n, parts, channels, rates, to_lab) for n in numbers]
+    plates, moment_notes = plates_about_origin(columns, to_lab)
     rest = [k for k in channels if k not in marked and k not in on_plates]
     analog, analog_notes = _analog(rest, channels, rates, rate, len(position))
-    plate_notes = [note for _, note in plates]
     if plates:
-        plate_notes.append(Note.of("force_sign_unconfirmed"))
+        moment_notes.append(Note.of("force_sign_unconfirmed"))
     return Recording(
         source=path,
-        markers=Markers(np.arange(len(position)) / rate, names, position @ to_lab.T),
-        plates=tuple(plate for plate, _ in plates),
+        markers=Markers(np.arange(len(position)) / rate, tuple(markers), position @ to_lab.T),
+        plates=plates,
         analog=analog,
-        metadata=header,
-        notes=(*axes_notes, *plate_notes, *analog_notes),
+        metadata=replace(header, subject=header.subject or subject),
+        stated=stated,
+        notes=(
+            *axes_notes,
+            *unit_notes,
+            *label_notes,
+            *plate_notes,
+            *moment_notes,
+            *analog_notes,
+        ),
     )
 
 
@@ -122,7 +137,7 @@ def _channels(content: bytes) -> tuple[Metadata, dict[str, Array], dict[str, flo
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     if root.tag != ROOT:
-        raise ValueError(f"not a .mox file: its root is {root.tag!r}, expected {ROOT!r}")
+        raise ValueError(f"not a .mox file: its root is {short(root.tag)!r}, expected {ROOT!r}")
     subject, date, comments, count = (
         root.findtext(f"viewer_header/{tag}", "").strip()
         for tag in ("patient_id", "trial_date", "comments", "nr_of_samples")
@@ -132,16 +147,20 @@ def _channels(content: bytes) -> tuple[Metadata, dict[str, Array], dict[str, flo
     for element in root.iterfind("viewer_data/viewer_channel"):
         name = element.findtext("channel_label", "").strip()
         if name in channels:
-            raise ValueError(f"several channels have the label {name!r}")
+            raise ValueError(f"several channels have the label {short(name)!r}")
         words = element.findtext("raw_channel_data/channel_data", "").split()
         rate = element.findtext("raw_channel_data/sampling_frequency", "")
-        rates[name] = read_number(rate, f"sampling_frequency of channel {name!r}")
+        rates[name] = read_number(rate, f"sampling_frequency of channel {short(name)!r}")
         try:
             channels[name] = np.array(words, float)
         except ValueError:
-            channels[name] = np.array([read_number(word, f"channel {name!r}") for word in words])
+            channels[name] = np.array(
+                [read_number(word, f"channel {short(name)!r}") for word in words]
+            )
         if not 0 < rates[name] < MAX_RATE_HZ or not (np.abs(channels[name]) < MAX_VALUE).all():
-            raise ValueError(f"channel {name!r} holds a rate or value that cannot be measured")
+            raise ValueError(
+                f"channel {short(name)!r} holds a rate or value that cannot be measured"
+            )
     if not channels:
         raise ValueError("it holds no channels (viewer_data/viewer_channel)")
     if count and all(str(len(samples)) != count for samples in channels.values()):
@@ -157,36 +176,51 @@ def _vectors(
 ) -> tuple[float, Array]:
     """Stack channels of one clock: rate, and (samples, stems, 3)."""
     if absent := [f"{s} {a}" for s in stems for a in "XYZ" if (s, a) not in parts]:
-        raise ValueError(f"there is no channel for {absent[0]}")
+        raise ValueError(f"there is no channel for {short(absent[0])}")
     used = [parts[stem, axis] for stem in stems for axis in "XYZ"]
     if len(clocks := {(rates[k], len(channels[k])) for k in used}) > 1:
         raise ValueError(
-            f"the channels of {stems[0]} and the like differ in rate or number of samples; "
+            f"the channels of {short(stems[0])} and the like differ in rate or number of samples; "
             "the file is truncated or mixed"
         )
     ((rate, count),) = clocks
     if count < 2:
-        raise ValueError(f"{used[0]!r} holds {count} samples, expected at least 2")
+        raise ValueError(f"{short(used[0])!r} holds {count} samples, expected at least 2")
     stacked = np.stack([channels[k] for k in used], axis=1)
     return rate, stacked.reshape(count, len(stems), 3)
 
 
-def _plate(
-    number: int,
+def _plates(
     parts: Mapping[tuple[str, str], str],
+    numbers: Iterable[int],
     channels: Mapping[str, Array],
     rates: Mapping[str, float],
-    to_lab: Array,
-) -> tuple[Plate, Note]:
-    has_pressure = (f"{number} cop", "X") in parts
-    stems = [f"{number} {what}" for what in ("for", "mom", *(["cop"] if has_pressure else []))]
-    rate, vectors = _vectors(parts, stems, channels, rates)
-    force, moment, *pressure = vectors.transpose(1, 0, 2)
-    wrench, note = wrench_about_origin(
-        force, moment, pressure[0] if has_pressure else None, to_lab[2], f"plate {number}"
-    )
-    time = np.arange(len(force)) / rate
-    return Plate.at_origin(number, time, rotate_wrench(wrench, to_lab)), note
+    stated: Stated,
+) -> tuple[list[PlateColumns], list[Note]]:
+    """Give the channels of the plates that have all of them, and notes on units and the others."""
+    units = {
+        "for": stated.force_unit("N"),
+        "mom": stated.moment_unit("Nm"),
+        "cop": stated.pressure_unit("m"),
+    }
+    found, notes = [], [*stated.plate_notes(["N"], ["Nm"], ["m"])]
+    for number in numbers:
+        name = f"plate {number}"
+        present = [q for q in units if q != "cop" or (f"{number} cop", "X") in parts]
+        needed = [(f"{number} {quantity}", axis) for quantity in present for axis in "XYZ"]
+        if absent := [" ".join(part) for part in needed if part not in parts]:
+            reason = f"there is no channel for {absent[0]}"
+            notes.append(Note.of("plate_left_out", plate=name, reason=reason))
+            continue
+        rate, vectors = _vectors(parts, [f"{number} {q}" for q in present], channels, rates)
+        scaled = (
+            vector * units[quantity]
+            for quantity, vector in zip(present, vectors.transpose(1, 0, 2), strict=True)
+        )
+        force, moment, *pressure = scaled
+        time = np.arange(len(force)) / rate
+        found.append(PlateColumns(number, name, time, force, moment, next(iter(pressure), None)))
+    return found, notes
 
 
 def _analog(

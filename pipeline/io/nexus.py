@@ -1,45 +1,34 @@
 """ASCII exports of Vicon Nexus."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from hbm.markers import Markers
 from hbm.notes import Note
-from hbm.spatial import Array, rotate_wrench
+from hbm.spatial import Array
+from hbm.spelling import listed, short
 from pipeline.io.axes import parse_axes, settle_axes
-from pipeline.io.labels import rename_markers
-from pipeline.io.moment_reference import wrench_about_origin
+from pipeline.io.labels import marker_columns
+from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.nexus_blocks import Block, Group, read_blocks
 from pipeline.io.recording import Analog, Metadata, Plate, Recording
+from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import read_lines
-from pipeline.io.units import check_span, force_in_n, length_in_m, moment_in_nm
+from pipeline.io.units import check_span
 
 
-@dataclass(frozen=True, slots=True)
-class _Channels:
-    """A plate's columns in SI units, the file's axes and signs."""
-
-    force: Array
-    moment: Array
-    pressure: Array | None
-
-
-def read_nexus(
-    path: str | Path, axes: str | None = None, *, rename: Mapping[str, str] | None = None
-) -> Recording:
+def read_nexus(path: str | Path, stated: Stated | str | None = None) -> Recording:
     """Read an ASCII export of Vicon Nexus (.csv or .txt).
 
     Parameters
     ----------
     path
         The file, with a Trajectories block and, for plates, a Devices block.
-    axes
-        Lab directions of the file's x, y and z axis; inferred from the markers where absent.
-    rename
-        Label in the file (without subject prefix) -> label wanted.
+    stated
+        What is stated about it, as for `pipeline.io.c3d.read.read_c3d`.
 
     Returns
     -------
@@ -66,58 +55,61 @@ def read_nexus(
     """
     path = Path(path)
     try:
-        return _read(path, axes, rename or {})
+        return _read(path, as_stated(stated))
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
 
 
-def _read(path: Path, axes: str | None, rename: Mapping[str, str]) -> Recording:
+def _read(path: Path, stated: Stated) -> Recording:
     blocks, skipped = read_blocks(read_lines(path))
     if "trajectories" not in blocks:
-        raise ValueError(f"no Trajectories block; blocks: {', '.join(blocks)}")
+        raise ValueError(f"no Trajectories block; blocks: {listed(blocks)}")
     block = blocks["trajectories"]
-    markers = [group for group in block.groups if group.components[:3] == ("X", "Y", "Z")]
-    markers = [group for group in markers if group.name and not group.name.startswith("*")]
-    owners = sorted({prefix for g in markers if (prefix := g.name.rpartition(":")[0])})
-    labels = [group.name.rpartition(":")[2] for group in markers]
-    if twice := sorted({name for name in labels if labels.count(name) > 1}):
-        raise ValueError(f"several markers have the same label: {', '.join(twice)}")
-    if not markers:
+    groups = [group for group in block.groups if group.components[:3] == ("X", "Y", "Z")]
+    groups = [group for group in groups if group.name and not group.name.startswith("*")]
+    if not groups:
         raise ValueError("the Trajectories block names no markers with X, Y and Z")
+    markers, subject, label_notes = marker_columns([group.name for group in groups], stated)
+    unit = groups[0].units[0]
+    _, unit_notes = stated.marker_unit(unit)
     position = np.stack(
-        [block.vector(group) * length_in_m(group.units[0]) for group in markers], axis=1
+        [
+            block.vector(groups[k]) * stated.marker_unit(groups[k].units[0])[0]
+            for k in markers.values()
+        ],
+        axis=1,
     )
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    check_span(position, markers[0].units[0])
-    names = tuple(rename_markers(dict.fromkeys(labels, 0), rename))
-    settled, axes_notes = settle_axes(axes, position, names)
+    check_span(position, stated.units or unit)
+    settled, axes_notes = settle_axes(
+        stated.axes, position, tuple(markers), marker_set=stated.marker_set
+    )
     to_lab = parse_axes(settled)
-    notes = [*axes_notes, *skipped]
-    if owners:
-        notes.append(Note.of("subject_prefixes_removed", subjects=owners))
-    plates: list[Plate] = []
+    notes = [*axes_notes, *skipped, *unit_notes, *label_notes]
+    plates: tuple[Plate, ...] = ()
     analog = None
     if "devices" in blocks:
-        plates, analog, device_notes = _devices(
-            blocks["devices"], block.frame[0], block.rate_hz, to_lab
-        )
+        plates, analog, device_notes = _devices(blocks["devices"], block, to_lab, stated)
         notes += device_notes
+    time = (block.frame - block.frame[0]) / block.rate_hz
     return Recording(
         source=path,
-        markers=Markers((block.frame - block.frame[0]) / block.rate_hz, names, position @ to_lab.T),
-        plates=tuple(plates),
+        markers=Markers(time, tuple(markers), position @ to_lab.T),
+        plates=plates,
         analog=analog,
         first_frame=int(block.frame[0]),
-        metadata=Metadata(software="Vicon Nexus", subject=next(iter(owners), "")),
+        metadata=Metadata(software="Vicon Nexus", subject=subject),
         model_outputs=_outputs(blocks.get("model outputs"), block),
+        stated=stated,
         notes=tuple(notes),
     )
 
 
 def _devices(
-    block: Block, first: float, rate_hz: float, to_lab: Array
-) -> tuple[list[Plate], Analog | None, list[Note]]:
+    block: Block, trajectories: Block, to_lab: Array, stated: Stated
+) -> tuple[tuple[Plate, ...], Analog | None, list[Note]]:
     """Give plates and analog channels in lab axes."""
+    first, rate_hz = trajectories.frame[0], trajectories.rate_hz
     per_frame = block.rate_hz / rate_hz
     if abs(per_frame - round(per_frame)) > 1e-6 or block.sub_frame.max() >= round(per_frame):
         raise ValueError(
@@ -134,36 +126,44 @@ def _devices(
         if quantity.lower() in ("force", "moment", "cop") and len(group.components) >= 3:
             measured.setdefault(stem, {})[quantity.lower()] = group
     measured = {stem: parts for stem, parts in measured.items() if "force" in parts}
-    found = {stem: _channels(block, stem, parts) for stem, parts in measured.items()}
-    push = sum(float(np.nan_to_num(c.force @ to_lab[2]).mean()) for c in found.values())
-    sign = -1.0 if push < 0 else 1.0
-    notes = [Note.of("forces_reversed")] if push < 0 else []
-    plates = []
-    for number, (stem, channels) in enumerate(found.items(), start=1):
-        wrench, note = wrench_about_origin(
-            sign * channels.force,
-            sign * channels.moment,
-            channels.pressure,
-            to_lab[2],
-            f"plate {number} ({stem})",
-        )
-        plates.append(Plate.at_origin(number, time, rotate_wrench(wrench, to_lab)))
-        notes.append(note)
+    columns, notes = _plates(block, measured, time, stated)
+    push = sum(float(np.nan_to_num(plate.force @ to_lab[2]).mean()) for plate in columns)
+    if push < 0:
+        columns = [replace(plate, force=-plate.force, moment=-plate.moment) for plate in columns]
+        notes.append(Note.of("forces_reversed"))
+    plates, moment_notes = plates_about_origin(columns, to_lab)
     used = [group for parts in measured.values() for group in parts.values()]
-    return plates, _analog(block, [g for g in block.groups if g not in used], time), notes
+    analog = _analog(block, [g for g in block.groups if g not in used], time)
+    return plates, analog, [*notes, *moment_notes]
 
 
-def _channels(block: Block, stem: str, parts: Mapping[str, Group]) -> _Channels:
-    if "moment" not in parts or "cop" not in parts:
-        raise ValueError(
-            f"device {stem!r} has forces but no {'moments' if 'moment' not in parts else 'CoP'}; "
-            "export Force, Moment and CoP: only together they give the wrench in the lab"
+def _plates(
+    block: Block, measured: Mapping[str, Mapping[str, Group]], time: Array, stated: Stated
+) -> tuple[list[PlateColumns], list[Note]]:
+    """Give the columns of the plates that have all of them, and notes on units and the others."""
+    convert = {
+        "force": stated.force_unit,
+        "moment": stated.moment_unit,
+        "cop": stated.pressure_unit,
+    }
+    found, notes = [], []
+    for number, (stem, parts) in enumerate(measured.items(), start=1):
+        name = f"plate {number} ({short(stem)})"
+        if "moment" not in parts or "cop" not in parts:
+            reason = (
+                f"it has forces but no {'CoP' if 'moment' in parts else 'moments'}; export Force, "
+                "Moment and CoP: only together they give the wrench in the lab"
+            )
+            notes.append(Note.of("plate_left_out", plate=name, reason=reason))
+            continue
+        units = {quantity: parts[quantity].units[0] for quantity in convert}
+        force, moment, pressure = (
+            block.vector(parts[quantity]) * unit(units[quantity])
+            for quantity, unit in convert.items()
         )
-    force, moment, pressure = (
-        block.vector(parts[name]) * unit(parts[name].units[0])
-        for name, unit in (("force", force_in_n), ("moment", moment_in_nm), ("cop", length_in_m))
-    )
-    return _Channels(force, moment, pressure)
+        notes += stated.plate_notes(*([unit] for unit in units.values()))
+        found.append(PlateColumns(number, name, time, force, moment, pressure))
+    return found, list(dict.fromkeys(notes))
 
 
 def _analog(block: Block, groups: list[Group], time: Array) -> Analog | None:

@@ -1,17 +1,21 @@
-"""Read a recording of any format, recognised by the file's content and not by its name."""
+"""Read or preview a recording of any format, recognised by its content and not by its name."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from pipeline.io.c3d.read import read_c3d
+import numpy as np
+
+from hbm.markers import MarkerSet
+from pipeline.io.c3d.read import preview_c3d, read_c3d
 from pipeline.io.dflow import read_dflow
 from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import read_nexus
 from pipeline.io.nexus_blocks import is_nexus
 from pipeline.io.opensim.trc import read_trc
 from pipeline.io.opensim.trial import read_opensim_trial
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Preview, Recording
+from pipeline.io.stated import PlateUnits, Stated
 from pipeline.io.text_table import decoded
 
 C3D_KEY: Final = 0x50
@@ -29,6 +33,10 @@ def read_recording(
     *,
     record: str | Path | None = None,
     rename: Mapping[str, str] | None = None,
+    label_prefix: str | None = None,
+    units: str | None = None,
+    plate_units: str | None = None,
+    marker_set: MarkerSet | None = None,
 ) -> Recording:
     """Read a trial of any known format.
 
@@ -44,7 +52,18 @@ def read_recording(
     record
         File of D-Flow's record module that goes with a D-Flow mocap file.
     rename
-        Label in the file -> label wanted.
+        Label in the file, without the prefix of a subject -> label wanted. A label that is not
+        there is a note.
+    label_prefix
+        Prefix of the subject wanted, where several subjects carry the same labels.
+    units
+        Unit of the markers' positions, such as ``"mm"``; by default the file's.
+    plate_units
+        Units of the plates' forces and moments, such as ``"N,Nmm"``, and of their centres of
+        pressure as a third one; by default the file's.
+    marker_set
+        The set that the markers are of: its landmarks show the axes. By default recognised from
+        the labels.
 
     Returns
     -------
@@ -54,7 +73,8 @@ def read_recording(
     Raises
     ------
     ValueError
-        The content is of no known format, damaged, or needs another file beside it. One line.
+        The content is of no known format, damaged, or needs another file beside it; it contradicts
+        what is stated. One line.
     OSError
         A file cannot be opened.
 
@@ -66,20 +86,52 @@ def read_recording(
     >>> pipeline.read_recording("walk.c3d").markers.position.shape
     (800, 46, 3)
     """
+    stated = Stated(
+        axes=axes,
+        rename=rename or {},
+        label_prefix=label_prefix,
+        units=units,
+        plate_units=PlateUnits.parse(plate_units),
+        marker_set=marker_set,
+    )
+    return read_as_stated(path, stated, forces, record=record)
+
+
+def read_as_stated(
+    path: str | Path,
+    stated: Stated,
+    forces: str | Path | None = None,
+    *,
+    record: str | Path | None = None,
+) -> Recording:
+    """Read a trial of any known format; as `read_recording`, with what is stated in one place."""
     path = Path(path)
     kind = file_format(path)
     if forces is not None and kind != "TRC":
         raise ValueError(f"{path.name}: a file of forces goes with a TRC file, this is {kind}")
     if record is not None and kind != "D-Flow":
         raise ValueError(f"{path.name}: a record file goes with a D-Flow file, this is {kind}")
-    if kind == "C3D":
-        return read_c3d(path, axes, rename=rename)
     if kind == "D-Flow":
-        return read_dflow(path, axes, record=record, rename=rename)
+        return read_dflow(path, stated, record=record)
     if kind == "TRC" and forces is not None:
-        return read_opensim_trial(path, forces, axes, rename=rename)
-    reader = {"TRC": read_trc, "MOX": read_mox, "Nexus": read_nexus}[kind]
-    return reader(path, axes, rename=rename)
+        return read_opensim_trial(path, forces, stated)
+    reader = {"C3D": read_c3d, "TRC": read_trc, "MOX": read_mox, "Nexus": read_nexus}[kind]
+    return reader(path, stated)
+
+
+def preview_recording(
+    path: Path, stated: Stated, forces: Path | None = None, *, record: Path | None = None
+) -> Preview:
+    """Preview a recording of any format, a C3D file without reading all of it.
+
+    Parameters and errors are those of `read_as_stated`.
+    """
+    if file_format(path) == "C3D" and forces is None and record is None:
+        return preview_c3d(path, stated)
+    recording = read_as_stated(path, stated, forces, record=record)
+    share = np.isnan(recording.markers.position[..., 0]).mean(axis=0)
+    missing = {m: float(s) for m, s in zip(recording.markers.names, share, strict=True)}
+    return Preview(recording, len(recording.markers.time), missing)
 
 
 def file_format(path: Path) -> str:

@@ -12,6 +12,7 @@ from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, read_only, transform_wrench
+from pipeline.io.stated import Stated
 
 PlateFrame = Literal["recorded", "plate", "lab"]
 """Where the plates of a file with compensated plates are; see `Compensation`."""
@@ -220,6 +221,8 @@ class Recording:
         file's own units.
     compensation
         What was subtracted from its plates before; None where they are as measured.
+    stated
+        What a person stated about the file when it was read.
     notes
         What was inferred or changed on reading: axes, units, names.
 
@@ -241,12 +244,22 @@ class Recording:
     metadata: Metadata = field(default_factory=Metadata)
     model_outputs: Mapping[str, Array] = field(default_factory=dict)
     compensation: Compensation | None = None
+    stated: Stated = field(default_factory=Stated)
     notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "source", Path(self.source))
         object.__setattr__(self, "model_outputs", MappingProxyType(dict(self.model_outputs)))
         object.__setattr__(self, "events", tuple(sorted(self.events, key=lambda e: e.time)))
+
+    @property
+    def why_no_plates(self) -> str:
+        """Why it has no plates, for messages where it has none."""
+        left_out = [note.values for note in self.notes if note.code == "plate_left_out"]
+        if not left_out:
+            return "the file has no force plates"
+        first = left_out[0]
+        return f"no force plate can be used ({first['plate']}: {first['reason']})"
 
 
 @dataclass(frozen=True, slots=True)

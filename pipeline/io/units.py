@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array
+from hbm.spelling import short
 
 STANDARD_GRAVITY_MPS2: Final = 9.80665
 """What accelerometers mean by 1 g, wherever they are."""
@@ -18,14 +19,19 @@ ACCELERATIONS: Final = {
 ANGLES: Final = {name: np.pi / 180 for name in ("deg", "degree", "degrees", "°")} | {
     name: 1.0 for name in ("rad", "radian", "radians")
 }
-FORCES: Final = {"n": 1.0, "kn": 1e3}
-SPELLINGS: Final = {
-    r"newtons?": "n",
-    r"^nt": "n",
-    r"millimet(er|re)s?": "mm",
-    r"centimet(er|re)s?": "cm",
-    r"met(er|re)s?": "m",
+FORCES: Final = {"n": 1.0, "nt": 1.0, "kn": 1e3}
+WORDS: Final = {
+    **dict.fromkeys(("millimeters", "millimetres"), "mm"),
+    **dict.fromkeys(("centimeters", "centimetres"), "cm"),
+    **dict.fromkeys(("meters", "metres"), "m"),
+    "newtons": "n",
+    "kilonewtons": "kn",
 }
+"""Unit spelled out -> its symbol."""
+MIN_LETTERS: Final = 3
+"""Of a word that a file has cut off: fewer may be the beginning of another unit."""
+STATE_UNITS: Final = 'state it: --units mm, or units = "mm" in study.toml'
+STATE_PLATE_UNITS: Final = 'state them: --plate-units N,Nmm, or plate_units = "N,Nmm" in study.toml'
 MIN_SPAN_M: Final = 0.05
 MAX_SPAN_M: Final = 20.0
 """Between the markers of a person and a treadmill, or of a walkway."""
@@ -43,8 +49,25 @@ def force_in_n(unit: str) -> float:
 
 def moment_in_nm(unit: str) -> float:
     """Give one moment unit in newton metres; raises ValueError where it is unknown."""
-    moments = {f + m: FORCES[f] * LENGTHS[m] for f in FORCES for m in LENGTHS}
-    return _lookup(unit, moments, "moment", "Nmm or Nm")
+    force, length = _force_and_length(unit)
+    moments = {force + length: FORCES[force] * LENGTHS[length]} if force else {}
+    return _lookup(unit, moments, "moment", "Nmm or Nm", plain=force + length)
+
+
+def length_of_moment(unit: str) -> str:
+    """Give the unit of length in a known unit of moment, such as "mm" in "Nmm"."""
+    return _force_and_length(unit)[1]
+
+
+def is_cut_off(unit: str) -> bool:
+    """Whether a unit is known although the end of a word in it is missing, as in "mete"."""
+    plain = _plain(unit)
+    words = {*WORDS, *(word.removesuffix("s") for word in WORDS)}
+    lengths = {*LENGTHS, *(word for word in words if "met" in word)}
+    forces = {*FORCES, *(word for word in words if "newton" in word)}
+    whole = lengths | forces | {force + length for force in forces for length in lengths}
+    known = _symbol(plain) in {*LENGTHS, *FORCES} or all(_force_and_length(unit))
+    return known and plain not in whole
 
 
 def acceleration_in_mps2(unit: str) -> float:
@@ -58,14 +81,14 @@ def angle_in_rad(unit: str) -> float:
 
 
 def check_span(position: Array, unit: str) -> None:
-    """Refuse marker positions whose extent contradicts the unit that the file states.
+    """Refuse marker positions whose extent contradicts their unit.
 
     Parameters
     ----------
     position
         Marker positions, (T, M, 3) [m].
     unit
-        The unit that the file states, for the message.
+        The unit, for the message.
 
     Raises
     ------
@@ -80,17 +103,37 @@ def check_span(position: Array, unit: str) -> None:
         span = float(np.median(np.linalg.norm(extent, axis=1)))
     if not MIN_SPAN_M < span < MAX_SPAN_M:
         raise ValueError(
-            f"the markers spread over {span:.3g} m if the file's unit {unit!r} is true; "
-            f"expected {MIN_SPAN_M} to {MAX_SPAN_M:g} m: correct the unit in the file"
+            f"the markers spread over {span:.3g} m if their unit is {unit!r}, expected "
+            f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; correct the unit in the file, or {STATE_UNITS}"
         )
 
 
-def _lookup(unit: str, known: Mapping[str, float], quantity: str, examples: str) -> float:
-    plain = re.sub(r"[\s.*·_-]", "", unit).lower()
-    for spelling, symbol in SPELLINGS.items():
-        plain = re.sub(spelling, symbol, plain)
-    if not plain:
+def _lookup(
+    unit: str, known: Mapping[str, float], quantity: str, examples: str, plain: str | None = None
+) -> float:
+    plain = _symbol(_plain(unit)) if plain is None else plain
+    if not unit.strip():
         raise ValueError(f"no {quantity} unit is stated, expected {examples}")
     if plain not in known:
-        raise ValueError(f"unknown {quantity} unit {unit!r}, expected {examples}")
+        raise ValueError(f"unknown {quantity} unit {short(unit)!r}, expected {examples}")
     return known[plain]
+
+
+def _plain(unit: str) -> str:
+    return re.sub(r"[\s.*·_-]", "", unit).lower()
+
+
+def _symbol(word: str) -> str:
+    """Give the symbol of a word or of its beginning, a word that is unknown as it is."""
+    word, per, time = word.partition("/")
+    if len(word) >= MIN_LETTERS:
+        word = next((symbol for known, symbol in WORDS.items() if known.startswith(word)), word)
+    return f"{word}{per}{time}"
+
+
+def _force_and_length(unit: str) -> tuple[str, str]:
+    """Give the symbols of force and length in a unit of moment; empty where it is unknown."""
+    plain = _plain(unit)
+    pairs = ((_symbol(plain[:k]), _symbol(plain[k:])) for k in range(1, len(plain)))
+    known = {(force, length) for force, length in pairs if force in FORCES and length in LENGTHS}
+    return known.pop() if len(known) == 1 else ("", "")

@@ -239,7 +239,7 @@ def _read(
 ) -> tuple[Recording, Plate, Array, Array]:
     """Give a recording, its plate, and times and positions of a marker while it is seen."""
     file: PlatesFile = study.file
-    recording = read_c3d(study.folder / name, file.axes)
+    recording = read_c3d(study.folder / name, file.stated)
     if label not in recording.markers.names:
         present = ", ".join(recording.markers.names) or "none"
         raise ValueError(f"{name}: no marker {label!r}; markers there: {present}")

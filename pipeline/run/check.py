@@ -14,7 +14,7 @@ from hbm.spelling import did_you_mean
 from pipeline.config.schema import Condition, SubjectFile, Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.preview import preview_recording
+from pipeline.io.read import preview_recording
 from pipeline.io.recording import Preview, Recording
 from pipeline.trial.gait.events import gait_events
 from pipeline.trial.ground.accelerometers import accelerations
@@ -22,7 +22,7 @@ from pipeline.trial.ground.belts import read_belts
 from pipeline.trial.ground.calibration_recording import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
-from pipeline.trial.study_files import read_study_file
+from pipeline.trial.study_files import labels_in_none, read_study_file
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass, differing_masses
 
@@ -82,6 +82,7 @@ class _Collector:
 
     faults: list[Fault] = field(default_factory=list)
     remarks: list[Remark] = field(default_factory=list)
+    notes_of_files: list[tuple[Note, ...]] = field(default_factory=list)
 
     def remark(self, place: str, code: str, **values: NoteValue) -> None:
         self.remarks.append(Remark(place, Note.of(code, **values)))
@@ -103,6 +104,7 @@ class _Collector:
     def add(self, other: "_Collector") -> None:
         self.faults += other.faults
         self.remarks += other.remarks
+        self.notes_of_files += other.notes_of_files
 
 
 def check_study(study: Study) -> Findings:
@@ -136,20 +138,22 @@ def check_study(study: Study) -> Findings:
         without = tuple(name for name in study.file.conditions if name not in person.trials)
         if without:
             found.remark(subject, "conditions_without_trial", conditions=without)
+    if absent := labels_in_none(found.notes_of_files):
+        found.remark("study.toml", "rename_without_label", labels=absent)
     return Findings(tuple(dict.fromkeys(found.faults)), tuple(dict.fromkeys(found.remarks)))
 
 
 def _check_calibration(study: Study, found: _Collector) -> Calibration | None:
-    treadmill, axes = study.file.treadmill, study.file.axes
+    treadmill, stated = study.file.treadmill, study.stated
     belt = treadmill.belt
     if belt is not None:
         belts_path = study.path(belt.calibration)
-        found.attempt(belts_path.name, lambda: read_belts(belts_path, belt, axes))
+        found.attempt(belts_path.name, lambda: read_belts(belts_path, belt, stated))
     if not treadmill.calibration:
         found.remark("study.toml", "calibration_not_stated")
         return None
     path = study.path(treadmill.calibration)
-    calibration = found.attempt(path.name, lambda: read_calibration(path, treadmill, axes))
+    calibration = found.attempt(path.name, lambda: read_calibration(path, treadmill, stated))
     if calibration is not None:
         for plate, model in calibration.plates.items():
             found.notes(path.name, check_calibration(model, plate))
@@ -178,6 +182,7 @@ def _check_trial(
         if static is not None:
             pose = found.attempt(study.path(static).name, lambda: read_study_file(study, static))
         _check_contents(preview, rule, found)
+        found.notes_of_files += [each.notes for each in (preview.beginning, pose) if each]
         if pose is not None:
             _check_body(study, person, preview, pose, found)
         _check_ground(preview.beginning, laboratory, rule, found)
@@ -186,9 +191,7 @@ def _check_trial(
     of_beginning, of_whole = _Collector(), _Collector()
     preview = of_beginning.attempt(
         path.name,
-        lambda: preview_recording(
-            path, study.file.axes, forces, record=record, rename=study.file.rename
-        ),
+        lambda: preview_recording(path, study.stated, forces, record=record),
     )
     if preview is not None:
         of_beginning = check(preview)
@@ -217,7 +220,7 @@ def _check_contents(preview: Preview, rule: Condition, found: _Collector) -> Non
     found.remark(name, "recording_contents", duration_s=duration_s, contents=tuple(contents))
     found.notes(name, recording.notes)
     if not plates:
-        found.fault(name, "no force plates")
+        found.fault(name, recording.why_no_plates)
     if duration_s < MIN_TRIAL_S:
         found.fault(name, f"lasts {duration_s:.1f} s; a trial needs {MIN_TRIAL_S:g} s at least")
     elif rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:

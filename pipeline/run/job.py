@@ -93,7 +93,7 @@ def process_job(job: Job) -> Outcome:
 
 def describe_error(error: BaseException) -> str:
     """Describe an error in one line; an unforeseen one with its type and where it arose."""
-    text = " ".join(str(error).split())
+    text = " ".join("; ".join([str(error), *getattr(error, "__notes__", ())]).split())
     if isinstance(error, OSError) and error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     if isinstance(error, ValueError) and text:

@@ -4,16 +4,19 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hbm.kernels.native import kernels
-from hbm.markers import MarkerSet, read_marker_set
-from pipeline.config.schema import Platform, Settings, Subject, Treadmill
+from hbm.markers import MarkerSet, marker_sets, read_marker_set
+from hbm.spelling import short
+from pipeline.config.schema import Platform, RecordingRules, Settings, Subject, Treadmill
 from pipeline.config.toml_file import read_segments
-from pipeline.config.validation import Model, check_options
-from pipeline.io.read import read_recording
+from pipeline.config.validation import Model, Option, check_options
+from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
+from pipeline.io.stated import Stated
 from pipeline.run.request import TrialRequest
 from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult
+from pipeline.trial.study_files import naming_unused_renames, with_unused_renames
 
 
 def process_request(
@@ -45,19 +48,26 @@ def process_request(
     subject = _checked(Subject, request, faults)
     if settings is None or subject is None:
         raise ValueError("; ".join(faults))
+    stated = _stated(request)
     recording = read_requested(request)
+    static, hip_trial = (
+        read_as_stated(path, stated) if path else None
+        for path in (request.static, request.hip_trial)
+    )
+    recording = with_unused_renames(recording, static, hip_trial)
     kernels(announce)
     try:
-        return process_recording(
-            recording,
-            subject,
-            settings,
-            static=_read(request, request.static),
-            hip_trial=_read(request, request.hip_trial),
-            segments=read_segments(request.segments) if request.segments else None,
-            marker_set=marker_set,
-            laboratory=requested_laboratory(request),
-        )
+        with naming_unused_renames(recording):
+            return process_recording(
+                recording,
+                subject,
+                settings,
+                static=static,
+                hip_trial=hip_trial,
+                segments=read_segments(request.segments) if request.segments else None,
+                marker_set=marker_set,
+                laboratory=requested_laboratory(request),
+            )
     except ValueError as error:
         if request.trial.name not in str(error):
             error.add_note(f"while processing {request.trial.name}")
@@ -66,11 +76,24 @@ def process_request(
 
 def read_requested(request: TrialRequest) -> Recording:
     """Read the trial that a request names, with its forces or its record."""
-    return read_recording(request.trial, request.axes, request.forces, record=request.record)
+    return read_as_stated(request.trial, _stated(request), request.forces, record=request.record)
 
 
-def _read(request: TrialRequest, path: Path | None) -> Recording | None:
-    return read_recording(path, request.axes) if path else None
+def _stated(request: TrialRequest) -> Stated:
+    """Give what a request states about its files; a ValueError names the options at fault."""
+    rename: dict[str, str] = {}
+    for pair in request.rename:
+        old, sign, new = (part.strip() for part in pair.partition("="))
+        if not (old and sign and new):
+            raise ValueError(f"--rename {short(pair)}: expected OLD=NEW, such as LASI=LASIS")
+        if rename.setdefault(old, new) != new:
+            raise ValueError(f"--rename gives {short(old)} two new labels")
+    faults: list[str] = []
+    rules = _checked(RecordingRules, request, faults, rename=rename)
+    if rules is None:
+        raise ValueError("; ".join(faults))
+    own = _own_marker_set(request.marker_set)
+    return rules.stated(own or marker_sets().get(request.marker_set or ""))
 
 
 def _own_marker_set(name: str | None) -> MarkerSet | None:
@@ -84,12 +107,12 @@ def requested_laboratory(request: TrialRequest) -> Laboratory:
     """Read the treadmill that a request describes: its calibration and platform markers."""
     markers = tuple(filter(None, map(str.strip, request.platform_markers.split(","))))
     if request.calibration is not None:
-        return read_laboratory(request.calibration, markers, request.axes)
+        return read_laboratory(request.calibration, markers)
     return Laboratory(Treadmill(platform=Platform(markers=markers) if markers else None))
 
 
 def _checked(
-    kind: type[Model], request: TrialRequest, faults: list[str], **other: str | None
+    kind: type[Model], request: TrialRequest, faults: list[str], **other: Option
 ) -> Model | None:
     """Check those fields of a request that a model has too, ``other`` in their place."""
     stated = {name: getattr(request, name) for name in kind.model_fields if hasattr(request, name)}

@@ -42,6 +42,17 @@ class TrialRequest:
     axes: Annotated[
         str | None, Help("Where the file's x, y, z point, e.g. left,back,up; default: inferred.")
     ] = None
+    rename: Annotated[
+        tuple[str, ...], Help("OLD=NEW: a label in the files and the one wanted; repeatable.")
+    ] = ()
+    label_prefix: Annotated[
+        str | None, Help("Label prefix of the subject, where several carry the same labels.")
+    ] = None
+    units: Annotated[str | None, Help("Unit of the markers, e.g. mm; default: the file's.")] = None
+    plate_units: Annotated[
+        str | None,
+        Help("Units of the plates' forces and moments, e.g. N,Nmm; default: the file's."),
+    ] = None
     marker_set: Annotated[
         str | None, Help("Name of a marker set, or a TOML file with your own.")
     ] = None

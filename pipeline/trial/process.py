@@ -30,7 +30,12 @@ from pipeline.trial.marker_check import check_markers
 from pipeline.trial.motion_check import check_motion
 from pipeline.trial.plate_check import check_plates
 from pipeline.trial.result import PlateSurface, TrialResult
-from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from pipeline.trial.study_files import (
+    naming_unused_renames,
+    read_study_file,
+    read_study_laboratory,
+    with_unused_renames,
+)
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass, carried_mass, differing_masses
 
@@ -230,24 +235,28 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
     def read(name: str | None) -> Recording | None:
         return read_study_file(study, name) if name else None
 
-    return process_recording(
-        read_study_file(study, trial.file, trial),
-        person.person,
-        study.file.settings,
-        static=read(person.static),
-        hip_trial=read(person.hip_trial),
-        segments=read_segments(study.path(person.segments)) if person.segments else None,
-        marker_set=study.marker_set,
-        laboratory=read_study_laboratory(study),
-        condition=rule,
-        jobs=jobs,
-    )
+    recording = read_study_file(study, trial.file, trial)
+    static, hip_trial = read(person.static), read(person.hip_trial)
+    recording = with_unused_renames(recording, static, hip_trial)
+    with naming_unused_renames(recording):
+        return process_recording(
+            recording,
+            person.person,
+            study.file.settings,
+            static=static,
+            hip_trial=hip_trial,
+            segments=read_segments(study.path(person.segments)) if person.segments else None,
+            marker_set=study.marker_set,
+            laboratory=read_study_laboratory(study),
+            condition=rule,
+            jobs=jobs,
+        )
 
 
 def _require_plates(recording: Recording) -> None:
     if not recording.plates:
         raise ValueError(
-            f"{recording.source.name}: the file has no force plates; residuals need the ground "
+            f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
 

@@ -1,9 +1,14 @@
-"""Files of a study, read as the study states it."""
+"""Files of a study, read as the study states it; labels to rename that no file has."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 
 from compensation import BeltModel, Calibration
+from hbm.notes import Note
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
-from pipeline.io.read import read_recording
+from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.belts import read_belts
 from pipeline.trial.ground.calibration_recording import read_calibration
@@ -11,7 +16,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 
 
 def read_study_file(study: Study, name: str, trial: Trial | None = None) -> Recording:
-    """Read a recording of a study, with the axes and labels that the study states.
+    """Read a recording of a study, with the axes, labels and units that the study states.
 
     Parameters
     ----------
@@ -28,12 +33,11 @@ def read_study_file(study: Study, name: str, trial: Trial | None = None) -> Reco
         As `read_recording` gives it, with its errors.
     """
     trial = trial or Trial()
-    return read_recording(
+    return read_as_stated(
         study.path(name),
-        study.file.axes,
+        study.stated,
         study.path(trial.forces) if trial.forces else None,
         record=study.path(trial.record) if trial.record else None,
-        rename=study.file.rename,
     )
 
 
@@ -45,11 +49,60 @@ def read_study_laboratory(study: Study) -> Laboratory:
     ValueError, OSError
         If a calibration cannot be read or fitted.
     """
-    treadmill, axes = study.file.treadmill, study.file.axes
+    treadmill, stated = study.file.treadmill, study.stated
     calibration: Calibration | None = None
     belts: tuple[BeltModel, ...] = ()
     if treadmill.calibration:
-        calibration = read_calibration(study.path(treadmill.calibration), treadmill, axes)
+        calibration = read_calibration(study.path(treadmill.calibration), treadmill, stated)
     if treadmill.belt is not None:
-        belts = read_belts(study.path(treadmill.belt.calibration), treadmill.belt, axes)
+        belts = read_belts(study.path(treadmill.belt.calibration), treadmill.belt, stated)
     return Laboratory(treadmill, calibration, belts)
+
+
+def with_unused_renames(recording: Recording, *others: Recording | None) -> Recording:
+    """Note which labels to rename neither a trial nor the other files about it have.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    others
+        Its calibration pose and further files; None where there is none.
+
+    Returns
+    -------
+    Recording
+        The trial with a note ``rename_without_label`` where there are such labels, and without
+        ``labels_not_renamed`` of those that another file has.
+    """
+    kept = [note for note in recording.notes if note.code != "labels_not_renamed"]
+    every = [recording, *(other for other in others if other is not None)]
+    if absent := labels_in_none(each.notes for each in every):
+        kept.append(Note.of("rename_without_label", labels=absent))
+    return replace(recording, notes=tuple(kept))
+
+
+def labels_in_none(notes_of_files: Iterable[Iterable[Note]]) -> tuple[str, ...]:
+    """Give the labels to rename that none of some files has, from the notes on reading each."""
+    absent = [
+        {label for note in notes if note.code == "labels_not_renamed" for label in _labels(note)}
+        for notes in notes_of_files
+    ]
+    return tuple(sorted(set.intersection(*absent))) if absent else ()
+
+
+@contextmanager
+def naming_unused_renames(recording: Recording) -> Iterator[None]:
+    """Add the labels to rename that no file has to an error, of which they may be the cause."""
+    try:
+        yield
+    except ValueError as error:
+        for note in recording.notes:
+            if note.code == "rename_without_label":
+                error.add_note(note.text)
+        raise
+
+
+def _labels(note: Note) -> tuple[str, ...]:
+    labels = note.values["labels"]
+    return labels if isinstance(labels, tuple) else ()

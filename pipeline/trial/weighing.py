@@ -189,7 +189,8 @@ def _nothing_known(recordings: tuple[Recording, ...]) -> str:
     name = recordings[0].source.name
     plates = next((r.plates for r in recordings if r.plates), ())
     if not plates:
-        return f"{name}: mass missing, and there are no plates to weigh on; state it"
+        why = recordings[0].why_no_plates
+        return f"{name}: mass missing, and no plates to weigh on: {why}; state it"
     force = sum(float(np.nanmean(plate.wrench[:, 2])) for plate in plates)
     mean_kg = force / GRAVITY_MPS2
     hint = f"; the mean vertical force of the whole file would be {mean_kg:.1f} kg"

@@ -1,15 +1,18 @@
 """The header of a C3D file, which says where its sections are; read with the parameters.
 
-All counts and offsets are checked as they are read: a damaged file gives one line of error.
+All counts and offsets are checked against each other and the file's size as they are read: a
+damaged file gives one line of error.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from hbm.notes import Note
 from pipeline.io.c3d.byte_order import BLOCK_BYTES, BYTE_ORDERS, decoded_text, floats, integer_type
+from pipeline.io.c3d.counts import DataSection, FrameSize, settle_counts
 from pipeline.io.c3d.parameters import Parameters, parse_parameters
 
 DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
@@ -35,6 +38,8 @@ class Header:
         Points per frame; analog samples per frame, all channels together.
     analog_per_frame
         Samples of one analog channel per frame.
+    frames
+        Number of frames.
     first_frame, last_frame
         Frame numbers as stored, in 16 bits: too small for long recordings.
     scale
@@ -43,6 +48,8 @@ class Header:
         Frame rate [Hz].
     events
         Old-style events: label and time in the file's clock [s].
+    notes
+        Which counts the file states wrongly; `settle_counts` gives the true ones.
     """
 
     byte_order: str
@@ -51,15 +58,33 @@ class Header:
     n_points: int
     n_analog: int
     analog_per_frame: int
+    frames: int
     first_frame: int
     last_frame: int
     scale: float
     rate_hz: float
     events: tuple[tuple[str, float], ...]
+    notes: tuple[Note, ...] = ()
+
+    @property
+    def frame(self) -> FrameSize:
+        """What one frame of the data section holds."""
+        word_bytes = 4 if self.scale < 0 else 2
+        return FrameSize(self.n_points, self.n_analog, self.analog_per_frame, word_bytes)
+
+    @property
+    def channels(self) -> int:
+        """Number of analog channels."""
+        return self.frame.channels
+
+    @property
+    def data_start(self) -> int:
+        """Where the data section begins [bytes]."""
+        return (self.data_block - 1) * BLOCK_BYTES
 
 
 def read_header(path: Path) -> tuple[Header, Parameters]:
-    """Read the header and parameter sections.
+    """Read the header and parameter sections, and settle how much data the file holds.
 
     Parameters
     ----------
@@ -69,12 +94,13 @@ def read_header(path: Path) -> tuple[Header, Parameters]:
     Returns
     -------
     Header, Parameters
-        The header block, and all parameters.
+        The header block with the counts that `settle_counts` gives, and all parameters.
 
     Raises
     ------
     ValueError
-        The file is empty, not a C3D file, or its parameter section is broken.
+        The file is empty, not a C3D file, its parameter section is broken, it is shorter than it
+        says, or its counts contradict each other.
     OSError
         The file cannot be opened.
     """
@@ -94,14 +120,35 @@ def read_header(path: Path) -> tuple[Header, Parameters]:
             section = file.read((header.data_block - header.parameter_block) * BLOCK_BYTES - 4)
         else:
             section = file.read(start[2] * BLOCK_BYTES - 4 if start[2] else 0)
-    return header, parse_parameters(section, byte_order)
+    parameters = parse_parameters(section, byte_order)
+    return _with_true_counts(header, path, parameters), parameters
+
+
+def _with_true_counts(header: Header, path: Path, parameters: Parameters) -> Header:
+    size = path.stat().st_size - header.data_start
+    if header.data_block <= header.parameter_block:
+        size = 0
+    frame, frames, notes = settle_counts(
+        DataSection(path, header.data_start, size),
+        header.frame,
+        (header.first_frame, header.last_frame),
+        parameters,
+    )
+    return replace(
+        header,
+        n_points=frame.points,
+        n_analog=frame.analog,
+        analog_per_frame=frame.per_channel,
+        frames=frames,
+        notes=notes,
+    )
 
 
 def _parse_header(block: bytes, byte_order: str) -> Header:
     words = np.frombuffer(block, integer_type(byte_order, signed=False)).astype(int)
     scale, rate = (float(floats(block[k : k + 4], byte_order)[0]) for k in (12, 20))
-    if not (np.isfinite(scale) and np.isfinite(rate)):
-        raise ValueError("the header's scale or frame rate is not a number")
+    if not np.isfinite(scale):
+        raise ValueError("the header's scale of points is not a number")
     events = []
     if words[149] == EVENTS_KEY:
         times = floats(block[304:376], byte_order)
@@ -115,6 +162,7 @@ def _parse_header(block: bytes, byte_order: str) -> Header:
         n_points=int(words[1]),
         n_analog=int(words[2]),
         analog_per_frame=int(words[9]),
+        frames=0,
         first_frame=int(words[3]),
         last_frame=int(words[4]),
         scale=scale,

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import Final
 
 from hbm.notes import Note
+from hbm.spelling import short
 from pipeline.io.c3d.parameters import Parameters
-from pipeline.io.labels import rename_markers
+from pipeline.io.labels import rename_markers, without_prefixes
+from pipeline.io.stated import Stated
 
 OUTPUT_GROUPS: Final = (
     "ANGLES",
@@ -44,13 +46,7 @@ class PointLabels:
     notes: tuple[Note, ...]
 
 
-def sort_labels(
-    parameters: Parameters,
-    n_points: int,
-    *,
-    subject: str | None = None,
-    rename: Mapping[str, str] | None = None,
-) -> PointLabels:
+def sort_labels(parameters: Parameters, n_points: int, stated: Stated) -> PointLabels:
     """Separate markers from outputs of other programs, and remove subject prefixes.
 
     Parameters
@@ -59,11 +55,8 @@ def sort_labels(
         Parameters of the file.
     n_points
         Number of points per frame.
-    subject
-        Prefix of the subject whose markers are wanted, needed only where two subjects carry the
-        same labels.
-    rename
-        Label in the file (without prefix) -> label wanted.
+    stated
+        What a person states about labels.
 
     Returns
     -------
@@ -73,47 +66,24 @@ def sort_labels(
     Raises
     ------
     ValueError
-        Two subjects carry the same labels and none was chosen, the chosen one or a label to rename
-        is not there, or two labels become the same by renaming.
+        As `pipeline.io.labels.without_prefixes` and `rename_markers`.
 
     Notes
     -----
     Outputs are the points listed in POINT:ANGLES, MOMENTS and the like, those so named, and
     Vicon's segment frames: four points named by one stem and O, A, L, P.
     """
-    labels, notes = _labels(parameters, n_points)
-    owners = {k: label.rpartition(":")[0] for k, label in enumerate(labels)}
-    subjects = sorted({owner for owner in owners.values() if owner})
-    if subject is not None:
-        if subject not in subjects:
-            raise ValueError(
-                f"no subject {subject!r}; present: {', '.join(subjects) or 'no label prefixes'}"
-            )
-        wanted = [k for k in owners if owners[k] in ("", subject)]
-        if left_out := len(labels) - len(wanted):
-            notes.append(Note.of("points_of_other_subjects", points=left_out, subject=subject))
-    else:
-        wanted = list(owners)
-    bare = {k: labels[k].rpartition(":")[2] for k in wanted}
-    owners_of: dict[str, set[str]] = {}
-    for k, name in bare.items():
-        owners_of.setdefault(name, set()).add(owners[k])
-    alike = {owner for several in owners_of.values() if len(several) > 1 for owner in several}
-    if alike:
-        raise ValueError(
-            f"several subjects carry the same labels: {', '.join(sorted(alike))}; "
-            f'choose one, for example subject="{min(filter(None, alike))}"'
-        )
-    if subjects:
-        notes.append(Note.of("subject_prefixes_removed", subjects=subjects))
-
-    computed = _outputs(parameters, labels, bare)
-    outputs = _unique({k: bare[k] for k in wanted if k in computed}, notes)
-    markers = _unique({k: bare[k] for k in wanted if k not in computed}, notes)
-    markers = rename_markers(markers, rename or {})
+    labels, nameless = _labels(parameters, n_points)
+    found = without_prefixes(labels, stated.label_prefix)
+    notes = [*nameless, *found.notes]
+    computed = _outputs(parameters, labels, found.bare)
+    outputs = _unique({k: name for k, name in found.bare.items() if k in computed}, notes)
+    markers = _unique({k: name for k, name in found.bare.items() if k not in computed}, notes)
+    renamed, rename_notes = rename_markers(markers, stated)
+    notes += rename_notes
     if outputs:
         notes.append(Note.of("model_outputs_set_aside", points=len(outputs)))
-    return PointLabels(markers, outputs, subject or next(iter(subjects), ""), tuple(notes))
+    return PointLabels(renamed, outputs, found.subject, tuple(notes))
 
 
 def channel_labels(parameters: Parameters, count: int) -> tuple[list[str], list[str]]:
@@ -163,6 +133,6 @@ def _unique(names: Mapping[int, str], notes: list[Note]) -> dict[str, int]:
             occurrences[name] += free != name
             free = f"{name}_{occurrences[name]}"
         if free != name:
-            notes.append(Note.of("label_repeated", label=name, new_label=free))
+            notes.append(Note.of("label_repeated", label=short(name), new_label=short(free)))
         unique[free] = k
     return unique

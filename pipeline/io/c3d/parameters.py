@@ -156,7 +156,10 @@ def parameter_records(section: bytes, byte_order: str) -> Iterator[Record]:
 
 
 def _broken(start: int, reason: str) -> str:
-    return f"the parameter section is broken {start + 4} bytes after its start: {reason}"
+    return (
+        f"the parameter section is broken {start + 4} bytes after its start: {reason}; export the "
+        "file again"
+    )
 
 
 def values_of(section: bytes, record: Record) -> tuple[int, list[int], slice]:

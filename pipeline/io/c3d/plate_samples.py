@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from hbm.spatial import Array
 from pipeline.io.c3d.byte_order import float_bytes, floats, integer_type
-from pipeline.io.c3d.data import analog_scaling, bytes_per_frame, frame_rate_hz, is_unsigned
+from pipeline.io.c3d.data import analog_scaling, frame_rate_hz, is_unsigned
 from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.header import Header
 from pipeline.io.c3d.labels import channel_labels
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.c3d.plate_channels import channel_change
+from pipeline.io.stated import Stated
 
 MAX_REAL: Final = float(np.finfo(np.float32).max)
 MAX_DEC: Final = MAX_REAL / 4
@@ -74,9 +75,9 @@ class PlateSamples:
             A channel cannot hold what it would have to; the message names it and the time.
         """
         per_frame = self.header.analog_per_frame
-        channels = self.header.n_analog // per_frame
+        channels = self.header.channels
         words = np.frombuffer(data, self._word_type)
-        words = words.reshape(len(data) // bytes_per_frame(self.header), -1).copy()
+        words = words.reshape(len(data) // self.header.frame.bytes, -1).copy()
         start = first_frame * per_frame
         for plate, change in zip(self.plates, wrench_changes, strict=True):
             part = change[start : start + len(words) * per_frame]
@@ -158,34 +159,35 @@ class PlateSamples:
         return np.frombuffer(data, self._word_type).reshape(samples.shape)
 
 
-def plate_samples(header: Header, parameters: Parameters) -> PlateSamples:
+def plate_samples(header: Header, parameters: Parameters, stated: Stated) -> PlateSamples:
     """Find how a file stores its plates' samples.
 
     Parameters
     ----------
     header, parameters
         What `read_header` gave for it.
+    stated
+        Units that a person states.
 
     Returns
     -------
     PlateSamples
-        Of all its plates.
+        Of the plates that it describes.
 
     Raises
     ------
     ValueError
-        There are no plates, they are not described, or two of them share a channel.
+        There are no plates that it describes, or two of them share a channel.
     """
-    per_frame = header.analog_per_frame
-    channels = header.n_analog // per_frame if per_frame else 0
+    channels = header.channels
     names, units = channel_labels(parameters, channels)
-    plates = plate_layouts(parameters, names, units)
+    plates, _ = plate_layouts(parameters, names, units, stated)
     if not plates:
         raise ValueError("the file has no force plates")
     owners = Counter(channel for plate in plates for channel in plate.channels)
     if shared := [names[channel] for channel, count in owners.items() if count > 1]:
         raise ValueError(f"FORCE_PLATFORM:CHANNEL names {shared[0]} twice")
-    offset, scale = analog_scaling(parameters, channels)
-    rate_hz = frame_rate_hz(header, parameters) * per_frame
+    offset, scale, _ = analog_scaling(header, parameters)
+    rate_hz = frame_rate_hz(header, parameters)[0] * header.analog_per_frame
     unsigned = is_unsigned(parameters)
     return PlateSamples(header, tuple(plates), names, offset, scale, rate_hz, unsigned)

@@ -7,7 +7,6 @@ takes 34 s and 12.6 GB to refuse one with a broken parameter section; it reads a
 short without a warning, and one in 400 files with random damage ends the interpreter.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
@@ -18,29 +17,22 @@ from hbm.coordinates import SIDES
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
-from pipeline.io.axes import parse_axes, settle_axes
+from pipeline.io.axes import mean_force, parse_axes, settle_axes
 from pipeline.io.c3d.compensation import read_compensation
-from pipeline.io.c3d.data import Samples, read_samples
-from pipeline.io.c3d.force_plates import MeasuredPlate, measured_plates
+from pipeline.io.c3d.data import Samples, missing_share, read_samples
+from pipeline.io.c3d.events import read_events
+from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.header import Header, read_header
 from pipeline.io.c3d.labels import PointLabels, channel_labels, sort_labels
 from pipeline.io.c3d.parameters import Parameters
-from pipeline.io.recording import Analog, Compensation, Event, Metadata, Plate, Recording
-from pipeline.io.units import check_span, length_in_m
+from pipeline.io.recording import Analog, Compensation, Metadata, Plate, Preview, Recording
+from pipeline.io.stated import Stated, as_stated
+from pipeline.io.units import check_span
 
-EVENT_LABELS: Final = {
-    "foot strike": "foot_strike",
-    "heel strike": "foot_strike",
-    "initial contact": "foot_strike",
-    "foot off": "foot_off",
-    "toe off": "foot_off",
-}
-OLD_EVENT_LABELS: Final = {
-    "RHS": ("foot_strike", "right"),
-    "LHS": ("foot_strike", "left"),
-    "RTO": ("foot_off", "right"),
-    "LTO": ("foot_off", "left"),
-}
+BEGINNING_FRAMES: Final = 1000
+"""Ten seconds at 100 Hz: enough gait to infer axes, weigh the subject and find events."""
+SAMPLED_FRAMES: Final = 500
+"""Frames in which missing markers are counted: shares are known to 2 % (one SD of 0.5 at most)."""
 MEASURES: Final = {
     "BODYMASS": (1.0, 5.0, 500.0),
     "HEIGHT": (1e-3, 0.3, 2.7),
@@ -57,12 +49,7 @@ bounds beyond which it is not stated (zero) or in another unit [kg or m]."""
 
 
 def read_c3d(
-    path: str | Path,
-    axes: str | None = None,
-    *,
-    rename: Mapping[str, str] | None = None,
-    subject: str | None = None,
-    max_frames: int | None = None,
+    path: str | Path, stated: Stated | str | None = None, *, max_frames: int | None = None
 ) -> Recording:
     """Read a C3D file.
 
@@ -70,13 +57,10 @@ def read_c3d(
     ----------
     path
         The file, of any maker and byte order.
-    axes
-        Lab directions of the file's x, y and z axis, such as ``"left,back,up"``; up is checked
-        against markers and plates. Where absent they are inferred, and the notes state them.
-    rename
-        Label in the file (without subject prefix) -> label wanted.
-    subject
-        Label prefix of the subject wanted, needed only where two subjects carry the same labels.
+    stated
+        What is stated about it: axes, units, labels. A text states the axes alone, such as
+        ``"left,back,up"``; up is checked against markers and plates. Where they are not stated they
+        are inferred, and the notes state them.
     max_frames
         Read no more than these first frames; by default all.
 
@@ -92,7 +76,7 @@ def read_c3d(
     ------
     ValueError
         The file is not C3D, damaged, truncated, or says something that this reader will not guess:
-        unknown units, plate types, contradictory axes, ambiguous subjects. One line.
+        unknown units, contradictory rates or axes, ambiguous subjects. One line.
     OSError
         The file cannot be opened.
 
@@ -107,75 +91,93 @@ def read_c3d(
     """
     path = Path(path)
     try:
-        return _read(path, axes, rename, subject, max_frames)
+        return _read(path, as_stated(stated), max_frames)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
 
 
-def _read(
-    path: Path,
-    axes: str | None,
-    rename: Mapping[str, str] | None,
-    subject: str | None,
-    max_frames: int | None,
-) -> Recording:
+def preview_c3d(path: Path, stated: Stated) -> Preview:
+    """Preview a C3D file without reading all of it; parameters and errors are `read_c3d`'s."""
+    beginning = read_c3d(path, stated, max_frames=BEGINNING_FRAMES)
+    header, parameters = read_header(path)
+    share = missing_share(path, header, SAMPLED_FRAMES)
+    markers = sort_labels(parameters, header.n_points, stated).markers
+    missing = {name: float(share[k]) for name, k in markers.items()}
+    return Preview(beginning, header.frames, missing)
+
+
+def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
     header, parameters = read_header(path)
     samples = read_samples(path, header, parameters, max_frames)
-    labels = sort_labels(parameters, header.n_points, subject=subject, rename=rename)
+    labels = sort_labels(parameters, header.n_points, stated)
     unit = parameters.text("POINT", "UNITS")
-    metre = length_in_m(unit)
-    names, units = channel_labels(parameters, samples.analog.shape[1])
-    measured = measured_plates(parameters, samples.analog, names, units)
+    metre, unit_notes = stated.marker_unit(unit)
+    names, units = channel_labels(parameters, header.channels)
+    plates, plate_notes = plate_layouts(parameters, names, units, stated)
+    wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in plates]
 
     position = samples.points[:, list(labels.markers.values())] * metre
-    check_span(position, unit)
+    check_span(position, stated.units or unit)
     axes, axes_notes = settle_axes(
-        axes,
+        stated.axes,
         position,
         tuple(labels.markers),
-        plate_normals=[plate.rotation[:, 2] for plate in measured],
-        plate_forces=[plate.mean_force for plate in measured],
+        marker_set=stated.marker_set,
+        plate_normals=[plate.rotation[:, 2] for plate in plates],
+        plate_forces=[
+            plate.rotation @ mean_force(wrench[:, :3])
+            for plate, wrench in zip(plates, wrenches, strict=True)
+        ],
         screen_up=parameters.text("POINT", "Y_SCREEN"),
     )
     to_lab = parse_axes(axes)
     time = np.arange(len(position)) / samples.rate_hz
     analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
-    events, event_notes = _events(header, parameters, samples.rate_hz)
+    first_frame = _first_frame(header, parameters)
+    events, event_notes = read_events(header, parameters, (first_frame - 1) / samples.rate_hz)
     compensation = read_compensation(parameters)
     return Recording(
         source=path,
         markers=Markers(time, tuple(labels.markers), position @ to_lab.T),
-        plates=tuple(_plate(k + 1, plate, analog_time, to_lab) for k, plate in enumerate(measured)),
-        analog=_other_channels(samples, names, units, measured, analog_time),
+        plates=tuple(
+            _plate(plate, wrench, analog_time, to_lab)
+            for plate, wrench in zip(plates, wrenches, strict=True)
+        ),
+        analog=_other_channels(samples, names, units, plates, analog_time),
         events=events,
-        first_frame=_first_frame(header, parameters),
+        first_frame=first_frame,
         metadata=_metadata(parameters, labels),
         model_outputs={name: samples.points[:, k] for name, k in labels.outputs.items()},
         compensation=compensation,
+        stated=stated,
         notes=(
             *axes_notes,
+            *header.notes,
+            *samples.notes,
+            *unit_notes,
             *labels.notes,
             *event_notes,
-            *_plate_notes(parameters, measured),
+            *plate_notes,
+            *_baseline_notes(parameters, plates),
             *_compensation_notes(compensation),
         ),
     )
 
 
-def _plate(number: int, plate: MeasuredPlate, time: Array, to_lab: Array) -> Plate:
-    corners = plate.corners @ to_lab.T
+def _plate(layout: PlateLayout, wrench: Array, time: Array, to_lab: Array) -> Plate:
+    corners = layout.corners @ to_lab.T
     return Plate(
-        number=number,
+        number=layout.number,
         time=time,
-        wrench_in_plate=plate.wrench_in_plate,
-        rotation=to_lab @ plate.rotation,
+        wrench_in_plate=wrench,
+        rotation=to_lab @ layout.rotation,
         center=corners.mean(axis=0),
         corners=corners,
     )
 
 
 def _other_channels(
-    samples: Samples, names: list[str], units: list[str], plates: list[MeasuredPlate], time: Array
+    samples: Samples, names: list[str], units: list[str], plates: list[PlateLayout], time: Array
 ) -> Analog | None:
     taken = {channel for plate in plates for channel in plate.channels}
     rest = [k for k in range(len(names)) if k not in taken]
@@ -193,31 +195,6 @@ def _first_frame(header: Header, parameters: Parameters) -> int:
     start = parameters.integers("TRIAL", "ACTUAL_START_FIELD").ravel()
     full = int(start[0] + 65536 * start[1]) if start.size == 2 else header.first_frame
     return full if header.first_frame in (full % 65536, min(full, 65535)) else header.first_frame
-
-
-def _events(
-    header: Header, parameters: Parameters, rate_hz: float
-) -> tuple[tuple[Event, ...], list[Note]]:
-    start = (_first_frame(header, parameters) - 1) / rate_hz
-    times = parameters.numbers("EVENT", "TIMES")
-    if times.size:
-        if times.ndim != 2 or len(times) != 2:
-            raise ValueError("EVENT:TIMES does not hold minutes and seconds")
-        seconds = 60 * times[0] + times[1]
-        kinds = [EVENT_LABELS.get(label.lower()) for label in parameters.texts("EVENT", "LABELS")]
-        sides = [side.lower() for side in parameters.texts("EVENT", "CONTEXTS")]
-        found = list(zip(seconds, kinds, sides, strict=False))
-        total = seconds.size
-    else:
-        found = [(time, *OLD_EVENT_LABELS.get(label, (None, ""))) for label, time in header.events]
-        total = len(found)
-    events = tuple(
-        Event(float(time - start), kind, side)
-        for time, kind, side in found
-        if kind and side in ("left", "right") and np.isfinite(time)
-    )
-    others = total - len(events)
-    return events, [Note.of("events_left_out", events=others)] if others else []
 
 
 def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:
@@ -260,7 +237,7 @@ def _measure(parameters: Parameters, name: str, letter: str = "") -> float | Non
     return plausible[-1] if plausible else None
 
 
-def _plate_notes(parameters: Parameters, plates: list[MeasuredPlate]) -> list[Note]:
+def _baseline_notes(parameters: Parameters, plates: list[PlateLayout]) -> list[Note]:
     zero = parameters.integers("FORCE_PLATFORM", "ZERO").ravel()
     if plates and zero.size == 2 and 0 < zero[0] < zero[1]:
         return [Note.of("plate_baseline_not_subtracted", first=zero[0], last=zero[1])]

@@ -15,14 +15,13 @@ import numpy as np
 from hbm.spatial import Array
 from pipeline.io.c3d.byte_order import BLOCK_BYTES, integer_type
 from pipeline.io.c3d.compensation import GROUP, compensation_group, read_compensation
-from pipeline.io.c3d.data import bytes_per_frame, count_frames
 from pipeline.io.c3d.encoding import with_group, with_values
 from pipeline.io.c3d.header import DATA_STARTS, Header, read_header
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.c3d.plate_samples import PlateSamples, plate_samples
 from pipeline.io.c3d.second_reader.rewritten import Verification, check_rewritten
 from pipeline.io.recording import Compensation
-from pipeline.io.units import length_in_m
+from pipeline.io.stated import Stated
 from pipeline.io.write import remove_leftovers, whole_file
 
 FRAMES_PER_SLICE: Final = 4096
@@ -40,6 +39,8 @@ def rewrite_plates(
     changes: Sequence[Array],
     compensation: Compensation,
     corners: Sequence[Array] = (),
+    *,
+    stated: Stated | None = None,
 ) -> Verification:
     """Write a C3D file again with changed plate wrenches.
 
@@ -57,6 +58,10 @@ def rewrite_plates(
     corners
         Per plate, new corners of its surface, in the plate's axes about the centre of its surface
         as they are in ``original``, (4, 3) [m]; none to keep them.
+
+    stated
+        What was stated about ``original`` when it was read: units in whose place others are stated.
+        The copy keeps its own labels and units.
 
     Returns
     -------
@@ -77,7 +82,7 @@ def rewrite_plates(
     Integer samples are rounded to a count. Samples that are not a number stay so.
     """
     try:
-        return _rewrite(original, target, changes, compensation, corners)
+        return _rewrite(original, target, changes, compensation, corners, stated or Stated())
     except ValueError as error:
         if original.name in str(error):
             raise
@@ -90,26 +95,24 @@ def _rewrite(
     changes: Sequence[Array],
     compensation: Compensation,
     corners: Sequence[Array],
+    stated: Stated,
 ) -> Verification:
     header, parameters = read_header(original)
     if (before := read_compensation(parameters)) is not None:
         raise ValueError(f"its plates are compensated already, by {before.software}")
-    frames = count_frames(original, header, parameters)  # refuses data before the parameters
-    samples = plate_samples(header, parameters)
-    _require_whole(changes, samples, frames * header.analog_per_frame)
-    parameter_start, data_start = (
-        (block - 1) * BLOCK_BYTES for block in (header.parameter_block, header.data_block)
-    )
+    samples = plate_samples(header, parameters, stated)
+    _require_whole(changes, samples, header.frames * header.analog_per_frame)
+    parameter_start = (header.parameter_block - 1) * BLOCK_BYTES
     remove_leftovers(target.parent)
     with whole_file(target) as temporary:
         with original.open("rb") as source, temporary.open("wb") as copy:
             head = source.read(parameter_start)
-            section = source.read(data_start - parameter_start)
-            section = _changed_section(section, samples, parameters, compensation, corners)
+            section = source.read(header.data_start - parameter_start)
+            section = _changed_section(section, samples, parameters, compensation, corners, stated)
             copy.write(_moved(head, header, len(section) // BLOCK_BYTES) + section)
-            for start in range(0, frames, FRAMES_PER_SLICE):
-                count = min(FRAMES_PER_SLICE, frames - start)
-                data = source.read(count * bytes_per_frame(header))
+            for start in range(0, header.frames, FRAMES_PER_SLICE):
+                count = min(FRAMES_PER_SLICE, header.frames - start)
+                data = source.read(count * header.frame.bytes)
                 copy.write(samples.changed(data, changes, start))
             shutil.copyfileobj(source, copy)
         verification = check_rewritten(
@@ -152,6 +155,7 @@ def _changed_section(
     parameters: Parameters,
     compensation: Compensation,
     corners: Sequence[Array],
+    stated: Stated,
 ) -> bytes:
     """Give the parameter section with the group, the data's new start and new corners."""
     order, length = samples.header.byte_order, len(section)
@@ -161,11 +165,11 @@ def _changed_section(
         if start := parameters.integer(group, name, 0):
             section = with_values(section, order, group, name, np.array([start + moved]))
     if corners:
-        metre = length_in_m(parameters.text("POINT", "UNITS"))
+        metre, _ = stated.marker_unit(parameters.text("POINT", "UNITS"))
         values = parameters.numbers("FORCE_PLATFORM", "CORNERS")
         by_plate = values if values.ndim == 3 else values[..., np.newaxis]
-        for k, (plate, moved_corners) in enumerate(zip(samples.plates, corners, strict=True)):
+        for plate, moved_corners in zip(samples.plates, corners, strict=True):
             in_file = moved_corners @ plate.rotation.T + plate.corners.mean(axis=0)
-            by_plate[:3, :4, k] = in_file.T / metre
+            by_plate[:3, :4, plate.number - 1] = in_file.T / metre
         section = with_values(section, order, "FORCE_PLATFORM", "CORNERS", values)
     return section

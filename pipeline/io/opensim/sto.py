@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array, read_only
+from hbm.spelling import listed, short
 from pipeline.io.text_table import parse_rows, read_lines
 
 TRANSLATIONS: Final = ("_tx", "_ty", "_tz")
@@ -40,7 +41,7 @@ class Table:
     def column(self, name: str) -> Array:
         """Give one column as the file holds it, (N,); a KeyError lists the columns that exist."""
         if name not in self.names:
-            raise KeyError(f"no column {name!r}; present: {', '.join(self.names)}")
+            raise KeyError(f"no column {short(name)!r}; present: {listed(self.names)}")
         return self.values[:, self.names.index(name)]
 
     def coordinate(self, name: str) -> Array:
@@ -90,11 +91,11 @@ def _parse(lines: list[str]) -> Table:
     body = [(k, line) for k, line in enumerate(lines, start=1) if k > ends[0] + 1 and line.strip()]
     names = body[0][1].split() if body else []
     if not names or names[0].lower() != "time":
-        raise ValueError(f"its first column is {names[:1]}, expected 'time'")
+        raise ValueError(f"its first column is {listed(names[:1])}, expected 'time'")
     rows = ["\t".join(line.split()) for _, line in body[1:]]
     values = parse_rows(rows, "\t", names, [k for k, _ in body[1:]])
     for key, count in (("nrows", values.shape[0]), ("ncolumns", values.shape[1])):
         if key in header and header[key] != str(count):
-            raise ValueError(f"its header says {key}={header[key]} but it holds {count}")
+            raise ValueError(f"its header says {key}={short(header[key])} but it holds {count}")
     in_degrees = header.get("indegrees", "no") == "yes"
     return Table(values[:, 0], tuple(names[1:]), values[:, 1:], in_degrees)

@@ -8,12 +8,15 @@ from typing import Final
 import numpy as np
 
 from hbm.markers import Markers
+from hbm.notes import Note
 from hbm.spatial import Array
+from hbm.spelling import listed
 from pipeline.io.axes import parse_axes, settle_axes
-from pipeline.io.labels import rename_markers
-from pipeline.io.recording import Recording
+from pipeline.io.labels import marker_columns
+from pipeline.io.recording import Metadata, Recording
+from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import parse_rows, read_lines, read_number
-from pipeline.io.units import check_span, length_in_m
+from pipeline.io.units import check_span
 
 MAX_TIME_ERROR: Final = 0.1
 """In frames: files round their times, but not by more than this."""
@@ -28,33 +31,34 @@ class Trajectories:
     time
         Times, (T,) [s].
     names
-        Marker labels.
+        Marker labels, as wanted.
     position
         Positions in the file's axes, (T, M, 3) [m]; gaps are NaN.
     first_frame
         Number of the first frame.
+    subject
+        Prefix of the labels in the file, empty where they have none.
+    notes
+        On units and labels.
     """
 
     time: Array
     names: tuple[str, ...]
     position: Array
     first_frame: int
+    subject: str
+    notes: tuple[Note, ...]
 
 
-def read_trc(
-    path: str | Path, axes: str | None = None, *, rename: Mapping[str, str] | None = None
-) -> Recording:
+def read_trc(path: str | Path, stated: Stated | str | None = None) -> Recording:
     """Read a TRC file.
 
     Parameters
     ----------
     path
         The file.
-    axes
-        Lab directions of the file's x, y and z axis, such as ``"forward,up,right"``; up is checked
-        against the markers. Where absent they are inferred, and the notes state them.
-    rename
-        Label in the file -> label wanted.
+    stated
+        What is stated about it, as for `pipeline.io.c3d.read.read_c3d`.
 
     Returns
     -------
@@ -76,28 +80,38 @@ def read_trc(
     >>> standing = np.tile([[0.1, 0.1, 1.0], [0.1, -0.1, 1.0], [0.1, 0.1, 0.0]], (50, 1, 1))
     >>> markers = hbm.Markers(np.arange(50) / 100, ("LASIS", "RASIS", "LMT2"), standing)
     >>> write_trc(markers, "pose.trc")
-    >>> recording = pipeline.read_trc("pose.trc", axes="forward,left,up")
+    >>> recording = pipeline.read_trc("pose.trc", "forward,left,up")
     >>> recording.markers.names
     ('LASIS', 'RASIS', 'LMT2')
     """
-    path = Path(path)
-    found = read_trajectories(path)
+    path, stated = Path(path), as_stated(stated)
+    found = read_trajectories(path, stated)
     try:
-        names = tuple(rename_markers(dict.fromkeys(found.names, 0), rename or {}))
-        axes, notes = settle_axes(axes, found.position, names)
-        markers = Markers(found.time - found.time[0], names, found.position @ parse_axes(axes).T)
+        axes, notes = settle_axes(
+            stated.axes, found.position, found.names, marker_set=stated.marker_set
+        )
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
-    return Recording(source=path, markers=markers, first_frame=found.first_frame, notes=notes)
+    position = found.position @ parse_axes(axes).T
+    return Recording(
+        source=path,
+        markers=Markers(found.time - found.time[0], found.names, position),
+        first_frame=found.first_frame,
+        metadata=Metadata(subject=found.subject),
+        stated=stated,
+        notes=(*notes, *found.notes),
+    )
 
 
-def read_trajectories(path: Path) -> Trajectories:
+def read_trajectories(path: Path, stated: Stated) -> Trajectories:
     """Read a TRC file in its own axes.
 
     Parameters
     ----------
     path
         The file.
+    stated
+        What is stated about its labels and unit.
 
     Returns
     -------
@@ -114,21 +128,20 @@ def read_trajectories(path: Path) -> Trajectories:
         The file cannot be opened.
     """
     try:
-        return _parse(read_lines(path))
+        return _parse(read_lines(path), stated)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
 
 
-def _parse(lines: list[str]) -> Trajectories:
+def _parse(lines: list[str], stated: Stated) -> Trajectories:
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         raise ValueError("not a TRC file: it does not begin with 'PathFileType'")
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     if missing := {"DataRate", "NumFrames", "NumMarkers", "Units"} - set(header):
-        raise ValueError(f"its header does not say {', '.join(sorted(missing))}")
-    metre = length_in_m(header["Units"])
+        raise ValueError(f"its header does not say {listed(sorted(missing))}")
+    metre, unit_notes = stated.marker_unit(header["Units"])
     names = tuple(name.strip() for name in lines[3].split("\t")[2:] if name.strip())
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise ValueError(f"several markers have the same label: {', '.join(twice)}")
+    markers, subject, label_notes = marker_columns(names, stated)
     columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
     rows = [(k, line) for k, line in enumerate(lines[5:], start=6) if line.strip()]
     for key, count in (("NumFrames", len(rows)), ("NumMarkers", len(names))):
@@ -143,8 +156,11 @@ def _parse(lines: list[str]) -> Trajectories:
     position = values[:, 2:].reshape(len(rows), len(names), 3) * metre
     time = _regular(values[:, 1], _stated(header, "DataRate"))
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    check_span(position, header["Units"])
-    return Trajectories(time, names, position, int(values[0, 0]))
+    position = position[:, list(markers.values())]
+    check_span(position, stated.units or header["Units"])
+    return Trajectories(
+        time, tuple(markers), position, int(values[0, 0]), subject, (*unit_notes, *label_notes)
+    )
 
 
 def _regular(stated: Array, rate_hz: float) -> Array:

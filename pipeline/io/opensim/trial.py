@@ -1,7 +1,7 @@
 """Trials in OpenSim's formats: markers in a TRC file, ground reaction forces in a MOT file."""
 
 import re
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -10,23 +10,40 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, rotate_wrench
-from pipeline.io.axes import parse_axes, settle_axes
-from pipeline.io.labels import rename_markers
+from hbm.spelling import listed, short
+from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.moment_reference import wrench_of_torque
 from pipeline.io.opensim.sto import Table, read_mot
 from pipeline.io.opensim.trc import read_trajectories
-from pipeline.io.recording import Plate, Recording
+from pipeline.io.recording import Metadata, Plate, Recording
+from pipeline.io.stated import Stated, as_stated
 
 MAX_ROUNDING: Final = 0.05
 """In steps: times printed with few digits differ from even ones by less."""
-FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_v(?P<axis>[xyz])")
+FORCE_COLUMN: Final = re.compile(r"(?P<stem>.*force.*)_(?P<letter>[vf])[xyz]")
+TORQUE_COLUMNS: Final = (
+    ("torque", "_"),
+    ("moment", "_"),
+    ("torque", "_m"),
+    ("moment", "_m"),
+    ("force", "_m"),
+)
+"""How programs call the torques of ``ground_force_vx``: ``ground_torque_x``, `` ground_force_mx``:
+word in the place of "force", and what stands before the axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Force:
+    """One force of a table in SI units and the file's axes: its point and its torque."""
+
+    name: str
+    force: Array
+    point: Array
+    torque: Array
 
 
 def read_opensim_trial(
-    trc: str | Path,
-    grf_mot: str | Path,
-    axes: str | None = None,
-    *,
-    rename: Mapping[str, str] | None = None,
+    trc: str | Path, grf_mot: str | Path, stated: Stated | str | None = None
 ) -> Recording:
     """Read markers from a TRC file and ground reaction forces from a MOT file.
 
@@ -35,13 +52,10 @@ def read_opensim_trial(
     trc
         Marker trajectories.
     grf_mot
-        Forces, points of application and torques in OpenSim's naming, N, m and N·m, on the same
-        clock and in the same axes as the markers.
-    axes
-        Lab directions of the files' x, y and z axis, such as ``"forward,up,right"``; up is checked
-        against markers and forces. Where absent they are inferred, and the notes state them.
-    rename
-        Label in the TRC file -> label wanted.
+        Forces, points of application and torques in OpenSim's naming, on the same clock and in the
+        same axes as the markers; N, m and N·m, if no other units are stated.
+    stated
+        What is stated about the files, as for `pipeline.io.c3d.read.read_c3d`.
 
     Returns
     -------
@@ -59,9 +73,10 @@ def read_opensim_trial(
 
     Notes
     -----
-    Moment about the origin of force f at point p with torque t: p × f + t. Where a force is exactly
-    zero its point has no meaning and is not used. MOT files often print times with so few digits
-    that the steps look uneven; force times within a twentieth of a step of even ones become even.
+    Moment about the origin of force f at point p with torque t: p × f + t, unless t turns out to be
+    the moment about a fixed point (`wrench_of_torque`). Where a force is exactly zero its point has
+    no meaning and is not used. MOT files often print times with so few digits that the steps look
+    uneven; force times within a twentieth of a step of even ones become even.
 
     Examples
     --------
@@ -76,34 +91,47 @@ def read_opensim_trial(
     >>> len(recording.plates)
     2
     """
-    trc, grf_mot = Path(trc), Path(grf_mot)
-    found, table = read_trajectories(trc), read_mot(grf_mot)
-    wrenches = _wrenches(table, grf_mot.name)
+    trc, grf_mot, stated = Path(trc), Path(grf_mot), as_stated(stated)
+    found, table = read_trajectories(trc, stated), read_mot(grf_mot)
     try:
-        names = tuple(rename_markers(dict.fromkeys(found.names, 0), rename or {}))
+        forces, force_notes = _forces(table, stated)
+    except ValueError as error:
+        raise ValueError(f"{grf_mot.name}: {error}") from error
+    try:
         axes, axes_notes = settle_axes(
-            axes,
+            stated.axes,
             found.position,
-            names,
-            plate_forces=[np.nan_to_num(w[:, :3]).mean(axis=0) for w in wrenches.values()],
+            found.names,
+            marker_set=stated.marker_set,
+            plate_forces=[mean_force(each.force) for each in forces],
         )
-        to_lab = parse_axes(axes)
-        markers = Markers(found.time - found.time[0], names, found.position @ to_lab.T)
     except ValueError as error:
         raise ValueError(f"{trc.name}: {error}") from error
-    plates = tuple(
-        Plate.at_origin(k, _evened(table.time) - found.time[0], rotate_wrench(wrench, to_lab))
-        for k, wrench in enumerate(wrenches.values(), start=1)
-    )
+    to_lab = parse_axes(axes)
+    time = _evened(table.time) - found.time[0]
+    plates: list[Plate] = []
+    torque_notes: list[Note] = []
+    for k, each in enumerate(forces, start=1):
+        wrench, notes = wrench_of_torque(
+            each.force, each.torque, each.point, to_lab[2], f"plate {k} ({each.name})"
+        )
+        plates.append(Plate.at_origin(k, time, rotate_wrench(wrench, to_lab)))
+        torque_notes += notes
+    names = [each.name for each in forces]
     return Recording(
         source=trc,
-        markers=markers,
-        plates=plates,
+        markers=Markers(found.time - found.time[0], found.names, found.position @ to_lab.T),
+        plates=tuple(plates),
         first_frame=found.first_frame,
+        metadata=Metadata(subject=found.subject),
+        stated=stated,
         notes=(
             *axes_notes,
+            *found.notes,
             Note.of("time_origin", start_s=found.time[0], file=trc.name),
-            Note.of("plates_from_forces", forces=tuple(wrenches), file=grf_mot.name),
+            Note.of("plates_from_forces", forces=names, file=grf_mot.name),
+            *force_notes,
+            *torque_notes,
         ),
     )
 
@@ -115,24 +143,37 @@ def _evened(time: Array) -> Array:
     return even if np.abs(time - even).max() <= MAX_ROUNDING * step else time
 
 
-def _wrenches(table: Table, source: str) -> dict[str, Array]:
+def _forces(table: Table, stated: Stated) -> tuple[list[_Force], list[Note]]:
+    """Give the forces that have all columns, and notes on units and the others."""
     stems = dict.fromkeys(
-        found["stem"] for name in table.names if (found := FORCE_COLUMN.fullmatch(name))
+        (found["stem"], found["letter"])
+        for name in table.names
+        if (found := FORCE_COLUMN.fullmatch(name))
     )
     if not stems:
-        raise ValueError(
-            f"{source}: no forces such as ground_force_vx; columns: {', '.join(table.names)}"
+        raise ValueError(f"no forces such as ground_force_vx; columns: {listed(table.names)}")
+    units = stated.force_unit("N"), stated.pressure_unit("m"), stated.moment_unit("Nm")
+    forces, notes = [], [*stated.plate_notes(["N"], ["Nm"], ["m"])]
+    for stem, letter in stems:
+        torques = dict.fromkeys(
+            stem.replace("force", word) + before for word, before in TORQUE_COLUMNS
         )
-    return {stem: _wrench(table, stem, source) for stem in stems}
-
-
-def _wrench(table: Table, stem: str, source: str) -> Array:
-    try:
+        there = [name for name in torques if f"{name}x" in table.names]
+        columns = f"{stem}_{letter}", f"{stem}_p", (there or [*torques])[0]
+        needed = [f"{name}{axis}" for name in columns for axis in "xyz"]
+        if absent := [name for name in needed if name not in table.names]:
+            reason = f"column {short(absent[0])} is absent"
+            notes.append(Note.of("plate_left_out", plate=short(stem), reason=reason))
+            continue
+        if len(there) > 1:
+            raise ValueError(
+                f"the torques of {short(stem)} are there twice, as {short(there[0])}x and "
+                f"{short(there[1])}x; remove those that are not free torques"
+            )
         force, point, torque = (
-            np.column_stack([table.column(f"{prefix}{axis}") for axis in "xyz"])
-            for prefix in (f"{stem}_v", f"{stem}_p", f"{stem.replace('force', 'torque')}_")
+            unit * np.column_stack([table.column(f"{name}{axis}") for axis in "xyz"])
+            for name, unit in zip(columns, units, strict=True)
         )
-    except KeyError as error:
-        raise ValueError(f"{source}: {error.args[0]}") from error
-    point = np.where(force.any(axis=1, keepdims=True), point, 0)
-    return np.hstack([force, np.cross(point, force) + torque])
+        point = np.where(force.any(axis=1, keepdims=True), point, 0)
+        forces.append(_Force(short(stem), force, point, torque))
+    return forces, notes

@@ -19,6 +19,7 @@ from hbm.signals.resampling import interpolate
 from hbm.spatial import Array
 from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
+from pipeline.io.stated import Stated
 from pipeline.io.units import length_in_m
 from pipeline.trial.ground.calibration_recording import read_empty
 
@@ -107,7 +108,9 @@ def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
         If a channel is missing or the fit is not possible.
     """
     if not recording.plates:
-        raise ValueError(f"{recording.source.name}: the belt calibration has no force plates")
+        raise ValueError(
+            f"{recording.source.name}: the belt calibration needs plates: {recording.why_no_plates}"
+        )
     models = []
     for plate, (time, acceleration) in _accelerations(recording, belt):
         pitch_moment = plate.wrench_in_plate[:, 3:] @ _side(plate)
@@ -163,8 +166,10 @@ def belt_wrenches(
     return wrenches
 
 
-def read_belts(path: Path, belt: Belt, axes: str | None) -> tuple[BeltModel, ...]:
+def read_belts(path: Path, belt: Belt, stated: Stated) -> tuple[BeltModel, ...]:
     """Fit the belt models to a recording of the empty treadmill; once in a process.
+
+    Parameters are those of `read_empty`, and the belts as stated.
 
     Raises
     ------
@@ -172,15 +177,15 @@ def read_belts(path: Path, belt: Belt, axes: str | None) -> tuple[BeltModel, ...
         If the file cannot be read or used.
     """
     written = path.stat()
-    return _fitted(path, (written.st_mtime_ns, written.st_size), belt, axes)
+    return _fitted(path, (written.st_mtime_ns, written.st_size), belt, stated)
 
 
 @lru_cache(maxsize=2)
 def _fitted(
-    path: Path, version: tuple[int, int], belt: Belt, axes: str | None
+    path: Path, version: tuple[int, int], belt: Belt, stated: Stated
 ) -> tuple[BeltModel, ...]:
     del version  # part of the key: a file written anew is fitted anew
-    return fit_belts(read_empty(path, axes), belt)
+    return fit_belts(read_empty(path, stated), belt)
 
 
 def _side(plate: Plate) -> Array:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -11,12 +12,15 @@ import numpy as np
 from compensation import Calibration, Setup, fit_inertia, from_json
 from hbm.signals.resampling import resample
 from pipeline.config.schema import Treadmill
-from pipeline.io.read import read_recording
+from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
+from pipeline.io.stated import Stated, as_stated
 from pipeline.trial.ground.accelerometers import accelerations
 
 AXES_BY_VERTICAL: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
 """One choice with each of the file's axes as the vertical one."""
+MIN_COSINE_LEVEL: Final = 0.7
+"""Of the angle between a level plate's normal and the vertical, about 45°."""
 
 
 def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
@@ -40,7 +44,9 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
         If there are no plates or accelerometers, or the fit is not possible.
     """
     if not recording.plates:
-        raise ValueError(f"{recording.source.name}: the calibration recording has no force plates")
+        raise ValueError(
+            f"{recording.source.name}: the calibration needs plates: {recording.why_no_plates}"
+        )
     clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
     filtered = setup.low_pass(readings, clock)
@@ -53,7 +59,9 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
     return Calibration(models, {"recording": recording.source.name})
 
 
-def read_calibration(path: Path, treadmill: Treadmill, axes: str | None = None) -> Calibration:
+def read_calibration(
+    path: Path, treadmill: Treadmill, stated: Stated | str | None = None
+) -> Calibration:
     """Read a fitted calibration (JSON), or fit one to a recording of the empty treadmill (C3D).
 
     Parameters
@@ -62,8 +70,8 @@ def read_calibration(path: Path, treadmill: Treadmill, axes: str | None = None) 
         ``.json`` or ``.c3d``.
     treadmill
         Names of the accelerometers' channels.
-    axes
-        Lab directions of the file's axes; an empty treadmill shows nobody to infer them from.
+    stated
+        How a recording is to be read, as for `read_empty`; a text states its axes alone.
 
     Returns
     -------
@@ -95,8 +103,8 @@ def read_calibration(path: Path, treadmill: Treadmill, axes: str | None = None) 
             raise ValueError(f"{path.name}: {error}") from error
         return calibration
     written = path.stat()
-    stated = treadmill.model_dump_json(exclude={"platform"})
-    return _fitted(path, (written.st_mtime_ns, written.st_size), stated, axes)
+    channels = treadmill.model_dump_json(exclude={"platform"})
+    return _fitted(path, (written.st_mtime_ns, written.st_size), channels, as_stated(stated))
 
 
 def _require_same_channels(calibration: Calibration, treadmill: Treadmill) -> None:
@@ -123,10 +131,10 @@ def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
 
 @lru_cache(maxsize=2)
 def _fitted(
-    path: Path, version: tuple[int, int], treadmill_json: str, axes: str | None
+    path: Path, version: tuple[int, int], treadmill_json: str, stated: Stated
 ) -> Calibration:
     """Fit what every trial of a study needs; a file of another ``version`` is fitted anew."""
-    recording = read_empty(path, axes)
+    recording = read_empty(path, stated)
     try:
         return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json))
     except ValueError as error:
@@ -134,17 +142,17 @@ def _fitted(
         raise ValueError(text if path.name in text else f"{path.name}: {text}") from error
 
 
-def read_empty(path: Path, axes: str | None) -> Recording:
+def read_empty(path: Path, stated: Stated) -> Recording:
     """Read a recording of the empty treadmill.
 
     Parameters
     ----------
     path
         The file, of any format that is read.
-    axes
-        Where the file's axes point; if None, any directions with the right vertical: without a
-        subject nothing shows which way is forward, and a calibration in the plates' own axes does
-        not need it.
+    stated
+        How it is to be read; marker set and label prefix are those of a subject and do not count.
+        Without axes, any directions are taken in which the plates lie level: nothing shows which
+        way is forward, and a calibration in the plates' own axes does not need it.
 
     Returns
     -------
@@ -156,7 +164,7 @@ def read_empty(path: Path, axes: str | None) -> Recording:
     ValueError, OSError
         If the file cannot be read, or what is to be calibrated is subtracted from its plates.
     """
-    recording = _read_with_any_axes(path, axes)
+    recording = _read_with_any_axes(path, replace(stated, marker_set=None, label_prefix=None))
     if recording.compensation is not None:
         raise ValueError(
             f"{path.name}: its plates are compensated, by {recording.compensation.software}; a "
@@ -165,17 +173,17 @@ def read_empty(path: Path, axes: str | None) -> Recording:
     return recording
 
 
-def _read_with_any_axes(path: Path, axes: str | None) -> Recording:
-    if axes is not None:
-        return read_recording(path, axes)
+def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
     try:
-        return read_recording(path)
+        return read_as_stated(path, stated)
     except ValueError as first:
-        for choice in AXES_BY_VERTICAL:
+        for axes in AXES_BY_VERTICAL if stated.axes is None else ():
             try:
-                return read_recording(path, choice)
+                recording = read_as_stated(path, replace(stated, axes=axes))
             except ValueError:
                 continue
+            if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):
+                return recording
         raise first
 
 

@@ -92,7 +92,7 @@ def require_uncompensated(recording: Recording, laboratory: Laboratory) -> None:
         )
 
 
-def read_laboratory(file: Path, platform_markers: tuple[str, ...], axes: str | None) -> Laboratory:
+def read_laboratory(file: Path, platform_markers: tuple[str, ...]) -> Laboratory:
     """Give the laboratory that a calibration file describes.
 
     Parameters
@@ -101,8 +101,6 @@ def read_laboratory(file: Path, platform_markers: tuple[str, ...], axes: str | N
         JSON that `fit` wrote.
     platform_markers
         Markers on the platform; none for a treadmill that stands still.
-    axes
-        Where the files' axes point.
 
     Returns
     -------
@@ -119,7 +117,7 @@ def read_laboratory(file: Path, platform_markers: tuple[str, ...], axes: str | N
             f"{file.name}: --calibration takes a fitted calibration; make one with "
             f"'hbm calibration fit {file.name} -o lab.json'"
         )
-    calibration = read_calibration(file, Treadmill(), axes)
+    calibration = read_calibration(file, Treadmill())
     try:
         channels = json.loads(calibration.provenance["channels"])
     except (KeyError, ValueError) as error:

@@ -103,7 +103,7 @@ def refused(capsys, *arguments):
         ("still.c3d", ["--sex", "m"], ["--sex", "'male', 'female' or 'unspecified'"]),
         ("still.c3d", ["--filter", "butter"], ["--filter", "'realtime' or 'zero_phase'"]),
         ("still.c3d", ["--marker-set", "hbm3"], ["'hbm3'", "hbm2"]),
-        ("still.c3d", ["--axes", "left,up"], ["still.c3d", "'left,up'", "three of"]),
+        ("still.c3d", ["--axes", "left,up"], ["--axes", "'left,up'", "three of"]),
         ("still.c3d", ["--static", "pose.c3d"], ["pose.c3d", "no such file"]),
         ("still.c3d", ["--plate-delay-ms", "5000"], ["--plate-delay-ms", "500"]),
         ("still.c3d", ["--marker-offset-m", "9"], ["--marker-offset-m", "0.05", "metres"]),

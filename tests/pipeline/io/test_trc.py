@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from pipeline.io.opensim.trc import read_trc
+from pipeline.io.stated import Stated
 
 
 @pytest.fixture
@@ -56,7 +57,7 @@ def test_metres_labelled_as_millimetres_are_refused(trc_file):
 def test_labels_are_renamed_before_the_axes_are_inferred(trc_file):
     path = trc_file(edit=lambda text: text.replace("ASIS", "PELVIS_FRONT"))
     rename = {"LPELVIS_FRONT": "LASIS", "RPELVIS_FRONT": "RASIS"}
-    recording = read_trc(path, rename=rename)
+    recording = read_trc(path, Stated(rename=rename))
     assert recording.markers.names[:2] == ("LASIS", "RASIS")
     assert "LASIS/RASIS" in recording.notes[0].values["marker_pairs"]
 

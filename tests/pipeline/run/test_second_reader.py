@@ -110,7 +110,6 @@ def test_which_reader_checked_and_why_not_the_first_is_noted(shared_data):
 
 def test_a_damaged_copy_differs_in_exactly_one_channel_and_frame(study):
     """One bit of one sample: both readers agree on the copy, and the copy is not the original."""
-    from pipeline.io.c3d.data import bytes_per_frame
     from pipeline.io.c3d.header import read_header
     from pipeline.io.c3d.second_reader.rewritten import check_rewritten
 
@@ -118,7 +117,7 @@ def test_a_damaged_copy_differs_in_exactly_one_channel_and_frame(study):
     header, parameters = read_header(original)
     content = bytearray(original.read_bytes())
     word = 4 * header.n_points + 4 * len(parameters.texts("ANALOG", "LABELS")) + 2
-    at = (header.data_block - 1) * 512 + 700 * bytes_per_frame(header) + 4 * word
+    at = header.data_start + 700 * header.frame.bytes + 4 * word
     content[at + 2] ^= 1
     damaged = study / "damaged.c3d"
     damaged.write_bytes(content)

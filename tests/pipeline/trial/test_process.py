@@ -165,7 +165,7 @@ def test_frames_without_accelerations_exclude_their_cycles_in_both_variants(stud
     values[8000:8100, 0] = np.nan
     broken = replace(recording, analog=replace(recording.analog, values=values))
     treadmill = study.file.treadmill
-    calibration = read_calibration(study.path("empty.c3d"), treadmill, None)
+    calibration = read_calibration(study.path("empty.c3d"), treadmill)
     laboratory = Laboratory(treadmill, calibration)
     result = process_recording(broken, PERSON, Settings(), laboratory=laboratory)
     assert residual_table(result, "pitch")["rms"].notna().all()

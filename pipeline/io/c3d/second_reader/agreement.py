@@ -7,7 +7,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.io.c3d.data import MAX_COUNT, Samples, read_samples
+from pipeline.io.c3d.counts import MAX_COUNT
+from pipeline.io.c3d.data import Samples, read_samples
 from pipeline.io.c3d.header import Header, read_header
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.c3d.second_reader.disagreement import (
@@ -86,14 +87,14 @@ def compare_readers(path: Path) -> Agreement:
         samples = read_samples(path, header, parameters)
     except ValueError as error:
         raise ValueError(f"{path.name}: {error}") from error
-    second = second_reading(path, header, parameters)
+    second = second_reading(path, header)
     if second.reading is None:
         return _without_reading(second.refusals)
     reading, refusals = second.reading, second.refusals
     found = _compare(header, parameters, samples, reading)
     if found and _takes_offsets_without_sign(found, header, parameters, samples, reading):
         refusals += (Refusal(reading.reader, "it takes ANALOG:OFFSET without its sign"),)
-        other = second_reading(path, header, parameters, LIBRARIES[1:])
+        other = second_reading(path, header, LIBRARIES[1:])
         refusals += other.refusals
         if other.reading is None:
             return Agreement(None, refusals, ())

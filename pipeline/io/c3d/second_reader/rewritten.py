@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.io.c3d.data import count_frames
 from pipeline.io.c3d.header import read_header
 from pipeline.io.c3d.second_reader.disagreement import (
     Disagreement,
@@ -82,17 +81,17 @@ def check_rewritten(
     """
     allowed = {DATA_START, *(name.upper() for name in changed_parameters)}
     group = added_group.upper() if added_group else None
-    header, parameters = read_header(original)
+    header, _ = read_header(original)
     try:
         found = bytes_that_differ(original, written, changed_channels, allowed, group)
         _require_none(found, "as this project reads them")
-        second = second_reading(original, header, parameters)
+        second = second_reading(original, header)
         if second.reading is None:
             return Verification(None, second.refusals)
         again = read_with(second.reading.reader.split()[0], written)
         if isinstance(again, Refusal):
             raise ValueError(f"{again}, but read the original")
-        if wrong := miscount(again, header, count_frames(original, header, parameters)):
+        if wrong := miscount(again, header):
             raise ValueError("{3} reads {1} of {2} {0}".format(*wrong, again.reader))
         found = _differences_of_readings(second.reading, again, changed_channels, allowed, group)
         _require_none(found, f"as {again.reader} reads them")

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.io.c3d.byte_order import BLOCK_BYTES, floats, integer_type
-from pipeline.io.c3d.data import bytes_per_frame, count_frames
 from pipeline.io.c3d.header import DATA_STARTS, Header, read_header
 from pipeline.io.c3d.parameters import Parameters, Record, parameter_records
 from pipeline.io.c3d.second_reader.disagreement import (
@@ -58,7 +57,6 @@ def bytes_that_differ(
         A file cannot be opened.
     """
     (header, parameters), (header_again, parameters_again) = map(read_header, (original, written))
-    frames = count_frames(original, header, parameters)
     first, second = (np.memmap(path, np.uint8, "r") for path in (original, written))
     found = _header_bytes(
         *(side[: (header.parameter_block - 1) * BLOCK_BYTES].copy() for side in (first, second))
@@ -71,13 +69,12 @@ def bytes_that_differ(
     moved = header_again.data_block - header.data_block
     found += _starts_that_differ(parameters, parameters_again, moved)
     data, data_again = (
-        side[(own.data_block - 1) * BLOCK_BYTES :]
-        for side, own in ((first, header), (second, header_again))
+        side[own.data_start :] for side, own in ((first, header), (second, header_again))
     )
     if len(data) != len(data_again):
         sizes = f"{len(data)} bytes", f"{len(data_again)} bytes"
         return [*found, Disagreement("bytes", "of the data section", *sizes)]
-    return found + _words_that_differ(data, data_again, header, parameters, frames, changed)
+    return found + _words_that_differ(data, data_again, header, parameters, changed)
 
 
 def _header_bytes(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> list[Disagreement]:
@@ -160,16 +157,14 @@ def _words_that_differ(
     second: NDArray[np.uint8],
     header: Header,
     parameters: Parameters,
-    frames: int,
     changed: Collection[int],
 ) -> list[Disagreement]:
-    end, words = frames * bytes_per_frame(header), 4 * header.n_points
-    channels = header.n_analog // max(header.analog_per_frame, 1)
+    end, words, channels = header.frames * header.frame.bytes, 4 * header.n_points, header.channels
     kept = [k for k in range(channels) if k not in changed]
     points = numbered(parameters.texts("POINT", "LABELS"), header.n_points)
     labels = numbered(parameters.texts("ANALOG", "LABELS"), channels)
     one, other = (
-        side[:end].view("u4" if header.scale < 0 else "u2").reshape(frames, -1)
+        side[:end].view("u4" if header.scale < 0 else "u2").reshape(header.frames, -1)
         for side in (first, second)
     )
     found = samples_that_differ(

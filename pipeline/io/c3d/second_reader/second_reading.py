@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from pipeline.io.c3d.data import count_frames
 from pipeline.io.c3d.header import Header
-from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.c3d.second_reader.process import read_with
 from pipeline.io.c3d.second_reader.reading import Reading, Refusal
 
@@ -32,7 +30,7 @@ class SecondReading:
 
 
 def second_reading(
-    path: Path, header: Header, parameters: Parameters, libraries: Sequence[str] = LIBRARIES
+    path: Path, header: Header, libraries: Sequence[str] = LIBRARIES
 ) -> SecondReading:
     """Read a C3D file with a library other than ours.
 
@@ -40,7 +38,7 @@ def second_reading(
     ----------
     path
         The file.
-    header, parameters
+    header
         What `read_header` gave for it.
     libraries
         Those to try, in this order.
@@ -51,23 +49,17 @@ def second_reading(
         The reading of the first library that reads as many points, channels and frames as the
         file's header states and its size confirms, and why the others before it did not.
 
-    Raises
-    ------
-    ValueError
-        Header and size of the file contradict each other, as in `count_frames`.
-
     Notes
     -----
     ezc3d 1.7.2 stops at 65,535 frames where a file has a ROTATION group, reads no channel and
     wrong points where ANALOG:RATE is absent, and nothing where there is no POINT group.
     """
-    frames = count_frames(path, header, parameters)
     refusals: list[Refusal] = []
     for library in libraries:
         found = read_with(library, path)
         if isinstance(found, Refusal):
             refusals.append(found)
-        elif wrong := miscount(found, header, frames):
+        elif wrong := miscount(found, header):
             name, read, held = wrong
             reason = f"it reads {read} of {held} {name}"
             refusals.append(Refusal(found.reader, reason, miscount=wrong))
@@ -76,7 +68,7 @@ def second_reading(
     return SecondReading(None, tuple(refusals))
 
 
-def miscount(reading: Reading, header: Header, frames: int) -> tuple[str, int, int] | None:
+def miscount(reading: Reading, header: Header) -> tuple[str, int, int] | None:
     """Name the first number of a reading that is not the file's; None where all are.
 
     Parameters
@@ -84,16 +76,14 @@ def miscount(reading: Reading, header: Header, frames: int) -> tuple[str, int, i
     reading
         The reading.
     header
-        The file's header block.
-    frames
-        The number of frames that the file holds.
+        What `read_header` gave for the file.
 
     Returns
     -------
     tuple[str, int, int] | None
         What was counted, how many were read, how many the file holds.
     """
-    channels = header.n_analog // header.analog_per_frame if header.analog_per_frame else 0
+    frames, channels = header.frames, header.channels
     samples = frames * header.analog_per_frame
     counts = (
         ("frames", len(reading.points) if header.n_points else frames, frames),

@@ -3,6 +3,7 @@ import pytest
 
 from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
+from pipeline.io.stated import Stated
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
 
@@ -152,7 +153,7 @@ def test_an_unknown_length_unit_is_refused(raw_c3d, unit):
 
 def test_a_unit_that_the_markers_contradict_is_refused(raw_c3d):
     path = raw_c3d(points_at((0.1, 0.2, 0.3), (0.4, 0.2, 1.3)), POINT={"LABELS": ["A", "B"]})
-    with pytest.raises(ValueError, match=r"spread over 0.001.* m if the file's unit 'mm' is true"):
+    with pytest.raises(ValueError, match=r"spread over 0.001.* m if their unit is 'mm'"):
         read_c3d(path, AXES)
 
 
@@ -248,13 +249,13 @@ def test_a_subject_prefix_is_removed_and_noted(raw_c3d):
 def test_two_subjects_with_the_same_labels_need_a_chosen_subject(raw_c3d):
     points = points_at((0, 100, 1000), (0, 300, 1000), (0, 500, 0))
     path = raw_c3d(points, POINT={"LABELS": ["S01:LASI", "S02:LASI", "S02:LHEE"]})
-    with pytest.raises(ValueError, match=r'S01, S02; choose one, for example subject="S01"'):
+    with pytest.raises(ValueError, match=r"S01, S02; choose one, for example --label-prefix S01"):
         read_c3d(path, AXES)
-    chosen = read_c3d(path, AXES, subject="S02")
+    chosen = read_c3d(path, Stated(AXES, label_prefix="S02"))
     assert chosen.markers.names == ("LASI", "LHEE")
     np.testing.assert_allclose(chosen.markers.position[0, 0], [0, 0.3, 1])
-    with pytest.raises(ValueError, match="no subject 'S03'; present: S01, S02"):
-        read_c3d(path, AXES, subject="S03")
+    with pytest.raises(ValueError, match=r"'S03'.*; prefixes there: S01, S02;"):
+        read_c3d(path, Stated(AXES, label_prefix="S03"))
 
 
 def test_a_platform_tracked_as_its_own_subject_needs_no_choice(raw_c3d):
@@ -266,12 +267,12 @@ def test_a_platform_tracked_as_its_own_subject_needs_no_choice(raw_c3d):
 def test_labels_are_renamed_on_request(raw_c3d):
     points = points_at((0, 100, 1000), (0, 300, 1000))
     path = raw_c3d(points, POINT={"LABELS": ["L.ASIS", "R.ASIS"]})
-    renamed = read_c3d(path, AXES, rename={"L.ASIS": "LASIS"})
+    renamed = read_c3d(path, Stated(AXES, rename={"L.ASIS": "LASIS"}))
     assert renamed.markers.names == ("LASIS", "R.ASIS")
-    with pytest.raises(ValueError, match=r"no marker C7 to rename; present: L.ASIS, R.ASIS"):
-        read_c3d(path, AXES, rename={"C7": "T10"})
+    absent = read_c3d(path, Stated(AXES, rename={"C7": "T10"}))
+    assert Note.of("labels_not_renamed", labels=["C7"]) in absent.notes
     with pytest.raises(ValueError, match=r"same label: R.ASIS"):
-        read_c3d(path, AXES, rename={"L.ASIS": "R.ASIS"})
+        read_c3d(path, Stated(AXES, rename={"L.ASIS": "R.ASIS"}))
 
 
 def test_repeated_and_missing_labels_become_unique(raw_c3d):

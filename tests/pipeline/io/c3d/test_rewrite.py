@@ -17,7 +17,7 @@ from hbm.markers import Markers
 from pipeline.io.c3d.byte_order import float_bytes, floats
 from pipeline.io.c3d.compensation import GROUP
 from pipeline.io.c3d.data import read_samples
-from pipeline.io.c3d.force_plates import measured_plates
+from pipeline.io.c3d.force_plates import plate_layouts
 from pipeline.io.c3d.header import read_header
 from pipeline.io.c3d.labels import channel_labels
 from pipeline.io.c3d.parameters import parameter_records
@@ -27,6 +27,7 @@ from pipeline.io.c3d.rewrite import rewrite_plates
 from pipeline.io.c3d.second_reader.rewritten import Verification
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Compensation
+from pipeline.io.stated import Stated
 from tests.pipeline.io.c3d.plate_files import BLOCK, CORNERS_MM, PlateFile
 
 DONE = Compensation("hbm-residuals 0.2.0", (1, 2), "lab.json", "ab" * 32, cutoff_hz=20.0)
@@ -49,18 +50,19 @@ REAL_FILES = (
 
 
 def plates_of(path):
-    """Plates of a file, without the axes that a recording needs."""
+    """Wrenches of a file's plates, without the axes that a recording needs."""
     header, parameters = read_header(path)
     samples = read_samples(path, header, parameters)
     names, units = channel_labels(parameters, samples.analog.shape[1])
-    return measured_plates(parameters, samples.analog, names, units)
+    plates, _ = plate_layouts(parameters, names, units, Stated())
+    return [plate.wrench(samples.analog[:, plate.channels]) for plate in plates]
 
 
 def changes_of(path, size=1.0):
     """A smooth change of every plate's wrench, other than zero in every sample."""
     changes = []
     for k, plate in enumerate(plates_of(path), 1):
-        phase = np.linspace(0.1, 3.0, len(plate.wrench_in_plate))
+        phase = np.linspace(0.1, 3.0, len(plate))
         changes.append(size * CHANGE * np.sin(k * phase)[:, None])
     return changes
 
@@ -77,7 +79,7 @@ def original_of(shared_data, tmp_path, name):
 
 
 def unchanged(path):
-    return [np.zeros_like(plate.wrench_in_plate) for plate in plates_of(path)]
+    return [np.zeros_like(plate) for plate in plates_of(path)]
 
 
 def assert_only_the_group_is_added(original, written):
@@ -122,12 +124,12 @@ def assert_only_the_group_is_added(original, written):
 def assert_read_back(original, written, changes):
     """Real samples: to 1e-6 of the largest component. Whole ones: half a count in every channel."""
     header, parameters = read_header(original)
-    samples = plate_samples(header, parameters)
+    samples = plate_samples(header, parameters, Stated())
     for plate, before, after, change in zip(
         samples.plates, plates_of(original), plates_of(written), changes, strict=True
     ):
-        wanted = before.wrench_in_plate + change
-        error = np.abs(after.wrench_in_plate - wanted)
+        wanted = before + change
+        error = np.abs(after - wanted)
         if header.scale < 0:
             assert (error <= 1e-6 * np.abs(wanted).max(axis=0)).all()
             continue
@@ -249,7 +251,7 @@ def test_type_3_changes_least_over_its_eight_channels(tmp_path):
     original = PlateFile(3).write(tmp_path / "trial.c3d")
     written, _ = rewritten(original, changes_of(original))
     raw = [read_samples(path, *read_header(path)).analog[:, 1:] for path in (original, written)]
-    (plate,) = plate_samples(*read_header(original)).plates
+    (plate,) = plate_samples(*read_header(original), Stated()).plates
     to_wrench = plate.wrench(np.eye(8)).T
     without_effect = np.linalg.svd(to_wrench)[2][6:]
     np.testing.assert_allclose((raw[1] - raw[0]) @ without_effect.T, 0, atol=1e-4)
@@ -321,7 +323,7 @@ def test_type_1_without_a_centre_of_pressure_is_refused(tmp_path):
     """Where the plate carries nothing, TYPE 1 has no place for a moment."""
     original = PlateFile(1).write(tmp_path / "trial.c3d")
     changes = unchanged(original)
-    changes[0][40] = -plates_of(original)[0].wrench_in_plate[40] + [0, 0, 1e-3, 2, 0, 0]
+    changes[0][40] = -plates_of(original)[0][40] + [0, 0, 1e-3, 2, 0, 0]
     with pytest.raises(
         ValueError, match=r"force plate 1, channel P1C4, at 0\.1000 s: .*no centre of .* TYPE 2 pla"
     ):
@@ -344,10 +346,10 @@ def test_samples_that_are_no_number_stay_so(tmp_path):
     changes = changes_of(original)
     written, _ = rewritten(original, changes)
     (before,), (after,) = plates_of(original), plates_of(written)
-    assert np.isnan(after.wrench_in_plate[10:14]).any(axis=1).all()
-    known = np.isfinite(before.wrench_in_plate).all(axis=1)
-    wanted = (before.wrench_in_plate + changes[0])[known]
-    np.testing.assert_allclose(after.wrench_in_plate[known], wanted, atol=1e-3)
+    assert np.isnan(after[10:14]).any(axis=1).all()
+    known = np.isfinite(before).all(axis=1)
+    wanted = (before + changes[0])[known]
+    np.testing.assert_allclose(after[known], wanted, atol=1e-3)
 
 
 @pytest.fixture
@@ -417,7 +419,7 @@ def test_a_long_trial_is_written_whole_in_the_memory_of_a_short_one(tmp_path):
         peaks[frames] = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert_read_back(original, written, changes)
-        assert len(plates_of(written)[0].wrench_in_plate) == 4 * frames
+        assert len(plates_of(written)[0]) == 4 * frames
     assert peaks[70_000] < 1.2 * peaks[10_000]
 
 

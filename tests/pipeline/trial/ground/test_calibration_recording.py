@@ -8,6 +8,7 @@ import pytest
 
 from compensation import Calibration, check_calibration, to_json
 from pipeline.config.schema import Platform, Treadmill
+from pipeline.io.stated import Stated
 from pipeline.trial.ground import calibration_recording
 from pipeline.trial.ground.calibration_recording import (
     fit_calibration,
@@ -29,12 +30,12 @@ def calibration():
 def test_a_calibration_is_the_same_from_its_recording_and_from_its_file(tmp_path, calibration):
     recording = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
     path = lab.save(recording, tmp_path / "empty.c3d")
-    fitted = read_calibration(path, TREADMILL, None)
+    fitted = read_calibration(path, TREADMILL)
     for name, model in calibration.plates.items():
         np.testing.assert_allclose(fitted.plates[name].sigma, model.sigma, rtol=0.02)
     stored = tmp_path / "empty.json"
     stored.write_text(to_json(fitted), encoding="utf-8")
-    read = read_calibration(stored, TREADMILL, None)
+    read = read_calibration(stored, TREADMILL)
     np.testing.assert_array_equal(read.plates["plate 1"].gain, fitted.plates["plate 1"].gain)
 
 
@@ -43,19 +44,19 @@ def test_a_channel_stated_as_another_axis_than_in_the_calibration_is_refused(tmp
     stored = tmp_path / "lab.json"
     facts = {"channels": json.dumps(lab.CHANNELS)}
     stored.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
-    read_calibration(stored, TREADMILL, None)
+    read_calibration(stored, TREADMILL)
     sensor = next(iter(lab.CHANNELS))
     x, y, z = lab.CHANNELS[sensor]
     exchanged = Treadmill(accelerometers=lab.CHANNELS | {sensor: (y, x, z)})
     message = f"lab.json: the calibration was made with channel '{y}' as y of {sensor}, but "
     with pytest.raises(ValueError, match=re.escape(message)):
-        read_calibration(stored, exchanged, None)
+        read_calibration(stored, exchanged)
     other_files = Treadmill(accelerometers=lab.CHANNELS | {sensor: ("A.1", "A.2", "A.3")})
-    read_calibration(stored, other_files, None)
+    read_calibration(stored, other_files)
     facts = {"channels": "[1]"}
     stored.write_text(to_json(Calibration(calibration.plates, facts)), encoding="utf-8")
     with pytest.raises(ValueError, match=r"lab\.json: the calibration's channels are damaged"):
-        read_calibration(stored, TREADMILL, None)
+        read_calibration(stored, TREADMILL)
 
 
 def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path, monkeypatch):
@@ -66,13 +67,13 @@ def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path, monke
     )
     path = tmp_path / "empty.c3d"
     lab.save(lab.on_platform(lab.without_people(8.0), lab.shaken(8.0)), path)
-    first = read_calibration(path, TREADMILL, None)
+    first = read_calibration(path, TREADMILL)
     other_platform = TREADMILL.model_copy(update={"platform": COMMANDED})
-    assert read_calibration(path, other_platform, None) is first
+    assert read_calibration(path, other_platform) is first
     assert len(fits) == 1
-    read_calibration(path, TREADMILL.model_copy(update={"cutoff_hz": 10.0}), None)
+    read_calibration(path, TREADMILL.model_copy(update={"cutoff_hz": 10.0}))
     lab.save(lab.on_platform(lab.without_people(8.0), lab.shaken(8.0, seed=2)), path)
-    read_calibration(path, TREADMILL, None)
+    read_calibration(path, TREADMILL)
     assert len(fits) == 3
 
 
@@ -90,24 +91,24 @@ def test_a_calibration_that_cannot_be_read_is_refused_with_its_file_name(
     path = tmp_path / name
     path.write_text(content, encoding="utf-8")
     with pytest.raises(ValueError, match=re.escape(message)):
-        read_calibration(path, TREADMILL, None)
+        read_calibration(path, TREADMILL)
 
 
 def test_a_calibration_with_somebody_on_the_treadmill_is_noted(walker, tmp_path):
     path = lab.save(lab.on_platform(walker, lab.shaken(12.0)), tmp_path / "walk.c3d")
-    model = read_calibration(path, TREADMILL, None).plates["plate 1"]
+    model = read_calibration(path, TREADMILL).plates["plate 1"]
     assert "calibration_loaded" in [n.code for n in check_calibration(model, "plate 1")]
 
 
 def test_a_recording_of_a_still_treadmill_is_no_calibration(tmp_path):
     path = lab.save(lab.on_platform(lab.without_people(5.0), lab.still(5.0)), tmp_path / "no.c3d")
     with pytest.raises(ValueError, match=r"no\.c3d: the platform hardly moved"):
-        read_calibration(path, TREADMILL, None)
+        read_calibration(path, TREADMILL)
 
 
 def test_an_empty_treadmill_needs_no_stated_axes(tmp_path):
     path = lab.save(lab.on_platform(lab.without_people(5.0), lab.shaken(5.0)), tmp_path / "e.c3d")
-    inferred = fit_calibration(read_empty(path, None), TREADMILL)
-    stated = fit_calibration(read_empty(path, "left,back,up"), TREADMILL)
+    inferred = fit_calibration(read_empty(path, Stated()), TREADMILL)
+    stated = fit_calibration(read_empty(path, Stated("left,back,up")), TREADMILL)
     for name, model in stated.plates.items():
         np.testing.assert_allclose(inferred.plates[name].gain, model.gain, atol=1e-9)

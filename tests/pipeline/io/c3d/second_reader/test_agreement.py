@@ -156,9 +156,9 @@ def test_any_difference_is_named_with_channel_frame_and_values(
     if not installed(library):
         pytest.skip(f"no {library} wheel for this system")
 
-    def altered(path, header, parameters):
+    def altered(path, header):
         if library not in READINGS:
-            READINGS[library] = second_reading(path, header, parameters, [library]).reading
+            READINGS[library] = second_reading(path, header, [library]).reading
         return SecondReading(change(READINGS[library]), ())
 
     monkeypatch.setattr(agreement, "second_reading", altered)

@@ -1,0 +1,228 @@
+"""What a person states about files; it is used instead of what a file says or leaves out."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final
+
+from hbm.markers import MarkerSet
+from hbm.notes import Note
+from hbm.spelling import listed, short
+from pipeline.io.units import (
+    STATE_PLATE_UNITS,
+    STATE_UNITS,
+    force_in_n,
+    is_cut_off,
+    length_in_m,
+    length_of_moment,
+    moment_in_nm,
+)
+
+EXAMPLE: Final = "N,Nmm"
+
+
+@dataclass(frozen=True, slots=True)
+class PlateUnits:
+    """Units of the plates' channels as a person states them.
+
+    Attributes
+    ----------
+    force, moment
+        Such as "N" and "Nmm".
+    pressure
+        Of centres of pressure, where they are stored; None to take what the file says, or where it
+        says nothing the moment's unit of length.
+    """
+
+    force: str
+    moment: str
+    pressure: str | None = None
+
+    def __str__(self) -> str:
+        return ",".join(filter(None, (self.force, self.moment, self.pressure)))
+
+    @classmethod
+    def parse(cls, text: str | None) -> "PlateUnits | None":
+        """Parse "N,Nmm", or "N,Nmm,mm" with the unit of centres of pressure; None for None.
+
+        Raises
+        ------
+        ValueError
+            There are not two or three units, or one of them is unknown.
+        """
+        if text is None:
+            return None
+        units = [unit.strip() for unit in text.split(",")]
+        if len(units) not in (2, 3):
+            raise ValueError(
+                f"units of force and moment are needed, such as {EXAMPLE}, got {short(text)!r}"
+            )
+        for unit, convert in zip(units, (force_in_n, moment_in_nm, length_in_m), strict=False):
+            convert(unit)
+        return cls(*units)
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """How files are to be read; by default as they say themselves.
+
+    Attributes
+    ----------
+    axes
+        Lab directions of the files' x, y and z axis, such as "left,back,up".
+    rename
+        Label in the files, without subject prefix -> label wanted. A label that a file does not
+        have is a note.
+    label_prefix
+        Prefix of the subject wanted, where several subjects carry the same labels.
+    units
+        Unit of the markers' positions, such as "mm".
+    plate_units
+        Units of the plates' channels.
+    marker_set
+        The set whose landmarks show how the subject stands.
+
+    Examples
+    --------
+    >>> stated = Stated(units="mm", rename={"LASI": "LASIS"})
+    >>> metre, notes = stated.marker_unit("")
+    >>> metre
+    0.001
+    >>> print(*notes)
+    unit of the markers: mm, as stated; the file says nothing
+    """
+
+    axes: str | None = None
+    rename: Mapping[str, str] = field(default_factory=dict, hash=False)
+    label_prefix: str | None = None
+    units: str | None = None
+    plate_units: PlateUnits | None = None
+    marker_set: MarkerSet | None = field(default=None, hash=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rename", MappingProxyType(dict(self.rename)))
+        if self.units is not None:
+            length_in_m(self.units)
+
+    def __reduce__(self) -> tuple[type["Stated"], tuple[object, ...]]:
+        values = self.axes, dict(self.rename), self.label_prefix, self.units
+        return Stated, (*values, self.plate_units, self.marker_set)
+
+    def marker_unit(self, unit: str) -> tuple[float, tuple[Note, ...]]:
+        """Give the unit of marker positions in metres, and what is to be said about it.
+
+        Parameters
+        ----------
+        unit
+            As the file states it; empty where it does not.
+
+        Returns
+        -------
+        metre
+            One of the stated unit, else of the file's [m].
+        notes
+            ``units_stated`` or ``units_overruled`` where a stated unit is not the file's,
+            ``unit_cut_off`` where only the beginning of the file's unit is there.
+
+        Raises
+        ------
+        ValueError
+            None is stated and the file's is unknown; the message says how to state it.
+        """
+        if self.units is not None:
+            written = [(self.units, unit, length_in_m)]
+            return length_in_m(self.units), _stated_notes("markers", self.units, written)
+        try:
+            return length_in_m(unit), _cut_off_notes([unit])
+        except ValueError as error:
+            raise ValueError(f"{error}; {STATE_UNITS}") from error
+
+    def force_unit(self, unit: str) -> float:
+        """Give the unit of a plate's force, which the file states as `unit`, in newtons.
+
+        Raises
+        ------
+        ValueError
+            None is stated and the file's is unknown; the message says how to state it. The same
+            holds of `moment_unit` and `pressure_unit`.
+        """
+        return _convert(force_in_n, self.plate_units.force if self.plate_units else unit)
+
+    def moment_unit(self, unit: str) -> float:
+        """Give the unit of a plate's moment in newton metres."""
+        return _convert(moment_in_nm, self.plate_units.moment if self.plate_units else unit)
+
+    def pressure_unit(self, unit: str) -> float:
+        """Give the unit of a plate's centre of pressure in metres."""
+        return _convert(length_in_m, self._pressure(unit))
+
+    def plate_notes(
+        self, forces: Iterable[str], moments: Iterable[str] = (), pressures: Iterable[str] = ()
+    ) -> tuple[Note, ...]:
+        """Give notes on the units of plates as `marker_unit` does, from those that files state."""
+        forces, moments, pressures = (
+            list(dict.fromkeys(units)) for units in (forces, moments, pressures)
+        )
+        if self.plate_units is None:
+            return _cut_off_notes([*forces, *moments, *pressures])
+        written = [
+            *((self.plate_units.force, unit, force_in_n) for unit in forces),
+            *((self.plate_units.moment, unit, moment_in_nm) for unit in moments),
+            *((self._pressure(unit), unit, length_in_m) for unit in pressures),
+        ]
+        return _stated_notes("plates", str(self.plate_units), written)
+
+    def _pressure(self, unit: str) -> str:
+        if self.plate_units is None or (self.plate_units.pressure is None and _is_length(unit)):
+            return unit
+        return self.plate_units.pressure or length_of_moment(self.plate_units.moment)
+
+
+def as_stated(stated: Stated | str | None) -> Stated:
+    """Give what is stated about a file; a text states its axes alone."""
+    return stated if isinstance(stated, Stated) else Stated(axes=stated)
+
+
+def _convert(convert: Callable[[str], float], unit: str) -> float:
+    try:
+        return convert(unit)
+    except ValueError as error:
+        raise ValueError(f"{error}; {STATE_PLATE_UNITS}") from error
+
+
+def _is_length(unit: str) -> bool:
+    try:
+        length_in_m(unit)
+    except ValueError:
+        return False
+    return True
+
+
+def _stated_notes(
+    quantity: str, stated: str, units: Iterable[tuple[str, str, Callable[[str], float]]]
+) -> tuple[Note, ...]:
+    """Note the units of a file in whose place others are stated.
+
+    Parameters
+    ----------
+    quantity, stated
+        What has the stated units, and those.
+    units
+        Stated unit, unit in the file, and what converts either to SI.
+    """
+    other, unknown = [], []
+    for used, written, convert in units:
+        try:
+            if convert(written) != convert(used):
+                other.append(written)
+        except ValueError:
+            unknown.append(written or "nothing")
+    if not other and not unknown:
+        return ()
+    code = "units_overruled" if other else "units_stated"
+    return (Note.of(code, quantity=quantity, stated=stated, written=listed([*other, *unknown])),)
+
+
+def _cut_off_notes(units: Iterable[str]) -> tuple[Note, ...]:
+    cut = [short(unit) for unit in dict.fromkeys(units) if is_cut_off(unit)]
+    return (Note.of("unit_cut_off", units=cut),) if cut else ()
