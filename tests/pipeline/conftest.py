@@ -19,9 +19,23 @@ SURFACE = ((0.85, -0.25), (-0.85, -0.25), (-0.85, 0.25), (0.85, 0.25))
 
 @pytest.fixture
 def raw_c3d(tmp_path):
-    """Write any parameters and samples as an Intel C3D file, right or wrong."""
+    """Write any parameters and samples as an Intel C3D file, right or wrong.
 
-    def write(points, analog=None, *, scale=-1.0, rate=100.0, first_frame=1, **groups):
+    ``header`` replaces its words, such as ``{"points": 4}``; ``absent`` names parameters to leave
+    out, such as ``"ANALOG:SCALE"``.
+    """
+
+    def write(
+        points,
+        analog=None,
+        *,
+        scale=-1.0,
+        rate=100.0,
+        first_frame=1,
+        header=None,
+        absent=(),
+        **groups,
+    ):
         n_frames, n_points, _ = points.shape
         analog = np.zeros((n_frames, 1, 0)) if analog is None else analog
         per_frame, channels = analog.shape[1:]
@@ -45,28 +59,28 @@ def raw_c3d(tmp_path):
         }
         for name, content in groups.items():
             members[name] = members.get(name, {}) | content
+        for group, _, name in (each.partition(":") for each in absent):
+            del members[group][name]
         data_block = 2 + -(-len(parameter_section(members, 0)) // BLOCK)
-        header = struct.pack(
-            "<BBHHHHHfHHf",
-            2,
-            0x50,
-            n_points,
-            channels * per_frame,
-            first_frame,
-            (first_frame + n_frames - 1) % 65536,
-            0,
-            scale,
-            data_block,
-            per_frame,
-            rate,
-        )
+        words = {
+            "points": n_points,
+            "analog": channels * per_frame,
+            "first": first_frame,
+            "last": (first_frame + n_frames - 1) % 65536,
+            "gap": 0,
+            "scale": scale,
+            "data_block": data_block,
+            "per_frame": per_frame,
+            "rate": rate,
+        } | (header or {})
+        block = struct.pack("<BBHHHHHfHHf", 2, 0x50, *words.values())
         section = parameter_section(members, data_block)
-        words = np.hstack([points.reshape(n_frames, -1), analog.reshape(n_frames, -1)])
+        samples = np.hstack([points.reshape(n_frames, -1), analog.reshape(n_frames, -1)])
         path = tmp_path / "made_to_order.c3d"
         path.write_bytes(
-            header.ljust(BLOCK, b"\0")
+            block.ljust(BLOCK, b"\0")
             + section.ljust((data_block - 2) * BLOCK, b"\0")
-            + words.astype("<f4" if scale < 0 else "<i2").tobytes()
+            + samples.astype("<f4" if scale < 0 else "<i2").tobytes()
         )
         return path
 

@@ -64,11 +64,12 @@ class FrameCount:
 
     def allows(self, frames: int) -> bool:
         """Whether it may stand for so many frames."""
-        if not self.short:
-            return frames == self.frames
-        return (frames - self.frames) % (MAX_COUNT + 1) == 0 or (
-            self.stopped and frames >= self.frames
-        )
+        return self.equals(frames) or (self.stopped and frames >= self.frames)
+
+    def equals(self, frames: int) -> bool:
+        """Whether it is that number, as far as it has bits for it."""
+        apart = frames - self.frames
+        return apart % (MAX_COUNT + 1) == 0 if self.short else apart == 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +236,8 @@ def _frames(
     if frames is not None:
         return frames, ()
     frames = max(count.frames for count in counts)
-    if frames <= held and all(count.allows(frames) for count in counts):
+    known = not all(count.stopped for count in counts)
+    if known and frames <= held and all(count.allows(frames) for count in counts):
         return frames, (Note.of("frames_beyond_count", frames=frames, held=held),)
     stated = " or ".join(map(str, sorted({count.frames for count in counts})))
     raise ValueError(
@@ -252,7 +254,7 @@ def _fitting_frames(section: DataSection, frame: FrameSize, counts: list[FrameCo
     if held > MAX_COUNT and all(count.short for count in counts):
         written = section.written_frames(frame)
         stopped = section.is_whole(frame) and any(count.stopped for count in counts)
-        started_over = any(count.allows(written) or count.allows(held) for count in counts)
+        started_over = any(count.equals(written) or count.equals(held) for count in counts)
         return written if stopped or started_over else None
     fitting = (count.frames for count in counts if section.fits(frame, count.frames))
     return max(fitting, default=None)

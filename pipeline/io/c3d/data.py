@@ -200,7 +200,7 @@ def frame_rate_hz(header: Header, parameters: Parameters) -> tuple[float, tuple[
         "the header": header.rate_hz,
     }
     if header.channels and parameters.has("ANALOG", "RATE"):
-        places["ANALOG:RATE by the samples per frame"] = analog_rate / header.analog_per_frame
+        places["ANALOG:RATE and the samples per frame"] = analog_rate / header.analog_per_frame
     rates = {place: hz for place, hz in places.items() if MIN_RATE_HZ <= hz <= MAX_RATE_HZ}
     every = ", ".join(f"{_shown_hz(hz)} by {place}" for place, hz in places.items())
     if not rates:

@@ -111,7 +111,7 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
     samples = read_samples(path, header, parameters, max_frames)
     labels = sort_labels(parameters, header.n_points, stated)
     unit = parameters.text("POINT", "UNITS")
-    metre, unit_notes = stated.marker_unit(unit)
+    metre, unit_notes = stated.marker_unit(unit) if labels.markers else (1.0, ())
     names, units = channel_labels(parameters, header.channels)
     plates, plate_notes = plate_layouts(parameters, names, units, stated)
     wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in plates]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.io.c3d.counts import MAX_COUNT
-from pipeline.io.c3d.data import Samples, read_samples
+from pipeline.io.c3d.data import Samples, analog_scaling, read_samples
 from pipeline.io.c3d.header import Header, read_header
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.c3d.second_reader.disagreement import (
@@ -80,7 +80,8 @@ def compare_readers(path: Path) -> Agreement:
     A point is missing to our reader also where all its coordinates are zero; the same is applied
     to the second reading. Residuals of seen points are not compared, since our reader does not keep
     them, nor parameters of a group without a name, which no program can look up, nor POINT:FRAMES,
-    in whose place the frames are counted.
+    in whose place the frames are counted, nor counts and rates that other libraries make from the
+    header where the file contradicts itself.
     """
     try:
         header, parameters = read_header(path)
@@ -89,7 +90,8 @@ def compare_readers(path: Path) -> Agreement:
         raise ValueError(f"{path.name}: {error}") from error
     second = second_reading(path, header)
     if second.reading is None:
-        return _without_reading(second.refusals)
+        contradictory = bool(header.notes or samples.notes)
+        return _without_reading(second.refusals, contradictory=contradictory)
     reading, refusals = second.reading, second.refusals
     found = _compare(header, parameters, samples, reading)
     if found and _takes_offsets_without_sign(found, header, parameters, samples, reading):
@@ -118,13 +120,9 @@ def _takes_offsets_without_sign(
     if any(each.kind != "channel" for each in found):
         return False
     unsigned = parameters.text("ANALOG", "FORMAT").upper() == "UNSIGNED"
-    channels = samples.analog.shape[1]
-    stored = parameters.numbers("ANALOG", "OFFSET").ravel()[:channels]
+    stored, scale, _ = analog_scaling(header, parameters)
     offset = np.where(stored < 0, stored + 65536, stored) if unsigned else stored
     shift = offset - np.abs(np.where(stored > 32767, stored - 65536, stored))
-    scale = parameters.numbers("ANALOG", "SCALE").ravel()[:channels] * next(
-        iter(parameters.numbers("ANALOG", "GEN_SCALE").flat), 1.0
-    )
     differ = _Unequal(_analog_step(header, parameters, samples), np.abs(shift * scale))
     unexplained = differ(samples.analog + shift * scale, second.analog)
     if unsigned and header.scale > 0:
@@ -132,14 +130,15 @@ def _takes_offsets_without_sign(
     return not unexplained.any()
 
 
-def _without_reading(refusals: tuple[Refusal, ...]) -> Agreement:
+def _without_reading(refusals: tuple[Refusal, ...], *, contradictory: bool) -> Agreement:
     """Take a number as a disagreement that no other library corrects.
 
-    That a library counts frames in 16 bits is none: ezc3d 1.7.2 does so in files with a group
+    None is that a library takes the wrong one of a file's contradictory counts or rates, which our
+    reader notes, nor that it counts frames in 16 bits: ezc3d 1.7.2 does so in files with a group
     ROTATION, c3d 0.6 where no parameter holds the true number.
     """
     for refusal in refusals:
-        if refusal.miscount is not None:
+        if refusal.miscount is not None and not contradictory:
             name, read, held = refusal.miscount
             if name != "frames" or not read <= MAX_COUNT < held:
                 others = tuple(other for other in refusals if other is not refusal)
@@ -151,6 +150,9 @@ def _without_reading(refusals: tuple[Refusal, ...]) -> Agreement:
 def _compare(
     header: Header, parameters: Parameters, samples: Samples, second: Reading
 ) -> list[Disagreement]:
+    contradictory = bool(header.notes or samples.notes)
+    settled = {"frame rate", "samples per frame"} if contradictory else set()
+    settled |= set() if header.channels else {"samples per frame"}
     found = [
         Disagreement("header", name, str(mine), str(other))
         for name, mine, other in (
@@ -159,13 +161,15 @@ def _compare(
             ("samples per frame", header.analog_per_frame, second.analog_per_frame),
             ("events", tuple(e for e in header.events if e[0]), second.events),
         )
-        if mine != other
+        if mine != other and name not in settled
     ]
     theirs = {key: values for key, values in second.parameters.items() if key[0] != ":"}
     for key in second.assumed | FROM_HEADER:
         if not _holds(parameters, key):
             theirs.pop(key, None)
     ours = _values(parameters) | {FRAMES: theirs.get(FRAMES, ())}
+    if contradictory:
+        ours |= {key: theirs.get(key, ()) for key in FROM_HEADER}
     found += parameters_that_differ(ours, theirs)
     coarse = second.points.dtype == np.float32 and header.scale > 0
     found += samples_that_differ(
@@ -190,7 +194,7 @@ def _compare(
 
 def _analog_step(header: Header, parameters: Parameters, samples: Samples) -> NDArray[np.float64]:
     """Give how finely each channel is compared: ezc3d subtracts offsets in single precision."""
-    offset = parameters.numbers("ANALOG", "OFFSET").ravel()[: samples.analog.shape[1]]
+    offset, _, _ = analog_scaling(header, parameters)
     single = (offset != 0) & (header.scale < 0)
     kinds = np.finfo(np.float32).eps / ROUNDING, np.finfo(np.float64).eps
     return np.where(single, *kinds)

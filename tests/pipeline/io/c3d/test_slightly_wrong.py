@@ -1,0 +1,284 @@
+"""Files that are a little wrong: what is unambiguous is read with a note, the rest refused."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from hbm.notes import Note
+from pipeline.io.c3d.read import read_c3d
+from pipeline.io.c3d.second_reader.agreement import compare_readers
+from pipeline.io.stated import Stated
+
+AXES = "forward,left,up"
+FRAMES, CHANNELS, PER_FRAME = 20, 6, 10
+RNG = np.random.default_rng(3)
+POSITION = RNG.normal(500, 400, (FRAMES, 2, 4)) * [1, 1, 1, 0]
+SAMPLES = RNG.normal(size=(FRAMES, PER_FRAME, CHANNELS))
+MADE_TO_ORDER = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def made(raw_c3d, position=POSITION, samples=SAMPLES, **change):
+    change["POINT"] = {"LABELS": ["A", "B"]} | change.get("POINT", {})
+    return raw_c3d(position, samples, **change)
+
+
+def codes(recording):
+    return {note.code for note in recording.notes} - {"axes_stated"}
+
+
+def test_a_file_with_nothing_wrong_has_no_note(raw_c3d):
+    assert codes(read_c3d(made(raw_c3d), AXES)) == set()
+
+
+# Rates
+
+
+@pytest.mark.parametrize("rate", [0.0, -100.0, np.nan, np.inf, 1e9])
+@pytest.mark.parametrize("place", ["POINT", "ANALOG", "header"])
+def test_a_place_that_states_no_rate_is_noted_and_the_others_are_used(raw_c3d, place, rate):
+    change = (
+        {"header": {"rate": rate}} if place == "header" else {place: {"RATE": np.array([rate])}}
+    )
+    path = made(raw_c3d, **change)
+    recording = read_c3d(path, AXES)
+    assert recording.markers.rate_hz == pytest.approx(100)
+    assert recording.analog.rate_hz == pytest.approx(1000)
+    (note,) = [note for note in recording.notes if note.code == "rate_contradicted"]
+    assert "nan" not in note.text
+    assert place in note.text
+    assert compare_readers(path).lines() == []
+
+
+@given(place=st.sampled_from(["POINT", "ANALOG", "header"]), factor=st.floats(0.02, 50))
+@MADE_TO_ORDER
+def test_a_rate_that_contradicts_the_others_is_refused(raw_c3d, place, factor):
+    assume(abs(factor - 1) > 0.0021)
+    change = {
+        "POINT": {"POINT": {"RATE": np.array([100 * factor])}},
+        "ANALOG": {"ANALOG": {"RATE": np.array([1000 * factor])}},
+        "header": {"header": {"rate": 100 * factor}},
+    }[place]
+    with pytest.raises(ValueError, match="one of them is wrong, and with it all times; export"):
+        read_c3d(made(raw_c3d, **change), AXES)
+
+
+def test_the_rate_of_video_may_be_rounded(raw_c3d):
+    recording = read_c3d(made(raw_c3d, rate=60.0, POINT={"RATE": np.array([59.94])}), AXES)
+    assert recording.markers.rate_hz == pytest.approx(59.94)
+    assert codes(recording) == {"rate_contradicted"}
+
+
+def test_a_rate_of_channels_that_are_not_there_means_nothing(raw_c3d):
+    samples = np.zeros((FRAMES, 1, 0))
+    path = made(raw_c3d, samples=samples, ANALOG={"RATE": np.array([7.0])})
+    assert codes(read_c3d(path, AXES)) == set()
+
+
+# Offsets and scales
+
+
+def test_without_offsets_nothing_is_subtracted(raw_c3d):
+    path = made(raw_c3d, absent=("ANALOG:OFFSET",))
+    recording = read_c3d(path, AXES)
+    np.testing.assert_allclose(recording.analog.values, SAMPLES.reshape(-1, CHANNELS), rtol=1e-6)
+    assert codes(recording) == {"analog_offset_absent"}
+    assert compare_readers(path).lines() == []
+
+
+def test_without_scales_real_samples_are_in_their_units(raw_c3d):
+    path = made(raw_c3d, absent=("ANALOG:SCALE",))
+    recording = read_c3d(path, AXES)
+    np.testing.assert_allclose(recording.analog.values, SAMPLES.reshape(-1, CHANNELS), rtol=1e-6)
+    assert codes(recording) == {"analog_scale_absent"}
+    assert compare_readers(path).lines() == []
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"absent": ("ANALOG:SCALE",), "scale": 0.1}, "ANALOG:SCALE has 0 values for 6 analog"),
+        ({"absent": ("ANALOG:SCALE", "ANALOG:UNITS")}, "ANALOG:SCALE has 0 values for 6 analog"),
+        (
+            {"absent": ("ANALOG:SCALE",), "ANALOG": {"GEN_SCALE": np.array([0.5])}},
+            "ANALOG:SCALE has 0 values for 6 analog",
+        ),
+        ({"ANALOG": {"SCALE": np.ones(2)}}, "ANALOG:SCALE has 2 values for 6 analog channels"),
+        (
+            {"absent": ("ANALOG:OFFSET",), "scale": 0.1, "ANALOG": {"FORMAT": "UNSIGNED"}},
+            "ANALOG:OFFSET has 0 values for 6 analog channels, so that their size is unknown",
+        ),
+    ],
+)
+def test_samples_whose_size_is_unknown_are_refused(raw_c3d, change, message):
+    with pytest.raises(ValueError, match=message):
+        read_c3d(made(raw_c3d, **change), AXES)
+
+
+# Units
+
+
+@given(word=st.sampled_from(["millimetres", "Millimeters", "centimeters", "metres", "METERS"]))
+@MADE_TO_ORDER
+def test_a_unit_that_is_cut_off_is_completed_and_noted(raw_c3d, word):
+    metre = {"mil": 1e-3, "cen": 1e-2, "met": 1.0}[word[:3].lower()]
+    position = POSITION / np.array([1000 * metre] * 3 + [1])
+    whole = {word.lower(), word.lower().removesuffix("s")}
+    for length in range(3, len(word) + 1):
+        recording = read_c3d(made(raw_c3d, position, POINT={"UNITS": word[:length]}), AXES)
+        np.testing.assert_allclose(
+            recording.markers.position, POSITION[..., :3] / 1000, rtol=1e-5, atol=1e-6
+        )
+        expected = set() if word[:length].lower() in whole else {"unit_cut_off"}
+        assert codes(recording) == expected
+
+
+@pytest.mark.parametrize("unit", ["", "me", "in", "furlong"])
+def test_a_unit_that_is_unknown_is_stated_by_the_person(raw_c3d, unit):
+    path = made(raw_c3d, POINT={"UNITS": unit})
+    with pytest.raises(ValueError, match=r'state it: --units mm, or units = "mm" in study\.toml'):
+        read_c3d(path, AXES)
+    recording = read_c3d(path, Stated(AXES, units="mm"))
+    np.testing.assert_allclose(recording.markers.position, POSITION[..., :3] / 1000, rtol=1e-5)
+    written = unit or "nothing"
+    assert Note.of("units_stated", quantity="markers", stated="mm", written=written) in (
+        recording.notes
+    )
+
+
+def test_a_stated_unit_overrules_a_plain_one_with_a_warning(raw_c3d):
+    path = made(raw_c3d, POINT={"UNITS": "m"})
+    with pytest.raises(ValueError, match=r"spread over .* m if their unit is 'm'.*--units mm"):
+        read_c3d(path, AXES)
+    recording = read_c3d(path, Stated(AXES, units="mm"))
+    note = Note.of("units_overruled", quantity="markers", stated="mm", written="m")
+    assert note in recording.notes
+    assert note.level == "warning"
+    agreeing = read_c3d(made(raw_c3d), Stated(AXES, units="millimetres"))
+    assert codes(agreeing) == set()
+
+
+# Points or channels alone
+
+
+def test_channels_without_points_are_a_recording(raw_c3d):
+    """As of an empty treadmill, whose parameters need not name what is not there."""
+    names = ("POINT:USED", "POINT:UNITS", "POINT:LABELS", "POINT:FRAMES")
+    path = made(raw_c3d, np.zeros((FRAMES, 0, 4)), absent=names)
+    recording = read_c3d(path, AXES)
+    assert recording.markers.position.shape == (FRAMES, 0, 3)
+    np.testing.assert_allclose(recording.analog.values, SAMPLES.reshape(-1, CHANNELS), rtol=1e-6)
+    assert recording.analog.rate_hz == pytest.approx(1000)
+    assert compare_readers(path).lines() == []
+
+
+@pytest.mark.parametrize("change", [{}, {"header": {"per_frame": 0}}])
+def test_points_without_channels_are_a_recording(raw_c3d, change):
+    path = made(raw_c3d, samples=np.zeros((FRAMES, 1, 0)), **change)
+    recording = read_c3d(path, AXES)
+    assert recording.analog is None
+    assert recording.plates == ()
+    assert codes(recording) == set()
+    assert compare_readers(path).lines() == []
+
+
+def test_parameters_of_channels_that_are_not_there_are_noted(raw_c3d):
+    path = made(
+        raw_c3d,
+        samples=np.zeros((FRAMES, 1, 0)),
+        ANALOG={"USED": np.array([6]), "LABELS": list("ABCDEF")},
+    )
+    recording = read_c3d(path, AXES)
+    assert recording.analog is None
+    assert Note.of("count_contradicted", place="ANALOG:USED", stated=6, held=0) in recording.notes
+    assert compare_readers(path).lines() == []
+
+
+def test_neither_points_nor_channels_are_no_recording(raw_c3d):
+    path = made(raw_c3d, np.zeros((FRAMES, 0, 4)), np.zeros((FRAMES, 1, 0)))
+    with pytest.raises(ValueError, match="holds neither points nor analog channels"):
+        read_c3d(path, AXES)
+
+
+# Events
+
+KINDS = {"foot_strike": "Foot Strike", "foot_off": "Foot Off"}
+times = st.lists(
+    st.tuples(
+        st.integers(0, 5),
+        st.floats(0, 59.5, width=32),
+        st.sampled_from(list(KINDS)),
+        st.sampled_from(["left", "right"]),
+    ),
+    min_size=1,
+    max_size=12,
+)
+
+
+def events_of(recording):
+    return [(round(e.time, 3), e.label, e.side) for e in recording.events]
+
+
+@given(stated=times, shape=st.sampled_from(["rows", "flat", "row"]), by=st.booleans())
+@MADE_TO_ORDER
+def test_times_of_events_are_read_in_every_shape(raw_c3d, stated, shape, by):
+    """Minutes and seconds in two rows, or alternating in one list; sides as context or label."""
+    pairs = np.array([[minutes, seconds] for minutes, seconds, _, _ in stated], float)
+    values = {"rows": pairs.T, "flat": pairs.ravel(), "row": pairs.reshape(1, -1)}[shape]
+    labels = [KINDS[kind] for _, _, kind, _ in stated]
+    sides = [side.capitalize() for *_, side in stated]
+    group = {"USED": np.array([len(stated)]), "TIMES": values}
+    if by:
+        group |= {"LABELS": labels, "CONTEXTS": sides}
+    else:
+        group |= {"LABELS": [f"{s} {label}" for s, label in zip(sides, labels, strict=True)]}
+    recording = read_c3d(made(raw_c3d, EVENT=group), AXES)
+    expected = sorted(
+        (round(60 * m + float(np.float32(s)), 3), kind, side) for m, s, kind, side in stated
+    )
+    assert sorted(events_of(recording)) == expected
+    flat = shape != "rows"
+    assert ("event_times_flat" in codes(recording)) == flat
+    assert ("event_sides_from_labels" in codes(recording)) == (not by)
+
+
+def test_a_list_as_long_as_the_labels_holds_seconds(raw_c3d):
+    group = {"TIMES": np.array([0.5, 61.0]), "LABELS": ["RHS", "LTO"]}
+    recording = read_c3d(made(raw_c3d, EVENT=group), AXES)
+    assert events_of(recording) == [(0.5, "foot_strike", "right"), (61.0, "foot_off", "left")]
+    assert Note.of("event_times_flat", numbers="seconds") in recording.notes
+
+
+@pytest.mark.parametrize(
+    ("label", "context", "event"),
+    [
+        ("RHS", "", ("foot_strike", "right")),
+        ("L_FO", "", ("foot_off", "left")),
+        ("left toe off", "General", ("foot_off", "left")),
+        ("Initial Contact R", "", ("foot_strike", "right")),
+        ("Heel Strike", "Left", ("foot_strike", "left")),
+        ("LTO", "Left", ("foot_off", "left")),
+        ("LTO", "Right", None),
+        ("left foot off right", "", None),
+        ("Foot Strike", "General", None),
+        ("RMS", "", None),
+        ("Start", "Left", None),
+    ],
+)
+def test_kind_and_side_of_an_event_are_known_or_it_is_left_out(raw_c3d, label, context, event):
+    group = {
+        "TIMES": np.array([[0.0], [0.1]]),
+        "LABELS": [label],
+        "CONTEXTS": [context] if context else [],
+    }
+    recording = read_c3d(made(raw_c3d, EVENT=group), AXES)
+    assert [(e.label, e.side) for e in recording.events] == ([event] if event else [])
+    assert ("events_left_out" in codes(recording)) == (event is None)
+
+
+def test_minutes_that_are_no_whole_numbers_are_no_minutes(raw_c3d):
+    group = {"TIMES": np.array([0.5, 1.0, 0.7, 2.0]), "LABELS": ["RHS", "LTO"]}
+    with pytest.raises(ValueError, match="EVENT:TIMES holds 4 numbers for 2 labels, expected min"):
+        read_c3d(made(raw_c3d, EVENT=group), AXES)
