@@ -3,7 +3,7 @@ import pytest
 
 from hbm.notes import Note
 from pipeline.io.read import read_recording
-from tests.pipeline.other_formats import excerpt, write_mox, write_nexus
+from tests.pipeline.other_formats import excerpt, write_dflow, write_mox, write_nexus
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,6 @@ def test_other_devices_are_analog_channels(trial, tmp_path):
     [
         ([("S01:", "S02:"), ("\n302,0,", "\n303,0,")], "upward"),
         ([("N.mm", "lbf")], "unknown moment unit 'lbf'"),
-        ([("Imported AMTI #2 - CoP", "Pressure")], "export Force, Moment and CoP"),
         ([("Trajectories\n100", "Trajectories\nfast")], "expected a rate"),
         ([("Devices\n1000", "Devices\n900")], "do not"),
         ([("Trajectories", "Points")], "no Trajectories block"),
@@ -70,6 +69,42 @@ def test_a_broken_nexus_export_is_refused_in_one_line(trial, tmp_path, pairs, me
     path = changed(write_nexus(trial, tmp_path / "t.csv"), *pairs)
     with pytest.raises(ValueError, match=rf"^t\.csv: .*{message}"):
         read_recording(path)
+
+
+@pytest.mark.parametrize(
+    ("write", "name", "pair", "reason"),
+    [
+        (
+            write_nexus,
+            "t.csv",
+            ("Imported AMTI #2 - CoP", "Pressure"),
+            "it has forces but no CoP; export Force, Moment and CoP: only together they give the "
+            "wrench in the lab",
+        ),
+        (
+            write_mox,
+            "t.mox",
+            ("FP2 - Moment Y", "FP2 - Torque Y"),
+            "there is no channel for 2 mom Y",
+        ),
+        (
+            write_dflow,
+            "t.txt",
+            ("FP2.MomY", "FP2.TorqueY"),
+            "column FP2.MomY is absent",
+        ),
+    ],
+)
+def test_a_plate_that_lacks_channels_is_left_out_and_the_other_kept(
+    trial, tmp_path, write, name, pair, reason
+):
+    whole = read_recording(write(trial, tmp_path / "whole.txt"))
+    read = read_recording(changed(write(trial, tmp_path / name), pair))
+    (plate,) = read.plates
+    np.testing.assert_array_equal(plate.wrench, whole.plates[0].wrench)
+    (note,) = [note for note in read.notes if note.code == "plate_left_out"]
+    assert note.values["plate"].startswith("plate 2")
+    assert note.values["reason"] == reason
 
 
 def test_millimetres_labelled_as_metres_are_refused(trial, tmp_path):
@@ -93,7 +128,6 @@ def test_mox_keeps_unknown_channels_and_notes_that_its_signs_are_unconfirmed(tri
         ([("<sampling_frequency>100<", "<sampling_frequency>50<")], "differ in rate"),
         ([("<channel_data>", "<channel_data>x ")], "no number"),
         ([(".PosX", ".PosQ")], "no channel for"),
-        ([("FP1 - Moment Y", "FP1 - Torque Y")], "no channel for 1 mom Y"),
     ],
 )
 def test_a_broken_mox_file_is_refused_in_one_line(trial, tmp_path, pairs, message):

@@ -1,14 +1,23 @@
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
 
+from hbm.markers import Markers
+from hbm.notes import Note
+from pipeline.export.opensim_tables import write_trc
 from pipeline.io.opensim.sto import read_sto
 from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.io.stated import PlateUnits, Stated
 
 TRIALS = {
     "opensim_subject01": ("subject01_walk1.trc", "subject01_walk1_grf.mot", 72.6),
     "truth_walk": ("markers.trc", "grf.mot", 72.84),
 }
 G = 9.80665
+MADE_TO_ORDER = settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 
 
 @pytest.fixture(params=TRIALS)
@@ -76,15 +85,168 @@ def test_a_force_of_zero_needs_no_point(tmp_path, shared_data):
     np.testing.assert_allclose(plate.wrench[1], [0, 0, 800, -160, -80, 1], atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("columns", "message"),
-    [
-        ("a b c", "grf.mot: no forces such as ground_force_vx; columns: a, b, c"),
-        ("ground_force_vx b c", "grf.mot: no column 'ground_force_vy'"),
-    ],
-)
-def test_a_table_without_forces_is_refused(tmp_path, shared_data, columns, message):
+def test_a_table_without_forces_is_refused(tmp_path, shared_data):
     path = tmp_path / "grf.mot"
-    path.write_text(f"x\nendheader\ntime {columns}\n0 1 2 3\n")
-    with pytest.raises(ValueError, match=message):
+    path.write_text("x\nendheader\ntime a b c\n0 1 2 3\n")
+    with pytest.raises(
+        ValueError, match=r"grf\.mot: no forces such as ground_force_vx; columns: a"
+    ):
         read_opensim_trial(shared_data / "truth_walk" / "markers.trc", path)
+
+
+CLOCK = np.arange(300) / 100
+UP = np.array([0.0, 1.0, 0.0])
+NAMINGS = {
+    "ground_force_vx": ("ground_force_v", "ground_force_p", "ground_torque_"),
+    "1_ground_force_vx": ("1_ground_force_v", "1_ground_force_p", "1_ground_torque_"),
+    "ground_force_1_vx": ("ground_force_1_v", "ground_force_1_p", "ground_torque_1_"),
+    "ground_force_1_vx, mx": ("ground_force_1_v", "ground_force_1_p", "ground_force_1_m"),
+    "ground_force_1_fx, mx": ("ground_force_1_f", "ground_force_1_p", "ground_force_1_m"),
+    "ground_force_l_vx, moment": ("ground_force_l_v", "ground_force_l_p", "ground_moment_l_m"),
+}
+
+
+def steps(rng, origin=(0.0, 0.0, 0.0)):
+    """Force, centre of pressure and free torque of a foot that rolls over a floor at y = 0."""
+    load = 400 + 300 * np.sin(2 * np.pi * CLOCK)
+    force = np.column_stack([40 * np.cos(7 * CLOCK), load, 20 * np.sin(3 * CLOCK)])
+    point = np.asarray(origin) + np.column_stack(
+        [0.1 + 0.12 * np.sin(2 * np.pi * CLOCK), np.zeros(300), 0.02 * np.cos(5 * CLOCK)]
+    )
+    point += rng.normal(0, 1e-5, point.shape) * [1, 0, 1]
+    return force, point, np.outer(5 * np.sin(9 * CLOCK), UP)
+
+
+def write_standing(path):
+    """A subject's feet, pelvis and shoulders over the floor, y up, x forward."""
+    places = {
+        "LASI": (0.1, 1.0, -0.1),
+        "RASI": (0.1, 1.0, 0.1),
+        "LHEE": (0.0, 0.05, -0.1),
+        "RHEE": (0.0, 0.05, 0.1),
+    }
+    position = np.tile(np.array([*places.values()]), (300, 1, 1))
+    write_trc(Markers(CLOCK, tuple(places), position), path)
+    return path
+
+
+def write_forces(path, forces):
+    """Write (naming, force, point, torque) as one table."""
+    columns = {}
+    for naming, *vectors in forces:
+        for stem, vector in zip(naming, vectors, strict=True):
+            columns |= {f"{stem}{axis}": vector[:, k] for k, axis in enumerate("xyz")}
+    rows = (
+        "\t".join(f"{x:.9g}" for x in row) for row in zip(CLOCK, *columns.values(), strict=True)
+    )
+    path.write_text("\n".join(["forces", "endheader", "\t".join(["time", *columns]), *rows]) + "\n")
+    return path
+
+
+def in_lab(vectors):
+    """From x forward, y up to the lab's axes."""
+    return np.column_stack([vectors[:, 0], -vectors[:, 2], vectors[:, 1]])
+
+
+def moment_of(force, point, torque):
+    return np.cross(point, force) + torque
+
+
+@pytest.mark.parametrize("naming", NAMINGS.values(), ids=NAMINGS)
+def test_forces_are_found_under_every_name_that_programs_give_them(tmp_path, naming):
+    force, point, torque = steps(np.random.default_rng(1))
+    trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
+    write_forces(mot, [(naming, force, point, torque)])
+    recording = read_opensim_trial(trc, mot)
+    (plate,) = recording.plates
+    np.testing.assert_allclose(plate.wrench[:, :3], in_lab(force), atol=1e-5)
+    np.testing.assert_allclose(
+        plate.wrench[:, 3:], in_lab(moment_of(force, point, torque)), atol=1e-5
+    )
+    assert "torques_about_a_point" not in {note.code for note in recording.notes}
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    about=st.one_of(
+        st.just((0.0, 0.0, 0.0)),
+        st.tuples(st.floats(-2, 2), st.floats(-0.1, 0), st.floats(-2, 2)),
+    ),
+    origin=st.tuples(st.floats(-3, 3), st.just(0.0), st.floats(-3, 3)),
+    naming=st.sampled_from(list(NAMINGS.values())),
+)
+@MADE_TO_ORDER
+def test_torques_that_are_moments_about_a_point_are_not_counted_twice(
+    tmp_path, seed, about, origin, naming
+):
+    """Written so by mistake about the origin, or about a plate's own one."""
+    force, point, torque = steps(np.random.default_rng(seed), origin)
+    moment = moment_of(force, point, torque)
+    about = np.array(about)
+    trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
+    assume(np.linalg.norm((point.mean(axis=0) - about)[[0, 2]]) > 0.05)
+    write_forces(mot, [(naming, force, point, moment - np.cross(about, force))])
+    recording = read_opensim_trial(trc, mot)
+    wrench = recording.plates[0].wrench
+    np.testing.assert_allclose(wrench[:, 3:], in_lab(moment), atol=1e-3 * np.abs(moment).max())
+    (note,) = [note for note in recording.notes if note.code == "torques_about_a_point"]
+    assert note.level == "warning"
+
+
+@given(seed=st.integers(0, 10_000), fixed=st.tuples(st.floats(-2, 2), st.floats(-2, 2)))
+@MADE_TO_ORDER
+def test_a_torque_about_a_point_that_does_not_move_belongs_to_that_point(tmp_path, seed, fixed):
+    """As of programs that write the force at the plate's own origin."""
+    force, point, torque = steps(np.random.default_rng(seed))
+    moment = moment_of(force, point, torque)
+    place = np.tile([fixed[0], 0.0, fixed[1]], (300, 1))
+    trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
+    names = NAMINGS["ground_force_vx"]
+    write_forces(mot, [(names, force, place, moment - np.cross(place, force))])
+    recording = read_opensim_trial(trc, mot)
+    np.testing.assert_allclose(
+        recording.plates[0].wrench[:, 3:], in_lab(moment), atol=1e-5 * np.abs(moment).max() + 1e-5
+    )
+    assert "torques_about_a_point" not in {note.code for note in recording.notes}
+
+
+def test_a_force_without_all_columns_is_left_out_and_the_other_kept(tmp_path):
+    force, point, torque = steps(np.random.default_rng(2))
+    names = [
+        NAMINGS["1_ground_force_vx"],
+        tuple(n.replace("1", "2") for n in NAMINGS["1_ground_force_vx"]),
+    ]
+    trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
+    write_forces(mot, [(name, force, point, torque) for name in names])
+    mot.write_text(mot.read_text().replace("1_ground_torque_y", "unknown"))
+    recording = read_opensim_trial(trc, mot)
+    assert len(recording.plates) == 1
+    reason = "column 1_ground_torque_y is absent"
+    assert Note.of("plate_left_out", plate="1_ground_force", reason=reason) in recording.notes
+
+
+def test_torques_under_two_names_are_refused(tmp_path):
+    force, point, torque = steps(np.random.default_rng(2))
+    trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
+    first = NAMINGS["ground_force_1_vx"]
+    write_forces(
+        mot,
+        [(first, force, point, torque), ((*first[:2], "ground_force_1_m"), force, point, torque)],
+    )
+    with pytest.raises(
+        ValueError, match="torques of ground_force_1 are there twice, as ground_torq"
+    ):
+        read_opensim_trial(trc, mot)
+
+
+def test_forces_in_stated_units(tmp_path):
+    force, point, torque = steps(np.random.default_rng(3))
+    trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
+    names = NAMINGS["ground_force_vx"]
+    write_forces(mot, [(names, force / 1000, point * 1000, torque)])
+    stated = Stated(plate_units=PlateUnits.parse("kN,Nm,mm"))
+    recording = read_opensim_trial(trc, mot, stated)
+    np.testing.assert_allclose(
+        recording.plates[0].wrench[:, 3:], in_lab(moment_of(force, point, torque)), atol=1e-4
+    )
+    assert "units_overruled" in {note.code for note in recording.notes}

@@ -3,6 +3,7 @@ import pytest
 
 from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
+from pipeline.io.stated import PlateUnits, Stated
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
 
@@ -132,12 +133,19 @@ def test_a_known_force_at_a_known_point_gives_its_wrench(plate_file, raw_c3d):
     np.testing.assert_allclose(plate.wrench, np.tile(expected, (10, 1)), rtol=1e-6)
 
 
+def reasons(recording):
+    """Why plates are left out, by plate."""
+    notes = [note for note in recording.notes if note.code == "plate_left_out"]
+    return {note.values["plate"]: note.values["reason"] for note in notes}
+
+
 @pytest.mark.parametrize("kind", [5, 6, 7, 11, 12, 21, 0, 99])
-def test_unsupported_plate_types_are_refused_in_one_line(plate_file, kind):
-    path = plate_file(kind, origin=[0, 0, -40])
-    with pytest.raises(ValueError, match=rf"force plate 1: plates of TYPE {kind}") as caught:
-        read_c3d(path, AXES)
-    assert "\n" not in str(caught.value)
+def test_a_plate_of_an_unsupported_type_is_left_out(plate_file, kind):
+    recording = read_c3d(plate_file(kind, origin=[0, 0, -40]), AXES)
+    assert recording.plates == ()
+    (reason,) = reasons(recording).values()
+    assert reason.startswith(f"plates of TYPE {kind} are not supported")
+    assert recording.why_no_plates.startswith("no force plate can be used (plate 1: plates of TYPE")
 
 
 def test_an_empty_plate_stays_finite_and_missing_samples_stay_missing(plate_file):
@@ -167,28 +175,87 @@ def test_force_and_moment_units_come_from_the_channels(plate_file):
 @pytest.mark.parametrize("unit", ["lbf", "V", ""])
 def test_unknown_force_units_are_refused(plate_file, unit):
     path = plate_file(2, origin=[0, 0, -40], units=[unit] * 3 + ["Nmm"] * 3)
-    with pytest.raises(ValueError, match=r"force plate 1: channel A0: .*force unit.*expected N"):
+    with pytest.raises(ValueError, match=r"force plate 1: channel A0: .*force unit.*expected N.*;"):
         read_c3d(path, AXES)
 
 
 @pytest.mark.parametrize(
-    ("extra", "message"),
+    ("kind", "written", "stated", "units", "code"),
     [
-        ({"TYPE": np.array([], int)}, "TYPE names 0 of 1 plates"),
-        ({"CORNERS": np.zeros((3, 4, 1))}, "corners do not span a surface"),
-        ({"CORNERS": np.zeros((3, 3, 1))}, "CORNERS does not describe it"),
-        ({"ORIGIN": np.full((3, 1), np.nan)}, "ORIGIN holds something that is not a number"),
-        ({"CHANNEL": np.arange(2, 8)[:, None]}, "channels outside the file's 6 analog channels"),
+        (2, ["V"] * 6, "N,Nmm", ["N"] * 3 + ["Nmm"] * 3, "units_stated"),
+        (2, [""] * 6, "kN,Nm", ["kN"] * 3 + ["Nm"] * 3, "units_stated"),
+        (2, ["N"] * 3 + ["Nm"] * 3, "N,Nmm", ["N"] * 3 + ["Nmm"] * 3, "units_overruled"),
+        (1, ["N"] * 6, "N,Nmm", ["N"] * 3 + ["mm"] * 2 + ["Nmm"], "units_stated"),
+        (1, [*"NNN", "mm", "mm", "V"], "N,Nm", [*"NNN", "mm", "mm", "Nm"], "units_stated"),
+        (1, [*"NNN", "mm", "mm", "V"], "N,Nm,cm", [*"NNN", "cm", "cm", "Nm"], "units_overruled"),
+        (4, ["V"] * 6, "N,Nm", ["N"] * 3 + ["Nm"] * 3, "units_overruled"),
     ],
 )
-def test_broken_plate_parameters_are_refused(plate_file, extra, message):
+def test_plates_in_stated_units_are_those_of_a_file_that_says_them(
+    plate_file, kind, written, stated, units, code
+):
+    """A centre of pressure keeps the file's unit, or takes the moment's if the file's is none."""
+    extra = {"CAL_MATRIX": np.eye(6)[..., None]} if kind == 4 else {}
+    origin = [0, 0, 0] if kind == 1 else [0, 0, -40]
+    path = plate_file(kind, origin=origin, units=written, **extra)
+    read = read_c3d(path, Stated(AXES, plate_units=PlateUnits.parse(stated)))
+    said = read_c3d(plate_file(kind, origin=origin, units=units, **extra), AXES)
+    np.testing.assert_array_equal(read.plates[0].wrench, said.plates[0].wrench)
+    (note,) = [note for note in read.notes if note.code in ("units_stated", "units_overruled")]
+    assert (note.code, note.values["stated"]) == (code, stated)
+
+
+def test_the_refusal_of_a_plates_unit_names_the_option_that_states_it(plate_file):
+    path = plate_file(2, origin=[0, 0, -40], units=["lbf"] * 3 + ["Nmm"] * 3)
+    with pytest.raises(ValueError, match=r'--plate-units N,Nmm, or plate_units = "N,Nmm" in study'):
+        read_c3d(path, AXES)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("N", "units of force and moment are needed, such as N,Nmm, got 'N'"),
+        ("N,Nmm,mm,s", "units of force and moment are needed"),
+        ("lb,Nmm", "unknown force unit 'lb'"),
+        ("N,mm", "unknown moment unit 'mm'"),
+        ("N,Nmm,N", "unknown length unit 'N'"),
+    ],
+)
+def test_units_of_plates_that_are_none_are_refused(text, message):
     with pytest.raises(ValueError, match=message):
-        read_c3d(plate_file(2, origin=[0, 0, -40], **extra), AXES)
+        PlateUnits.parse(text)
 
 
-def test_type_4_without_its_matrix_is_refused(plate_file):
-    with pytest.raises(ValueError, match="CAL_MATRIX does not describe it"):
-        read_c3d(plate_file(4, origin=[0, 0, -40], units=["V"] * 6), AXES)
+@pytest.mark.parametrize(
+    ("extra", "reason"),
+    [
+        ({"TYPE": np.array([2])}, "FORCE_PLATFORM:TYPE does not name its type"),
+        ({"TYPE": np.array([2, 5])}, "plates of TYPE 5 are not supported"),
+        ({"TYPE": np.array([2, 4])}, "FORCE_PLATFORM:CAL_MATRIX does not describe it"),
+        ({"CORNERS": np.dstack([CORNERS.T, np.zeros((3, 4))])}, "corners do not span a surface"),
+        ({"CORNERS": CORNERS.T}, "FORCE_PLATFORM:CORNERS does not describe it"),
+        ({"ORIGIN": np.array([[0, np.nan], [0, 0], [-40, -40]])}, "ORIGIN holds something that is"),
+        ({"CHANNEL": np.arange(1, 7)[:, None]}, "FORCE_PLATFORM:CHANNEL does not describe it"),
+        ({"CHANNEL": np.column_stack([range(1, 7), range(8, 14)])}, "outside the file's 12 analo"),
+    ],
+)
+def test_a_plate_that_is_not_described_is_left_out_and_the_other_kept(plate_file, extra, reason):
+    both = {"origin": [[0, 0, -40]] * 2, "corners": [CORNERS, CORNERS + 600]}
+    whole = read_c3d(plate_file(2, **both), AXES)
+    recording = read_c3d(plate_file(2, **both, **extra), AXES)
+    np.testing.assert_array_equal(recording.plates[0].wrench, whole.plates[0].wrench)
+    assert [plate.number for plate in recording.plates] == [1]
+    assert reason in reasons(recording)["plate 2"]
+    assert "A6" in recording.analog.names  # its channels are like any other
+
+
+def test_the_second_plate_keeps_its_number_where_the_first_is_left_out(plate_file):
+    both = {"origin": [[0, 0, -40]] * 2, "corners": [CORNERS, CORNERS + 600]}
+    whole = read_c3d(plate_file(2, **both), AXES)
+    recording = read_c3d(plate_file(2, **both, TYPE=np.array([5, 2])), AXES)
+    (plate,) = recording.plates
+    assert plate.number == 2
+    np.testing.assert_array_equal(plate.wrench, whole.plates[1].wrench)
 
 
 def test_a_baseline_in_the_file_is_named_but_not_subtracted(plate_file):
