@@ -35,7 +35,7 @@ MAX_ANGLE_TO_AXIS_DEG: Final = 30.0
 MAX_COSINE_OPPOSITE: Final = -0.5
 """Cosine to left of a marker pair that lies the other way round: 120°; legs cross by less."""
 PAIRS_NAMED: Final = 3
-"""Marker pairs that a note or message names: enough to check by eye."""
+"""Marker pairs and contradictions that a note or message names: enough to check by eye."""
 ASK: Final = (
     'state the axes, for example --axes forward,left,up, or axes = "forward,left,up" in study.toml'
 )
@@ -223,7 +223,7 @@ def _infer_up(
     if contradicting:
         raise ValueError(
             f"axes cannot be inferred: {_axis_name(up)} is up by {first}, "
-            f"but not by {' and '.join(contradicting)}; {ASK}"
+            f"but not by {' and '.join(contradicting[:PAIRS_NAMED])}; {ASK}"
         )
     return up, [*signed, *lines]
 

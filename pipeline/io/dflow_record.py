@@ -10,6 +10,7 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array, read_only
+from hbm.spelling import listed
 from pipeline.io.recording import Analog
 from pipeline.io.text_table import parse_rows, read_lines
 
@@ -149,7 +150,7 @@ def on_clock(
         )
     names = analog.names if analog else ()
     if twice := sorted(set(names) & set(record.names)):
-        raise ValueError(f"{name}: signals named like the mocap file's: {', '.join(twice)}")
+        raise ValueError(f"{name}: signals named like the mocap file's: {listed(twice)}")
     signals = [
         np.interp(time, clock, record.values[:, k], np.nan, np.nan)
         for k in range(len(record.names))

@@ -8,6 +8,7 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array
+from hbm.spelling import short
 from pipeline.io.text_table import parse_rows
 
 TITLES: Final = ("devices", "trajectories", "model outputs")
@@ -81,14 +82,14 @@ def read_blocks(lines: Sequence[str]) -> tuple[dict[str, Block], list[Note]]:
             stop += 1
         title = _bare(lines[start])
         if title.lower() in blocks:
-            raise ValueError(f"line {start + 1}: a second block {title}")
+            raise ValueError(f"line {start + 1}: a second block {short(title)}")
         if title.lower() in TITLES:
             try:
                 blocks[title.lower()] = _block(lines[start:stop], start + 1)
             except ValueError as error:
                 raise ValueError(f"{title}: {error}") from error
         else:
-            skipped.append(title[:40])
+            skipped.append(short(title))
         start = stop
     notes = [Note.of("blocks_left_out", blocks=skipped)] if skipped else []
     return blocks, notes
@@ -128,7 +129,7 @@ def _groups(names: list[str], labels: list[str], units: list[str]) -> tuple[Grou
     if not starts:
         raise ValueError("its third line names no columns")
     if beyond := [name for name in names[len(labels) :] if name]:
-        raise ValueError(f"{beyond[0]!r} is the name of a column that is not there")
+        raise ValueError(f"{short(beyond[0])!r} is the name of a column that is not there")
     units = [unit.strip() for unit in units] + [""] * (len(labels) - len(units))
     spans = zip(starts, [*starts[1:], len(labels)], strict=True)
     return tuple(Group(names[a], a, tuple(labels[a:b]), tuple(units[a:b])) for a, b in spans)

@@ -12,6 +12,7 @@ from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array, read_only, transform_wrench
+from hbm.spelling import listed
 from pipeline.io.stated import Stated
 
 PlateFrame = Literal["recorded", "plate", "lab"]
@@ -124,7 +125,7 @@ class Analog:
     def channel(self, name: str) -> Array:
         """Give one channel by name, (N,); a KeyError lists the channels that exist."""
         if name not in self.names:
-            raise KeyError(f"no analog channel {name!r}; present: {', '.join(self.names)}")
+            raise KeyError(f"no analog channel {name!r}; present: {listed(self.names)}")
         return self.values[:, self.names.index(name)]
 
 

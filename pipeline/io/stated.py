@@ -220,7 +220,8 @@ def _stated_notes(
     if not other and not unknown:
         return ()
     code = "units_overruled" if other else "units_stated"
-    return (Note.of(code, quantity=quantity, stated=stated, written=listed([*other, *unknown])),)
+    written = listed(dict.fromkeys([*other, *unknown]))
+    return (Note.of(code, quantity=quantity, stated=stated, written=written),)
 
 
 def _cut_off_notes(units: Iterable[str]) -> tuple[Note, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from hbm.spatial import Array
+from hbm.spelling import short
 
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
@@ -108,8 +109,8 @@ def parse_rows(
     if len(strange):
         row, column = strange[0]
         raise ValueError(
-            f"line {numbers[row]}, column {names[column]!r}: {values[row, column]:g} cannot have "
-            "been measured"
+            f"line {numbers[row]}, column {short(names[column])!r}: {values[row, column]:g} cannot "
+            "have been measured"
         )
     return values
 
@@ -132,7 +133,7 @@ def _first_fault(
     for line, number in zip(lines, numbers, strict=True):
         for name, field in zip(names, line.split(separator), strict=False):
             try:
-                read_number(field, f"line {number}, column {name!r}")
+                read_number(field, f"line {number}, column {short(name)!r}")
             except ValueError as error:
                 return str(error)
     return "a row holds something that is no number"

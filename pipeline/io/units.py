@@ -103,7 +103,7 @@ def check_span(position: Array, unit: str) -> None:
         span = float(np.median(np.linalg.norm(extent, axis=1)))
     if not MIN_SPAN_M < span < MAX_SPAN_M:
         raise ValueError(
-            f"the markers spread over {span:.3g} m if their unit is {unit!r}, expected "
+            f"the markers spread over {span:.3g} m if their unit is {short(unit)!r}, expected "
             f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; correct the unit in the file, or {STATE_UNITS}"
         )
 

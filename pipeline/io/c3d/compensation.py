@@ -4,6 +4,7 @@ from typing import Final, get_args
 
 import numpy as np
 
+from hbm.spelling import short
 from pipeline.io.c3d.encoding import Value
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.recording import Compensation, PlateFrame
@@ -50,7 +51,7 @@ def read_compensation(parameters: Parameters) -> Compensation | None:
     frame = next((known for known in frames if known == stated), None)
     if frame is None:
         raise ValueError(
-            f"{GROUP}:FRAME is {stated!r}, expected one of "
+            f"{GROUP}:FRAME is {short(stated)!r}, expected one of "
             f"{', '.join(frames)}; another version of this program wrote it"
         )
     plates = tuple(parameters.integers(GROUP, "PLATES").ravel().tolist())

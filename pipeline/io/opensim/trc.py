@@ -10,7 +10,7 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import listed
+from hbm.spelling import listed, short
 from pipeline.io.axes import parse_axes, settle_axes
 from pipeline.io.labels import marker_columns
 from pipeline.io.recording import Metadata, Recording
@@ -146,7 +146,7 @@ def _parse(lines: list[str], stated: Stated) -> Trajectories:
     rows = [(k, line) for k, line in enumerate(lines[5:], start=6) if line.strip()]
     for key, count in (("NumFrames", len(rows)), ("NumMarkers", len(names))):
         if _stated(header, key) != count:
-            raise ValueError(f"its header says {key} {header[key]}, but it holds {count}")
+            raise ValueError(f"its header says {key} {short(header[key])}, but it holds {count}")
     if not rows or not names:
         raise ValueError("it holds no frames")
     filled = [_with_last_gaps(line, len(columns)) for _, line in rows]

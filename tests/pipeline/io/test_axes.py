@@ -2,8 +2,13 @@ from itertools import permutations, product
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
-from pipeline.io.axes import DIRECTIONS, parse_axes, settle_axes
+from hbm.markers import marker_sets, read_marker_set
+from hbm.notes import Note
+from pipeline.io.axes import DIRECTIONS, mean_force, parse_axes, settle_axes
+from tests.synthetic import synthetic_t_pose
 
 OPPOSITES = (("forward", "back"), ("left", "right"), ("up", "down"))
 ALL_AXES = [
@@ -146,3 +151,119 @@ def test_stated_axes_that_confuse_forward_and_sideways_are_warned_of(subject):
         assert note.values["direction"] == facing
     (note,) = settle_axes("forward,left,up", subject.position, subject.names)[1]
     assert note.level == "info"
+
+
+TABLE = """
+[markers]
+hip_r_front = ["pelvis", "RASIS"]
+hip_l_front = ["pelvis", "LASIS"]
+heel_right = ["right_foot", "RHEE"]
+heel_left = ["left_foot", "LHEE"]
+ball_right = ["right_foot", "RMT2"]
+ball_left = ["left_foot", "LMT2"]
+"""
+TABLE_LABELS = {
+    "LASIS": "hip_l_front",
+    "RASIS": "hip_r_front",
+    "LHEE": "heel_left",
+    "RHEE": "heel_right",
+    "LMT2": "ball_left",
+    "RMT2": "ball_right",
+}
+
+
+@pytest.mark.parametrize("axes", ALL_AXES)
+def test_the_landmarks_of_a_table_show_the_axes_whatever_its_labels_are(subject, axes):
+    """Nothing but markers: up from the feet, left across the pelvis, forward along the feet."""
+    table = read_marker_set(TABLE, "own")
+    names = tuple(TABLE_LABELS[name] for name in subject.names)
+    position = in_file_axes(subject.position, axes)
+    found, (note,) = settle_axes(None, position, names, marker_set=table)
+    assert found == axes
+    assert note.values["marker_pairs"] == ("hip_l_front/hip_r_front",)
+    assert "pelvis or shoulders above feet" in note.values["up_evidence"]
+    with pytest.raises(ValueError, match="axes cannot be inferred"):
+        settle_axes(None, position, names)
+
+
+def test_a_table_overrules_what_labels_usually_mean(subject):
+    """This laboratory's left is the subject's right; by the labels, the toes would point back."""
+    swapped = tuple({"L": "R", "R": "L"}[name[0]] + name[1:] for name in subject.names)
+    rows = (
+        f'{label} = ["pelvis", "{landmark}"]'
+        for label, landmark in zip(swapped, subject.names, strict=True)
+    )
+    table = read_marker_set("\n".join(["[markers]", *rows]), "swapped")
+    assert settle_axes(None, subject.position, swapped, marker_set=table)[0] == "forward,left,up"
+
+
+@pytest.mark.parametrize("name", ["hbm2", "hbm2_lower", "hbm1", "hbm1_lower"])
+def test_labels_of_a_shipped_set_are_recognised(name):
+    """Its landmarks show the axes where no usual label does: the set of the toe markers alone."""
+    known = marker_sets()[name]
+    person = synthetic_t_pose()
+    labels = tuple(label for label in known.segment if label in person.names)
+    columns = [person.names.index(label) for label in labels]
+    found, (note,) = settle_axes(None, person.position[:, columns], labels)
+    assert found == "forward,left,up"
+    assert note.values["marker_pairs"][0] == "LASIS/RASIS"
+
+
+@given(
+    axes=st.sampled_from(ALL_AXES),
+    frame=st.integers(0, 49),
+    marker=st.integers(0, 5),
+    component=st.integers(0, 2),
+    bit=st.integers(0, 31),
+)
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_one_flipped_bit_of_a_marker_never_turns_the_axes(
+    subject, axes, frame, marker, component, bit
+):
+    position = in_file_axes(subject.position, axes).astype("<f4")
+    word = position[frame, marker, component : component + 1].view("<u4")
+    word ^= np.uint32(1 << bit)
+    with np.errstate(invalid="ignore"):
+        damaged = position.astype(float)
+    damaged[~np.isfinite(damaged).all(axis=-1)] = np.nan
+    found, _ = settle_axes(None, damaged, subject.names)
+    assert found == axes
+
+
+def test_a_damaged_sample_of_a_plate_does_not_turn_the_axes():
+    force = np.tile([5.0, 3.0, 400.0], (2000, 1))
+    force[700, 0] = -1e30
+    force[900] = np.nan
+    np.testing.assert_allclose(mean_force(force), [5, 3, 400], rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("exchanged", "doubtful"),
+    [((), None), (("PSIS",), ["LPSIS/RPSIS"]), (("SHO",), ["LSHO/RSHO"])],
+)
+def test_a_pair_that_lies_the_other_way_round_is_a_warning(exchanged, doubtful):
+    found, notes = settle_sides(("ASIS", "PSIS", "SHO", "HEE"), exchanged)
+    assert found == "forward,left,up"
+    warnings = [note for note in notes if note.level == "warning"]
+    assert warnings == ([Note.of("sides_contradict", marker_pairs=doubtful)] if doubtful else [])
+
+
+def test_as_many_pairs_the_other_way_round_as_not_are_refused():
+    with pytest.raises(ValueError, match=r"of the marker pairs .*, LASIS/RASIS lie the other way"):
+        settle_sides(("ASIS", "SHO"), ("SHO",))
+
+
+def settle_sides(sites, exchanged):
+    """Settle the axes of a subject on a plate, with the labels of both sides exchanged at some."""
+    places = {"ASIS": (0.1, 0.15, 1.0), "PSIS": (-0.1, 0.15, 1), "SHO": (0, 0.2, 1.5)}
+    places["HEE"] = (0.0, 0.1, 0.05)
+    names, position = [], []
+    for site in sites:
+        for side, sign in (("L", 1), ("R", -1)):
+            x, y, z = places[site]
+            names.append(side + site)
+            position.append((x, -sign * y if site in exchanged else sign * y, z))
+    still = np.tile(np.array(position), (20, 1, 1))
+    return settle_axes(None, still, names, plate_forces=[[0, 0, 700.0]])

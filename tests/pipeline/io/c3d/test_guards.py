@@ -15,6 +15,8 @@ from pipeline.io.c3d.read import read_c3d
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
 
 AXES = "forward,left,up"
+MAX_CHARACTERS = 300
+"""Of a refusal: a line or two of a terminal."""
 SAMPLES = {
     "DEC_INT.C3D": None,
     "Empty.c3d": "the file is empty",
@@ -39,7 +41,8 @@ def assert_read_or_refused(path):
         read_c3d(path, AXES)
     except (ValueError, OSError) as error:
         refusal = str(error)
-    assert "\n" not in refusal
+    assert refusal.isprintable()
+    assert len(refusal) < MAX_CHARACTERS
     assert not refusal or refusal.startswith(path.name)
 
 
@@ -51,7 +54,8 @@ def test_every_sample_file_is_read_or_refused_in_one_line(shared_data, name, ref
         return
     with pytest.raises(ValueError, match=refusal) as caught:
         read_c3d(path)
-    assert "\n" not in str(caught.value)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < MAX_CHARACTERS
 
 
 def test_every_sample_file_is_in_the_tests(shared_data):

@@ -1,0 +1,291 @@
+"""What a person states about files reaches whatever reads them: one trial, a study, its checks."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hbm.markers import Markers
+from hbm.notes import Note
+from pipeline.cli.app import main
+from pipeline.config.study import read_study
+from pipeline.config.validation import StudyFaults
+from pipeline.export.compensated_c3d import Calibrations, write_compensated
+from pipeline.io.c3d.header import read_header
+from pipeline.io.c3d.parameters import parameter_records, values_of
+from pipeline.io.c3d.read import read_c3d
+from pipeline.run.check import check_study
+from pipeline.run.job import describe_error, trial_key
+from pipeline.run.one_trial import process_request, read_requested
+from pipeline.run.request import TrialRequest
+from pipeline.run.second_reader import read_twice, study_recordings
+from pipeline.trial.process import process_trial
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from tests.pipeline import lab
+
+DISGUISED = {"LASIS": "hip_l_front", "RASIS": "hip_r_front", "LHEE": "heel_l", "PF1": "corner"}
+"""The set's labels -> those of the files."""
+RENAME = {new: old for old, new in DISGUISED.items()}
+STATED = f"""
+units = "mm"
+plate_units = "N,Nmm"
+label_prefix = "S01"
+rename = {{{", ".join(f'{new} = "{old}"' for new, old in RENAME.items())}}}
+"""
+OPTIONS = {
+    "rename": tuple(f"{new}={old}" for new, old in RENAME.items()),
+    "label_prefix": "S01",
+    "units": "mm",
+    "plate_units": "N,Nmm",
+}
+
+
+def overwrite_texts(path, group, name, new):
+    """Write other texts into a parameter of a C3D file, padded to the width that it has."""
+    header, _ = read_header(path)
+    content = bytearray(path.read_bytes())
+    start = 512 * (header.parameter_block - 1) + 4
+    section = bytes(content[start : header.data_start])
+    records = list(parameter_records(section, header.byte_order))
+    owner = next(-record.identity for record in records if record.name == group)
+    record = next(r for r in records if (r.identity, r.name) == (owner, name))
+    _, (width, *_), where = values_of(section, record)
+    texts = [section[k : k + width].decode() for k in range(where.start, where.stop, width)]
+    written = b"".join(new(text.strip()).ljust(width).encode() for text in texts)
+    content[start + where.start : start + where.stop] = written
+    path.write_bytes(content)
+
+
+def disguise(path):
+    """Write a recording with another laboratory's labels and without the units of its plates."""
+    recording = read_c3d(path, "left,back,up")
+    names = tuple(f"S01:{DISGUISED.get(n, n)}" for n in recording.markers.names)
+    position = recording.markers.position
+    if names:  # another person, who carries some of the same labels
+        names += ("S02:LPSIS", "S02:RPSIS")
+        position = np.concatenate([position, position[:, :2] + [0, 2.0, 0]], axis=1)
+    markers = Markers(recording.markers.time, names, position)
+    lab.save(replace(recording, markers=markers), path)
+    overwrite_texts(path, "POINT", "UNITS", lambda _: "in")
+    overwrite_texts(path, "ANALOG", "UNITS", lambda unit: "V" if unit in ("N", "Nmm") else unit)
+
+
+@pytest.fixture(scope="module")
+def plain(moving_study, tmp_path_factory):
+    """The study with one subject."""
+    folder = shutil.copytree(moving_study, tmp_path_factory.mktemp("plain") / "study")
+    for path in folder.glob("sub02*"):
+        path.unlink()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def disguised(plain, tmp_path_factory):
+    """The same study in another laboratory's files, and what says so in study.toml."""
+    folder = shutil.copytree(plain, tmp_path_factory.mktemp("disguised") / "study")
+    for path in folder.glob("*.c3d"):
+        disguise(path)
+    text = (folder / "study.toml").read_text(encoding="utf-8")
+    (folder / "study.toml").write_text(STATED + text, encoding="utf-8")
+    return folder
+
+
+def test_a_study_of_disguised_files_gives_the_residuals_of_the_plain_ones(plain, disguised):
+    """Trials, static pose and calibration are all read as study.toml states."""
+    expected = process_trial(read_study(plain), "sub01", "pitch")
+    found = process_trial(read_study(disguised), "sub01", "pitch")
+    for name in ("measured", "compensated"):
+        np.testing.assert_allclose(
+            getattr(found, name).residual, getattr(expected, name).residual, atol=2e-3
+        )
+    assert "rename_without_label" not in {note.code for note in found.notes}
+
+
+def test_without_the_statements_nothing_is_guessed(disguised):
+    with pytest.raises(ValueError, match="carry the same labels: S01, S02; choose one"):
+        read_c3d(disguised / "sub01_pitch.c3d")
+
+
+def test_one_trial_states_the_same_as_options(plain, disguised):
+    options = {"mass_kg": 75.0, "platform_markers": ",".join(lab.PLATFORM_MARKERS_M)}
+    expected = process_request(TrialRequest(plain / "sub01_pitch.c3d", **options))
+    found = process_request(TrialRequest(disguised / "sub01_pitch.c3d", **options, **OPTIONS))
+    np.testing.assert_allclose(found.measured.residual, expected.measured.residual, atol=2e-3)
+    codes = {note.code for note in found.notes}
+    assert {"units_stated", "points_of_other_subjects"} < codes
+
+
+def test_check_reads_a_study_as_a_run_does(disguised):
+    found = check_study(read_study(disguised))
+    assert found.faults == ()
+    assert "rename_without_label" not in {remark.note.code for remark in found.remarks}
+
+
+def test_a_second_reader_needs_no_statement(disguised):
+    for path in study_recordings(read_study(disguised)):
+        assert read_twice(path).faults == ()
+
+
+@pytest.mark.parametrize(
+    "key", ["units = 'cm'", "plate_units = 'N,Nm'", "label_prefix = 'S1'", "rename = {A = 'B'}"]
+)
+def test_what_is_stated_about_files_is_part_of_a_trials_key(plain, tmp_path, key):
+    folder = shutil.copytree(plain, tmp_path / "study")
+    before = trial_key(read_study(folder), "sub01", "pitch")
+    text = (folder / "study.toml").read_text(encoding="utf-8")
+    (folder / "study.toml").write_text(f"{key}\n{text}", encoding="utf-8")
+    assert trial_key(read_study(folder), "sub01", "pitch") != before
+
+
+@pytest.mark.parametrize(
+    ("key", "fault"),
+    [
+        ("units = 'furlong'", "study.toml: units: unknown length unit 'furlong', expected mm"),
+        ("plate_units = 'N'", "study.toml: plate_units: units of force and moment are needed"),
+        ("axes = 'left,up'", "study.toml: axes: axes 'left,up' must be three of"),
+        ("label_prefix = ''", "study.toml: label_prefix: string should have at least 1 char"),
+    ],
+)
+def test_a_faulty_key_is_named(plain, tmp_path, key, fault):
+    folder = shutil.copytree(plain, tmp_path / "study")
+    text = (folder / "study.toml").read_text(encoding="utf-8")
+    (folder / "study.toml").write_text(f"{key}\n{text}", encoding="utf-8")
+    with pytest.raises(StudyFaults) as error:
+        read_study(folder)
+    assert any(line.startswith(fault) for line in error.value.faults)
+
+
+def test_a_copy_with_compensated_plates_keeps_its_own_labels_and_units(plain, disguised, tmp_path):
+    """What is subtracted is computed in the stated unit, and the copy says no other one."""
+    for frame in (None, "plate"):
+        wrenches = []
+        for folder in (plain, disguised):
+            study = read_study(folder)
+            calibrations = Calibrations(read_study_laboratory(study), study.path("empty.c3d"))
+            recording = read_study_file(study, "sub01_pitch.c3d")
+            target = tmp_path / f"{frame}_{folder.parent.name}.c3d"
+            write_compensated(recording, calibrations, target, frame=frame)
+            again = replace(study, folder=tmp_path)
+            wrenches.append([p.wrench for p in read_study_file(again, target.name).plates])
+            _, before = read_header(study.path("sub01_pitch.c3d"))
+            _, after = read_header(target)
+            for group, name in (("POINT", "UNITS"), ("POINT", "LABELS"), ("ANALOG", "UNITS")):
+                assert after.texts(group, name) == before.texts(group, name)
+        for ours, expected in zip(*wrenches, strict=True):
+            np.testing.assert_allclose(ours, expected, atol=2e-3)
+
+
+# Labels to rename
+
+
+def standing(folder, name, *labels):
+    """A person who stands on two plates, under labels of which some are another laboratory's."""
+    recording = read_c3d(folder / "sub01_pitch.c3d")
+    names = tuple(dict(labels).get(n, n) for n in recording.markers.names)
+    path = folder / name
+    lab.save(replace(recording, markers=replace(recording.markers, names=names)), path)
+    return path
+
+
+def test_a_label_that_another_file_of_the_trial_has_is_no_note(plain, tmp_path):
+    folder = shutil.copytree(plain, tmp_path / "study")
+    walk = standing(folder, "walk.c3d", ("LHEE", "heel_l"))
+    static = standing(folder, "static.c3d", ("C7", "neck"))
+    request = TrialRequest(
+        walk, static=static, mass_kg=75.0, rename=("heel_l=LHEE", "neck=C7", "nack=T10")
+    )
+    notes = process_request(request).notes
+    assert Note.of("rename_without_label", labels=["nack"]) in notes
+    assert "labels_not_renamed" not in {note.code for note in notes}
+    of_walk = Note.of("labels_not_renamed", labels=["neck", "nack"])
+    assert of_walk in read_requested(request).notes
+
+
+def test_a_misspelt_label_to_rename_is_named_with_the_error_that_it_causes(plain, tmp_path, capsys):
+    folder = shutil.copytree(plain, tmp_path / "study")
+    walk = standing(folder, "walk.c3d", ("LHEE", "heel_l"))
+    options = ["--mass-kg", "75", "--rename", "hel_l=LHEE", "--out", str(tmp_path / "out")]
+    assert main(["residuals", str(walk), *options]) == 2
+    assert "; no marker hel_l to rename in any of the files" in capsys.readouterr().err
+    text = (folder / "study.toml").read_text(encoding="utf-8")
+    (folder / "study.toml").write_text(f"rename = {{hel_l = 'LHEE'}}\n{text}", encoding="utf-8")
+    standing(folder, "sub01_pitch.c3d", ("LHEE", "heel_l"))
+    study = read_study(folder)
+    with pytest.raises(ValueError, match="LHEE") as error:
+        process_trial(study, "sub01", "pitch")
+    assert describe_error(error.value).endswith("no marker hel_l to rename in any of the files")
+    remarks = [str(remark) for remark in check_study(study).remarks]
+    assert "study.toml: no marker hel_l to rename in any of the files" in remarks
+
+
+@pytest.mark.parametrize(
+    ("rename", "message"),
+    [
+        (("LASI",), "--rename LASI: expected OLD=NEW, such as LASI=LASIS"),
+        (("=LASIS",), "expected OLD=NEW"),
+        (("LASI=",), "expected OLD=NEW"),
+        (("A=B", "A=C"), "--rename gives A two new labels"),
+    ],
+)
+def test_a_pair_to_rename_that_is_none_is_refused(plain, rename, message):
+    with pytest.raises(ValueError, match=message):
+        read_requested(TrialRequest(plain / "sub01_pitch.c3d", rename=rename))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"units": "furlong"}, "--units: unknown length unit 'furlong', expected mm, cm or m"),
+        ({"plate_units": "N"}, "--plate-units: units of force and moment are needed, such as N,N"),
+        ({"label_prefix": "S02"}, "sub01_pitch.c3d: no label begins with 'S02'; prefixes there: n"),
+    ],
+)
+def test_a_statement_that_cannot_be_is_refused_with_its_option(plain, options, message):
+    with pytest.raises(ValueError, match=message):
+        read_requested(TrialRequest(plain / "sub01_pitch.c3d", **options))
+
+
+def test_a_table_of_other_labels_is_named_with_the_first_of_each(plain, tmp_path):
+    table = tmp_path / "other_lab.toml"
+    table.write_text('[markers]\nA1 = ["pelvis", "LASIS"]\nA2 = ["pelvis", "RASIS"]\n')
+    request = TrialRequest(plain / "sub01_pitch.c3d", marker_set=str(table))
+    with pytest.raises(
+        ValueError,
+        match=r"sub01_pitch\.c3d: none of the 2 labels of marker set other_lab \(A1, A2, …\) is t",
+    ):
+        read_requested(request)
+
+
+def test_the_table_of_a_request_shows_the_axes(disguised, tmp_path):
+    """Labels such as hip_l_front mean nothing by themselves."""
+    table = tmp_path / "lab.toml"
+    rows = (
+        f'{label} = ["{segment}", "{landmark}"]'
+        for label, segment, landmark in (
+            ("hip_l_front", "pelvis", "LASIS"),
+            ("hip_r_front", "pelvis", "RASIS"),
+        )
+    )
+    table.write_text("\n".join(["[markers]", *rows]))
+    request = TrialRequest(
+        disguised / "sub01_pitch.c3d",
+        marker_set=str(table),
+        **OPTIONS | {"rename": ()},
+    )
+    (note,) = [note for note in read_requested(request).notes if note.code == "axes_inferred"]
+    assert "hip_l_front/hip_r_front" in note.values["marker_pairs"]
+    assert note.values["axes"] == ("left", "back", "up")
+
+
+def test_calibrations_are_fitted_in_stated_units(plain, disguised, tmp_path, capsys):
+    fitted = []
+    for folder, options in ((plain, []), (disguised, ["--units", "mm", "--plate-units", "N,Nmm"])):
+        out = tmp_path / f"{folder.parent.name}.json"
+        command = ["calibration", "fit", str(folder / "empty.c3d"), "-o", str(out)]
+        assert main([*command, *options]) == 0
+        fitted.append(Path(out).read_text(encoding="utf-8").split('"plates"')[1])
+    assert main(["calibration", "fit", str(disguised / "empty.c3d"), "-o", str(out)]) == 2
+    assert "--units mm" in capsys.readouterr().err
+    assert fitted[0] == fitted[1]
