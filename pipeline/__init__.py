@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from pipeline.io.opensim.trial import read_opensim_trial
     from pipeline.io.read import read_recording
     from pipeline.io.recording import Recording
+    from pipeline.io.stated import Stated
     from pipeline.report.write import write_report
     from pipeline.run.run import run_study
     from pipeline.run.store import read_trial
@@ -26,6 +27,7 @@ _HOME = {
     "Platform": "config.schema",
     "Recording": "io.recording",
     "Settings": "config.schema",
+    "Stated": "io.stated",
     "Study": "config.study",
     "Subject": "config.schema",
     "Treadmill": "config.schema",
@@ -50,6 +52,7 @@ __all__ = [
     "Platform",
     "Recording",
     "Settings",
+    "Stated",
     "Study",
     "Subject",
     "Treadmill",

@@ -18,7 +18,7 @@ from hbm.signals.filtering import Method
 from hbm.spatial import Array, rotate_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
-from pipeline.io.stated import PlateUnits, Stated
+from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import accelerations, find_accelerometers
 from pipeline.trial.ground.belts import belt_axes, belt_speed
 from pipeline.trial.ground.calibration_recording import read_empty
@@ -72,9 +72,7 @@ class RankingSettings:
     @property
     def stated(self) -> Stated:
         """How the files are to be read."""
-        return Stated(
-            axes=self.axes, units=self.units, plate_units=PlateUnits.parse(self.plate_units)
-        )
+        return Stated(axes=self.axes, units=self.units, plate_units=self.plate_units)
 
 
 @dataclass(frozen=True, slots=True)

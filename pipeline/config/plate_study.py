@@ -17,7 +17,7 @@ from pipeline.config.schema import (
 )
 from pipeline.config.toml_file import Table, check_table, read_table
 from pipeline.config.validation import StudyFaults
-from pipeline.io.stated import PlateUnits, Stated
+from pipeline.io.stated import Stated
 
 FILE = "plates.toml"
 BeltSide = Literal["left", "right"]
@@ -94,9 +94,7 @@ class PlatesFile(InputModel):
     @property
     def stated(self) -> Stated:
         """How its recordings are to be read."""
-        return Stated(
-            axes=self.axes, units=self.units, plate_units=PlateUnits.parse(self.plate_units)
-        )
+        return Stated(axes=self.axes, units=self.units, plate_units=self.plate_units)
 
 
 @dataclass(frozen=True, slots=True)

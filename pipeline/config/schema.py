@@ -268,8 +268,8 @@ class RecordingRules(InputModel):
 
     Examples
     --------
-    >>> RecordingRules(units="mm", plate_units="N,Nmm").stated().plate_units.moment
-    'Nmm'
+    >>> RecordingRules(units="mm", plate_units="N,Nmm").stated().plate_units
+    'N,Nmm'
     """
 
     axes: AxesText | None = None
@@ -285,7 +285,7 @@ class RecordingRules(InputModel):
             rename=self.rename,
             label_prefix=self.label_prefix,
             units=self.units,
-            plate_units=PlateUnits.parse(self.plate_units),
+            plate_units=self.plate_units,
             marker_set=marker_set,
         )
 

@@ -15,7 +15,7 @@ from pipeline.io.nexus_blocks import is_nexus
 from pipeline.io.opensim.trc import read_trc
 from pipeline.io.opensim.trial import read_opensim_trial
 from pipeline.io.recording import Preview, Recording
-from pipeline.io.stated import PlateUnits, Stated
+from pipeline.io.stated import Stated
 from pipeline.io.text_table import decoded
 
 C3D_KEY: Final = 0x50
@@ -91,7 +91,7 @@ def read_recording(
         rename=rename or {},
         label_prefix=label_prefix,
         units=units,
-        plate_units=PlateUnits.parse(plate_units),
+        plate_units=plate_units,
         marker_set=marker_set,
     )
     return read_as_stated(path, stated, forces, record=record)

@@ -42,16 +42,14 @@ class PlateUnits:
         return ",".join(filter(None, (self.force, self.moment, self.pressure)))
 
     @classmethod
-    def parse(cls, text: str | None) -> "PlateUnits | None":
-        """Parse "N,Nmm", or "N,Nmm,mm" with the unit of centres of pressure; None for None.
+    def parse(cls, text: str) -> "PlateUnits":
+        """Parse "N,Nmm", or "N,Nmm,mm" with the unit of centres of pressure.
 
         Raises
         ------
         ValueError
             There are not two or three units, or one of them is unknown.
         """
-        if text is None:
-            return None
         units = [unit.strip() for unit in text.split(",")]
         if len(units) not in (2, 3):
             raise ValueError(
@@ -78,13 +76,15 @@ class Stated:
     units
         Unit of the markers' positions, such as "mm".
     plate_units
-        Units of the plates' channels.
+        Units of the plates' forces and moments, such as "N,Nmm", and of centres of pressure as a
+        third one.
     marker_set
         The set whose landmarks show how the subject stands.
 
     Examples
     --------
-    >>> stated = Stated(units="mm", rename={"LASI": "LASIS"})
+    >>> import pipeline
+    >>> stated = pipeline.Stated(units="mm", rename={"LASI": "LASIS"})
     >>> metre, notes = stated.marker_unit("")
     >>> metre
     0.001
@@ -96,13 +96,15 @@ class Stated:
     rename: Mapping[str, str] = field(default_factory=dict, hash=False)
     label_prefix: str | None = None
     units: str | None = None
-    plate_units: PlateUnits | None = None
+    plate_units: str | None = None
     marker_set: MarkerSet | None = field(default=None, hash=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rename", MappingProxyType(dict(self.rename)))
         if self.units is not None:
             length_in_m(self.units)
+        if self.plate_units is not None:
+            PlateUnits.parse(self.plate_units)
 
     def __reduce__(self) -> tuple[type["Stated"], tuple[object, ...]]:
         values = self.axes, dict(self.rename), self.label_prefix, self.units
@@ -146,11 +148,11 @@ class Stated:
             None is stated and the file's is unknown; the message says how to state it. The same
             holds of `moment_unit` and `pressure_unit`.
         """
-        return _convert(force_in_n, self.plate_units.force if self.plate_units else unit)
+        return _convert(force_in_n, self._plates.force if self._plates else unit)
 
     def moment_unit(self, unit: str) -> float:
         """Give the unit of a plate's moment in newton metres."""
-        return _convert(moment_in_nm, self.plate_units.moment if self.plate_units else unit)
+        return _convert(moment_in_nm, self._plates.moment if self._plates else unit)
 
     def pressure_unit(self, unit: str) -> float:
         """Give the unit of a plate's centre of pressure in metres."""
@@ -163,19 +165,25 @@ class Stated:
         forces, moments, pressures = (
             list(dict.fromkeys(units)) for units in (forces, moments, pressures)
         )
-        if self.plate_units is None:
+        plates = self._plates
+        if plates is None:
             return _cut_off_notes([*forces, *moments, *pressures])
         written = [
-            *((self.plate_units.force, unit, force_in_n) for unit in forces),
-            *((self.plate_units.moment, unit, moment_in_nm) for unit in moments),
+            *((plates.force, unit, force_in_n) for unit in forces),
+            *((plates.moment, unit, moment_in_nm) for unit in moments),
             *((self._pressure(unit), unit, length_in_m) for unit in pressures),
         ]
-        return _stated_notes("plates", str(self.plate_units), written)
+        return _stated_notes("plates", str(plates), written)
+
+    @property
+    def _plates(self) -> PlateUnits | None:
+        return PlateUnits.parse(self.plate_units) if self.plate_units is not None else None
 
     def _pressure(self, unit: str) -> str:
-        if self.plate_units is None or (self.plate_units.pressure is None and _is_length(unit)):
+        plates = self._plates
+        if plates is None or (plates.pressure is None and _is_length(unit)):
             return unit
-        return self.plate_units.pressure or length_of_moment(self.plate_units.moment)
+        return plates.pressure or length_of_moment(plates.moment)
 
 
 def as_stated(stated: Stated | str | None) -> Stated:

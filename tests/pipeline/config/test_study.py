@@ -194,6 +194,15 @@ def test_an_impossible_condition_is_refused(write, conditions, message):
             'id = "s"\nid = "t"\n[trials.walk]\nexclude = "ill"\n',
             ["not valid TOML: Cannot overwrite a value"],
         ),
+        (f"a = {'[' * 5000}", ["not valid TOML: it is nested too deeply"]),
+        (
+            f'id = "s"\nheight_m = {"9" * 400}\n[trials.walk]\nexclude = "ill"\n',
+            [f"height_m: input should be a valid number, got {'9' * 39}…"],
+        ),
+        (
+            f'id = "s"\nheight_m = {"9" * 5000}\n[trials.walk]\nexclude = "ill"\n',
+            ["not valid TOML: Exceeds the limit"],
+        ),
         ('id = "../s"\n[trials.walk]\nexclude = "ill"\n', ["id: must be letters, digits"]),
     ],
 )

@@ -8,7 +8,7 @@ from hbm.notes import Note
 from pipeline.export.opensim_tables import write_trc
 from pipeline.io.opensim.sto import read_sto
 from pipeline.io.opensim.trial import read_opensim_trial
-from pipeline.io.stated import PlateUnits, Stated
+from pipeline.io.stated import Stated
 
 TRIALS = {
     "opensim_subject01": ("subject01_walk1.trc", "subject01_walk1_grf.mot", 72.6),
@@ -244,7 +244,7 @@ def test_forces_in_stated_units(tmp_path):
     trc, mot = write_standing(tmp_path / "s.trc"), tmp_path / "s.mot"
     names = NAMINGS["ground_force_vx"]
     write_forces(mot, [(names, force / 1000, point * 1000, torque)])
-    stated = Stated(plate_units=PlateUnits.parse("kN,Nm,mm"))
+    stated = Stated(plate_units="kN,Nm,mm")
     recording = read_opensim_trial(trc, mot, stated)
     np.testing.assert_allclose(
         recording.plates[0].wrench[:, 3:], in_lab(moment_of(force, point, torque)), atol=1e-4

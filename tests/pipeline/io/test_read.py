@@ -331,3 +331,49 @@ def test_residuals_do_not_depend_on_the_format(walker, tmp_path):
     for name, residual in forces.items():
         away = np.sqrt(np.nanmean((residual - true) ** 2, axis=0))
         assert (away < (0.001 if name == "Nexus" else 0.1) * size + 0.01).all(), (name, away, size)
+
+
+BROKEN = {
+    "mot_579_refused_long.mot": "a MOT or STO table, which has no markers",
+    "nexus_294_refused_long.txt": None,
+    "axes_flipped_by_one_bit_53172_3.c3d": None,
+    "axes_flipped_by_one_bit_67360_3.c3d": None,
+}
+"""Recordings that were damaged -> why they are refused, if they are."""
+
+
+@pytest.mark.parametrize(("name", "refusal"), BROKEN.items())
+def test_a_broken_recording_is_read_rightly_or_refused_in_one_short_line(
+    shared_data, name, refusal
+):
+    path = shared_data / "broken" / name
+    if refusal is None:
+        for note in read_recording(path).notes:
+            assert note.text.isprintable()
+            assert len(note.text) < MAX_CHARACTERS
+        return
+    with pytest.raises(ValueError, match=refusal) as error:
+        read_recording(path)
+    one_line(error)
+
+
+def test_a_force_with_a_name_of_five_thousand_digits_is_left_out_with_a_short_note(
+    shared_data, tmp_path, trial
+):
+    mot = shared_data / "broken" / "mot_579_refused_long.mot"
+    trc = tmp_path / "trial.trc"
+    write_opensim(trial, trc, tmp_path / "forces.mot")
+    read = read_recording(trc, forces=mot)
+    left_out = [note for note in read.notes if note.code == "plate_left_out"]
+    assert "column 2_ground_force_vz is absent" in {note.values["reason"] for note in left_out}
+    assert max(len(note.text) for note in read.notes) < MAX_CHARACTERS
+
+
+@pytest.mark.parametrize("name", [name for name in BROKEN if name.startswith("axes")])
+def test_one_flipped_bit_does_not_turn_the_axes_of_a_recording(shared_data, name):
+    """Both were copies of a file whose axes are known, with a bit of one marker flipped."""
+    damaged = read_recording(shared_data / "broken" / name)
+    sound = read_recording(shared_data / "c3d_samples" / "sgi_real.c3d")
+    assert damaged.notes[0].values["axes"] == sound.notes[0].values["axes"]
+    same = np.isclose(damaged.markers.position, sound.markers.position, equal_nan=True)
+    assert np.count_nonzero(~same.all(axis=-1)) == 1

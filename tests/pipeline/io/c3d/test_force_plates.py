@@ -3,7 +3,7 @@ import pytest
 
 from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.stated import PlateUnits, Stated
+from pipeline.io.stated import Stated
 
 ezc3d = pytest.importorskip("ezc3d", reason="ezc3d has no wheel for this system")
 
@@ -198,7 +198,7 @@ def test_plates_in_stated_units_are_those_of_a_file_that_says_them(
     extra = {"CAL_MATRIX": np.eye(6)[..., None]} if kind == 4 else {}
     origin = [0, 0, 0] if kind == 1 else [0, 0, -40]
     path = plate_file(kind, origin=origin, units=written, **extra)
-    read = read_c3d(path, Stated(AXES, plate_units=PlateUnits.parse(stated)))
+    read = read_c3d(path, Stated(AXES, plate_units=stated))
     said = read_c3d(plate_file(kind, origin=origin, units=units, **extra), AXES)
     np.testing.assert_array_equal(read.plates[0].wrench, said.plates[0].wrench)
     (note,) = [note for note in read.notes if note.code in ("units_stated", "units_overruled")]
@@ -223,7 +223,7 @@ def test_the_refusal_of_a_plates_unit_names_the_option_that_states_it(plate_file
 )
 def test_units_of_plates_that_are_none_are_refused(text, message):
     with pytest.raises(ValueError, match=message):
-        PlateUnits.parse(text)
+        Stated(plate_units=text)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from hbm.markers import Markers
 from pipeline.io.c3d.byte_order import float_bytes, floats
 from pipeline.io.c3d.compensation import GROUP
 from pipeline.io.c3d.data import read_samples
+from pipeline.io.c3d.encoding import with_values
 from pipeline.io.c3d.force_plates import plate_layouts
 from pipeline.io.c3d.header import read_header
 from pipeline.io.c3d.labels import channel_labels
@@ -522,3 +523,31 @@ def test_numbers_are_encoded_as_they_are_decoded(byte_order):
     assert data[4:8] == data[:4] or byte_order != "dec"  # which has no negative zero
     with pytest.raises(ValueError, match="too large for the 4 bytes"):
         float_bytes([1e39], byte_order)
+
+
+def test_a_plate_that_is_left_out_keeps_its_samples_and_corners(tmp_path):
+    """Of two plates the first one has a type that is unknown: the second is the one that moves."""
+    original = PlateFile(2, plates=2).write(tmp_path / "trial.c3d")
+    header, _ = read_header(original)
+    content = original.read_bytes()
+    start = BLOCK * (header.parameter_block - 1)
+    section = content[start : header.data_start]
+    section = with_values(section, "intel", "FORCE_PLATFORM", "TYPE", np.array([5, 2]))
+    original.write_bytes(content[:start] + section + content[header.data_start :])
+    (layout,) = plate_samples(*read_header(original), Stated()).plates
+    assert layout.number == 2
+    corners = (layout.corners - layout.corners.mean(axis=0)) @ layout.rotation + [0, 0, 0.05]
+
+    changes = changes_of(original)
+    target = tmp_path / "written" / original.name
+    rewrite_plates(original, target, changes, DONE, [corners])
+    (moved,) = plate_samples(*read_header(target), Stated()).plates
+    np.testing.assert_allclose(
+        moved.corners, layout.corners + 0.05 * layout.rotation[:, 2], atol=1e-7
+    )
+    first, second = (read_header(path)[1] for path in (original, target))
+    before, after = (each.numbers("FORCE_PLATFORM", "CORNERS")[..., 0] for each in (first, second))
+    np.testing.assert_array_equal(before, after)
+    samples = [read_samples(path, *read_header(path)).analog for path in (original, target)]
+    np.testing.assert_array_equal(samples[0][:, :7], samples[1][:, :7])
+    np.testing.assert_allclose(plates_of(target)[0], plates_of(original)[0] + changes[0], atol=1e-3)

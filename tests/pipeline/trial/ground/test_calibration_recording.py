@@ -2,12 +2,16 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from compensation import Calibration, check_calibration, to_json
+from hbm.markers import Markers
+from hbm.notes import Note
 from pipeline.config.schema import Platform, Treadmill
+from pipeline.io.c3d.write import write_c3d
 from pipeline.io.stated import Stated
 from pipeline.trial.ground import calibration_recording
 from pipeline.trial.ground.calibration_recording import (
@@ -82,6 +86,8 @@ def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path, monke
     [
         ("empty.json", "{", "empty.json: the calibration is not JSON"),
         ("empty.json", "{}", "empty.json: the text is not a calibration"),
+        ("empty.json", "[" * 100_000, "empty.json: the calibration is not JSON"),
+        ("empty.json", "9" * 5000, "empty.json: the calibration is not JSON"),
         ("empty.c3d", "nothing", "empty.c3d: "),
     ],
 )
@@ -104,6 +110,44 @@ def test_a_recording_of_a_still_treadmill_is_no_calibration(tmp_path):
     path = lab.save(lab.on_platform(lab.without_people(5.0), lab.still(5.0)), tmp_path / "no.c3d")
     with pytest.raises(ValueError, match=r"no\.c3d: the platform hardly moved"):
         read_calibration(path, TREADMILL)
+
+
+def test_a_calibration_with_a_number_too_large_is_refused_with_its_file_name(tmp_path):
+    path = lab.save(lab.on_platform(lab.without_people(5.0), lab.shaken(5.0)), tmp_path / "e.c3d")
+    text = to_json(read_calibration(path, TREADMILL))
+    first = re.search(r"-?\d+\.\d+", text)[0]
+    stored = tmp_path / "lab.json"
+    stored.write_text(text.replace(first, "9" * 400, 1), encoding="utf-8")
+    with pytest.raises(
+        ValueError, match=r"lab\.json: the calibration is damaged: .*; fit it again"
+    ):
+        read_calibration(stored, TREADMILL)
+
+
+@pytest.mark.parametrize("axes", ["left,back,up", "forward,up,right", "up,left,back"])
+def test_an_empty_treadmill_without_markers_is_level(tmp_path, axes):
+    """Its plates show the vertical; directions about it do not matter."""
+    empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
+    nobody = Markers(empty.markers.time, (), np.empty((len(empty.markers.time), 0, 3)))
+    path = tmp_path / "empty.c3d"
+    write_c3d(path, nobody, empty.plates, analog=empty.analog, axes=axes)
+    recording = read_empty(path, Stated())
+    for plate, expected in zip(recording.plates, empty.plates, strict=True):
+        np.testing.assert_allclose(abs(plate.rotation[2]), abs(expected.rotation[2]), atol=1e-6)
+    whole = fit_calibration(empty, TREADMILL)
+    for name, model in fit_calibration(recording, TREADMILL).plates.items():
+        np.testing.assert_allclose(model.gain, whole.plates[name].gain, atol=1e-3)
+
+
+def test_a_calibration_without_usable_plates_says_why(tmp_path):
+    empty = lab.on_platform(lab.without_people(5.0), lab.shaken(5.0))
+    recording = replace(
+        empty,
+        plates=(),
+        notes=(Note.of("plate_left_out", plate="plate 1", reason="it has no corners"),),
+    )
+    with pytest.raises(ValueError, match=r"no force plate can be used \(plate 1: it has no corner"):
+        fit_calibration(recording, TREADMILL)
 
 
 def test_an_empty_treadmill_needs_no_stated_axes(tmp_path):
