@@ -139,7 +139,8 @@ def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverr
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{name} is not valid TOML: {error}") from error
+        reason = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise ValueError(f"{name} is not valid TOML: {reason}") from error
     overrides, faults = {}, []
     for segment, entry in table.items():
         if segment not in SEGMENTS:

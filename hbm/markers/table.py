@@ -58,7 +58,8 @@ def read_marker_set(text: str, name: str = "own") -> MarkerSet:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"marker set {name!r} is not valid TOML: {error}") from error
+        reason = "nested too deeply" if isinstance(error, RecursionError) else error
+        raise ValueError(f"marker set {name!r} is not valid TOML: {reason}") from error
     if not isinstance(table.get("markers"), dict) or not table["markers"]:
         raise ValueError(f"marker set {name!r} needs a [markers] table with at least one marker")
     return _marker_set(name, table, marker_sets())

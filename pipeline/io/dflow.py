@@ -19,7 +19,6 @@ from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import parse_rows, read_lines
-from pipeline.io.units import check_span
 
 AXES: Final = "right,up,back"
 """D-Flow's own, of x, y and z."""
@@ -128,7 +127,7 @@ def _read(path: Path, stated: Stated, record: Path | None, missing: str) -> Reco
     kept = [list(stems)[k] for k in markers.values()]
     position = np.stack([table.vector(f"{stem}.Pos") for stem in kept], 1) * metre
     gaps = _gaps(position, list(markers), missing)
-    check_span(position, stated.units or "m")
+    stated.check_span(position, "m")
     numbers = dict.fromkeys(int(m[1]) for name in table.names if (m := PLATE.fullmatch(name)))
     time = np.arange(len(position)) / table.rate_hz
     columns, plate_notes = _plates(table, numbers, stated, time)

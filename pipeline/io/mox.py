@@ -19,7 +19,6 @@ from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import decoded, read_number
-from pipeline.io.units import check_span
 
 ROOT: Final = "moxie_viewer_datafile"
 MAX_RATE_HZ: Final = 1e6
@@ -88,7 +87,7 @@ def _read(path: Path, stated: Stated) -> Recording:
     )
     position *= metre
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    check_span(position, stated.units or "m")
+    stated.check_span(position, "m")
     on_plates = {k: m for k in channels if (m := PLATE.fullmatch(k))}
     parts = {
         (f"{int(m['number'] or 1)} {m['what'].lower()}", m["axis"].upper()): k

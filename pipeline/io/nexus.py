@@ -17,7 +17,6 @@ from pipeline.io.nexus_blocks import Block, Group, read_blocks
 from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import read_lines
-from pipeline.io.units import check_span
 
 
 def read_nexus(path: str | Path, stated: Stated | str | None = None) -> Recording:
@@ -80,7 +79,7 @@ def _read(path: Path, stated: Stated) -> Recording:
         axis=1,
     )
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
-    check_span(position, stated.units or unit)
+    stated.check_span(position, unit)
     settled, axes_notes = settle_axes(
         stated.axes, position, tuple(markers), marker_set=stated.marker_set
     )

@@ -7,10 +7,12 @@ from typing import Final
 
 from hbm.markers import MarkerSet
 from hbm.notes import Note
+from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.units import (
     STATE_PLATE_UNITS,
     STATE_UNITS,
+    check_span,
     force_in_n,
     is_cut_off,
     length_in_m,
@@ -138,6 +140,13 @@ class Stated:
             return length_in_m(unit), _cut_off_notes([unit])
         except ValueError as error:
             raise ValueError(f"{error}; {STATE_UNITS}") from error
+
+    def check_span(self, position: Array, unit: str) -> None:
+        """Refuse positions, (T, M, 3) [m], whose extent contradicts their unit.
+
+        Parameters and errors are those of `pipeline.io.units.check_span`; ``unit`` is the file's.
+        """
+        check_span(position, self.units or unit, stated=self.units is not None)
 
     def force_unit(self, unit: str) -> float:
         """Give the unit of a plate's force, which the file states as `unit`, in newtons.

@@ -80,7 +80,7 @@ def angle_in_rad(unit: str) -> float:
     return _lookup(unit, ANGLES, "angle", "deg or rad")
 
 
-def check_span(position: Array, unit: str) -> None:
+def check_span(position: Array, unit: str, *, stated: bool) -> None:
     """Refuse marker positions whose extent contradicts their unit.
 
     Parameters
@@ -89,6 +89,8 @@ def check_span(position: Array, unit: str) -> None:
         Marker positions, (T, M, 3) [m].
     unit
         The unit, for the message.
+    stated
+        Whether a person states it.
 
     Raises
     ------
@@ -102,9 +104,12 @@ def check_span(position: Array, unit: str) -> None:
     with np.errstate(over="ignore"):
         span = float(np.median(np.linalg.norm(extent, axis=1)))
     if not MIN_SPAN_M < span < MAX_SPAN_M:
+        remedy = f"correct the unit in the file, or {STATE_UNITS}"
+        if stated:
+            remedy = "correct --units, or units in study.toml"
         raise ValueError(
             f"the markers spread over {span:.3g} m if their unit is {short(unit)!r}, expected "
-            f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; correct the unit in the file, or {STATE_UNITS}"
+            f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; {remedy}"
         )
 
 

@@ -27,7 +27,6 @@ from pipeline.io.c3d.labels import PointLabels, channel_labels, sort_labels
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.recording import Analog, Compensation, Metadata, Plate, Preview, Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.io.units import check_span
 
 BEGINNING_FRAMES: Final = 1000
 """Ten seconds at 100 Hz: enough gait to infer axes, weigh the subject and find events."""
@@ -117,7 +116,7 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
     wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in plates]
 
     position = samples.points[:, list(labels.markers.values())] * metre
-    check_span(position, stated.units or unit)
+    stated.check_span(position, unit)
     axes, axes_notes = settle_axes(
         stated.axes,
         position,

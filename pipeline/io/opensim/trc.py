@@ -16,7 +16,6 @@ from pipeline.io.labels import marker_columns
 from pipeline.io.recording import Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import parse_rows, read_lines, read_number
-from pipeline.io.units import check_span
 
 MAX_TIME_ERROR: Final = 0.1
 """In frames: files round their times, but not by more than this."""
@@ -157,7 +156,7 @@ def _parse(lines: list[str], stated: Stated) -> Trajectories:
     time = _regular(values[:, 1], _stated(header, "DataRate"))
     position[~np.isfinite(position).all(axis=-1) | ~position.any(axis=-1)] = np.nan
     position = position[:, list(markers.values())]
-    check_span(position, stated.units or header["Units"])
+    stated.check_span(position, header["Units"])
     return Trajectories(
         time, tuple(markers), position, int(values[0, 0]), subject, (*unit_notes, *label_notes)
     )

@@ -89,6 +89,7 @@ def test_all_faults_of_a_set_are_listed_at_once():
     ("text", "message"),
     [
         ("[markers", "marker set 'own' is not valid TOML"),
+        (f"a = {'[' * 5000}", "marker set 'own' is not valid TOML: nested too deeply"),
         ("title = 'x'", r"needs a \[markers\] table with at least one marker"),
         ("[markers]", r"needs a \[markers\] table with at least one marker"),
         ("markers = 3", r"needs a \[markers\] table with at least one marker"),

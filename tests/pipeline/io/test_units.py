@@ -46,12 +46,14 @@ def test_unknown_units_are_refused_with_what_is_expected(convert, unit):
 
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_markers_of_a_person_span_neither_millimetres_nor_kilometres(subject, scale):
-    check_span(subject.position, "m")
-    with pytest.raises(ValueError, match="correct the unit in the file"):
-        check_span(subject.position * scale, "mm")
+    check_span(subject.position, "m", stated=False)
+    with pytest.raises(ValueError, match="correct the unit in the file, or state it: --units mm"):
+        check_span(subject.position * scale, "mm", stated=False)
+    with pytest.raises(ValueError, match=r"m; correct --units, or units in study\.toml$"):
+        check_span(subject.position * scale, "mm", stated=True)
 
 
 def test_a_single_marker_or_none_has_no_span_to_judge():
-    check_span(np.ones((5, 1, 3)), "mm")
-    check_span(np.full((5, 3, 3), np.nan), "mm")
-    check_span(np.empty((5, 0, 3)), "mm")
+    check_span(np.ones((5, 1, 3)), "mm", stated=False)
+    check_span(np.full((5, 3, 3), np.nan), "mm", stated=False)
+    check_span(np.empty((5, 0, 3)), "mm", stated=False)
