@@ -132,8 +132,13 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
     to_lab = parse_axes(axes)
     time = np.arange(len(position)) / samples.rate_hz
     analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
-    first_frame = _first_frame(header, parameters)
+    first_frame, frame_notes = _first_frame(header, parameters)
     events, event_notes = read_events(header, parameters, (first_frame - 1) / samples.rate_hz)
+    if events and frame_notes:
+        raise ValueError(
+            f"{frame_notes[0]}: one of them is wrong, and with it the times of all events; correct "
+            "or delete the events in the capture software and export the file again"
+        )
     compensation = read_compensation(parameters)
     return Recording(
         source=path,
@@ -155,6 +160,7 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
             *samples.notes,
             *unit_notes,
             *labels.notes,
+            *frame_notes,
             *event_notes,
             *plate_notes,
             *_baseline_notes(parameters, plates),
@@ -190,10 +196,18 @@ def _other_channels(
     )
 
 
-def _first_frame(header: Header, parameters: Parameters) -> int:
-    start = parameters.integers("TRIAL", "ACTUAL_START_FIELD").ravel()
-    full = int(start[0] + 65536 * start[1]) if start.size == 2 else header.first_frame
-    return full if header.first_frame in (full % 65536, min(full, 65535)) else header.first_frame
+def _first_frame(header: Header, parameters: Parameters) -> tuple[int, tuple[Note, ...]]:
+    """Give the number of the first frame, of which the header has 16 bits, and what differs."""
+    start, in_header = (
+        parameters.integers("TRIAL", "ACTUAL_START_FIELD").ravel(),
+        header.first_frame,
+    )
+    if start.size != 2:
+        return in_header, ()
+    full = int(start[0] + 65536 * start[1])
+    if in_header in (0, full % 65536, min(full, 65535)):
+        return full, ()
+    return in_header, (Note.of("first_frame_contradicted", header=in_header, trial=full),)
 
 
 def _metadata(parameters: Parameters, labels: PointLabels) -> Metadata:

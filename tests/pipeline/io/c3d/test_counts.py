@@ -88,6 +88,30 @@ def test_frames_beyond_a_count_on_which_all_places_agree_are_left_and_noted(raw_
     assert compare_readers(path).lines() == []
 
 
+@pytest.mark.parametrize(("start", "contradictory"), [(45, True), (1, False)])
+def test_a_contradictory_first_frame_is_a_note_and_with_events_a_refusal(
+    raw_c3d, start, contradictory
+):
+    """It names frames, but the times of events count from it."""
+    trial = {
+        "ACTUAL_START_FIELD": np.array([start, 0]),
+        "ACTUAL_END_FIELD": np.array([start + FRAMES - 1, 0]),
+    }
+    recording = read_c3d(made(raw_c3d, {"TRIAL": trial}), AXES)
+    assert recording.first_frame == 1
+    noted = Note.of("first_frame_contradicted", header=1, trial=start) in recording.notes
+    assert noted == contradictory
+    event = {"TIMES": np.array([[0.0], [0.5]]), "LABELS": ["Foot Off"], "CONTEXTS": ["Left"]}
+    path = made(raw_c3d, {"TRIAL": trial, "EVENT": event})
+    if contradictory:
+        with pytest.raises(
+            ValueError, match=r"first frame is 1 by the header, 45 by .* of all even"
+        ):
+            read_c3d(path, AXES)
+    else:
+        assert [event.time for event in read_c3d(path, AXES).events] == [pytest.approx(0.5)]
+
+
 def stated_frames(place, frames):
     """Give the change by which a place, and no other, states a number of frames."""
     low, high = frames % 65536, frames // 65536
