@@ -108,10 +108,6 @@ class Stated:
         if self.plate_units is not None:
             PlateUnits.parse(self.plate_units)
 
-    def __reduce__(self) -> tuple[type["Stated"], tuple[object, ...]]:
-        values = self.axes, dict(self.rename), self.label_prefix, self.units
-        return Stated, (*values, self.plate_units, self.marker_set)
-
     def marker_unit(self, unit: str) -> tuple[float, tuple[Note, ...]]:
         """Give the unit of marker positions in metres, and what is to be said about it.
 
