@@ -150,7 +150,7 @@ def rename_markers(
     if twice := sorted(name for name, count in Counter(names).items() if count > 1):
         raise ValueError(f"renaming gives several markers the same label: {listed(twice)}")
     table = stated.marker_set
-    if table is not None and names and not set(names) & set(table.segment):
+    if table is not None and names and not table.present(names).markers:
         raise ValueError(
             f"none of the {len(table.segment)} labels of marker set {short(table.name)} "
             f"({listed(list(table.segment)[:3])}, …) is there; labels there: {listed(names[:5])}; "

@@ -75,8 +75,8 @@ def find_sites(names: Sequence[str], marker_set: MarkerSet | None = None) -> Sit
     """
     column = {name: k for k, name in enumerate(names)}
     known = marker_set or _recognised(names)
-    marked = known.landmark.items() if known is not None else ()
-    of_set = {landmark: column[marker] for landmark, marker in marked if marker in column}
+    marked = known.present(names).landmark if known is not None else {}
+    of_set = {landmark: column[marker] for landmark, marker in marked.items()}
     of_labels = _by_usual_labels(column)
     sources = (of_set, of_labels)
     trunk = next(filter(None, (_sides(s, PELVIS_AND_SHOULDERS) for s in sources)), [])

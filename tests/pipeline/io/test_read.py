@@ -255,12 +255,9 @@ def test_a_table_shows_the_axes_in_every_format_and_has_to_fit(formats, trial, t
     """Labels that mean nothing by themselves; another laboratory's table is named as such."""
     labels = {label: f"m{k}" for k, label in enumerate(trial.markers.names)}
     known = marker_sets()["hbm2"]
-    table = MarkerSet(
-        "lab",
-        "a laboratory's own",
-        {labels[m]: segment for m, segment in known.segment.items() if m in labels},
-        {landmark: labels[m] for landmark, m in known.landmark.items() if m in labels},
-    )
+    markers = known.present(labels).markers
+    own = tuple(replace(m, labels=(labels[m.labels[0]],)) for m in markers)
+    table = MarkerSet("lab", "a laboratory's own", own)
     plain = read_recording(**formats[name])
     read = read_recording(**formats[name], rename=labels, marker_set=table)
     np.testing.assert_array_equal(read.markers.position, plain.markers.position)

@@ -110,7 +110,7 @@ def test_somebody_who_moves_is_not_weighed_however_steady_the_load():
         (standing(loads_n=walking), "the whole file would be 8[01]"),
         (standing(0.5), "nobody stands still on the plates for a second"),
         (standing(0.01), "nobody stands still on the plates for a second"),
-        (without_plates(standing()), "there are no plates to weigh on"),
+        (without_plates(standing()), "no plates to weigh on"),
     ],
     ids=["nobody", "restless", "short", "one frame", "no plates"],
 )
