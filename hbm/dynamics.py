@@ -13,7 +13,7 @@ from hbm.engines.engine import Engine, EngineName, EngineUsed, title
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth
-from hbm.spatial import Array, read_only, shift_wrench
+from hbm.spatial import Array, Mask, read_only, shift_wrench
 
 FRAMES_AT_ONCE: Final = 2000
 """Bounds the memory for intermediate results, 2 to 3 kB a frame."""
@@ -65,6 +65,11 @@ class Dynamics:
             if value.shape != shape:
                 raise ValueError(f"dynamics: {name} must have shape {shape}, got {value.shape}")
             object.__setattr__(self, name, value)
+
+    def without_forces(self, unknown: Mask) -> "Dynamics":
+        """Give the same with some generalized forces and their power left out, (T, 46)."""
+        tau, power = (np.where(unknown, np.nan, x) for x in (self.tau, self.power))
+        return replace(self, tau=tau, power=power)
 
     def force(self, coordinate: str) -> Array:
         """Give one coordinate's generalized force by name, (T,) [N or N·m]."""

@@ -1,8 +1,8 @@
 """Inverse kinematics: all coordinates of all frames from all markers at once.
 
 Every frame is a least-squares problem of its own (Lu and O'Connor 1999, J Biomech 32:129), solved
-by Newton's method until the step is below the tolerance (`hbm.ik.descent`), from starting points
-that `hbm.ik.tracking` finds.
+by damped Newton steps until the undamped step is below the tolerance (`hbm.ik.descent`), from
+starting points that `hbm.ik.tracking` finds.
 """
 
 from collections.abc import Mapping
@@ -54,7 +54,8 @@ def solve_ik(
     Motion
         ``q``, marker errors and which coordinates were observed; ``v`` and ``a`` are NaN until
         `filter_motion`. Coordinates that no marker of the trial shows stay at zero; those that lose
-        their markers for a while are interpolated in time.
+        their markers for a while, and limbs whose markers fit no pose, are interpolated in time.
+        Only a pelvis or a trunk that markers do not show leaves a frame unsolved.
 
     Raises
     ------

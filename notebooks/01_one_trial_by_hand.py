@@ -76,7 +76,7 @@ print(f"marker error {1000 * np.sqrt(np.mean(raw.marker_error**2)):.2f} mm RMS")
 
 # %%
 plates = [resample(plate.time, plate.wrench, motion.time) for plate in trial.plates]
-by_foot, _ = share_between_feet(plates, feet_of(body, raw), threshold_n=20.0)
+by_foot = share_between_feet(motion.time, plates, feet_of(body, raw), threshold_n=20.0).by_foot
 ground = {
     foot: butterworth(wrench, motion.time, 6.0, "zero_phase").value
     for foot, wrench in by_foot.items()
@@ -94,7 +94,7 @@ required = measured + dynamics.residual  # forces only: the moments have differe
 # ## 6. Over the gait cycle
 
 # %%
-events, which = gait_events(trial)
+events, which = gait_events(trial.events, trial.markers, body.marker_set)
 cycles, _ = gait_cycles(events, "right")
 cycles = cycles[cycles[:, 0] > 8.0]  # at constant belt speed
 curves = normalise(motion.time, reported(dynamics.residual), cycles)

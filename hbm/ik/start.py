@@ -26,8 +26,13 @@ marker contributes 1e-3 m² or more, against which it is negligible."""
 MIN_ROOT_MARKERS: Final = 3
 """Markers needed for the position and orientation of the pelvis."""
 
-ROOT_SEGMENTS: Final = ("pelvis", "thorax", "right_thigh", "left_thigh")
-"""Segments whose markers, with the joints held neutral, show the pelvis where its own are few."""
+ROOT_SEGMENTS: Final = (
+    ("pelvis",),
+    ("pelvis", "thorax"),
+    ("pelvis", "thorax", "right_thigh", "left_thigh"),
+    MOVING,
+)
+"""Segments whose markers, with the joints held neutral, show the pelvis: the first that suffice."""
 
 Poses = dict[str, tuple[Array, Array]]
 """Segment -> its rotation, (F, 3, 3), and origin, (F, 3) [m]."""
@@ -58,8 +63,8 @@ def starting_pose(
     Returns
     -------
     Array
-        Coordinates, (T, 46). Coordinates without markers are zero. Frames in which fewer than
-        three markers show pelvis, thorax or thighs are NaN.
+        Coordinates, (T, 46). Coordinates without markers are zero. Frames with fewer than three
+        markers are NaN.
     """
     return _Start(position, weight, local, segment, joints).coordinates()
 
@@ -102,7 +107,7 @@ class _Start:
         neutral = {"pelvis": np.zeros(3)}
         for s in MOVING[1:]:
             neutral[s] = neutral[PARENT[s]] + self.offsets[s]
-        for segments in (ROOT_SEGMENTS[:1], ROOT_SEGMENTS[:2], ROOT_SEGMENTS):
+        for segments in ROOT_SEGMENTS:
             own = np.concatenate([self.columns[s] for s in segments])
             if len(own) < MIN_ROOT_MARKERS or solved.all():
                 continue

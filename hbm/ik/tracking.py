@@ -5,8 +5,8 @@ interpolated between coarsely spaced frames, which in turn start from a segment-
 (`hbm.ik.start`). Where an optimum is far from its start, the frame is solved again from the rigid
 fit. Where that leads lower, and in the spaced frames where markers show a limb only weakly, still
 lower optima are looked for (`hbm.ik.lowest`); so they are in all frames of a recording that is not
-continuous. The result therefore depends neither on how
-many frames are solved at once nor on the number of threads.
+continuous. The result therefore depends neither on how many frames are solved at once nor on the
+number of threads.
 """
 
 from itertools import combinations

@@ -9,8 +9,8 @@ from hbm.ik.continuity import BALL_JOINTS
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.poses import marker_positions
-from hbm.spatial import Array, Indices, Mask
+from hbm.plausibility.uncertainty import MAX_UNCERTAINTY_RAD, angle_uncertainty, spread_over
+from hbm.spatial import Array
 
 RANGE_DEG: Final = {
     "TrunkFlexion": (-90.0, 130.0),
@@ -41,16 +41,8 @@ markers of an axis, and a pelvis whose markers are tilted by 30°, shift angles 
 pelvis may have any orientation. Shoulders have no range in these angles, in which an arm reaches
 one orientation in several ways."""
 
-MARKER_ERROR_M: Final = 0.01
-"""Error of a marker on its segment, from skin and from the calibration pose."""
-MAX_UNCERTAINTY_RAD: Final = np.radians(20.0)
-"""An angle that such errors of the markers turn by more is hardly observed, and does not count."""
-JUDGED_FRAMES: Final = 20
-"""Frames in which that uncertainty is computed; it varies little over a trial."""
 MAX_NAMED: Final = 6
 """Coordinates in a note: one wrong label turns several joints."""
-STEP: Final = 1e-6
-"""Of each coordinate, for the slopes of the markers' positions [rad or m]."""
 
 
 def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
@@ -88,9 +80,8 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     angle = _nearest_to_ranges(motion.q[solved])
     beyond = (_excess(angle) > 0) & motion.observed[solved]
     for i in np.flatnonzero(beyond.any(axis=0)):
-        frames = solved[beyond[:, i]]
-        some = frames[np.unique(np.linspace(0, len(frames) - 1, JUDGED_FRAMES).astype(int))]
-        if np.median(_uncertainty(body, motion, some)[:, i]) > MAX_UNCERTAINTY_RAD:
+        some = spread_over(solved[beyond[:, i]])
+        if np.median(angle_uncertainty(body, motion, some)[:, i]) > MAX_UNCERTAINTY_RAD:
             beyond[:, i] = False
     if not beyond.any():
         return ()
@@ -141,25 +132,3 @@ def _within_a_turn(q: Array) -> Array:
     middle = (LOW[LIMITED] + HIGH[LIMITED]) / 2
     angle[:, LIMITED] = (q[:, LIMITED] - middle + np.pi) % (2 * np.pi) - np.pi + middle
     return angle
-
-
-def _uncertainty(body: Body, motion: Motion, frames: Indices) -> Array:
-    """Give by how much marker errors turn each coordinate, (F, 46) [rad or m]; at most half a turn.
-
-    The standard deviations of a least-squares fit to the markers that are visible, of coordinates
-    that are observed, from the slopes of the markers' positions.
-    """
-    own = [body.markers.index(name) for name in motion.markers]
-    step = STEP * np.eye(N_Q)
-    result = np.full((len(frames), N_Q), np.inf)
-    for row, frame in enumerate(frames):
-        visible: Mask = np.isfinite(motion.marker_error[frame])
-        free = np.flatnonzero(motion.observed[frame])
-        moved = marker_positions(
-            body, np.concatenate([motion.q[frame] + step, motion.q[frame] - step])
-        )
-        slope = (moved[:N_Q] - moved[N_Q:])[:, own][free][:, visible] / (2 * STEP)
-        slope = slope.reshape(len(free), -1) / MARKER_ERROR_M
-        information = slope @ slope.T + np.eye(len(free)) / np.pi**2
-        result[row, free] = np.sqrt(np.diag(np.linalg.inv(information)))
-    return result

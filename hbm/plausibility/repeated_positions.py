@@ -14,6 +14,8 @@ from hbm.spatial import Array, Mask
 MIN_FROZEN_S: Final = 0.05
 """All markers at once repeat a position exactly by chance in a frame or two, where a file rounds
 them and the subject stands."""
+MAX_FROZEN_SHARE: Final = 0.5
+"""Of a trial in which cameras may drop out."""
 MIN_CONSTANT_S: Final = 0.5
 """A single marker repeats its position for so long only where its whole segment rests."""
 MIN_MOTION_M: Final = 0.01
@@ -56,6 +58,29 @@ def frozen_frames(markers: Markers, names: Iterable[str]) -> Mask:
     for stretch in _stretches(frozen, markers.time, MIN_FROZEN_S):
         result[stretch] = True
     return result
+
+
+def without_frozen_frames(markers: Markers, names: Iterable[str]) -> Markers:
+    """Turn frozen frames into gaps: their positions were not measured.
+
+    Parameters
+    ----------
+    markers
+        A trial.
+    names
+        Labels to look at, as for `frozen_frames`.
+
+    Returns
+    -------
+    Markers
+        The same where more than half of the frames are frozen: somebody who is simulated may stand
+        without any motion, cameras do not drop out for so long.
+    """
+    frozen = frozen_frames(markers, names)
+    if not frozen.any() or frozen.mean() > MAX_FROZEN_SHARE:
+        return markers
+    position = np.where(frozen[:, None, None], np.nan, markers.position)
+    return Markers(markers.time, markers.names, position)
 
 
 def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:

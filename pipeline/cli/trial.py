@@ -27,6 +27,7 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
     from pipeline.run.one_trial import process_request
     from pipeline.run.store import write_trial
     from pipeline.trial.residuals import residual_table
+    from pipeline.trial.window import shortage
 
     if request.trial.suffix == RESULT:
         raise ValueError(
@@ -44,6 +45,8 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
         f"written to {out}: {name}.parquet (frames), {name}_residuals.csv, .png and .svg",
         soft_wrap=True,
     )
+    if reason := shortage(result.notes):
+        raise ValueError(f"{request.trial.name}: there are no residuals: {reason}")
 
 
 @takes_trial_request
@@ -182,9 +185,15 @@ def print_result(result: "TrialResult", console: "Console") -> None:
     from pipeline.trial.residuals import marker_rows, residual_rows, threshold_rows
 
     rows = residual_rows(result, result.source.stem)
+    if result.span:
+        counts = f"{result.span[0]:.2f} to {result.span[1]:.2f} s"
+    else:
+        used = sum(map(len, result.cycles.values()))
+        counts = f"{used} of {counted(result.found_cycles, 'gait cycle')}"
+    if rows and rows[0].valid_share < 1:
+        counts += f", {100 * rows[0].valid_share:.0f} % of their frames"
     table = Table(
-        title=f"Pelvis residuals, {result.source.name}, "
-        f"{counted(rows[0].n_cycles, 'gait cycle')} "
+        title=f"Pelvis residuals, {result.source.name}, {counts} "
         f"({result.settings.filter} {result.settings.cutoff_hz:g} Hz)",
         caption="x forward, y right, z up; moments about mid-hip; % of body weight, or of body "
         "weight × stature",
@@ -195,7 +204,8 @@ def print_result(result: "TrialResult", console: "Console") -> None:
         numbers = [f"{value:.1f}" for value in (row.rms, row.mean, row.sd, row.peak)]
         percent = f"{row.rms_percent:.2f}"
         table.add_row(_plates(row.compensated), row.axis, *numbers, row.unit, percent)
-    console.print(table)
+    if rows:
+        console.print(table)
     for threshold in threshold_rows(result):
         verdict = "passes" if threshold.passed else "FAILS"
         console.print(

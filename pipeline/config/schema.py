@@ -66,10 +66,14 @@ CalibrationCutoffHz = Annotated[float, Field(gt=0, le=100)]
 """A treadmill's frame has no motion of its own worth calibrating beyond it."""
 ForceThresholdN = Annotated[float, Field(gt=0, le=200)]
 """Above the noise of any plate, below the weight of any subject."""
+ShareOfCycle = Annotated[float, Field(gt=0, le=1)]
 MarkerOffsetM = Annotated[float, Field(ge=0, le=0.05)]
 """Markers have radii of 2 to 25 mm; the rest is their base."""
 MassKg = Annotated[float, Field(ge=10, le=400)]
 HeightM = Annotated[float, Field(ge=0.5, le=2.6)]
+TimeS = Annotated[float, Field(ge=0)]
+SpanS = Annotated[tuple[TimeS, TimeS], Field(strict=False)]
+"""Start and stop, from the recording's first frame."""
 AgeYears = Annotated[float, Field(ge=0, le=120)]
 KneeWidthM = Annotated[float, Field(ge=0.05, le=0.25)]
 AnkleWidthM = Annotated[float, Field(ge=0.03, le=0.2)]
@@ -99,6 +103,9 @@ class Settings(InputModel):
         Delay of the plates' time stamps relative to the markers'.
     contact_threshold_n
         Vertical force above which a foot is on a plate.
+    min_valid_share
+        Share of a gait cycle's frames in which the plates have to carry the subject; with less it
+        is left out, with more those frames count.
     engine
         What computes the inverse dynamics; None for Pinocchio where it can be imported, else the
         kernels.
@@ -116,6 +123,7 @@ class Settings(InputModel):
     marker_offset_m: MarkerOffsetM = MARKER_OFFSET_M
     plate_delay_s: DelayS = 0.0
     contact_threshold_n: ForceThresholdN = 30.0
+    min_valid_share: ShareOfCycle = 0.5
     engine: EngineName | None = None
 
 
@@ -216,14 +224,29 @@ class Treadmill(InputModel):
 
 
 class Condition(InputModel):
-    """Which gait cycles of a condition are analysed.
+    """What of a condition is analysed: gait cycles, or a span of the recording.
+
+    Attributes
+    ----------
+    window
+        "cycle": gait cycles; "recording": all of it, for standing; or a span [start_s, stop_s].
+        Where it is not stated: gait cycles or, where a trial has none, its whole recording.
+    cycles
+        How many gait cycles; None for all.
+    perturbed, pulse_channel
+        Whether only cycles that contain a perturbation count, and the channel that rises with it.
+    skip_s
+        Left out at the start.
 
     Examples
     --------
     >>> Condition(cycles=50, skip_s=10.0).perturbed
     False
+    >>> Condition(window=(5.0, 15.0)).window
+    (5.0, 15.0)
     """
 
+    window: Literal["cycle", "recording"] | SpanS | None = None
     cycles: Annotated[int, Field(ge=1)] | None = None
     perturbed: bool = False
     pulse_channel: Text | None = None
@@ -233,7 +256,42 @@ class Condition(InputModel):
     def _used(self) -> "Condition":
         if self.pulse_channel is not None and not self.perturbed:
             raise ValueError("pulse_channel has no effect without perturbed = true")
+        if self.window in (None, "cycle"):
+            return self
+        if self._selects_cycles:
+            raise ValueError(
+                'cycles, perturbed and skip_s need window = "cycle"; leave them or the window out'
+            )
+        if isinstance(self.window, tuple) and not self.window[0] < self.window[1]:
+            raise ValueError("window must be [start_s, stop_s] with start_s < stop_s")
         return self
+
+    @property
+    def wanted(self) -> Literal["cycle", "recording"] | tuple[float, float] | None:
+        """The window; gait cycles where certain ones are asked for, which nothing can replace."""
+        return "cycle" if self.window is None and self._selects_cycles else self.window
+
+    @property
+    def _selects_cycles(self) -> bool:
+        return self.cycles is not None or self.perturbed or self.skip_s > 0
+
+
+class PlateContact(InputModel):
+    """Whose foot was on a plate, where the centre of pressure cannot tell.
+
+    Attributes
+    ----------
+    plate
+        Number of the plate in the file, from 1.
+    time_s
+        Any instant of the contact, from the recording's first frame.
+    foot
+        "left" or "right".
+    """
+
+    plate: Annotated[int, Field(ge=1)]
+    time_s: TimeS
+    foot: Literal["left", "right"]
 
 
 class Trial(InputModel):
@@ -242,6 +300,7 @@ class Trial(InputModel):
     file: Text | None = None
     forces: Text | None = None
     record: Text | None = None
+    contacts: Annotated[tuple[PlateContact, ...], Field(strict=False)] = ()
     exclude: Text | None = None
 
     @property

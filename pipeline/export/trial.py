@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from hbm.clinical import AnkleZero, clinical_angles
-from hbm.coordinates import HBM_ORDER, INDEX, TREE
+from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, TREE
 from hbm.motion import Motion
 from pipeline.export.opensim_model import write_osim
 from pipeline.export.opensim_tables import (
@@ -55,7 +55,8 @@ def write_tables(
     Parameters
     ----------
     result
-        The processed trial. Forces and loads are of the plates compensated, where they are.
+        The processed trial. Forces and loads are of the plates compensated, where they are. Where
+        these do not carry the subject, the forces of pelvis and legs are NaN.
     folder
         Where; made where there is none.
     name
@@ -74,6 +75,8 @@ def write_tables(
     written = [folder / f"{name}{suffix}" for suffix in suffixes]
     angles, coordinates, forces, loads, markers = written
     variant, dynamics = list(variants(result).items())[-1]
+    pelvis = np.array([name.startswith("Pelvis") for name in COORDINATES])
+    dynamics = dynamics.without_forces(np.outer(~result.validity.both, pelvis))
     write_csv(angle_table(result.motion, ankle_zero), angles)
     write_coordinates(result.motion, coordinates)
     write_forces(dynamics, forces)

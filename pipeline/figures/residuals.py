@@ -1,4 +1,4 @@
-"""Residuals over the gait cycle: the figure of one trial, and the labels of its panels."""
+"""Residuals of one trial, over the gait cycle or over time, and the labels of the panels."""
 
 from collections.abc import Sequence
 
@@ -8,12 +8,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.figures.style import COLOURS, STYLE, draw_band
-from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS, cycle_residuals, variants
+from pipeline.trial.gait.cycles import mean_and_sd
+from pipeline.trial.residuals import (
+    AXES,
+    DIRECTIONS,
+    UNITS,
+    counted,
+    cycle_residuals,
+    reported,
+    variants,
+)
 from pipeline.trial.result import TrialResult
+
+UNCOUNTED = "#BBBBBB"
+"""Colour of frames that do not count."""
 
 
 def residual_figure(result: TrialResult) -> Figure:
-    """Draw a trial's six residuals over the gait cycle, mean ± SD over the right foot's cycles.
+    """Draw a trial's six residuals over what counts of it.
 
     Parameters
     ----------
@@ -23,16 +35,51 @@ def residual_figure(result: TrialResult) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Six panels; forces above, moments below. Cycles of the left foot where there are none of
-        the right.
+        Six panels; forces above, moments below. Mean ± SD over the right foot's gait cycles, or the
+        left foot's where there are none of the right; over time where a span of the recording
+        counts, or nothing does.
     """
+    if result.span or not any(map(len, result.cycles.values())):
+        return _over_time(result)
+    return _over_cycle(result)
+
+
+def _over_time(result: TrialResult) -> Figure:
+    """Draw residuals over the recording, grey where frames do not count."""
+    time, counts = result.motion.time, counted(result)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(9, 5), layout="constrained")
-        panels = figure.subplots(2, 3, sharex=True).ravel()
-        side = "right" if len(result.cycles["right"]) else "left"
+        figure, panels = _panels()
+        for variant, dynamics in variants(result).items():
+            values = reported(dynamics.residual)
+            for k, panel in enumerate(panels):
+                panel.plot(time, values[:, k], color=UNCOUNTED, lw=0.6)
+                inside = np.where(counts, values[:, k], np.nan)
+                panel.plot(time, inside, color=COLOURS[variant], lw=0.8, label=variant)
+        label_panels(panels, (float(time[0]), float(time[-1])), "time (s)")
+        for k, panel in enumerate(panels):
+            largest = [np.abs(reported(d.residual)[counts, k]) for d in variants(result).values()]
+            if counts.any():
+                panel.set_ylim(*(1.2 * np.max(largest) * np.array([-1, 1])))
+        if len(variants(result)) > 1:
+            panels[0].legend(frameon=False)
+        what = "grey does not count" if counts.any() else "no frame counts"
+        figure.suptitle(f"{result.source.name}: pelvis residuals, {what}", fontsize=10)
+    return figure
+
+
+def _panels() -> tuple[Figure, Sequence[Axes]]:
+    figure = Figure(figsize=(9, 5), layout="constrained")
+    return figure, figure.subplots(2, 3, sharex=True).ravel()
+
+
+def _over_cycle(result: TrialResult) -> Figure:
+    """Draw mean ± SD over the gait cycles of one side."""
+    with mpl.rc_context(STYLE):
+        figure, panels = _panels()
+        side = "right" if len(result.cycles.get("right", ())) else "left"
         for variant in variants(result):
             curves = cycle_residuals(result, variant)[side]
-            mean, sd = np.nanmean(curves, axis=0), np.nanstd(curves, axis=0)
+            mean, sd = mean_and_sd(curves)
             percent = np.linspace(0, 100, len(mean))
             for k, panel in enumerate(panels):
                 draw_band(panel, percent, mean[:, k], sd[:, k], COLOURS[variant], label=variant)
@@ -52,12 +99,14 @@ def axis_label(k: int) -> str:
     return f"{AXES[k]} ({'' if k < 3 else 'about '}{DIRECTIONS[k]})"
 
 
-def label_panels(panels: Sequence[Axes]) -> None:
-    """Label six panels of residuals over the gait cycle, two rows of three."""
+def label_panels(
+    panels: Sequence[Axes], limits: tuple[float, float] = (0, 100), label: str = "gait cycle (%)"
+) -> None:
+    """Label six panels of residuals, two rows of three, by default over the gait cycle."""
     for k, panel in enumerate(panels):
         panel.set_title(axis_label(k), loc="left")
         panel.set_ylabel(UNITS[k])
         panel.axhline(0, color="black", lw=0.5)
-        panel.set_xlim(0, 100)
+        panel.set_xlim(*limits)
     for panel in panels[3:]:
-        panel.set_xlabel("gait cycle (%)")
+        panel.set_xlabel(label)

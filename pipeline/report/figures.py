@@ -65,27 +65,30 @@ def study_figures(results: Results, statistics: pd.DataFrame) -> Iterator[tuple[
     ------
     name, figure
         ``gait_cycle_CONDITION`` (as the thesis' Figs 6 and 7), ``marginal_means`` (F.8–F.13) and
-        ``raw_AXIS`` (F.14–F.19).
+        ``raw_AXIS`` (F.14–F.19), the latter where there are gait cycles.
     """
-    for condition in drawn_conditions(results.residuals):
+    for condition in drawn_conditions(results.cycles):
         yield f"gait_cycle_{condition}", gait_cycle_figure(results.cycles, condition)
     yield "marginal_means", marginal_means_figure(results.residuals, statistics)
-    subject = example_subject(results.residuals)
+    subject = example_subject(results.cycles)
+    if subject is None:
+        return
     spans = {c: trial.cycles for (s, c), trial in results.summaries.items() if s == subject}
     own = results.cycles[results.cycles["subject"] == subject]
     for axis in AXES:
         yield f"raw_{axis}", raw_figure(own, spans, axis)
 
 
-def drawn_conditions(residuals: pd.DataFrame) -> list[str]:
-    """Give the conditions with a figure of their own: all but the baseline, which is in each."""
-    conditions = in_order(residuals["condition"])
+def drawn_conditions(cycles: pd.DataFrame) -> list[str]:
+    """Give conditions with gait cycles of their own: all but the baseline, which is in each."""
+    conditions = in_order(cycles["condition"])
     return [name for name in conditions if name != BASELINE] or conditions
 
 
-def example_subject(residuals: pd.DataFrame) -> str:
-    """Give the subject with the most cells, the first of several, whose cycles are all drawn."""
-    return str(residuals.groupby("subject", sort=True).size().idxmax())
+def example_subject(cycles: pd.DataFrame) -> str | None:
+    """Give the subject with cycles in most cells, the first of several; None without cycles."""
+    cells = cycles[["subject", "condition", "compensated"]].drop_duplicates()
+    return None if cells.empty else str(cells.groupby("subject", sort=True).size().idxmax())
 
 
 def gait_cycle_figure(cycles: pd.DataFrame, condition: str) -> Figure:

@@ -235,18 +235,32 @@ def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
         "were those of the recordings or, in recordings without events, detected from heel, toe "
         "and sacrum markers (Zeni et al. 2008)."
     )
+    walking = [trial for trial in trials if trial.span is None]
+    others = {trial.condition: trial.span for trial in trials if trial.span is not None}
     if study:
-        rules = [_selection(name, rule) for name, rule in study.file.conditions.items()]
-        text += f" The analysed cycles were {'; '.join(rules)}."
+        conditions = {trial.condition for trial in walking}
+        rules = [
+            _selection(name, rule)
+            for name, rule in study.file.conditions.items()
+            if name in conditions
+        ]
+        text += f" The analysed cycles were {'; '.join(rules)}." if rules else ""
     numbers: dict[str, list[int]] = {}
-    for trial in trials:
+    for trial in walking:
         count = sum(len(spans) for spans in trial.cycles.values())
         numbers.setdefault(trial.condition, []).append(count)
     counts = [f"{_range(numbers[name])} ({name})" for name in in_order(numbers)]
+    if counts:
+        text += f" Each trial contributed {join_names(counts)} gait cycles."
+    if others:
+        spans = [f"in {name} from {a:.2f} to {b:.2f} s" for name, (a, b) in others.items()]
+        text += f" In place of gait cycles, {join_names(spans)} of the recording were analysed."
+    shares = _each(f"{100 * trial.settings.min_valid_share:g} %" for trial in trials)
     return (
-        f"{text} Each trial contributed {join_names(counts)} gait cycles. Each residual was "
-        "summarised by its root mean square (RMS) over all samples of a trial's gait cycles; "
-        "curves were normalised to 0–100 % of the gait cycle."
+        f"{text} Frames in which the force plates did not carry the subject were left out, and so "
+        f"were gait cycles of which the plates carried less than {shares}. Each residual was "
+        "summarised by its root mean square (RMS) over all samples that remained; curves were "
+        "normalised to 0–100 % of the gait cycle."
     )
 
 

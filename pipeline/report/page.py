@@ -81,7 +81,7 @@ class Page:
     verdict, tables, figures, trials, methods, sources
         The sections.
     example_subject, example_figures
-        The subject whose gait cycles are drawn one by one, and the figures.
+        The subject whose gait cycles are drawn one by one, and the figures; None without cycles.
     bibtex
         The works that the Methods cite.
     """
@@ -92,7 +92,7 @@ class Page:
     verdict: VerdictSection
     tables: tuple[Table, ...]
     figures: tuple[Picture, ...]
-    example_subject: str
+    example_subject: str | None
     example_figures: tuple[Picture, ...]
     trials: TrialSection
     methods: tuple[str, ...]
@@ -114,20 +114,21 @@ def write_page(report: Report) -> str:
         HTML with its style and figures inside; no script, no request to anywhere.
     """
     residuals = report.results.residuals
-    subject = example_subject(residuals)
+    subject = example_subject(report.results.cycles)
     page = Page(
         name=report.provenance.name or "Study report",
         scope=_scope(report.results),
-        problems=find_problems(report.states, report.provenance),
+        problems=find_problems(report.states, report.provenance, report.results),
         verdict=verdict_section(report.verdicts, residuals),
         tables=residual_tables(residuals, report.table_3),
-        figures=_figures(residuals, report.figures),
+        figures=_figures(report.results, report.figures),
         example_subject=subject,
         example_figures=tuple(
             _picture(
                 report.figures / f"raw_{axis}.png", f"Residual {axis} of {subject}, every cycle."
             )
             for axis in AXES
+            if subject is not None
         ),
         trials=trial_section(report.results, report.states),
         methods=tuple(methods(report.results, report.statistics, report.study)),
@@ -146,14 +147,15 @@ def _scope(results: Results) -> str:
     )
 
 
-def _figures(residuals: pd.DataFrame, folder: Path) -> tuple[Picture, ...]:
+def _figures(results: Results, folder: Path) -> tuple[Picture, ...]:
+    residuals, cycles = results.residuals, results.cycles
     plates = "with the plates as measured (no IC)"
     if residuals["compensated"].any():
         plates = "without (no IC) and with inertia compensation (IC)"
     pictures = []
-    for condition in drawn_conditions(residuals):
+    for condition in drawn_conditions(cycles):
         baseline = ""
-        if condition != BASELINE and (residuals["condition"] == BASELINE).any():
+        if condition != BASELINE and (cycles["condition"] == BASELINE).any():
             baseline = ", and at baseline"
         caption = (
             f"Residuals over the gait cycle in {condition} {plates}{baseline}; mean ± SD. x "

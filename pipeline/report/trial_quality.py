@@ -72,11 +72,9 @@ def trial_quality(trial: TrialSummary) -> tuple[Criterion, ...]:
     tuple of Criterion
         The same criteria in the same order for every trial.
     """
-    counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
-    sides = ", ".join(f"{n} {side}" for side, n in counts.items())
     unsolved = trial.unsolved_frames
     return (
-        Criterion("Gait cycles", (Check(str(sum(counts.values())), "none", sides),)),
+        Criterion("Gait cycles", (_counted(trial),)),
         Criterion("Marker error (RMS)", (_marker_error(trial.markers),)),
         Criterion("Marker gaps", (_marker_gaps(trial.markers),)),
         Criterion("Delay of plates", (_delay(trial.delay_s, trial.delay_uncertainty_s),)),
@@ -88,6 +86,19 @@ def trial_quality(trial: TrialSummary) -> tuple[Criterion, ...]:
         Criterion("Peak force", _peaks(trial.thresholds, "force")),
         Criterion("Peak moment", _peaks(trial.thresholds, "moment")),
     )
+
+
+def _counted(trial: TrialSummary) -> Check:
+    """Say how many gait cycles count, or which span, and for how much of it."""
+    counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
+    shares = {row.valid_share for row in trial.residuals}
+    share = f"{100 * min(shares):.0f} % of frames" if shares and min(shares) < 1 else ""
+    if trial.span is not None:
+        value, sides = f"{trial.span[0]:.2f}–{trial.span[1]:.2f} s", "no gait cycles"
+    else:
+        value = f"{sum(counts.values())} of {trial.found_cycles}"
+        sides = ", ".join(f"{n} {side}" for side, n in counts.items())
+    return Check(value, "none", "; ".join(filter(None, (sides, share))))
 
 
 def _marker_error(markers: Sequence[MarkerRow]) -> Check:

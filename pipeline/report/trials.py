@@ -87,8 +87,10 @@ class TrialSection:
     limits: QualityLimits = QualityLimits()
 
 
-def find_problems(states: Sequence[TrialState], provenance: Provenance) -> Problems | None:
-    """Name every trial that is not simply done, and settings, versions or engines that differ.
+def find_problems(
+    states: Sequence[TrialState], provenance: Provenance, results: Results
+) -> Problems | None:
+    """Name trials that are not simply done or not compared, and settings or versions that differ.
 
     Parameters
     ----------
@@ -96,6 +98,8 @@ def find_problems(states: Sequence[TrialState], provenance: Provenance) -> Probl
         What became of the trials.
     provenance
         What the results were made from.
+    results
+        The trials; those whose residuals are not compared lack them here.
 
     Returns
     -------
@@ -107,6 +111,14 @@ def find_problems(states: Sequence[TrialState], provenance: Provenance) -> Probl
         for s in states
         if s.state != "done"
     ]
+    compared = set(results.residuals["subject"] + " " + results.residuals["condition"])
+    for key, trial in results.summaries.items():
+        if trial.span is not None and " ".join(key) not in compared:
+            text = (
+                f"counts {trial.span[0]:.2f} to {trial.span[1]:.2f} s of the recording and no gait "
+                "cycles, so it is in no table and no test; its residuals are in residuals.csv"
+            )
+            lines.append(Problem(" ".join(key), text))
     for quantity, different in (
         ("settings", provenance.settings),
         ("versions", provenance.versions),

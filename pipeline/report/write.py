@@ -1,6 +1,7 @@
 """The report of a study: tables, statistics, figures and one page, from what `hbm run` left."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -14,6 +15,7 @@ from pipeline.run.failures import read_failures
 from pipeline.run.load import collect, select_trials
 from pipeline.run.provenance import provenance, trial_states
 from pipeline.statistics.comparison import statistics
+from pipeline.statistics.design import comparable
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 
@@ -66,11 +68,12 @@ def write_report(
     results = collect(folder)
     states = trial_states(results, read_failures(folder), study)
     results = select_trials(results, {(s.subject, s.condition) for s in states if s.in_tables})
+    write_csv(results.residuals, folder / "residuals.csv")
     announce("computing statistics")
+    results = replace(results, residuals=comparable(results.residuals))
     tests = statistics(results.residuals, _all_subjects(results.subjects, study))
     table = table_3(results.residuals, tests)
 
-    write_csv(results.residuals, folder / "residuals.csv")
     write_csv(tests, folder / "statistics.csv")
     write_csv(table, folder / "table_3.csv")
     write_text(table_3_markdown(table), folder / "table_3.md")

@@ -5,18 +5,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, TypeVar
 
+import numpy as np
+
 from compensation import Calibration, check_calibration
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST_Q, support
 from hbm.engines.choice import choose_engine
 from hbm.notes import Note, NoteValue
+from hbm.signals.filtering import low_pass
 from hbm.spelling import did_you_mean
-from pipeline.config.schema import Condition, SubjectFile, Trial
+from pipeline.config.schema import Condition, Settings, SubjectFile, Trial
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.read import preview_recording
 from pipeline.io.recording import Preview, Recording
-from pipeline.trial.gait.events import gait_events
+from pipeline.trial.gait.cycle_shortage import cycle_shortage
+from pipeline.trial.gait.cycles import found_cycles
+from pipeline.trial.gait.events import SIDES, gait_events
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.belts import read_belts
 from pipeline.trial.ground.calibration_recording import read_calibration
@@ -25,9 +30,8 @@ from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.study_files import labels_in_none, read_study_file
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass, differing_masses
+from pipeline.trial.window import counted_span
 
-MIN_TRIAL_S: Final = 5.0
-"""A few gait cycles, in addition to what the filter needs at both ends."""
 MIN_CYCLE_S: Final = 0.8
 """Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
 MAX_MISSING_SHARE: Final = 0.2
@@ -182,9 +186,12 @@ def _check_trial(
         if static is not None:
             pose = found.attempt(study.path(static).name, lambda: read_study_file(study, static))
         _check_contents(preview, rule, found)
+        _check_contacts(trial, preview.beginning, found)
         found.notes_of_files += [each.notes for each in (preview.beginning, pose) if each]
         if pose is not None:
-            _check_body(study, person, preview, pose, found)
+            body = _check_body(study, person, preview, pose, found)
+            if body is not None:
+                _check_window(preview, rule, study.file.settings, body, found)
         _check_ground(preview.beginning, laboratory, rule, found)
         return found
 
@@ -221,16 +228,33 @@ def _check_contents(preview: Preview, rule: Condition, found: _Collector) -> Non
     found.notes(name, recording.notes)
     if not plates:
         found.fault(name, recording.why_no_plates)
-    if duration_s < MIN_TRIAL_S:
-        found.fault(name, f"lasts {duration_s:.1f} s; a trial needs {MIN_TRIAL_S:g} s at least")
-    elif rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
+    if rule.cycles and duration_s < rule.skip_s + rule.cycles * MIN_CYCLE_S:
         found.remark(name, "recording_short", cycles=rule.cycles, skip_s=rule.skip_s)
-    found.attempt(name, lambda: gait_events(recording))
+
+
+def _check_window(
+    preview: Preview, rule: Condition, settings: Settings, body: Body, found: _Collector
+) -> None:
+    """Look for what counts in a trial: gait events, or the span that is stated."""
+    recording = preview.beginning
+    name, start_s = recording.source.name, recording.markers.time[0]
+    time = start_s + np.arange(preview.frames) / recording.markers.rate_hz
+    found.attempt(name, lambda: low_pass(0 * time, time, settings.cutoff_hz, settings.filter))
+    found.attempt(name, lambda: counted_span(rule.wanted, {}, time, settings.cutoff_hz))
+    if rule.wanted not in (None, "cycle"):
+        return
+    events, note = gait_events(recording.events, recording.markers, body.marker_set)
+    unknown = note.code == "events_unknown"
+    if rule.wanted == "cycle" and not found_cycles(events, SIDES):
+        reason = cycle_shortage(events, (), time, np.ones(len(time), bool))
+        found.fault(name, str(note) if unknown else reason)
+    elif unknown:
+        found.notes(name, (note,))
 
 
 def _check_body(
     study: Study, person: SubjectFile, preview: Preview, pose: Recording, found: _Collector
-) -> None:
+) -> Body | None:
     """Build the body; note its mass, its locked coordinates, and which markers have gaps."""
     name = preview.beginning.source.name
     mass = None
@@ -254,6 +278,7 @@ def _check_body(
     if body is not None:
         _check_markers(body, preview, found)
         found.notes(name, body.notes)
+    return body
 
 
 def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
@@ -281,6 +306,17 @@ def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
     often = {marker: share for marker, share in gaps.items() if share > MAX_MISSING_SHARE}
     if often:
         found.remark(name, "markers_often_missing", share=often)
+
+
+def _check_contacts(trial: Trial, recording: Recording, found: _Collector) -> None:
+    """Refuse stated contacts of plates that are not there."""
+    for contact in trial.contacts:
+        if recording.plates and contact.plate > len(recording.plates):
+            found.fault(
+                recording.source.name,
+                f"contacts: there is no plate {contact.plate}; plates are 1 to "
+                f"{len(recording.plates)}",
+            )
 
 
 def _check_ground(

@@ -6,7 +6,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any, Final
 
-from pipeline.run.job import WORKER_DIED, Job, Outcome, describe_error, process_job, stored_key
+from pipeline.run.job import WORKER_DIED, Job, Outcome, describe_error, process_job, stored_outcome
 
 POLL_S: Final = 10.0
 """How often to ask for workers and finished trials: short compared with a trial, long compared with
@@ -84,7 +84,6 @@ def _outcome(future: Any, job: Job, dask: Any) -> Outcome:
     except dask.KilledWorker:
         return Outcome(job, "failed", WORKER_DIED)
     except Exception as error:
-        if stored_key(job.target) == job.key:
-            return Outcome(job, "done")
-        return Outcome(job, "failed", f"on the cluster: {describe_error(error)}")
+        done = stored_outcome(job)
+        return done or Outcome(job, "failed", f"on the cluster: {describe_error(error)}")
     return outcome

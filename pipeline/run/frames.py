@@ -18,6 +18,7 @@ from pipeline.io.recording import Event
 from pipeline.run.header import TrialHeader
 from pipeline.trial.residuals import AXES, reported, variants
 from pipeline.trial.result import TrialResult
+from pipeline.trial.validity import Validity
 
 WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 POSE: Final = (*(f"r{row}{column}" for row in "123" for column in "123"), "x", "y", "z")
@@ -36,6 +37,7 @@ class Frames:
     ground: dict[str, dict[str, Array]]
     platform: PlatformPose | None
     ambiguous: Mask
+    validity: Validity
 
 
 def frame_table(result: TrialResult) -> pa.Table:
@@ -56,7 +58,8 @@ def frame_table(result: TrialResult) -> pa.Table:
         it. In lab axes (X forward, Y left, Z up): ``ground.measured.left_foot.fx`` … ``mz`` [N,
         N·m] about the lab origin, ``marker.NAME.x`` [m] as measured, ``platform.r11`` … ``z``.
         ``converged``, ``observed.NAME``, ``gradient`` of the inverse kinematics; ``ambiguous``
-        where the split of a plate between the feet is uncertain.
+        where the split of a plate between the feet is uncertain; ``valid.motion`` and
+        ``valid.plates`` where a residual is one (`pipeline.trial.validity.Validity`).
     """
     motion, markers, pose = result.motion, result.markers, result.platform
     columns: dict[str, Column] = {"time_s": motion.time}
@@ -81,6 +84,8 @@ def frame_table(result: TrialResult) -> pa.Table:
         "converged": motion.converged,
         "gradient": gradient,
         "ambiguous": result.ambiguous,
+        "valid.motion": result.validity.motion,
+        "valid.plates": result.validity.plates,
     }
     return pa.table({name: pa.array(column) for name, column in columns.items()})
 
@@ -140,6 +145,9 @@ def read_frames(table: pa.Table, header: TrialHeader, engine: EngineUsed) -> Fra
         ground=ground,
         platform=None if pose is None else PlatformPose(pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]),
         ambiguous=table.column("ambiguous").to_numpy(),
+        validity=Validity(
+            table.column("valid.motion").to_numpy(), table.column("valid.plates").to_numpy()
+        ),
     )
 
 

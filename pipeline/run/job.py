@@ -11,7 +11,7 @@ from hbm.engines.choice import engine_identity
 from pipeline.config.study import Study
 from pipeline.run.program import computation_digest
 from pipeline.run.store import read_summary, write_trial
-from pipeline.trial.summary import FORMAT_VERSION
+from pipeline.trial.summary import FORMAT_VERSION, TrialSummary
 
 WORKER_DIED: Final = "the process that worked on it died; too little memory?"
 MAX_CACHED_DIGESTS: Final = 4096
@@ -77,18 +77,34 @@ def process_job(job: Job) -> Outcome:
     from pipeline.trial.process import process_trial  # heavy, and not needed for keys
 
     try:
-        if stored_key(job.target) == job.key:
-            return Outcome(job, "kept")
+        if (there := stored_outcome(job)) is not None:
+            return there
         result = process_trial(job.study, job.subject, job.condition)
         if trial_key(job.study, job.subject, job.condition) != job.key:
             raise ValueError(
                 "one of its files changed while it was processed, or this process has another "
                 "version of the program or its libraries; run it again"
             )
-        write_trial(result, job.condition, job.key, job.target)
+        summary = write_trial(result, job.condition, job.key, job.target)
     except Exception as error:
         return Outcome(job, "failed", describe_error(error))
-    return Outcome(job, "done")
+    return _outcome(job, "done", summary)
+
+
+def stored_outcome(job: Job) -> Outcome | None:
+    """Give what became of a job that was done before; None where its result is not up to date."""
+    try:
+        summary = read_summary(job.target)
+    except (OSError, ValueError):
+        return None
+    return _outcome(job, "kept", summary) if summary.key == job.key else None
+
+
+def _outcome(job: Job, state: Literal["done", "kept"], summary: TrialSummary) -> Outcome:
+    """Give the outcome of a trial that is stored: failed where it has frames but no residuals."""
+    if summary.residuals:
+        return Outcome(job, state)
+    return Outcome(job, "failed", summary.shortage)
 
 
 def describe_error(error: BaseException) -> str:
@@ -133,6 +149,7 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
         "study": study.file.model_dump(exclude={"name", "conditions"}),
         "condition": study.condition(condition).model_dump(),
         "subject": person.person.model_dump(),
+        "contacts": [contact.model_dump() for contact in trial.contacts],
         "marker_set": str(study.marker_set),
         "program": computation_digest(),
         "engine": engine_identity(study.file.settings.engine),
@@ -155,11 +172,3 @@ def _digest(path: Path, mtime_ns: int, size: int) -> str:
     """Hash a file once, until it is written to again."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def stored_key(path: Path) -> str | None:
-    """Give the key a trial's result was written with; None where there is no readable result."""
-    try:
-        return read_summary(path).key
-    except (OSError, ValueError):
-        return None

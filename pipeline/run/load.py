@@ -1,16 +1,22 @@
 """The trials of a results folder together: residual table, gait-cycle curves, summaries."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pandas as pd
 
 from pipeline.run.store import read_columns, read_summary
 from pipeline.trial.gait.cycles import normalise
-from pipeline.trial.residuals import AXES
+from pipeline.trial.residuals import AXES, ResidualRow
 from pipeline.trial.summary import TrialSummary
+
+CYCLE_COLUMNS: Final = (
+    *("subject", "condition", "compensated"),
+    *("side", "cycle", "percent", "axis", "value"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,11 +28,11 @@ class Results:
     folder
         Results folder.
     residuals
-        subject, condition, compensated, axis, unit, rms, rms_of_cycles, mean, sd, peak,
-        rms_percent, n_cycles.
+        subject, condition, compensated, window, axis, unit, rms, rms_of_cycles, mean, sd, peak,
+        rms_percent, n_cycles, valid_share.
     cycles
         subject, condition, compensated, side, cycle, percent, axis, value: every sample of every
-        gait cycle over 0–100 %.
+        gait cycle over 0–100 %; NaN where it does not count.
     subjects
         subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
     summaries
@@ -62,13 +68,17 @@ def collect(folder: Path) -> Results:
     if not paths:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
     summaries: dict[tuple[str, str], TrialSummary] = {}
-    curves = []
+    curves: list[pd.DataFrame] = []
     for path in paths:
         trial = read_summary(path)
         summaries[trial.subject.id, trial.condition] = trial
-        curves.append(_curves(path, trial))
-    residuals = pd.DataFrame([row for trial in summaries.values() for row in trial.residuals])
-    cycles = pd.concat(curves, ignore_index=True)
+        curves += _curves(path, trial)
+    residuals = pd.DataFrame(
+        [row for trial in summaries.values() for row in trial.residuals],
+        columns=[field.name for field in fields(ResidualRow)],
+    )
+    none = pd.DataFrame(columns=CYCLE_COLUMNS)
+    cycles = pd.concat(curves, ignore_index=True) if curves else none
     return Results(folder, residuals, cycles, _subjects(summaries), summaries)
 
 
@@ -129,17 +139,19 @@ def _subjects(summaries: Mapping[tuple[str, str], TrialSummary]) -> pd.DataFrame
     )
 
 
-def _curves(path: Path, trial: TrialSummary) -> pd.DataFrame:
-    """Cut one trial's residuals into its gait cycles."""
+def _curves(path: Path, trial: TrialSummary) -> list[pd.DataFrame]:
+    """Cut one trial's residuals into its gait cycles; one table per side that has any."""
     variants = sorted({row.compensated for row in trial.residuals})
     names = {False: "measured", True: "compensated"}
     columns = [f"residual.{names[v]}.{axis}" for v in variants for axis in AXES]
-    frames = read_columns(path, ["time_s", *columns])
+    frames = read_columns(path, ["time_s", "valid.motion", "valid.plates", *columns])
+    valid = frames[:, 1:3].astype(bool).all(axis=1, keepdims=True)
+    residuals = np.where(valid, frames[:, 3:], np.nan)
     parts = []
     for side, spans in trial.cycles.items():
         if not spans:
             continue
-        values = normalise(frames[:, 0], frames[:, 1:], spans)
+        values = normalise(frames[:, 0], residuals, spans)
         shape = (*values.shape[:2], len(variants), len(AXES))
         cycle, percent, variant, axis = (i.ravel() for i in np.indices(shape))
         parts.append(
@@ -156,4 +168,4 @@ def _curves(path: Path, trial: TrialSummary) -> pd.DataFrame:
                 }
             )
         )
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+    return parts

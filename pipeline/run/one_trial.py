@@ -48,7 +48,7 @@ def process_request(
     subject = _checked(Subject, request, faults)
     if settings is None or subject is None:
         raise ValueError("; ".join(faults))
-    stated = _stated(request)
+    stated, window = _stated(request), request.window
     recording = read_requested(request)
     static, hip_trial = (
         read_as_stated(path, stated) if path else None
@@ -67,6 +67,7 @@ def process_request(
                 segments=read_segments(request.segments) if request.segments else None,
                 marker_set=marker_set,
                 laboratory=requested_laboratory(request),
+                window=window,
             )
     except ValueError as error:
         if request.trial.name not in str(error):

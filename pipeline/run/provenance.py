@@ -156,9 +156,13 @@ def _state(
     failure = failures.get(" ".join(key))
     if failure is not None:
         cause = "failed", failure
+    elif trial is not None and not trial.residuals:
+        cause = "failed", trial.shortage
     if cause is not None:
         state, reason = cause
-        older = "; an older result is left out of the tables" if trial is not None else ""
+        older = ""
+        if trial is not None and trial.residuals:
+            older = "; an older result is left out of the tables"
         return TrialState(*key, state, reason + older, False, *identity)
     if trial is None:
         return TrialState(*key, "missing", "no result: hbm run has not done it", False, *identity)

@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
+
+import numpy as np
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +74,16 @@ class TrialRequest:
     contact_threshold_n: Annotated[
         float, Help("Vertical force above which a foot is on a plate.")
     ] = 30.0
+    min_valid_share: Annotated[
+        float, Help("Share of a gait cycle that the plates have to carry.")
+    ] = 0.5
+    span: Annotated[
+        str | None,
+        Help(
+            "What counts in place of gait cycles: start and stop in s, e.g. 5,15, or all; "
+            "default: all where there is no gait cycle."
+        ),
+    ] = None
     engine: Annotated[
         str | None,
         Help("Of the inverse dynamics: pinocchio or kernels; default: pinocchio where installed."),
@@ -82,6 +94,23 @@ class TrialRequest:
     platform_markers: Annotated[
         str, Help("Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3.")
     ] = ""
+
+    @property
+    def window(self) -> Literal["recording"] | tuple[float, float] | None:
+        """What counts in place of gait cycles; a ValueError where that is not understood."""
+        if self.span is None:
+            return None
+        if self.span.strip().lower() == "all":
+            return "recording"
+        try:
+            start, stop = (float(part) for part in self.span.split(","))
+        except ValueError:
+            start, stop = 0.0, 0.0
+        if not 0 <= start < stop < np.inf:
+            raise ValueError(
+                f"--span {self.span!r}: expected start and stop in seconds, such as 5,15, or all"
+            )
+        return start, stop
 
     @property
     def plate_delay_s(self) -> float:

@@ -14,7 +14,7 @@ from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
 from pipeline.run.failures import collect_failures, record_failure
-from pipeline.run.job import WORKER_DIED, Job, Outcome, process_job, stored_key, trial_key
+from pipeline.run.job import WORKER_DIED, Job, Outcome, process_job, stored_outcome, trial_key
 from pipeline.run.store import record_study_folder
 
 Announce = Callable[[str], None]
@@ -157,8 +157,9 @@ def run_jobs(
     """Process planned trials, and nothing besides; outcomes as for `run_study`."""
     todo = []
     for job in planned:
-        if stored_key(job.target) == job.key:
-            yield Outcome(job, "kept")
+        there = stored_outcome(job)
+        if there is not None:
+            yield there
         else:
             todo.append(job)
     todo.sort(key=lambda job: job.size, reverse=True)

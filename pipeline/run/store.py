@@ -26,7 +26,7 @@ COMPRESSION: Final = "snappy"
 STUDY_POINTER: Final = "run.json"
 
 
-def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> None:
+def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> TrialSummary:
     """Write a trial as Parquet: its frames, and summary and header in the file's metadata.
 
     Parameters
@@ -36,9 +36,13 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> No
     path
         The file; it appears whole or not at all. `pipeline.run.frames.frame_table` says what its
         columns are.
+
+    Returns
+    -------
+    TrialSummary
+        What was written besides the frames.
     """
-    table = frame_table(result)
-    summary, header = summarise(result, condition, key).to_json(), header_of(result).to_json()
+    table, summary = frame_table(result), summarise(result, condition, key)
     with (
         whole_file(path) as temporary,
         pq.ParquetWriter(
@@ -51,7 +55,9 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> No
         ) as file,
     ):
         file.write_table(table)
-        file.add_key_value_metadata({SUMMARY: summary, HEADER: header})
+        stored = {SUMMARY: summary.to_json(), HEADER: header_of(result).to_json()}
+        file.add_key_value_metadata(stored)
+    return summary
 
 
 def read_summary(path: Path) -> TrialSummary:
@@ -123,6 +129,9 @@ def read_trial(path: Path) -> TrialResult:
         platform=frames.platform,
         events=header.events,
         cycles={side: np.reshape(spans, (-1, 2)) for side, spans in summary.cycles.items()},
+        found_cycles=summary.found_cycles,
+        span=summary.span,
+        validity=frames.validity,
         delay_s=np.nan if summary.delay_s is None else summary.delay_s,
         delay_uncertainty_s=(
             np.nan if summary.delay_uncertainty_s is None else summary.delay_uncertainty_s

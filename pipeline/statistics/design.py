@@ -72,6 +72,25 @@ def in_order(conditions: Iterable[str]) -> list[str]:
     return sorted(set(conditions), key=lambda name: (rank.get(name, len(rank)), name))
 
 
+def comparable(residuals: pd.DataFrame) -> pd.DataFrame:
+    """Leave out spans of recordings where other trials of the design count gait cycles.
+
+    Parameters
+    ----------
+    residuals
+        Long table with the columns condition and window ("cycle" or "span").
+
+    Returns
+    -------
+    pandas.DataFrame
+        The same without the rows that are not of the same part of a gait cycle as the others.
+    """
+    of_design = residuals["condition"].isin(CONDITIONS)
+    if not (of_design & (residuals["window"] == "cycle")).any():
+        return residuals
+    return residuals[~(of_design & (residuals["window"] == "span"))]
+
+
 def complete_subjects(cells: pd.DataFrame) -> tuple[pd.DataFrame, str]:
     """Give the subjects (rows) who have all cells, and a note that names the others."""
     gaps = [

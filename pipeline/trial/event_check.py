@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
-from hbm.markers import Markers
+from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
 from hbm.spatial import Array
 from pipeline.io.recording import Event
@@ -53,7 +53,11 @@ def check_events(
 
 
 def reference_events(
-    feet: Mapping[str, Array], time: Array, threshold_n: float, markers: Markers
+    feet: Mapping[str, Array],
+    time: Array,
+    threshold_n: float,
+    markers: Markers,
+    marker_set: MarkerSet,
 ) -> dict[str, tuple[Event, ...]]:
     """Give a trial's gait events by its plates and, where they can be found, by its markers.
 
@@ -65,8 +69,8 @@ def reference_events(
         (T,) [s].
     threshold_n
         Vertical force of contact [N].
-    markers
-        Trajectories.
+    markers, marker_set
+        Trajectories, and the landmarks that they mark.
 
     Returns
     -------
@@ -76,7 +80,7 @@ def reference_events(
     sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
     found = {"the plates": force_events(sides, time, threshold_n)}
     with suppress(ValueError):  # without these markers, or too short for the filter
-        found["heel, toe and sacrum markers"] = zeni_events(markers)
+        found["heel, toe and sacrum markers"] = zeni_events(markers, marker_set)
     return found
 
 

@@ -1,27 +1,36 @@
 """One trial from recording to residuals: the whole method, top to bottom."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hbm.dynamics import filter_motion, inverse_dynamics_variants
+from hbm.body import Body
+from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
 from hbm.engines.choice import choose_engine
 from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
 from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
+from hbm.plausibility.repeated_positions import without_frozen_frames
 from hbm.signals.filtering import low_pass
-from hbm.spatial import Array
-from pipeline.config.schema import Condition, Settings, Subject, Treadmill
+from hbm.spatial import GRAVITY_MPS2, Array, Mask
+from pipeline.config.schema import Condition, PlateContact, Settings, Subject, Treadmill
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Event, Recording
 from pipeline.trial.delay import plate_delay
 from pipeline.trial.event_check import check_events, reference_events
-from pipeline.trial.gait.contact import feet_of, share_between_feet
+from pipeline.trial.gait.carried import carried_frames
+from pipeline.trial.gait.contact import (
+    SharedPlates,
+    contact_notes,
+    feet_of,
+    forces_of_legs,
+    share_between_feet,
+)
 from pipeline.trial.gait.cycle_selection import perturbation_onsets, select_cycles
-from pipeline.trial.gait.cycles import cut_cycles
+from pipeline.trial.gait.cycles import cut_cycles, found_cycles
 from pipeline.trial.gait.event_agreement import agreement_with_plates
 from pipeline.trial.gait.events import gait_events
 from pipeline.trial.ground.laboratory import Laboratory
@@ -37,7 +46,9 @@ from pipeline.trial.study_files import (
     with_unused_renames,
 )
 from pipeline.trial.subject_body import subject_body
+from pipeline.trial.validity import Validity, validity_notes
 from pipeline.trial.weighing import body_mass, carried_mass, differing_masses
+from pipeline.trial.window import WantedWindow, counted_span, window_notes
 
 
 def process_recording(
@@ -52,6 +63,8 @@ def process_recording(
     marker_set: MarkerSet | None = None,
     laboratory: Laboratory | None = None,
     condition: Condition | None = None,
+    window: WantedWindow = None,
+    contacts: Sequence[PlateContact] = (),
     jobs: int = 1,
 ) -> TrialResult:
     """Process one trial.
@@ -76,6 +89,11 @@ def process_recording(
         The treadmill and its calibrations; by default one that stands still.
     condition
         Which gait cycles count; by default all.
+    window
+        What counts: "cycle", "recording", or a span (start, stop) [s]; by default gait cycles, and
+        the whole recording where there is none.
+    contacts
+        Whose foot was on a plate, where a person knows better.
     jobs
         Threads.
 
@@ -88,8 +106,9 @@ def process_recording(
     Raises
     ------
     ValueError
-        If the trial has no plates, no known markers, no usable mass, or is too short; if the engine
-        cannot be imported, or the other one disagrees with it.
+        If the trial has no plates, no known markers, no usable mass, or is shorter than the filter
+        needs; if a stated span or contact is not in it; if the engine cannot be imported, or the
+        other one disagrees with it.
 
     Examples
     --------
@@ -115,38 +134,66 @@ def process_recording(
         hip_trial=hip_trial,
         segments=segments,
     )
-    unfiltered = solve_ik(body, recording.markers, jobs=jobs)
+    markers = without_frozen_frames(recording.markers, body.markers)
+    unfiltered = solve_ik(body, markers, jobs=jobs)
     motion = filter_motion(unfiltered, cutoff=settings.cutoff_hz, method=settings.filter)
 
     laboratory = laboratory or Laboratory(Treadmill())
     ground = ground_wrenches(recording, laboratory, motion.time, settings.plate_delay_s)
     best, feet = ground.variants[ground.best], feet_of(body, unfiltered)
-    under_feet = {
-        variant: share_between_feet(plates, feet, settings.contact_threshold_n, judged_by=best)
+    shared = {
+        variant: share_between_feet(
+            motion.time,
+            plates,
+            feet,
+            settings.contact_threshold_n,
+            judged_by=best,
+            stated=contacts,
+        )
         for variant, plates in ground.variants.items()
     }
     wrenches = {
-        variant: _filtered(by_foot, motion, settings)
-        for variant, (by_foot, _) in under_feet.items()
+        variant: _filtered(by_variant.by_foot, motion, settings)
+        for variant, by_variant in shared.items()
     }
     by_variant = inverse_dynamics_variants(
         body, motion, [*wrenches.values()], jobs=jobs, engine=settings.engine
     )
     dynamics = dict(zip(wrenches, by_variant, strict=True))
+    under_feet = shared[ground.best]
 
-    events, events_note = gait_events(recording)
-    cycles, cycle_notes = cut_cycles(events, dynamics.values())
+    events, events_note = gait_events(recording.events, markers, body.marker_set)
+    validity = Validity(
+        motion=np.all([np.isfinite(each.residual) for each in dynamics.values()], axis=(0, 2)),
+        plates=max(
+            (
+                _carried(body, motion, plates, dynamics[variant], shared[variant], events, settings)
+                for variant, plates in ground.variants.items()
+            ),
+            key=np.count_nonzero,
+        ),
+    )
+    unknown = forces_of_legs(under_feet.ambiguous | ~validity.plates)
+    dynamics = {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
+    cycles, cycle_notes = cut_cycles(events, motion.time, validity, settings.min_valid_share)
     rule = condition or Condition()
     onsets = perturbation_onsets(recording, rule, ground.pose) if rule.perturbed else np.empty(0)
     selected, selection_notes = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
+    span = counted_span(window, selected, motion.time, settings.cutoff_hz)
 
     total = np.sum([*wrenches[ground.best].values()], axis=0)
-    delay = plate_delay(total[:, :3], dynamics[ground.best].residual[:, :3], motion.time)
-    carried_mass_kg, carried_notes = carried_mass(motion.time, total[:, 2], cycles)
-    by_foot, ambiguous = under_feet[ground.best]
-    agreement = agreement_with_plates(events, by_foot, motion.time, settings.contact_threshold_n)
+    residual = np.where(validity.both[:, None], dynamics[ground.best].residual, np.nan)
+    delay = plate_delay(total[:, :3], residual[:, :3], motion.time)
+    carried_kg = carried_mass(motion.time, total[:, 2], cycles, validity.both)
+    agreement = agreement_with_plates(
+        events, under_feet.by_foot, motion.time, settings.contact_threshold_n
+    )
     reference = reference_events(
-        by_foot, motion.time, settings.contact_threshold_n, recording.markers
+        under_feet.by_foot,
+        motion.time,
+        settings.contact_threshold_n,
+        markers,
+        body.marker_set,
     )
     return TrialResult(
         source=recording.source,
@@ -164,27 +211,40 @@ def process_recording(
         platform=ground.pose,
         events=events,
         cycles=selected,
+        found_cycles=found_cycles(events, selected),
+        span=span,
+        validity=validity,
         onsets=onsets,
         delay_s=delay.delay_s,
         delay_uncertainty_s=delay.uncertainty_s,
-        ambiguous=ambiguous,
+        ambiguous=under_feet.ambiguous,
         notes=(
             *recording.notes,
             mass.note,
-            *differing_masses(mass.known_kg, carried_mass_kg),
+            *differing_masses(mass.known_kg, carried_kg),
             *implausible(body),
-            *carried_notes,
             *check_markers(body, recording, pose),
             *body.notes,
-            *check_motion(body, unfiltered, recording.markers),
+            *check_motion(body, unfiltered, markers),
             *ground.notes,
             *check_plates(recording, best, mass.mass_kg),
             dynamics["measured"].engine.note,
             events_note,
             *check_events(events, reference),
             *agreement,
+            *contact_notes(under_feet, motion.time),
+            *validity_notes(validity),
             *cycle_notes,
             *selection_notes,
+            *window_notes(
+                window,
+                span,
+                selected,
+                events=events,
+                rejected=cycle_notes,
+                time=motion.time,
+                validity=validity,
+            ),
             delay.note,
         ),
     )
@@ -249,6 +309,8 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
             marker_set=study.marker_set,
             laboratory=read_study_laboratory(study),
             condition=rule,
+            window=rule.wanted,
+            contacts=trial.contacts,
             jobs=jobs,
         )
 
@@ -259,6 +321,39 @@ def _require_plates(recording: Recording) -> None:
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
+
+
+def _carried(
+    body: Body,
+    motion: Motion,
+    plates: Sequence[Array],
+    dynamics: Dynamics,
+    shared: SharedPlates,
+    events: Sequence[Event],
+    settings: Settings,
+) -> Mask:
+    """Find the frames in which one variant's plates carry the subject, (T,).
+
+    The variant in which there are more of them counts: what a wrong calibration takes away is no
+    foot beside the plates.
+    """
+    vertical = low_pass(
+        np.stack([wrench[:, 2] for wrench in plates], axis=1),
+        motion.time,
+        settings.cutoff_hz,
+        settings.filter,
+    )
+    return carried_frames(
+        motion.time,
+        vertical.sum(axis=1) + dynamics.residual[:, 2],
+        vertical.T,
+        weight_n=body.mass * GRAVITY_MPS2,
+        events=events,
+        feet=shared.by_foot,
+        threshold_n=settings.contact_threshold_n,
+        cutoff_hz=settings.cutoff_hz,
+        method=settings.filter,
+    )
 
 
 def _filtered(by_foot: Mapping[str, Array], motion: Motion, settings: Settings) -> dict[str, Array]:

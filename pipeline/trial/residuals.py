@@ -1,7 +1,7 @@
 """Residuals of a trial: over gait cycles, as a long table, and beside published thresholds."""
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, fields
+from typing import Final, Literal
 
 import numpy as np
 import pandas as pd
@@ -9,9 +9,9 @@ import pandas as pd
 from hbm.dynamics import Dynamics
 from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
-from pipeline.trial.cycle_shortage import cycle_shortage
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.result import TrialResult
+from pipeline.trial.window import frames_within
 
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
@@ -45,12 +45,17 @@ class ResidualRow:
     rms_percent
         The RMS in percent of body weight, or of body weight × stature.
     n_cycles
-        Number of gait cycles.
+        Number of gait cycles; 0 where a span of the recording counts instead.
+    window
+        What counts: "cycle", or "span" of the recording.
+    valid_share
+        Share of the frames in it that count: the pose is known and the plates carry the subject.
     """
 
     subject: str
     condition: str
     compensated: bool
+    window: Literal["cycle", "span"]
     axis: str
     unit: str
     rms: float
@@ -60,6 +65,7 @@ class ResidualRow:
     peak: float
     rms_percent: float
     n_cycles: int
+    valid_share: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,20 +131,21 @@ def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
     Returns
     -------
     dict[str, Array]
-        Side -> (C, 101, 6) in the reported axes [N, N·m].
+        Side -> (C, 101, 6) in the reported axes [N, N·m]; NaN where frames do not count.
     """
     dynamics = variants(result)[variant]
-    values = reported(dynamics.residual)
+    values = np.where(result.validity.both[:, None], reported(dynamics.residual), np.nan)
     return {side: normalise(dynamics.time, values, spans) for side, spans in result.cycles.items()}
 
 
-def in_cycles(result: TrialResult) -> Mask:
-    """Give whether each frame is in an accepted gait cycle of either side, (T,)."""
-    inside = np.zeros(len(result.motion.time), bool)
-    for spans in result.cycles.values():
-        for start, stop in spans:
-            inside |= (result.motion.time >= start) & (result.motion.time < stop)
-    return inside
+def in_window(result: TrialResult) -> Mask:
+    """Give whether each frame is in a gait cycle of either side or in the trial's span, (T,)."""
+    return frames_within(result.motion.time, result.cycles, result.span)
+
+
+def counted(result: TrialResult) -> Mask:
+    """Give whether each frame counts: it is in the window and valid, (T,)."""
+    return np.asarray(in_window(result) & result.validity.both)
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
@@ -158,7 +165,8 @@ def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
     >>> bool(table["rms"].max() < 10.0)
     True
     """
-    return pd.DataFrame(residual_rows(result, condition))
+    columns = [field.name for field in fields(ResidualRow)]
+    return pd.DataFrame(residual_rows(result, condition), columns=columns)
 
 
 def residual_rows(result: TrialResult, condition: str) -> tuple[ResidualRow, ...]:
@@ -174,43 +182,47 @@ def residual_rows(result: TrialResult, condition: str) -> tuple[ResidualRow, ...
     Returns
     -------
     tuple of ResidualRow
-        As measured first, then compensated; axes in the order of `AXES`.
-
-    Raises
-    ------
-    ValueError
-        If the trial has no gait cycle.
+        As measured first, then compensated; axes in the order of `AXES`. Empty where no frame
+        counts.
     """
-    inside = in_cycles(result)
-    if not inside.any():
-        motion = result.motion
-        reason = cycle_shortage(result.events, result.notes, motion.time, motion.converged)
-        raise ValueError(f"{result.source.name}: no gait cycle was found: {reason}")
+    inside, counts = in_window(result), counted(result)
+    if not counts.any():
+        return ()
     weight = result.body.mass * GRAVITY_MPS2
     scale = np.array([weight] * 3 + [weight * result.body.height_m] * 3) / 100
     rows = []
     for name, dynamics in variants(result).items():
-        value = reported(dynamics.residual[inside])
-        per_cycle = np.concatenate(list(cycle_residuals(result, name).values()))
-        per_cycle = per_cycle[np.isfinite(per_cycle).all(axis=(1, 2))]
+        value = reported(dynamics.residual[counts])
         rms = np.sqrt(np.mean(value**2, axis=0))
+        rms_of_cycles = _rms_of_cycles(result, name)
         for k, axis in enumerate(AXES):
             row = ResidualRow(
                 subject=result.subject.id,
                 condition=condition,
                 compensated=name == "compensated",
+                window="span" if result.span else "cycle",
                 axis=axis,
                 unit=UNITS[k],
                 rms=float(rms[k]),
-                rms_of_cycles=float(np.sqrt(np.mean(per_cycle[..., k] ** 2))),
+                rms_of_cycles=float(rms_of_cycles[k]),
                 mean=float(value[:, k].mean()),
                 sd=float(value[:, k].std()),
                 peak=float(np.abs(value[:, k]).max()),
                 rms_percent=float(rms[k] / scale[k]),
-                n_cycles=sum(len(spans) for spans in result.cycles.values()),
+                n_cycles=0 if result.span else sum(map(len, result.cycles.values())),
+                valid_share=float(np.count_nonzero(counts) / np.count_nonzero(inside)),
             )
             rows.append(row)
     return tuple(rows)
+
+
+def _rms_of_cycles(result: TrialResult, variant: str) -> Array:
+    """Give the RMS over cycles of each cycle's RMS over 0–100 %, (6,); NaN without cycles."""
+    curves = np.concatenate(list(cycle_residuals(result, variant).values()))
+    curves = curves[np.isfinite(curves).any(axis=(1, 2))]
+    if result.span or not len(curves):
+        return np.full(len(AXES), np.nan)
+    return np.asarray(np.sqrt(np.mean(np.nanmean(curves**2, axis=1), axis=0)))
 
 
 def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
@@ -224,16 +236,18 @@ def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
     Returns
     -------
     tuple of ThresholdRow
-        Force and moment, as measured and compensated.
+        Force and moment, as measured and compensated; empty where no frame counts.
 
     Notes
     -----
     Hicks et al. 2015 (J Biomech Eng 137:020905): the peak residual force should stay below 5 % of
     the peak net external force, the peak residual moment below 1 % of the height of the centre of
-    mass times that force. Peaks are of the vectors' magnitudes, within gait cycles; the height is
-    the mean one above the lowest foot.
+    mass times that force. Peaks are of the vectors' magnitudes, over the frames that count; the
+    height is the mean one above the lowest foot.
     """
-    inside = in_cycles(result)
+    inside = counted(result)
+    if not inside.any():
+        return ()
     rows = []
     for name, dynamics in variants(result).items():
         ground = np.sum(list(result.ground[name].values()), axis=0)[inside, :3]

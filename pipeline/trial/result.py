@@ -14,6 +14,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, Mask, read_only
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
+from pipeline.trial.validity import Validity
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +77,21 @@ class TrialResult:
     events
         Gait events.
     cycles
-        Side -> start and stop of each gait cycle, (C, 2) [s].
+        Side -> start and stop of each gait cycle that counts, (C, 2) [s].
+    found_cycles
+        How many gait cycles the events of these sides show, counted or not.
+    span
+        Start and stop of the stretch of the recording that counts in place of gait cycles [s]; None
+        where gait cycles count.
+    validity
+        Which frames count within them.
     delay_s, delay_uncertainty_s
         How much later the plates are than the markers, and its standard error; NaN where unknown.
     platform
         The platform's pose, (T,) frames; None for a treadmill that stands still.
     ambiguous
-        Frames in which the split of a plate between the feet is uncertain, (T,).
+        Frames in which the split of a plate between the feet is uncertain, (T,); the forces of the
+        legs' coordinates are NaN there.
     notes
         What was inferred, locked, filled or refused.
     overridden_segments
@@ -117,6 +126,9 @@ class TrialResult:
     platform: PlatformPose | None
     events: tuple[Event, ...]
     cycles: dict[str, Array]
+    found_cycles: int
+    span: tuple[float, float] | None
+    validity: Validity
     delay_s: float
     delay_uncertainty_s: float
     ambiguous: Mask
@@ -125,8 +137,10 @@ class TrialResult:
     onsets: Array = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
-        frames, measured = len(self.motion.time), len(self.markers.time)
-        if measured != frames:
-            raise ValueError(
-                f"{self.source.name}: markers have {measured} frames, the motion {frames}"
-            )
+        frames = len(self.motion.time)
+        for name, count in (
+            ("markers have", len(self.markers.time)),
+            ("the validity has", len(self.validity.motion)),
+        ):
+            if count != frames:
+                raise ValueError(f"{self.source.name}: {name} {count} frames, the motion {frames}")

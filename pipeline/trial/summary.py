@@ -21,8 +21,9 @@ from pipeline.trial.residuals import (
     threshold_rows,
 )
 from pipeline.trial.result import TrialResult
+from pipeline.trial.window import shortage
 
-FORMAT_VERSION: Final = 3
+FORMAT_VERSION: Final = 4
 """Of stored trials, summary and frames together; raised with every change of what they hold."""
 STRICT_JSON: Final = ConfigDict(strict=True, extra="forbid", ser_json_inf_nan="constants")
 """Nothing unknown, nothing of another type; NaN is written as such."""
@@ -70,9 +71,13 @@ class TrialSummary:
     frames, unsolved_frames
         Number of frames, and of those without a solution of the inverse kinematics.
     cycles
-        Side -> start and stop of each gait cycle [s].
+        Side -> start and stop of each gait cycle that counts [s].
+    found_cycles
+        How many gait cycles the events of these sides show, counted or not.
+    span
+        Start and stop of what counts in place of gait cycles [s]; None where these count.
     residuals
-        RMS, mean, peak of every residual over the gait cycles.
+        RMS, mean, peak of every residual over what counts; empty where nothing does.
     thresholds
         Peak residuals beside the limits of Hicks et al. (2015).
     markers
@@ -100,9 +105,16 @@ class TrialSummary:
     frames: int
     unsolved_frames: int
     cycles: Mapping[str, tuple[tuple[float, float], ...]]
+    found_cycles: int
+    span: tuple[float, float] | None
     residuals: tuple[ResidualRow, ...]
     thresholds: tuple[ThresholdRow, ...]
     markers: tuple[MarkerRow, ...]
+
+    @property
+    def shortage(self) -> str:
+        """Why the trial has no residuals; empty where it has."""
+        return shortage(self.notes)
 
     def to_json(self) -> bytes:
         """Give the summary as JSON; numbers come back exactly."""
@@ -163,11 +175,6 @@ def summarise(result: TrialResult, condition: str, key: str) -> TrialSummary:
     -------
     TrialSummary
         What is known of it besides its frames.
-
-    Raises
-    ------
-    ValueError
-        If the trial has no gait cycle.
     """
     return TrialSummary(
         version=FORMAT_VERSION,
@@ -189,6 +196,8 @@ def summarise(result: TrialResult, condition: str, key: str) -> TrialSummary:
         frames=len(result.motion.time),
         unsolved_frames=int(np.count_nonzero(~result.motion.converged)),
         cycles={side: tuple(map(tuple, spans.tolist())) for side, spans in result.cycles.items()},
+        found_cycles=result.found_cycles,
+        span=result.span,
         residuals=residual_rows(result, condition),
         thresholds=threshold_rows(result),
         markers=marker_rows(result),

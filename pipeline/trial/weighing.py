@@ -31,8 +31,6 @@ MIN_WHOLE_SHARE: Final = 0.9
 """Of that mean, or of the mass in a file: plates that carry less do not carry the whole subject."""
 MAX_MASS_DIFFERENCE: Final = 0.03
 """Of the smallest: more than clothes, shoes, a meal and a plate's gain error together."""
-MIN_CARRIED_SHARE: Final = 0.3
-"""Of the mean vertical force: in walking it never falls below about half of it."""
 MIN_HEIGHT_M: Final = 0.5
 MAX_HEIGHT_M: Final = 2.6
 """Bounds of stature that the body builder takes; a file that says otherwise has another unit."""
@@ -201,8 +199,8 @@ def _nothing_known(recordings: tuple[Recording, ...]) -> str:
 
 
 def carried_mass(
-    time: Array, vertical: Array, cycles: Mapping[str, Array]
-) -> tuple[float | None, tuple[Note, ...]]:
+    time: Array, vertical: Array, cycles: Mapping[str, Array], valid: Mask
+) -> float | None:
     """Give the mass that the plates carry over whole gait cycles, to compare a stated one with.
 
     Parameters
@@ -213,32 +211,18 @@ def carried_mass(
         Vertical force of all plates on the subject, filtered, (T,) [N].
     cycles
         Side -> start and stop of each gait cycle, (C, 2) [s].
+    valid
+        Frames in which the plates carry the subject, (T,).
 
     Returns
     -------
-    mass_kg
-        Mean vertical force over the cycles of one side by gravity, for over whole cycles a body
-        gains no vertical speed. None where the plates do not carry the subject throughout: without
-        cycles, in running, or where a foot lands beside them (less than 0.3 of the mean at some
-        instant of a cycle of either side).
-    notes
-        ``subject_not_carried`` where there are cycles but no mass.
+    float or None
+        Mean vertical force by gravity, over those cycles of either side in which the plates carry
+        the subject throughout: over whole cycles a body gains no vertical speed. None without any.
     """
-    carried = [vertical[_within(time, spans) & np.isfinite(vertical)] for spans in cycles.values()]
-    carried = [of_side for of_side in carried if len(of_side)]
-    if not carried:
-        return None, ()
-    if any(of_side.min() < MIN_CARRIED_SHARE * of_side.mean() for of_side in carried):
-        return None, (Note.of("subject_not_carried"),)
-    return float(max(carried, key=len).mean()) / GRAVITY_MPS2, ()
-
-
-def _within(time: Array, spans: Array) -> Mask:
-    """Give which times, (T,), are in one of the spans, (C, 2)."""
-    inside = np.zeros(len(time), bool)
-    for start, stop in spans:
-        inside |= (time >= start) & (time < stop)
-    return inside
+    frames = [(time >= start) & (time < stop) for spans in cycles.values() for start, stop in spans]
+    carried = [vertical[inside] for inside in frames if inside.any() and valid[inside].all()]
+    return float(np.concatenate(carried).mean()) / GRAVITY_MPS2 if carried else None
 
 
 def stature(subject: Subject, pose: Recording) -> float | None:

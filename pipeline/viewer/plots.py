@@ -19,6 +19,7 @@ PHASES: Final = {"foot_strike": "stance", "foot_off": "swing"}
 PHASE_COLOURS: Final = {"stance": "#009E73", "swing": "#3A4A45"}
 PERTURBATION_COLOUR: Final = "#E69F00"
 UNCERTAIN_COLOUR: Final = "#CC79A7"
+UNCOUNTED_COLOUR: Final = "#D55E00"
 LARGEST_COLOURS: Final = ("#E69F00", "#56B4E9", "#009E73", "#F0E442", "#CC79A7")
 OTHER_COLOUR: Final = "#4A4F57"
 

@@ -6,7 +6,7 @@ from hbm.notes import warnings_first
 from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
-    in_cycles,
+    counted,
     marker_rows,
     residual_rows,
     threshold_rows,
@@ -32,10 +32,10 @@ def trial_summary(result: TrialResult) -> str:
         Markdown: residuals, thresholds, marker errors, notes.
     """
     parts = [f"# {result.subject.id} · {result.source.stem}", _circumstances(result)]
-    if in_cycles(result).any():
+    if counted(result).any():
         parts += [_residuals(result), _thresholds(result)]
     else:
-        parts.append("No gait cycle was found, so there is no table of residuals.")
+        parts.append("No frame counts, so there is no table of residuals; the notes say why.")
     parts += [_markers(result), _notes(result)]
     return "\n\n".join(parts)
 
@@ -43,10 +43,13 @@ def trial_summary(result: TrialResult) -> str:
 def _circumstances(result: TrialResult) -> str:
     settings, body = result.settings, result.body
     cycles = ", ".join(f"{len(spans)} {side}" for side, spans in result.cycles.items())
+    counts = f"gait cycles: {cycles} of {result.found_cycles}"
+    if result.span:
+        counts = f"{result.span[0]:.2f} to {result.span[1]:.2f} s of the recording"
     return (
         f"{body.mass:.1f} kg, {body.height_m:.2f} m; marker set {body.marker_set.name}; "
         f"{settings.filter.replace('_', ' ')} filter, {settings.cutoff_hz:g} Hz; "
-        f"gait cycles: {cycles}"
+        f"{counts}"
     )
 
 

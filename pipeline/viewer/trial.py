@@ -14,7 +14,7 @@ from hbm.poses import segment_frames
 from hbm.spatial import Array
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import COLOURS
-from pipeline.trial.gait.cycles import normalise
+from pipeline.trial.gait.cycles import mean_and_sd, normalise
 from pipeline.trial.residuals import AXES, cycle_residuals, reported, variants
 from pipeline.trial.result import TrialResult
 from pipeline.viewer.blueprint import cycle_layout, trial_layout
@@ -23,6 +23,7 @@ from pipeline.viewer.file import Timelines, printable, recording_file
 from pipeline.viewer.plots import (
     PERTURBATION_COLOUR,
     UNCERTAIN_COLOUR,
+    UNCOUNTED_COLOUR,
     intervals_of,
     log_curves,
     log_intervals,
@@ -108,8 +109,9 @@ def write_recording(result: TrialResult, path: Path, *, view_hz: float = VIEW_RA
     whole, view = clock(motion.time), clock(motion.time[shown])
     perturbed = [(t, t + PERTURBATION_S, "perturbation") for t in result.onsets.tolist()]
     uncertain = intervals_of(result.ambiguous, motion.time, "uncertain")
+    uncounted = intervals_of(~result.validity.both, motion.time, "does not count")
     has_cycles = any(len(spans) for spans in result.cycles.values())
-    has_phases = bool(result.events or uncertain or perturbed)
+    has_phases = bool(result.events or uncertain or uncounted or perturbed)
     layout = trial_layout(pelvis, phases=has_phases, figure=has_cycles)
     with recording_file(path, TRIAL_APPLICATION, _title(result), layout) as stream:
         stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -128,14 +130,18 @@ def write_recording(result: TrialResult, path: Path, *, view_hz: float = VIEW_RA
                 platform=pose,
                 threshold_n=result.settings.contact_threshold_n,
             )
-            log_residual(stream, view, name, dynamics.residual[shown], pelvis)
-        log_residual_curves(
-            stream, whole, {n: reported(d.residual) for n, d in variants(result).items()}
-        )
+            residual = np.where(result.validity.both[:, None], dynamics.residual, np.nan)
+            log_residual(stream, view, name, residual[shown], pelvis)
+        curves = {
+            n: np.where(result.validity.both[:, None], reported(d.residual), np.nan)
+            for n, d in variants(result).items()
+        }
+        log_residual_curves(stream, whole, curves)
         log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
         log_phases(stream, clock, result.events)
         log_intervals(stream, clock, "perturbation", perturbed, PERTURBATION_COLOUR)
         log_intervals(stream, clock, "plate_split", uncertain, UNCERTAIN_COLOUR)
+        log_intervals(stream, clock, "residual", uncounted, UNCOUNTED_COLOUR)
         summary = printable(trial_summary(result))
         stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
         stream.log("legend", rr.TextDocument(LEGEND, media_type="text/markdown"), static=True)
@@ -167,7 +173,7 @@ def write_cycles(result: TrialResult, path: Path) -> None:
             f"{result.source.name}: no gait cycle was found, so there is no mean one to show"
         )
     motion = result.motion
-    q = np.nanmean(normalise(motion.time, motion.q, spans), axis=0)
+    q, _ = mean_and_sd(normalise(motion.time, motion.q, spans))
     rotation, origin = segment_frames(result.body, q)
     timelines = {"gait_cycle_percent": np.arange(len(q))}
     title = f"{_title(result)}, mean of {len(spans)} {side} gait cycles"
@@ -175,11 +181,9 @@ def write_cycles(result: TrialResult, path: Path) -> None:
         stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         log_body(stream, timelines, result.body, rotation, origin)
         curves: dict[str, Array] = {}
-        for name, dynamics in variants(result).items():
-            mean = np.nanmean(normalise(motion.time, dynamics.residual, spans), axis=0)
-            log_residual(stream, timelines, name, mean, origin[:, PELVIS])
-            cycles = cycle_residuals(result, name)[side]
-            middle, spread = np.nanmean(cycles, axis=0), np.nanstd(cycles, axis=0)
+        for name in variants(result):
+            middle, spread = mean_and_sd(cycle_residuals(result, name)[side])
+            log_residual(stream, timelines, name, reported(middle), origin[:, PELVIS])
             curves |= {
                 f"{name}, mean": middle,
                 f"{name}, +SD": middle + spread,

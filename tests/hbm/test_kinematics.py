@@ -317,6 +317,15 @@ def test_a_pelvis_without_markers_is_found_from_trunk_and_thighs(body, truth):
     np.testing.assert_allclose(found.q[:, SEEN], truth.q[:, SEEN], atol=1e-6)
 
 
+def test_a_pelvis_of_two_markers_is_found_by_arms_and_shanks_without_trunk_and_thighs(body, truth):
+    own = zip(body.markers, body.marker_segment, strict=True)
+    hidden = [n for n, s in own if s in ("thorax", "left_thigh", "right_thigh")]
+    exact = without(markers_of(body, truth), (*hidden, "LPSIS", "RPSIS"))
+    found = solve_ik(body, exact)
+    assert found.converged.all()
+    assert found.marker_error[np.isfinite(found.marker_error)].max() < 1e-6
+
+
 @pytest.mark.parametrize(
     "gone",
     [

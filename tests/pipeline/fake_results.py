@@ -21,6 +21,7 @@ from pipeline.io.recording import Event
 from pipeline.run.store import write_trial
 from pipeline.trial.residuals import reported
 from pipeline.trial.result import TrialResult
+from pipeline.trial.validity import Validity
 from tests.synthetic import synthetic_body
 
 ENGINE = EngineUsed("pinocchio", "4.1.0", "kernels", "casadi 3.7.2", 16, 2e-14)
@@ -139,6 +140,9 @@ def fake_trial(
         platform=None,
         events=tuple(Event(float(t), "foot_strike", "right") for t in starts),
         cycles={"left": spans[left], "right": spans[~left]},
+        found_cycles=len(spans),
+        span=None,
+        validity=Validity(np.ones(frames, bool), np.ones(frames, bool)),
         delay_s=0.004,
         delay_uncertainty_s=0.001,
         ambiguous=np.zeros(frames, bool),
@@ -148,6 +152,12 @@ def fake_trial(
             Note.of("legs_differ", difference_m=0.041, left_m=0.843, right_m=0.802),
         ),
     )
+
+
+def standing(result: TrialResult, span: tuple[float, float] = (1.0, 3.0)) -> TrialResult:
+    """Give the trial without gait cycles: a span of the recording counts instead."""
+    none = {side: np.empty((0, 2)) for side in ("left", "right")}
+    return replace(result, events=(), cycles=none, found_cycles=0, span=span)
 
 
 STUDY = """

@@ -14,8 +14,9 @@ from hbm.notes import Note
 from hbm.poses import marker_positions
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
-from pipeline.trial.gait.cycles import cut_cycles
+from pipeline.trial.gait.cycles import cut_cycles, found_cycles
 from pipeline.trial.result import PlateSurface, TrialResult
+from pipeline.trial.validity import Validity
 from tests.benchmarks.walker import STRIDE_HZ, Walk, walk
 from tests.synthetic import synthetic_body
 
@@ -42,6 +43,9 @@ def viewer_trial(
         zip(ground, inverse_dynamics_variants(body, motion, list(ground.values())), strict=True)
     )
     events = _events(np.arange(0.2, time[-1], 1 / STRIDE_HZ))
+    known = [np.isfinite(each.residual).all(axis=1) for each in dynamics.values()]
+    validity = Validity(np.all(known, axis=0), np.ones(frames, bool))
+    cycles, _ = cut_cycles(events, time, validity, min_valid_share=0.5)
     return TrialResult(
         source=Path("walk.c3d"),
         subject=Subject(id="sub07", sex="male", mass_kg=body.mass),
@@ -56,7 +60,10 @@ def viewer_trial(
         ground=ground,
         platform=sway_and_pitch(time) if moving else None,
         events=events,
-        cycles=cut_cycles(events, dynamics.values())[0],
+        cycles=cycles,
+        found_cycles=found_cycles(events, cycles),
+        span=None,
+        validity=validity,
         onsets=ONSETS_S,
         delay_s=0.0,
         delay_uncertainty_s=0.001,

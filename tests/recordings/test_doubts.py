@@ -68,8 +68,10 @@ def test_a_generated_walk_is_not_doubted(shared_data):
     assert doubts(walk, subject, marker_set=marker_set(SUBJECTS / "arnold2013.toml")) == {}
 
 
-def test_of_a_descent_of_steps_only_the_plates_zeros_are_doubted(shared_data):
-    """Four plates that read 6 to 12 N each without anybody on them, 36 N in all."""
+def test_of_a_descent_of_steps_the_plates_zeros_are_doubted_and_the_mass_that_they_carry(
+    shared_data,
+):
+    """Four plates that read 6 to 12 N each without anybody on them, 36 N or 4 kg in all."""
     folder = shared_data / "plug_in_gait"
     chosen = marker_set(TESTS / "trunk_ends" / "plug_in_gait.toml")
     found = doubts(
@@ -77,8 +79,11 @@ def test_of_a_descent_of_steps_only_the_plates_zeros_are_doubted(shared_data):
         static=read_c3d(folder / "Static_trial.c3d"),
         marker_set=chosen,
     )
-    assert list(found) == ["plates_not_zeroed"]
+    assert set(found) == {"plates_not_zeroed", "mass_differs"}
     assert found["plates_not_zeroed"].values["total_n"] == pytest.approx(36, abs=2)
+    in_file_kg, carried_kg = found["mass_differs"].values["known_kg"].values()
+    assert in_file_kg == 85.0
+    assert carried_kg - 36 / 9.81 == pytest.approx(85.0, abs=2)
 
 
 def test_exchanged_heels_are_doubted_throughout_a_trial_and_for_a_few_seconds(treadmill):

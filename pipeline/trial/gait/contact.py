@@ -1,24 +1,80 @@
-"""Which foot stood on which plate, and when."""
+"""Which foot stood on which plate, contact by contact."""
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
 
 import numpy as np
 
 from compensation import center_of_pressure
 from hbm.body import Body
-from hbm.coordinates import MOVING
+from hbm.coordinates import COORDINATES, MOVING
 from hbm.motion import Motion
+from hbm.notes import Note
 from hbm.poses import segment_frames
 from hbm.spatial import Array, Mask
+from pipeline.config.schema import PlateContact
+from pipeline.trial.gait.events import SIDES
 
-FEET: Final = ("left_foot", "right_foot")
+Foot = Literal["left_foot", "right_foot"]
+FEET: Final[tuple[Foot, Foot]] = ("left_foot", "right_foot")
+LEGS: Final = ("Hip", "Knee", "Ankle", "Foot", "Toe")
+"""Joints of a leg, as the names of their coordinates begin after the side."""
 MIN_DISTANCE_DIFFERENCE_M: Final = 0.1
 """How much nearer a foot must be: one that swings may pass a shoe's length from the pressure."""
 MAX_PRESSURE_DISTANCE_M: Final = 0.2
 """Farther from the middle of a foot, ankle to toes, there is no pressure under it."""
 MAX_HEIGHT_DIFFERENCE_M: Final = 0.03
 """Two feet that both stand are level; one that swings past is not."""
+MIN_STANCE_S: Final = 0.1
+"""No foot stands for less: a shorter stretch of pressure near it is noise of a light load."""
+MAX_DOUBTFUL_SHARE: Final = 0.5
+"""Of a contact: where more of it is uncertain, all of it is."""
+MAX_CONTACTS_NAMED: Final = 8
+"""In a note; the frames of all are marked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A stretch of frames in which a plate is loaded.
+
+    Attributes
+    ----------
+    plate
+        Number of the plate, from 1.
+    start, stop
+        First frame, and the one after the last.
+    feet
+        Whose it is, in order; two where the foot changes while the plate stays loaded.
+    ambiguous
+        Whether most of it cannot be assigned: the pressure lies under neither foot, or between two
+        feet that both stand.
+    """
+
+    plate: int
+    start: int
+    stop: int
+    feet: tuple[Foot, ...]
+    ambiguous: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SharedPlates:
+    """The wrenches of the plates by foot.
+
+    Attributes
+    ----------
+    by_foot
+        "left_foot" and "right_foot" -> wrench, (T, 6); their sum is the plates' sum at any time.
+    ambiguous
+        Frames in which the split between the feet is uncertain, (T,).
+    contacts
+        All contacts in order of plate and time.
+    """
+
+    by_foot: Mapping[str, Array]
+    ambiguous: Mask
+    contacts: tuple[Contact, ...]
 
 
 def feet_of(body: Body, motion: Motion) -> Array:
@@ -31,16 +87,20 @@ def feet_of(body: Body, motion: Motion) -> Array:
 
 
 def share_between_feet(
+    time: Array,
     wrenches: Sequence[Array],
     feet: Array,
     threshold_n: float,
     *,
     judged_by: Sequence[Array] | None = None,
-) -> tuple[dict[str, Array], Mask]:
+    stated: Iterable[PlateContact] = (),
+) -> SharedPlates:
     """Give each plate's wrench to the foot that stood on it.
 
     Parameters
     ----------
+    time
+        (T,) [s].
     wrenches
         Per plate, action on the subject in lab axes about the lab origin, (T, 6) [N, N·m].
     feet
@@ -50,45 +110,148 @@ def share_between_feet(
     judged_by
         Per plate, the wrench whose centre of pressure decides, if not ``wrenches``: that of the
         subject alone where these contain a moving platform's inertia too.
+    stated
+        Contacts whose foot a person states; they overrule the centre of pressure.
 
     Returns
     -------
-    by_foot
-        "left_foot" and "right_foot" -> wrench, (T, 6); their sum is the plates' sum at any time.
-    ambiguous
-        Frames in which a plate is loaded while its centre of pressure lies under neither foot, or
-        between two feet that both stand, so that the split between the joints is uncertain, (T,).
+    SharedPlates
+        Wrenches by foot, doubtful frames, contacts.
+
+    Raises
+    ------
+    ValueError
+        If there is no contact at a stated time, or no such plate.
 
     Notes
     -----
     A loaded frame belongs to the foot whose middle is nearer to the centre of pressure by
-    ``MIN_DISTANCE_DIFFERENCE_M`` at least. Of the frames between two such frames, unloaded or
-    undecided, each half belongs to the nearer one's foot. Residuals do not depend on this choice,
-    joint moments do.
+    ``MIN_DISTANCE_DIFFERENCE_M`` at least. Within a contact, stretches of one foot that are shorter
+    than ``MIN_STANCE_S`` do not count beside longer ones. Of the frames between two stretches,
+    unloaded or undecided, each half belongs to the nearer one's foot. Residuals do not depend on
+    this choice, joint moments do.
     """
-    by_foot = {foot: np.zeros((len(feet), 6)) for foot in FEET}
-    ambiguous = np.zeros(len(feet), bool)
-    for wrench, judged in zip(wrenches, judged_by or wrenches, strict=True):
-        foot_index, uncertain = _foot_on_plate(judged, feet, threshold_n)
-        ambiguous |= uncertain
+    stated = tuple(stated)
+    by_foot: dict[str, Array] = {foot: np.zeros((len(feet), 6)) for foot in FEET}
+    ambiguous, contacts = np.zeros(len(feet), bool), []
+    for number, (wrench, judged) in enumerate(
+        zip(wrenches, judged_by or wrenches, strict=True), start=1
+    ):
+        plate = _Plate(time, judged, feet, threshold_n)
+        plate.overrule([each for each in stated if each.plate == number])
+        foot_index = plate.foot_of_frames()
+        contacts += plate.contacts(number, foot_index)
+        ambiguous |= plate.uncertain
         for k, foot in enumerate(FEET):
             by_foot[foot] += np.where((foot_index == k)[:, None], wrench, 0.0)
-    return by_foot, ambiguous
+    if unknown := [each for each in stated if each.plate > len(wrenches)]:
+        raise ValueError(
+            f"contacts: there is no plate {unknown[0].plate}; plates are 1 to {len(wrenches)}"
+        )
+    return SharedPlates(by_foot, ambiguous, tuple(contacts))
 
 
-def _foot_on_plate(wrench: Array, feet: Array, threshold_n: float) -> tuple[Array, Mask]:
-    """Find the foot (0 left, 1 right) of each frame of a plate, and doubtful frames."""
-    pressure = center_of_pressure(wrench, threshold_n, feet[..., 2].min(axis=1))[:, :2]
-    distance = np.linalg.norm(feet[..., :2] - pressure[:, None], axis=-1)
-    loaded = np.isfinite(distance).all(axis=1)
-    left, right = np.where(loaded[:, None], distance, 0.0).T
-    nearer = (right < left).astype(int)
-    undecided = np.abs(left - right) < MIN_DISTANCE_DIFFERENCE_M
-    level = np.abs(np.diff(feet[..., 2], axis=1)[:, 0]) < MAX_HEIGHT_DIFFERENCE_M
-    under_none = np.minimum(left, right) > MAX_PRESSURE_DISTANCE_M
-    uncertain = loaded & (under_none | (undecided & level))
-    known = np.flatnonzero(loaded & ~undecided)
-    if not len(known):
-        return nearer, uncertain
-    nearest = known[np.searchsorted((known[1:] + known[:-1]) / 2, np.arange(len(feet)))]
-    return nearer[nearest], uncertain
+def forces_of_legs(frames: Mask) -> Mask:
+    """Give which forces are of the legs' coordinates in some frames, (T,) to (T, 46)."""
+    of_leg = np.array([name[1:].startswith(LEGS) for name in COORDINATES])
+    return np.asarray(frames[:, None] & of_leg)
+
+
+def contact_notes(shared: SharedPlates, time: Array) -> tuple[Note, ...]:
+    """Name the contacts that cannot be assigned to a foot, plate by plate."""
+    notes = []
+    doubtful = [contact for contact in shared.contacts if contact.ambiguous]
+    for plate in dict.fromkeys(contact.plate for contact in doubtful):
+        spans = [(c.start, c.stop) for c in doubtful if c.plate == plate]
+        times = _listed(time, spans)
+        notes.append(Note.of("contacts_ambiguous", plate=plate, contacts=len(spans), times=times))
+    return tuple(notes)
+
+
+class _Plate:
+    """One plate's load over time, and the foot of each frame as far as it is decided."""
+
+    def __init__(self, time: Array, wrench: Array, feet: Array, threshold_n: float) -> None:
+        surface = feet[..., 2].min(axis=1)
+        pressure = center_of_pressure(wrench, threshold_n, surface)[:, :2]
+        distance = np.linalg.norm(feet[..., :2] - pressure[:, None], axis=-1)
+        self.time = time
+        self.loaded: Mask = np.isfinite(distance).all(axis=1)
+        self.distance = np.where(self.loaded[:, None], distance, 0.0)
+        left, right = self.distance.T
+        undecided = np.abs(left - right) < MIN_DISTANCE_DIFFERENCE_M
+        level = np.abs(np.diff(feet[..., 2], axis=1)[:, 0]) < MAX_HEIGHT_DIFFERENCE_M
+        under_none = np.minimum(left, right) > MAX_PRESSURE_DISTANCE_M
+        self.nearer = (right < left).astype(int)
+        self.decided: Mask = self.loaded & ~undecided
+        self.uncertain: Mask = self.loaded & (under_none | (undecided & level))
+        self.stretches = _stretches(self.loaded)
+        for start, stop in self.stretches:
+            self._drop_brief(start, stop)
+
+    def _drop_brief(self, start: int, stop: int) -> None:
+        """Leave brief stretches of one foot undecided beside a longer one of the same contact."""
+        decided = start + np.flatnonzero(self.decided[start:stop])
+        if not len(decided):
+            return
+        changes = np.flatnonzero(np.diff(self.nearer[decided])) + 1
+        runs = np.split(decided, changes)
+        lasting = [self.time[run[-1]] - self.time[run[0]] for run in runs]
+        if max(lasting) < MIN_STANCE_S:
+            return
+        for run, duration in zip(runs, lasting, strict=True):
+            cut_off = run[0] == 0 or run[-1] == len(self.time) - 1
+            if duration < MIN_STANCE_S and not cut_off:
+                self.decided[run] = False
+
+    def overrule(self, stated: Sequence[PlateContact]) -> None:
+        """Take the foot of a contact from a person."""
+        for each in stated:
+            frame = int(np.argmin(np.abs(self.time - each.time_s)))
+            inside = [(a, b) for a, b in self.stretches if a <= frame < b]
+            if not inside:
+                loaded = _listed(self.time, self.stretches) or "never"
+                raise ValueError(
+                    f"contacts: nobody is on plate {each.plate} at {each.time_s:g} s; it is "
+                    f"loaded: {loaded}"
+                )
+            contact = slice(*inside[0])
+            self.nearer[contact] = SIDES.index(each.foot)
+            self.decided[contact] = True
+            self.uncertain[contact] = False
+
+    def foot_of_frames(self) -> Array:
+        """Give the foot of every frame, 0 left and 1 right, (T,)."""
+        known = np.flatnonzero(self.decided)
+        if not len(known):
+            return np.asarray(self.nearer)
+        nearest = known[np.searchsorted((known[1:] + known[:-1]) / 2, np.arange(len(self.time)))]
+        return np.asarray(self.nearer[nearest])
+
+    def contacts(self, number: int, foot_index: Array) -> list[Contact]:
+        """List the contacts with their feet; one that is mostly uncertain is so throughout."""
+        found = []
+        for start, stop in self.stretches:
+            if self.time[stop - 1] - self.time[start] < MIN_STANCE_S:
+                continue
+            own = foot_index[start:stop]
+            order = own[np.flatnonzero(np.diff(own, prepend=-1))]
+            doubtful = np.mean(self.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE
+            feet = tuple(FEET[k] for k in order)
+            found.append(Contact(number, start, stop, feet, bool(doubtful)))
+            if doubtful:
+                self.uncertain[start:stop] = True
+        return found
+
+
+def _listed(time: Array, stretches: Sequence[tuple[int, int]]) -> str:
+    """Name the times of stretches, the first ones of many."""
+    named = [f"{time[a]:.2f}–{time[b - 1]:.2f} s" for a, b in stretches[:MAX_CONTACTS_NAMED]]
+    more = ["…"] if len(stretches) > MAX_CONTACTS_NAMED else []
+    return ", ".join([*named, *more])
+
+
+def _stretches(mask: Mask) -> list[tuple[int, int]]:
+    """Give first frame and the one after the last of each stretch in which a mask is true."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

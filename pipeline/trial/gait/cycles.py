@@ -6,12 +6,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hbm.dynamics import Dynamics
 from hbm.notes import Note
 from hbm.signals.resampling import interpolate
 from hbm.spatial import Array
 from pipeline.io.recording import Event
 from pipeline.trial.gait.events import SIDES, event_times
+from pipeline.trial.validity import Validity
 
 MIN_DURATION: Final = 0.6
 MAX_DURATION: Final = 1.5
@@ -74,40 +74,56 @@ def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[Note, 
 
 
 def cut_cycles(
-    events: Sequence[Event], variants: Iterable[Dynamics]
+    events: Sequence[Event], time: Array, validity: Validity, min_valid_share: float
 ) -> tuple[dict[str, Array], tuple[Note, ...]]:
-    """Cut gait cycles of both sides; leave out those with undefined frames, with the reason.
+    """Cut gait cycles of both sides; leave out those of which too little counts, with the reason.
 
     Parameters
     ----------
     events
         Gait events.
-    variants
-        Dynamics of the same frames: a cycle counts only if it is defined in all of them.
+    time
+        (T,) [s].
+    validity
+        Which frames count.
+    min_valid_share
+        Of a cycle's frames in which the plates carry the subject: with less the cycle is left out.
 
     Returns
     -------
     cycles
         Side -> start and stop of each cycle, (C, 2) [s].
     rejected
-        Why cycles were left out: as `gait_cycles`, or ``cycle_unsolved``.
+        Why cycles were left out: as `gait_cycles`, ``cycle_outside`` the recorded markers,
+        ``cycle_unsolved`` or ``cycle_not_carried``.
     """
-    undefined = np.concatenate([d.time[np.isnan(d.residual).any(axis=1)] for d in variants])
     cycles: dict[str, Array] = {}
     rejected: list[Note] = []
-    for side in ("left", "right"):
+    for side in SIDES:
         spans, reasons = gait_cycles(events, side)
-        unsolved = [bool(((undefined >= a) & (undefined < b)).any()) for a, b in spans]
-        rejected += [
-            *reasons,
-            *(
-                Note.of("cycle_unsolved", side=side, start_s=a, stop_s=b)
-                for (a, b), without in zip(spans, unsolved, strict=True)
-                if without
-            ),
-        ]
-        cycles[side] = spans[~np.array(unsolved, bool)]
+        rejected += reasons
+        accepted = []
+        for start, stop in spans:
+            inside = (time >= start) & (time < stop)
+            cycle = {"side": side, "start_s": start, "stop_s": stop}
+            carried = float(np.mean(validity.plates[inside])) if inside.any() else 0.0
+            reason = None
+            if start < time[0] or stop > time[-1]:
+                reason = Note.of("cycle_outside", **cycle)
+            elif not validity.motion[inside].all():
+                reason = Note.of("cycle_unsolved", **cycle)
+            elif carried < min_valid_share:
+                reason = Note.of("cycle_not_carried", **cycle, share=carried)
+            accepted.append(reason is None)
+            rejected += [] if reason is None else [reason]
+        cycles[side] = spans[np.array(accepted, bool)]
     return cycles, tuple(rejected)
+
+
+def found_cycles(events: Sequence[Event], sides: Iterable[str]) -> int:
+    """Count the gait cycles that the foot strikes of some sides show, whether they can be used."""
+    strikes = (event_times(events, "foot_strike", side).size for side in sides)
+    return sum(max(count - 1, 0) for count in strikes)
 
 
 def normalise(time: ArrayLike, values: ArrayLike, cycles: ArrayLike, samples: int = 101) -> Array:
@@ -136,3 +152,13 @@ def normalise(time: ArrayLike, values: ArrayLike, cycles: ArrayLike, samples: in
     """
     start, stop = np.asarray(cycles, float).reshape(-1, 2).T[..., None]
     return interpolate(time, values, start + (stop - start) * np.linspace(0, 1, samples))
+
+
+def mean_and_sd(curves: Array) -> tuple[Array, Array]:
+    """Give mean and SD over cycles, (C, samples, ...) to (samples, ...), of what is known of each.
+
+    NaN where no cycle is known.
+    """
+    known = np.ma.masked_invalid(curves)
+    mean, sd = (np.ma.filled(x, np.nan) for x in (known.mean(axis=0), known.std(axis=0)))
+    return np.asarray(mean), np.asarray(sd)

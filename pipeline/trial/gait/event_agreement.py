@@ -90,7 +90,8 @@ def agreement_with_plates(
     -------
     tuple of Note
         One ``event_agreement`` per kind and side of which two events match at least; one
-        ``events_disagree`` where there is no such kind.
+        ``events_disagree`` where there is no such kind, though both sources show some event of a
+        side more than once.
     """
     sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
     compared = compare_events(events, force_events(sides, time, threshold_n))
@@ -108,7 +109,10 @@ def agreement_with_plates(
         for kind in compared
         if kind.matched > 1
     )
-    return notes or (Note.of("events_disagree"),)
+    repeated = any(
+        kind.matched + min(kind.only_in_first, kind.only_in_second) > 1 for kind in compared
+    )
+    return notes if notes or not repeated else (Note.of("events_disagree"),)
 
 
 def _agreement(

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import find_peaks
 
-from hbm.markers import Markers
+from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
 from hbm.signals.filtering import butterworth
 from hbm.spatial import Array
-from pipeline.io.recording import Event, Recording
+from pipeline.io.recording import Event
 
 SIDES: Final = ("left", "right")
 LABELS: Final = ("foot_strike", "foot_off")
@@ -25,49 +25,53 @@ MIN_EXCURSION_M: Final = 0.1
 MIN_CONTACT_S: Final = 0.1
 """Shorter contacts and shorter losses of contact are force noise at the threshold, not steps."""
 
-SACRUM: Final = (("SACR",), ("LPSIS", "RPSIS"), ("LPSI", "RPSI"), ("V.Sacral",))
-HEEL: Final = ("{}HEE", "{}HEEL", "{}CAL", "{}.Heel")
-TOE: Final = ("{}MT2", "{}TOE", "{}.Toe.Tip")
+SACRUM: Final = (("SACR",), ("LPSIS", "RPSIS"))
+HEEL: Final = "HEE"
+TOE: Final = ("MT2", "TOE", "MT5")
+"""Landmarks that show the sacrum, the heel and the front of a foot, the first that has a marker."""
 
 
-def gait_events(recording: Recording) -> tuple[tuple[Event, ...], Note]:
+def gait_events(
+    of_file: tuple[Event, ...], markers: Markers, marker_set: MarkerSet
+) -> tuple[tuple[Event, ...], Note]:
     """Give the gait events of a recording: the file's own where it has them, else Zeni's.
 
     Parameters
     ----------
-    recording
-        The trial. Its events are used when some foot strikes at least twice in them.
+    of_file
+        The file's events; they are used when some foot strikes at least twice in them.
+    markers, marker_set
+        Trajectories, and the landmarks that they mark.
 
     Returns
     -------
     events
-        In order of time.
+        In order of time; none where neither the file nor the markers give any.
     note
-        Which events these are, and how many.
-
-    Raises
-    ------
-    ValueError
-        As :func:`zeni_events`, where the file has no events.
+        Which events these are and how many, or why there are none.
     """
-    strikes = [e.side for e in recording.events if e.label == "foot_strike"]
-    if any(strikes.count(side) >= 2 for side in SIDES):
-        events, code = recording.events, "events_of_file"
+    if any(event_times(of_file, "foot_strike", side).size >= 2 for side in SIDES):
+        events, code = of_file, "events_of_file"
     else:
-        events, code = zeni_events(recording.markers), "events_from_markers"
+        try:
+            events, code = zeni_events(markers, marker_set), "events_from_markers"
+        except ValueError as error:
+            return (), Note.of("events_unknown", reason=str(error))
     left, right = (event_times(events, "foot_strike", side).size for side in SIDES)
     return events, Note.of(code, left=left, right=right)
 
 
-def zeni_events(markers: Markers) -> tuple[Event, ...]:
+def zeni_events(markers: Markers, marker_set: MarkerSet) -> tuple[Event, ...]:
     """Find gait events by the coordinate method of Zeni et al. (2008).
 
     Parameters
     ----------
     markers
         Trajectories in lab axes, or in those of a treadmill that pitches: the X axis has to be the
-        walking direction. Needed are a sacrum (SACR, or the mid-point of both PSIS) and per foot a
-        heel and a toe marker (HEE, and MT2 or TOE).
+        walking direction.
+    marker_set
+        The landmarks that they mark. Needed are the sacrum (SACR or PSIS), and per foot the heel
+        (HEE) and its front (MT2, TOE or MT5).
 
     Returns
     -------
@@ -94,12 +98,11 @@ def zeni_events(markers: Markers) -> tuple[Event, ...]:
     - The instant is the zero of the filtered velocity, not the nearest frame.
     - Without a toe marker (Human Body Model 2), the second metatarsal head stands in for it.
     """
-    sacrum = _first_present(markers, SACRUM, "sacrum")
+    sacrum = _forward(markers, marker_set, SACRUM)
     events = []
     for side, letter in (("left", "L"), ("right", "R")):
-        for label, names, sign in (("foot_strike", HEEL, 1), ("foot_off", TOE, -1)):
-            choices = [(name.format(letter),) for name in names]
-            foot = _first_present(markers, choices, f"{side} {'heel' if sign > 0 else 'toe'}")
+        for label, names, sign in (("foot_strike", (HEEL,), 1), ("foot_off", TOE, -1)):
+            foot = _forward(markers, marker_set, [(letter + name,) for name in names])
             times = _turning_points(markers.time, sign * (foot - sacrum))
             events += [Event(float(t), label, side) for t in times]
     return _in_order(events)
@@ -187,13 +190,14 @@ def _in_order(events: Iterable[Event]) -> tuple[Event, ...]:
     return tuple(sorted(events, key=lambda event: event.time))
 
 
-def _first_present(markers: Markers, choices: Sequence[Sequence[str]], what: str) -> Array:
-    """Give the forward coordinate (T,) of the first choice that the trial has, in its middle."""
-    for names in choices:
-        if set(names) <= set(markers.names):
-            columns = [markers.names.index(name) for name in names]
+def _forward(markers: Markers, marker_set: MarkerSet, choices: Sequence[Sequence[str]]) -> Array:
+    """Give the forward coordinate (T,) of the middle of the first landmarks that have markers."""
+    for landmarks in choices:
+        names = [marker_set.landmark.get(landmark) for landmark in landmarks]
+        columns = [markers.names.index(name) for name in names if name in markers.names]
+        if len(columns) == len(landmarks):
             return np.asarray(markers.position[:, columns, 0].mean(axis=1))
-    wanted = " or ".join(" with ".join(names) for names in choices)
+    wanted = " or ".join(" with ".join(landmarks) for landmarks in choices)
     raise ValueError(
-        f"gait events need a {what} marker: {wanted}; present: {', '.join(markers.names)}"
+        f"no marker of the set {marker_set.name!r} shows the landmark {wanted} in this recording"
     )

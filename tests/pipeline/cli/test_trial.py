@@ -73,7 +73,7 @@ def test_the_readme_shows_what_the_command_prints(result):
     shown = {axis.strip(): float(rms) for _, axis, rms, *_ in rows}
     table = result[-1]
     assert shown == pytest.approx(dict(zip(AXES, table["rms"], strict=True)), rel=0.1, abs=0.1)
-    assert f"{table['n_cycles'].iloc[0]} gait cycles" in readme
+    assert f"{table['n_cycles'].iloc[0]} of 20 gait cycles" in readme
 
 
 def test_no_other_file_is_written(result):
@@ -115,7 +115,7 @@ def test_what_is_printed_is_what_is_in_the_table(real_trial, tmp_path, capsys):
         real_trial, tmp_path, "--mass-kg", "55.3", "--filter", "realtime", "--cutoff-hz", "8"
     )
     out = capsys.readouterr().out
-    assert f"{table['n_cycles'].iloc[0]} gait cycles" in out
+    assert f"{table['n_cycles'].iloc[0]} of {summary.found_cycles} gait cycles" in out
     assert "(realtime 8 Hz)" in out
     lines = [line.split("│") for line in out.splitlines() if line.startswith("│")]
     assert [cells[2].strip() for cells in lines] == list(AXES)

@@ -325,7 +325,7 @@ KEYS = sorted(
 
 @pytest.mark.parametrize(("model", "key"), KEYS)
 def test_every_key_is_in_the_template_and_used_by_some_code(model, key):
-    of_subject = model in ("SubjectFile", "Trial")
+    of_subject = model in ("SubjectFile", "Trial", "PlateContact")
     template = template_text(f"{'subject' if of_subject else 'study'}_template.toml")
     assert re.search(rf"^(# )?(\[.*\b{key}\b.*\]|{key} =)", template, re.MULTILINE)
     sources = Path(pipeline.__file__).parent.rglob("*.py")

@@ -2,17 +2,25 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pandas as pd
 import pytest
 
+from hbm.notes import Note
 from pipeline.report import write as report
 from pipeline.report.write import write_report
 from pipeline.run import provenance
 from pipeline.run.store import write_trial
 from pipeline.trial.residuals import AXES
-from tests.pipeline.fake_results import fake_trial, write_fake_results, write_fake_study
+from pipeline.trial.validity import Validity
+from tests.pipeline.fake_results import (
+    fake_trial,
+    standing,
+    write_fake_results,
+    write_fake_study,
+)
 
 FIGURES = ("gait_cycle_sway", "gait_cycle_pitch", "marginal_means", *(f"raw_{a}" for a in AXES))
 
@@ -217,6 +225,55 @@ def test_incomplete_studies_are_reported_with_what_is_missing(tmp_path, quick, s
     assert found.open == []
     assert text in found.text
     assert "nan" not in re.sub(r"[a-z]+nan|nan[a-z]+", "", found.text.lower())
+
+
+def write_standing(folder, number, condition, **made):
+    result = standing(fake_trial(number, condition, cycles=4, **made))
+    path = folder / "trials" / f"sub{number:02}_{condition}.parquet"
+    write_trial(result, condition, "key", path)
+
+
+def test_a_study_of_standing_is_reported_over_the_recordings(tmp_path, quick):
+    for number in (1, 2):
+        write_standing(tmp_path, number, "quiet")
+    found = Page(write_report(tmp_path))
+    assert found.open == []
+    assert "1.00–3.00 s no gait cycles" in found.text
+    assert "in quiet from 1.00 to 3.00 s of the recording were analysed" in found.text
+    assert {path.stem for path in (tmp_path / "figures").iterdir()} == {"marginal_means"}
+    table = pd.read_csv(tmp_path / "residuals.csv")
+    assert set(table["window"]) == {"span"}
+    assert table["rms"].notna().all()
+
+
+def test_standing_is_compared_with_no_gait_cycles(tmp_path, quick):
+    """Sub03's sway has none, though the others' have: it is named, and in no test."""
+    write_fake_results(tmp_path, subjects=3, cycles=2, without={("sub03", "sway")})
+    write_standing(tmp_path, 3, "sway")
+    write_standing(tmp_path, 1, "quiet")
+    text = Page(write_report(tmp_path)).text
+    assert "sub03 sway: counts 1.00 to 3.00 s of the recording and no gait cycles" in text
+    assert "sub01 quiet: counts" not in text
+    tests = pd.read_csv(tmp_path / "statistics.csv")
+    sway = tests[tests["effect"].str.startswith("sway IC - sway no IC")]
+    assert (sway["n"] == 2).all()
+    assert sway["note"].str.contains("without sub03").all()
+    table = pd.read_csv(tmp_path / "residuals.csv")
+    assert ("sub03", "sway") in set(table[["subject", "condition"]].itertuples(index=False))
+
+
+def test_a_trial_without_residuals_is_in_no_table_with_its_reason(tmp_path, quick):
+    write_fake_results(tmp_path, subjects=2, cycles=2)
+    result = fake_trial(3, "pitch", cycles=2)
+    lost = replace(
+        standing(result),
+        validity=Validity(result.validity.motion, ~result.validity.plates),
+        notes=(Note.of("no_residuals", reason="the plates carry the subject in no frame"),),
+    )
+    write_trial(lost, "pitch", "key", tmp_path / "trials" / "sub03_pitch.parquet")
+    text = Page(write_report(tmp_path)).text
+    assert "sub03 pitch failed: the plates carry the subject in no frame" in text
+    assert "sub03" not in set(pd.read_csv(tmp_path / "residuals.csv")["subject"])
 
 
 def test_trials_with_different_settings_are_reported(tmp_path, quick):

@@ -172,7 +172,7 @@ def test_markers_with_gaps_are_counted_and_those_often_missing_named(study):
         ),
         (
             lambda f: change(f, "sub01_sway", markers=without_markers("LHEE")),
-            "sub01_sway.c3d: gait events need a left heel marker",
+            "sub01_sway.c3d: the left foot needs the landmark LHEE",
         ),
         (
             lambda f: edit(f / "study.toml", "front_right = ['A2X'", "front_right = ['A2Q'"),
@@ -186,16 +186,19 @@ def test_markers_with_gaps_are_counted_and_those_often_missing_named(study):
             lambda f: (f / "empty.c3d").write_bytes(b""),
             "empty.c3d: the file is empty",
         ),
-        (lambda f: shorter(4.0)(f, "sub01_sway"), "sub01_sway.c3d: lasts 4.0 s; a trial needs 5 s"),
+        (lambda f: shorter(3.0)(f, "sub01_sway"), "sub01_sway.c3d: there are no foot strikes"),
+        (
+            lambda f: shorter(0.1)(f, "sub01_sway"),
+            "sub01_sway.c3d: this needs at least 17 samples at 100 Hz, got 10",
+        ),
     ],
 )
 def test_what_a_run_would_refuse_is_a_fault(study, tmp_path, change_study, fault):
     change_study(study)
     found = findings(study)
     assert any(line.startswith(fault) for line in found.faults), found.faults
-    if "lasts" not in fault:
-        outcomes = list(run_study(read_study(study), tmp_path / "out", conditions=["sway"]))
-        assert [outcome.state for outcome in outcomes] == ["failed"]
+    outcomes = list(run_study(read_study(study), tmp_path / "out", conditions=["sway"]))
+    assert [outcome.state for outcome in outcomes] == ["failed"]
 
 
 def test_a_trial_without_the_belts_speed_is_a_fault(study):

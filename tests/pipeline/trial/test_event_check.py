@@ -7,10 +7,12 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from hbm.markers import marker_sets
 from hbm.signals.resampling import resample
 from pipeline.io.recording import Event
 from pipeline.trial.event_check import check_events, reference_events
 
+SETS = marker_sets()
 OTHER = {"left": "right", "right": "left"}
 
 
@@ -111,7 +113,7 @@ def test_plates_and_markers_of_a_walk_agree_on_its_events(walker):
         )
         for plate in walker.plates
     }
-    found = reference_events(feet, time, 30.0, walker.markers)
+    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"])
     by_plates, by_markers = found.values()
     assert list(found) == ["the plates", "heel, toe and sacrum markers"]
     assert min(len(by_plates), len(by_markers)) > 20
@@ -123,4 +125,4 @@ def test_without_heel_toe_and_sacrum_only_the_plates_show_events(walker):
     time = walker.markers.time
     feet = {f"{side}_foot": np.zeros((len(time), 6)) for side in ("left", "right")}
     unnamed = replace(walker.markers, names=tuple(f"M{k}" for k in range(46)))
-    assert reference_events(feet, time, 30.0, unnamed) == {"the plates": ()}
+    assert reference_events(feet, time, 30.0, unnamed, SETS["hbm2"]) == {"the plates": ()}

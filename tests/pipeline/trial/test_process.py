@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from hbm.calibration_pose.anatomy import LimbMeasures
-from hbm.notes import Note
 from hbm.signals.filtering import butterworth
 from pipeline.config.schema import Condition, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
@@ -19,6 +18,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.residuals import residual_table
+from pipeline.trial.validity import Validity
 from pipeline.trial.weighing import body_mass
 from tests.pipeline import lab
 
@@ -174,19 +174,19 @@ def test_frames_without_accelerations_exclude_their_cycles_in_both_variants(stud
         assert not ((spans[:, 0] < 8.1) & (spans[:, 1] > 8.0)).any()
 
 
-def test_a_cycle_counts_only_where_every_variant_is_defined(results):
+def test_a_cycle_counts_only_where_all_of_its_motion_is_known(results):
     result = results["pitch"]
-    hole = result.measured.residual.copy()
     events = tuple(
         Event(float(t), "foot_strike", side)
         for side, first in (("left", 6.0), ("right", 6.55))
         for t in np.arange(first, 11.0, 1.1)
     )
-    whole, reasons = cut_cycles(events, [result.measured, result.compensated])
+    time, validity = result.motion.time, result.validity
+    whole, reasons = cut_cycles(events, time, validity, min_valid_share=0.5)
     assert reasons == ()
-    hole[np.searchsorted(result.motion.time, 7.5)] = np.nan
-    broken = replace(result.compensated, residual=hole)
-    left, reasons = cut_cycles(events, [result.measured, broken])
+    hole = validity.motion.copy()
+    hole[np.searchsorted(time, 7.5)] = False
+    left, reasons = cut_cycles(events, time, Validity(hole, validity.plates), min_valid_share=0.5)
     assert len(left["left"]) == len(whole["left"]) - 1
     assert {note.code for note in reasons} == {"cycle_unsolved"}
     assert str(reasons[0]).startswith("left gait cycle 7.10–8.20 s left out: it has frames without")
@@ -320,17 +320,6 @@ def test_an_excluded_trial_is_refused_with_its_reason(study):
         process_trial(changed, "sub01", "sway")
     with pytest.raises(ValueError, match="sub01 has no trial 'pitch'"):
         process_trial(changed, "sub01", "pitch")
-
-
-def test_a_foot_beside_the_plates_is_noted(walker, results):
-    note = Note.of("subject_not_carried")
-    assert note not in results["pitch"].notes
-    plate = walker.plates[0]
-    beside = plate.wrench_in_plate.copy()
-    beside[(plate.time > 7) & (plate.time < 8)] = 0
-    plates = (replace(plate, wrench_in_plate=beside), *walker.plates[1:])
-    notes = process_recording(replace(walker, plates=plates), PERSON, Settings()).notes
-    assert notes.count(note) == 1
 
 
 def test_events_are_compared_with_the_forces_under_the_feet(results):

@@ -15,7 +15,7 @@ from pipeline.report.trial_quality import trial_quality
 from pipeline.trial.residuals import (
     AXES,
     cycle_residuals,
-    in_cycles,
+    in_window,
     marker_rows,
     reported,
     residual_table,
@@ -23,6 +23,7 @@ from pipeline.trial.residuals import (
     variants,
 )
 from pipeline.trial.summary import summarise
+from pipeline.trial.validity import Validity
 from pipeline.viewer.summary import trial_summary
 
 SPANS = np.array([[6.0, 7.0], [7.0, 8.5]])
@@ -66,14 +67,14 @@ def test_a_long_cycle_has_more_weight_over_samples_but_not_over_cycles(processed
     assert (table["n_cycles"] == 2).all()
 
 
-def test_only_samples_in_cycles_count_and_overlapping_cycles_count_them_once(processed):
+def test_only_samples_in_window_count_and_overlapping_cycles_count_them_once(processed):
     time = time_of(processed)
     residual = np.where((time >= 6.0) & (time < 8.0), 2.0, 1000.0)[:, None] * np.ones(6)
     result = with_residual(processed, residual)
     result = replace(
         result, cycles={"right": np.array([[6.0, 7.0]]), "left": np.array([[6.5, 8.0]])}
     )
-    assert np.count_nonzero(in_cycles(result)) == 200
+    assert np.count_nonzero(in_window(result)) == 200
     np.testing.assert_allclose(residual_table(result, "pitch")["rms"], 2.0)
 
 
@@ -93,9 +94,42 @@ def test_the_table_has_both_variants_of_a_compensated_trial(processed):
     np.testing.assert_allclose(table["rms"] ** 2, table["mean"] ** 2 + table["sd"] ** 2)
 
 
-def test_a_trial_without_gait_cycles_is_refused(processed):
-    with pytest.raises(ValueError, match="no gait cycle was found"):
-        residual_table(replace(processed, cycles={"right": np.empty((0, 2))}), "pitch")
+def test_where_nothing_counts_there_are_no_rows(processed):
+    result = replace(processed, cycles={"right": np.empty((0, 2))})
+    assert residual_table(result, "pitch").empty
+    assert threshold_rows(result) == ()
+
+
+def masked(result, *, plates):
+    """The trial with other frames in which the plates carry the subject."""
+    return replace(result, validity=Validity(result.validity.motion, plates))
+
+
+def test_frames_that_do_not_count_are_in_no_number(processed):
+    """1 N where the plates carry the subject and 1000 N where they do not."""
+    time = time_of(processed)
+    carried = (time < 6.4) | (time >= 6.6)
+    result = with_residual(processed, np.where(carried, 1.0, 1000.0)[:, None] * np.ones(6))
+    table = residual_table(masked(result, plates=carried), "pitch")
+    for column in ("rms", "rms_of_cycles", "peak"):
+        np.testing.assert_allclose(table[column], 1.0, rtol=1e-9)
+    np.testing.assert_allclose(table["valid_share"], 1 - 0.2 / 2.5, atol=0.002)
+    limits = threshold_rows(masked(result, plates=carried))
+    assert limits[0].peak == pytest.approx(np.sqrt(3))
+    curves = cycle_residuals(masked(result, plates=carried), "measured")["right"]
+    assert np.isnan(curves[0, 42:58]).all()
+    assert np.isfinite(curves[0, :38]).all()
+    assert np.isfinite(curves[1]).all()
+
+
+def test_a_span_counts_in_place_of_gait_cycles(processed):
+    time = time_of(processed)
+    residual = np.where((time >= 7.0) & (time < 9.0), 2.0, 1000.0)[:, None] * np.ones(6)
+    table = residual_table(replace(with_residual(processed, residual), span=(7.0, 9.0)), "pitch")
+    np.testing.assert_allclose(table["rms"], 2.0)
+    assert set(table["window"]) == {"span"}
+    assert (table["n_cycles"] == 0).all()
+    assert table["rms_of_cycles"].isna().all()
 
 
 def test_curves_run_from_contact_to_contact_in_reported_axes(processed):
@@ -112,7 +146,7 @@ def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_cent
     residual = np.tile([3.0, 4.0, 0, 0, 0, 2.0], (len(time_of(processed)), 1))
     result = with_residual(processed, residual)
     force, moment = threshold_rows(result)
-    inside = in_cycles(result)
+    inside = in_window(result)
     ground = sum(result.ground["measured"].values())[inside, :3]
     peak = np.linalg.norm(ground, axis=1).max()
     height = center_of_mass(result.body, result.motion.q[inside])[:, 2].mean()

@@ -1,17 +1,30 @@
 """Which foot stood on a plate: sums are exact, steps may cross, uncertain frames are flagged."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from compensation import center_of_pressure
-from pipeline.trial.gait.contact import share_between_feet
+from hbm.coordinates import COORDINATES
+from pipeline.config.schema import PlateContact
+from pipeline.trial.gait.contact import (
+    contact_notes,
+    forces_of_legs,
+    share_between_feet,
+)
 
 LEFT, RIGHT = 0, 1
 STEP_M, WIDTH_M, HALF_S = 0.6, 0.15, 0.55
 DOUBLE_S = 0.12
 WEIGHT_N = 700.0
+RATE_HZ = 100.0
+
+
+def share(wrenches, feet, **options):
+    """Share plates between feet at 100 Hz, with a threshold of 30 N."""
+    return share_between_feet(np.arange(len(feet)) / RATE_HZ, wrenches, feet, 30.0, **options)
 
 
 def ramp(x):
@@ -19,7 +32,7 @@ def ramp(x):
     return x * x * (3 - 2 * x)
 
 
-def walking(steps=8, rate_hz=100.0):
+def walking(steps=8, rate_hz=RATE_HZ):
     """Feet in treadmill walking and the force under each: (T, 2, 3) [m] and (T, 2) [N].
 
     Strides last 1.1 s, stance 61 % of it; the standing foot drifts back, the swinging one passes
@@ -64,7 +77,7 @@ def pressures(feet):
     arrays(float, (30, 2, 3), elements=st.floats(-1, 1)),
 )
 def test_both_feet_together_carry_what_the_plates_carry(wrenches, feet):
-    shared, _ = share_between_feet(list(wrenches), feet, 30.0)
+    shared = share(list(wrenches), feet).by_foot
     together = shared["left_foot"] + shared["right_foot"]
     np.testing.assert_allclose(together, wrenches.sum(axis=0), atol=1e-9, rtol=0)
 
@@ -73,10 +86,10 @@ def test_gaps_stay_gaps_and_disturb_no_other_frame():
     feet, load = walking()
     points = pressures(feet)
     wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
-    whole, _ = share_between_feet(wrenches, feet, 30.0)
+    whole = share(wrenches, feet).by_foot
     wrenches[LEFT][200:210] = np.nan
     feet[100:105] = np.nan
-    shared, _ = share_between_feet(wrenches, feet, 30.0)
+    shared = share(wrenches, feet).by_foot
     missing = np.isnan(shared["left_foot"] + shared["right_foot"]).all(axis=1)
     assert np.flatnonzero(missing).tolist() == list(range(200, 210))
     for foot in whole:
@@ -87,10 +100,14 @@ def test_each_foot_on_its_own_belt_gets_its_belt():
     feet, load = walking()
     points = pressures(feet)
     wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
-    shared, ambiguous = share_between_feet(wrenches, feet, 30.0)
-    np.testing.assert_array_equal(shared["left_foot"], wrenches[LEFT])
-    np.testing.assert_array_equal(shared["right_foot"], wrenches[RIGHT])
-    assert not ambiguous.any()
+    shared = share(wrenches, feet)
+    np.testing.assert_array_equal(shared.by_foot["left_foot"], wrenches[LEFT])
+    np.testing.assert_array_equal(shared.by_foot["right_foot"], wrenches[RIGHT])
+    assert not shared.ambiguous.any()
+    for plate, foot in ((1, "left_foot"), (2, "right_foot")):
+        own = [contact for contact in shared.contacts if contact.plate == plate]
+        assert len(own) == 4 + (plate == 2)
+        assert all(contact.feet == (foot,) for contact in own)
 
 
 def test_a_step_across_the_gap_gives_both_plates_to_that_foot():
@@ -102,7 +119,7 @@ def test_a_step_across_the_gap_gives_both_plates_to_that_foot():
         wrench_of(load[:, LEFT] / 2, inner) + wrench_of(load[:, RIGHT], points[:, RIGHT]),
     ]
     single = load[:, RIGHT] == 0
-    shared, _ = share_between_feet(plates, feet, 30.0)
+    shared = share(plates, feet).by_foot
     both = plates[0] + plates[1]
     np.testing.assert_allclose(shared["left_foot"][single], both[single], atol=1e-9)
 
@@ -112,7 +129,8 @@ def test_on_one_plate_alone_the_foot_changes_at_every_step():
     feet, load = walking()
     points = pressures(feet)
     plate = sum(wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT))
-    shared, ambiguous = share_between_feet([plate, np.zeros_like(plate)], feet, 30.0)
+    found = share([plate, np.zeros_like(plate)], feet)
+    shared, ambiguous = found.by_foot, found.ambiguous
     for foot, k in (("left_foot", LEFT), ("right_foot", RIGHT)):
         single = load[:, k] == load.sum(axis=1)
         np.testing.assert_allclose(shared[foot][single], plate[single], atol=1e-9)
@@ -125,10 +143,10 @@ def test_on_one_plate_alone_the_foot_changes_at_every_step():
 def test_standing_with_both_feet_on_one_plate_is_flagged():
     feet = np.tile([[[0, 0.1, 0.06], [0, -0.1, 0.06]]], (50, 1, 1))
     plate = wrench_of(np.full(50, WEIGHT_N), np.tile([0.05, 0.01, 0.0], (50, 1)))
-    _, ambiguous = share_between_feet([plate, 0 * plate], feet, 30.0)
+    ambiguous = share([plate, 0 * plate], feet).ambiguous
     assert ambiguous.all()
     each = [wrench_of(np.full(50, WEIGHT_N / 2), feet[:, k]) for k in (LEFT, RIGHT)]
-    _, ambiguous = share_between_feet(each, feet, 30.0)
+    ambiguous = share(each, feet).ambiguous
     assert not ambiguous.any()
 
 
@@ -138,7 +156,7 @@ def test_a_downward_force_is_no_contact():
     points = pressures(feet)
     wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
     wrenches[LEFT][load[:, LEFT] == 0, 2] = -60.0
-    shared, _ = share_between_feet(wrenches, feet, 30.0)
+    shared = share(wrenches, feet).by_foot
     np.testing.assert_array_equal(shared["left_foot"], wrenches[LEFT])
     assert np.isnan(center_of_pressure(wrenches[LEFT], 30.0)).any()
 
@@ -150,8 +168,101 @@ def test_feet_are_assigned_by_the_forces_of_the_subject_alone():
     alone = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
     artefact = np.array([0, 400.0, 40.0, 300.0, 0, 100.0])
     measured = [wrench + artefact for wrench in alone]
-    by_themselves, _ = share_between_feet(measured, feet, 30.0)
+    by_themselves = share(measured, feet).by_foot
     assert not np.array_equal(by_themselves["left_foot"], measured[LEFT])
-    shared, _ = share_between_feet(measured, feet, 30.0, judged_by=alone)
+    shared = share(measured, feet, judged_by=alone).by_foot
     np.testing.assert_array_equal(shared["left_foot"], measured[LEFT])
     np.testing.assert_array_equal(shared["right_foot"], measured[RIGHT])
+
+
+def cross_over():
+    """Walking in which the third left step lands on the right plate."""
+    feet, load = walking()
+    points = pressures(feet)
+    stance = np.diff(load[:, LEFT] > 0, prepend=False).nonzero()[0]
+    third = slice(stance[4], stance[5])
+    plates = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    plates[RIGHT][third] += plates[LEFT][third]
+    plates[LEFT][third] = 0
+    return feet, load, plates, third
+
+
+def test_a_foot_on_the_other_s_plate_gets_what_it_carries():
+    feet, load, plates, third = cross_over()
+    shared = share(plates, feet).by_foot
+    single = np.zeros(len(load), bool)
+    single[third] = load[third, RIGHT] == 0
+    assert single.any()
+    np.testing.assert_allclose(shared["left_foot"][single], plates[RIGHT][single], atol=1e-9)
+    np.testing.assert_allclose(shared["right_foot"][single], 0, atol=1e-9)
+
+
+def test_a_brief_stretch_of_pressure_near_the_other_foot_does_not_split_a_contact():
+    """A plate that is hardly loaded has a centre of pressure anywhere."""
+    feet, load = walking()
+    points = pressures(feet)
+    wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    start = int(np.flatnonzero((load[:, LEFT] > 30) & (np.arange(len(load)) > 100))[0])
+    astray = points[:, RIGHT].copy()
+    wrenches[LEFT][start : start + 4] = wrench_of(load[:, LEFT], astray)[start : start + 4]
+    shared = share(wrenches, feet)
+    np.testing.assert_array_equal(shared.by_foot["left_foot"], wrenches[LEFT])
+    assert all(len(contact.feet) == 1 for contact in shared.contacts)
+
+
+def test_pressure_under_neither_foot_makes_a_contact_ambiguous_from_its_start_to_its_end():
+    """Somebody else steps on the plate, or its moments are wrong."""
+    feet, load = walking()
+    points = pressures(feet)
+    wrenches = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    wrenches[LEFT] = wrench_of(load[:, LEFT], points[:, LEFT] + [0.6, 0, 0])
+    found = share(wrenches, feet)
+    assert {contact.ambiguous for contact in found.contacts if contact.plate == 1} == {True}
+    assert {contact.ambiguous for contact in found.contacts if contact.plate == 2} == {False}
+    np.testing.assert_array_equal(found.ambiguous, load[:, LEFT] > 30)
+    (note,) = contact_notes(found, np.arange(len(feet)) / RATE_HZ)
+    assert (note.code, note.values["plate"], note.values["contacts"]) == (
+        "contacts_ambiguous",
+        1,
+        4,
+    )
+
+
+def test_a_person_s_word_overrules_the_centre_of_pressure():
+    feet, load = walking()
+    points = pressures(feet)
+    plates = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    plates[LEFT] = wrench_of(load[:, LEFT], points[:, LEFT] + [0.6, 0, 0])
+    contact = next(c for c in share(plates, feet).contacts if c.plate == 1 and c.start > 0)
+    at = (contact.start + contact.stop) / 2 / RATE_HZ
+    found = share(plates, feet, stated=[PlateContact(plate=1, time_s=at, foot="right")])
+    frames = slice(contact.start, contact.stop)
+    np.testing.assert_array_equal(
+        found.by_foot["right_foot"][frames], (plates[LEFT] + plates[RIGHT])[frames]
+    )
+    assert not found.ambiguous[frames].any()
+
+
+def test_a_contact_that_is_stated_where_there_is_none_is_refused():
+    feet, load = walking()
+    points = pressures(feet)
+    plates = [wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT)]
+    swing = np.flatnonzero(load[:, LEFT] == 0)[5] / RATE_HZ
+    with pytest.raises(
+        ValueError, match=r"contacts: nobody is on plate 1 at [\d.]+ s; it is loaded: [\d.]+–"
+    ):
+        share(plates, feet, stated=[PlateContact(plate=1, time_s=swing, foot="left")])
+    with pytest.raises(ValueError, match="contacts: there is no plate 3; plates are 1 to 2"):
+        share(plates, feet, stated=[PlateContact(plate=3, time_s=1.0, foot="left")])
+
+
+def test_only_the_forces_of_the_legs_depend_on_who_stands_where():
+    feet, load = walking()
+    points = pressures(feet)
+    plate = sum(wrench_of(load[:, k], points[:, k]) for k in (LEFT, RIGHT))
+    found = share([plate], feet)
+    open_forces = forces_of_legs(found.ambiguous)
+    np.testing.assert_array_equal(open_forces.any(axis=1), found.ambiguous)
+    names = {name for name, any_ in zip(COORDINATES, open_forces.any(axis=0), strict=True) if any_}
+    assert {"RHipFlexion", "LKneeFlexion", "LToeFlexion", "RFootPronation"} <= names
+    assert len(names) == 14

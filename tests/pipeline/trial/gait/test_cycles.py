@@ -1,14 +1,16 @@
 """Gait events and cycles: of sines with known events, of plates, and of a real trial."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hbm.markers import Markers
+from hbm.markers import Markers, marker_sets, read_marker_set
 from hbm.notes import Note
 from pipeline.io.c3d.read import read_c3d
-from pipeline.io.recording import Event, Recording
+from pipeline.io.recording import Event
 from pipeline.trial.gait.cycles import gait_cycles, normalise
 from pipeline.trial.gait.event_agreement import compare_events
 from pipeline.trial.gait.events import SIDES, force_events, gait_events, zeni_events
@@ -17,6 +19,9 @@ HBM2 = {"sacrum": ("LPSIS", "RPSIS"), "heel": "{}HEE", "toe": "{}MT2"}
 HBM1 = {"sacrum": ("SACR",), "heel": "{}HEE", "toe": "{}TOE"}
 PLUG_IN = {"sacrum": ("LPSI", "RPSI"), "heel": "{}HEE", "toe": "{}TOE"}
 OPENSIM = {"sacrum": ("V.Sacral",), "heel": "{}.Heel", "toe": "{}.Toe.Tip"}
+SUBJECTS = Path(__file__).resolve().parents[4] / "subjects" / "marker_sets"
+SETS = marker_sets()
+GAIT2354 = read_marker_set((SUBJECTS / "gait2354.toml").read_text("utf-8"), "gait2354")
 
 STRIDE_S = 1.13
 STRIKE = {"left": 0.203, "right": 0.203 + STRIDE_S / 2}
@@ -43,6 +48,11 @@ def walker(names=HBM2, drift=0.0, sway=0.0, standing_s=0.0, noise=0.0):
     return Markers(time, tuple(tracks), position)
 
 
+def zeni(markers):
+    """Gait events by the markers of the set HBM2."""
+    return zeni_events(markers, SETS["hbm2"])
+
+
 def times_of(events, label, side):
     return np.array([e.time for e in events if (e.label, e.side) == (label, side)])
 
@@ -57,24 +67,32 @@ def assert_known_events(events, atol, start=0.0):
             np.testing.assert_allclose(strides, np.round(strides), atol=atol / STRIDE_S)
 
 
-@pytest.mark.parametrize("names", [HBM2, HBM1, PLUG_IN, OPENSIM])
-def test_feet_strike_and_leave_where_they_change_direction_against_the_sacrum(names):
-    assert_known_events(zeni_events(walker(names)), atol=5e-4)  # a twentieth of a frame
+@pytest.mark.parametrize(
+    ("names", "marker_set"),
+    [
+        (HBM2, SETS["hbm2"]),
+        (HBM1, SETS["hbm1"]),
+        (PLUG_IN, SETS["pig"]),
+        (OPENSIM, GAIT2354),
+    ],
+)
+def test_feet_strike_and_leave_where_they_change_direction_against_the_sacrum(names, marker_set):
+    assert_known_events(zeni_events(walker(names), marker_set), atol=5e-4)  # 1/20 of a frame
 
 
 @settings(deadline=None, max_examples=8)
 @given(drift=st.floats(-0.3, 0.3), sway=st.floats(-0.1, 0.1))
 def test_events_do_not_depend_on_where_on_the_belt_the_subject_walks(drift, sway):
-    here, there = zeni_events(walker()), zeni_events(walker(drift=drift, sway=sway))
+    here, there = zeni(walker()), zeni(walker(drift=drift, sway=sway))
     np.testing.assert_allclose([e.time for e in there], [e.time for e in here], atol=1e-6)
 
 
 def test_marker_noise_moves_events_by_a_few_milliseconds_only():
-    assert_known_events(zeni_events(walker(noise=0.001)), atol=6e-3)
+    assert_known_events(zeni(walker(noise=0.001)), atol=6e-3)
 
 
 def test_events_come_in_order_of_time_and_alternate():
-    events = zeni_events(walker())
+    events = zeni(walker())
     assert [e.time for e in events] == sorted(e.time for e in events)
     first = next(k for k, e in enumerate(events) if (e.label, e.side) == ("foot_strike", "left"))
     kinds = [(e.label, e.side) for e in events[first : first + 8]]
@@ -84,7 +102,7 @@ def test_events_come_in_order_of_time_and_alternate():
 
 
 def test_standing_still_gives_no_events():
-    events = zeni_events(walker(standing_s=4.0, noise=0.002))
+    events = zeni(walker(standing_s=4.0, noise=0.002))
     assert min(e.time for e in events) > 3.9
 
 
@@ -92,20 +110,34 @@ def test_no_events_are_found_in_a_gap_and_all_others_are():
     markers = walker()
     position = markers.position.copy()
     position[400:500, markers.names.index("LHEE")] = np.nan
-    whole = zeni_events(markers)
-    holed = zeni_events(Markers(time, markers.names, position))
+    whole = zeni(markers)
+    holed = zeni(Markers(time, markers.names, position))
     hidden = [e for e in whole if (e.label, e.side) == ("foot_strike", "left") and 4 <= e.time < 5]
     assert len(hidden) == 1
     assert len(holed) == len(whole) - 1
     assert all(a.only_in_first == 0 and a.sd_ms < 3 for a in compare_events(holed, whole))
 
 
-def test_a_missing_marker_is_named_with_its_alternatives():
+def test_a_landmark_without_a_marker_is_named_with_its_alternatives():
     markers = walker()
     kept = [k for k, name in enumerate(markers.names) if name != "RMT2"]
     names = tuple(markers.names[k] for k in kept)
-    with pytest.raises(ValueError, match=r"right toe marker: RMT2 or RTOE or .*present: LPSIS"):
-        zeni_events(Markers(time, names, markers.position[:, kept]))
+    with pytest.raises(ValueError, match=r"'hbm2' shows the landmark RMT2 or RTOE or RMT5 in"):
+        zeni(Markers(time, names, markers.position[:, kept]))
+
+
+def test_labels_do_not_matter_where_the_marker_set_names_their_landmarks():
+    """The same trajectories under labels of one's own, which a marker table maps."""
+    table = """
+    [markers]
+    sacrum1 = ["pelvis", "SACR"]
+    L-calcaneus = ["left_foot", "LHEE"]
+    R-calcaneus = ["right_foot", "RHEE"]
+    L-metatarsal = ["left_foot", "LMT5"]
+    R-metatarsal = ["right_foot", "RMT5"]
+    """
+    own = {"sacrum": ("sacrum1",), "heel": "{}-calcaneus", "toe": "{}-metatarsal"}
+    assert_known_events(zeni_events(walker(own), read_marker_set(table, "own")), atol=5e-4)
 
 
 plate_time = np.arange(5000) / 1000
@@ -150,7 +182,7 @@ def test_force_events_of_other_than_two_sides_are_refused():
 
 
 def test_agreement_of_shifted_events_is_their_shift():
-    events = zeni_events(walker())
+    events = zeni(walker())
     jitter = np.random.default_rng(1).normal(0, 0.004, len(events))
     moved = [
         Event(e.time + 0.025 + d, e.label, e.side) for e, d in zip(events, jitter, strict=True)
@@ -251,14 +283,21 @@ def test_gaps_and_the_end_of_the_recording_stay_not_a_number():
     assert normalise(time, wave, np.zeros((0, 2))).shape == (0, 101)
 
 
-def test_events_come_from_the_file_and_only_without_them_from_markers(tmp_path):
-    recording = Recording(tmp_path / "trial.c3d", walker(), events=tuple(regular_events()))
-    events, note = gait_events(recording)
-    assert events == recording.events
+def test_events_come_from_the_file_and_only_without_them_from_markers():
+    of_file = tuple(regular_events())
+    events, note = gait_events(of_file, walker(), SETS["hbm2"])
+    assert events == of_file
     assert note == Note.of("events_of_file", left=10, right=10)
-    events, note = gait_events(Recording(tmp_path / "trial.c3d", walker()))
-    assert events == zeni_events(walker())
+    events, note = gait_events((), walker(), SETS["hbm2"])
+    assert events == zeni(walker())
     assert note.code == "events_from_markers"
+
+
+def test_without_events_in_the_file_or_by_the_markers_there_are_none_and_a_note_says_why():
+    events, note = gait_events((), walker(), SETS["ior"])
+    assert events == ()
+    assert note.code == "events_unknown"
+    assert "no marker of the set 'ior' shows the landmark LHEE" in note.text
 
 
 @pytest.fixture(scope="module")
@@ -267,22 +306,24 @@ def treadmill(shared_data):
 
 
 def test_file_zeni_and_force_agree_on_a_real_treadmill(treadmill):
-    zeni = zeni_events(treadmill.markers)
+    by_markers = zeni(treadmill.markers)
     sides = ("left" if plate.center[1] > 0 else "right" for plate in treadmill.plates)
     wrenches = {side: plate.wrench for side, plate in zip(sides, treadmill.plates, strict=True)}
     force = force_events(wrenches, treadmill.plates[0].time, threshold_n=20)
-    by_file = compare_events(zeni, treadmill.events)
+    by_file = compare_events(by_markers, treadmill.events)
     assert all(a.only_in_first == 0 and a.only_in_second <= 1 for a in by_file)
     assert all(abs(a.mean_ms) < 35 and a.sd_ms < 6 for a in by_file)
-    for agreement, measured in zip(compare_events(zeni, force), (-24, -30, -14, -22), strict=True):
+    for agreement, measured in zip(
+        compare_events(by_markers, force), (-24, -30, -14, -22), strict=True
+    ):
         assert agreement.mean_ms == pytest.approx(measured, abs=5)  # measured independently before
 
 
 def test_cycles_of_a_real_treadmill_are_the_same_by_file_and_by_markers(treadmill):
-    zeni = zeni_events(treadmill.markers)
+    events, _ = gait_events(treadmill.events, treadmill.markers, SETS["hbm2"])
     for side in SIDES:
-        by_file, rejected = gait_cycles(gait_events(treadmill)[0], side)
-        by_zeni, _ = gait_cycles(zeni, side)
+        by_file, rejected = gait_cycles(events, side)
+        by_zeni, _ = gait_cycles(zeni(treadmill.markers), side)
         assert (len(by_file), rejected) == (10, ())
         assert len(by_zeni) == 9  # one strike lies too close to an end of the recording
         assert np.diff(by_zeni).mean() == pytest.approx(np.diff(by_file).mean(), abs=0.005)

@@ -12,6 +12,8 @@ from pipeline.io.recording import Event
 
 REASONS: Final = {
     "cycle_unsolved": "frames without a solution or without forces",
+    "cycle_not_carried": "plates that do not carry the subject",
+    "cycle_outside": "an end beyond the recorded markers",
     "cycle_duration": "a duration far from the median",
     "cycle_events": "events that do not alternate",
 }
@@ -22,7 +24,7 @@ def cycle_shortage(
     events: Sequence[Event],
     notes: Iterable[Note],
     time: Array,
-    converged: Mask,
+    solved: Mask,
 ) -> str:
     """Say why there is no gait cycle.
 
@@ -34,8 +36,8 @@ def cycle_shortage(
         Notes of the trial; those on cycles that were left out count.
     time
         Of the markers, (T,) [s].
-    converged
-        Whether the inverse kinematics converged, (T,).
+    solved
+        Whether pose and forces are known, (T,).
 
     Returns
     -------
@@ -58,7 +60,7 @@ def cycle_shortage(
         for note in notes
         if note.code in REASONS
     }
-    unsolved = np.count_nonzero(~converged)
+    unsolved = np.count_nonzero(~solved)
     if unsolved == len(time):
         return "no frame could be solved; check the markers' labels and the calibration pose"
     if not strikes:

@@ -1,0 +1,185 @@
+"""Studies of standing, of short trials, of stated spans and contacts; check and run agree."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hbm.markers import Markers
+from pipeline.cli.app import main
+from pipeline.config.study import read_study
+from pipeline.run.check import check_study
+from pipeline.run.run import run_study
+from pipeline.run.store import read_summary, read_trial
+from pipeline.trial.process import process_trial
+from tests.pipeline import lab
+
+
+def first(recording, seconds, *, loaded=True):
+    """The beginning of a recording, in which the subject stands; or nobody is on its plates."""
+    markers, frames = recording.markers, round(100 * seconds)
+    plates = tuple(
+        replace(
+            p, time=p.time[: 10 * frames], wrench_in_plate=loaded * p.wrench_in_plate[: 10 * frames]
+        )
+        for p in recording.plates
+    )
+    cut = Markers(markers.time[:frames], markers.names, markers.position[:frames])
+    return replace(recording, markers=cut, plates=plates, analog=None)
+
+
+@pytest.fixture
+def study(walker, tmp_path):
+    """Write a study of one subject with one condition; gives its folder."""
+
+    def write(recording, condition="", trial=""):
+        folder = tmp_path / "study"
+        folder.mkdir()
+        lab.save(recording, folder / "trial.c3d")
+        (folder / "study.toml").write_text(f"[conditions.quiet]\n{condition}\n")
+        person = f'id = "sub01"\nmass_kg = 74.6\n[trials.quiet]\nfile = "trial.c3d"\n{trial}\n'
+        (folder / "sub01.toml").write_text(person)
+        return folder
+
+    return write
+
+
+def checked_and_run(folder, out):
+    """Faults of the check, and what became of the trial."""
+    (outcome,) = run_study(read_study(folder), out)
+    faults = [str(fault) for fault in check_study(read_study(folder)).faults]
+    assert bool(faults) == (outcome.state == "failed")
+    return faults, outcome
+
+
+@pytest.mark.parametrize("seconds", [1.5, 0.4])
+def test_a_trial_without_gait_cycles_counts_as_a_whole_however_short(
+    walker, study, tmp_path, seconds
+):
+    folder = study(first(walker, seconds))
+    _, outcome = checked_and_run(folder, tmp_path / "out")
+    assert outcome.state == "done"
+    summary = read_summary(outcome.job.target)
+    start, stop = summary.span
+    assert 0 <= start <= 0.17
+    assert seconds - 0.2 < stop < seconds
+    (note,) = [note for note in summary.notes if note.code == "no_gait_cycle"]
+    assert "there are no foot strikes" in note.text
+    assert all(row.rms < 10 for row in summary.residuals)
+
+
+@pytest.mark.parametrize(
+    ("condition", "span"),
+    [
+        ("window = [0.5, 1.0]", (0.5, 1.0)),
+        ('window = "recording"', (1 / 6, 1.49 - 1 / 6)),
+        ("window = [0.0, 60.0]", (1 / 6, 1.49 - 1 / 6)),
+    ],
+)
+def test_a_condition_states_what_counts(walker, study, tmp_path, condition, span):
+    _, outcome = checked_and_run(study(first(walker, 1.5), condition), tmp_path / "out")
+    assert outcome.state == "done"
+    assert read_summary(outcome.job.target).span == pytest.approx(span)
+
+
+def test_a_span_counts_in_walking_too(walker, study, tmp_path):
+    _, outcome = checked_and_run(study(walker, "window = [6.0, 9.0]"), tmp_path / "out")
+    summary = read_summary(outcome.job.target)
+    assert summary.span == (6.0, 9.0)
+    assert {row.window for row in summary.residuals} == {"span"}
+
+
+@pytest.mark.parametrize(
+    ("condition", "fault"),
+    [
+        ('window = "cycle"', "there are no foot strikes"),
+        ("cycles = 5", "there are no foot strikes"),
+        ("skip_s = 0.5", "there are no foot strikes"),
+        ("window = [2.0, 3.0]", "the span 2 to 3 s holds no frame"),
+    ],
+)
+def test_what_a_condition_wants_and_a_trial_has_not_is_a_fault(
+    walker, study, tmp_path, condition, fault
+):
+    faults, outcome = checked_and_run(study(first(walker, 1.5), condition), tmp_path / "out")
+    assert any(fault in line for line in faults), faults
+    assert fault in outcome.reason
+
+
+@pytest.mark.parametrize("walks", [True, False])
+def test_a_trial_that_begins_with_standing_is_checked_to_its_end(
+    walker, study, tmp_path, monkeypatch, walks
+):
+    monkeypatch.setattr("pipeline.io.c3d.read.BEGINNING_FRAMES", 100)
+    recording = walker if walks else first(walker, 1.8)
+    _, outcome = checked_and_run(study(recording, "cycles = 3"), tmp_path / "out")
+    assert (outcome.state == "done") == walks
+
+
+def test_frames_are_written_where_no_gait_cycle_counts(walker, study, tmp_path):
+    _, outcome = checked_and_run(study(first(walker, 1.5), "cycles = 5"), tmp_path / "out")
+    result = read_trial(outcome.job.target)
+    assert np.isfinite(result.measured.residual).all()
+    assert outcome.failure == "there are no foot strikes"
+    (again,) = run_study(read_study(tmp_path / "study"), tmp_path / "out")
+    assert (again.state, again.reason) == ("failed", outcome.reason)
+
+
+def test_nobody_on_the_plates_is_one_line_and_frames_are_written(walker, tmp_path, capsys):
+    trial = lab.save(first(walker, 1.5, loaded=False), tmp_path / "empty.c3d")
+    out = tmp_path / "out"
+    assert main(["residuals", str(trial), "--mass-kg", "74.6", "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert error == (
+        "hbm: error: empty.c3d: there are no residuals: the plates carry the subject in no frame "
+        "from 0.17 to 1.32 s\n"
+    )
+    frames = pd.read_parquet(out / "empty.parquet")
+    assert not frames["valid.plates"].any()
+    assert frames["valid.motion"].all()
+    assert list(pd.read_csv(out / "empty_residuals.csv")["rms"]) == []
+
+
+CONTACT = '[[trials.quiet.contacts]]\nplate = {}\ntime_s = {}\nfoot = "{}"\n'
+
+
+def test_a_stated_contact_moves_the_load_to_that_foot_and_no_residual(walker, study):
+    """The left plate's contact after 7 s is given to the right foot."""
+    time, left = walker.markers.time, walker.plates[0].wrench[::10, 2] > 30
+    start = next(k for k in range(700, 1200) if left[k] and not left[k - 1])
+    stop = next(k for k in range(start, 1200) if not left[k])
+    middle = time[(start + stop) // 2]
+    folder = study(walker, trial=CONTACT.format(1, middle, "right"))
+    stated = process_trial(read_study(folder), "sub01", "quiet")
+    (folder / "sub01.toml").write_text(
+        (folder / "sub01.toml").read_text().replace('foot = "right"', 'foot = "left"')
+    )
+    usual = process_trial(read_study(folder), "sub01", "quiet")
+    inside = slice(start + 20, stop - 20)
+    moved = stated.ground["measured"]["right_foot"] - usual.ground["measured"]["right_foot"]
+    assert (moved[inside, 2] > 300).all()
+    assert np.abs(moved[: start - 60]).max() < 1
+    np.testing.assert_allclose(stated.measured.residual, usual.measured.residual, atol=1e-6)
+    knee = stated.measured.force("RKneeFlexion") - usual.measured.force("RKneeFlexion")
+    assert np.abs(knee[inside]).max() > 10
+
+
+@pytest.mark.parametrize(
+    ("contact", "message"),
+    [
+        ((3, 7.0, "left"), "contacts: there is no plate 3; plates are 1 to 2"),
+        ((1, 600.0, "left"), "contacts: nobody is on plate 1 at 600 s; it is loaded: "),
+    ],
+)
+def test_a_contact_that_is_not_there_fails_the_trial(walker, study, tmp_path, contact, message):
+    folder = study(walker, trial=CONTACT.format(*contact))
+    (outcome,) = run_study(read_study(folder), tmp_path / "out")
+    assert message in outcome.reason
+
+
+@pytest.mark.parametrize("contact", [(0, 7.0, "left"), (1, -1.0, "left"), (1, 7.0, "both")])
+def test_a_contact_that_cannot_be_is_refused_with_its_key(walker, study, capsys, contact):
+    folder = study(walker, trial=CONTACT.format(*contact))
+    assert main(["check", str(folder)]) == 2
+    assert "sub01.toml: trials.quiet.contacts" in capsys.readouterr().err

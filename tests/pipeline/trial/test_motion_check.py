@@ -1,0 +1,58 @@
+"""Limbs that markers lose for a while: named with the share of the body mass that they are."""
+
+import numpy as np
+import pytest
+
+from hbm.kinematics import solve_ik
+from pipeline.trial.motion_check import check_motion
+from tests.hbm.motions import markers_of, swinging, with_noise, without
+from tests.synthetic import synthetic_body
+
+BODY = synthetic_body()
+MARKERS = with_noise(
+    markers_of(BODY, swinging(np.random.default_rng(30), degrees=20.0)),
+    np.random.default_rng(31),
+    0.002,
+)
+FRAMES = slice(10, 22)
+
+
+def lost(*segments):
+    """Names of the markers on some segments."""
+    own = zip(BODY.markers, BODY.marker_segment, strict=True)
+    return [name for name, segment in own if segment in segments]
+
+
+def notes_of(markers):
+    notes = check_motion(BODY, solve_ik(BODY, markers), markers)
+    return {note.code: note for note in notes}
+
+
+def test_of_complete_markers_nothing_is_interpolated():
+    assert not {"limb_interpolated", "coordinates_interpolated"} & set(notes_of(MARKERS))
+
+
+@pytest.mark.parametrize(
+    ("limb", "segments"),
+    [
+        ("left arm", ("left_upper_arm", "left_forearm", "left_hand")),
+        ("right leg", ("right_thigh", "right_shank", "right_foot")),
+        ("head", ("head",)),
+    ],
+)
+def test_a_limb_without_markers_is_named_with_its_share_of_the_body_mass(limb, segments):
+    note = notes_of(without(MARKERS, lost(*segments), FRAMES))["limb_interpolated"]
+    assert (note.values["limb"], note.values["frames"]) == (limb, 12)
+    weights = {name: inertia.mass for name, inertia in BODY.segments.items()}
+    mass = sum(m for name, m in weights.items() if name in segments)
+    toes = weights.get("right_toes", 0.0) if limb == "right leg" else 0.0
+    assert note.values["share"] == pytest.approx((mass + toes) / BODY.mass, rel=1e-9)
+    assert f"{100 * note.values['share']:.1f} % of the body mass" in note.text
+
+
+def test_a_part_of_a_limb_is_named_by_its_coordinates():
+    notes = notes_of(without(MARKERS, lost("left_hand"), FRAMES))
+    assert "limb_interpolated" not in notes
+    note = notes["coordinates_interpolated"]
+    assert note.values["coordinates"] == ("LWristFlexion", "LHandAbduction")
+    assert note.values["frames"] == 12

@@ -1,0 +1,205 @@
+"""What counts in real recordings: frames in which the plates carry the subject.
+
+Treadmill walking is recorded on both plates throughout, so what a plate that misses steps hides of
+it is known: wherever frames count, the residual has to be that of the whole recording.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hbm.markers import read_marker_set
+from hbm.spatial import GRAVITY_MPS2
+from pipeline.cli.app import main
+from pipeline.config.schema import Settings, Subject
+from pipeline.export.trial import write_tables
+from pipeline.io.c3d.read import read_c3d
+from pipeline.io.opensim.sto import read_sto
+from pipeline.run.store import read_trial
+from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import residual_table
+from tests.hbm.motions import relabelled
+
+TWO_PLATES = Path(__file__).resolve().parents[1] / "trunk_ends" / "two_plates.toml"
+WOMAN = Subject(sex="female", mass_kg=55.3)
+
+
+@pytest.fixture(scope="module")
+def treadmill(shared_data):
+    return read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+
+
+@pytest.fixture(scope="module")
+def whole(treadmill):
+    return process_recording(treadmill, WOMAN, Settings())
+
+
+def with_plates(recording, change):
+    """The recording with every plate's wrench changed: ``change`` gives a factor over time."""
+    plates = tuple(
+        replace(p, wrench_in_plate=p.wrench_in_plate * np.reshape(change(p), (-1, 1)))
+        for p in recording.plates
+    )
+    return replace(recording, plates=plates)
+
+
+def without(number, start_s, stop_s):
+    """The factor of a plate that does not record for a time."""
+    return lambda p: np.where((p.number == number) & (start_s < p.time) & (p.time < stop_s), 0, 1)
+
+
+def processed(recording):
+    return process_recording(recording, WOMAN, Settings())
+
+
+def codes(result):
+    return [note.code for note in result.notes]
+
+
+def rms(result, axis):
+    return residual_table(result, "walk").set_index("axis").loc[axis, "rms"]
+
+
+def test_every_frame_of_treadmill_walking_counts(whole):
+    assert whole.validity.both.all()
+    assert {side: len(spans) for side, spans in whole.cycles.items()} == {"left": 10, "right": 10}
+    assert whole.found_cycles == 20
+    assert not {"frames_not_carried", "cycle_not_carried"} & set(codes(whole))
+
+
+@pytest.mark.parametrize(("start_s", "stop_s"), [(3.3, 4.3), (5.6, 9.0)])
+def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before(
+    treadmill, whole, start_s, stop_s
+):
+    result = processed(with_plates(treadmill, without(2, start_s, stop_s)))
+    valid, time = result.validity.both, result.motion.time
+    hidden = np.abs(result.measured.residual - whole.measured.residual)[:, 2] > 0.5 * 55.3 * 9.81
+    assert hidden.any()
+    assert not valid[hidden].any()
+    assert valid[(time < start_s - 0.3) | (time > stop_s + 0.3)].all()
+    difference = np.abs(result.measured.residual - whole.measured.residual)[valid]
+    assert (difference.max(axis=0) < [2, 2, 2, 1, 1, 1]).all()
+    assert "frames_not_carried" in codes(result)
+    left_out = [note for note in result.notes if note.code == "cycle_not_carried"]
+    counted = sum(map(len, result.cycles.values()))
+    assert counted + len(left_out) == result.found_cycles == 20
+    for note in left_out:
+        assert note.values["share"] < 0.5
+
+
+def test_forces_that_depend_on_missing_plates_are_in_no_output(treadmill, whole, tmp_path):
+    """Of pelvis and legs; those of the trunk do not depend on the ground."""
+    result = processed(with_plates(treadmill, without(2, 5.6, 9.0)))
+    valid = result.validity.both
+    for name in ("LHipFlexion", "RKneeFlexion"):
+        known = np.isfinite(result.measured.force(name))
+        np.testing.assert_array_equal(known, valid & ~result.ambiguous)
+    np.testing.assert_allclose(
+        result.measured.force("TrunkFlexion"), whole.measured.force("TrunkFlexion"), atol=1e-9
+    )
+    write_tables(result, tmp_path, "walk")
+    table = read_sto(tmp_path / "walk_forces.sto")
+    for column in ("PelvisZ_force", "PelvisYaw_moment"):
+        np.testing.assert_array_equal(np.isfinite(table.column(column)), valid)
+
+
+def test_plates_that_begin_late_do_not_count_before(treadmill, whole):
+    result = processed(with_plates(treadmill, lambda p: p.time > 5.0))
+    assert not result.validity.both[result.motion.time < 5.0].any()
+    assert rms(result, "Fz") == pytest.approx(rms(whole, "Fz"), rel=0.15)
+    assert min(spans[0, 0] for spans in result.cycles.values()) > 4.0
+
+
+def test_where_a_plate_is_dead_no_cycle_counts_and_a_warning_says_so(treadmill):
+    result = processed(with_plates(treadmill, lambda p: float(p.number == 1)))
+    assert not any(map(len, result.cycles.values()))
+    (note,) = [note for note in result.notes if note.code == "gait_cycles_left_out"]
+    assert note.level == "warning"
+    assert "20 for plates that do not carry the subject" in note.text
+    assert "mass_differs" not in codes(result)
+    with pytest.raises(ValueError, match="the span 20 to 30 s holds no frame"):
+        process_recording(treadmill, WOMAN, Settings(), window=(20.0, 30.0))
+
+
+@pytest.mark.parametrize("gains", [(0.7, 0.7), (0.7, 1.0), (1.0, 1.3)])
+def test_a_plate_with_a_wrong_gain_is_not_hidden(treadmill, gains):
+    """Its residual is what the report is for."""
+    result = processed(with_plates(treadmill, lambda p: gains[p.number - 1]))
+    assert result.validity.both.all()
+    assert sum(map(len, result.cycles.values())) == 20
+    assert rms(result, "Fz") > 80
+    assert "mass_differs" in codes(result)
+
+
+def test_of_a_walk_over_two_plates_the_stride_on_them_counts(shared_data):
+    """The other one has its second half beside the plates.
+
+    The file states no mass: 72 kg are some 9 kg too much, which is 90 N of every residual.
+    """
+    recording = read_c3d(shared_data / "c3d_samples" / "Gait.c3d")
+    chosen = TWO_PLATES.read_text(encoding="utf-8").replace("VSAC", "SACR")
+    walk = replace(recording, markers=relabelled(recording.markers, ("VSAC", "SACR")))
+    result = process_recording(
+        walk,
+        Subject(mass_kg=72.0),
+        Settings(),
+        marker_set=read_marker_set(chosen, "two_plates"),
+    )
+    assert {side: len(spans) for side, spans in result.cycles.items()} == {"left": 0, "right": 1}
+    (note,) = [note for note in result.notes if note.code == "cycle_not_carried"]
+    assert note.values["side"] == "left"
+    table = residual_table(result, "walk").set_index("axis")
+    assert 0.5 < table.loc["Fz", "valid_share"] < 1
+    assert table.loc["Fz", "peak"] < 150
+    assert table.loc["Fz", "sd"] < 30
+    everything = np.abs(result.measured.residual[:, 2])
+    assert np.nanmax(everything) > 600
+
+
+def test_quiet_standing_has_residuals_and_weighs_the_subject(shared_data, tmp_path, capsys):
+    path = shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d"
+    assert main(["residuals", str(path), "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "0.17 to 5.53 s" in printed
+    assert "there is no gait cycle: there are no foot strikes" in printed
+    result = read_trial(tmp_path / f"{path.stem}.parquet")
+    recording = read_c3d(path)
+    vertical = sum(plate.wrench[:, 2] for plate in recording.plates)
+    assert result.body.mass == pytest.approx(np.mean(vertical) / GRAVITY_MPS2, rel=0.005)
+    table = residual_table(result, "standing").set_index("axis")
+    assert (table.loc[["Fx", "Fy", "Fz"], "rms_percent"] < 1).all()
+    assert table["rms"].notna().all()
+    assert set(table["window"]) == {"span"}
+    assert (table["valid_share"] == 1).all()
+    for suffix in ("_residuals.csv", "_residuals.png", "_residuals.svg"):
+        assert (tmp_path / f"{path.stem}{suffix}").stat().st_size > 100
+
+
+def test_a_span_of_quiet_standing_counts_as_stated(shared_data, tmp_path, capsys):
+    path = shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d"
+    assert main(["residuals", str(path), "--span", "2,4", "--out", str(tmp_path)]) == 0
+    assert "2.00 to 4.00 s" in capsys.readouterr().out
+    assert read_trial(tmp_path / f"{path.stem}.parquet").span == (2.0, 4.0)
+    assert main(["residuals", str(path), "--span", "8,9", "--out", str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert "the span 8 to 9 s holds no frame; the recording can be used from 0.17 to 5.53" in error
+
+
+def test_a_descent_of_steps_is_recognised_solved_and_reported(shared_data, tmp_path, capsys):
+    folder = shared_data / "plug_in_gait"
+    trial, static = folder / "Movement_trial.c3d", folder / "Static_trial.c3d"
+    words = ["residuals", str(trial), "--static", str(static), "--out", str(tmp_path)]
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert "3 of 3 gait cycles" in printed
+    result = read_trial(tmp_path / "Movement_trial.parquet")
+    assert result.body.marker_set.name == "pig"
+    assert result.motion.converged.all()
+    assert len(result.motion.time) == 323
+    error_mm = 1000 * result.motion.marker_error
+    of = dict(zip(result.motion.markers, error_mm.T, strict=True))
+    for arm in ("SHO", "UPA", "ELB", "FRM", "WRA", "WRB", "FIN"):
+        for side in "LR":
+            assert np.sqrt(np.nanmean(of[side + arm] ** 2)) < 20
