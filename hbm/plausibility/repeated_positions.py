@@ -9,6 +9,7 @@ from hbm.coordinates import PARENT
 from hbm.markers import Markers
 from hbm.model import Body
 from hbm.notes import Note
+from hbm.signals.samples import stretches
 from hbm.spatial import Array, Mask
 
 MIN_FROZEN_S: Final = 0.05
@@ -55,7 +56,7 @@ def frozen_frames(markers: Markers, names: Iterable[str]) -> Mask:
     seen, repeated = _repeated(markers.position[:, own])
     frozen: Mask = np.asarray(seen.any(axis=1) & (repeated | ~seen).all(axis=1))
     result: Mask = np.zeros(len(frozen), bool)
-    for stretch in _stretches(frozen, markers.time, MIN_FROZEN_S):
+    for stretch in _lasting(frozen, markers.time, MIN_FROZEN_S):
         result[stretch] = True
     return result
 
@@ -132,7 +133,7 @@ def _constant_times(body: Body, markers: Markers) -> dict[str, float]:
         others = [at[o] for o in at if segment_of[o] == segment and o != name]
         others = others or [at[o] for o in at if segment_of[o] == PARENT.get(segment)]
         _, repeated = _repeated(position[:, None])
-        for stretch in _stretches(repeated[:, 0], markers.time, MIN_CONSTANT_S):
+        for stretch in _lasting(repeated[:, 0], markers.time, MIN_CONSTANT_S):
             if any(_extent(other[stretch]) > MIN_MOTION_M for other in others):
                 lasted_s = float(markers.time[stretch.stop - 1] - markers.time[stretch.start - 1])
                 constant_s[name] = constant_s.get(name, 0.0) + lasted_s
@@ -147,10 +148,9 @@ def _repeated(position: Array) -> tuple[Mask, Mask]:
     return seen, repeated
 
 
-def _stretches(mask: Mask, time: Array, duration_s: float) -> Iterator[slice]:
+def _lasting(mask: Mask, time: Array, duration_s: float) -> Iterator[slice]:
     """Find stretches of a mask, (T,), that last so long from the frame before them."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    for start, stop in edges.reshape(-1, 2):
+    for start, stop in stretches(mask):
         if time[stop - 1] - time[start - 1] > duration_s - ROUNDING_S:
             yield slice(start, stop)
 

@@ -1,4 +1,4 @@
-"""Samples over time: checks, and the blocks between gaps."""
+"""Samples over time: checks, stretches, and the blocks between gaps."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hbm.spatial import Array, Mask
+from hbm.spatial import Array, Indices, Mask
 
 MAX_STEP_DIFFERENCE: Final = 2e-3
 """Difference between time steps that count as equal, relative to their mean: times rounded to
@@ -50,6 +50,17 @@ def require_length(time: Array, needed: int) -> None:
         )
 
 
+def stretches(mask: Mask) -> Indices:
+    """Give first sample and the one after the last of each stretch in which a mask is true, (S, 2).
+
+    Examples
+    --------
+    >>> stretches(np.array([True, False, True, True])).tolist()
+    [[0, 1], [2, 4]]
+    """
+    return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)
+
+
 def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Mask]]:
     """Find blocks of at least ``needed`` finite rows in (T, K), and the columns that share them."""
     same_gaps: dict[bytes, list[int]] = {}
@@ -59,8 +70,7 @@ def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Ma
     for numbers in same_gaps.values():
         chosen = np.zeros(len(known), bool)
         chosen[numbers] = True
-        edges = np.flatnonzero(np.diff(known[numbers[0]], prepend=False, append=False))
-        for start, stop in edges.reshape(-1, 2):
+        for start, stop in stretches(known[numbers[0]]):
             if stop - start >= needed:
                 yield slice(start, stop), chosen
 

@@ -62,7 +62,7 @@ def _over_time(result: TrialResult) -> Figure:
                 panel.set_ylim(*(1.2 * np.max(largest) * np.array([-1, 1])))
         if len(variants(result)) > 1:
             panels[0].legend(frameon=False)
-        what = "grey does not count" if counts.any() else "no frame counts"
+        what = "grey: left out" if counts.any() else "all frames are left out"
         figure.suptitle(f"{result.source.name}: pelvis residuals, {what}", fontsize=10)
     return figure
 

@@ -236,7 +236,10 @@ def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
         "and sacrum markers (Zeni et al. 2008)."
     )
     walking = [trial for trial in trials if trial.span is None]
-    others = {trial.condition: trial.span for trial in trials if trial.span is not None}
+    spans_s: dict[str, list[float]] = {}
+    for trial in trials:
+        if trial.span is not None:
+            spans_s.setdefault(trial.condition, []).append(trial.span[1] - trial.span[0])
     if study:
         conditions = {trial.condition for trial in walking}
         rules = [
@@ -252,9 +255,12 @@ def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
     counts = [f"{_range(numbers[name])} ({name})" for name in in_order(numbers)]
     if counts:
         text += f" Each trial contributed {join_names(counts)} gait cycles."
-    if others:
-        spans = [f"in {name} from {a:.2f} to {b:.2f} s" for name, (a, b) in others.items()]
-        text += f" In place of gait cycles, {join_names(spans)} of the recording were analysed."
+    if spans_s:
+        spans = [f"{_seconds(spans_s[name])} ({name})" for name in in_order(spans_s)]
+        text += (
+            " In place of gait cycles, continuous parts of the recordings were analysed, of "
+            f"{join_names(spans)}."
+        )
     shares = _each(f"{100 * trial.settings.min_valid_share:g} %" for trial in trials)
     return (
         f"{text} Frames in which the force plates did not carry the subject were left out, and so "
@@ -339,6 +345,11 @@ def _each(texts: Iterable[str]) -> str:
 def _mean_sd(values: pd.Series, form: str) -> str:
     spread = f" ± {values.std():{form}}" if len(values) > 1 else ""
     return f"{values.mean():{form}}{spread}"
+
+
+def _seconds(durations: Sequence[float]) -> str:
+    low, high = (f"{value:.1f}" for value in (min(durations), max(durations)))
+    return f"{low} s" if low == high else f"{low} to {high} s"
 
 
 def _range(counts: list[int]) -> str:

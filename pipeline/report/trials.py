@@ -116,7 +116,7 @@ def find_problems(
         if trial.span is not None and " ".join(key) not in compared:
             text = (
                 f"counts {trial.span[0]:.2f} to {trial.span[1]:.2f} s of the recording and no gait "
-                "cycles, so it is in no table and no test; its residuals are in residuals.csv"
+                "cycles, so it is left out of tables and tests; its residuals are in residuals.csv"
             )
             lines.append(Problem(" ".join(key), text))
     for quantity, different in (

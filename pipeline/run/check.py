@@ -172,7 +172,7 @@ def _check_trial(
     trial: Trial,
     calibration: Calibration | None,
 ) -> _Collector:
-    """Check one trial: its beginning, and if that has a fault, all of it."""
+    """Check one trial: its beginning and, if that has a fault or contacts are stated, all of it."""
     laboratory = Laboratory(study.file.treadmill, calibration)
     rule = study.file.conditions[condition]
     file, *_ = trial.files
@@ -186,7 +186,7 @@ def _check_trial(
         if static is not None:
             pose = found.attempt(study.path(static).name, lambda: read_study_file(study, static))
         _check_contents(preview, rule, found)
-        _check_contacts(trial, preview.beginning, found)
+        _check_loads(trial, preview.beginning, study.file.settings, found)
         found.notes_of_files += [each.notes for each in (preview.beginning, pose) if each]
         if pose is not None:
             body = _check_body(study, person, preview, pose, found)
@@ -202,7 +202,7 @@ def _check_trial(
     )
     if preview is not None:
         of_beginning = check(preview)
-        if not of_beginning.faults:
+        if not of_beginning.faults and not trial.contacts:
             return of_beginning
     recording = of_whole.attempt(path.name, lambda: read_study_file(study, file, trial))
     if recording is None:
@@ -245,9 +245,12 @@ def _check_window(
         return
     events, note = gait_events(recording.events, recording.markers, body.marker_set)
     unknown = note.code == "events_unknown"
+    counted = [event for event in events if event.time >= rule.skip_s]
     if rule.wanted == "cycle" and not found_cycles(events, SIDES):
         reason = cycle_shortage(events, (), time, np.ones(len(time), bool))
         found.fault(name, str(note) if unknown else reason)
+    elif rule.wanted == "cycle" and not found_cycles(counted, SIDES):
+        found.fault(name, f"no gait cycle begins after the first {rule.skip_s:g} s, skip_s")
     elif unknown:
         found.notes(name, (note,))
 
@@ -308,15 +311,29 @@ def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
         found.remark(name, "markers_often_missing", share=often)
 
 
-def _check_contacts(trial: Trial, recording: Recording, found: _Collector) -> None:
-    """Refuse stated contacts of plates that are not there."""
-    for contact in trial.contacts:
-        if recording.plates and contact.plate > len(recording.plates):
+def _check_loads(trial: Trial, recording: Recording, settings: Settings, found: _Collector) -> None:
+    """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
+    name, plates, threshold_n = (
+        recording.source.name,
+        recording.plates,
+        settings.contact_threshold_n,
+    )
+    force = [np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) for plate in plates]
+    if plates and not any((each > threshold_n).any() for each in force):
+        found.fault(name, f"nobody is on the plates: none is loaded by more than {threshold_n:g} N")
+    for contact in trial.contacts if plates else ():
+        at_s, number = contact.time_s, contact.plate
+        if number > len(plates):
             found.fault(
-                recording.source.name,
-                f"contacts: there is no plate {contact.plate}; plates are 1 to "
-                f"{len(recording.plates)}",
+                name, f"contacts: there is no plate {number}; plates are 1 to {len(plates)}"
             )
+            continue
+        time = plates[number - 1].time
+        if not time[0] <= at_s <= recording.markers.time[-1]:
+            end_s = recording.markers.time[-1]
+            found.fault(name, f"contacts: the recording ends at {end_s:.2f} s, before {at_s:g} s")
+        elif not force[number - 1][np.argmin(np.abs(time - at_s))] > threshold_n:
+            found.fault(name, f"contacts: nobody is on plate {number} at {at_s:g} s")
 
 
 def _check_ground(

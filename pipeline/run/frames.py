@@ -59,7 +59,7 @@ def frame_table(result: TrialResult) -> pa.Table:
         N·m] about the lab origin, ``marker.NAME.x`` [m] as measured, ``platform.r11`` … ``z``.
         ``converged``, ``observed.NAME``, ``gradient`` of the inverse kinematics; ``ambiguous``
         where the split of a plate between the feet is uncertain; ``valid.motion`` and
-        ``valid.plates`` where a residual is one (`pipeline.trial.validity.Validity`).
+        ``valid.plates`` where a residual counts (`pipeline.trial.validity.Validity`).
     """
     motion, markers, pose = result.motion, result.markers, result.platform
     columns: dict[str, Column] = {"time_s": motion.time}

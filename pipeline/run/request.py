@@ -75,7 +75,7 @@ class TrialRequest:
         float, Help("Vertical force above which a foot is on a plate.")
     ] = 30.0
     min_valid_share: Annotated[
-        float, Help("Share of a gait cycle that the plates have to carry.")
+        float, Help("Smallest share of a gait cycle in which the plates must carry the subject.")
     ] = 0.5
     span: Annotated[
         str | None,

@@ -73,7 +73,7 @@ def in_order(conditions: Iterable[str]) -> list[str]:
 
 
 def comparable(residuals: pd.DataFrame) -> pd.DataFrame:
-    """Leave out spans of recordings where other trials of the design count gait cycles.
+    """Leave out spans of recordings where other trials to compare with count gait cycles.
 
     Parameters
     ----------
@@ -83,12 +83,12 @@ def comparable(residuals: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        The same without the rows that are not of the same part of a gait cycle as the others.
+        The same without spans in conditions of which another trial counts gait cycles; the
+        conditions of the design are one in this respect.
     """
-    of_design = residuals["condition"].isin(CONDITIONS)
-    if not (of_design & (residuals["window"] == "cycle")).any():
-        return residuals
-    return residuals[~(of_design & (residuals["window"] == "span"))]
+    compared = residuals["condition"].where(~residuals["condition"].isin(CONDITIONS), "design")
+    walking = set(compared[residuals["window"] == "cycle"])
+    return residuals[~((residuals["window"] == "span") & compared.isin(walking))]
 
 
 def complete_subjects(cells: pd.DataFrame) -> tuple[pd.DataFrame, str]:

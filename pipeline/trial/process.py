@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hbm.body import Body
-from hbm.dynamics import Dynamics, filter_motion, inverse_dynamics_variants
+from hbm.dynamics import filter_motion, inverse_dynamics_variants
 from hbm.engines.choice import choose_engine
 from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
@@ -14,16 +13,14 @@ from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
 from hbm.plausibility.repeated_positions import without_frozen_frames
 from hbm.signals.filtering import low_pass
-from hbm.spatial import GRAVITY_MPS2, Array, Mask
+from hbm.spatial import Array
 from pipeline.config.schema import Condition, PlateContact, Settings, Subject, Treadmill
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.recording import Event, Recording
+from pipeline.io.recording import Recording
 from pipeline.trial.delay import plate_delay
 from pipeline.trial.event_check import check_events, reference_events
-from pipeline.trial.gait.carried import carried_frames
 from pipeline.trial.gait.contact import (
-    SharedPlates,
     contact_notes,
     feet_of,
     forces_of_legs,
@@ -36,7 +33,7 @@ from pipeline.trial.gait.events import gait_events
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.marker_check import check_markers
-from pipeline.trial.motion_check import check_motion
+from pipeline.trial.motion_check import check_motion, known_frames
 from pipeline.trial.plate_check import check_plates
 from pipeline.trial.result import PlateSurface, TrialResult
 from pipeline.trial.study_files import (
@@ -48,6 +45,7 @@ from pipeline.trial.study_files import (
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.validity import Validity, validity_notes
 from pipeline.trial.weighing import body_mass, carried_mass, differing_masses
+from pipeline.trial.weight_bearing import weight_bearing_frames
 from pipeline.trial.window import WantedWindow, counted_span, window_notes
 
 
@@ -164,14 +162,8 @@ def process_recording(
 
     events, events_note = gait_events(recording.events, markers, body.marker_set)
     validity = Validity(
-        motion=np.all([np.isfinite(each.residual) for each in dynamics.values()], axis=(0, 2)),
-        plates=max(
-            (
-                _carried(body, motion, plates, dynamics[variant], shared[variant], events, settings)
-                for variant, plates in ground.variants.items()
-            ),
-            key=np.count_nonzero,
-        ),
+        motion=known_frames(body, motion),
+        plates=weight_bearing_frames(body, motion.time, ground, shared, dynamics, events, settings),
     )
     unknown = forces_of_legs(under_feet.ambiguous | ~validity.plates)
     dynamics = {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
@@ -321,39 +313,6 @@ def _require_plates(recording: Recording) -> None:
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
-
-
-def _carried(
-    body: Body,
-    motion: Motion,
-    plates: Sequence[Array],
-    dynamics: Dynamics,
-    shared: SharedPlates,
-    events: Sequence[Event],
-    settings: Settings,
-) -> Mask:
-    """Find the frames in which one variant's plates carry the subject, (T,).
-
-    The variant in which there are more of them counts: what a wrong calibration takes away is no
-    foot beside the plates.
-    """
-    vertical = low_pass(
-        np.stack([wrench[:, 2] for wrench in plates], axis=1),
-        motion.time,
-        settings.cutoff_hz,
-        settings.filter,
-    )
-    return carried_frames(
-        motion.time,
-        vertical.sum(axis=1) + dynamics.residual[:, 2],
-        vertical.T,
-        weight_n=body.mass * GRAVITY_MPS2,
-        events=events,
-        feet=shared.by_foot,
-        threshold_n=settings.contact_threshold_n,
-        cutoff_hz=settings.cutoff_hz,
-        method=settings.filter,
-    )
 
 
 def _filtered(by_foot: Mapping[str, Array], motion: Motion, settings: Settings) -> dict[str, Array]:

@@ -10,15 +10,16 @@ from hbm.spatial import Mask, read_only
 
 @dataclass(frozen=True, slots=True)
 class Validity:
-    """Frames in which a residual is the residual of the whole body on all of its support.
+    """Frames in which the motion is known and all support of the body is measured.
 
     Attributes
     ----------
     motion
-        Frames in which markers show pelvis and trunk, so that the pose is known, (T,). Head, arms
-        and legs without markers are interpolated; `hbm.motion.Motion.observed` marks them.
+        Frames in which markers show pelvis and trunk, so that the pose is known, (T,); see
+        `pipeline.trial.motion_check.known_frames`. Head, arms and legs without markers are
+        interpolated; `hbm.motion.Motion.observed` marks them.
     plates
-        Frames in which the plates carry the subject, (T,); see `pipeline.trial.gait.carried`.
+        Frames in which the plates carry the subject, (T,); see `pipeline.trial.weight_bearing`.
 
     Examples
     --------

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 import rerun as rr
 
+from hbm.signals.samples import stretches
 from hbm.spatial import Array, Mask
 from pipeline.figures.style import COLOURS
 from pipeline.io.recording import Event
@@ -168,9 +169,5 @@ def _log_states(
 
 def intervals_of(mask: Mask, time: Array, label: str) -> list[Interval]:
     """Give the intervals of time in which a mask is true."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     last = len(time) - 1
-    return [
-        (float(time[a]), float(time[min(b, last)]), label)
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    return [(float(time[a]), float(time[min(b, last)]), label) for a, b in stretches(mask)]

@@ -123,6 +123,18 @@ def test_where_a_plate_is_dead_no_cycle_counts_and_a_warning_says_so(treadmill):
         process_recording(treadmill, WOMAN, Settings(), window=(20.0, 30.0))
 
 
+@pytest.mark.parametrize("offsets_n", [(-100, 0), (-150, 0), (-120, -120), (60, -60)])
+def test_plates_that_are_not_zeroed_are_not_hidden(treadmill, offsets_n):
+    def shifted(plate):
+        normal = plate.rotation.T @ [0, 0, offsets_n[plate.number - 1]]
+        return replace(plate, wrench_in_plate=plate.wrench_in_plate + np.append(normal, [0, 0, 0]))
+
+    result = processed(replace(treadmill, plates=tuple(map(shifted, treadmill.plates))))
+    assert result.validity.both.all()
+    assert sum(map(len, result.cycles.values())) == 20
+    assert "plates_not_zeroed" in codes(result)
+
+
 @pytest.mark.parametrize("gains", [(0.7, 0.7), (0.7, 1.0), (1.0, 1.3)])
 def test_a_plate_with_a_wrong_gain_is_not_hidden(treadmill, gains):
     """Its residual is what the report is for."""
@@ -175,6 +187,47 @@ def test_quiet_standing_has_residuals_and_weighs_the_subject(shared_data, tmp_pa
     assert (table["valid_share"] == 1).all()
     for suffix in ("_residuals.csv", "_residuals.png", "_residuals.svg"):
         assert (tmp_path / f"{path.stem}{suffix}").stat().st_size > 100
+
+
+@pytest.mark.parametrize("share", [0.5, 0.6, 0.7, 0.75])
+def test_nobody_counts_who_stands_with_one_foot_beside_the_plates(shared_data, share):
+    recording = read_c3d(shared_data / "full_body_standing" / "1min_CGM_HBM_static.c3d")
+    total = sum(plate.wrench[:, 2] for plate in recording.plates)
+    only = recording.plates[0]
+    factor = share * total / only.wrench[:, 2]
+    one = replace(only, wrench_in_plate=only.wrench_in_plate * factor[:, None])
+    zero = replace(recording.plates[1], wrench_in_plate=0 * recording.plates[1].wrench_in_plate)
+    subject = Subject(mass_kg=float(total.mean()) / GRAVITY_MPS2)
+    result = process_recording(replace(recording, plates=(one, zero)), subject, Settings())
+    assert not result.validity.plates.any()
+
+
+def without_markers(recording, body, segments, start_s, stop_s):
+    """The recording with gaps in all markers of some segments."""
+    own = zip(body.markers, body.marker_segment, strict=True)
+    gone = [recording.markers.names.index(m) for m, s in own if s in segments]
+    position, time = recording.markers.position.copy(), recording.markers.time
+    position[np.ix_((time >= start_s) & (time < stop_s), gone)] = np.nan
+    return replace(recording, markers=replace(recording.markers, position=position))
+
+
+def test_a_leg_without_markers_is_interpolated_with_a_warning(treadmill, whole):
+    leg = ("left_thigh", "left_shank", "left_foot", "left_toes")
+    result = processed(without_markers(treadmill, whole.body, leg, 5.0, 5.5))
+    assert result.motion.converged.all()
+    (note,) = [note for note in result.notes if note.code == "limb_unknown"]
+    assert (note.level, note.values["limb"], note.values["frames"]) == ("warning", "left leg", 50)
+    assert 0.14 < note.values["share"] < 0.22
+
+
+@pytest.mark.parametrize(("stop_s", "counts"), [(5.06, True), (5.5, False)])
+def test_a_pelvis_without_markers_counts_for_a_few_frames_only(treadmill, whole, stop_s, counts):
+    result = processed(without_markers(treadmill, whole.body, ("pelvis",), 5.0, stop_s))
+    gap = (result.motion.time > 5.0) & (result.motion.time < stop_s - 0.005)
+    assert result.motion.converged.all()
+    assert result.validity.motion[~gap].sum() >= (~gap).sum() - 2
+    assert result.validity.motion[gap].all() == counts
+    assert ("pelvis_unseen" in codes(result)) != counts
 
 
 def test_a_span_of_quiet_standing_counts_as_stated(shared_data, tmp_path, capsys):

@@ -12,6 +12,7 @@ from hbm.coordinates import COORDINATES, MOVING
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.poses import segment_frames
+from hbm.signals.samples import stretches
 from hbm.spatial import Array, Mask
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.events import SIDES
@@ -121,7 +122,7 @@ def share_between_feet(
     Raises
     ------
     ValueError
-        If there is no contact at a stated time, or no such plate.
+        If a stated time is not in the recording or has no contact, or there is no such plate.
 
     Notes
     -----
@@ -185,7 +186,7 @@ class _Plate:
         self.nearer = (right < left).astype(int)
         self.decided: Mask = self.loaded & ~undecided
         self.uncertain: Mask = self.loaded & (under_none | (undecided & level))
-        self.stretches = _stretches(self.loaded)
+        self.stretches = [(int(a), int(b)) for a, b in stretches(self.loaded)]
         for start, stop in self.stretches:
             self._drop_brief(start, stop)
 
@@ -209,16 +210,31 @@ class _Plate:
         for each in stated:
             frame = int(np.argmin(np.abs(self.time - each.time_s)))
             inside = [(a, b) for a, b in self.stretches if a <= frame < b]
+            if not self.time[0] <= each.time_s <= self.time[-1]:
+                raise ValueError(
+                    f"contacts: {each.time_s:g} s is not in the recording, which lasts from "
+                    f"{self.time[0]:.2f} to {self.time[-1]:.2f} s"
+                )
             if not inside:
                 loaded = _listed(self.time, self.stretches) or "never"
                 raise ValueError(
                     f"contacts: nobody is on plate {each.plate} at {each.time_s:g} s; it is "
                     f"loaded: {loaded}"
                 )
-            contact = slice(*inside[0])
+            contact = self._by_one_foot(frame, *inside[0])
             self.nearer[contact] = SIDES.index(each.foot)
             self.decided[contact] = True
             self.uncertain[contact] = False
+
+    def _by_one_foot(self, frame: int, start: int, stop: int) -> slice:
+        """Give the part of a contact around a frame in which the foot does not change, if known."""
+        if np.mean(self.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE:
+            return slice(start, stop)
+        foot = self.foot_of_frames()[start:stop]
+        changes = start + np.flatnonzero(np.diff(foot)) + 1
+        bounds = np.concatenate([[start], changes, [stop]])
+        part = int(np.searchsorted(bounds, frame, side="right"))
+        return slice(int(bounds[part - 1]), int(bounds[part]))
 
     def foot_of_frames(self) -> Array:
         """Give the foot of every frame, 0 left and 1 right, (T,)."""
@@ -249,9 +265,3 @@ def _listed(time: Array, stretches: Sequence[tuple[int, int]]) -> str:
     named = [f"{time[a]:.2f}–{time[b - 1]:.2f} s" for a, b in stretches[:MAX_CONTACTS_NAMED]]
     more = ["…"] if len(stretches) > MAX_CONTACTS_NAMED else []
     return ", ".join([*named, *more])
-
-
-def _stretches(mask: Mask) -> list[tuple[int, int]]:
-    """Give first frame and the one after the last of each stretch in which a mask is true."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

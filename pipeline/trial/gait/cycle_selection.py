@@ -1,5 +1,6 @@
 """Select the gait cycles that count: the first ones of walking, or the perturbed ones."""
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -12,7 +13,8 @@ from pipeline.config.schema import Condition
 from pipeline.io.recording import Recording
 
 COUNTED_SIDE: Final = "right"
-"""Cycles of walking are counted by one foot, as in the thesis; both feet's cycles overlap."""
+"""Cycles of walking are counted by one foot, as in the thesis; both feet's cycles overlap. Where it
+has none, those of the other foot count."""
 MIN_ONSET_INTERVAL_S: Final = 1.0
 """What follows sooner belongs to the same perturbation; perturbations are strides apart."""
 MIN_SWAY_SPEED_MPS: Final = 0.1
@@ -41,19 +43,23 @@ def select_cycles(
     Returns
     -------
     selected
-        Side -> cycles. Walking counts cycles of the right foot, the first ones there are. A
+        Side -> cycles. Walking counts cycles of the right foot, or of the left one if the right has
+        none, the first ones there are. A
         perturbation counts the cycle whose initial contact came last before it, of either foot;
         two perturbations within one cycle count it once.
     notes
-        What is missing: ``cycles_missing``, ``perturbation_without_cycle``.
+        ``cycles_of_left`` and what is missing: ``cycles_missing``, ``perturbation_without_cycle``.
     """
+    notes: tuple[Note, ...] = ()
     if condition.perturbed:
         onsets = np.empty(0) if onsets is None else onsets
         selected, notes = _perturbed(cycles, onsets[onsets >= condition.skip_s])
     else:
-        spans = cycles[COUNTED_SIDE]
-        selected = {COUNTED_SIDE: spans[spans[:, 0] >= condition.skip_s]}
-        notes = ()
+        later = {side: spans[spans[:, 0] >= condition.skip_s] for side, spans in cycles.items()}
+        side = counted_side({side: len(spans) for side, spans in later.items()})
+        selected = {side: later[side]}
+        if side != COUNTED_SIDE:
+            notes = (Note.of("cycles_of_left"),)
     found = sum(len(spans) for spans in selected.values())
     wanted = condition.cycles
     if wanted is None:
@@ -61,6 +67,11 @@ def select_cycles(
     if found < wanted:
         notes = (*notes, Note.of("cycles_missing", found=found, wanted=wanted))
     return _first(selected, wanted), notes
+
+
+def counted_side(cycles: Mapping[str, int]) -> str:
+    """Give the foot by which walking is counted, from how many cycles each foot has."""
+    return COUNTED_SIDE if cycles[COUNTED_SIDE] else max(cycles, key=lambda side: cycles[side])
 
 
 def _perturbed(

@@ -10,6 +10,7 @@ from scipy.signal import find_peaks
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
 from hbm.signals.filtering import butterworth
+from hbm.signals.samples import stretches
 from hbm.spatial import Array
 from pipeline.io.recording import Event
 
@@ -160,7 +161,7 @@ def _turning_points(time: Array, distance: Array) -> Array:
     apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
     known = np.isfinite(filtered.value)
     frames = [np.zeros(0, int)]
-    for start, stop in np.flatnonzero(np.diff(known, prepend=False, append=False)).reshape(-1, 2):
+    for start, stop in stretches(known):
         peaks, _ = find_peaks(
             filtered.value[start:stop], distance=apart, prominence=MIN_EXCURSION_M
         )

@@ -239,7 +239,7 @@ def test_a_study_of_standing_is_reported_over_the_recordings(tmp_path, quick):
     found = Page(write_report(tmp_path))
     assert found.open == []
     assert "1.00–3.00 s no gait cycles" in found.text
-    assert "in quiet from 1.00 to 3.00 s of the recording were analysed" in found.text
+    assert "continuous parts of the recordings were analysed, of 2.0 s (quiet)" in found.text
     assert {path.stem for path in (tmp_path / "figures").iterdir()} == {"marginal_means"}
     table = pd.read_csv(tmp_path / "residuals.csv")
     assert set(table["window"]) == {"span"}
@@ -251,9 +251,17 @@ def test_standing_is_compared_with_no_gait_cycles(tmp_path, quick):
     write_fake_results(tmp_path, subjects=3, cycles=2, without={("sub03", "sway")})
     write_standing(tmp_path, 3, "sway")
     write_standing(tmp_path, 1, "quiet")
+    write_standing(tmp_path, 2, "shoes")
+    write_trial(
+        fake_trial(1, "shoes", cycles=2),
+        "shoes",
+        "key",
+        tmp_path / "trials" / "sub01_shoes.parquet",
+    )
     text = Page(write_report(tmp_path)).text
     assert "sub03 sway: counts 1.00 to 3.00 s of the recording and no gait cycles" in text
     assert "sub01 quiet: counts" not in text
+    assert "sub02 shoes: counts 1.00 to 3.00 s" in text
     tests = pd.read_csv(tmp_path / "statistics.csv")
     sway = tests[tests["effect"].str.startswith("sway IC - sway no IC")]
     assert (sway["n"] == 2).all()

@@ -6,14 +6,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hbm.markers import Markers
+from hbm.markers import Markers, marker_sets
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.run.store import read_summary, read_trial
+from pipeline.trial.gait.events import zeni_events
 from pipeline.trial.process import process_trial
 from tests.pipeline import lab
+
+CONTACT = '[[trials.quiet.contacts]]\nplate = {}\ntime_s = {}\nfoot = "{}"\n'
 
 
 def first(recording, seconds, *, loaded=True):
@@ -107,6 +110,49 @@ def test_what_a_condition_wants_and_a_trial_has_not_is_a_fault(
     assert fault in outcome.reason
 
 
+def of_one_side(recording, side):
+    """The recording with the walker's events of one foot in the file."""
+    events = zeni_events(recording.markers, marker_sets()["hbm2"])
+    return replace(recording, events=tuple(event for event in events if event.side == side))
+
+
+@pytest.mark.parametrize("condition", ["", 'window = "cycle"', "cycles = 2"])
+def test_of_a_trial_with_events_of_the_left_foot_its_cycles_count(
+    walker, study, tmp_path, condition
+):
+    folder = study(of_one_side(walker, "left"), condition)
+    faults, outcome = checked_and_run(folder, tmp_path / "out")
+    assert not faults
+    summary = read_summary(outcome.job.target)
+    assert list(summary.cycles) == ["left"]
+    assert {row.window for row in summary.residuals} == {"cycle"}
+    assert "cycles_of_left" in {note.code for note in summary.notes}
+
+
+@pytest.mark.parametrize(
+    ("condition", "trial"),
+    [
+        ("skip_s = 11.0", ""),
+        ("", CONTACT.format(1, 60.0, "left")),
+        ("", CONTACT.format(1, "{swing}", "left")),
+    ],
+)
+def test_what_is_not_in_the_recording_is_found_by_the_check(
+    walker, study, tmp_path, condition, trial
+):
+    unloaded = np.flatnonzero(walker.plates[0].wrench[5000:, 2] < 1)[20]
+    swing_s = walker.plates[0].time[5000 + unloaded]
+    folder = study(walker, condition, trial.replace("{swing}", f"{swing_s:.3f}"))
+    faults, outcome = checked_and_run(folder, tmp_path / "out")
+    assert len(faults) == 1
+    assert outcome.state == "failed"
+
+
+def test_plates_on_which_nobody_stands_are_found_by_the_check(walker, study, tmp_path):
+    faults, _ = checked_and_run(study(first(walker, 3.0, loaded=False)), tmp_path / "out")
+    assert any("nobody is on the plates: none is loaded by more than 30 N" in f for f in faults)
+
+
 @pytest.mark.parametrize("walks", [True, False])
 def test_a_trial_that_begins_with_standing_is_checked_to_its_end(
     walker, study, tmp_path, monkeypatch, walks
@@ -141,9 +187,6 @@ def test_nobody_on_the_plates_is_one_line_and_frames_are_written(walker, tmp_pat
     assert list(pd.read_csv(out / "empty_residuals.csv")["rms"]) == []
 
 
-CONTACT = '[[trials.quiet.contacts]]\nplate = {}\ntime_s = {}\nfoot = "{}"\n'
-
-
 def test_a_stated_contact_moves_the_load_to_that_foot_and_no_residual(walker, study):
     """The left plate's contact after 7 s is given to the right foot."""
     time, left = walker.markers.time, walker.plates[0].wrench[::10, 2] > 30
@@ -169,7 +212,7 @@ def test_a_stated_contact_moves_the_load_to_that_foot_and_no_residual(walker, st
     ("contact", "message"),
     [
         ((3, 7.0, "left"), "contacts: there is no plate 3; plates are 1 to 2"),
-        ((1, 600.0, "left"), "contacts: nobody is on plate 1 at 600 s; it is loaded: "),
+        ((1, 600.0, "left"), "contacts: 600 s is not in the recording, which lasts from 0.00 to"),
     ],
 )
 def test_a_contact_that_is_not_there_fails_the_trial(walker, study, tmp_path, contact, message):

@@ -158,8 +158,8 @@ def test_a_study_without_a_calibration_has_one_variant(study):
     assert list(result.ground) == ["measured"]
 
 
-def test_frames_without_accelerations_exclude_their_cycles_in_both_variants(study):
-    """A cycle that only one variant defines would compare different steps."""
+def test_frames_without_accelerations_count_in_neither_variant(study, results):
+    """Frames that only one variant defines would compare different parts of steps."""
     recording = read_c3d(study.path("sub01_pitch.c3d"))
     values = recording.analog.values.copy()
     values[8000:8100, 0] = np.nan
@@ -169,9 +169,13 @@ def test_frames_without_accelerations_exclude_their_cycles_in_both_variants(stud
     laboratory = Laboratory(treadmill, calibration)
     result = process_recording(broken, PERSON, Settings(), laboratory=laboratory)
     assert residual_table(result, "pitch")["rms"].notna().all()
-    assert any(note.code == "cycle_unsolved" for note in result.notes)
-    for spans in result.cycles.values():
-        assert not ((spans[:, 0] < 8.1) & (spans[:, 1] > 8.0)).any()
+    time, whole = result.motion.time, results["pitch"]
+    near = (time > 7.85) & (time < 8.25)
+    assert not result.validity.plates[near].any()
+    assert result.validity.motion[near].all()
+    for variant in ("measured", "compensated"):
+        difference = getattr(result, variant).residual - getattr(whole, variant).residual
+        assert np.abs(difference[result.validity.both]).max() < 1.0
 
 
 def test_a_cycle_counts_only_where_all_of_its_motion_is_known(results):

@@ -55,6 +55,14 @@ def test_cycles_that_are_missing_are_noted():
     assert notes == (Note.of("cycles_missing", found=24, wanted=50),)
 
 
+def test_cycles_of_the_left_foot_count_where_the_right_has_none():
+    cycles = walking(60.0) | {"right": np.empty((0, 2))}
+    selected, notes = select_cycles(cycles, Condition(cycles=10, skip_s=10.0), None)
+    assert list(selected) == ["left"]
+    np.testing.assert_array_equal(selected["left"], cycles["left"][cycles["left"][:, 0] >= 10][:10])
+    assert notes == (Note.of("cycles_of_left"),)
+
+
 def test_without_a_number_all_cycles_count():
     chosen, _ = select_cycles(walking(30), Condition(), None)
     assert len(chosen["right"]) == 24
