@@ -5,9 +5,11 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask
 from pipeline.io.recording import Event
 from pipeline.trial.gait.event_agreement import EventAgreement, compare_events
 from pipeline.trial.gait.events import force_events, zeni_events
@@ -21,6 +23,8 @@ MAX_OFFSET_MS: Final = 150.0
 """In walking, markers turn up to 100 ms before or after the load crosses its threshold."""
 MAX_SD_MS: Final = 100.0
 """Standard deviation of offsets beyond which events are not the same ones."""
+MIN_CARRIED_SHARE: Final = 0.8
+"""Of the frames: on a treadmill all, and fewer where a plate is dead or feet land beside them."""
 OTHER_SIDE: Final = {"left": "right", "right": "left"}
 
 
@@ -58,6 +62,7 @@ def reference_events(
     threshold_n: float,
     markers: Markers,
     marker_set: MarkerSet,
+    carried: Mask,
 ) -> dict[str, tuple[Event, ...]]:
     """Give a trial's gait events by its plates and, where they can be found, by its markers.
 
@@ -71,6 +76,9 @@ def reference_events(
         Vertical force of contact [N].
     markers, marker_set
         Trajectories, and the landmarks that they mark.
+    carried
+        Frames in which the plates carry the subject, (T,): plates that miss many steps show other
+        events than the feet.
 
     Returns
     -------
@@ -78,7 +86,9 @@ def reference_events(
         Where they come from -> events.
     """
     sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
-    found = {"the plates": force_events(sides, time, threshold_n)}
+    found = {}
+    if np.mean(carried) >= MIN_CARRIED_SHARE:
+        found["the plates"] = force_events(sides, time, threshold_n)
     with suppress(ValueError):  # without these markers, or too short for the filter
         found["heel, toe and sacrum markers"] = zeni_events(markers, marker_set)
     return found

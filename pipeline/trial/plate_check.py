@@ -27,6 +27,9 @@ MAX_REST_N: Final = 10.0
 MAX_TOTAL_REST_N: Final = 20.0
 """Of all plates together: 3 % of the weight of a light adult."""
 
+MIN_SHARED_TIME: Final = 0.9
+"""Of the markers' time that the plates must cover: recordings end some frames apart."""
+
 MIN_LOAD_JUMP: Final = 0.2
 """Share of body weight by which the load of somebody who stands still cannot change."""
 MAX_LOAD_SPREAD: Final = 0.05
@@ -53,6 +56,7 @@ def check_plates(
     Returns
     -------
     tuple of Note
+        ``plates_apart`` where the plates cover less than 0.9 of the markers' time;
         ``plates_not_zeroed`` where an unloaded plate reads more than 10 N either way, or all
         together more than 20 N; ``load_jumps`` where their total changes by a fifth of the body
         weight while the subject stands still.
@@ -65,12 +69,26 @@ def check_plates(
     levels = {plate: rest_level(force, time, weight_n) for plate, force in vertical.items()}
     rest_n = {plate: level for plate, level in levels.items() if level is not None}
     total_n = sum(rest_n.values())
-    jumps = load_jumps(vertical, recording.markers.position, time, weight_n)
+    others = (
+        *_apart(recording),
+        *load_jumps(vertical, recording.markers.position, time, weight_n),
+    )
     if max(map(abs, rest_n.values()), default=0) <= MAX_REST_N and abs(total_n) <= MAX_TOTAL_REST_N:
-        return jumps
+        return others
     added_kg = total_n / GRAVITY_MPS2
     rest = Note.of("plates_not_zeroed", rest_n=rest_n, total_n=total_n, mass_kg=added_kg)
-    return (rest, *jumps)
+    return (rest, *others)
+
+
+def _apart(recording: Recording) -> tuple[Note, ...]:
+    """Say where plates and markers were recorded, if not at the same time."""
+    start_s, stop_s = recording.markers.time[[0, -1]]
+    first_s = max(plate.time[0] for plate in recording.plates)
+    last_s = min(plate.time[-1] for plate in recording.plates)
+    if min(last_s, stop_s) - max(first_s, start_s) >= MIN_SHARED_TIME * (stop_s - start_s):
+        return ()
+    times = {"first_s": first_s, "last_s": last_s, "start_s": start_s, "stop_s": stop_s}
+    return (Note.of("plates_apart", **times),)
 
 
 def rest_level(vertical: Array, time: Array, weight_n: float) -> float | None:

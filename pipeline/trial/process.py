@@ -6,11 +6,11 @@ import numpy as np
 
 from hbm.dynamics import filter_motion, inverse_dynamics_variants
 from hbm.engines.choice import choose_engine
-from hbm.kinematics import solve_ik
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
 from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
+from hbm.plausibility.outliers import solve_without_outliers
 from hbm.plausibility.repeated_positions import without_frozen_frames
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
@@ -132,8 +132,9 @@ def process_recording(
         hip_trial=hip_trial,
         segments=segments,
     )
-    markers = without_frozen_frames(recording.markers, body.markers)
-    unfiltered = solve_ik(body, markers, jobs=jobs)
+    markers, unfiltered, outlier_notes = solve_without_outliers(
+        body, without_frozen_frames(recording.markers, body.markers), jobs
+    )
     motion = filter_motion(unfiltered, cutoff=settings.cutoff_hz, method=settings.filter)
 
     laboratory = laboratory or Laboratory(Treadmill())
@@ -186,6 +187,7 @@ def process_recording(
         settings.contact_threshold_n,
         markers,
         body.marker_set,
+        validity.plates,
     )
     return TrialResult(
         source=recording.source,
@@ -217,6 +219,7 @@ def process_recording(
             *implausible(body),
             *check_markers(body, recording, pose),
             *body.notes,
+            *outlier_notes,
             *check_motion(body, unfiltered, markers),
             *ground.notes,
             *check_plates(recording, best, mass.mass_kg),

@@ -31,6 +31,8 @@ MIN_STANCE_S: Final = 0.1
 """No foot stands for less: a shorter stretch of pressure near it is noise of a light load."""
 MAX_DOUBTFUL_SHARE: Final = 0.5
 """Of a contact: where more of it is uncertain, all of it is."""
+FAR_M: Final = 0.5
+"""No centre of pressure is so far from the feet: corners, units or moments are wrong."""
 MAX_CONTACTS_NAMED: Final = 8
 """In a note; the frames of all are marked."""
 
@@ -50,6 +52,8 @@ class Contact:
     ambiguous
         Whether most of it cannot be assigned: the pressure lies under neither foot, or between two
         feet that both stand.
+    distance_m
+        Of the centre of pressure from the middle of the nearer foot, the median.
     """
 
     plate: int
@@ -57,6 +61,7 @@ class Contact:
     stop: int
     feet: tuple[Foot, ...]
     ambiguous: bool
+    distance_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +127,8 @@ def share_between_feet(
     Raises
     ------
     ValueError
-        If a stated time is not in the recording or has no contact, or there is no such plate.
+        If a stated time is not in the recording or has no contact, two statements about a contact
+        contradict each other, or there is no such plate.
 
     Notes
     -----
@@ -159,8 +165,12 @@ def forces_of_legs(frames: Mask) -> Mask:
 
 
 def contact_notes(shared: SharedPlates, time: Array) -> tuple[Note, ...]:
-    """Name the contacts that cannot be assigned to a foot, plate by plate."""
+    """Name contacts that cannot be assigned to a foot, and plates with pressure far from both."""
     notes = []
+    for plate in dict.fromkeys(contact.plate for contact in shared.contacts):
+        distance_m = float(np.median([c.distance_m for c in shared.contacts if c.plate == plate]))
+        if distance_m > FAR_M:
+            notes.append(Note.of("pressure_far_from_feet", plate=plate, distance_m=distance_m))
     doubtful = [contact for contact in shared.contacts if contact.ambiguous]
     for plate in dict.fromkeys(contact.plate for contact in doubtful):
         spans = [(c.start, c.stop) for c in doubtful if c.plate == plate]
@@ -207,6 +217,7 @@ class _Plate:
 
     def overrule(self, stated: Sequence[PlateContact]) -> None:
         """Take the foot of a contact from a person."""
+        said: dict[int, PlateContact] = {}
         for each in stated:
             frame = int(np.argmin(np.abs(self.time - each.time_s)))
             inside = [(a, b) for a, b in self.stretches if a <= frame < b]
@@ -222,6 +233,13 @@ class _Plate:
                     f"loaded: {loaded}"
                 )
             contact = self._by_one_foot(frame, *inside[0])
+            before = said.setdefault(contact.start, each)
+            if before.foot != each.foot:
+                raise ValueError(
+                    f"contacts: plate {each.plate} carries the {before.foot} foot at "
+                    f"{before.time_s:g} s and the {each.foot} one at {each.time_s:g} s, but that "
+                    "is one contact; state one of them"
+                )
             self.nearer[contact] = SIDES.index(each.foot)
             self.decided[contact] = True
             self.uncertain[contact] = False
@@ -254,7 +272,8 @@ class _Plate:
             order = own[np.flatnonzero(np.diff(own, prepend=-1))]
             doubtful = np.mean(self.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE
             feet = tuple(FEET[k] for k in order)
-            found.append(Contact(number, start, stop, feet, bool(doubtful)))
+            nearest_m = float(np.median(self.distance[start:stop].min(axis=1)))
+            found.append(Contact(number, start, stop, feet, bool(doubtful), nearest_m))
             if doubtful:
                 self.uncertain[start:stop] = True
         return found

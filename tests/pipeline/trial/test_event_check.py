@@ -113,7 +113,8 @@ def test_plates_and_markers_of_a_walk_agree_on_its_events(walker):
         )
         for plate in walker.plates
     }
-    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"])
+    everywhere = np.ones(len(time), bool)
+    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"], everywhere)
     by_plates, by_markers = found.values()
     assert list(found) == ["the plates", "heel, toe and sacrum markers"]
     assert min(len(by_plates), len(by_markers)) > 20
@@ -125,4 +126,15 @@ def test_without_heel_toe_and_sacrum_only_the_plates_show_events(walker):
     time = walker.markers.time
     feet = {f"{side}_foot": np.zeros((len(time), 6)) for side in ("left", "right")}
     unnamed = replace(walker.markers, names=tuple(f"M{k}" for k in range(46)))
-    assert reference_events(feet, time, 30.0, unnamed, SETS["hbm2"]) == {"the plates": ()}
+    everywhere = np.ones(len(time), bool)
+    found = reference_events(feet, time, 30.0, unnamed, SETS["hbm2"], everywhere)
+    assert found == {"the plates": ()}
+
+
+def test_plates_that_often_carry_nobody_are_no_reference_for_events(walker):
+    """A dead plate shows none of its foot, and the file's events are right."""
+    time = walker.markers.time
+    feet = {f"{side}_foot": np.zeros((len(time), 6)) for side in ("left", "right")}
+    half = np.arange(len(time)) % 2 > 0
+    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"], half)
+    assert list(found) == ["heel, toe and sacrum markers"]

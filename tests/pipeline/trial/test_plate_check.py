@@ -46,6 +46,16 @@ def test_plates_that_are_zeroed_raise_no_warning():
     assert check(standing()) == ()
 
 
+@pytest.mark.parametrize(("later_s", "apart"), [(0.5, False), (-0.5, False), (5.0, True)])
+def test_plates_that_were_recorded_at_another_time_are_named_with_both_times(later_s, apart):
+    recording = standing(10.0)
+    plates = tuple(replace(plate, time=plate.time + later_s) for plate in recording.plates)
+    notes = [n for n in check(replace(recording, plates=plates)) if n.code == "plates_apart"]
+    assert bool(notes) == apart
+    for note in notes:
+        assert "samples are from 5.00 to" in note.text
+
+
 @settings(deadline=None)
 @given(rest_n=st.floats(-60, 60))
 def test_a_belt_is_not_zeroed_from_10_n_on_and_never_below(rest_n):
