@@ -1,12 +1,12 @@
 """A whole simulated walking study: its files as a laboratory has them, and the truth."""
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 import pandas as pd
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from hbm.coordinates import COORDINATES
 from hbm.kernels.native import kernels
@@ -15,6 +15,7 @@ from pipeline.config.study import SIMULATED
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, whole_file, write_text
+from pipeline.run.processes import in_processes
 from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
 from pipeline.virtual_lab.machine.instruments.sampling import SAMPLES_PER_FRAME
 from pipeline.virtual_lab.machine.treadmill import Machine
@@ -89,8 +90,7 @@ def simulate_study(
     with warnings.catch_warnings():
         # after a long trial, joblib replaces a process because its memory has grown
         warnings.filterwarnings("ignore", "A worker stopped", UserWarning)
-        finished: Iterator[str] = Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks)
-        for done, name in enumerate(finished, start=1):
+        for done, name in enumerate(in_processes(tasks, jobs), start=1):
             if progress is not None:
                 progress(name, done, len(tasks))
     return folder
