@@ -8,6 +8,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from typing import Any, Final
 
 from joblib import Parallel
@@ -45,6 +46,10 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
     Where this process is interrupted, its workers are killed at once; they see no interrupt
     themselves, although a terminal sends it to all. Where it is killed, they end within a second.
     """
+    if workers == 1:
+        for function, arguments, options in tasks:
+            yield function(*arguments, **options)
+        return
     parallel = Parallel(
         workers,
         backend="loky",
@@ -55,11 +60,12 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
     )
     with _interrupts_held():  # processes that start here inherit it
         results = parallel(tasks)
-    try:
-        yield from results
-    finally:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that tasks are given up
+    with warnings.catch_warnings():
+        # a process whose memory has grown is replaced; where this one is stopped, tasks are left
+        warnings.filterwarnings("ignore", "A worker stopped|.* tasks", UserWarning)
+        try:
+            yield from results
+        finally:
             results.close()
 
 
@@ -69,6 +75,7 @@ def _interrupts_held() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
+    resource_tracker.ensure_running()  # where it has to be started, that ends the hold
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield

@@ -1,6 +1,5 @@
 """A whole simulated walking study: its files as a laboratory has them, and the truth."""
 
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -87,12 +86,9 @@ def simulate_study(
         if not wanted.isdisjoint(trial_names(PERSONS[number], condition))
     ]
     kernels()  # compiled once before the processes start
-    with warnings.catch_warnings():
-        # after a long trial, joblib replaces a process because its memory has grown
-        warnings.filterwarnings("ignore", "A worker stopped", UserWarning)
-        for done, name in enumerate(in_processes(tasks, jobs), start=1):
-            if progress is not None:
-                progress(name, done, len(tasks))
+    for done, name in enumerate(in_processes(tasks, jobs), start=1):
+        if progress is not None:
+            progress(name, done, len(tasks))
     return folder
 
 
@@ -153,8 +149,7 @@ def _named(prefix: str, wrench: Array) -> dict[str, Array]:
 
 def _write_calibration(folder: Path, setting: Setting) -> str:
     treadmill = make_treadmill(setting.faults, setting.seed)
-    with whole_file(folder / CALIBRATION) as temporary:
-        write_recording(temporary, run_calibration(setting, treadmill))
+    write_recording(folder / CALIBRATION, run_calibration(setting, treadmill))
     return CALIBRATION
 
 
@@ -166,8 +161,7 @@ def _write_trial(
     trial = run_trial(setting, treadmill, study_subject(setting, number), number, condition)
     recording, truth = trial_names(PERSONS[number], condition)
     if recording in wanted:
-        with whole_file(folder / recording) as temporary:
-            write_recording(temporary, trial.recording)
+        write_recording(folder / recording, trial.recording)
     if truth in wanted:
         with whole_file(folder / truth) as temporary:
             truth_table(trial, treadmill.machine).to_parquet(temporary, index=False)

@@ -1,9 +1,7 @@
 """A stored trial: written whole or not at all, and read back as it was."""
 
 import errno
-import os
 import re
-import time
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -18,7 +16,6 @@ from hypothesis.extra.numpy import arrays
 
 from hbm.coordinates import HBM_ORDER, INDEX
 from pipeline.io.recording import Event
-from pipeline.io.write import remove_leftovers, require_writable, whole_file, write_csv
 from pipeline.run.header import TrialHeader, header_of, plates_of
 from pipeline.run.load import collect
 from pipeline.run.store import (
@@ -347,65 +344,5 @@ def test_a_write_that_fails_leaves_what_was_there(processed, written, tmp_path, 
     assert [p.name for p in tmp_path.iterdir()] == ["trial.parquet"]
 
 
-def test_a_full_disk_is_said_of_the_file_that_does_not_fit(tmp_path):
-    path = tmp_path / "table.csv"
-    with pytest.raises(OSError, match="No space left") as caught, whole_file(path):
-        raise OSError(errno.ENOSPC, "No space left on device")
-    assert caught.value.filename == str(path)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_is_never_seen_half_written(tmp_path):
-    path = tmp_path / "table.csv"
-    with whole_file(path) as temporary:
-        temporary.write_text("half")
-        assert not path.exists()
-        assert temporary.parent == tmp_path
-        assert temporary.suffix != path.suffix
-    assert path.read_text() == "half"
-
-
-def test_what_a_killed_run_left_is_removed_but_not_what_another_writes_now(tmp_path):
-    with whole_file(tmp_path / "a.parquet") as running:
-        dead = tmp_path / ".a.parquet.deadbeef.part"
-        dead.write_text("half")
-        two_hours_ago = time.time() - 7200
-        os.utime(dead, (two_hours_ago, two_hours_ago))
-        others = [
-            tmp_path / name for name in (".a.parquet.notes", ".hidden.part", "b.csv.deadbeef.part")
-        ]
-        for other in others:
-            other.touch()
-            os.utime(other, (two_hours_ago, two_hours_ago))
-        remove_leftovers(tmp_path)
-        assert running.exists()
-        assert not dead.exists()
-        assert all(other.exists() for other in others)
-    remove_leftovers(tmp_path / "nowhere")
-
-
-def test_a_table_is_written_with_names_and_six_digits(tmp_path):
-    write_csv(pd.DataFrame({"axis": ["Mx"], "unit": ["N·m"], "rms": [np.pi * 1e3]}), tmp_path / "t")
-    assert (tmp_path / "t").read_text(encoding="utf-8") == "axis,unit,rms\nMx,N·m,3141.59\n"
-
-
-def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):
-    require_writable(tmp_path / "new" / "folder")
-    assert list((tmp_path / "new" / "folder").iterdir()) == []
-    (tmp_path / "file").touch()
-    for path in (tmp_path / "file", tmp_path / "file" / "results"):
-        with pytest.raises(ValueError, match=r"cannot write there: (File exists|Not a directory)"):
-            require_writable(path)
-    if Path("/proc/self").is_dir():
-        with pytest.raises(ValueError, match="--out /proc/results: cannot write there"):
-            require_writable(Path("/proc/results"))
-
-
 def test_metadata_does_not_hide_the_frames_from_other_readers(written):
     assert pq.read_metadata(written).num_rows == 1200
-
-
-def test_a_folder_in_the_place_of_a_file_is_named_itself(tmp_path):
-    with pytest.raises(IsADirectoryError) as caught, whole_file(tmp_path):
-        pytest.fail("there is nothing to write to")
-    assert caught.value.filename == str(tmp_path)
