@@ -7,7 +7,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from multiprocessing import resource_tracker
 from typing import Any, Final
 
@@ -58,15 +58,12 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
         return_as="generator" if ordered else "generator_unordered",
         initializer=_end_with_parent,
     )
-    with _interrupts_held():  # processes that start here inherit it
-        results = parallel(tasks)
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), ExitStack() as started:
         # a process whose memory has grown is replaced; where this one is stopped, tasks are left
         warnings.filterwarnings("ignore", "A worker stopped|.* tasks", UserWarning)
-        try:
-            yield from results
-        finally:
-            results.close()
+        with _interrupts_held():  # processes that start here inherit it
+            results = started.enter_context(closing(parallel(tasks)))
+        yield from results
 
 
 @contextmanager
