@@ -12,10 +12,10 @@ MAX_LISTED: Final = 8
 """Names in a message."""
 
 
-def short(name: object) -> str:
+def short(name: object, characters: int = MAX_CHARACTERS) -> str:
     """Give a name as it is shown: its first characters, without those that cannot be printed."""
     text = "".join(letter if letter.isprintable() else "?" for letter in str(name))
-    return text if len(text) <= MAX_CHARACTERS else f"{text[: MAX_CHARACTERS - 1]}…"
+    return text if len(text) <= characters else f"{text[: characters - 1]}…"
 
 
 def listed(names: Iterable[object]) -> str:

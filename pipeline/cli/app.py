@@ -57,7 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 fine; 1 some trials failed, the rest is done; 2 wrong usage or input; 130 interrupted.
+        0 fine; 1 some trials failed, the rest is done; 2 wrong usage or input; 130 interrupted,
+        143 terminated.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     typed = [argument for argument in given if argument != "--debug"]

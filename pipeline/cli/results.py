@@ -36,6 +36,7 @@ def view(
 ) -> None:
     """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
     from pipeline.cli.terminal import plain_console
+    from pipeline.io.write import write_text
     from pipeline.run.program import program_digest
     from pipeline.run.store import read_summary, read_trial
     from pipeline.viewer.serve import view as show
@@ -61,7 +62,7 @@ def view(
             stored = read_trial(result)
             write_recording(stored, trial)
             write_cycles(stored, cycles)
-        shown.write_text(made)
+        write_text(made, shown)
     show([trial, cycles], web=web, announce=lambda line: console.print(line, soft_wrap=True))
 
 

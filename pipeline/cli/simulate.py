@@ -84,17 +84,28 @@ def _simulate_study(
     folder: Path, setting: "Setting", jobs: int, console: "Console", *, keep: bool = False
 ) -> None:
     from hbm.kernels.native import kernels
+    from pipeline.cli.stopping import stoppable
     from pipeline.cli.terminal import StepProgress, announcer
+    from pipeline.virtual_lab.protocol.study_folder import missing_files, study_files
     from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
-    kernels(announcer(console))
-    with StepProgress(console, "simulating", "recordings") as progress:
-        simulate_study(folder, setting, progress.show, jobs, keep=keep)
+    def state() -> str:
+        if not keep:
+            return "the study is not complete; the same command begins again"
+        every = len(study_files(setting))
+        there = every - len(missing_files(folder, setting))
+        return f"written and kept are {there} of {every} files; the same command goes on"
+
+    with stoppable(state):
+        kernels(announcer(console))
+        with StepProgress(console, "simulating", "recordings") as progress:
+            simulate_study(folder, setting, progress.show, jobs, keep=keep)
 
 
 def _write_ablation(folder: Path, setting: "Setting", jobs: int) -> None:
     """Switch one fault on at a time; write the table and its figure."""
     from hbm.kernels.native import kernels
+    from pipeline.cli.stopping import stoppable
     from pipeline.cli.terminal import StepProgress, announcer, plain_console
     from pipeline.figures.style import save_figure
     from pipeline.io.write import write_csv
@@ -104,7 +115,10 @@ def _write_ablation(folder: Path, setting: "Setting", jobs: int) -> None:
     console, subjects = plain_console(), setting.protocol.subjects
     folder.mkdir(parents=True, exist_ok=True)
     kernels(announcer(console))
-    with StepProgress(console, "one fault at a time", "cases") as progress:
+    with (
+        stoppable(lambda: "no table is written; the same command begins again"),
+        StepProgress(console, "one fault at a time", "cases") as progress,
+    ):
         table = ablation(setting, subjects, progress=progress.show, jobs=jobs)
     write_csv(table, folder / "ablation.csv")
     save_figure(ablation_figure(table, subjects), folder / "ablation")

@@ -81,6 +81,7 @@ def run(
     out: Out = Path("results"),
 ) -> int:
     """Process a study; finished trials are skipped, failed ones listed with reasons."""
+    from pipeline.cli.stopping import stoppable
     from pipeline.cli.terminal import StepProgress, announcer, counted, plain_console
     from pipeline.config.study import read_study
     from pipeline.run.run import plan, run_planned
@@ -94,7 +95,13 @@ def run(
     outcomes = run_planned(
         loaded, planned, out, jobs=jobs, scheduler=scheduler, announce=announcer(console)
     )
-    with StepProgress(console, "processing", "trials") as progress:
+
+    def kept() -> str:
+        done = counts["done"] + counts["kept"]
+        trials = counted(len(planned), "trial")
+        return f"done and kept are {done} of {trials}; the same command goes on"
+
+    with stoppable(kept), StepProgress(console, "processing", "trials") as progress:
         for finished, outcome in enumerate(outcomes, 1):
             counts[outcome.state] += 1
             if outcome.state == "kept":

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from hbm.spelling import did_you_mean
+from hbm.spelling import did_you_mean, listed, short
 from pipeline.config.schema import StudyFile, SubjectFile
 from pipeline.config.toml_file import Table, read_segments
 
@@ -110,9 +110,9 @@ def trial_faults(
     faults = []
     trials = table.get("trials", {})
     for condition, trial in trials.items() if isinstance(trials, dict) else ():
-        where = f"{name}: trials.{condition}"
+        where = f"{name}: trials.{short(condition)}"
         if conditions is not None and condition not in conditions:
-            hint = did_you_mean(condition, conditions) or f"; there are {', '.join(conditions)}"
+            hint = did_you_mean(condition, conditions) or f"; there are {listed(conditions)}"
             faults.append(f"{where}: no such condition in study.toml{hint}")
         if not isinstance(trial, dict) or "exclude" in trial:
             continue

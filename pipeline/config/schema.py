@@ -5,7 +5,7 @@ anything that is measured in a gait laboratory.
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import (
     AfterValidator,
@@ -25,12 +25,28 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.stated import PlateUnits, Stated
 from pipeline.io.units import acceleration_in_mps2, length_in_m
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
-"""Part of a file name on every operating system."""
+MAX_NAME: Final = 64
+"""Characters; names of subject and condition together are part of the name of a file."""
+RESERVED: Final = (
+    "con",
+    "prn",
+    "aux",
+    "nul",
+    *(f"{p}{n}" for p in ("com", "lpt") for n in range(10)),
+)
+"""Devices of Windows: no file there may have such a name, whatever follows after a full stop."""
 Text = Annotated[str, Field(min_length=1)]
 Labels = Annotated[tuple[Text, ...], Field(strict=False)]
 Channels = Annotated[tuple[Text, Text, Text], Field(strict=False)]
 """Labels of a sensor's x, y and z channels."""
+
+
+def _file_name(name: str) -> str:
+    if name.partition(".")[0].lower() in RESERVED:
+        raise ValueError(f"{name!r} is the name of a device on Windows; choose another")
+    if name.endswith("."):
+        raise ValueError(f"{name!r} ends in a full stop, which Windows leaves out; choose another")
+    return name
 
 
 def _axes(axes: str) -> str:
@@ -48,6 +64,12 @@ def _plate_units(units: str) -> str:
     return units
 
 
+Name = Annotated[
+    str,
+    Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=MAX_NAME),
+    AfterValidator(_file_name),
+]
+"""Part of a file name on every operating system."""
 AxesText = Annotated[str, AfterValidator(_axes)]
 """Lab directions of the files' x, y and z axis, such as "left,back,up"."""
 LengthUnit = Annotated[str, AfterValidator(_length_unit)]

@@ -3,6 +3,8 @@
 from importlib.resources import files
 from pathlib import Path
 
+from pipeline.io.write import whole_file
+
 
 def write_template(folder: Path) -> tuple[Path, Path]:
     """Write a commented ``study.toml`` and a subject's file.
@@ -21,14 +23,16 @@ def write_template(folder: Path) -> tuple[Path, Path]:
     ------
     ValueError
         If there already is a study; nothing is overwritten.
+    OSError
+        If the folder cannot be written to; neither file is there then.
     """
     study, subject = folder / "study.toml", folder / "sub01.toml"
     for path in (study, subject):
         if path.exists():
             raise ValueError(f"{path} is already there; nothing was written")
-    folder.mkdir(parents=True, exist_ok=True)
-    for path, template in ((study, "study_template.toml"), (subject, "subject_template.toml")):
-        path.write_text(template_text(template), encoding="utf-8")
+    with whole_file(study) as new_study, whole_file(subject) as new_subject:
+        new_study.write_text(template_text("study_template.toml"), encoding="utf-8")
+        new_subject.write_text(template_text("subject_template.toml"), encoding="utf-8")
     return study, subject
 
 

@@ -79,7 +79,7 @@ def check_options(kind: type[Model], options: Mapping[str, Option]) -> Model:
 
 def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
     place = [part for part in fault["loc"] if part != "[key]"]
-    key = ".".join(str(part) for part in place)
+    key = ".".join(short(part) for part in place)
     value = fault["input"]
     if fault["type"] == "extra_forbidden":
         known = _known_keys(kind, fault["loc"][:-1])

@@ -12,6 +12,7 @@ import pandas as pd
 
 from hbm.spatial import Array
 from pipeline.io.recording import Recording
+from pipeline.io.write import whole_file, write_text
 
 BIDS_VERSION: Final = "1.10.0"
 FRAME: Final = "lab"
@@ -68,7 +69,6 @@ def write_bids(recording: Recording, folder: str | Path, subject: str, task: str
     clocks = {name: _rate(recording, name, time) for name, (time, _, _) in systems.items()}
     folder = Path(folder)
     place = folder / f"sub-{subject}" / "motion"
-    place.mkdir(parents=True, exist_ok=True)
     written = _data_set(folder, subject)
     for name, (_, channels, values) in systems.items():
         stem = place / f"sub-{subject}_task-{task}_tracksys-{name}"
@@ -185,7 +185,7 @@ def _data_set(folder: Path, subject: str) -> list[Path]:
         }
         written.append(_json(description, data_set))
     if not readme.exists() and not (folder / "README").exists():
-        readme.write_text(README, encoding="utf-8")
+        write_text(README, readme)
         written.append(readme)
     people = folder / "participants.tsv"
     known = (
@@ -202,19 +202,20 @@ def _data_set(folder: Path, subject: str) -> list[Path]:
 
 
 def _tsv(path: Path, table: pd.DataFrame, *, header: bool = True) -> Path:
-    table.to_csv(
-        path,
-        sep="\t",
-        index=False,
-        header=header,
-        na_rep="n/a",
-        float_format="%.9g",
-        lineterminator="\n",
-        encoding="utf-8",
-    )
+    with whole_file(path) as temporary:
+        table.to_csv(
+            temporary,
+            sep="\t",
+            index=False,
+            header=header,
+            na_rep="n/a",
+            float_format="%.9g",
+            lineterminator="\n",
+            encoding="utf-8",
+        )
     return path
 
 
 def _json(path: Path, content: Mapping[str, object]) -> Path:
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", path)
     return path

@@ -12,6 +12,7 @@ from hbm.coordinates import FIXED_TO, MOVING, PARENT
 from hbm.model import MODEL_NAME, Joint
 from hbm.segments import NO_INERTIA, Inertia
 from hbm.spatial import GRAVITY_MPS2, Array
+from pipeline.io.write import whole_file
 
 FORMAT: Final = "40000"
 """Format version in OpenSim 4.0 files."""
@@ -68,7 +69,8 @@ def write_osim(body: Body, path: str | Path) -> None:
         _add(marker, "location", _numbers(place))
         _add(marker, "fixed", "true")
     ET.indent(document)
-    ET.ElementTree(document).write(Path(path), encoding="UTF-8", xml_declaration=True)
+    with whole_file(Path(path)) as temporary:
+        ET.ElementTree(document).write(temporary, encoding="UTF-8", xml_declaration=True)
 
 
 def _add(parent: ET.Element, tag: str, text: str = "", **attributes: str) -> ET.Element:

@@ -18,6 +18,7 @@ from hbm.dynamics import Dynamics
 from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.spatial import Array
+from pipeline.io.write import whole_file, write_text
 
 MAX_JITTER: Final = 0.1
 """Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
@@ -134,7 +135,8 @@ def _write_description(table: Path, segments: list[str]) -> None:
     ET.SubElement(loads, "datafile").text = table.name
     ET.indent(document)
     target = table.with_suffix(".xml")
-    ET.ElementTree(document).write(target, encoding="UTF-8", xml_declaration=True)
+    with whole_file(target) as temporary:
+        ET.ElementTree(document).write(temporary, encoding="UTF-8", xml_declaration=True)
 
 
 def write_trc(markers: Markers, path: str | Path) -> None:
@@ -180,7 +182,7 @@ def write_trc(markers: Markers, path: str | Path) -> None:
     for k, (time, row) in enumerate(zip(markers.time, rows, strict=True), start=1):
         fields = ["" if np.isnan(x) else repr(float(x)) for x in row]
         lines.append("\t".join([str(k), repr(float(time)), *fields]))
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_text("\n".join(lines) + "\n", Path(path))
 
 
 def _write_table(
@@ -197,4 +199,13 @@ def _write_table(
         "\t".join(["time", *columns]),
     ]
     values = np.column_stack([time, *columns.values()])
-    np.savetxt(path, values, "%.17g", "\t", header="\n".join(header), comments="", encoding="utf-8")
+    with whole_file(path) as temporary:
+        np.savetxt(
+            temporary,
+            values,
+            "%.17g",
+            "\t",
+            header="\n".join(header),
+            comments="",
+            encoding="utf-8",
+        )

@@ -41,7 +41,6 @@ def write_models(
     written = []
     for path, write in ((osim, write_osim), (urdf, write_urdf)):
         if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
             write(result.body, path)
             written.append(path)
     return written
@@ -70,7 +69,6 @@ def write_tables(
         Coordinates and external loads (.mot), generalized forces (.sto), measured markers (.trc),
         clinical angles (.csv), and the description of the loads (.xml).
     """
-    folder.mkdir(parents=True, exist_ok=True)
     suffixes = "_angles.csv", "_coordinates.mot", "_forces.sto", "_loads.mot", ".trc"
     written = [folder / f"{name}{suffix}" for suffix in suffixes]
     angles, coordinates, forces, loads, markers = written

@@ -12,6 +12,7 @@ from hbm.coordinates import FIXED_TO, LAST_Q, TREE
 from hbm.model import MODEL_NAME
 from hbm.segments import Inertia
 from hbm.spatial import Array
+from pipeline.io.write import whole_file
 
 TOKEN_INERTIA: Final = Inertia(1e-12, np.zeros(3), 1e-14 * np.eye(3))
 """Inertia of links without a segment, since MuJoCo refuses moving links below 1e-15."""
@@ -60,7 +61,8 @@ def write_urdf(body: Body, path: str | Path) -> None:
         ET.SubElement(robot, "link", name=name)
         _joint(robot, f"{name}_joint", "fixed", segment, name, place)
     ET.indent(robot)
-    ET.ElementTree(robot).write(Path(path), encoding="UTF-8", xml_declaration=True)
+    with whole_file(Path(path)) as temporary:
+        ET.ElementTree(robot).write(temporary, encoding="UTF-8", xml_declaration=True)
 
 
 def _name(i: int) -> str:

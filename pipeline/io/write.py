@@ -1,7 +1,7 @@
 """Files that are written whole or not at all: tables, text, anything that takes a path."""
 
 import errno
-import os
+import secrets
 import tempfile
 import time
 from collections.abc import Iterator
@@ -13,6 +13,8 @@ import pandas as pd
 
 PART: Final = ".part"
 """Suffix of a file that is being written."""
+NO_ROOM: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a disk that is full, of a quota and of a limit; they name no file."""
 MAX_WRITING_S: Final = 3600.0
 """Longer than any one file takes: what is older was left by a run that was killed."""
 
@@ -27,24 +29,24 @@ def write_csv(table: pd.DataFrame, path: Path) -> None:
 def whole_file(path: Path) -> Iterator[Path]:
     """Give a temporary name beside a file; it takes the file's place once all is written.
 
-    That the disk is full is said of the file.
+    Permissions are those of any new file. What goes wrong with the temporary file is said of the
+    file.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder, not a file to write", str(path))
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PART)
-    os.close(handle)
-    temporary = Path(name)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PART}")
     try:
+        temporary.touch(exist_ok=False)
         yield temporary
-        temporary.chmod(0o644)
         temporary.replace(path)
     except OSError as error:
-        if error.errno == errno.ENOSPC:
+        if error.errno in NO_ROOM or error.filename == str(temporary):
             error.filename = str(path)
         raise
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink()
 
 
 def remove_leftovers(folder: Path) -> None:

@@ -8,10 +8,13 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
+from pydantic import TypeAdapter, ValidationError
+
 from pipeline.io.write import write_text
 
 FAILURES: Final = "failures.json"
 SUFFIX: Final = ".failed.json"
+_JSON: Final = TypeAdapter(dict[str, str])
 
 
 def record_failure(target: Path, name: str, reason: str | None) -> None:
@@ -62,7 +65,7 @@ def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
     failures: dict[str, str] = {}
     for path in sorted((out / "trials").glob(f"*{SUFFIX}")):
         try:
-            stored: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
+            stored = _reasons(path)
         except (OSError, ValueError):
             continue
         if wanted.isdisjoint(stored):
@@ -81,12 +84,18 @@ def read_failures(folder: Path) -> dict[str, str]:
     ValueError
         If the file is damaged.
     """
+    path = folder / FAILURES
     try:
-        failures: dict[str, str] = json.loads((folder / FAILURES).read_text("utf-8"))
+        return _reasons(path)
     except FileNotFoundError:
         return {}
     except ValueError as error:
-        raise ValueError(
-            f"{folder / FAILURES} is damaged ({error}); run 'hbm run' again"
-        ) from error
-    return failures
+        raise ValueError(f"{path} is damaged ({error}); run 'hbm run' again") from error
+
+
+def _reasons(path: Path) -> dict[str, str]:
+    """Read reasons by trial; a ValueError says why a file holds anything else."""
+    try:
+        return _JSON.validate_json(path.read_bytes())
+    except ValidationError as error:
+        raise ValueError(error.errors()[0]["msg"].lower()) from error

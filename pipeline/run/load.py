@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from pipeline.run.store import read_columns, read_summary
+from pipeline.run.store import StoredTrial, open_trial
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.residuals import AXES, ResidualRow
 from pipeline.trial.summary import TrialSummary
@@ -70,9 +70,10 @@ def collect(folder: Path) -> Results:
     summaries: dict[tuple[str, str], TrialSummary] = {}
     curves: list[pd.DataFrame] = []
     for path in paths:
-        trial = read_summary(path)
+        stored = open_trial(path)
+        trial = stored.summary
         summaries[trial.subject.id, trial.condition] = trial
-        curves += _curves(path, trial)
+        curves += _curves(stored)
     residuals = pd.DataFrame(
         [row for trial in summaries.values() for row in trial.residuals],
         columns=[field.name for field in fields(ResidualRow)],
@@ -139,12 +140,13 @@ def _subjects(summaries: Mapping[tuple[str, str], TrialSummary]) -> pd.DataFrame
     )
 
 
-def _curves(path: Path, trial: TrialSummary) -> list[pd.DataFrame]:
+def _curves(stored: StoredTrial) -> list[pd.DataFrame]:
     """Cut one trial's residuals into its gait cycles; one table per side that has any."""
+    trial = stored.summary
     variants = sorted({row.compensated for row in trial.residuals})
     names = {False: "measured", True: "compensated"}
     columns = [f"residual.{names[v]}.{axis}" for v in variants for axis in AXES]
-    frames = read_columns(path, ["time_s", "valid.motion", "valid.plates", *columns])
+    frames = stored.columns(["time_s", "valid.motion", "valid.plates", *columns])
     valid = frames[:, 1:3].astype(bool).all(axis=1, keepdims=True)
     residuals = np.where(valid, frames[:, 3:], np.nan)
     parts = []

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from hbm.engines.choice import choose_engine
 from hbm.kernels.native import kernels
@@ -15,6 +15,7 @@ from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
 from pipeline.run.failures import collect_failures, record_failure
 from pipeline.run.job import WORKER_DIED, Job, Outcome, process_job, stored_outcome, trial_key
+from pipeline.run.processes import in_processes
 from pipeline.run.store import record_study_folder
 
 Announce = Callable[[str], None]
@@ -126,20 +127,22 @@ def run_planned(
     remove_leftovers(out / "trials")
     record_study_folder(out, study.folder)
     kernels(announce)
-    for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
+    try:
+        for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
+            with _unwritable_announced(announce):
+                record_failure(outcome.job.target, outcome.job.name, outcome.failure)
+            yield outcome
+    finally:
         with _unwritable_announced(announce):
-            record_failure(outcome.job.target, outcome.job.name, outcome.failure)
-        yield outcome
-    with _unwritable_announced(announce):
-        collect_failures(
-            out,
-            [
-                f"{subject} {condition}"
-                for subject, person in study.subjects.items()
-                for condition, trial in person.trials.items()
-                if trial.exclude is None
-            ],
-        )
+            collect_failures(
+                out,
+                [
+                    f"{subject} {condition}"
+                    for subject, person in study.subjects.items()
+                    for condition, trial in person.trials.items()
+                    if trial.exclude is None
+                ],
+            )
 
 
 @contextmanager
@@ -178,15 +181,8 @@ def _in_parallel(todo: list[Job], workers: int) -> Iterator[Outcome]:
     then processed one by one, so that only the trial that cannot be processed fails.
     """
     left = {job.target: job for job in todo}
-    parallel = Parallel(
-        workers,
-        backend="loky",
-        inner_max_num_threads=1,
-        batch_size=1,
-        return_as="generator_unordered",
-    )
     try:
-        for outcome in parallel(delayed(process_job)(job) for job in todo):
+        for outcome in in_processes((delayed(process_job)(job) for job in todo), workers):
             del left[outcome.job.target]
             yield outcome
     except BrokenProcessPool:
@@ -196,9 +192,9 @@ def _in_parallel(todo: list[Job], workers: int) -> Iterator[Outcome]:
 
 def _in_own_process(job: Job) -> Outcome:
     try:
-        # with one worker, joblib would process it in this process
-        parallel = Parallel(2, backend="loky", inner_max_num_threads=1)
-        outcome: Outcome = parallel([delayed(process_job)(job)])[0]
+        outcome: Outcome
+        # with one worker, it would be processed in this process
+        (outcome,) = in_processes([delayed(process_job)(job)], 2)
     except BrokenProcessPool:
         return Outcome(job, "failed", WORKER_DIED)
     return outcome

@@ -1,9 +1,11 @@
 """A processed trial on disk: one Parquet file, written whole or not at all, and read back."""
 
+import hashlib
 import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -12,17 +14,24 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from hbm.spatial import Array
-from pipeline.io.write import whole_file
-from pipeline.run.frames import frame_table, read_frames
+from hbm.spelling import short
+from pipeline.io.write import whole_file, write_text
+from pipeline.run.frames import Frames, frame_table, read_frames
 from pipeline.run.header import TrialHeader, header_of, plates_of
 from pipeline.trial.result import TrialResult
-from pipeline.trial.summary import TrialSummary, summarise
+from pipeline.trial.summary import TrialSummary, require_format, summarise
 
 SUMMARY: Final = b"hbm"
 HEADER: Final = b"hbm.header"
-"""Keys of summary and header in the file's metadata."""
+DIGEST: Final = b"hbm.sha256"
+"""Keys of summary, header and checksum in the file's metadata."""
+NO_DIGEST: Final = b"0" * 64
+DIGEST_START: Final = DIGEST + b"\x18\x40"
+"""How a Parquet file stores that key, with type and length of the 64 characters that follow."""
 COMPRESSION: Final = "snappy"
 """Half the time of zstd for 7 % more; floating-point numbers hardly compress."""
+MAX_REASON: Final = 120
+"""Characters of a library's message, or of a file's name, within ours."""
 STUDY_POINTER: Final = "run.json"
 
 
@@ -43,25 +52,73 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> Tr
         What was written besides the frames.
     """
     table, summary = frame_table(result), summarise(result, condition, key)
-    with (
-        whole_file(path) as temporary,
-        pq.ParquetWriter(
-            temporary,
-            table.schema,
-            compression=COMPRESSION,
-            use_dictionary=["event"],
-            write_statistics=False,
-            store_schema=False,  # it would hold the metadata a second time
-        ) as file,
-    ):
+    sink = pa.BufferOutputStream()
+    with pq.ParquetWriter(
+        sink,
+        table.schema,
+        compression=COMPRESSION,
+        use_dictionary=["event"],
+        write_statistics=False,
+        store_schema=False,  # it would hold the metadata a second time
+    ) as file:
         file.write_table(table)
         stored = {SUMMARY: summary.to_json(), HEADER: header_of(result).to_json()}
-        file.add_key_value_metadata(stored)
+        file.add_key_value_metadata(stored | {DIGEST: NO_DIGEST})
+    content = with_digest(sink.getvalue().to_pybytes())
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
     return summary
 
 
-def read_summary(path: Path) -> TrialSummary:
-    """Read a trial's summary without its frames.
+def with_digest(content: bytes) -> bytearray:
+    """Give a stored trial with the SHA-256 of all its bytes but those of the digest itself."""
+    digested = bytearray(content)
+    place = digested.rindex(DIGEST_START) + len(DIGEST_START)
+    digested[place : place + len(NO_DIGEST)] = _digest(digested, place)
+    return digested
+
+
+def _digest(content: bytes | bytearray, place: int) -> bytes:
+    """Hash everything but the digest at a place."""
+    view = memoryview(content)
+    digest = hashlib.sha256(view[:place])
+    digest.update(view[place + len(NO_DIGEST) :])
+    return digest.hexdigest().encode()
+
+
+@dataclass(frozen=True, slots=True)
+class StoredTrial:
+    """A stored trial, read from the disk once; every byte is as it was written.
+
+    Attributes
+    ----------
+    path
+        The file.
+    summary
+        What is known of the trial besides its frames.
+    """
+
+    path: Path
+    summary: TrialSummary
+    _header: bytes
+    _frames: pq.ParquetFile
+
+    def columns(self, names: Sequence[str]) -> Array:
+        """Give columns of numbers, (T, K)."""
+        with _readable(self.path):
+            table = self._frames.read(columns=list(names))
+            return np.column_stack([table.column(name).to_numpy() for name in names])
+
+    def result(self) -> TrialResult:
+        """Give the trial as `read_trial` does."""
+        with _readable(self.path):
+            header = TrialHeader.from_json(self._header)
+            frames = read_frames(self._frames.read(), header, self.summary.engine)
+            return _result(self.summary, header, frames)
+
+
+def open_trial(path: Path) -> StoredTrial:
+    """Open a stored trial: read the file and see that it is whole.
 
     Raises
     ------
@@ -70,9 +127,31 @@ def read_summary(path: Path) -> TrialSummary:
     OSError
         If it cannot be opened.
     """
-    metadata = _metadata(path)
     with _readable(path):
-        return TrialSummary.from_json(metadata[SUMMARY])
+        content = path.read_bytes()
+        place = content.rfind(DIGEST_START) + len(DIGEST_START)
+        digested = place >= len(DIGEST_START)
+        if digested and content[place : place + len(NO_DIGEST)] != _digest(content, place):
+            raise _DamagedError("its bytes are not those that were written")
+        frames = pq.ParquetFile(pa.BufferReader(content))
+        metadata: dict[bytes, bytes] = frames.metadata.metadata or {}
+    if SUMMARY not in metadata:
+        raise ValueError(f"{short(path.name, MAX_REASON)} is not the result of a trial")
+    with _readable(path):
+        require_format(metadata[SUMMARY])
+        if not digested:
+            raise _DamagedError("it has no checksum")
+        summary, rows = TrialSummary.from_json(metadata[SUMMARY]), frames.metadata.num_rows
+        if rows != summary.frames:
+            raise _DamagedError(f"it has {rows} frames, expected {summary.frames}")
+        if summary.residuals and not (summary.span or any(summary.cycles.values())):
+            raise _DamagedError("it has residuals without the gait cycles or span that they are of")
+        return StoredTrial(path, summary, metadata[HEADER], frames)
+
+
+def read_summary(path: Path) -> TrialSummary:
+    """Read a trial's summary without its frames; raises as `open_trial`."""
+    return open_trial(path).summary
 
 
 def read_trial(path: Path) -> TrialResult:
@@ -109,11 +188,10 @@ def read_trial(path: Path) -> TrialResult:
     >>> f"{pipeline.read_trial(outcome.job.target).body.mass:.1f} kg"
     '74.6 kg'
     """
-    metadata = _metadata(path)
-    with _readable(path):
-        summary = TrialSummary.from_json(metadata[SUMMARY])
-        header = TrialHeader.from_json(metadata[HEADER])
-        frames = read_frames(pq.read_table(path), header, summary.engine)
+    return open_trial(path).result()
+
+
+def _result(summary: TrialSummary, header: TrialHeader, frames: Frames) -> TrialResult:
     return TrialResult(
         source=Path(summary.source),
         subject=summary.subject,
@@ -143,37 +221,35 @@ def read_trial(path: Path) -> TrialResult:
     )
 
 
-def _metadata(path: Path) -> dict[bytes, bytes]:
-    """Read the metadata of a trial's result."""
-    with _readable(path):
-        metadata: dict[bytes, bytes] = pq.read_metadata(path).metadata or {}
-    if SUMMARY not in metadata:
-        raise ValueError(f"{path.name} is not the result of a trial")
-    return metadata
+class _DamagedError(Exception):
+    """A file that is not as it was written, or no trial could be written so."""
 
 
-def read_columns(path: Path, names: Sequence[str]) -> Array:
-    """Read columns of numbers of a stored trial, (T, K); raises as `read_trial`."""
-    with _readable(path):
-        table = pq.read_table(path, columns=list(names))
-        return np.column_stack([table.column(name).to_numpy() for name in names])
+UNLIKE_A_TRIAL: Final = (
+    *(_DamagedError, pa.ArrowException),
+    *(ArithmeticError, AttributeError, IndexError, RecursionError, TypeError),
+)
+"""What is raised by content of another shape than a trial's."""
 
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
     """Turn every fault of a stored trial into one line that names the file."""
-    again = "'hbm run' makes it again; otherwise delete it"
+    name, again = short(path.name, MAX_REASON), "'hbm run' makes it again; otherwise delete it"
     try:
         yield
-    except (pa.ArrowException, OSError) as error:
+    except KeyError as error:
+        missing = short(error.args[0], MAX_REASON)
+        raise ValueError(f"{name} is damaged: no {missing}; {again}") from error
+    except (OSError, *UNLIKE_A_TRIAL) as error:
         if isinstance(error, OSError) and error.errno is not None:
             # the file cannot be opened; without a number, it cannot be decompressed
             raise OSError(error.errno, os.strerror(error.errno), str(path)) from error
-        raise ValueError(f"{path.name} is damaged: {error}; {again}") from error
-    except KeyError as error:
-        raise ValueError(f"{path.name} is damaged: no {error.args[0]}; {again}") from error
+        reason = short(" ".join(str(error).split()), MAX_REASON)
+        raise ValueError(f"{name} is damaged: {reason}; {again}") from error
     except ValueError as error:
-        raise ValueError(f"{path.name}: {error}; {again}") from error
+        reason = short(" ".join(str(error).split()), MAX_REASON)
+        raise ValueError(f"{name}: {reason}; {again}") from error
 
 
 def record_study_folder(folder: Path, study: Path) -> None:
@@ -182,15 +258,14 @@ def record_study_folder(folder: Path, study: Path) -> None:
         where = os.path.relpath(study.resolve(), folder.resolve())
     except ValueError:
         where = str(study.resolve())
-    with whole_file(folder / STUDY_POINTER) as temporary:
-        temporary.write_text(json.dumps({"study": where}), encoding="utf-8")
+    write_text(json.dumps({"study": where}), folder / STUDY_POINTER)
 
 
 def recorded_study_folder(folder: Path) -> Path | None:
     """Give the study that a results folder comes from; None if it is unknown or gone."""
     try:
         where = json.loads((folder / STUDY_POINTER).read_text(encoding="utf-8"))["study"]
-    except (OSError, ValueError, KeyError):
+        study = Path(os.path.normpath(folder / where))
+        return study if (study / "study.toml").is_file() else None
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
-    study = Path(os.path.normpath(folder / where))
-    return study if (study / "study.toml").is_file() else None

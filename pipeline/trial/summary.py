@@ -11,6 +11,7 @@ from pydantic import ConfigDict, PlainSerializer, PlainValidator, TypeAdapter, V
 
 from hbm.engines.engine import EngineUsed
 from hbm.notes import Note
+from hbm.spelling import short
 from pipeline.config.schema import Settings, Subject
 from pipeline.trial.residuals import (
     MarkerRow,
@@ -23,7 +24,7 @@ from pipeline.trial.residuals import (
 from pipeline.trial.result import TrialResult
 from pipeline.trial.window import shortage
 
-FORMAT_VERSION: Final = 4
+FORMAT_VERSION: Final = 5
 """Of stored trials, summary and frames together; raised with every change of what they hold."""
 STRICT_JSON: Final = ConfigDict(strict=True, extra="forbid", ser_json_inf_nan="constants")
 """Nothing unknown, nothing of another type; NaN is written as such."""
@@ -151,10 +152,13 @@ def require_format(text: bytes) -> None:
         stored = json.loads(text)
     except ValueError as error:
         raise ValueError(f"not valid JSON: {error}") from error
+    except RecursionError as error:
+        raise ValueError("not valid JSON: it is nested too deeply") from error
     found = stored.get("version") if isinstance(stored, dict) else None
     if found != FORMAT_VERSION:
+        known = short(found) if isinstance(found, int) else "unknown"
         raise ValueError(
-            f"written by another version of hbm (format {found or 'unknown'}; this one reads "
+            f"written by another version of hbm (format {known}; this one reads "
             f"format {FORMAT_VERSION})"
         )
 

@@ -20,6 +20,7 @@ from pipeline.io.c3d.byte_order import BLOCK_BYTES
 from pipeline.io.c3d.encoding import MAX_ENTRIES, Groups, Value, parameter_section
 from pipeline.io.c3d.force_plates import plate_axes
 from pipeline.io.recording import Analog, Event, Metadata, Plate
+from pipeline.io.write import whole_file
 
 FRAMES_PER_SLICE: Final = 4096
 """Some megabytes at a time: large enough for NumPy, small beside the trial."""
@@ -92,7 +93,7 @@ def write_c3d(
     }
     data_block = 2 + -(-len(parameter_section(groups, 0)) // BLOCK_BYTES)
     section = parameter_section(groups, data_block)
-    with path.open("wb") as file:
+    with whole_file(path) as temporary, temporary.open("wb") as file:
         file.write(_header(markers, channels, first_frame, data_block))
         file.write(section.ljust((data_block - 2) * BLOCK_BYTES, b"\0"))
         _write_samples(file, markers.position @ to_file.T * MM_PER_M, channels.values)

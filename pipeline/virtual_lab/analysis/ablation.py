@@ -7,13 +7,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from compensation import InertiaModel
 from compensation.signals.protocol import DURATIONS_S, PLATFORM_KINDS
 from hbm.kernels.native import kernels
 from hbm.spatial import Array, Mask
 from hbm.spelling import did_you_mean
+from pipeline.run.processes import in_processes
 from pipeline.trial.residuals import AXES, UNITS
 from pipeline.virtual_lab.analysis.idealised_processing import Case, fit_models, residual_of
 from pipeline.virtual_lab.faults import BodyFaults, Faults
@@ -178,7 +179,7 @@ def ablation(
     table = _selected(names)
     kernels()  # compiled once before the processes start
     tasks = [delayed(_of_case)(setting, group, case, subjects) for group, _, case in table]
-    found = Parallel(n_jobs=jobs, return_as="generator")(tasks)
+    found = in_processes(tasks, jobs, ordered=True)
     rows = []
     for done, ((group, name, _), squares) in enumerate(zip(table, found, strict=True), start=1):
         for condition, (rms, added) in squares.items():

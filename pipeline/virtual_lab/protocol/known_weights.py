@@ -17,6 +17,7 @@ from hbm.markers import Markers
 from hbm.spatial import GRAVITY_MPS2, Array, shift_wrench, transform_wrench
 from pipeline.config.plate_study import FILE
 from pipeline.io.c3d.write import write_c3d
+from pipeline.io.write import write_text
 from pipeline.virtual_lab.faults import CameraFaults
 from pipeline.virtual_lab.machine.instruments.cameras import measure_markers
 from pipeline.virtual_lab.machine.instruments.force_plate import (
@@ -197,7 +198,6 @@ def simulate_plates(
     marker_noise_m
         White noise of the cameras at 100 Hz, SD [m].
     """
-    folder.mkdir(parents=True, exist_ok=True)
     errors = errors or PlateErrors()
     cameras = CameraFaults(noise_m=marker_noise_m, gaps_per_minute=0.0)
     lab = _SetUp(errors, cameras, np.random.default_rng(seed))
@@ -227,7 +227,7 @@ def simulate_plates(
             f"supports = {str(supported).lower()}",
             "",
         ]
-    (folder / FILE).write_text("\n".join(lines), encoding="utf-8")
+    write_text("\n".join(lines), folder / FILE)
 
 
 def _path_of_marker(speed: float, profile: str, lateral: float) -> Array:

@@ -125,6 +125,5 @@ def simulate_ranking(folder: Path, seed: int, rate_hz: float = ANALOG_HZ) -> Ite
     """
     for name, recording in recordings(seed, rate_hz=rate_hz):
         path = folder / name / recording.source
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_c3d(path, recording.markers, recording.plates, analog=recording.analog)
         yield path

@@ -1,12 +1,11 @@
 """A whole simulated walking study: its files as a laboratory has them, and the truth."""
 
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 import pandas as pd
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from hbm.coordinates import COORDINATES
 from hbm.kernels.native import kernels
@@ -15,6 +14,7 @@ from pipeline.config.study import SIMULATED
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, whole_file, write_text
+from pipeline.run.processes import in_processes
 from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
 from pipeline.virtual_lab.machine.instruments.sampling import SAMPLES_PER_FRAME
 from pipeline.virtual_lab.machine.treadmill import Machine
@@ -86,13 +86,9 @@ def simulate_study(
         if not wanted.isdisjoint(trial_names(PERSONS[number], condition))
     ]
     kernels()  # compiled once before the processes start
-    with warnings.catch_warnings():
-        # after a long trial, joblib replaces a process because its memory has grown
-        warnings.filterwarnings("ignore", "A worker stopped", UserWarning)
-        finished: Iterator[str] = Parallel(n_jobs=jobs, return_as="generator_unordered")(tasks)
-        for done, name in enumerate(finished, start=1):
-            if progress is not None:
-                progress(name, done, len(tasks))
+    for done, name in enumerate(in_processes(tasks, jobs), start=1):
+        if progress is not None:
+            progress(name, done, len(tasks))
     return folder
 
 
@@ -153,8 +149,7 @@ def _named(prefix: str, wrench: Array) -> dict[str, Array]:
 
 def _write_calibration(folder: Path, setting: Setting) -> str:
     treadmill = make_treadmill(setting.faults, setting.seed)
-    with whole_file(folder / CALIBRATION) as temporary:
-        write_recording(temporary, run_calibration(setting, treadmill))
+    write_recording(folder / CALIBRATION, run_calibration(setting, treadmill))
     return CALIBRATION
 
 
@@ -166,8 +161,7 @@ def _write_trial(
     trial = run_trial(setting, treadmill, study_subject(setting, number), number, condition)
     recording, truth = trial_names(PERSONS[number], condition)
     if recording in wanted:
-        with whole_file(folder / recording) as temporary:
-            write_recording(temporary, trial.recording)
+        write_recording(folder / recording, trial.recording)
     if truth in wanted:
         with whole_file(folder / truth) as temporary:
             truth_table(trial, treadmill.machine).to_parquet(temporary, index=False)

@@ -259,6 +259,27 @@ def test_a_marker_set_in_the_folder_is_not_a_subject_and_its_faults_are_reported
     )
 
 
+@pytest.mark.parametrize(
+    "name", ["con", "CON.x", "COM1.a", "aux", "nul", "lpt9.b.c", "a.", "x" * 65, "y" * 300, "b "]
+)
+def test_a_name_that_no_file_may_have_on_every_system_is_refused(write, name):
+    study, subject = faults = faults_of(
+        write(
+            f'[conditions."{name}"]\n[conditions.walk]\n',
+            a=f'id = "{name}"\n[trials.walk]\nexclude = "ill"\n',
+        )
+    )
+    assert study.startswith("study.toml: conditions.")
+    assert subject.startswith("a.toml: id: ")
+    assert max(map(len, faults)) < 300
+
+
+@pytest.mark.parametrize("name", ["icon", "con_1", "com", "x" * 64, "sub-01.b"])
+def test_names_that_only_resemble_those_of_devices_are_taken(write, name):
+    folder = write(a=f'id = "{name}"\n[trials.walk]\nexclude = "ill"\n')
+    assert list(read_study(folder).subjects) == [name]
+
+
 def test_an_unknown_subject_or_condition_is_reported_with_the_nearest_name(write):
     study = read_study(write())
     with pytest.raises(ValueError, match="no subject 'sub1', did you mean 'sub01'"):

@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -147,15 +148,99 @@ def test_runs_of_different_subjects_at_once_keep_all_failures(moving_study, tmp_
     ]
 
 
-def test_an_interrupted_run_ends_with_130_and_leaves_nothing_half_written(moving_study, tmp_path):
-    running = hbm("run", moving_study, "--out", tmp_path, "--jobs", 2)
-    while not (tmp_path / "run.json").exists():
+def members(group):
+    """Command lines of the processes of a group that have not ended."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            state, _, its_group = (folder / "stat").read_text().rpartition(")")[2].split()[:3]
+            command = (folder / "cmdline").read_text().replace("\0", " ")
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if int(its_group) == group and state != "Z":
+            found.append(command)
+    return found
+
+
+def wait_until(condition, patience_s=60.0):
+    give_up = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < give_up
         time.sleep(0.05)
-    time.sleep(1.0)
-    running.send_signal(signal.SIGINT)
-    _, errors = running.communicate(timeout=20)
-    assert running.returncode == 130
-    assert "Traceback" not in errors
+
+
+def has_workers(running):
+    return lambda: sum("LokyProcess" in each for each in members(running.pid)) == 2
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="lists processes")
+
+
+@needs_proc
+@pytest.mark.parametrize(
+    ("send", "number", "code", "word"),
+    [
+        (os.kill, signal.SIGINT, 130, "interrupted"),
+        (os.killpg, signal.SIGINT, 130, "interrupted"),
+        (os.kill, signal.SIGTERM, 143, "terminated"),
+        (os.killpg, signal.SIGTERM, 143, "terminated"),
+    ],
+)
+@pytest.mark.parametrize("delay_s", [0.0, 1.5])
+def test_a_stopped_run_says_how_to_go_on_and_leaves_no_process(
+    moving_study, tmp_path, send, number, code, word, delay_s
+):
+    """Stopped while the workers import what they need, and while they work."""
+    running = hbm("run", moving_study, "--out", tmp_path, "--jobs", 2)
+    wait_until(has_workers(running))
+    time.sleep(delay_s)
+    send(running.pid, number)
+    _, errors = running.communicate(timeout=30)
+    assert running.returncode == code, errors
+    assert re.fullmatch(
+        rf"hbm: {word}: done and kept are \d of 6 trials; the same command goes on\n", errors
+    )
+    wait_until(lambda: not members(running.pid), 10.0)
+    assert json.loads((tmp_path / "failures.json").read_text("utf-8")) == {}
+
+
+def test_a_run_in_one_process_that_is_terminated_says_how_to_go_on(
+    moving_study, finished, tmp_path
+):
+    running = hbm("run", moving_study, "--out", tmp_path)
+    wait_until(lambda: results(tmp_path))
+    running.terminate()
+    _, errors = running.communicate(timeout=30)
+    assert running.returncode == 143, errors
+    said = r"hbm: terminated: done and kept are (\d) of 6 trials; the same command goes on\n"
+    assert int(re.fullmatch(said, errors)[1]) <= len(results(tmp_path))
+    assert results(tmp_path).items() <= results(finished).items()
+    assert not list((tmp_path / "trials").glob(".*"))
+
+
+@needs_proc
+def test_the_workers_of_a_killed_run_end_with_it(moving_study, tmp_path):
+    running = hbm("run", moving_study, "--out", tmp_path, "--jobs", 2)
+    wait_until(has_workers(running))
+    running.kill()
+    wait_until(lambda: not members(running.pid), 20.0)
+    running.communicate(timeout=20)
+
+
+@needs_proc
+@pytest.mark.parametrize("command", ["simulate", "demo"])
+def test_a_stopped_simulation_says_how_to_go_on_and_leaves_no_process(tmp_path, command):
+    place = [tmp_path] if command == "simulate" else ["--out", tmp_path]
+    running = hbm(command, *place, "--jobs", 2)
+    wait_until(has_workers(running))
+    os.killpg(running.pid, signal.SIGINT)
+    _, errors = running.communicate(timeout=30)
+    assert running.returncode == 130, errors
+    assert errors in (
+        "hbm: interrupted: written and kept are 11 of 66 files; the same command goes on\n",
+        "hbm: interrupted: the study is not complete; the same command begins again\n",
+    )
+    wait_until(lambda: not members(running.pid), 10.0)
 
 
 def test_a_run_that_the_shell_shields_from_interrupts_goes_on(moving_study, finished, tmp_path):

@@ -20,7 +20,7 @@ from pipeline.run import cluster, program, run
 from pipeline.run import job as work
 from pipeline.run.job import process_job
 from pipeline.run.run import plan, run_jobs, run_study
-from pipeline.run.store import read_summary
+from pipeline.run.store import read_summary, recorded_study_folder
 from pipeline.trial import process
 
 TRIALS = [f"sub0{n}_{c}" for n in (1, 2) for c in ("baseline", "pitch", "sway")]
@@ -334,6 +334,38 @@ def test_a_failing_trial_is_listed_with_its_reason_and_stops_no_other(study, out
     (study / "sub01_sway.c3d").write_bytes(sound)
     assert main(["run", str(study), "--out", str(out)]) == 0
     assert json.loads((out / "failures.json").read_text("utf-8")) == {}
+
+
+@pytest.mark.parametrize(
+    "text", ["[]", "7", "null", '{"a": 1}', '{"study": 7}', '{"study": ["a"]}', "[" * 99_999, "\0{"]
+)
+def test_notes_of_earlier_runs_in_another_shape_are_taken_as_unknown(study, out, text, capsys):
+    record = out / "trials" / "sub02_sway.failed.json"
+    for path in (out / "run.json", out / "failures.json", record):
+        path.write_text(text, encoding="utf-8")
+    assert recorded_study_folder(out) is None
+    if text != '{"a": 1}':
+        assert main(["report", str(out)]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"hbm: error: {out / 'failures.json'} is damaged")
+        assert len(line.replace(str(out), "")) < 300
+    assert main(["run", str(study), "--out", str(out), "--condition", "sway"]) == 0
+    assert json.loads((out / "failures.json").read_text("utf-8")) == {}
+    assert recorded_study_folder(out) == study
+
+
+def test_a_damaged_result_is_made_again_and_named_by_the_report(study, out, finished, capsys):
+    """Also where one bit of one number is wrong."""
+    path = out / "trials" / "sub02_sway.parquet"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 4
+    path.write_bytes(content)
+    assert main(["report", str(out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("hbm: error: sub02_sway.parquet is damaged: its bytes are not those")
+    assert main(["run", str(study), "--out", str(out)]) == 0
+    assert "1 trial processed, 5 were there already" in capsys.readouterr().out
+    assert contents(out) == contents(finished)
 
 
 def test_a_trial_that_is_excluded_has_no_longer_failed(study, out):

@@ -1,8 +1,7 @@
 """A stored trial: written whole or not at all, and read back as it was."""
 
 import errno
-import os
-import time
+import re
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -17,14 +16,24 @@ from hypothesis.extra.numpy import arrays
 
 from hbm.coordinates import HBM_ORDER, INDEX
 from pipeline.io.recording import Event
-from pipeline.io.write import remove_leftovers, require_writable, whole_file, write_csv
-from pipeline.run import store as trial_files
 from pipeline.run.header import TrialHeader, header_of, plates_of
-from pipeline.run.store import SUMMARY, read_summary, read_trial, write_trial
+from pipeline.run.load import collect
+from pipeline.run.store import (
+    DIGEST,
+    HEADER,
+    NO_DIGEST,
+    SUMMARY,
+    open_trial,
+    read_summary,
+    read_trial,
+    with_digest,
+    write_trial,
+)
 from pipeline.trial.residuals import reported, residual_table
 from pipeline.trial.result import PlateSurface
 from pipeline.trial.summary import FORMAT_VERSION, summarise
 from tests.pipeline.equality import assert_identical
+from tests.pipeline.fake_results import fake_trial
 from tests.pipeline.viewer_trial import viewer_trial
 
 VERSION = f'"version":{FORMAT_VERSION}'.encode()
@@ -145,13 +154,14 @@ def test_the_summary_is_read_without_the_frames(processed, written):
         np.testing.assert_array_equal(summary.cycles[side], spans)
 
 
-def rewrite(source, target, change=lambda summary: summary, drop=()):
-    """Copy a stored trial with another summary, or without some columns."""
+def rewrite(source, target, change=lambda text: text, key=SUMMARY, drop=(), frames=None):
+    """Copy a stored trial with another summary or header, or fewer columns or frames."""
     metadata = pq.read_metadata(source).metadata
-    table = pq.read_table(source).drop_columns(list(drop))
+    table = pq.read_table(source).drop_columns(list(drop))[:frames]
     with pq.ParquetWriter(target, table.schema, store_schema=False) as file:
         file.write_table(table)
-        file.add_key_value_metadata(metadata | {SUMMARY: change(metadata[SUMMARY])})
+        file.add_key_value_metadata(metadata | {key: change(metadata[key]), DIGEST: NO_DIGEST})
+    target.write_bytes(with_digest(target.read_bytes()))
 
 
 @pytest.mark.parametrize(
@@ -195,15 +205,113 @@ def test_a_truncated_file_is_not_a_result(written, tmp_path, keep, read):
         read(broken)
 
 
-def test_damaged_frames_give_one_line(written, tmp_path):
-    """The summary stands at the end of the file and is still readable."""
-    broken = tmp_path / "broken.parquet"
+def test_every_flipped_bit_is_found(tmp_path):
+    path, broken = tmp_path / "small.parquet", tmp_path / "broken.parquet"
+    write_trial(fake_trial(1, "sway", cycles=2), "sway", "a key", path)
+    whole = path.read_bytes()
+    step = len(whole) // 300
+    footer = len(whole) - int.from_bytes(whole[-8:-4], "little")
+    dense = (len(whole) - footer) // 300
+    for place in (*range(0, len(whole), step), *range(footer, len(whole), dense)):
+        content = bytearray(whole)
+        content[place] ^= 1 << place % 8
+        broken.write_bytes(content)
+        with pytest.raises(ValueError, match=r"^broken\.parquet is damaged: .*'hbm run' makes it"):
+            open_trial(broken)
+
+
+def test_what_one_reader_refuses_every_reader_refuses(written, tmp_path):
+    """Also those that do not need the frames, or need only some of them."""
+    broken = tmp_path / "trials" / "broken.parquet"
+    broken.parent.mkdir()
     whole = bytearray(written.read_bytes())
-    whole[1000:200000] = bytes(199000)
+    whole[100_000] ^= 1
     broken.write_bytes(whole)
-    assert read_summary(broken).key == "a key"
-    with pytest.raises(ValueError, match=r"broken\.parquet is damaged: .*'hbm run' makes it again"):
-        read_trial(broken)
+    for read, path in ((read_summary, broken), (read_trial, broken), (collect, tmp_path)):
+        with pytest.raises(
+            ValueError, match=r"^broken\.parquet is damaged: its bytes are not thos"
+        ):
+            read(path)
+
+
+def test_other_programs_open_a_stored_trial(processed, written):
+    frames = pd.read_parquet(written)
+    assert len(frames) == len(processed.motion.time)
+    assert pq.read_table(written).column_names == list(frames.columns)
+
+
+@pytest.mark.parametrize(
+    ("change", "frames", "reason"),
+    [
+        (lambda text: text, 1100, "it has 1100 frames, expected 1200"),
+        (
+            lambda text: re.sub(rb'"cycles":\{.*?\}', b'"cycles":{"left":[]}', text),
+            None,
+            "it has residuals without the gait cycles or span that they are of",
+        ),
+    ],
+)
+def test_a_trial_that_lacks_frames_or_gait_cycles_is_damaged(
+    written, tmp_path, change, frames, reason
+):
+    rewrite(written, tmp_path / "less.parquet", change, frames=frames)
+    with pytest.raises(ValueError, match=rf"^less\.parquet is damaged: {reason}; 'hbm run' makes"):
+        read_summary(tmp_path / "less.parquet")
+
+
+SHAPES = {
+    "a list": b"[]",
+    "a number": b"7",
+    "nothing": b"null",
+    "nested": b"[" * 100_000,
+    "nested in a field": VERSION.join([b"{", b',"notes":' + b"[" * 100_000]),
+    "a huge version": b'{"version":1' + b"0" * 4000 + b"}",
+    "lists as version": b'{"version":' + b"[" * 500 + b"]" * 500 + b"}",
+    "no text": b"\xff\xfe\x00",
+    "control characters": b'{%s,"\\u001b[31m\\u0007":1}' % VERSION,
+    "notes that are none": b'{%s,"notes":[{"code":["\\u001b%s"],"values":{}}]}'
+    % (VERSION, b"x" * 999),
+}
+
+
+@pytest.mark.parametrize("text", SHAPES.values(), ids=SHAPES)
+@pytest.mark.parametrize("key", [SUMMARY, HEADER])
+def test_facts_of_another_shape_give_one_short_printable_line(written, tmp_path, text, key):
+    path = tmp_path / "other.parquet"
+    rewrite(written, path, lambda _: text, key)
+    with pytest.raises(ValueError, match=r"^other\.parquet.*'hbm run' makes it again") as caught:
+        read_trial(path)
+    assert len(str(caught.value)) < 300
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (rb'"center":\[[^]]*\]', b'"center":{"x":1}'),
+        (rb'"center":\[[^]]*\]', b'"center":[1e999,%s]' % (b"9" * 400)),
+        (rb'"onsets":\[[^]]*\]', b'"onsets":{}'),
+        (rb'"offsets":\{[^}]*\}', b'"offsets":{}'),
+        (rb'"feet":\{[^}]*\}', b'"feet":{}'),
+    ],
+)
+def test_a_header_with_other_values_gives_one_line(written, tmp_path, before, after):
+    path = tmp_path / "other.parquet"
+    rewrite(written, path, lambda text: re.sub(before, after, text, count=1), HEADER)
+    with pytest.raises(ValueError, match=r"^other\.parquet.*'hbm run' makes it again"):
+        read_trial(path)
+
+
+def test_a_column_of_text_in_the_place_of_numbers_gives_one_line(written, tmp_path):
+    path, table = tmp_path / "other.parquet", pq.read_table(written)
+    place = table.column_names.index("tau.measured.PelvisX")
+    other = table.set_column(place, "tau.measured.PelvisX", table.column("event"))
+    with pq.ParquetWriter(path, other.schema, store_schema=False) as file:
+        file.write_table(other)
+        file.add_key_value_metadata(pq.read_metadata(written).metadata | {DIGEST: NO_DIGEST})
+    path.write_bytes(with_digest(path.read_bytes()))
+    with pytest.raises(ValueError, match=r"^other\.parquet.*'hbm run' makes it again"):
+        read_trial(path)
 
 
 def test_a_missing_column_gives_one_line(written, tmp_path):
@@ -224,76 +332,17 @@ def test_a_write_that_fails_leaves_what_was_there(processed, written, tmp_path, 
     path = tmp_path / "trial.parquet"
     path.write_bytes(written.read_bytes())
 
-    def full(writer, table):
-        writer.where.write_bytes(b"half a f")
+    def full(written_to, content):
+        with written_to.open("wb") as file:
+            file.write(content[:1000])
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(trial_files.pq.ParquetWriter, "write_table", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OSError, match="No space left"):
         write_trial(processed, "pitch", "another key", path)
     assert read_summary(path).key == "a key"
     assert [p.name for p in tmp_path.iterdir()] == ["trial.parquet"]
 
 
-def test_a_full_disk_is_said_of_the_file_that_does_not_fit(tmp_path):
-    path = tmp_path / "table.csv"
-    with pytest.raises(OSError, match="No space left") as caught, whole_file(path):
-        raise OSError(errno.ENOSPC, "No space left on device")
-    assert caught.value.filename == str(path)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_file_is_never_seen_half_written(tmp_path):
-    path = tmp_path / "table.csv"
-    with whole_file(path) as temporary:
-        temporary.write_text("half")
-        assert not path.exists()
-        assert temporary.parent == tmp_path
-        assert temporary.suffix != path.suffix
-    assert path.read_text() == "half"
-
-
-def test_what_a_killed_run_left_is_removed_but_not_what_another_writes_now(tmp_path):
-    with whole_file(tmp_path / "a.parquet") as running:
-        dead = tmp_path / ".a.parquet.deadbeef.part"
-        dead.write_text("half")
-        two_hours_ago = time.time() - 7200
-        os.utime(dead, (two_hours_ago, two_hours_ago))
-        others = [
-            tmp_path / name for name in (".a.parquet.notes", ".hidden.part", "b.csv.deadbeef.part")
-        ]
-        for other in others:
-            other.touch()
-            os.utime(other, (two_hours_ago, two_hours_ago))
-        remove_leftovers(tmp_path)
-        assert running.exists()
-        assert not dead.exists()
-        assert all(other.exists() for other in others)
-    remove_leftovers(tmp_path / "nowhere")
-
-
-def test_a_table_is_written_with_names_and_six_digits(tmp_path):
-    write_csv(pd.DataFrame({"axis": ["Mx"], "unit": ["N·m"], "rms": [np.pi * 1e3]}), tmp_path / "t")
-    assert (tmp_path / "t").read_text(encoding="utf-8") == "axis,unit,rms\nMx,N·m,3141.59\n"
-
-
-def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):
-    require_writable(tmp_path / "new" / "folder")
-    assert list((tmp_path / "new" / "folder").iterdir()) == []
-    (tmp_path / "file").touch()
-    for path in (tmp_path / "file", tmp_path / "file" / "results"):
-        with pytest.raises(ValueError, match=r"cannot write there: (File exists|Not a directory)"):
-            require_writable(path)
-    if Path("/proc/self").is_dir():
-        with pytest.raises(ValueError, match="--out /proc/results: cannot write there"):
-            require_writable(Path("/proc/results"))
-
-
 def test_metadata_does_not_hide_the_frames_from_other_readers(written):
     assert pq.read_metadata(written).num_rows == 1200
-
-
-def test_a_folder_in_the_place_of_a_file_is_named_itself(tmp_path):
-    with pytest.raises(IsADirectoryError) as caught, whole_file(tmp_path):
-        pytest.fail("there is nothing to write to")
-    assert caught.value.filename == str(tmp_path)

@@ -1,0 +1,44 @@
+"""Long work that is stopped, by Ctrl-C or by SIGTERM: it says what is done and how to go on."""
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Final
+
+import typer
+
+SIGNAL_EXIT: Final = 128
+"""A process ended by signal N exits with this plus N, as in a shell."""
+
+
+class Terminated(KeyboardInterrupt):
+    """The request to end that ``kill``, a scheduler, or a system that shuts down sends."""
+
+
+@contextmanager
+def stoppable(progress: Callable[[], str]) -> Iterator[None]:
+    """End work that is interrupted or terminated with one line and exit code 130 or 143.
+
+    Parameters
+    ----------
+    progress
+        Gives a sentence that says what is done and how to go on.
+    """
+    takes_over = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if takes_over:
+        signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        terminated = isinstance(stop, Terminated)
+        number = signal.SIGTERM if terminated else signal.SIGINT
+        typer.echo(f"hbm: {'terminated' if terminated else 'interrupted'}: {progress()}", err=True)
+        raise typer.Exit(SIGNAL_EXIT + number) from stop
+    finally:
+        if takes_over:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise Terminated

@@ -1,0 +1,97 @@
+"""Processes that work in parallel and end with the one that started them."""
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, closing, contextmanager
+from multiprocessing import resource_tracker
+from typing import Any, Final
+
+from joblib import Parallel
+
+POLL_S: Final = 0.5
+"""How often a process looks whether the one that started it is still there."""
+Task = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
+"""What `joblib.delayed` makes of a call."""
+
+
+def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) -> Iterator[Any]:
+    """Work on tasks in processes of their own; with one worker, in this process.
+
+    Parameters
+    ----------
+    tasks
+        Calls wrapped by `joblib.delayed`.
+    workers
+        How many at a time.
+    ordered
+        Whether results come in the order of the tasks; by default as tasks finish.
+
+    Yields
+    ------
+    Any
+        The result of each task.
+
+    Raises
+    ------
+    concurrent.futures.process.BrokenProcessPool
+        If a process dies.
+
+    Notes
+    -----
+    Where this process is interrupted, its workers are killed at once; they see no interrupt
+    themselves, although a terminal sends it to all. Where it is killed, they end within a second.
+    """
+    if workers == 1:
+        for function, arguments, options in tasks:
+            yield function(*arguments, **options)
+        return
+    parallel = Parallel(
+        workers,
+        backend="loky",
+        inner_max_num_threads=1,
+        batch_size=1,
+        return_as="generator" if ordered else "generator_unordered",
+        initializer=_end_with_parent,
+    )
+    with warnings.catch_warnings(), ExitStack() as started:
+        # a process whose memory has grown is replaced; where this one is stopped, tasks are left
+        warnings.filterwarnings("ignore", "A worker stopped|.* tasks", UserWarning)
+        with _interrupts_held():  # processes that start here inherit it
+            results = started.enter_context(closing(parallel(tasks)))
+        yield from results
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold interrupts back until all is done; Windows cannot."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # where it has to be started, that ends the hold
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_with_parent() -> None:
+    """Ignore interrupts, and end this process when the one that started it has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_wait_for_end_of_parent, daemon=True).start()
+
+
+def _wait_for_end_of_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    if os.name == "nt":
+        parent.join()
+    else:
+        while os.getppid() == parent.pid:
+            time.sleep(POLL_S)
+    os._exit(1)
