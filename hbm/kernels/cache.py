@@ -55,7 +55,12 @@ def writable_cache(announce: Callable[[str], None]) -> Path:
     Returns
     -------
     Path
-        A trusted folder, without what killed processes left in it.
+        A trusted folder.
+
+    Raises
+    ------
+    UntrustedError
+        If the system's folder for temporary files is not safe either.
     """
     try:
         cache_directory().mkdir(mode=PRIVATE, parents=True, exist_ok=True)
@@ -68,10 +73,9 @@ def writable_cache(announce: Callable[[str], None]) -> Path:
             "the kernels are compiled for this session only; set HBM_CACHE_DIR to a folder that "
             f"{'only you can write to' if untrusted else 'can'}"
         )
-        temporary = Path(tempfile.mkdtemp(prefix="hbm-residuals-")).resolve()
+        temporary = Path(tempfile.mkdtemp(prefix="hbm-residuals-"))
         atexit.register(shutil.rmtree, temporary, ignore_errors=True)
-        return temporary
-    _remove_unfinished(folder)
+        return trusted_folder(temporary)
     return folder
 
 
@@ -114,6 +118,14 @@ def make_private(entry: Path) -> None:
         path.chmod(PRIVATE)
 
 
+def remove_unfinished(folder: Path) -> None:
+    """Remove what killed processes left in the cache."""
+    for path in folder.glob(f"{UNFINISHED}*"):
+        with suppress(OSError):
+            if time.time() - path.lstat().st_mtime > MAX_BUILD_S:
+                shutil.rmtree(path, ignore_errors=True)
+
+
 def _require_own(path: Path, *, sticky: bool = False) -> None:
     """Refuse what others can write; in a ``sticky`` folder they may write things of their own."""
     state = path.lstat()
@@ -125,10 +137,3 @@ def _require_own(path: Path, *, sticky: bool = False) -> None:
         raise UntrustedError(f"{path} belongs to another user")
     if state.st_mode & SHARED and not (sticky and state.st_mode & stat.S_ISVTX):
         raise UntrustedError(f"other users can write to {path} (chmod go-w)")
-
-
-def _remove_unfinished(folder: Path) -> None:
-    for path in folder.glob(f"{UNFINISHED}*"):
-        with suppress(OSError):
-            if time.time() - path.lstat().st_mtime > MAX_BUILD_S:
-                shutil.rmtree(path, ignore_errors=True)

@@ -30,6 +30,7 @@ from hbm.kernels.cache import (
     UNFINISHED,
     cache_directory,
     make_private,
+    remove_unfinished,
     trusted_entry,
     writable_cache,
 )
@@ -103,6 +104,7 @@ def compiled_library(name: str, command: list[str], announce: Callable[[str], No
                 discard(library)
             announce(f"compiling the kernels with {name} (once on this machine, about ten seconds)")
             _build(command, library)
+        remove_unfinished(library.parent.parent)
         refusal = _refusal(library)
     except (OSError, CompilerError) as error:
         reason = printable(str(error))[:MAX_REASON]

@@ -10,10 +10,13 @@ The environment variable ``HBM_KERNELS`` set to ``virtual-machine`` skips compil
 """
 
 import os
+import shutil
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Lock
 
-from hbm.kernels.cache import cache_directory
+from hbm.kernels.cache import UNFINISHED, cache_directory
 from hbm.kernels.compiler import KernelsDisagreeError, compiled_library, compilers, discard
 from hbm.kernels.kernel import Kernel, Kernels
 from hbm.kernels.library import load_library
@@ -85,4 +88,10 @@ def _compiled(name: str, command: list[str], announce: Callable[[str], None]) ->
         announce(f"a library in the cache cannot be loaded ({error}): building it again")
         discard(library)
     library = compiled_library(name, command, announce)
-    return None if library is None else load_library(library, name)
+    if library is None:
+        return None
+    # by another path, since the system remembers by its path what was loaded before
+    with TemporaryDirectory(
+        prefix=UNFINISHED, dir=library.parent.parent, ignore_cleanup_errors=True
+    ) as folder:
+        return load_library(Path(shutil.copy(library, folder)), name)
