@@ -12,9 +12,14 @@ MAX_LISTED: Final = 8
 """Names in a message."""
 
 
+def printable(text: str) -> str:
+    """Give a text with "?" for what cannot be printed: escapes, directions of writing, halves."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
 def short(name: object, characters: int = MAX_CHARACTERS) -> str:
     """Give a name as it is shown: its first characters, without those that cannot be printed."""
-    text = "".join(letter if letter.isprintable() else "?" for letter in str(name))
+    text = printable(str(name))
     return text if len(text) <= characters else f"{text[: characters - 1]}…"
 
 

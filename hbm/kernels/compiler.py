@@ -5,35 +5,50 @@ appear in the cache in one move, so several processes may build at once. A libra
 with casadi's virtual machine is not kept; its entry in the cache says so instead.
 """
 
-import atexit
 import hashlib
 import inspect
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
+from typing import IO, Final
 
 import casadi as ca
-import platformdirs
 
 from hbm import coordinates
 from hbm.kernels import c_source, kernel, skeleton
 from hbm.kernels import library as checks
 from hbm.kernels.c_source import write_source
+from hbm.kernels.cache import (
+    UNFINISHED,
+    cache_directory,
+    make_private,
+    remove_unfinished,
+    trusted_entry,
+    writable_cache,
+)
 from hbm.kernels.library import disagreement
+from hbm.spelling import printable
 
 FLAGS: Final = ("-O1", "-fPIC", "-shared", "-march=native", "-ffp-contract=off", "-Wno-psabi")
 """-O2 and -O3 take longer and gain nothing on straight-line code; contraction of products and sums
 would make the numbers depend on the processor; vectors are passed to no other library (psabi)."""
 
-TIMEOUT_S: Final = 600
+MAX_COMPILING_S: Final = 300.0
 """A compiler takes about ten seconds; a slow, busy machine may take minutes."""
+MAX_ANSWER_S: Final = 10.0
+"""A compiler says its version at once; one that is a Python package takes a second."""
+MAX_OUTPUT: Final = 100_000
+"""Bytes of a compiler's output that are read; the first error is at its beginning."""
+MAX_REASON: Final = 150
+"""Characters of a compiler's own message."""
 
 LIBRARY: Final = f"skeleton{'.dll' if sys.platform == 'win32' else '.so'}"
 REFUSED: Final = "refused.txt"
@@ -43,21 +58,20 @@ class KernelsDisagreeError(Exception):
     """Compiled kernels give other numbers than casadi's virtual machine."""
 
 
+class CompilerError(Exception):
+    """A compiler fails, or does not end."""
+
+
 def compilers() -> list[tuple[str, list[str]]]:
     """Give the C compilers of this machine, the best first: name and command."""
-    preferred = os.environ.get("CC", "")
-    found = [name for name in (preferred, "cc", "gcc", "clang") if name and shutil.which(name)]
-    commands = [(name, [name]) for name in found[:1]]
+    names = [os.environ.get("CC", ""), "cc", "gcc", "clang"]
+    programs: dict[str, str] = {}
+    for name in filter(shutil.which, filter(None, names)):
+        programs.setdefault(os.path.realpath(shutil.which(name) or ""), name)
+    commands = [(name, [name]) for name in programs.values()]
     if find_spec("ziglang"):
         commands.append(("ziglang", [sys.executable, "-m", "ziglang", "cc"]))
     return commands
-
-
-def cache_directory() -> Path:
-    """Give the folder that holds compiled kernels: ``HBM_CACHE_DIR``, or in the user's cache."""
-    if "HBM_CACHE_DIR" in os.environ:
-        return Path(os.environ["HBM_CACHE_DIR"])
-    return platformdirs.user_cache_path("hbm-residuals", appauthor=False, opinion=False)
 
 
 def compiled_library(name: str, command: list[str], announce: Callable[[str], None]) -> Path | None:
@@ -81,19 +95,20 @@ def compiled_library(name: str, command: list[str], announce: Callable[[str], No
         If what this compiler made of the kernels gives other numbers than the virtual machine.
     """
     try:
-        entry = Path(f"skeleton-{_key(command)}")
-        library = cache_directory() / entry / LIBRARY
-        if not (_sound(library) or _refusal(library)):
-            folder = _writable(cache_directory(), announce)
-            library = folder / entry / LIBRARY
+        entry = f"skeleton-{_key(command)}"
+        library = _kept(cache_directory() / entry)
+        if library is None:
+            library = writable_cache(announce) / entry / LIBRARY
             if library.parent.exists():
-                announce("a compiled kernel in the cache is damaged: building it again")
-                shutil.rmtree(library.parent, ignore_errors=True)
+                announce("a compiled kernel in the cache is damaged or not safe: building it again")
+                discard(library)
             announce(f"compiling the kernels with {name} (once on this machine, about ten seconds)")
             _build(command, library)
+        remove_unfinished(library.parent.parent)
         refusal = _refusal(library)
-    except (OSError, subprocess.SubprocessError) as error:
-        announce(f"compiling with {name} failed ({_reason(error)}); trying the next option")
+    except (OSError, CompilerError) as error:
+        reason = printable(str(error))[:MAX_REASON]
+        announce(f"compiling with {name} failed ({reason}); trying the next option")
         return None
     if refusal:
         raise KernelsDisagreeError(
@@ -102,29 +117,11 @@ def compiled_library(name: str, command: list[str], announce: Callable[[str], No
     return library
 
 
-def _reason(error: Exception) -> str:
-    """Give the first line that names an error, else the first line."""
-    output = str(error)
-    if isinstance(error, subprocess.CalledProcessError) and error.stderr:
-        output = error.stderr
-    lines = output.splitlines() or [type(error).__name__]
-    return next((line for line in lines if "error" in line), lines[0])
-
-
-def _writable(folder: Path, announce: Callable[[str], None]) -> Path:
-    """Give the cache folder, or one for this process alone where it cannot be written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
-        temporary = Path(tempfile.mkdtemp(prefix="hbm-residuals-"))
-        atexit.register(shutil.rmtree, temporary, ignore_errors=True)
-        announce(
-            f"the cache folder cannot be written ({error}): the kernels are compiled for this "
-            "session only; set HBM_CACHE_DIR to a folder that can"
-        )
-        return temporary
-    return folder
+def discard(library: Path) -> None:
+    """Remove a library from the cache."""
+    if library.parent.is_symlink():
+        library.parent.unlink()
+    shutil.rmtree(library.parent, ignore_errors=True)
 
 
 def _build(command: list[str], library: Path) -> None:
@@ -133,28 +130,34 @@ def _build(command: list[str], library: Path) -> None:
     What is checked is a copy: on Windows a library cannot be moved once it has been loaded.
     """
     entry = library.parent
-    with tempfile.TemporaryDirectory(dir=entry.parent, ignore_cleanup_errors=True) as temporary:
+    with tempfile.TemporaryDirectory(
+        prefix=UNFINISHED, dir=entry.parent, ignore_cleanup_errors=True
+    ) as temporary:
         built = Path(temporary) / entry.name / library.name
         built.parent.mkdir()
-        subprocess.run(
-            [*command, *FLAGS, str(write_source(Path(temporary))), "-o", str(built), *_libm()],
-            check=True,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=TIMEOUT_S,
-        )
+        source = write_source(Path(temporary))
+        _run([*command, *FLAGS, str(source), "-o", str(built), *_libm()], MAX_COMPILING_S)
         difference = disagreement(Path(shutil.copy(built, temporary)))
         if difference:
             built.unlink()
             (built.parent / REFUSED).write_text(difference, encoding="utf-8")
         else:
             _checksum(built).write_text(_sha256(built))
+        make_private(built.parent)
         try:
             built.parent.replace(entry)
         except OSError:
-            if not (_sound(library) or _refusal(library)):
+            if _kept(entry) is None:
                 raise
+
+
+def _kept(entry: Path) -> Path | None:
+    """Give the library of an entry that is trusted and undamaged, or was refused; else None."""
+    try:
+        library = trusted_entry(entry) / LIBRARY
+    except OSError:
+        return None
+    return library if _sound(library) or _refusal(library) else None
 
 
 def _sound(library: Path) -> bool:
@@ -187,19 +190,56 @@ def _libm() -> list[str]:
 
 def _key(command: list[str]) -> str:
     """Hash all that a library depends on."""
-    version = subprocess.run(
-        [*command, "--version"],
-        check=True,
-        capture_output=True,
-        text=True,
-        errors="replace",
-        timeout=TIMEOUT_S,
-    ).stdout
+    version = _run([*command, "--version"], MAX_ANSWER_S)
     modules = (coordinates, skeleton, kernel, c_source, checks, sys.modules[__name__])
     sources = [inspect.getsource(module) for module in modules]
     sources += [c_source.read_c_file(name) for name in c_source.C_FILES]
     parts = [*sources, ca.CasadiMeta.version(), version, _processor(), *FLAGS, *command]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:24]
+
+
+def _run(command: list[str], limit_s: float) -> str:
+    """Run a compiler, and all that it starts, for a limited time; give what it says.
+
+    Raises
+    ------
+    CompilerError
+        If it fails, with the first line that names an error, or does not end.
+    """
+    with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as complained:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=said,
+            stderr=complained,
+            start_new_session=True,
+        )
+        try:
+            code = process.wait(limit_s)
+        except subprocess.TimeoutExpired:
+            raise CompilerError(f"no answer within {limit_s:.0f} s") from None
+        finally:
+            _end(process)
+        output, errors = (_beginning(file) for file in (said, complained))
+    if code:
+        lines = [line for line in errors.splitlines() if line.strip()] or [f"exit code {code}"]
+        raise CompilerError(next((line for line in lines if "error" in line), lines[0]))
+    return output
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a process and, where there are sessions, all that it started."""
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        with suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def _beginning(file: IO[bytes]) -> str:
+    file.seek(0)
+    return file.read(MAX_OUTPUT).decode(errors="replace")
 
 
 def _processor() -> str:

@@ -14,6 +14,9 @@ MAX_DIFFERENCE: Final = 1e-9
 """Largest difference of compiled and interpreted kernels, as a share of a kernel's largest output:
 far above rounding (1e-13), far below what a wrong operation would cause."""
 
+FUNCTIONS: Final = (*(f"{name}_frames" for name in CONSTANT_INPUTS), "solve_frames")
+"""What a library has to offer."""
+
 TEST_FRAMES: Final = 35
 """Random poses that are compared: several full blocks of SIMD lanes and a part of one."""
 
@@ -40,9 +43,12 @@ def load_library(library: Path, backend: str) -> Kernels:
     Raises
     ------
     OSError
-        If the library cannot be loaded.
+        If the library cannot be loaded, or lacks a kernel.
     """
     code = ctypes.CDLL(str(library))
+    missing = [name for name in FUNCTIONS if not hasattr(code, name)]
+    if missing:
+        raise OSError(f"it lacks {', '.join(missing)}")
     kernels: dict[str, Any] = {}
     for name, constant in CONSTANT_INPUTS.items():
         loop = getattr(code, f"{name}_frames")

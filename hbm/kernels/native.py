@@ -6,19 +6,18 @@ forty times slower but equal. A library is compared with the virtual machine whe
 refused where their numbers differ.
 
 The environment variable ``HBM_KERNELS`` set to ``virtual-machine`` skips compilation;
-``HBM_CACHE_DIR`` moves the cache.
+``HBM_CACHE_DIR`` moves the cache (`hbm.kernels.cache` says which folders are trusted).
 """
 
 import os
+import shutil
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Lock
 
-from hbm.kernels.compiler import (
-    KernelsDisagreeError,
-    cache_directory,
-    compiled_library,
-    compilers,
-)
+from hbm.kernels.cache import UNFINISHED, cache_directory
+from hbm.kernels.compiler import KernelsDisagreeError, compiled_library, compilers, discard
 from hbm.kernels.kernel import Kernel, Kernels
 from hbm.kernels.library import load_library
 from hbm.kernels.virtual_machine import interpreted_kernels
@@ -55,9 +54,9 @@ def load(announce: Callable[[str], None]) -> Kernels:
     refused = False
     for name, command in compilers():
         try:
-            library = compiled_library(name, command, announce)
-            if library is not None:
-                return load_library(library, name)
+            compiled = _compiled(name, command, announce)
+            if compiled is not None:
+                return compiled
         except KernelsDisagreeError as error:
             refused = True
             announce(f"{error}; trying the next option")
@@ -76,3 +75,23 @@ def load(announce: Callable[[str], None]) -> Kernels:
         "pip install 'hbm-residuals[compiler]' brings a compiler"
     )
     return interpreted_kernels("virtual machine (no compiler)")
+
+
+def _compiled(name: str, command: list[str], announce: Callable[[str], None]) -> Kernels | None:
+    """Load what a compiler makes of the kernels; what the cache holds of it may be useless."""
+    library = compiled_library(name, command, announce)
+    if library is None:
+        return None
+    try:
+        return load_library(library, name)
+    except OSError as error:
+        announce(f"a library in the cache cannot be loaded ({error}): building it again")
+        discard(library)
+    library = compiled_library(name, command, announce)
+    if library is None:
+        return None
+    # by another path, since the system remembers by its path what was loaded before
+    with TemporaryDirectory(
+        prefix=UNFINISHED, dir=library.parent.parent, ignore_cleanup_errors=True
+    ) as folder:
+        return load_library(Path(shutil.copy(library, folder)), name)

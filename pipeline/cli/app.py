@@ -4,14 +4,24 @@ A command imports what it needs when it runs, so that ``--help`` answers at once
 """
 
 import sys
+import traceback
 from collections.abc import Sequence
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Final
 
 import typer
 from typer.exceptions import TyperException
 
 from pipeline.cli import doctor, results, simulate, study, treadmill, trial
 from pipeline.cli.options import USAGE
+from pipeline.cli.output import accept_any_letter, drop_output, print_error
+from pipeline.cli.stopping import Stopped
+
+INTERRUPTED: Final = 130
+MAX_REASON: Final = 200
+"""Characters of Python's own message about a fault."""
+UNREAD: Final = 141
+"""As in a shell: ended by the signal of a pipe that nobody reads (128 + 13)."""
 
 app = typer.Typer(
     help="Pelvis residuals of a full-body gait model on instrumented treadmills that move.",
@@ -49,6 +59,9 @@ app.add_typer(calibration, name="calibration")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; an error is one line, or a traceback with ``--debug``.
 
+    What no command expects is said to be a fault of this program. Where the output is a pipe that
+    is no longer read, the command ends without a word.
+
     Parameters
     ----------
     arguments
@@ -57,20 +70,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 fine; 1 some trials failed, the rest is done; 2 wrong usage or input; 130 interrupted,
-        143 terminated.
+        0 fine; 1 some trials failed, the rest is done; 2 wrong usage or input, or a fault of this
+        program; 130 interrupted; 141 the output is not read; 143 terminated.
     """
+    accept_any_letter()
     given = list(sys.argv[1:] if arguments is None else arguments)
     typed = [argument for argument in given if argument != "--debug"]
     try:
-        code = app(args=typed or ["--help"], prog_name="hbm", standalone_mode=False)
-    except (TyperException, ValueError, OSError, KeyError) as error:
+        code = int(app(args=typed or ["--help"], prog_name="hbm", standalone_mode=False) or 0)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        drop_output()
+        return UNREAD
+    except Stopped as stopped:
+        print_error(str(stopped))
+        return stopped.exit_code
+    except Exception as error:
         if "--debug" in given:
             raise
         for line in getattr(error, "faults", None) or [one_line(error)]:
-            typer.echo(f"hbm: error: {line}", err=True)
+            print_error(f"error: {line}")
         return USAGE
-    return int(code or 0)
+    if code == INTERRUPTED:
+        print_error("interrupted")
+    return code
 
 
 def one_line(error: BaseException) -> str:
@@ -83,9 +107,23 @@ def one_line(error: BaseException) -> str:
         text = f"{error.filename}: a file stands where a folder should be"
     elif isinstance(error, OSError) and error.strerror and error.filename:
         text = f"{error.filename}: {error.strerror.lower()}"
-    elif isinstance(error, KeyError):
-        text = str(error.args[0])
+    elif isinstance(error, OSError) and error.strerror:
+        text = error.strerror.lower()
+    elif _is_sentence(error):
+        text = str(error.args[0] if isinstance(error, KeyError) else error)
     else:
-        text = str(error)
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        text = (
+            f"a fault of this program: {type(error).__name__}: {str(error)[:MAX_REASON]} "
+            f"({Path(place.filename).name}, line {place.lineno}); please report it with what "
+            "--debug shows"
+        )
     parts = [text, *getattr(error, "__notes__", [])]
     return "; ".join(" ".join(part.split()) for part in parts)
+
+
+def _is_sentence(error: BaseException) -> bool:
+    """Whether an error was raised for people to read."""
+    if isinstance(error, KeyError):
+        return bool(error.args) and isinstance(error.args[0], str) and " " in error.args[0]
+    return isinstance(error, ValueError | OSError) and bool(str(error))

@@ -15,13 +15,17 @@ ResultsToView = Annotated[
 
 def report(folder: ResultsFolder = Path("results")) -> None:
     """Write tables, statistics, figures and report.html from the results of hbm run."""
+    from rich.text import Text
+
     from pipeline.cli.terminal import plain_console
     from pipeline.report.write import write_report
     from pipeline.run.store import recorded_study_folder
 
     console = plain_console()
     with console.status("report") as status:
-        page = write_report(folder, recorded_study_folder(folder), status.update)
+        page = write_report(
+            folder, recorded_study_folder(folder), lambda step: status.update(Text(step))
+        )
     console.print(f"report: {page}", soft_wrap=True)
 
 
@@ -35,6 +39,8 @@ def view(
     ] = None,
 ) -> None:
     """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
+    from rich.text import Text
+
     from pipeline.cli.terminal import plain_console
     from pipeline.io.write import write_text
     from pipeline.run.program import program_digest
@@ -45,7 +51,7 @@ def view(
     console = plain_console()
     result = results if results.suffix == RESULT else _result_of(results, subject, condition)
     if save is not None:
-        with console.status(f"preparing {result.stem}"):
+        with console.status(Text(f"preparing {result.stem}")):
             save.parent.mkdir(parents=True, exist_ok=True)
             write_recording(read_trial(result), save)
         console.print(f"recording: {save}", soft_wrap=True)
@@ -57,7 +63,7 @@ def view(
     made = f"{key} {program_digest()}"  # a key does not cover the viewer
     fresh = trial.is_file() and cycles.is_file() and shown.is_file() and shown.read_text() == made
     if not (key and fresh):
-        with console.status(f"preparing {result.stem}"):
+        with console.status(Text(f"preparing {result.stem}")):
             stem.parent.mkdir(parents=True, exist_ok=True)
             stored = read_trial(result)
             write_recording(stored, trial)
@@ -94,7 +100,7 @@ def print_study_residuals(folder: Path) -> None:
     from rich import box
     from rich.table import Table
 
-    from pipeline.cli.terminal import plain_console
+    from pipeline.cli.terminal import plain_console, print_table
     from pipeline.run.load import collect
 
     residuals = collect(folder).residuals
@@ -114,7 +120,7 @@ def print_study_residuals(folder: Path) -> None:
     for axis, unit in residuals[["axis", "unit"]].drop_duplicates().itertuples(index=False):
         keys = [(axis, *column) for column in columns.itertuples(index=False)]
         table.add_row(f"{axis}, {unit}", *(_cell(mean.get(k), sd.get(k)) for k in keys))
-    plain_console().print(table)
+    print_table(table, plain_console())
 
 
 def _cell(mean: float | None, sd: float | None) -> str:

@@ -6,10 +6,16 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Final
 
-import typer
-
 SIGNAL_EXIT: Final = 128
 """A process ended by signal N exits with this plus N, as in a shell."""
+
+
+class Stopped(Exception):
+    """Work that was stopped: what is done and how to go on, and the exit code."""
+
+    def __init__(self, sentence: str, exit_code: int) -> None:
+        super().__init__(sentence)
+        self.exit_code = exit_code
 
 
 class Terminated(KeyboardInterrupt):
@@ -18,7 +24,7 @@ class Terminated(KeyboardInterrupt):
 
 @contextmanager
 def stoppable(progress: Callable[[], str]) -> Iterator[None]:
-    """End work that is interrupted or terminated with one line and exit code 130 or 143.
+    """End work that is interrupted or terminated by `Stopped`, with exit code 130 or 143.
 
     Parameters
     ----------
@@ -33,8 +39,8 @@ def stoppable(progress: Callable[[], str]) -> Iterator[None]:
     except KeyboardInterrupt as stop:
         terminated = isinstance(stop, Terminated)
         number = signal.SIGTERM if terminated else signal.SIGINT
-        typer.echo(f"hbm: {'terminated' if terminated else 'interrupted'}: {progress()}", err=True)
-        raise typer.Exit(SIGNAL_EXIT + number) from stop
+        how = "terminated" if terminated else "interrupted"
+        raise Stopped(f"{how}: {progress()}", SIGNAL_EXIT + number) from stop
     finally:
         if takes_over:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -17,10 +17,13 @@ if TYPE_CHECKING:
 
 def init(folder: Annotated[Path, typer.Argument(help="Folder for the new study.")]) -> None:
     """Write a commented study.toml and a subject file to start from."""
+    from pipeline.cli.terminal import plain_console
     from pipeline.config.templates import write_template
 
     study, subject = write_template(folder)
-    typer.echo(f"written: {study}, {subject}; next: edit them, then hbm check {folder}")
+    plain_console().print(
+        f"written: {study}, {subject}; next: edit them, then hbm check {folder}", soft_wrap=True
+    )
 
 
 def check(

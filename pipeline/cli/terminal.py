@@ -1,18 +1,69 @@
-"""What commands print with: a console, and the progress of long work."""
+"""What commands print with: a console, tables, and the progress of long work."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from typing import Final
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.segment import Segment
+from rich.table import Table
 from rich.text import Text
 
 from hbm.notes import Note
+from hbm.spelling import printable
+
+MIN_COLUMNS: Final = 40
+"""A narrower terminal, or one that says it has no columns, breaks the lines itself."""
+WIDE: Final = 10_000
+"""Columns in which any table has room."""
+
+
+class PlainConsole(Console):
+    """A console that prints text as it is: brackets are no markup, escapes do not escape."""
+
+    def __init__(self) -> None:
+        super().__init__(highlight=False, markup=False)
+        if self.width < MIN_COLUMNS:
+            self.width = MIN_COLUMNS
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterable[Segment]:
+        """Lay out text, tables, progress: all that is printed comes by here."""
+        for segment in super().render(renderable, options):
+            if segment.control:
+                yield segment
+            else:
+                lines = map(printable, segment.text.split("\n"))
+                yield Segment("\n".join(lines), segment.style)
+
+    def on_broken_pipe(self) -> None:
+        """Say that nobody reads the output any more; the command ends."""
+        raise BrokenPipeError
 
 
 def plain_console() -> Console:
-    """Give a console that prints text as it is: brackets in file names are not markup."""
-    return Console(highlight=False, markup=False)
+    """Give the console that all commands print with."""
+    return PlainConsole()
+
+
+def print_table(table: Table, console: Console) -> None:
+    """Print a table, or a line for each of its rows where the terminal is too narrow for it."""
+    wide = console.options.update(max_width=WIDE)
+    if console.measure(table, options=wide).maximum <= console.width:
+        console.print(table)
+        return
+    if table.title:
+        console.print(table.title)
+    headers = [str(column.header).replace("\n", " ") for column in table.columns]
+    names = sum(column.justify == "left" for column in table.columns[:2])
+    for row in zip(*(map(str, column.cells) for column in table.columns), strict=True):
+        cells = [f"{header} {cell}" for header, cell in zip(headers, row, strict=True)]
+        text = ", ".join(cells[names:]).replace(",  ", " ")
+        console.print(f"{' '.join(row[:names])}: {text}")
+    if table.caption:
+        console.print(table.caption)
 
 
 def announcer(console: Console) -> Callable[[str], None]:
@@ -47,12 +98,12 @@ class StepProgress(Progress):
 
     def __init__(self, console: Console, work: str, unit: str) -> None:
         super().__init__(
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             TimeRemainingColumn(),
             console=console,
             transient=True,
-            disable=not console.is_terminal,
+            disable=not console.is_interactive,
             speed_estimate_period=math.inf,  # steps may take minutes: all of them count
         )
         self.work, self.unit = work, unit
@@ -86,7 +137,7 @@ class StepProgress(Progress):
         task.total = steps if size is None else size
         completed = done if size_done is None else size_done
         self.update(self.task, completed=completed, description=f"{self.work}: {count}")
-        if self.console.is_terminal:
+        if self.console.is_interactive:
             if always:
                 self.console.print(line, soft_wrap=True)
         else:

@@ -32,7 +32,7 @@ def fit(
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import Calibration, check_calibration, to_json
-    from pipeline.cli.terminal import note_line, plain_console
+    from pipeline.cli.terminal import note_line, plain_console, print_table
     from pipeline.config.schema import RecordingRules, Treadmill
     from pipeline.config.validation import check_options
     from pipeline.io.units import acceleration_in_mps2
@@ -76,7 +76,7 @@ def fit(
     setup = next(iter(calibration.plates.values())).setup
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
-    console.print(_fit_table(calibration))
+    print_table(_fit_table(calibration), console)
     doubts = [
         note
         for plate, model in calibration.plates.items()

@@ -36,11 +36,11 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
     console = plain_console()
     _require_folder(out)
     result = process_request(request, announcer(console))
-    print_result(result, console)
     name = request.trial.stem
     write_trial(result, name, "", out / f"{name}.parquet")
     write_csv(residual_table(result, name), out / f"{name}_residuals.csv")
     save_figure(residual_figure(result), out / f"{name}_residuals")
+    print_result(result, console)
     console.print(
         f"written to {out}: {name}.parquet (frames), {name}_residuals.csv, .png and .svg",
         soft_wrap=True,
@@ -181,7 +181,7 @@ def print_result(result: "TrialResult", console: "Console") -> None:
     from rich.table import Table
 
     from hbm.notes import warnings_first
-    from pipeline.cli.terminal import counted, note_line
+    from pipeline.cli.terminal import counted, note_line, print_table
     from pipeline.trial.residuals import marker_rows, residual_rows, threshold_rows
 
     rows = residual_rows(result, result.source.stem)
@@ -205,7 +205,7 @@ def print_result(result: "TrialResult", console: "Console") -> None:
         percent = f"{row.rms_percent:.2f}"
         table.add_row(_plates(row.compensated), row.axis, *numbers, row.unit, percent)
     if rows:
-        console.print(table)
+        print_table(table, console)
     for threshold in threshold_rows(result):
         verdict = "passes" if threshold.passed else "FAILS"
         console.print(

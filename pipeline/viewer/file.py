@@ -1,4 +1,4 @@
-"""Rerun recordings on disk: opened, filled column by column, closed whole or not at all."""
+"""Rerun recordings: filled column by column, then written whole or not at all."""
 
 import hashlib
 import re
@@ -35,6 +35,9 @@ def recording_file(
 ) -> Iterator[rr.RecordingStream]:
     """Open a recording; the file appears when it is complete.
 
+    It is filled in memory and written here: where a disk is full, Rerun's own file sink prints to
+    the terminal, raises nothing, and waits forever when it is flushed.
+
     Parameters
     ----------
     path
@@ -51,18 +54,29 @@ def recording_file(
     ------
     rerun.RecordingStream
         To be filled.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; it names the file.
     """
     rr.set_strict_mode(True)
     pseudonym = hashlib.sha256(f"{title} {path.resolve()}".encode()).hexdigest()[:16]
     stream = rr.RecordingStream(application, recording_id=pseudonym, send_properties=False)
+    memory = stream.memory_recording()
+    try:
+        stream.send_blueprint(blueprint, make_active=False, make_default=True)
+        stream.send_recording_name(printable(title))
+        yield stream
+        content = memory.drain_as_bytes()
+    finally:
+        stream.disconnect()
     with whole_file(path) as temporary:
-        stream.save(temporary, default_blueprint=blueprint)
         try:
-            stream.send_recording_name(printable(title))
-            yield stream
-            stream.flush()
-        finally:
-            stream.disconnect()
+            temporary.write_bytes(content)
+        except OSError as error:
+            error.filename = str(path)
+            raise
 
 
 def send(

@@ -21,6 +21,8 @@ MAX_START_S: Final = 30.0
 MAX_STOP_S: Final = 5.0
 """After this, the viewer is killed."""
 POLL_S: Final = 0.05
+MAX_REASON: Final = 200
+"""Characters of the viewer's own message about its failure."""
 SIGNAL_EXIT: Final = 128
 """A process ended by signal N exits with this plus N, as in a shell."""
 
@@ -58,6 +60,11 @@ def view(
     -----
     The viewer listens on the loopback address alone, which Rerun's Python server cannot, and sends
     no usage statistics. It ends with this process, unless that is killed outright.
+
+    Served recordings have no password. Pages of other sites may not read them: Rerun answers only
+    pages of this machine (CORS). But Rerun 0.41 does not check the ``Host`` header and has no
+    option for it, so a site that knows the port, which is another one each time, and lets its own
+    name point to this machine (DNS rebinding) could read them while they are served.
     """
     before = signal.signal(signal.SIGTERM, _exit)
     try:
@@ -107,7 +114,8 @@ def _viewer(
     arguments: Sequence[str], ports: Sequence[int] = ()
 ) -> Iterator[subprocess.Popen[bytes]]:
     """Run the viewer's own binary, since its wrapper would leave it running; stop it in the end."""
-    quiet = os.environ | {"CI": "1", "RUST_LOG": "error"}  # CI: the switch for no statistics
+    quiet = os.environ | {"RUST_LOG": "error", "NO_COLOR": "1"}
+    quiet["CI"] = "1"  # the switch for no statistics
     with TemporaryFile() as output:
         process = subprocess.Popen(
             [viewer_binary(), "--bind", LOOPBACK, *arguments],
@@ -135,8 +143,9 @@ def _refuse_failure(process: subprocess.Popen[bytes], output: IO[bytes]) -> None
         return
     output.seek(0)
     lines = output.read().decode(errors="replace").strip().splitlines()
+    reason = lines[-1][:MAX_REASON] if lines else process.returncode
     raise OSError(
-        f"the viewer failed: {lines[-1] if lines else process.returncode}; where there is no "
+        f"the viewer failed: {reason}; where there is no "
         "screen, serve to a browser (--web) or save a file (--save)"
     )
 

@@ -8,10 +8,12 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from hbm.kernels import c_source, compiler, native
-from hbm.kernels.compiler import cache_directory, compiled_library, compilers
+from hbm.kernels.cache import cache_directory
+from hbm.kernels.compiler import compiled_library, compilers
 from hbm.kernels.kernel import casadi_function, kernel_sizes
 from hbm.kernels.library import random_inputs
 from hbm.kernels.native import kernels, load
@@ -76,7 +78,7 @@ def test_a_damaged_library_is_built_again(cache, small, messages, damage):
     else:
         library.unlink()
     assert compiled_library("cc", [COMPILER], messages.append) == library
-    assert "a compiled kernel in the cache is damaged: building it again" in messages
+    assert "a compiled kernel in the cache is damaged or not safe: building it again" in messages
     assert library.read_bytes()[:4] == sound[:4]
     assert library.stat().st_size == len(sound)
 
@@ -99,7 +101,7 @@ def test_an_intact_library_is_used_from_a_cache_that_cannot_be_written(
     cache, small, messages, monkeypatch
 ):
     library = compiled_library("cc", [COMPILER], messages.append)
-    monkeypatch.setattr(compiler, "_writable", lambda *_: pytest.fail("tried to write"))
+    monkeypatch.setattr(compiler, "writable_cache", lambda *_: pytest.fail("tried to write"))
     assert compiled_library("cc", [COMPILER], messages.append) == library
 
 
@@ -107,6 +109,65 @@ def test_a_compiler_that_fails_is_skipped_with_its_error(cache, small, messages)
     broken = [sys.executable, "-c", "import sys; sys.exit('no such target')"]
     assert compiled_library("mine", broken, messages.append) is None
     assert messages[-1] == "compiling with mine failed (no such target); trying the next option"
+
+
+def script(path, text):
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+    return [str(path)]
+
+
+needs_shell = pytest.mark.skipif(sys.platform == "win32", reason="the compilers are shell scripts")
+
+
+@needs_shell
+@pytest.mark.parametrize(
+    ("text", "limit"),
+    [
+        ("sleep 600 & wait", "MAX_ANSWER_S"),
+        ('[ "$1" = --version ] || sleep 600', "MAX_COMPILING_S"),
+    ],
+)
+def test_a_compiler_that_does_not_end_is_ended_with_all_that_it_started(
+    cache, small, messages, monkeypatch, tmp_path, text, limit
+):
+    monkeypatch.setattr(compiler, limit, 0.5)
+    hanging = script(tmp_path / "hanging", text)
+    assert compiled_library("mine", hanging, messages.append) is None
+    assert re.fullmatch(
+        r"compiling with mine failed \(no answer within \d s\); trying the next option",
+        messages[-1],
+    )
+    here = str(tmp_path)
+    assert not [p for p in psutil.process_iter(["cmdline"]) if here in str(p.info["cmdline"])]
+
+
+@needs_compiler
+@needs_shell
+def test_after_a_compiler_that_fails_comes_the_next_one(cache, small, tmp_path, monkeypatch):
+    """Programs that are the same by another name are tried once."""
+    (first,) = script(tmp_path / "first", "exit 1")
+    (tmp_path / "cc").symlink_to(first)
+    (tmp_path / "gcc").symlink_to(COMPILER)
+    monkeypatch.setenv("CC", first)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert [name for name, _ in compilers() if name != "ziglang"] == [first, "gcc"]
+
+
+@needs_shell
+def test_of_what_a_compiler_says_a_short_printable_line_is_announced(
+    cache, small, messages, tmp_path
+):
+    loud = script(
+        tmp_path / "loud",
+        '[ "$1" = --version ] && exit 0\n'
+        r"printf '\033]0;title\007\033[31mfatal error: \377 bad' >&2" + "\n"
+        "head -c 5000000 /dev/zero | tr '\\0' x >&2; exit 1",
+    )
+    assert compiled_library("loud", loud, messages.append) is None
+    assert messages[-1].isprintable()
+    assert "error: \ufffd bad" in messages[-1]
+    assert len(messages[-1]) < 300
 
 
 @needs_compiler

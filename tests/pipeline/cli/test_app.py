@@ -224,12 +224,58 @@ def test_a_group_of_commands_alone_prints_its_help(capsys, words, command):
     assert err == ""
 
 
-def test_an_interrupt_ends_with_130(monkeypatch):
+def test_an_interrupt_ends_with_130_and_one_line(monkeypatch, capsys):
     def interrupted(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(native, "kernels", interrupted)
     assert main(["doctor"]) == 130
+    assert capsys.readouterr().err == "hbm: interrupted\n"
+
+
+FAULTS = (
+    ZeroDivisionError("division by zero"),
+    OverflowError("int too large to convert to float"),
+    RecursionError("maximum recursion depth exceeded"),
+    TypeError("unhashable type: 'list'"),
+    AttributeError("'list' object has no attribute 'get'"),
+    RuntimeError("first line\nsecond \x1b[31mline " + "x" * 5000),
+    MemoryError(),
+    IndexError("list index out of range"),
+    KeyError("axes"),
+    KeyError(),
+    AssertionError(),
+    ValueError(),
+    NotImplementedError(),
+    StopIteration(),
+    ImportError("no module"),
+)
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: repr(fault)[:30])
+def test_what_nobody_expects_is_one_line_that_says_it_is_a_fault_of_the_program(
+    fault, monkeypatch, capsys
+):
+    def fails(*_):
+        raise fault
+
+    monkeypatch.setattr(native, "kernels", fails)
+    assert main(["doctor"]) == 2
+    line = capsys.readouterr().err
+    assert line.startswith(f"hbm: error: a fault of this program: {type(fault).__name__}: ")
+    assert line.endswith("please report it with what --debug shows\n")
+    assert "(test_app.py, line " in line
+    assert line[:-1].isprintable()
+    assert len(line) < 400
+    with pytest.raises(type(fault)):
+        main(["doctor", "--debug"])
+
+
+def test_an_error_is_printable_and_short_whatever_is_typed(capsys, tmp_path):
+    refused_line = refused(capsys, "residuals", tmp_path / "a\x1b[31m\u202e\udcffb.c3d")
+    assert refused_line[:-1].isprintable()
+    assert "a?[31m??b.c3d" in refused_line
+    assert len(refused(capsys, "residuals", "--axes", "x" * 100_000, tmp_path)) < 1100
 
 
 def test_doctor_names_versions_the_backend_and_its_speed(capsys):

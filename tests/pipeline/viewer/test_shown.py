@@ -77,6 +77,25 @@ def test_web_viewer_listens_on_this_machine_only_and_stops(recordings, home):
     assert not [path for path in home.rglob("*") if path.is_file()], "it kept usage statistics"
 
 
+@pytest.mark.parametrize("origin", ["http://evil.example", "http://127.0.0.1.evil.example", "null"])
+def test_pages_of_other_sites_may_not_read_what_is_served(recordings, origin):
+    """Rerun refuses them by CORS; a page of this machine may read it, else this shows nothing."""
+    with web_viewer(recordings) as served:
+        page = f"http://{urlsplit(served.address).netloc}"
+        data = parse_qs(urlsplit(served.address).query)["url"][0].removeprefix("rerun+")
+        assert allowed_origin(data, page) == page
+        assert allowed_origin(data, origin) is None
+
+
+def allowed_origin(address, origin):
+    """The origin that the answer to a browser's request before the request allows."""
+    request = urllib.request.Request(address, method="OPTIONS")
+    request.add_header("Origin", origin)
+    request.add_header("Access-Control-Request-Method", "POST")
+    with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
+        return answer.headers["Access-Control-Allow-Origin"]
+
+
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
 def test_serving_ends_with_the_command_and_leaves_no_process(recordings, sent, code):
     program = (

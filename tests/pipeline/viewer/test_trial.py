@@ -2,6 +2,7 @@
 
 import ast
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -346,6 +347,33 @@ def test_twelve_minutes_stay_under_150_megabytes(tmp_path):
     expected = [reported(d.residual)[:, 1] for d in (result.measured, result.compensated)]
     np.testing.assert_array_equal(curves.reshape(-1, 2), np.column_stack(expected))
     subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows does not limit the size of a file")
+def test_a_full_disk_is_one_line_that_names_the_file(tmp_path):
+    """A limit on the size of a file stops its writing in the middle, as a full disk does."""
+    program = (
+        "import resource, signal, sys; from pathlib import Path\n"
+        "from pipeline.cli import results\n"
+        "from pipeline.cli.app import main\n"
+        "from pipeline.run import store\n"
+        "from tests.pipeline.viewer_trial import viewer_trial\n"
+        "store.read_trial = lambda path: viewer_trial(500)\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))\n"
+        "sys.exit(main(['view', 'any.parquet', '--save', sys.argv[1]]))\n"
+    )
+    path = tmp_path / "new" / "trial.rrd"
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(path)],
+        capture_output=True,
+        text=True,
+        cwd=Path(__file__).resolve().parents[3],
+        timeout=120,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"hbm: error: {path}: file too large\n"
+    assert list(path.parent.iterdir()) == []
 
 
 def test_scene_can_be_written_at_the_full_rate(trial, tmp_path):
