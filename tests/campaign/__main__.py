@@ -8,7 +8,7 @@ import random
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -17,11 +17,13 @@ from hbm.kernels.native import kernels
 from pipeline.run.one_trial import read_requested
 from tests.campaign import files
 from tests.campaign.environments import environments
-from tests.campaign.formats import Format, make_formats, write_study
 from tests.campaign.injection import injections
 from tests.campaign.kills import kills, undisturbed
 from tests.campaign.outcome import Attack
+from tests.campaign.recordings import recordings, walk_in
 from tests.campaign.report import page, table
+from tests.campaign.results import results
+from tests.campaign.study_files import study_files, write_study
 from tests.campaign.worker import carry_out
 
 PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "reliability.md"
@@ -59,10 +61,10 @@ def main() -> int:
         for attack, outcome in carry_out(chosen, given.seed, given.workers):
             done.append((attack, outcome))
             if given.only or not outcome.survived:
-                print(f"{attack.name}: {outcome.kind}: {outcome.detail}", flush=True)
+                print(f"{attack.name}: {outcome}", flush=True)
     seconds = time.monotonic() - start
-    print("\n".join(["", *table(done), ""]))
     failed = sum(not outcome.survived for _, outcome in done)
+    print("", *table(done), "", sep="\n")
     print(f"{len(done)} attempts in {seconds:.0f} s, seed {given.seed}: {failed} not survived")
     if not given.short and not given.only:
         PAGE.write_text(page(done, given.seed, seconds), encoding="utf-8")
@@ -73,27 +75,26 @@ def main() -> int:
 def attacks(folder: Path, size: Size, seed: int, only: str) -> Iterator[Attack]:
     """Give the attacks of all campaigns whose name is, or begins with, what is wanted."""
     kernels()
-    formats = make_formats(folder)
-    wanted = f"{only}/" if only else ""
-    for campaign in campaigns(folder, formats, size, seed, only):
-        yield from (each for each in campaign if f"{each.name}/".startswith(wanted))
+    beginning = f"{only}/" if only else ""
+    for name, campaign in campaigns(folder, size, seed).items():
+        if not only or only.split("/")[0] == name:
+            yield from (each for each in campaign() if f"{each.name}/".startswith(beginning))
 
 
-def campaigns(
-    folder: Path, formats: list[Format], size: Size, seed: int, only: str
-) -> Iterator[Iterator[Attack]]:
-    yield files.mutations(formats, size.mutations)
-    yield files.truncations(formats, size.truncations)
-    yield files.bits(formats, size.bits)
-    yield files.commands(formats, size.commands)
-    c3d = next(each for each in formats if each.name == "C3D")
-    assert c3d.request is not None
-    request = c3d.request(c3d.file)
+def campaigns(folder: Path, size: Size, seed: int) -> dict[str, Callable[[], Iterator[Attack]]]:
+    """Write valid files of every format, and give what attacks them."""
+    request = walk_in(folder)
+    formats = [*recordings(folder), *study_files(folder), *results(folder, request)]
     study = write_study(folder / "run", folder, ("sub01", "sub02"))
-    yield environments(request, study, size.environments, random.Random(seed))
-    yield injections(c3d.file, folder / "static.c3d", read_requested(request), size.injections)
-    if "kill/".startswith(only) or only.startswith("kill"):
-        yield kills(undisturbed(study, folder / "undisturbed"), size.kills)
+    return {
+        "mutation": lambda: files.mutations(formats, size.mutations),
+        "truncation": lambda: files.truncations(formats, size.truncations),
+        "bit flip": lambda: files.bits(formats, size.bits),
+        "command": lambda: files.commands(formats, size.commands),
+        "environment": lambda: environments(request, study, size.environments, random.Random(seed)),
+        "injection": lambda: injections(request, read_requested(request), size.injections),
+        "kill": lambda: kills(undisturbed(study, folder / "undisturbed"), size.kills),
+    }
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from pathlib import Path
 from tests.campaign.formats import Format
 from tests.campaign.judgement import commanded, printed_raw, refusal
 from tests.campaign.mutations import Damage, flip_bit, mutate, truncate
-from tests.campaign.outcome import Attack, Outcome
+from tests.campaign.outcome import TOLD, Attack, Outcome
 
 STORED = "stored trial"
 
@@ -42,7 +42,9 @@ def commands(formats: Sequence[Format], count: int) -> Iterator[Attack]:
         for number in range(-(-count // len(trials))):
 
             def act(folder: Path, chance: random.Random, each: Format = each) -> Outcome:
-                return _processed(each, folder, _mutated(chance, each))
+                damage = _mutated(chance, each)
+                (folder / TOLD).write_text(damage.what, encoding="utf-8", errors="replace")
+                return _processed(each, folder, damage)
 
             yield Attack("command", each.name, number, act)
 
@@ -52,6 +54,7 @@ def _attack(
 ) -> Attack:
     def act(folder: Path, chance: random.Random) -> Outcome:
         damage = damage_of(chance, each)
+        (folder / TOLD).write_text(damage.what, encoding="utf-8", errors="replace")
         path = folder / each.file.name
         path.write_bytes(damage.content)
         outcome = each.judge(path, damage)

@@ -9,9 +9,10 @@ from typing import Final
 
 from hbm.markers import Markers
 from pipeline.io.recording import Analog, Metadata, Recording
-from tests.campaign.formats import SEGMENTS, STUDY, SUBJECT
+from pipeline.run.request import TrialRequest
 from tests.campaign.judgement import CODES, Ended, commanded, printed_raw
 from tests.campaign.outcome import Attack, Outcome
+from tests.campaign.study_files import SEGMENTS, STUDY, SUBJECT
 from tests.pipeline.lab import save
 
 PERSON: Final = "JANE DOE"
@@ -35,6 +36,7 @@ PAYLOADS: Final = {
 TEXTS: Final = frozenset(
     {".csv", ".tsv", ".json", ".html", ".svg", ".md", ".mot", ".sto", ".trc", ".osim", ".urdf"}
 )
+RESERVED: Final = frozenset({"con", "prn", "aux", "nul", *(f"com{k}" for k in range(1, 10))})
 MAX_COMMANDS_S: Final = 120.0
 OF_RECORDING: Final[dict[str, Callable[[Recording, str], Recording]]] = {
     "label prefix": lambda walk, text: _labelled(walk, lambda name: f"{text}:{name}"),
@@ -77,8 +79,10 @@ OF_PEOPLE: Final = frozenset({"label prefix", "subject", "software", "comments",
 """Where people's names stand in files, which nobody who processes them has typed."""
 
 
-def injections(walk: Path, static: Path, recording: Recording, count: int) -> Iterator[Attack]:
-    """Inject texts into recordings and studies, ``count`` of all places and texts."""
+def injections(request: TrialRequest, recording: Recording, count: int) -> Iterator[Attack]:
+    """Inject texts into a recording and its study, ``count`` of all places and texts."""
+    walk, static = request.trial, request.static
+    assert static is not None
     attacks = [
         Attack("injection", where, number, act, MAX_COMMANDS_S)
         for number, (name, text) in enumerate(PAYLOADS.items())
@@ -172,6 +176,8 @@ def _written(path: Path) -> str:
     content = path.read_bytes()
     if PERSON.encode() in content or PERSON in path.name:
         return "a person's name"
+    if path.name.split(".")[0].lower() in RESERVED:
+        return "in its name what Windows reserves"
     if path.suffix not in TEXTS:
         return ""
     text = content.decode("utf-8", errors="replace")

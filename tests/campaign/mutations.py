@@ -25,7 +25,7 @@ BINARY_WORDS: Final = tuple(
         *(("<f", v) for v in (0.0, -1.0, 1e-40, 1e30, -3e38, float("nan"), float("inf"))),
     )
 )
-HEAD: Final = 4096
+HEAD: Final = 2048
 """Bytes at the beginning in which counts, names and scales stand."""
 DEPTH: Final = 20_000
 COLUMNS: Final = 60_000
@@ -82,9 +82,11 @@ def truncate(chance: random.Random, content: bytes) -> Damage:
 def replace_bytes(chance: random.Random, content: bytes) -> Damage:
     """Replace some bytes by random ones."""
     damaged, count = bytearray(content), chance.choice((1, 1, 2, 4, 8))
-    for _ in range(count):
-        damaged[_place(chance, content)] = chance.randrange(256)
-    return Damage(bytes(damaged), f"{count} random bytes", data=count)
+    places = [_place(chance, content) for _ in range(count)]
+    for place in places:
+        damaged[place] = chance.randrange(256)
+    what = ", ".join(f"byte {place} as {damaged[place]}" for place in places)
+    return Damage(bytes(damaged), what, data=count)
 
 
 def insert_bytes(chance: random.Random, content: bytes) -> Damage:
@@ -106,8 +108,9 @@ def repeat_span(chance: random.Random, content: bytes) -> Damage:
 def fill_span(chance: random.Random, content: bytes) -> Damage:
     """Fill a block with zeros or ones, as a disk does that lost it."""
     at, count = _place(chance, content), chance.choice((4, 64, 512, 4096))
-    filled = chance.choice((b"\0", b"\xff")) * len(content[at : at + count])
-    return Damage(content[:at] + filled + content[at + count :], f"{count} bytes filled at {at}")
+    byte = chance.choice((b"\0", b"\xff"))
+    filled = byte * len(content[at : at + count])
+    return Damage(content[:at] + filled + content[at + count :], f"{count} times {byte!r} at {at}")
 
 
 def write_word(chance: random.Random, content: bytes) -> Damage:

@@ -28,6 +28,8 @@ MEANINGS: Final = {
     "leak": "a text of the file reaches a terminal or a page raw, or a person is named",
 }
 """Kind of outcome -> what it means."""
+TOLD: Final = "told"
+"""File in which an attempt tells what it does, for the case that it cannot say it at the end."""
 SURVIVED: Final = ("fine", "noted", "one datum", "refused")
 
 
@@ -45,6 +47,10 @@ class Outcome:
     @property
     def survived(self) -> bool:
         return self.kind in SURVIVED
+
+    def __str__(self) -> str:
+        printable = (c if c.isprintable() else repr(c)[1:-1] for c in self.detail)
+        return f"{self.kind}: {''.join(printable)}"
 
 
 @dataclass(frozen=True, slots=True)

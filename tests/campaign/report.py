@@ -55,9 +55,11 @@ def page(done: Done, seed: int, seconds: float) -> str:
             "stored result. A mutation changes them in one of some twenty ways, a truncation ends "
             "them early, a bit flip changes one bit; each is read in a process of its own. What is "
             "accepted with other values is processed, and the residual RMS of every gait cycle "
-            "compared: it may change by 1 N or 0.5 N·m without a note. *Command* is `hbm residuals` on "
-            "mutated files, *kill* ends `hbm run --jobs 2` at a random instant and runs it again: "
-            "the results have to be those of an undisturbed run, byte by byte.",
+            "compared: it may change by 1 N or 0.5 N·m without a note. *Command* is "
+            "`hbm residuals` on mutated files. *Kill* ends `hbm run --jobs 2` at a random instant "
+            "and runs it again: the results have to be those of an undisturbed run, byte by byte. "
+            "*Environment* and *injection* run commands where something is odd, and on files that "
+            "hold escape sequences, scripts, formulas, paths and names of people.",
             "",
             "| outcome | meaning |",
             "|---|---|",

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from tests.campaign.outcome import MAX_MEMORY_BYTES, Attack, Outcome
+from tests.campaign.outcome import MAX_MEMORY_BYTES, TOLD, Attack, Outcome
 
 POLL_S: Final = 0.2
 MAX_OUTCOME_BYTES: Final = 4096
@@ -116,10 +116,12 @@ def _end(child: _Child, in_time: bool) -> Outcome:
         os.kill(child.pid, signal.SIGKILL)
     _, status = os.waitpid(child.pid, 0)
     left = _end_session(child.pid)
+    told = child.folder / TOLD
+    what = told.read_text(encoding="utf-8") if told.is_file() else ""
     if not in_time:
-        return Outcome("hang", f"no answer within {child.attack.seconds:g} s")
+        return Outcome("hang", f"{what}; no answer within {child.attack.seconds:g} s")
     if os.WIFSIGNALED(status) or not said:
-        return Outcome("crash", f"ended by signal {os.WTERMSIG(status)}")
+        return Outcome("crash", f"{what}; ended by signal {os.WTERMSIG(status)}")
     outcome = Outcome(**json.loads(said))
     if left and outcome.survived:
         return Outcome("orphan", f"{left} processes remained")
