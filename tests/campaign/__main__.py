@@ -67,7 +67,7 @@ def main() -> int:
     print("", *table(done), "", sep="\n")
     print(f"{len(done)} attempts in {seconds:.0f} s, seed {given.seed}: {failed} not survived")
     if not given.short and not given.only:
-        PAGE.write_text(page(done, given.seed, seconds), encoding="utf-8")
+        PAGE.write_text(page(done, f"--seed {given.seed}", seconds), encoding="utf-8")
         print(f"written: {PAGE}")
     return 1 if failed or not done else 0
 
@@ -86,13 +86,14 @@ def campaigns(folder: Path, size: Size, seed: int) -> dict[str, Callable[[], Ite
     request = walk_in(folder)
     formats = [*recordings(folder), *study_files(folder), *results(folder, request)]
     study = write_study(folder / "run", folder, ("sub01", "sub02"))
+    walk, chance = read_requested(request), random.Random(seed)
     return {
         "mutation": lambda: files.mutations(formats, size.mutations),
         "truncation": lambda: files.truncations(formats, size.truncations),
         "bit flip": lambda: files.bits(formats, size.bits),
         "command": lambda: files.commands(formats, size.commands),
-        "environment": lambda: environments(request, study, size.environments, random.Random(seed)),
-        "injection": lambda: injections(request, read_requested(request), size.injections),
+        "environment": lambda: environments(request, study, size.environments, chance),
+        "injection": lambda: injections(request, walk, size.injections, chance),
         "kill": lambda: kills(undisturbed(study, folder / "undisturbed"), size.kills),
     }
 

@@ -50,7 +50,11 @@ class Environment:
 
 
 def _close(*streams: int) -> Callable[[], None]:
-    return lambda: [os.close(stream) for stream in streams] and None
+    def close() -> None:
+        for stream in streams:
+            os.close(stream)
+
+    return close
 
 
 def _limit(kind: int, most: int) -> Callable[[], None]:

@@ -79,7 +79,9 @@ OF_PEOPLE: Final = frozenset({"label prefix", "subject", "software", "comments",
 """Where people's names stand in files, which nobody who processes them has typed."""
 
 
-def injections(request: TrialRequest, recording: Recording, count: int) -> Iterator[Attack]:
+def injections(
+    request: TrialRequest, recording: Recording, count: int, chance: random.Random
+) -> Iterator[Attack]:
     """Inject texts into a recording and its study, ``count`` of all places and texts."""
     walk, static = request.trial, request.static
     assert static is not None
@@ -92,7 +94,7 @@ def injections(request: TrialRequest, recording: Recording, count: int) -> Itera
         )
         if text != PERSON or where in OF_PEOPLE
     ]
-    yield from random.Random("injection").sample(attacks, min(count, len(attacks)))
+    yield from chance.sample(attacks, min(count, len(attacks)))
 
 
 Act = Callable[[Path, random.Random], Outcome]

@@ -103,34 +103,41 @@ def noted(found: Iterable[Note], known: Iterable[Note]) -> Outcome | None:
     return Outcome("noted", ", ".join(sorted(more))) if more else None
 
 
-def data_changed(found: Recording, known: Recording, *, gaps: bool = False) -> float:
-    """Count the measured values that differ in the frames that both have; endless beyond that.
+def values_changed(found: Recording, known: Recording, *, gaps: bool = False) -> float:
+    """Count the measured values that differ in the frames that both have.
 
-    A marker in one frame counts once, as do a plate and an analog channel in one sample. Endless
-    where anything else differs: names, clock, places of plates, events, the subject's measures.
-    With ``gaps``, values and D-Flow events that are missing do not count.
+    A marker in one frame counts once, as do a plate and an analog channel in one sample; endless
+    where there are others. With ``gaps``, values that are missing do not count.
     """
-    pairs = [(found.markers.time, known.markers.time)]
-    pairs += [(f.time, k.time) for f, k in zip(found.plates, known.plates, strict=False)]
-    if (
-        found.markers.names != known.markers.names
-        or [p.number for p in found.plates] != [p.number for p in known.plates]
-        or not all(_equal_start(*pair) for pair in pairs)
-        or not all(
-            np.allclose(getattr(f, name), getattr(k, name), 0, SAME, equal_nan=True)
-            for f, k in zip(found.plates, known.plates, strict=True)
-            for name in ("rotation", "center", "corners")
-        )
-        or _stated(found) != _stated(known)
-        or (not gaps and found.metadata.dflow_events != known.metadata.dflow_events)
-    ):
-        return np.inf
     both = [(found.markers.position, known.markers.position)]
+    if len(found.plates) != len(known.plates):
+        return np.inf
     for one, other in zip(found.plates, known.plates, strict=True):
         both.append((one.wrench_in_plate, other.wrench_in_plate))
     if found.analog is not None and known.analog is not None:
         both.append((found.analog.values[..., None], known.analog.values[..., None]))
     return sum(_differing(one, other, gaps) for one, other in both)
+
+
+def otherwise_equal(found: Recording, known: Recording, *, gaps: bool = False) -> bool:
+    """Say whether all else is equal: names, clock, plates, events, the subject's measures.
+
+    With ``gaps``, D-Flow's events may be missing.
+    """
+    pairs = [(found.markers.time, known.markers.time)]
+    pairs += [(f.time, k.time) for f, k in zip(found.plates, known.plates, strict=False)]
+    return (
+        found.markers.names == known.markers.names
+        and [p.number for p in found.plates] == [p.number for p in known.plates]
+        and all(_equal_start(*pair) for pair in pairs)
+        and all(
+            np.allclose(getattr(f, name), getattr(k, name), 0, SAME, equal_nan=True)
+            for f, k in zip(found.plates, known.plates, strict=True)
+            for name in ("rotation", "center", "corners")
+        )
+        and _stated(found) == _stated(known)
+        and (gaps or found.metadata.dflow_events == known.metadata.dflow_events)
+    )
 
 
 def _stated(recording: Recording) -> tuple[object, ...]:
@@ -146,8 +153,10 @@ def _equal_start(one: Array, other: Array) -> bool:
     return count > 0 and np.allclose(one[:count], other[:count], 0, SAME)
 
 
-def _differing(one: Array, other: Array, gaps: bool) -> int:
+def _differing(one: Array, other: Array, gaps: bool) -> float:
     """Count the rows of the last axis that differ in the frames that both have."""
+    if one.shape[1:] != other.shape[1:]:
+        return np.inf
     count = min(len(one), len(other))
     same = np.isclose(one[:count], other[:count], 0, SAME, equal_nan=True)
     if gaps:

@@ -15,7 +15,7 @@ from typing import Final
 from tests.campaign.outcome import Attack, Outcome
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-MAX_RUN_S: Final = 120.0
+MAX_RUN_S: Final = 300.0
 MAX_STOP_S: Final = 20.0
 MAX_ORPHAN_S: Final = 10.0
 """After which a process of a killed run is an orphan."""

@@ -27,6 +27,7 @@ BINARY_WORDS: Final = tuple(
 )
 HEAD: Final = 2048
 """Bytes at the beginning in which counts, names and scales stand."""
+MAX_BYTES_OF_NUMBERS: Final = 7
 DEPTH: Final = 20_000
 COLUMNS: Final = 60_000
 
@@ -91,12 +92,14 @@ def replace_bytes(chance: random.Random, content: bytes) -> Damage:
 
 def insert_bytes(chance: random.Random, content: bytes) -> Damage:
     at, count = _place(chance, content), chance.choice((1, 2, 7, 512))
-    return Damage(content[:at] + chance.randbytes(count) + content[at:], f"{count} bytes at {at}")
+    damaged = content[:at] + chance.randbytes(count) + content[at:]
+    return Damage(damaged, f"{count} bytes at {at}", _numbers_within(count))
 
 
 def delete_span(chance: random.Random, content: bytes) -> Damage:
     at, count = _place(chance, content), chance.choice((1, 2, 7, 512))
-    return Damage(content[:at] + content[at + count :], f"{count} bytes deleted at {at}")
+    damaged = content[:at] + content[at + count :]
+    return Damage(damaged, f"{count} bytes deleted at {at}", _numbers_within(count))
 
 
 def repeat_span(chance: random.Random, content: bytes) -> Damage:
@@ -191,6 +194,11 @@ def widen(chance: random.Random, content: bytes) -> Damage:
     names = [b"M%d" % k if chance.random() < 0.9 else b"M1" for k in range(COLUMNS)]
     lines[row] = separator.join([lines[row], *names])
     return Damage(b"\n".join(lines), f"{COLUMNS} columns in line {row + 1}")
+
+
+def _numbers_within(count: int) -> int:
+    """Say how many numbers of a text so few bytes are parts of, without making one of them."""
+    return 2 if count <= MAX_BYTES_OF_NUMBERS else 0
 
 
 def _place(chance: random.Random, content: bytes) -> int:

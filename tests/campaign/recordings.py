@@ -13,7 +13,13 @@ from pipeline.run.request import TrialRequest
 from pipeline.trial.result import TrialResult
 from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 from tests.campaign.formats import Format
-from tests.campaign.judgement import attempted, data_changed, noted, numbers_changed
+from tests.campaign.judgement import (
+    attempted,
+    noted,
+    numbers_changed,
+    otherwise_equal,
+    values_changed,
+)
 from tests.campaign.mutations import Damage
 from tests.campaign.outcome import Outcome
 from tests.pipeline.lab import save
@@ -51,18 +57,20 @@ class Trial:
         if outcome := noted(found.notes, self.recording.notes):
             return outcome
         shorter = damage.cut and self.lines and damage.content.endswith(b"\n")
-        changed = data_changed(found, self.recording, gaps=shorter)
+        values = values_changed(found, self.recording, gaps=shorter)
+        equal = otherwise_equal(found, self.recording, gaps=shorter)
         lost = _lost(found, self.recording)
-        if damage.cut and (changed or (lost and not shorter)):
-            return Outcome("silent", f"{changed:g} values differ, lost: {lost or 'nothing'}")
-        if not changed and not lost:
-            return Outcome("fine")
-        if changed <= damage.data and not lost:
-            return Outcome("one datum", f"{changed:g} values")
+        if damage.cut and (values or not equal or (lost and not shorter)):
+            return Outcome("silent", f"{values:g} values differ, lost: {lost or 'nothing'}")
+        if equal and not lost and values <= damage.data:
+            return Outcome("one datum", f"{values:g} values") if values else Outcome("fine")
         result = process_request(self.request(path))
         if outcome := noted(result.notes, self.result.notes):
             return outcome
-        return numbers_changed(result, self.result) or Outcome("fine", f"{changed:g} values")
+        outcome = numbers_changed(result, self.result)
+        if outcome and 0 < values <= damage.data:  # these may be why, and not what else differs
+            return Outcome("one datum", f"{values:g} values")
+        return outcome or Outcome("fine", f"{values:g} values")
 
 
 def _names(request: TrialRequest, path: Path) -> tuple[str, ...]:

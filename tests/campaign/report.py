@@ -30,7 +30,7 @@ def table(done: Done) -> list[str]:
     return [*lines, f"| all | | {' | '.join(map(str, (sum(totals), *totals)))} |"]
 
 
-def page(done: Done, seed: int, seconds: float) -> str:
+def page(done: Done, arguments: str, seconds: float) -> str:
     """Write the page of the documentation."""
     failed = [(attack, outcome) for attack, outcome in done if not outcome.survived]
     versions = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
@@ -43,7 +43,7 @@ def page(done: Done, seed: int, seconds: float) -> str:
             "or a page: what became of each attempt, as measured by",
             "",
             "```sh",
-            f"python -m tests.campaign --seed {seed}",
+            f"python -m tests.campaign {arguments}",
             "```",
             "",
             f"on {python} with {versions}: {len(done):,} attempts in {seconds / 60:.0f} minutes, "
@@ -66,7 +66,7 @@ def page(done: Done, seed: int, seconds: float) -> str:
             *(f"| {kind} | {meaning} |" for kind, meaning in MEANINGS.items()),
             "",
             "One attempt is repeated by its seed and name, such as `python -m tests.campaign "
-            f"--seed {seed} --only mutation/C3D/17`; a short form of two minutes (`--short`) is "
+            "--seed 1 --only mutation/C3D/17`; a short form of two minutes (`--short`) is "
             "part of the checks of every change.",
             *(["", "Not survived:", ""] if failed else []),
             *(f"- `{attack.name}`: {outcome.kind}" for attack, outcome in failed[:MAX_LISTED]),
