@@ -163,7 +163,8 @@ def _outcome(odd: Environment, command: str, arguments: list[str], folder: Path)
                 )
             except subprocess.TimeoutExpired:
                 return Outcome("hang", f"no answer within {MAX_COMMAND_S:g} s")
-    out = (done.stdout or b"").decode(errors="replace")
+    encoding = odd.variables.get("PYTHONIOENCODING") or "utf-8"
+    out = (done.stdout or b"").decode(encoding, errors="replace")
     err = errors.read_bytes().decode(errors="replace")
     return _judged(odd, command, Ended(done.returncode, out, err), folder)
 
