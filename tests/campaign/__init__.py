@@ -1,1 +1,4 @@
-"""Random cases in large numbers, each compared with an answer by another route."""
+"""Attacks on the program: damaged files, killed runs, odd environments, texts that want to get out.
+
+``python -m tests.campaign`` makes them all, ``--short`` a choice within two minutes.
+"""

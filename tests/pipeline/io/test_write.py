@@ -183,3 +183,12 @@ def test_a_folder_in_the_place_of_a_file_is_named_itself(tmp_path):
     with pytest.raises(IsADirectoryError) as caught, whole_file(tmp_path):
         pytest.fail("there is nothing to write to")
     assert caught.value.filename == str(tmp_path)
+
+
+def test_a_pipe_or_a_device_is_not_replaced_by_a_file(tmp_path):
+    """As root, the new file would take the place of the device itself."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(OSError, match="is a device or a pipe"), whole_file(pipe):
+        pass
+    assert stat.S_ISFIFO(pipe.stat().st_mode)

@@ -1,0 +1,102 @@
+"""Attack the program: ``python -m tests.campaign [--short] [--seed N] [--only NAME]``.
+
+The long form writes its table to docs/reliability.md. Ends with 1 where an attack was not survived.
+"""
+
+import argparse
+import random
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from hbm.kernels.native import kernels
+from pipeline.run.one_trial import read_requested
+from tests.campaign import files
+from tests.campaign.environments import environments
+from tests.campaign.injection import injections
+from tests.campaign.kills import kills, undisturbed
+from tests.campaign.outcome import Attack
+from tests.campaign.recordings import recordings, walk_in
+from tests.campaign.report import page, table
+from tests.campaign.results import results
+from tests.campaign.study_files import study_files, write_study
+from tests.campaign.worker import carry_out
+
+PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "reliability.md"
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """How many attempts of each campaign."""
+
+    mutations: int
+    truncations: int
+    commands: int
+    bits: int
+    kills: int
+    environments: int
+    injections: int
+
+
+LONG: Final = Size(7000, 2500, 500, 1000, 100, 1000, 1000)
+"""10,000 files; all environments and injections that there are."""
+SHORT: Final = Size(240, 120, 14, 60, 2, 8, 8)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.campaign", description=__doc__)
+    parser.add_argument("--short", action="store_true", help="a choice, within two minutes")
+    parser.add_argument("--seed", type=int, default=1, help="equal seeds make equal attacks")
+    parser.add_argument("--only", default="", help="CAMPAIGN, CAMPAIGN/TARGET or all of a name")
+    parser.add_argument("--workers", type=int, default=2, help="how many attempts at a time")
+    given = parser.parse_args()
+    start, done = time.monotonic(), []
+    with tempfile.TemporaryDirectory(prefix="originals") as folder:
+        size = SHORT if given.short else LONG
+        chosen = attacks(Path(folder), size, given.seed, given.only)
+        for attack, outcome in carry_out(chosen, given.seed, given.workers):
+            done.append((attack, outcome))
+            if given.only or not outcome.survived:
+                print(f"{attack.name}: {outcome}", flush=True)
+    seconds = time.monotonic() - start
+    failed = sum(not outcome.survived for _, outcome in done)
+    print("", *table(done), "", sep="\n")
+    print(f"{len(done)} attempts in {seconds:.0f} s, seed {given.seed}: {failed} not survived")
+    if not given.short and not given.only:
+        PAGE.write_text(page(done, f"--seed {given.seed}", seconds), encoding="utf-8")
+        print(f"written: {PAGE}")
+    return 1 if failed or not done else 0
+
+
+def attacks(folder: Path, size: Size, seed: int, only: str) -> Iterator[Attack]:
+    """Give the attacks of all campaigns whose name is, or begins with, what is wanted."""
+    kernels()
+    beginning = f"{only}/" if only else ""
+    for name, campaign in campaigns(folder, size, seed).items():
+        if not only or only.split("/")[0] == name:
+            yield from (each for each in campaign() if f"{each.name}/".startswith(beginning))
+
+
+def campaigns(folder: Path, size: Size, seed: int) -> dict[str, Callable[[], Iterator[Attack]]]:
+    """Write valid files of every format, and give what attacks them."""
+    request = walk_in(folder)
+    formats = [*recordings(folder), *study_files(folder), *results(folder, request)]
+    study = write_study(folder / "run", folder, ("sub01", "sub02"))
+    walk, chance = read_requested(request), random.Random(seed)
+    return {
+        "mutation": lambda: files.mutations(formats, size.mutations),
+        "truncation": lambda: files.truncations(formats, size.truncations),
+        "bit flip": lambda: files.bits(formats, size.bits),
+        "command": lambda: files.commands(formats, size.commands),
+        "environment": lambda: environments(request, study, size.environments, chance),
+        "injection": lambda: injections(request, walk, size.injections, chance),
+        "kill": lambda: kills(undisturbed(study, folder / "undisturbed"), size.kills),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main())
