@@ -12,6 +12,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, rotate_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.input_file import naming
 from pipeline.io.moment_reference import wrench_of_torque
 from pipeline.io.opensim.sto import Table, read_mot
 from pipeline.io.opensim.trc import read_trajectories
@@ -93,11 +94,9 @@ def read_opensim_trial(
     """
     trc, grf_mot, stated = Path(trc), Path(grf_mot), as_stated(stated)
     found, table = read_trajectories(trc, stated), read_mot(grf_mot)
-    try:
+    with naming(grf_mot):
         forces, force_notes = _forces(table, stated)
-    except ValueError as error:
-        raise ValueError(f"{grf_mot.name}: {error}") from error
-    try:
+    with naming(trc):
         axes, axes_notes = settle_axes(
             stated.axes,
             found.position,
@@ -105,8 +104,6 @@ def read_opensim_trial(
             marker_set=stated.marker_set,
             plate_forces=[mean_force(each.force) for each in forces],
         )
-    except ValueError as error:
-        raise ValueError(f"{trc.name}: {error}") from error
     to_lab = parse_axes(axes)
     time = _evened(table.time) - found.time[0]
     plates: list[Plate] = []
@@ -128,6 +125,7 @@ def read_opensim_trial(
         notes=(
             *axes_notes,
             *found.notes,
+            *table.notes,
             Note.of("time_origin", start_s=found.time[0], file=trc.name),
             Note.of("plates_from_forces", forces=names, file=grf_mot.name),
             *force_notes,
