@@ -57,12 +57,19 @@ class _Table:
     notes: tuple[Note, ...]
 
     def vector(self, stem: str) -> Array:
-        wanted = [f"{stem}{axis}" for axis in "XYZ"]
-        if absent := [name for name in wanted if name not in self.columns]:
-            raise ValueError(
-                f"column {short(absent[0])} is absent, but others of {short(stem)} are there"
-            )
-        return self.values[:, [self.columns[name] for name in wanted]]
+        """Give the three columns of a quantity, (T, 3)."""
+        return self.vectors([stem])[:, 0]
+
+    def vectors(self, stems: Iterable[str]) -> Array:
+        """Give the three columns of each of several quantities, (T, stems, 3)."""
+        wanted = [(stem, f"{stem}{axis}") for stem in stems for axis in "XYZ"]
+        for stem, name in wanted:
+            if name not in self.columns:
+                raise ValueError(
+                    f"column {short(name)} is absent, but others of {short(stem)} are there"
+                )
+        columns = [self.columns[name] for _, name in wanted]
+        return np.take(self.values, columns, axis=1).reshape(len(self.values), -1, 3)
 
 
 def read_dflow(
@@ -124,7 +131,7 @@ def _read(path: Path, stated: Stated, record: Path | None, missing: str) -> Reco
     metre, unit_notes = stated.marker_unit("m")
     markers, subject, label_notes = marker_columns(list(stems), stated)
     kept = [list(stems)[k] for k in markers.values()]
-    position = np.stack([table.vector(f"{stem}.Pos") for stem in kept], 1)
+    position = table.vectors(f"{stem}.Pos" for stem in kept)
     position *= metre
     gaps = _gaps(position, list(markers), missing)
     stated.check_span(position, "m")

@@ -185,7 +185,7 @@ def _parse_batch(rows: Sequence[tuple[int, str]], separator: str, names: Sequenc
             f"line {rows[row][0]}, column {short(names[column])!r}: {values[row, column]:g} cannot "
             "have been measured"
         )
-    return values
+    return np.ascontiguousarray(values)  # row by row: whoever takes columns copies only those
 
 
 def read_number(text: str, where: str) -> float:
