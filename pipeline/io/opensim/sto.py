@@ -1,7 +1,9 @@
 """OpenSim's MOT and STO tables."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
@@ -31,6 +33,8 @@ class Table:
         Whether the rotational coordinates are in degrees, as the file states.
     notes
         On how the file ends.
+    columns
+        Name -> column of ``values``, the first one of that name.
     """
 
     time: Array
@@ -38,16 +42,19 @@ class Table:
     values: Array
     in_degrees: bool
     notes: tuple[Note, ...] = ()
+    columns: Mapping[str, int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", read_only(self.time))
         object.__setattr__(self, "values", read_only(self.values))
+        columns = {name: k for k, name in reversed([*enumerate(self.names)])}
+        object.__setattr__(self, "columns", MappingProxyType(columns))
 
     def column(self, name: str) -> Array:
         """Give one column as the file holds it, (N,); a KeyError lists the columns that exist."""
-        if name not in self.names:
+        if name not in self.columns:
             raise KeyError(f"no column {short(name)!r}; present: {listed(self.names)}")
-        return self.values[:, self.names.index(name)]
+        return self.values[:, self.columns[name]]
 
     def coordinate(self, name: str) -> Array:
         """Give one coordinate, (N,): in rad, or in m where its name ends in _tx, _ty or _tz."""

@@ -156,10 +156,10 @@ def _forces(table: Table, stated: Stated) -> tuple[list[_Force], list[Note]]:
         torques = dict.fromkeys(
             stem.replace("force", word) + before for word, before in TORQUE_COLUMNS
         )
-        there = [name for name in torques if f"{name}x" in table.names]
+        there = [name for name in torques if f"{name}x" in table.columns]
         columns = f"{stem}_{letter}", f"{stem}_p", (there or [*torques])[0]
         needed = [f"{name}{axis}" for name in columns for axis in "xyz"]
-        if absent := [name for name in needed if name not in table.names]:
+        if absent := [name for name in needed if name not in table.columns]:
             reason = f"column {short(absent[0])} is absent"
             notes.append(Note.of("plate_left_out", plate=short(stem), reason=reason))
             continue
