@@ -21,13 +21,14 @@ from hbm.engines.engine import EngineName
 from hbm.markers import MarkerSet
 from hbm.segments import Sex
 from hbm.signals.filtering import Method
+from hbm.spelling import printable
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import PlateUnits, Stated
 from pipeline.io.units import acceleration_in_mps2, length_in_m
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
 """Part of a file name on every operating system."""
-Text = Annotated[str, Field(min_length=1)]
+Text = Annotated[str, Field(min_length=1), AfterValidator(printable)]
 Labels = Annotated[tuple[Text, ...], Field(strict=False)]
 Channels = Annotated[tuple[Text, Text, Text], Field(strict=False)]
 """Labels of a sensor's x, y and z channels."""
@@ -319,7 +320,7 @@ class RecordingRules(InputModel):
     rename
         Label in the files, without the prefix of a subject -> label wanted.
     label_prefix
-        Prefix of the subject wanted, where several subjects carry the same labels.
+        Prefix of the subject wanted, or its number, where several carry the same labels.
     units
         Unit of the markers' positions.
     plate_units
@@ -352,7 +353,7 @@ class RecordingRules(InputModel):
 class StudyFile(RecordingRules):
     """The contents of ``study.toml``."""
 
-    name: str = "study"
+    name: Annotated[str, AfterValidator(printable)] = "study"
     settings: Settings = Settings()
     treadmill: Treadmill = Treadmill()
     conditions: Annotated[dict[Name, Condition], Field(min_length=1)]

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from hbm.spelling import did_you_mean, shown
+from pipeline.io.input_file import fault_line
 
 MAX_TYPED: Final = 1e9
 """In any unit; beyond it a number is no quantity in another unit."""
@@ -27,8 +28,8 @@ class StudyFaults(ValueError):
     """Everything that is wrong with a study's files; ``faults`` holds one line each."""
 
     def __init__(self, faults: list[str]) -> None:
-        self.faults = tuple(faults)
-        super().__init__("; ".join(faults))
+        self.faults = tuple(map(fault_line, faults))
+        super().__init__("; ".join(self.faults))
 
 
 def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:

@@ -26,10 +26,15 @@ def naming(path: Path) -> Iterator[None]:
     except FileFault:
         raise
     except ValueError as error:
-        text = printable(f"{path.name}: {error}")
-        if len(text) > MAX_MESSAGE:
-            text = f"{text[: MAX_MESSAGE - END_SHOWN - 3]} … {text[-END_SHOWN:]}"
-        raise FileFault(text) from error
+        raise FileFault(fault_line(f"{path.name}: {error}")) from error
+
+
+def fault_line(text: str) -> str:
+    """Give what is said about a file in one printable line; of a long one its two ends."""
+    text = printable(text)
+    if len(text) <= MAX_MESSAGE:
+        return text
+    return f"{text[: MAX_MESSAGE - END_SHOWN - 3]} … {text[-END_SHOWN:]}"
 
 
 def open_file(path: Path) -> BinaryIO:

@@ -56,7 +56,7 @@ def read_recording(
         Label in the file, without the prefix of a subject -> label wanted. A label that is not
         there is a note.
     label_prefix
-        Prefix of the subject wanted, where several subjects carry the same labels.
+        Prefix of the subject wanted, or its number, where several carry the same labels.
     units
         Unit of the markers' positions, such as ``"mm"``; by default the file's.
     plate_units

@@ -104,13 +104,17 @@ def check_span(position: Array, unit: str, *, stated: bool) -> None:
     with np.errstate(over="ignore"):
         span = float(np.median(np.linalg.norm(extent, axis=1)))
     if not MIN_SPAN_M < span < MAX_SPAN_M:
-        remedy = f"correct the unit in the file, or {STATE_UNITS}"
-        if stated:
-            remedy = "correct --units, or units in study.toml"
         raise ValueError(
             f"the markers spread over {span:.3g} m if their unit is {short(unit)!r}, expected "
-            f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; {remedy}"
+            f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; {correct_units(stated=stated)}"
         )
+
+
+def correct_units(*, stated: bool) -> str:
+    """Say how to correct a wrong unit of the markers, which a person states or the file."""
+    if stated:
+        return "correct --units, or units in study.toml"
+    return f"correct the unit in the file, or {STATE_UNITS}"
 
 
 def _lookup(
