@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from hbm.overrides import SegmentOverride, read_overrides
 from pipeline.config.validation import Model, StudyFaults, describe_faults
-from pipeline.io.input_file import read_text
+from pipeline.io.input_file import naming, read_text
 
 Table = dict[str, Any]
 """The contents of a TOML file before they are checked."""
@@ -39,4 +39,5 @@ def check_table(name: str, table: Table, kind: type[Model]) -> Model:
 
 def read_segments(path: Path) -> dict[str, SegmentOverride]:
     """Read segment overrides from a TOML file; raises as `read_overrides`."""
-    return read_overrides(read_text(path), path.name)
+    with naming(path):
+        return read_overrides(read_text(path), path.name)

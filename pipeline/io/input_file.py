@@ -26,7 +26,8 @@ def naming(path: Path) -> Iterator[None]:
     except FileFault:
         raise
     except ValueError as error:
-        raise FileFault(fault_line(f"{path.name}: {error}")) from error
+        name = f"{path.name}: "
+        raise FileFault(fault_line(name + str(error).removeprefix(name))) from error
 
 
 def fault_line(text: str) -> str:
