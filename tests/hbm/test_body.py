@@ -354,14 +354,12 @@ def test_impossible_options_are_refused(options, message):
         built(synthetic_t_pose(), **options)
 
 
-@pytest.mark.parametrize(
-    ("factor", "shown"), [(0.1, "0.18"), (1 / 25.4, "0.07"), (2.0, "3.56"), (10.0, "17.78")]
-)
+@pytest.mark.parametrize("factor", [0.1, 1 / 25.4, 2.0, 10.0])
 @pytest.mark.parametrize("height_m", [None, 1.78])
-def test_legs_that_nobody_has_show_another_unit_than_metres(factor, shown, height_m):
+def test_legs_that_nobody_has_show_another_unit_than_metres(factor, height_m):
     t_pose = synthetic_t_pose()
     wrong = Markers(t_pose.time, t_pose.names, factor * t_pose.position)
-    with pytest.raises(ImplausibleLegs, match=rf"person of {shown} m, expected 0.5 to 2.6 m: thei"):
+    with pytest.raises(ImplausibleLegs, match=r"expected 0\.5 to 2\.6 m: their unit is wrong"):
         build_body(wrong, mass=MASS_KG, height_m=height_m)
 
 
