@@ -67,6 +67,10 @@ MIN_STATURE_M, MAX_STATURE_M = 0.5, 2.6
 """From an infant to beyond the tallest people; centimetres fall outside."""
 
 
+class ImplausibleLegs(ValueError):
+    """Markers that show legs of no person's length: they are not in metres."""
+
+
 def build_body(
     static_markers: Markers,
     *,
@@ -117,8 +121,9 @@ def build_body(
     Raises
     ------
     ValueError
-        If mass or stature is implausible, no marker set fits, an override is impossible, a landmark
-        is missing that no rule can replace, or Pinocchio refuses the body.
+        If mass, stature or the length of the legs is implausible, no marker set fits, an override
+        is impossible, a landmark is missing that no rule can replace, or Pinocchio refuses the
+        body.
 
     Examples
     --------
@@ -163,8 +168,14 @@ def build_body(
     notes += elbow_notes(anatomies, set(landmark))
     if marker_set is None and chosen.name not in marker_sets():
         notes.append(Note.of("marker_sets_mixed", title=chosen.title))
+    by_legs_m = float(np.mean([_stature(a) for a in anatomies]))
+    if not MIN_STATURE_M <= by_legs_m <= MAX_STATURE_M:
+        raise ImplausibleLegs(
+            f"the markers show the legs of a person of {by_legs_m:.2f} m, expected "
+            f"{MIN_STATURE_M} to {MAX_STATURE_M} m: their unit is wrong"
+        )
     if height_m is None:
-        height_m = float(np.mean([_stature(a) for a in anatomies]))
+        height_m = by_legs_m
         notes.append(Note.of("stature_estimated", height_m=height_m))
     if overrides:
         notes.append(Note.of("inertia_overridden", segments=tuple(overrides)))

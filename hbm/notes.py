@@ -14,6 +14,8 @@ from string import Formatter
 from types import MappingProxyType
 from typing import Any, Final, Literal, SupportsFloat, get_args
 
+from hbm.spelling import printable
+
 Level = Literal["warning", "info"]
 NoteValue = str | int | float | tuple[str, ...] | Mapping[str, float]
 
@@ -149,17 +151,17 @@ def _catalogue() -> Mapping[str, _Kind]:
 
 
 def _plain(value: object) -> NoteValue:
-    """Give a value in Python's own types."""
+    """Give a value in Python's own types; text from files in one line that can be printed."""
     if isinstance(value, str):
-        return value
+        return printable(value)
     if isinstance(value, Integral):
         return int(value)
     if isinstance(value, Real):
         return float(value)
     if isinstance(value, Mapping):
-        return {str(name): float(number) for name, number in value.items()}
+        return {printable(str(name)): float(number) for name, number in value.items()}
     if isinstance(value, Sequence):
-        return tuple(str(name) for name in value)
+        return tuple(printable(str(name)) for name in value)
     raise ValueError(f"a note's value is a number, text, names or numbers by name, got {value!r}")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from hbm.coordinates import SEGMENTS
 from hbm.segments import Inertia
 from hbm.spatial import Array, read_only
-from hbm.spelling import did_you_mean, no_segment, short
+from hbm.spelling import did_you_mean, no_segment, shown
 
 MAX_CENTER_DISTANCE_M: Final = 1.0
 """Distance of a centre of mass from the joint: no segment is longer; larger numbers are
@@ -158,7 +158,7 @@ def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverr
 def _override(entry: Any) -> SegmentOverride:
     if not isinstance(entry, dict):
         raise ValueError(
-            f"must be a table with some of {', '.join(COUNTS)}, worn; got {short(repr(entry))}"
+            f"must be a table with some of {', '.join(COUNTS)}, worn; got {shown(entry)}"
         )
     values = _values({key: value for key, value in entry.items() if key != "worn"})
     if "worn" not in entry:
@@ -177,15 +177,15 @@ def _values(entry: Mapping[str, Any]) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for key, value in entry.items():
         if key not in COUNTS:
-            raise ValueError(f"no key {key!r}{did_you_mean(key, (*COUNTS, 'worn'))}")
+            raise ValueError(f"no key {shown(key)}{did_you_mean(key, (*COUNTS, 'worn'))}")
         numbers = [value] if key == "mass_kg" else value
         counted = isinstance(numbers, list) and len(numbers) in COUNTS[key]
         if not counted or any(type(x) not in (int, float) for x in numbers):
             wanted = " or ".join(str(n) for n in COUNTS[key])
             plural = "" if COUNTS[key] == (1,) else "s"
-            raise ValueError(f"{key} must be {wanted} number{plural}, got {short(repr(value))}")
+            raise ValueError(f"{key} must be {wanted} number{plural}, got {shown(value)}")
         if any(abs(x) > MAX_NUMBER for x in numbers):
-            raise ValueError(f"{key} must be less than {MAX_NUMBER:g}, got {short(repr(value))}")
+            raise ValueError(f"{key} must be less than {MAX_NUMBER:g}, got {shown(value)}")
         values[key] = float(value) if key == "mass_kg" else np.array(numbers, float)
     if "inertia_kg_m2" in values:
         xx, yy, zz, xy, xz, yz = [*values["inertia_kg_m2"], 0.0, 0.0, 0.0][:6]

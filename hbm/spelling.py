@@ -13,14 +13,24 @@ MAX_LISTED: Final = 8
 
 
 def printable(text: str) -> str:
-    """Give a text with "?" for what cannot be printed: escapes, directions of writing, halves."""
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
+    """Give a text in one line, with "?" in place of what cannot be printed or steers a terminal."""
+    if text.isprintable():
+        return text
+    return "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
 
 
 def short(name: object, characters: int = MAX_CHARACTERS) -> str:
     """Give a name as it is shown: its first characters, without those that cannot be printed."""
     text = printable(str(name))
     return text if len(text) <= characters else f"{text[: characters - 1]}…"
+
+
+def shown(value: object) -> str:
+    """Give a value as it was typed, as `short` gives a name, however large or nested it is."""
+    try:
+        return short(repr(value))
+    except (ValueError, RecursionError):  # more digits or deeper than Python writes out
+        return f"a very large {type(value).__name__}"
 
 
 def listed(names: Iterable[object]) -> str:
@@ -56,4 +66,4 @@ def no_segment(name: object, known: Iterable[str]) -> str:
     if name == "trunk":
         parts = " and ".join(repr(s) for s in ("thorax", "mid_trunk") if s in known)
         return f"no segment 'trunk', write {parts}"
-    return f"no segment {name!r}{did_you_mean(name, known)}"
+    return f"no segment {shown(name)}{did_you_mean(name, known)}"

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from hbm.coordinates import MOVING, SIDES
 from hbm.markers.marker_set import LANDMARKS, MarkerSet, SetMarker
-from hbm.spelling import did_you_mean, no_segment
+from hbm.spelling import did_you_mean, no_segment, short, shown
 
 EITHER_SIDE: Final = "?"
 """In a label: stands for L and R."""
@@ -102,16 +102,18 @@ def _marker_set(name: str, table: Mapping[str, Any], known: Mapping[str, MarkerS
     own = _markers(table.get("markers", {}), False, faults)
     own += _markers(table.get("optional", {}), True, faults)
     faults += _repeated(own)
+    if not isinstance(table.get("title", ""), str):
+        faults.append(f"title must be a text, got {shown(table['title'])}")
     markers = (*_inherited(table.get("extends", []), own, known, faults), *own)
     if faults:
         raise ValueError(f"marker set {name!r}: " + "; ".join(dict.fromkeys(faults)))
-    return MarkerSet(name, str(table.get("title", name)), markers)
+    return MarkerSet(name, table.get("title", name), markers)
 
 
 def _markers(table: Any, optional: bool, faults: list[str]) -> list[SetMarker]:
     """Read a table of markers. Rows for either side in sequence: all left ones, then the right."""
     if not isinstance(table, dict):
-        faults.append(f"[optional] must be a table like [markers], got {table!r}")
+        faults.append(f"[optional] must be a table like [markers], got {shown(table)}")
         return []
     markers = []
     for either, rows in groupby(table.items(), key=lambda row: EITHER_SIDE in row[0]):
@@ -126,7 +128,7 @@ def _marker(key: str, entry: Any, side: str, optional: bool, faults: list[str]) 
     """Read a row, for one side if it stands for either; None where nothing can be read."""
     words = isinstance(entry, list) and all(isinstance(word, str) for word in entry)
     if not (words and len(entry) in (1, 2)):
-        faults.append(f"{key} must be [segment] or [segment, landmark], got {entry!r}")
+        faults.append(f"{short(key)} must be [segment] or [segment, landmark], got {shown(entry)}")
         return None
     letter = SIDES.get(side, "")
     segments = {s.removeprefix(f"{side}_"): s for s in MOVING} | {s: s for s in MOVING}
@@ -134,9 +136,10 @@ def _marker(key: str, entry: Any, side: str, optional: bool, faults: list[str]) 
     landmarks |= {name: name for name in LANDMARKS if name not in landmarks}
     segment, landmark = entry[0], entry[1] if len(entry) == 2 else None
     if segment not in segments:
-        faults.append(f"{key}: {no_segment(segment, segments)}")
+        faults.append(f"{short(key)}: {no_segment(segment, segments)}")
     if landmark is not None and landmark not in landmarks:
-        faults.append(f"{key}: no landmark {landmark!r}{did_you_mean(landmark, landmarks)}")
+        hint = did_you_mean(landmark, landmarks)
+        faults.append(f"{short(key)}: no landmark {shown(landmark)}{hint}")
     labels = tuple(key.replace(EITHER_SIDE, letter if side else EITHER_SIDE).split(OR))
     return SetMarker(
         labels, segments.get(segment, segment), landmarks.get(landmark or ""), optional
@@ -146,7 +149,7 @@ def _marker(key: str, entry: Any, side: str, optional: bool, faults: list[str]) 
 def _repeated(markers: list[SetMarker]) -> list[str]:
     """Find labels that occur twice, and landmarks that two markers of the same need mark."""
     labels = Counter(label for marker in markers for label in marker.labels)
-    faults = [f"label {label} occurs twice" for label, count in labels.items() if count > 1]
+    faults = [f"label {short(label)} occurs twice" for label, count in labels.items() if count > 1]
     first: dict[tuple[str, bool], str] = {}
     for marker in markers:
         if marker.landmark is not None:
@@ -162,12 +165,12 @@ def _inherited(
     """Give the markers of the sets that a set extends, where it does not say otherwise itself."""
     names = [names] if isinstance(names, str) else names
     if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
-        faults.append(f"extends must be the name of a set or a list of them, got {names!r}")
+        faults.append(f"extends must be the name of a set or a list of them, got {shown(names)}")
         return []
     for name in names:
         if name not in known:
             hint = did_you_mean(name, known) or f", known: {', '.join(known)}"
-            faults.append(f"extends: no marker set {name!r}{hint}")
+            faults.append(f"extends: no marker set {shown(name)}{hint}")
     labels = {label for marker in own for label in marker.labels}
     needed = {marker.landmark for marker in own if not marker.optional}
     optional = {marker.landmark for marker in own if marker.optional}

@@ -1,10 +1,12 @@
 """Marker trajectories."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 
 from hbm.spatial import Array, read_only
+from hbm.spelling import listed
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +45,17 @@ class Markers:
                 f"for {len(time)} times and {len(names)} names, got {position.shape}"
             )
         if len(set(names)) != len(names):
-            twice = sorted({name for name in names if names.count(name) > 1})
-            raise ValueError(f"marker names must be unique, but these appear twice: {twice}")
+            twice = sorted(name for name, count in Counter(names).items() if count > 1)
+            raise ValueError(
+                f"marker names must be unique, but these appear twice: {listed(twice)}"
+            )
         if len(time) > 1 and not np.all(np.diff(time) > 0):
             raise ValueError("marker times must increase")
         position[np.isnan(position).any(axis=-1)] = np.nan
         object.__setattr__(self, "time", read_only(time))
         object.__setattr__(self, "names", names)
-        object.__setattr__(self, "position", read_only(position))
+        position.setflags(write=False)
+        object.__setattr__(self, "position", position)
 
     @property
     def rate_hz(self) -> float:

@@ -41,13 +41,14 @@ def simulate(
 
     Of a simulated study that is in the folder already, only what is missing is written.
     """
+    from pipeline.io.input_file import read_text
     from pipeline.virtual_lab.protocol.setting_file import read_setting
     from pipeline.virtual_lab.protocol.study_folder import folder_setting, require_setting
     from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Setting
 
     there = None if ablation else folder_setting(folder)
     if setting is not None:
-        chosen = read_setting(setting.read_text(encoding="utf-8-sig"))
+        chosen = read_setting(read_text(setting))
     else:
         chosen = Setting(protocol=SHORT) if ablation else there or Setting()
     if seed is not None:

@@ -21,6 +21,7 @@ from hbm.engines.engine import EngineName
 from hbm.markers import MarkerSet
 from hbm.segments import Sex
 from hbm.signals.filtering import Method
+from hbm.spelling import printable
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import PlateUnits, Stated
 from pipeline.io.units import acceleration_in_mps2, length_in_m
@@ -35,7 +36,7 @@ RESERVED: Final = (
     *(f"{p}{n}" for p in ("com", "lpt") for n in range(10)),
 )
 """Devices of Windows: no file there may have such a name, whatever follows after a full stop."""
-Text = Annotated[str, Field(min_length=1)]
+Text = Annotated[str, Field(min_length=1), AfterValidator(printable)]
 Labels = Annotated[tuple[Text, ...], Field(strict=False)]
 Channels = Annotated[tuple[Text, Text, Text], Field(strict=False)]
 """Labels of a sensor's x, y and z channels."""
@@ -341,7 +342,7 @@ class RecordingRules(InputModel):
     rename
         Label in the files, without the prefix of a subject -> label wanted.
     label_prefix
-        Prefix of the subject wanted, where several subjects carry the same labels.
+        Prefix of the subject wanted, or its number, where several carry the same labels.
     units
         Unit of the markers' positions.
     plate_units
@@ -374,7 +375,7 @@ class RecordingRules(InputModel):
 class StudyFile(RecordingRules):
     """The contents of ``study.toml``."""
 
-    name: str = "study"
+    name: Annotated[str, AfterValidator(printable)] = "study"
     settings: Settings = Settings()
     treadmill: Treadmill = Treadmill()
     conditions: Annotated[dict[Name, Condition], Field(min_length=1)]

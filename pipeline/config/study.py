@@ -21,6 +21,7 @@ from pipeline.config.consistency import (
 from pipeline.config.schema import Condition, StudyFile, SubjectFile
 from pipeline.config.toml_file import Table, check_table, read_table
 from pipeline.config.validation import StudyFaults
+from pipeline.io.input_file import read_text
 from pipeline.io.stated import Stated
 
 SIMULATED: Final = "truth/setting.toml"
@@ -199,7 +200,7 @@ def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerS
         )
         return None
     try:
-        return read_marker_set(path.read_text(encoding="utf-8-sig"), path.stem)
+        return read_marker_set(read_text(path), path.stem)
     except ValueError as error:
         faults.append(f"{path.name}: {error}")
         return None

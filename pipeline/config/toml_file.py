@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from hbm.overrides import SegmentOverride, read_overrides
 from pipeline.config.validation import Model, StudyFaults, describe_faults
+from pipeline.io.input_file import naming, read_text
 
 Table = dict[str, Any]
 """The contents of a TOML file before they are checked."""
@@ -16,7 +17,7 @@ Table = dict[str, Any]
 def read_table(path: Path) -> Table:
     """Read a TOML file; StudyFaults if it cannot be read, is not UTF-8 or not TOML."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(read_text(path))
     except UnicodeDecodeError as error:
         fault = f"is not saved as UTF-8: {error.reason} at byte {error.start}"
     except ValueError as error:
@@ -38,4 +39,5 @@ def check_table(name: str, table: Table, kind: type[Model]) -> Model:
 
 def read_segments(path: Path) -> dict[str, SegmentOverride]:
     """Read segment overrides from a TOML file; raises as `read_overrides`."""
-    return read_overrides(path.read_text(encoding="utf-8-sig"), path.name)
+    with naming(path):
+        return read_overrides(read_text(path), path.name)

@@ -7,7 +7,8 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from hbm.spelling import did_you_mean, short
+from hbm.spelling import did_you_mean, short, shown
+from pipeline.io.input_file import fault_line
 
 MAX_TYPED: Final = 1e9
 """In any unit; beyond it a number is no quantity in another unit."""
@@ -27,8 +28,8 @@ class StudyFaults(ValueError):
     """Everything that is wrong with a study's files; ``faults`` holds one line each."""
 
     def __init__(self, faults: list[str]) -> None:
-        self.faults = tuple(faults)
-        super().__init__("; ".join(faults))
+        self.faults = tuple(map(fault_line, faults))
+        super().__init__("; ".join(self.faults))
 
 
 def describe_faults(error: ValidationError, kind: type[BaseModel]) -> list[str]:
@@ -91,16 +92,16 @@ def _line(fault: ErrorDetails, kind: type[BaseModel]) -> str:
         text = fault["msg"].removeprefix("Value error, ")
         return f"{key}: {text}" if key else text
     if fault["type"] == "string_pattern_mismatch":
-        return f"{key}: must be letters, digits, '_', '-' and '.', got {short(repr(value))}"
+        return f"{key}: must be letters, digits, '_', '-' and '.', got {shown(value)}"
     text = fault["msg"][0].lower() + fault["msg"][1:].replace("valid tuple", "list")
     name = next(part for part in reversed(place) if isinstance(part, str))
-    return f"{key}: {text}, got {short(repr(value))}{_hint(fault, name)}"
+    return f"{key}: {text}, got {shown(value)}{_hint(fault, name)}"
 
 
 def _hint(fault: ErrorDetails, key: str) -> str:
     """Give the nearest allowed word, or the unit in which a number would be within its bounds."""
     allowed, value = fault.get("ctx", {}), fault["input"]
-    if fault["type"] == "literal_error":
+    if fault["type"] == "literal_error" and isinstance(value, str):
         return did_you_mean(value, re.findall(r"'(.*?)'", allowed["expected"]))
     if isinstance(value, int | float) and value < 0 <= allowed.get("ge", -1):
         return ""

@@ -21,6 +21,13 @@ AXES: Final = "ALS"
 MAX_JITTER: Final = 0.1
 """Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
 smaller."""
+PROGRAMS: Final = (
+    *("Vicon Nexus", "Vicon Workstation", "Vicon Shogun", "Vicon Tracker", "Vicon Blade"),
+    *("D-Flow", "Cortex", "EVaRT", "EVa RealTime", "Qualisys Track Manager", "Visual3D"),
+    *("SMART Capture", "Theia3D", "Motive", "OpenSim", "hbm-residuals", "ezc3d"),
+)
+"""Programs that are named in a data set: what else a file states of its origin may be a name."""
+VERSION: Final = re.compile(r"\b\d+(?:\.\d+)+\b")
 README: Final = """Marker trajectories and ground reactions of people on an instrumented treadmill.
 
 Frame `lab`: right-handed, x forward, y left, z up. Plates (tracksys-plates): force on the subject
@@ -148,7 +155,6 @@ def _system(
     )
     description = {
         "TaskName": task,
-        "TaskDescription": f"recorded as {recording.source.name}",
         "SamplingFrequency": rate_hz,
         "TrackedPointsCount": len(points) if optical else 0,
         "MotionChannelCount": len(channels),
@@ -157,7 +163,7 @@ def _system(
         "RecordingType": "continuous",
         "MissingValues": "n/a",
         "TrackingSystemName": stem.name.rpartition("-")[2],
-        "SoftwareVersions": str(recording.metadata.software or "n/a"),
+        "SoftwareVersions": _software(recording.metadata.software),
     }
     space = {
         "reference_frame": {
@@ -171,6 +177,12 @@ def _system(
         _tsv(Path(f"{stem}_channels.tsv"), table),
         _json(Path(f"{stem}_channels.json"), space),
     ]
+
+
+def _software(text: str) -> str:
+    """Give the known program and the versions in a text; the rest may be anything, even a name."""
+    known = [name for name in PROGRAMS if name.casefold() in text.casefold()]
+    return " ".join([known[0], *VERSION.findall(text)]) if known else "n/a"
 
 
 def _data_set(folder: Path, subject: str) -> list[Path]:

@@ -1,6 +1,7 @@
 """Text files of Motek D-Flow's mocap module, with or without one of its record module."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +15,12 @@ from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
 from pipeline.io.dflow_record import on_clock, read_record
+from pipeline.io.input_file import naming
 from pipeline.io.labels import marker_columns
 from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.io.text_table import parse_rows, read_lines
+from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
 
 AXES: Final = "right,up,back"
 """D-Flow's own, of x, y and z."""
@@ -47,7 +49,7 @@ MARKER: Final = re.compile(r"(.+)\.Pos[XYZ]")
 class _Table:
     """One mocap file on the cameras' clock: dropped frames are rows of NaN."""
 
-    names: tuple[str, ...]
+    columns: Mapping[str, int]
     values: Array
     stamps: Array
     first_frame: int
@@ -55,12 +57,19 @@ class _Table:
     notes: tuple[Note, ...]
 
     def vector(self, stem: str) -> Array:
-        wanted = [f"{stem}{axis}" for axis in "XYZ"]
-        if absent := [name for name in wanted if name not in self.names]:
-            raise ValueError(
-                f"column {short(absent[0])} is absent, but others of {short(stem)} are there"
-            )
-        return self.values[:, [self.names.index(name) for name in wanted]]
+        """Give the three columns of a quantity, (T, 3)."""
+        return self.vectors([stem])[:, 0]
+
+    def vectors(self, stems: Iterable[str]) -> Array:
+        """Give the three columns of each of several quantities, (T, stems, 3)."""
+        wanted = [(stem, f"{stem}{axis}") for stem in stems for axis in "XYZ"]
+        for stem, name in wanted:
+            if name not in self.columns:
+                raise ValueError(
+                    f"column {short(name)} is absent, but others of {short(stem)} are there"
+                )
+        columns = [self.columns[name] for _, name in wanted]
+        return np.take(self.values, columns, axis=1).reshape(len(self.values), -1, 3)
 
 
 def read_dflow(
@@ -109,26 +118,24 @@ def read_dflow(
     against the centres of pressure and takes another point where they demand it.
     """
     path = Path(path)
-    try:
+    with naming(path):
         return _read(path, as_stated(stated), Path(record) if record else None, missing)
-    except ValueError as error:
-        named = any(str(error).startswith(f"{p.name}: ") for p in (Path(record or path), path))
-        raise error if named else ValueError(f"{path.name}: {error}") from error
 
 
 def _read(path: Path, stated: Stated, record: Path | None, missing: str) -> Recording:
     table = _table(path)
-    stems = dict.fromkeys(m[1] for name in table.names if (m := MARKER.fullmatch(name)))
+    stems = dict.fromkeys(m[1] for name in table.columns if (m := MARKER.fullmatch(name)))
     stems = {stem: None for stem in stems if stem.lower() not in SEGMENTS}
     if not stems:
         raise ValueError("no markers: no column such as LASIS.PosX")
     metre, unit_notes = stated.marker_unit("m")
     markers, subject, label_notes = marker_columns(list(stems), stated)
     kept = [list(stems)[k] for k in markers.values()]
-    position = np.stack([table.vector(f"{stem}.Pos") for stem in kept], 1) * metre
+    position = table.vectors(f"{stem}.Pos" for stem in kept)
+    position *= metre
     gaps = _gaps(position, list(markers), missing)
     stated.check_span(position, "m")
-    numbers = dict.fromkeys(int(m[1]) for name in table.names if (m := PLATE.fullmatch(name)))
+    numbers = dict.fromkeys(int(m[1]) for name in table.columns if (m := PLATE.fullmatch(name)))
     time = np.arange(len(position)) / table.rate_hz
     columns, plate_notes = _plates(table, numbers, stated, time)
     loads = [mean_force(plate.force) for plate in columns]
@@ -147,18 +154,22 @@ def _read(path: Path, stated: Stated, record: Path | None, missing: str) -> Reco
     used = {f"{stem}.Pos{axis}" for stem in stems for axis in "XYZ"}
     used |= {f"FP{k}.{q}{axis}" for k in numbers for q in ("For", "Mom", "Cop") for axis in "XYZ"}
     analog = _analog(table, used, time)
-    notes = [*axes_notes, *table.notes, *unit_notes, *label_notes, *gaps]
+    first_frame, stamps, table_notes = table.first_frame, table.stamps, table.notes
+    del table  # as large as all that is read from it
+    position = position @ to_lab.T
+    notes = [*axes_notes, *table_notes, *unit_notes, *label_notes, *gaps]
     events: Mapping[str, tuple[float, ...]] = {}
     if record:
         signals = read_record(record)
-        analog, events, note = on_clock(signals, record.name, table.stamps, time, analog)
-        notes.append(note)
+        with naming(record):
+            analog, events, note = on_clock(signals, record.name, stamps, time, analog)
+        notes += [*signals.notes, note]
     return Recording(
         source=path,
-        markers=Markers(time, tuple(markers), position @ to_lab.T),
+        markers=Markers(time, tuple(markers), position),
         plates=plates,
         analog=analog,
-        first_frame=table.first_frame,
+        first_frame=first_frame,
         metadata=Metadata(subject=subject, software="D-Flow", dflow_events=events),
         stated=stated,
         notes=(*notes, *plate_notes, *moment_notes),
@@ -166,16 +177,16 @@ def _read(path: Path, stated: Stated, record: Path | None, missing: str) -> Reco
 
 
 def _table(path: Path) -> _Table:
-    lines = read_lines(path)
-    names = [name.strip() for name in lines[0].rstrip().split("\t")]
+    lines = lines_of(path)
+    names = names_in(next(lines, "").rstrip(), "\t")
     for column in ("TimeStamp", "FrameNumber"):
         if column not in names:
             raise ValueError(f"not a D-Flow mocap file: its first line has no column {column}")
-    if twice := sorted({name for name in names if names.count(name) > 1}):
+    if twice := sorted(name for name, count in Counter(names).items() if count > 1):
         raise ValueError(f"several columns have the same name: {listed(twice)}")
-    rows = [(k, line) for k, line in enumerate(lines[1:], start=2) if line.strip()]
-    values = parse_rows([line for _, line in rows], "\t", names, [k for k, _ in rows])
-    frames, stamps = (values[:, names.index(name)] for name in ("FrameNumber", "TimeStamp"))
+    values = parse_rows(((k, ln) for k, ln in enumerate(lines, start=2) if ln.strip()), "\t", names)
+    columns = {name: k for k, name in enumerate(names)}
+    frames, stamps = (values[:, columns[name]] for name in ("FrameNumber", "TimeStamp"))
     if len(frames) < 2:
         raise ValueError(f"it holds {len(frames)} frames, expected at least 2")
     if empty := np.count_nonzero(np.isnan(values).any(axis=1)):
@@ -184,25 +195,26 @@ def _table(path: Path) -> _Table:
     if (frames % 1).any() or (steps < 0).any():
         raise ValueError("FrameNumber does not count upward; is this one recording?")
     new = np.concatenate([[True], steps > 0])
-    frames, stamps, values = frames[new], stamps[new], values[new]
+    frames, stamps = frames[new], stamps[new]
     index = (frames - frames[0]).astype(int)
     total = index[-1] + 1
     if len(frames) < 2 or total > MAX_DROPPED_RATIO * len(frames):
         raise ValueError(
             f"FrameNumber spans {total} frames, but the file holds {len(frames)} of them"
         )
-    full = np.full((total, values.shape[1]), np.nan)
-    full[index] = values
+    if total > len(frames) or not new.all():
+        held, values = values[new], np.full((total, values.shape[1]), np.nan)
+        values[index] = held
     rate, clock = _rate(index, stamps)
-    notes = [clock]
+    notes = [*ending_notes(path), clock]
     if not new.all():
         notes.append(Note.of("rows_repeated", rows=np.count_nonzero(~new)))
     if total > len(frames):
         notes.append(Note.of("frames_dropped", dropped=total - len(frames), frames=total))
     return _Table(
-        names=tuple(names),
-        values=full,
-        stamps=full[:, names.index("TimeStamp")],
+        columns=columns,
+        values=values,
+        stamps=values[:, columns["TimeStamp"]].copy(),
         first_frame=int(frames[0]),
         rate_hz=rate,
         notes=tuple(notes),
@@ -227,7 +239,8 @@ def _gaps(position: Array, names: Sequence[str], missing: str) -> list[Note]:
     """Make markers that no camera saw NaN, in place, and note how many."""
     zero = (position == 0).all(axis=-1)
     held = np.zeros_like(zero)
-    held[1:] = (np.diff(position, axis=0) == 0).all(axis=-1) & ~zero[1:]
+    for k in range(len(names)):  # one by one: a file may be as large as the memory allows
+        held[1:, k] = (position[1:, k] == position[:-1, k]).all(axis=-1) & ~zero[1:, k]
     notes = []
     for kind, unseen, code in (
         ("zero", zero, "markers_written_as_zero"),
@@ -254,11 +267,11 @@ def _plates(
     for number in numbers:
         name = f"plate {number}"
         needed = [f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in "XYZ"]
-        if absent := [column for column in needed if column not in table.names]:
+        if absent := [column for column in needed if column not in table.columns]:
             reason = f"column {absent[0]} is absent"
             notes.append(Note.of("plate_left_out", plate=name, reason=reason))
             continue
-        present = [q for q in units if q != "Cop" or f"FP{number}.CopX" in table.names]
+        present = [q for q in units if q != "Cop" or f"FP{number}.CopX" in table.columns]
         force, moment, *pressure = (table.vector(f"FP{number}.{q}") * units[q] for q in present)
         found.append(PlateColumns(number, name, time, force, moment, next(iter(pressure), None)))
     return found, notes
@@ -266,11 +279,10 @@ def _plates(
 
 def _analog(table: _Table, used: set[str], time: Array) -> Analog | None:
     """Give all other columns as channels; where the body model failed, all of its are zero."""
-    rest = [k for k, n in enumerate(table.names) if n not in used | {"TimeStamp", "FrameNumber"}]
-    if not rest:
+    names = [n for n in table.columns if n not in used and n not in ("TimeStamp", "FrameNumber")]
+    if not names:
         return None
-    names = [table.names[k] for k in rest]
-    values = table.values[:, rest]
+    values = table.values[:, [table.columns[name] for name in names]]
     modelled = np.array([name.endswith((".Ang", ".Mom", ".Pow")) for name in names])
     if np.count_nonzero(modelled) > 1:
         failed = (values[:, modelled] == 0).all(axis=1)

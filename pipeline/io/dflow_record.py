@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -10,9 +11,10 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array, read_only
-from hbm.spelling import listed
+from hbm.spelling import listed, short
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Analog
-from pipeline.io.text_table import parse_rows, read_lines
+from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
 
 EVENT: Final = re.compile(r"#\s*EVENT\s+(\S+)\s*-\s*COUNT\s+(\d+)", re.IGNORECASE)
 TOTAL: Final = re.compile(r"#\s*EVENT\s+(\S+)\s+occur+ed\s+(\d+)\s+times?", re.IGNORECASE)
@@ -32,12 +34,15 @@ class Record:
         (N, K), as the file has them.
     events
         Letter -> times [s], in the middle between the rows around the event.
+    notes
+        On how the file ends.
     """
 
     time: Array
     names: tuple[str, ...]
     values: Array
     events: dict[str, tuple[float, ...]]
+    notes: tuple[Note, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time", read_only(self.time))
@@ -65,27 +70,25 @@ def read_record(path: str | Path) -> Record:
         The file cannot be opened.
     """
     path = Path(path)
-    try:
-        return _parse(read_lines(path))
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
+    with naming(path):
+        return _parse(lines_of(path), ending_notes(path))
 
 
-def _parse(lines: list[str]) -> Record:
-    names = [name.strip() for name in lines[0].rstrip().split("\t")]
+def _parse(lines: Iterator[str], notes: tuple[Note, ...]) -> Record:
+    names = names_in(next(lines, "").rstrip(), "\t")
     if names[0] != "Time":
-        raise ValueError(f"not a D-Flow record file: its first column is {names[0][:40]!r}")
+        raise ValueError(f"not a D-Flow record file: its first column is {short(names[0])!r}")
     rows: list[tuple[int, str]] = []
     marks: list[tuple[str, int]] = []
     totals: dict[str, int] = {}
-    for number, line in enumerate(lines[1:], start=2):
+    for number, line in enumerate(lines, start=2):
         if event := EVENT.match(line.strip()):
             marks.append((event[1], len(rows)))
         elif total := TOTAL.match(line.strip()):
             totals[total[1]] = int(total[2])
         elif line.strip() and not line.lstrip().startswith("#"):
             rows.append((number, line))
-    values = parse_rows([line for _, line in rows], "\t", names, [k for k, _ in rows])
+    values = parse_rows(rows, "\t", names)
     if len(values) < 2:
         raise ValueError(f"it holds {len(values)} rows, expected at least 2")
     time = values[:, 0]
@@ -99,7 +102,7 @@ def _parse(lines: list[str]) -> Record:
     for name, row in marks:
         around = time[max(row - 1, 0) : row + 1]
         events[name] = (*events.get(name, ()), float(around.mean()))
-    return Record(time, tuple(names[1:]), values[:, 1:], events)
+    return Record(time, tuple(names[1:]), values[:, 1:], events, notes)
 
 
 def on_clock(
@@ -112,7 +115,7 @@ def on_clock(
     record
         The record.
     name
-        Its file's name, for messages.
+        Its file's name, for the note.
     stamps
         D-Flow's time stamp of each camera frame, (T,) [s]; NaN where the frame was dropped.
     time
@@ -145,12 +148,12 @@ def on_clock(
     clock = (record.time - start) / rate
     if clock[-1] < time[0] or clock[0] > time[-1]:
         raise ValueError(
-            f"{name}: its times {record.time[0]:.2f}–{record.time[-1]:.2f} s do not overlap the "
+            f"its times {record.time[0]:.2f}–{record.time[-1]:.2f} s do not overlap the "
             f"markers' {start:.2f}–{start + rate * time[-1]:.2f} s; is it of the same trial?"
         )
     names = analog.names if analog else ()
     if twice := sorted(set(names) & set(record.names)):
-        raise ValueError(f"{name}: signals named like the mocap file's: {listed(twice)}")
+        raise ValueError(f"signals named like the mocap file's: {listed(twice)}")
     signals = [
         np.interp(time, clock, record.values[:, k], np.nan, np.nan)
         for k in range(len(record.names))

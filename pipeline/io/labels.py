@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hbm.notes import Note
-from hbm.spelling import did_you_mean, listed, short
+from hbm.spelling import listed, short
 from pipeline.io.stated import Stated
 
 
@@ -36,7 +36,8 @@ def without_prefixes(labels: Sequence[str], prefix: str | None) -> Labels:
     labels
         As the file has them.
     prefix
-        That of the subject wanted, where several subjects carry the same labels.
+        That of the subject wanted, where several subjects carry the same labels, or its number
+        among the prefixes in the order of the file, from 1.
 
     Returns
     -------
@@ -48,17 +49,17 @@ def without_prefixes(labels: Sequence[str], prefix: str | None) -> Labels:
     ValueError
         Several subjects carry the same labels and none is chosen, or the chosen prefix is not
         there.
+
+    Notes
+    -----
+    Prefixes are often people's names, so that notes and messages count them and never show them.
     """
     owners = {k: label.rpartition(":")[0] for k, label in enumerate(labels)}
     bare = {k: label.rpartition(":")[2] for k, label in enumerate(labels)}
-    prefixes = sorted(set(owners.values()) - {""})
+    prefixes = list(dict.fromkeys(filter(None, owners.values())))
     notes = []
-    if prefix is not None and prefix not in prefixes:
-        raise ValueError(
-            f"no label begins with {short(prefix)!r}{did_you_mean(prefix, prefixes)}; prefixes "
-            f"there: {listed(prefixes)}; correct --label-prefix, or label_prefix in study.toml"
-        )
     if prefix is not None:
+        prefix = _chosen(prefix, prefixes)
         own = {bare[k] for k in bare if owners[k] == prefix}
         others = {owners[k] for k in bare if owners[k] not in ("", prefix) and bare[k] in own}
         kept = {
@@ -67,24 +68,34 @@ def without_prefixes(labels: Sequence[str], prefix: str | None) -> Labels:
             if owners[k] not in others and (owners[k] or label not in own)
         }
         if left_out := len(bare) - len(kept):
-            notes.append(
-                Note.of("points_of_other_subjects", points=left_out, subject=short(prefix))
-            )
+            notes.append(Note.of("points_of_other_subjects", points=left_out))
         bare = kept
     owners_of: dict[str, set[str]] = {}
     for k, label in bare.items():
         owners_of.setdefault(label, set()).add(owners[k])
     alike = {owner for several in owners_of.values() if len(several) > 1 for owner in several}
     if alike:
-        first = min(filter(None, alike))
+        numbers = [str(k) for k, each in enumerate(prefixes, start=1) if each in alike]
         raise ValueError(
-            f"several subjects carry the same labels: {listed(sorted(alike))}; choose one, for "
-            f'example --label-prefix {short(first)}, or label_prefix = "{short(first)}" in '
-            "study.toml"
+            f"{len(alike)} subjects carry the same labels: choose one by the prefix of its labels "
+            f"or by its number in the file ({listed(numbers)}), for example --label-prefix "
+            f'{numbers[0]}, or label_prefix = "{numbers[0]}" in study.toml'
         )
     if prefixes:
-        notes.append(Note.of("subject_prefixes_removed", subjects=[*map(short, prefixes)]))
+        notes.append(Note.of("subject_prefixes_removed", prefixes=len(prefixes)))
     return Labels(bare, prefix or next(iter(prefixes), ""), tuple(notes))
+
+
+def _chosen(prefix: str, prefixes: Sequence[str]) -> str:
+    """Give the prefix that is stated by itself or by its number."""
+    numbered = {str(k): each for k, each in enumerate(prefixes, start=1)}
+    if prefix not in prefixes and prefix not in numbered:
+        there = f"it has {len(prefixes)}, numbered from 1" if prefixes else "its labels have none"
+        raise ValueError(
+            f"no label begins with the stated prefix; {there}: correct --label-prefix, or "
+            "label_prefix in study.toml, or leave it out"
+        )
+    return prefix if prefix in prefixes else numbered[prefix]
 
 
 def marker_columns(

@@ -1,6 +1,7 @@
 """Motek's .mox files (XML)."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,8 +13,9 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import short
+from hbm.spelling import printable, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.input_file import naming, open_file
 from pipeline.io.labels import marker_columns
 from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.recording import Analog, Metadata, Recording
@@ -65,14 +67,13 @@ def read_mox(path: str | Path, stated: Stated | str | None = None) -> Recording:
     of the recording states that this is unconfirmed.
     """
     path = Path(path)
-    try:
+    with naming(path):
         return _read(path, as_stated(stated))
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
 
 
 def _read(path: Path, stated: Stated) -> Recording:
-    header, channels, rates = _channels(path.read_bytes())
+    with open_file(path) as file:
+        header, channels, rates = _channels(file.read())
     marked = {k: m for k in channels if (m := MARKER.fullmatch(k))}
     stems = dict.fromkeys(m["a"] or m["b"] for m in marked.values())
     if not stems:
@@ -138,13 +139,13 @@ def _channels(content: bytes) -> tuple[Metadata, dict[str, Array], dict[str, flo
     if root.tag != ROOT:
         raise ValueError(f"not a .mox file: its root is {short(root.tag)!r}, expected {ROOT!r}")
     subject, date, comments, count = (
-        root.findtext(f"viewer_header/{tag}", "").strip()
+        printable(root.findtext(f"viewer_header/{tag}", "").strip())
         for tag in ("patient_id", "trial_date", "comments", "nr_of_samples")
     )
     channels: dict[str, Array] = {}
     rates: dict[str, float] = {}
     for element in root.iterfind("viewer_data/viewer_channel"):
-        name = element.findtext("channel_label", "").strip()
+        name = printable(element.findtext("channel_label", "").strip())
         if name in channels:
             raise ValueError(f"several channels have the label {short(name)!r}")
         words = element.findtext("raw_channel_data/channel_data", "").split()
@@ -230,12 +231,14 @@ def _analog(
     frames: int,
 ) -> tuple[Analog | None, list[Note]]:
     """Give the channels of the commonest rate and length, and note which are left out."""
-    clocks = [(rates[k], len(channels[k])) for k in names]
+    clocks = Counter((rates[k], len(channels[k])) for k in names)
     if not clocks:
         return None, []
-    clock = max(sorted(set(clocks)), key=lambda c: (clocks.count(c), c == (marker_rate, frames)))
-    kept = [k for k, its in zip(names, clocks, strict=True) if its == clock]
-    left = [k for k in names if k not in kept]
+    clock = max(sorted(clocks), key=lambda c: (clocks[c], c == (marker_rate, frames)))
+    kept: list[str] = []
+    left: list[str] = []
+    for name in names:
+        (kept if (rates[name], len(channels[name])) == clock else left).append(name)
     time = np.arange(clock[1]) / clock[0]
     values = np.column_stack([channels[k] for k in kept])
     notes = [Note.of("channels_left_out", channels=left)] if left else []

@@ -11,12 +11,13 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.axes import parse_axes, settle_axes
+from pipeline.io.input_file import naming
 from pipeline.io.labels import marker_columns
 from pipeline.io.moment_reference import PlateColumns, plates_about_origin
 from pipeline.io.nexus_blocks import Block, Group, read_blocks
 from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.io.text_table import read_lines
+from pipeline.io.text_table import ending_notes, lines_of
 
 
 def read_nexus(path: str | Path, stated: Stated | str | None = None) -> Recording:
@@ -53,14 +54,12 @@ def read_nexus(path: str | Path, stated: Stated | str | None = None) -> Recordin
     `wrench_about_origin` finds it from the centres of pressure.
     """
     path = Path(path)
-    try:
+    with naming(path):
         return _read(path, as_stated(stated))
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
 
 
 def _read(path: Path, stated: Stated) -> Recording:
-    blocks, skipped = read_blocks(read_lines(path))
+    blocks, skipped = read_blocks(list(lines_of(path)))
     if "trajectories" not in blocks:
         raise ValueError(f"no Trajectories block; blocks: {listed(blocks)}")
     block = blocks["trajectories"]
@@ -84,7 +83,7 @@ def _read(path: Path, stated: Stated) -> Recording:
         stated.axes, position, tuple(markers), marker_set=stated.marker_set
     )
     to_lab = parse_axes(settled)
-    notes = [*axes_notes, *skipped, *unit_notes, *label_notes]
+    notes = [*axes_notes, *skipped, *ending_notes(path), *unit_notes, *label_notes]
     plates: tuple[Plate, ...] = ()
     analog = None
     if "devices" in blocks:
@@ -118,6 +117,11 @@ def _devices(
     count = (block.frame - first) * round(per_frame) + block.sub_frame
     if (np.diff(count) != 1).any():
         raise ValueError("Devices: frames and sub frames do not count upward one by one")
+    if (last := trajectories.frame[-1]) < block.frame[-1]:
+        raise ValueError(
+            f"Trajectories end with frame {last:.0f}, Devices with {block.frame[-1]:.0f}: the file "
+            "is truncated; copy it from its source again, or export it again"
+        )
     time = count / block.rate_hz
     measured: dict[str, dict[str, Group]] = {}
     for group in block.groups:
@@ -131,8 +135,8 @@ def _devices(
         columns = [replace(plate, force=-plate.force, moment=-plate.moment) for plate in columns]
         notes.append(Note.of("forces_reversed"))
     plates, moment_notes = plates_about_origin(columns, to_lab)
-    used = [group for parts in measured.values() for group in parts.values()]
-    analog = _analog(block, [g for g in block.groups if g not in used], time)
+    used = {group.first for parts in measured.values() for group in parts.values()}
+    analog = _analog(block, [g for g in block.groups if g.first not in used], time)
     return plates, analog, [*notes, *moment_notes]
 
 

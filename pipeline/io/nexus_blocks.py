@@ -9,7 +9,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import short
-from pipeline.io.text_table import parse_rows
+from pipeline.io.text_table import names_in, parse_rows
 
 TITLES: Final = ("devices", "trajectories", "model outputs")
 SEPARATORS: Final = ("\t", ";", ",")
@@ -102,13 +102,13 @@ def _block(lines: Sequence[str], first_line: int) -> Block:
         )
     _, rate, names, components, units = lines[:HEADER_LINES]
     separator = next((s for s in SEPARATORS if s in components), ",")
-    labels = [field.strip() for field in components.rstrip(f" {separator}").split(separator)]
+    labels = names_in(components.rstrip(f" {separator}"), separator)
     if [label.lower() for label in labels[:2]] != ["frame", "sub frame"] or len(labels) < 3:
         raise ValueError(
-            f"line {first_line + 3} is {components[:40]!r}, expected Frame, Sub Frame, components"
+            f"line {first_line + 3} is {short(components)!r}, expected Frame, Sub Frame, components"
         )
-    numbers = range(first_line + HEADER_LINES, first_line + len(lines))
-    values = parse_rows(lines[HEADER_LINES:], separator, labels, numbers)
+    rows = enumerate(lines[HEADER_LINES:], start=first_line + HEADER_LINES)
+    values = parse_rows(rows, separator, labels)
     frame, sub_frame = values[:, 0], values[:, 1]
     if not (np.isfinite(values[:, :2]).all() and (values[:, :2] % 1 == 0).all()):
         raise ValueError("a row has no frame or sub frame number")
@@ -118,19 +118,19 @@ def _block(lines: Sequence[str], first_line: int) -> Block:
         _rate(_bare(rate)),
         frame,
         sub_frame,
-        _groups(names.split(separator), labels, units.split(separator)),
+        _groups(names_in(names, separator), labels, names_in(units, separator)),
         values,
     )
 
 
 def _groups(names: list[str], labels: list[str], units: list[str]) -> tuple[Group, ...]:
-    names = [name.strip().strip('"') for name in names]
+    names = [name.strip('"') for name in names]
     starts = [k for k, name in enumerate(names[: len(labels)]) if name and k >= 2]
     if not starts:
         raise ValueError("its third line names no columns")
     if beyond := [name for name in names[len(labels) :] if name]:
         raise ValueError(f"{short(beyond[0])!r} is the name of a column that is not there")
-    units = [unit.strip() for unit in units] + [""] * (len(labels) - len(units))
+    units = units + [""] * (len(labels) - len(units))
     spans = zip(starts, [*starts[1:], len(labels)], strict=True)
     return tuple(Group(names[a], a, tuple(labels[a:b]), tuple(units[a:b])) for a, b in spans)
 
@@ -139,7 +139,7 @@ def _rate(text: str) -> float:
     try:
         rate = float(text)
     except ValueError as error:
-        raise ValueError(f"its second line is {text[:40]!r}, expected a rate in Hz") from error
+        raise ValueError(f"its second line is {short(text)!r}, expected a rate in Hz") from error
     if not 0 < rate < MAX_RATE_HZ:
         raise ValueError(f"its rate is {rate:g} Hz")
     return rate

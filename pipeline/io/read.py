@@ -9,6 +9,7 @@ import numpy as np
 from hbm.markers import MarkerSet
 from pipeline.io.c3d.read import preview_c3d, read_c3d
 from pipeline.io.dflow import read_dflow
+from pipeline.io.input_file import naming, open_file
 from pipeline.io.mox import ROOT, read_mox
 from pipeline.io.nexus import read_nexus
 from pipeline.io.nexus_blocks import is_nexus
@@ -16,7 +17,7 @@ from pipeline.io.opensim.trc import read_trc
 from pipeline.io.opensim.trial import read_opensim_trial
 from pipeline.io.recording import Preview, Recording
 from pipeline.io.stated import Stated
-from pipeline.io.text_table import decoded
+from pipeline.io.text_table import EMPTY, decoded
 
 C3D_KEY: Final = 0x50
 """Second byte of every C3D file."""
@@ -55,7 +56,7 @@ def read_recording(
         Label in the file, without the prefix of a subject -> label wanted. A label that is not
         there is a note.
     label_prefix
-        Prefix of the subject wanted, where several subjects carry the same labels.
+        Prefix of the subject wanted, or its number, where several carry the same labels.
     units
         Unit of the markers' positions, such as ``"mm"``; by default the file's.
     plate_units
@@ -154,15 +155,18 @@ def file_format(path: Path) -> str:
     OSError
         The file cannot be opened.
     """
-    with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
+    with open_file(path) as file, naming(path):
+        return _format(file.read(HEAD_BYTES))
+
+
+def _format(head: bytes) -> str:
     if head[1:2] == bytes([C3D_KEY]) and not head[:1].isalpha():
         return "C3D"
     try:
         text = decoded(head[: len(head) // 2 * 2] if head[1:] else head)
     except ValueError as error:
-        if "empty" in str(error):
-            raise ValueError(f"{path.name}: {error}") from error
+        if str(error) == EMPTY:
+            raise
         text = ""
     lines = text.splitlines() or [""]
     first = [name.strip() for name in lines[0].split("\t")]
@@ -174,7 +178,7 @@ def file_format(path: Path) -> str:
         return "D-Flow"
     if is_nexus(lines):
         return "Nexus"
-    raise ValueError(f"{path.name}: {_why_not_read(lines, first)}")
+    raise ValueError(_why_not_read(lines, first))
 
 
 def _why_not_read(lines: list[str], first: list[str]) -> str:

@@ -74,7 +74,7 @@ class Stated:
         Label in the files, without subject prefix -> label wanted. A label that a file does not
         have is a note.
     label_prefix
-        Prefix of the subject wanted, where several subjects carry the same labels.
+        Prefix of the subject wanted, or its number, where several carry the same labels.
     units
         Unit of the markers' positions, such as "mm".
     plate_units

@@ -1,35 +1,45 @@
 """Text files of numbers, from programs of all kinds: every fault is named with its place."""
 
 import re
-from collections.abc import Sequence
-from io import StringIO
+from collections.abc import Iterable, Iterator, Sequence
+from io import SEEK_END, StringIO, TextIOWrapper
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
+from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import short
+from hbm.spelling import printable, short
+from pipeline.io.input_file import open_file
 
 DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
-UTF16_MARKS: Final = (b"\xff\xfe", b"\xfe\xff")
+UTF16_MARKS: Final = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}
+FIELD_END: Final = re.compile(r"[\t,;]| +")
+BATCH_CHARACTERS: Final = 4_000_000
+"""Of lines that are parsed together: memory for a file of any length is that of its numbers."""
+TAIL_BYTES: Final = 1 << 20
+"""Read of a file's end, to compare its last line with those above it."""
+LINES_COMPARED: Final = 20
+EMPTY: Final = "the file is empty"
+BINARY: Final = "the file holds binary data, expected text"
 MAX_VALUE: Final = 1e9
 """In any unit; beyond it the number is damaged."""
 
 
-def read_lines(path: Path) -> list[str]:
-    """Read a text file with any line ends, with or without a byte order mark.
+def lines_of(path: Path) -> Iterator[str]:
+    """Go through the lines of a text file with any line ends, as they are read.
 
     Parameters
     ----------
     path
-        The file, in UTF-8 or marked UTF-16; other bytes above 127 are replaced, since only
-        comments and names hold them.
+        The file, in UTF-8 with or without a byte order mark, or in marked UTF-16; other bytes
+        above 127 are replaced, since only comments and names hold them.
 
-    Returns
-    -------
-    list[str]
+    Yields
+    ------
+    str
         Lines without their ends.
 
     Raises
@@ -39,35 +49,83 @@ def read_lines(path: Path) -> list[str]:
     OSError
         The file cannot be opened.
     """
-    return decoded(path.read_bytes()).splitlines()
+    empty = True
+    with open_file(path) as file:
+        encoding = "utf-16" if file.read(2) in UTF16_MARKS else "utf-8-sig"
+        file.seek(0)
+        with TextIOWrapper(file, encoding, errors="replace") as text:
+            for line in text:
+                if "\0" in line:
+                    raise ValueError(BINARY)
+                empty = empty and line.isspace()
+                yield line.removesuffix("\n")
+    if empty:
+        raise ValueError(EMPTY)
 
 
 def decoded(content: bytes) -> str:
-    """Decode text in UTF-8 or marked UTF-16; a ValueError where it is empty or binary."""
+    """Decode text as `lines_of` does; a ValueError where it is empty or binary."""
     if not content.strip():
-        raise ValueError("the file is empty")
-    if content.startswith(UTF16_MARKS):
+        raise ValueError(EMPTY)
+    if content.startswith(tuple(UTF16_MARKS)):
         return content.decode("utf-16", errors="replace")
     if b"\0" in content:
-        raise ValueError("the file holds binary data, expected text")
+        raise ValueError(BINARY)
     return content.decode("utf-8-sig", errors="replace")
 
 
-def parse_rows(
-    lines: Sequence[str], separator: str, names: Sequence[str], numbers: Sequence[int]
-) -> Array:
-    """Read rows of numbers.
+def names_in(line: str, separator: str | None = None) -> list[str]:
+    """Give the printable names in a line of a header; without a separator, those between spaces."""
+    return [printable(name.strip()) for name in line.split(separator)]
+
+
+def ending_notes(path: Path) -> tuple[Note, ...]:
+    """Warn where a file ends within a line, so that its last number may have lost digits.
 
     Parameters
     ----------
-    lines
-        One row each; separators after the last column are allowed.
+    path
+        The file.
+
+    Returns
+    -------
+    tuple[Note, ...]
+        ``last_line_unended``, unless the last line has as many fields as those above it, and its
+        last number as many decimals as theirs.
+    """
+    with open_file(path) as file:
+        encoding = UTF16_MARKS.get(file.read(2), "utf-8")
+        size = file.seek(0, SEEK_END)
+        file.seek(max(0, size - TAIL_BYTES) // 2 * 2)
+        text = file.read().decode(encoding, errors="replace")
+    *above, last = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if not last.strip():
+        return ()
+    fields, decimals = _shape(last)
+    shapes = {_shape(line) for line in above[1:][-LINES_COMPARED:]}
+    if decimals and shapes == {(fields, decimals)}:
+        return ()
+    return (Note.of("last_line_unended", file=path.name),)
+
+
+def _shape(line: str) -> tuple[int, int]:
+    """Give the number of fields, and of the characters after the last one's point."""
+    fields = FIELD_END.split(line)
+    return len(fields), len(fields[-1].partition(".")[2])
+
+
+def parse_rows(rows: Iterable[tuple[int, str]], separator: str, names: Sequence[str]) -> Array:
+    """Read rows of numbers, a batch of lines at a time.
+
+    Parameters
+    ----------
+    rows
+        Number of each line in the file, for messages, and the line; separators after the last
+        column are allowed.
     separator
         Between fields.
     names
         The columns, for counting and for messages.
-    numbers
-        The rows' line numbers in the file, for messages.
 
     Returns
     -------
@@ -79,8 +137,25 @@ def parse_rows(
     ValueError
         A row has too few or too many fields, or a field is no number, or too large for one.
     """
+    parts = [_parse_batch(batch, separator, names) for batch in _batches(rows)]
+    return np.concatenate(parts) if parts else np.empty((0, len(names)))
+
+
+def _batches(rows: Iterable[tuple[int, str]]) -> Iterator[list[tuple[int, str]]]:
+    batch, size = [], 0
+    for row in rows:
+        batch.append(row)
+        size += len(row[1])
+        if size > BATCH_CHARACTERS:
+            yield batch
+            batch, size = [], 0
+    if batch:
+        yield batch
+
+
+def _parse_batch(rows: Sequence[tuple[int, str]], separator: str, names: Sequence[str]) -> Array:
     count = len(names)
-    for line, number in zip(lines, numbers, strict=True):
+    for number, line in rows:
         fields = line.count(separator) + 1
         extra = line.split(separator)[count:] if fields > count else []
         if fields < count or any(field.strip() for field in extra):
@@ -88,11 +163,9 @@ def parse_rows(
                 f"line {number} holds {fields} fields for {count} columns: "
                 "the file is truncated or its columns are wrong"
             )
-    if not lines:
-        return np.empty((0, count))
     try:
         values = pd.read_csv(
-            StringIO("\n".join(lines)),
+            StringIO("\n".join(line for _, line in rows)),
             sep=separator,
             header=None,
             usecols=range(count),
@@ -104,15 +177,15 @@ def parse_rows(
             skipinitialspace=True,
         ).to_numpy(float)
     except ValueError as error:
-        raise ValueError(_first_fault(lines, separator, names, numbers)) from error
+        raise ValueError(_first_fault(rows, separator, names)) from error
     strange = np.argwhere(np.abs(values) > MAX_VALUE)
     if len(strange):
         row, column = strange[0]
         raise ValueError(
-            f"line {numbers[row]}, column {short(names[column])!r}: {values[row, column]:g} cannot "
+            f"line {rows[row][0]}, column {short(names[column])!r}: {values[row, column]:g} cannot "
             "have been measured"
         )
-    return values
+    return np.ascontiguousarray(values)  # row by row: whoever takes columns copies only those
 
 
 def read_number(text: str, where: str) -> float:
@@ -124,13 +197,11 @@ def read_number(text: str, where: str) -> float:
         reason = "is no number"
         if DECIMAL_COMMA.fullmatch(text):
             reason = "has a decimal comma; export the file with decimal points"
-        raise ValueError(f"{where}: {text[:40]!r} {reason}") from None
+        raise ValueError(f"{where}: {short(text)!r} {reason}") from None
 
 
-def _first_fault(
-    lines: Sequence[str], separator: str, names: Sequence[str], numbers: Sequence[int]
-) -> str:
-    for line, number in zip(lines, numbers, strict=True):
+def _first_fault(rows: Sequence[tuple[int, str]], separator: str, names: Sequence[str]) -> str:
+    for number, line in rows:
         for name, field in zip(names, line.split(separator), strict=False):
             try:
                 read_number(field, f"line {number}, column {short(name)!r}")

@@ -97,20 +97,24 @@ def check_span(position: Array, unit: str, *, stated: bool) -> None:
     ValueError
         In the median frame the markers lie within 5 cm of each other, or spread over 20 m.
     """
-    visible = position[np.isfinite(position).all(axis=-1).sum(axis=1) > 1]
-    if not len(visible):
+    several = np.isfinite(position).all(axis=-1).sum(axis=1) > 1
+    if not several.any():
         return
-    extent = np.nanmax(visible, axis=1) - np.nanmin(visible, axis=1)
+    extent = np.fmax.reduce(position, axis=1)[several] - np.fmin.reduce(position, axis=1)[several]
     with np.errstate(over="ignore"):
         span = float(np.median(np.linalg.norm(extent, axis=1)))
     if not MIN_SPAN_M < span < MAX_SPAN_M:
-        remedy = f"correct the unit in the file, or {STATE_UNITS}"
-        if stated:
-            remedy = "correct --units, or units in study.toml"
         raise ValueError(
             f"the markers spread over {span:.3g} m if their unit is {short(unit)!r}, expected "
-            f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; {remedy}"
+            f"{MIN_SPAN_M} to {MAX_SPAN_M:g} m; {correct_units(stated=stated)}"
         )
+
+
+def correct_units(*, stated: bool) -> str:
+    """Say how to correct a wrong unit of the markers, which a person states or the file."""
+    if stated:
+        return "correct --units, or units in study.toml"
+    return f"correct the unit in the file, or {STATE_UNITS}"
 
 
 def _lookup(

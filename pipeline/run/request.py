@@ -48,7 +48,8 @@ class TrialRequest:
         tuple[str, ...], Help("OLD=NEW: a label in the files and the one wanted; repeatable.")
     ] = ()
     label_prefix: Annotated[
-        str | None, Help("Label prefix of the subject, where several carry the same labels.")
+        str | None,
+        Help("Label prefix of the subject, or its number, where several carry the same labels."),
     ] = None
     units: Annotated[str | None, Help("Unit of the markers, e.g. mm; default: the file's.")] = None
     plate_units: Annotated[

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.body import Body, build_body
+from hbm.body import Body, ImplausibleLegs, build_body
 from hbm.calibration_pose.anatomy import HipRule, LimbMeasures
 from hbm.calibration_pose.functional import functional_hips
 from hbm.coordinates import SIDES
@@ -16,6 +16,7 @@ from hbm.overrides import SegmentOverride
 from hbm.spatial import Array
 from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Recording
+from pipeline.io.units import correct_units
 from pipeline.trial.weighing import stature
 
 EXPECTED_HIP_DISTANCE_M: Final = 0.03
@@ -68,18 +69,22 @@ def subject_body(
     limbs = limb_measures(subject, pose)
 
     def built(hip: HipRule | dict[str, Array]) -> Body:
-        return build_body(
-            pose.markers,
-            mass=mass,
-            sex=subject.sex,
-            height_m=stature(subject, pose),
-            marker_set=marker_set or settings.marker_set,
-            window_s=window_s,
-            hip=hip,
-            limbs=limbs,
-            marker_offset_m=settings.marker_offset_m,
-            overrides=segments,
-        )
+        try:
+            return build_body(
+                pose.markers,
+                mass=mass,
+                sex=subject.sex,
+                height_m=stature(subject, pose),
+                marker_set=marker_set or settings.marker_set,
+                window_s=window_s,
+                hip=hip,
+                limbs=limbs,
+                marker_offset_m=settings.marker_offset_m,
+                overrides=segments,
+            )
+        except ImplausibleLegs as error:
+            remedy = correct_units(stated=pose.stated.units is not None)
+            raise ValueError(f"{pose.source.name}: {error}; {remedy}") from error
 
     if settings.hip != "functional":
         if hip_trial is not None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.body import build_body
+from hbm.body import ImplausibleLegs, build_body
 from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX, MOVING, N_Q, SEGMENTS, SIDES
 from hbm.dynamics import filter_motion, inverse_dynamics
@@ -352,6 +352,15 @@ def test_a_recording_that_never_shows_all_markers_at_once_is_refused():
 def test_impossible_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         built(synthetic_t_pose(), **options)
+
+
+@pytest.mark.parametrize("factor", [0.1, 1 / 25.4, 2.0, 10.0])
+@pytest.mark.parametrize("height_m", [None, 1.78])
+def test_legs_that_nobody_has_show_another_unit_than_metres(factor, height_m):
+    t_pose = synthetic_t_pose()
+    wrong = Markers(t_pose.time, t_pose.names, factor * t_pose.position)
+    with pytest.raises(ImplausibleLegs, match=r"expected 0\.5 to 2\.6 m: their unit is wrong"):
+        build_body(wrong, mass=MASS_KG, height_m=height_m)
 
 
 def test_a_wrong_number_of_marker_positions_is_refused(body):

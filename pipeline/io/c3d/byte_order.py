@@ -5,6 +5,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hbm.spelling import printable
+
 BLOCK_BYTES: Final = 512
 BYTE_ORDERS: Final = {84: "intel", 85: "dec", 86: "sgi"}
 """Processor type in the parameter section -> order of bytes."""
@@ -52,5 +54,5 @@ def integer_type(byte_order: str, *, signed: bool = True) -> np.dtype:
 
 
 def decoded_text(data: bytes) -> str:
-    """Decode a text, which ends at its first zero, without spaces around it."""
-    return data.decode("utf-8", "replace").split("\0", 1)[0].strip()
+    """Decode a text, which ends at its first zero, printable and without spaces around it."""
+    return printable(data.decode("utf-8", "replace").split("\0", 1)[0].strip())

@@ -14,6 +14,7 @@ from hbm.notes import Note
 from pipeline.io.c3d.byte_order import BLOCK_BYTES, BYTE_ORDERS, decoded_text, floats, integer_type
 from pipeline.io.c3d.counts import DataSection, FrameSize, settle_counts
 from pipeline.io.c3d.parameters import Parameters, parse_parameters
+from pipeline.io.input_file import open_file
 
 DATA_STARTS: Final = (("POINT", "DATA_START"), ("ROTATION", "DATA_START"))
 """Parameters that, like the header, say in which block of the file data begin."""
@@ -104,7 +105,7 @@ def read_header(path: Path) -> tuple[Header, Parameters]:
     OSError
         The file cannot be opened.
     """
-    with path.open("rb") as file:
+    with open_file(path) as file:
         first = file.read(BLOCK_BYTES)
         if not first:
             raise ValueError("the file is empty")

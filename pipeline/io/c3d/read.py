@@ -25,6 +25,7 @@ from pipeline.io.c3d.force_plates import PlateLayout, plate_layouts
 from pipeline.io.c3d.header import Header, read_header
 from pipeline.io.c3d.labels import PointLabels, channel_labels, sort_labels
 from pipeline.io.c3d.parameters import Parameters
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Analog, Compensation, Metadata, Plate, Preview, Recording
 from pipeline.io.stated import Stated, as_stated
 
@@ -89,10 +90,8 @@ def read_c3d(
     (46, 1000.0)
     """
     path = Path(path)
-    try:
+    with naming(path):
         return _read(path, as_stated(stated), max_frames)
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
 
 
 def preview_c3d(path: Path, stated: Stated) -> Preview:

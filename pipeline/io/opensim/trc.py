@@ -12,10 +12,11 @@ from hbm.notes import Note
 from hbm.spatial import Array
 from hbm.spelling import listed, short
 from pipeline.io.axes import parse_axes, settle_axes
+from pipeline.io.input_file import naming
 from pipeline.io.labels import marker_columns
 from pipeline.io.recording import Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.io.text_table import parse_rows, read_lines, read_number
+from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
 MAX_TIME_ERROR: Final = 0.1
 """In frames: files round their times, but not by more than this."""
@@ -38,7 +39,7 @@ class Trajectories:
     subject
         Prefix of the labels in the file, empty where they have none.
     notes
-        On units and labels.
+        On units, labels and how the file ends.
     """
 
     time: Array
@@ -85,12 +86,10 @@ def read_trc(path: str | Path, stated: Stated | str | None = None) -> Recording:
     """
     path, stated = Path(path), as_stated(stated)
     found = read_trajectories(path, stated)
-    try:
+    with naming(path):
         axes, notes = settle_axes(
             stated.axes, found.position, found.names, marker_set=stated.marker_set
         )
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
     position = found.position @ parse_axes(axes).T
     return Recording(
         source=path,
@@ -126,20 +125,18 @@ def read_trajectories(path: Path, stated: Stated) -> Trajectories:
     OSError
         The file cannot be opened.
     """
-    try:
-        return _parse(read_lines(path), stated)
-    except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from error
+    with naming(path):
+        return _parse(list(lines_of(path)), stated, ending_notes(path))
 
 
-def _parse(lines: list[str], stated: Stated) -> Trajectories:
+def _parse(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Trajectories:
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         raise ValueError("not a TRC file: it does not begin with 'PathFileType'")
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     if missing := {"DataRate", "NumFrames", "NumMarkers", "Units"} - set(header):
         raise ValueError(f"its header does not say {listed(sorted(missing))}")
     metre, unit_notes = stated.marker_unit(header["Units"])
-    names = tuple(name.strip() for name in lines[3].split("\t")[2:] if name.strip())
+    names = tuple(filter(None, names_in(lines[3], "\t")[2:]))
     markers, subject, label_notes = marker_columns(names, stated)
     columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
     rows = [(k, line) for k, line in enumerate(lines[5:], start=6) if line.strip()]
@@ -148,8 +145,8 @@ def _parse(lines: list[str], stated: Stated) -> Trajectories:
             raise ValueError(f"its header says {key} {short(header[key])}, but it holds {count}")
     if not rows or not names:
         raise ValueError("it holds no frames")
-    filled = [_with_last_gaps(line, len(columns)) for _, line in rows]
-    values = parse_rows(filled, "\t", columns, [k for k, _ in rows])
+    filled = ((k, _with_last_gaps(line, len(columns))) for k, line in rows)
+    values = parse_rows(filled, "\t", columns)
     if not np.isfinite(values[:, :2]).all():
         raise ValueError("a frame has no number or no time")
     position = values[:, 2:].reshape(len(rows), len(names), 3) * metre
@@ -158,7 +155,12 @@ def _parse(lines: list[str], stated: Stated) -> Trajectories:
     position = position[:, list(markers.values())]
     stated.check_span(position, header["Units"])
     return Trajectories(
-        time, tuple(markers), position, int(values[0, 0]), subject, (*unit_notes, *label_notes)
+        time,
+        tuple(markers),
+        position,
+        int(values[0, 0]),
+        subject,
+        (*notes, *unit_notes, *label_notes),
     )
 
 

@@ -12,6 +12,7 @@ from hbm.notes import Note
 from hbm.spatial import Array, rotate_wrench
 from hbm.spelling import listed, short
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
+from pipeline.io.input_file import naming
 from pipeline.io.moment_reference import wrench_of_torque
 from pipeline.io.opensim.sto import Table, read_mot
 from pipeline.io.opensim.trc import read_trajectories
@@ -93,11 +94,9 @@ def read_opensim_trial(
     """
     trc, grf_mot, stated = Path(trc), Path(grf_mot), as_stated(stated)
     found, table = read_trajectories(trc, stated), read_mot(grf_mot)
-    try:
+    with naming(grf_mot):
         forces, force_notes = _forces(table, stated)
-    except ValueError as error:
-        raise ValueError(f"{grf_mot.name}: {error}") from error
-    try:
+    with naming(trc):
         axes, axes_notes = settle_axes(
             stated.axes,
             found.position,
@@ -105,8 +104,6 @@ def read_opensim_trial(
             marker_set=stated.marker_set,
             plate_forces=[mean_force(each.force) for each in forces],
         )
-    except ValueError as error:
-        raise ValueError(f"{trc.name}: {error}") from error
     to_lab = parse_axes(axes)
     time = _evened(table.time) - found.time[0]
     plates: list[Plate] = []
@@ -128,6 +125,7 @@ def read_opensim_trial(
         notes=(
             *axes_notes,
             *found.notes,
+            *table.notes,
             Note.of("time_origin", start_s=found.time[0], file=trc.name),
             Note.of("plates_from_forces", forces=names, file=grf_mot.name),
             *force_notes,
@@ -158,10 +156,10 @@ def _forces(table: Table, stated: Stated) -> tuple[list[_Force], list[Note]]:
         torques = dict.fromkeys(
             stem.replace("force", word) + before for word, before in TORQUE_COLUMNS
         )
-        there = [name for name in torques if f"{name}x" in table.names]
+        there = [name for name in torques if f"{name}x" in table.columns]
         columns = f"{stem}_{letter}", f"{stem}_p", (there or [*torques])[0]
         needed = [f"{name}{axis}" for name in columns for axis in "xyz"]
-        if absent := [name for name in needed if name not in table.names]:
+        if absent := [name for name in needed if name not in table.columns]:
             reason = f"column {short(absent[0])} is absent"
             notes.append(Note.of("plate_left_out", plate=short(stem), reason=reason))
             continue

@@ -12,6 +12,7 @@ import numpy as np
 from compensation import Calibration, Setup, fit_inertia, from_json
 from hbm.signals.resampling import resample
 from pipeline.config.schema import Treadmill
+from pipeline.io.input_file import read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
@@ -97,7 +98,7 @@ def read_calibration(
     """
     if path.suffix.lower() == ".json":
         try:
-            calibration = from_json(path.read_text(encoding="utf-8"))
+            calibration = from_json(read_text(path))
             _require_same_channels(calibration, treadmill)
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error

@@ -33,6 +33,8 @@ def read_setting(text: str) -> Setting:
         return Setting.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"setting: not valid TOML: {error}") from error
+    except RecursionError as error:
+        raise ValueError("setting: not valid TOML: it is nested too deeply") from error
     except ValidationError as error:
         raise ValueError("setting: " + "; ".join(describe_faults(error, Setting))) from error
 

@@ -27,7 +27,7 @@ def test_markers_keep_a_read_only_copy():
     [
         ([0, 1], ("A",), (2, 3), r"must have shape \(2, 1, 3\)"),
         ([0, 1], ("A", "B"), (2, 1, 3), r"must have shape \(2, 2, 3\)"),
-        ([0, 1], ("A", "A"), (2, 2, 3), r"unique, but these appear twice: \['A'\]"),
+        ([0, 1], ("A", "A"), (2, 2, 3), r"unique, but these appear twice: A"),
         ([0, 0], ("A",), (2, 1, 3), "marker times must increase"),
     ],
 )

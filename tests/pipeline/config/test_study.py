@@ -203,6 +203,14 @@ def test_an_impossible_condition_is_refused(write, conditions, message):
             f'id = "s"\nheight_m = {"9" * 5000}\n[trials.walk]\nexclude = "ill"\n',
             ["not valid TOML: Exceeds the limit"],
         ),
+        (
+            f'id = "s"\nheight_m = 0x{"F" * 6000}\n[trials.walk]\nexclude = "ill"\n',
+            ["height_m: input should be a valid number, got a very large int"],
+        ),
+        (
+            f'id = "s"\nsex = 0x{"F" * 6000}\n[trials.walk]\nexclude = "ill"\n',
+            ["sex: input should be 'male', 'female' or 'unspecified', got a very large int"],
+        ),
         ('id = "../s"\n[trials.walk]\nexclude = "ill"\n', ["id: must be letters, digits"]),
     ],
 )
@@ -210,6 +218,11 @@ def test_an_impossible_subject_file_is_refused(write, person, messages):
     faults = faults_of(write(sub01=person))
     assert len(faults) == len(messages), faults
     assert all(line in fault for line, fault in zip(messages, faults, strict=True)), faults
+
+
+def test_what_a_person_writes_reaches_nobody_with_characters_that_steer_a_terminal(write):
+    folder = write(sub01='id = "s"\n[trials.walk]\nexclude = "\\u001b[2J ill\\nfor a\\tday"\n')
+    assert read_study(folder).subjects["s"].trials["walk"].exclude == "?[2J ill for a day"
 
 
 def test_two_files_with_one_subject_are_refused(write):

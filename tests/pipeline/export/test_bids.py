@@ -57,6 +57,24 @@ def test_labels_are_letters_and_digits(walker, tmp_path):
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.parametrize(
+    ("software", "named"),
+    [
+        ("Vicon Nexus 2.14.0.139696h", "Vicon Nexus 2.14.0"),
+        ("vicon nexus", "Vicon Nexus"),
+        ("D-Flow", "D-Flow"),
+        ("Vicon Nexus of Jane Doe", "Vicon Nexus"),
+        ("Jane Doe's own 1.2", "n/a"),
+        ("", "n/a"),
+    ],
+)
+def test_only_known_programs_are_named(walker, tmp_path, software, named):
+    metadata = replace(walker.metadata, software=software, manufacturer="Doe", comments="Jane")
+    write_bids(replace(walker, metadata=metadata), tmp_path, "01", "walk")
+    (path,) = tmp_path.rglob("*optical_motion.json")
+    assert json.loads(path.read_text(encoding="utf-8"))["SoftwareVersions"] == named
+
+
 def test_export_writes_a_data_set_without_processing(walker, tmp_path, capsys):
     folder = tmp_path / "set"
     asked = [

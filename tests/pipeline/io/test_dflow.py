@@ -1,4 +1,7 @@
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +11,8 @@ from pipeline.io.dflow import read_dflow
 from pipeline.io.dflow_record import read_record
 from pipeline.io.read import read_recording
 from tests.pipeline.other_formats import excerpt, write_dflow
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -228,3 +233,60 @@ def test_axes_that_contradict_the_markers_are_refused(trial, tmp_path):
     path = write_dflow(trial, tmp_path / "t.txt")
     with pytest.raises(ValueError, match="is up by the stated axes, but down by pelvis"):
         read_dflow(path, "forward,down,left")
+
+
+READ_AND_MEASURE = """
+import resource, sys
+from pipeline.io.read import read_recording
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+recording = read_recording(sys.argv[1])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before, len(recording.markers.time))
+"""
+KIB = 1024
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="ru_maxrss differs elsewhere")
+def test_a_large_file_needs_less_than_four_times_its_size_of_memory(tmp_path):
+    """So that 500 MB are read in less than 2 GB; here 24 MB of them."""
+    names = ["LASIS", "RASIS", "LHEE", "RHEE", *(f"M{k}" for k in range(60))]
+    columns = ["TimeStamp", "FrameNumber", *(f"{n}.Pos{a}" for n in names for a in "XYZ")]
+    feet_and_pelvis = ["-0.1", "1.0", "0.0", "0.1", "1.0", "0.0", "-0.1", "0.0", "0.0", "0.1"]
+    place = [f"{float(x):.6f}" for x in [*feet_and_pelvis, *[0.0] * 2, *[0.5] * 180]]
+    frames = 14_000
+    path = tmp_path / "large.txt"
+    with path.open("w", encoding="utf-8") as file:
+        file.write("\t".join(columns) + "\n")
+        for k in range(frames):
+            at = [f"{float(x) + k / 1e6:.6f}" if j % 3 else x for j, x in enumerate(place)]
+            file.write("\t".join([f"{k / 100:.6f}", str(k), *at]) + "\n")
+    asked = [sys.executable, "-c", READ_AND_MEASURE, str(path)]
+    done = subprocess.run(asked, capture_output=True, text=True, check=True, cwd=ROOT)
+    used_kib, read_frames = map(int, done.stdout.split())
+    assert read_frames == frames
+    assert used_kib * KIB < 3.5 * path.stat().st_size
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"c{k}" for k in range(60_000)],
+        [f"m{k}.Pos{a}" for k in range(20_000) for a in "XYZ"],
+        [f"FP{k}.{q}{a}" for k in range(10_000) for q in ("For", "Mom") for a in "XYZ"],
+    ],
+    ids=["channels", "markers", "plates"],
+)
+def test_sixty_thousand_columns_are_read_at_once(tmp_path, names):
+    """A hang guard: with a search of the names for every column this took over a minute."""
+    body = {"LASIS": (-0.1, 1, 0), "RASIS": (0.1, 1, 0), "LHEE": (-0.1, 0, 0), "RHEE": (0.1, 0, 0)}
+    columns = ["TimeStamp", "FrameNumber", *(f"{n}.Pos{a}" for n in body for a in "XYZ"), *names]
+    places = [x for place in body.values() for x in place]
+    rows = (
+        [k / 100, k, *(x + k / 1000 for x in places), *((k + j) / 1e5 for j in range(len(names)))]
+        for k in range(3)
+    )
+    lines = ["\t".join(columns), *("\t".join(f"{x:.6f}" for x in row) for row in rows)]
+    path = tmp_path / "wide.txt"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    code = "import sys; from pipeline.io.read import read_recording; read_recording(sys.argv[1])"
+    asked = [sys.executable, "-c", code, str(path)]
+    subprocess.run(asked, check=True, cwd=ROOT, timeout=60)

@@ -1,11 +1,18 @@
 import subprocess
 import sys
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pipeline.export.opensim_tables import write_trc
 from pipeline.io.opensim.sto import read_mot, read_sto
+from tests.synthetic import synthetic_t_pose
+
+ROOT = Path(__file__).parents[3]
+PARTS = ("force_v", "force_p", "torque_")
+"""What stands in the names of the columns of a force."""
 
 IK = """Coordinates
 version=1
@@ -110,3 +117,19 @@ def test_opensim_itself_reads_the_same_table(shared_data, tmp_path):
     theirs, ours = np.load(tmp_path / "theirs.npz"), read_sto(path)
     assert tuple(theirs["labels"]) == ours.names
     np.testing.assert_allclose(theirs["values"], ours.values)
+
+
+def test_the_forces_of_a_table_of_sixty_thousand_columns_are_found_at_once(tmp_path):
+    """A hang guard: with a search of the names for every column this took five minutes."""
+    names = [f"{k}_ground_{part}{a}" for k in range(6600) for part in PARTS for a in "xyz"]
+    rows = ["\t".join([f"{k / 100:.2f}", *["1.5"] * len(names)]) for k in range(3)]
+    mot, trc = tmp_path / "wide.mot", tmp_path / "pose.trc"
+    head = ["nRows=3", f"nColumns={len(names) + 1}", "endheader", "\t".join(["time", *names])]
+    mot.write_text("\n".join([*head, *rows]) + "\n", encoding="utf-8")
+    write_trc(synthetic_t_pose(), trc)
+    code = (
+        "import sys; from pipeline.io.opensim.trial import read_opensim_trial; "
+        "read_opensim_trial(sys.argv[1], sys.argv[2], 'forward,left,up')"
+    )
+    asked = [sys.executable, "-c", code, str(trc), str(mot)]
+    subprocess.run(asked, check=True, cwd=ROOT, timeout=60)

@@ -302,6 +302,19 @@ def test_a_trial_without_plates_is_refused(walker):
         process_recording(replace(walker, plates=()), PERSON, Settings())
 
 
+@pytest.mark.parametrize("load_n", [0.0, 1.0, 350.0])
+@pytest.mark.parametrize("mass_kg", [None, 75.0])
+def test_plates_that_never_change_give_notes_and_no_residuals(walker, load_n, mass_kg):
+    """Dead plates, without or with an offset; nothing is divided by what they carry."""
+    constant = np.tile([0.0, 0, load_n, 0, 0, 0], (len(walker.plates[0].time), 1))
+    plates = tuple(replace(plate, wrench_in_plate=constant) for plate in walker.plates)
+    dead = replace(walker, plates=plates)
+    result = process_recording(dead, Subject(mass_kg=mass_kg), Settings())
+    codes = [note.code for note in result.notes]
+    assert codes.count("plate_constant") == 2
+    assert "no_residuals" in codes
+
+
 @pytest.mark.parametrize(
     ("subject", "condition", "message"),
     [

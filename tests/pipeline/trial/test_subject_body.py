@@ -18,6 +18,7 @@ from pipeline.config.toml_file import read_segments
 from pipeline.config.validation import StudyFaults
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.opensim.sto import read_sto
+from pipeline.io.stated import Stated
 from pipeline.run.check import check_study
 from pipeline.run.job import trial_key
 from pipeline.trial.process import process_trial
@@ -202,3 +203,21 @@ def test_exported_forces_are_compensated_where_a_calibration_is_given(study, tmp
         for kind in ("measured", "compensated")
     }
     assert np.nanstd(spread["compensated"]) < 0.2 * np.nanstd(spread["measured"])
+
+
+@pytest.mark.parametrize("factor", [0.1, 1 / 25.4, 2.0], ids=["cm", "inches", "doubled"])
+@pytest.mark.parametrize(
+    ("stated", "remedy"),
+    [
+        (None, r"correct the unit in the file, or state it: --units mm, or units = \"mm\" in st"),
+        ("mm", r"correct --units, or units in study\.toml$"),
+    ],
+)
+def test_legs_that_nobody_has_are_refused_with_the_option_of_the_unit(
+    walker, factor, stated, remedy
+):
+    """The stature that the file states does not hide them."""
+    markers = replace(walker.markers, position=factor * walker.markers.position)
+    wrong = replace(walker, markers=markers, stated=Stated(units=stated))
+    with pytest.raises(ValueError, match=rf"{walker.source.name}: .* unit is wrong; {remedy}"):
+        subject_body(wrong, Subject(height_m=1.75), Settings(), 74.6)

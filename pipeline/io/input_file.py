@@ -1,0 +1,68 @@
+"""Files that are given to be read: opened if they are files, their faults told with their name."""
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO, Final
+
+from hbm.spelling import printable
+
+MAX_MESSAGE: Final = 299
+"""Characters of what is said about a file: some lines of a terminal."""
+END_SHOWN: Final = 120
+"""Characters at the end of a longer message, which say what to do."""
+
+
+class FileFault(ValueError):
+    """What is wrong with a file: one printable line that begins with its name."""
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the file's name before whatever a ValueError says of it, once."""
+    try:
+        yield
+    except FileFault:
+        raise
+    except ValueError as error:
+        name = f"{path.name}: "
+        raise FileFault(fault_line(name + str(error).removeprefix(name))) from error
+
+
+def fault_line(text: str) -> str:
+    """Give what is said about a file in one printable line; of a long one its two ends."""
+    text = printable(text)
+    if len(text) <= MAX_MESSAGE:
+        return text
+    return f"{text[: MAX_MESSAGE - END_SHOWN - 3]} … {text[-END_SHOWN:]}"
+
+
+def open_file(path: Path) -> BinaryIO:
+    """Open a file to read its bytes.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    BinaryIO
+        Its bytes.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened, or is a pipe or a device, which may never end.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        reason = "is a pipe or a device; save what it gives as a file first"
+        raise OSError(errno.EINVAL, reason, str(path))
+    return path.open("rb")
+
+
+def read_text(path: Path) -> str:
+    """Read a file in UTF-8, with or without a byte order mark; a ValueError if it is not."""
+    with open_file(path) as file:
+        return file.read().decode("utf-8-sig")
