@@ -162,8 +162,8 @@ def _read(path: Path, stated: Stated, record: Path | None, missing: str) -> Reco
     if record:
         signals = read_record(record)
         with naming(record):
-            analog, events, note = on_clock(signals, record.name, stamps, time, analog)
-        notes += [*signals.notes, note]
+            analog, events, clock_notes = on_clock(signals, record.name, stamps, time, analog)
+        notes += [*signals.notes, *clock_notes]
     return Recording(
         source=path,
         markers=Markers(time, tuple(markers), position),

@@ -19,6 +19,9 @@ from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows
 EVENT: Final = re.compile(r"#\s*EVENT\s+(\S+)\s*-\s*COUNT\s+(\d+)", re.IGNORECASE)
 TOTAL: Final = re.compile(r"#\s*EVENT\s+(\S+)\s+occur+ed\s+(\d+)\s+times?", re.IGNORECASE)
 
+MIN_COVERED: Final = 0.9
+"""Share of the frames' time: both modules are started and stopped by hand, some frames apart."""
+
 
 @dataclass(frozen=True, slots=True)
 class Record:
@@ -107,7 +110,7 @@ def _parse(lines: Iterator[str], notes: tuple[Note, ...]) -> Record:
 
 def on_clock(
     record: Record, name: str, stamps: Array, time: Array, analog: Analog | None
-) -> tuple[Analog, dict[str, tuple[float, ...]], Note]:
+) -> tuple[Analog, dict[str, tuple[float, ...]], tuple[Note, ...]]:
     """Bring a record onto the cameras' clock.
 
     Parameters
@@ -129,8 +132,9 @@ def on_clock(
         All channels; NaN outside the record.
     events
         Letter -> times [s] on the recording's clock.
-    note
-        ``record_interpolated``.
+    notes
+        ``record_interpolated``; ``record_short`` where the record covers less than nine tenths of
+        the frames.
 
     Raises
     ------
@@ -171,4 +175,8 @@ def on_clock(
     }
     counted = [f"{letter} ×{len(times)}" for letter, times in events.items()] or ["none"]
     note = Note.of("record_interpolated", signals=len(record.names), file=name, events=counted)
-    return both, events, note
+    covered = np.clip(clock[[0, -1]], time[0], time[-1])
+    if np.ptp(covered) >= MIN_COVERED * np.ptp(time):
+        return both, events, (note,)
+    short_note = Note.of("record_short", file=name, first_s=covered[0], last_s=covered[1])
+    return both, events, (note, short_note)

@@ -172,6 +172,18 @@ def test_a_record_is_interpolated_onto_the_markers_clock(trial, tmp_path, rng):
     np.testing.assert_allclose(found["B"], [middle[60]], atol=2e-3)
 
 
+@pytest.mark.parametrize(("rows", "short"), [(310, False), (280, False), (200, True)])
+def test_a_record_that_ends_long_before_the_markers_is_named(trial, tmp_path, rows, short):
+    mocap = write_dflow(trial, tmp_path / "t.txt", stamps=np.arange(300) / 100)
+    record = tmp_path / "record.txt"
+    text = RECORD.format(rows=record_rows(np.arange(rows) / 100, {10: "A", 60: "A", 70: "B"}))
+    record.write_text(text)
+    notes = [note for note in read_dflow(mocap, record=record).notes if note.code == "record_short"]
+    assert bool(notes) == short
+    for note in notes:
+        assert "record.txt covers only 0.00 to 1.99 s" in note.text
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
