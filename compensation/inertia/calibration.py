@@ -14,6 +14,8 @@ FORMAT: Final = "hbm-residuals inertia calibration"
 VERSION: Final = 2
 UNNAMED_FILTER_VERSION: Final = 1
 """Did not name its filter, which was always the zero-phase one, and stored warnings."""
+MAX_REASON: Final = 120
+"""Characters of what is wrong, which names what the file holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +123,8 @@ calibration'
         plates = {name: _model(plain) for name, plain in document["plates"].items()}
         calibration = Calibration(plates, document["provenance"])
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
-        raise ValueError(f"the calibration is damaged: {error}; fit it again") from error
+        reason = str(error)[:MAX_REASON]
+        raise ValueError(f"the calibration is damaged: {reason}; fit it again") from error
     if setup is not None:
         for model in calibration.plates.values():
             model.require(setup)

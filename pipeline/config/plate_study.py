@@ -24,7 +24,7 @@ BeltSide = Literal["left", "right"]
 WeightKg = Annotated[float, Field(gt=0, le=500)]
 BeltSpeedMps = Annotated[float, Field(ge=0, le=5)]
 """No treadmill for walking and running is faster."""
-FilterCutoffHz = Annotated[float, Field(gt=0, le=100)]
+FilterCutoffHz = Annotated[float, Field(ge=0.1, le=100)]
 
 
 class WeightRecording(InputModel):

@@ -81,11 +81,11 @@ DelayS = Annotated[float, Field(ge=-0.5, le=0.5)]
 CoordinateM = Annotated[float, Field(ge=-2, le=2)]
 """Within a treadmill and its frame."""
 PointM = Annotated[tuple[CoordinateM, CoordinateM, CoordinateM], Field(strict=False)]
-MotionCutoffHz = Annotated[float, Field(gt=0, le=50)]
+MotionCutoffHz = Annotated[float, Field(ge=0.1, le=50)]
 """At most the Nyquist frequency of markers at 100 Hz."""
-BeltCutoffHz = Annotated[float, Field(gt=0, le=45)]
+BeltCutoffHz = Annotated[float, Field(ge=0.1, le=45)]
 """Below the Nyquist frequency of belt speeds at 100 Hz, by the margin that the filter needs."""
-CalibrationCutoffHz = Annotated[float, Field(gt=0, le=100)]
+CalibrationCutoffHz = Annotated[float, Field(ge=0.1, le=100)]
 """A treadmill's frame has no motion of its own worth calibrating beyond it."""
 ForceThresholdN = Annotated[float, Field(gt=0, le=200)]
 """Above the noise of any plate, below the weight of any subject."""

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
+from hbm.signals.samples import stretches
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.io.recording import Recording
 from pipeline.trial.standing import (
@@ -26,6 +27,14 @@ MAX_REST_N: Final = 10.0
 """About 1 kg: plates drift by less between two zeroings."""
 MAX_TOTAL_REST_N: Final = 20.0
 """Of all plates together: 3 % of the weight of a light adult."""
+
+OTHER_COMPONENTS: Final = {"Fx": 0, "Fy": 1, "Mx": 3, "My": 4, "Mz": 5}
+MAX_OTHER_REST: Final = 10.0
+"""Of any other component of an unloaded plate [N or N·m]: as for the vertical force."""
+MAX_HELD_S: Final = 0.005
+MIN_BESIDE: Final = 0.05
+"""Of a component's largest value, on both sides of samples that are exactly zero for so short a
+time: a foot lands and leaves slowly enough for a plate to read what is in between."""
 
 MIN_SHARED_TIME: Final = 0.9
 """Of the markers' time that the plates must cover: recordings end some frames apart."""
@@ -56,10 +65,12 @@ def check_plates(
     Returns
     -------
     tuple of Note
+        ``plate_samples_zero`` where samples of a loaded plate are exactly zero;
         ``plates_apart`` where the plates cover less than 0.9 of the markers' time;
         ``plates_not_zeroed`` where an unloaded plate reads more than 10 N either way, or all
-        together more than 20 N; ``load_jumps`` where their total changes by a fifth of the body
-        weight while the subject stands still.
+        together more than 20 N, ``plate_components_not_zeroed`` where another component is more
+        than 10 N or 10 N·m from zero then; ``load_jumps`` where their total changes by a fifth of
+        the body weight while the subject stands still.
     """
     time, weight_n = recording.markers.time, mass_kg * GRAVITY_MPS2
     vertical = {
@@ -70,7 +81,9 @@ def check_plates(
     rest_n = {plate: level for plate, level in levels.items() if level is not None}
     total_n = sum(rest_n.values())
     others = (
+        *_zero_samples(recording),
         *_apart(recording),
+        *_other_components(recording, wrenches, rest_n, time),
         *load_jumps(vertical, recording.markers.position, time, weight_n),
     )
     if max(map(abs, rest_n.values()), default=0) <= MAX_REST_N and abs(total_n) <= MAX_TOTAL_REST_N:
@@ -78,6 +91,46 @@ def check_plates(
     added_kg = total_n / GRAVITY_MPS2
     rest = Note.of("plates_not_zeroed", rest_n=rest_n, total_n=total_n, mass_kg=added_kg)
     return (rest, *others)
+
+
+def _other_components(
+    recording: Recording, wrenches: Sequence[Array], rest_n: Mapping[str, float], time: Array
+) -> tuple[Note, ...]:
+    """Name components other than the vertical force that are not zero when nobody is on a plate."""
+    notes = []
+    for plate, wrench in zip(recording.plates, wrenches, strict=True):
+        level = rest_n.get(f"plate {plate.number}")
+        if level is None:
+            continue
+        means = tenths(wrench, time, *common_tenths(time))
+        at_rest = np.abs(means[:, 2] - level) <= REST_SPREAD_N / 2
+        usual = np.median(means[at_rest], axis=0) if at_rest.any() else np.zeros(6)
+        far = {n: usual[k] for n, k in OTHER_COMPONENTS.items() if abs(usual[k]) > MAX_OTHER_REST}
+        if far:
+            code = "plate_components_not_zeroed"
+            notes.append(Note.of(code, plate=plate.number, components=far))
+    return tuple(notes)
+
+
+def _zero_samples(recording: Recording) -> tuple[Note, ...]:
+    """Name plates of which single samples are exactly zero between loaded ones."""
+    notes = []
+    for plate in recording.plates:
+        zero = np.zeros(len(plate.time), bool)
+        longest = round(MAX_HELD_S / float(np.median(np.diff(plate.time))))
+        for component in plate.wrench_in_plate.T:
+            least = MIN_BESIDE * np.nanmax(np.abs(component), initial=0.0)
+            for start, stop in stretches(component == 0):
+                inside = start > 0 and stop < len(component) and stop - start <= longest
+                if inside and min(abs(component[start - 1]), abs(component[stop])) > least:
+                    zero[start:stop] = True
+        if zero.any():
+            samples, first_s = int(zero.sum()), plate.time[np.argmax(zero)]
+            note = Note.of(
+                "plate_samples_zero", plate=plate.number, samples=samples, first_s=first_s
+            )
+            notes.append(note)
+    return tuple(notes)
 
 
 def _apart(recording: Recording) -> tuple[Note, ...]:

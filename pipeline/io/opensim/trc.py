@@ -18,6 +18,8 @@ from pipeline.io.recording import Metadata, Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows, read_number
 
+MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
+"""Of cameras."""
 MAX_TIME_ERROR: Final = 0.1
 """In frames: files round their times, but not by more than this."""
 
@@ -165,8 +167,10 @@ def _parse(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Traject
 
 
 def _regular(stated: Array, rate_hz: float) -> Array:
-    if not 0 < rate_hz < np.inf:
-        raise ValueError(f"its header says {rate_hz:g} Hz, expected a positive rate")
+    if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+        raise ValueError(
+            f"its header says {rate_hz:g} Hz, expected {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
+        )
     time: Array = stated[0] + np.arange(len(stated)) / rate_hz
     if not np.abs(stated - time).max() < MAX_TIME_ERROR / rate_hz:
         raise ValueError(f"its times are not the regular times of its rate of {rate_hz:g} Hz")

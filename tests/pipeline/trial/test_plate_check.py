@@ -56,6 +56,37 @@ def test_plates_that_were_recorded_at_another_time_are_named_with_both_times(lat
         assert "samples are from 5.00 to" in note.text
 
 
+@pytest.mark.parametrize("component", [0, 1, 3, 4, 5])
+@pytest.mark.parametrize("offset", [-60.0, 5.0, 25.0])
+def test_any_component_that_is_not_zero_when_nobody_is_on_the_plate_is_named(component, offset):
+    recording = walking()
+    plate = recording.plates[1]
+    added = np.zeros(6)
+    added[component] = offset
+    shifted = replace(plate, wrench_in_plate=plate.wrench_in_plate + added)
+    notes = check(replace(recording, plates=(recording.plates[0], shifted)))
+    assert bool(notes) == (abs(offset) > 10)
+    for note in notes:
+        assert (note.code, note.values["plate"]) == ("plate_components_not_zeroed", 2)
+        (size,) = note.values["components"].values()
+        assert abs(size) == pytest.approx(abs(offset), abs=1)
+
+
+def test_samples_that_are_zero_while_a_plate_is_loaded_are_named():
+    recording = walking()
+    plate = recording.plates[0]
+    loaded = int(np.argmax(plate.wrench[:, 2]))
+    wrench = plate.wrench_in_plate.copy()
+    wrench[loaded : loaded + 2] = 0
+    (note,) = check(replace(recording, plates=(replace(plate, wrench_in_plate=wrench),)))
+    assert (note.code, note.values["samples"]) == ("plate_samples_zero", 2)
+    assert note.values["first_s"] == pytest.approx(plate.time[loaded])
+
+
+def test_a_foot_that_lands_on_a_plate_without_noise_loses_no_samples():
+    assert check(walking(noise_n=0.0)) == ()
+
+
 @settings(deadline=None)
 @given(rest_n=st.floats(-60, 60))
 def test_a_belt_is_not_zeroed_from_10_n_on_and_never_below(rest_n):
