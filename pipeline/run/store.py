@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 
 from hbm.spatial import Array
 from hbm.spelling import short
+from pipeline.io.input_file import open_file
 from pipeline.io.write import whole_file, write_text
 from pipeline.run.frames import Frames, frame_table, read_frames
 from pipeline.run.header import TrialHeader, header_of, plates_of
@@ -128,7 +129,8 @@ def open_trial(path: Path) -> StoredTrial:
         If it cannot be opened.
     """
     with _readable(path):
-        content = path.read_bytes()
+        with open_file(path) as file:
+            content = file.read()
         place = content.rfind(DIGEST_START) + len(DIGEST_START)
         digested = place >= len(DIGEST_START)
         if digested and content[place : place + len(NO_DIGEST)] != _digest(content, place):
