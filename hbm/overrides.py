@@ -1,6 +1,5 @@
 """Segment inertias that are known better than from a table: prostheses, braces, shoes, scans."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -11,6 +10,7 @@ from hbm.coordinates import SEGMENTS
 from hbm.segments import Inertia
 from hbm.spatial import Array, read_only
 from hbm.spelling import did_you_mean, no_segment, shown
+from hbm.toml_text import parse_toml
 
 MAX_CENTER_DISTANCE_M: Final = 1.0
 """Distance of a centre of mass from the joint: no segment is longer; larger numbers are
@@ -137,10 +137,9 @@ def read_overrides(text: str, name: str = "overrides") -> dict[str, SegmentOverr
     (1.9, 0.3)
     """
     try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else error
-        raise ValueError(f"{name} is not valid TOML: {reason}") from error
+        table = parse_toml(text)
+    except ValueError as error:
+        raise ValueError(f"{name} is not valid TOML: {error}") from error
     overrides, faults = {}, []
     for segment, entry in table.items():
         if segment not in SEGMENTS:

@@ -8,6 +8,8 @@ from hbm.coordinates import FIXED_TO
 
 MAX_CHARACTERS: Final = 40
 """Of a name in a message; files may hold any."""
+END_SHOWN: Final = 120
+"""Characters at the end of a longer message."""
 MAX_LISTED: Final = 8
 """Names in a message."""
 
@@ -31,6 +33,13 @@ def shown(value: object) -> str:
         return short(repr(value))
     except (ValueError, RecursionError):  # more digits or deeper than Python writes out
         return f"a very large {type(value).__name__}"
+
+
+def both_ends(text: str, characters: int) -> str:
+    """Give a long text as its beginning and its last 120 characters, which say what to do."""
+    if len(text) <= characters:
+        return text
+    return f"{text[: characters - END_SHOWN - 3]} … {text[-END_SHOWN:]}"
 
 
 def listed(names: Iterable[object]) -> str:

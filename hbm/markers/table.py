@@ -1,6 +1,5 @@
 """Marker sets as tables: those that ship with the package, and a user's own."""
 
-import tomllib
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,6 +11,7 @@ from typing import Any, Final
 from hbm.coordinates import MOVING, SIDES
 from hbm.markers.marker_set import LANDMARKS, MarkerSet, SetMarker
 from hbm.spelling import did_you_mean, no_segment, short, shown
+from hbm.toml_text import parse_toml
 
 EITHER_SIDE: Final = "?"
 """In a label: stands for L and R."""
@@ -56,10 +56,9 @@ def read_marker_set(text: str, name: str = "own") -> MarkerSet:
     {'LASI': 'pelvis', 'LPEL': 'pelvis'}
     """
     try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else error
-        raise ValueError(f"marker set {name!r} is not valid TOML: {reason}") from error
+        table = parse_toml(text)
+    except ValueError as error:
+        raise ValueError(f"marker set {name!r} is not valid TOML: {error}") from error
     if not isinstance(table.get("markers"), dict) or not table["markers"]:
         raise ValueError(f"marker set {name!r} needs a [markers] table with at least one marker")
     return _marker_set(name, table, marker_sets())
@@ -92,7 +91,7 @@ def marker_sets() -> Mapping[str, MarkerSet]:
     """
     text = files("hbm").joinpath("marker_sets.toml").read_text(encoding="utf-8")
     sets: dict[str, MarkerSet] = {}
-    for name, table in tomllib.loads(text).items():
+    for name, table in parse_toml(text).items():
         sets[name] = _marker_set(name, table, sets)
     return sets
 

@@ -7,10 +7,11 @@ import sys
 import unicodedata
 from typing import Final
 
-from hbm.spelling import printable
+from hbm.spelling import both_ends, printable
 
-MAX_LINE: Final = 1000
-"""Characters of an error: names and texts out of files may be of any length."""
+MAX_LINE: Final = 290
+"""Characters of an error, some lines of a terminal: names and texts out of files may have any
+length."""
 
 STAND_INS: Final = {
     "·": "*",
@@ -38,8 +39,7 @@ def accept_any_letter() -> None:
 
 def print_error(line: str) -> None:
     """Print one line to standard error, as far as that exists."""
-    text = printable(" ".join(line.split()))
-    shown = text if len(text) <= MAX_LINE else f"{text[: MAX_LINE - 1]}…"
+    shown = both_ends(printable(" ".join(line.split())), MAX_LINE)
     if sys.stderr is not None:
         print(f"hbm: {shown}", file=sys.stderr)
 

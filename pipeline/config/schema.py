@@ -312,7 +312,7 @@ class PlateContact(InputModel):
         "left" or "right".
     """
 
-    plate: Annotated[int, Field(ge=1)]
+    plate: Annotated[int, Field(ge=1, le=99)]
     time_s: TimeS
     foot: Literal["left", "right"]
 

@@ -1,12 +1,12 @@
 """TOML files that a person wrote: read, and checked against the type of their contents."""
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from hbm.overrides import SegmentOverride, read_overrides
+from hbm.toml_text import parse_toml
 from pipeline.config.validation import Model, StudyFaults, describe_faults
 from pipeline.io.input_file import naming, read_text
 
@@ -17,13 +17,11 @@ Table = dict[str, Any]
 def read_table(path: Path) -> Table:
     """Read a TOML file; StudyFaults if it cannot be read, is not UTF-8 or not TOML."""
     try:
-        return tomllib.loads(read_text(path))
+        return parse_toml(read_text(path))
     except UnicodeDecodeError as error:
         fault = f"is not saved as UTF-8: {error.reason} at byte {error.start}"
     except ValueError as error:
         fault = f"not valid TOML: {error}"
-    except RecursionError:
-        fault = "not valid TOML: it is nested too deeply"
     except OSError as error:
         fault = f"cannot be read: {error.strerror}"
     raise StudyFaults([f"{path.name}: {fault}"])

@@ -21,6 +21,8 @@ AXES: Final = "ALS"
 MAX_JITTER: Final = 0.1
 """Deviation of sample times from even spacing, in sampling intervals; rounding of written times is
 smaller."""
+FORMULA: Final = ("=", "+", "-", "@")
+"""Beginnings of a cell that spreadsheets take for a formula."""
 PROGRAMS: Final = (
     *("Vicon Nexus", "Vicon Workstation", "Vicon Shogun", "Vicon Tracker", "Vicon Blade"),
     *("D-Flow", "Cortex", "EVaRT", "EVa RealTime", "Qualisys Track Manager", "Visual3D"),
@@ -214,6 +216,8 @@ def _data_set(folder: Path, subject: str) -> list[Path]:
 
 
 def _tsv(path: Path, table: pd.DataFrame, *, header: bool = True) -> Path:
+    texts = table.select_dtypes(exclude="number")
+    table = table.assign(**texts.map(_no_formula))
     with whole_file(path) as temporary:
         table.to_csv(
             temporary,
@@ -226,6 +230,12 @@ def _tsv(path: Path, table: pd.DataFrame, *, header: bool = True) -> Path:
             encoding="utf-8",
         )
     return path
+
+
+def _no_formula(cell: object) -> object:
+    """Put a quote before a text that a spreadsheet would compute; a label may be anything."""
+    formula = isinstance(cell, str) and len(cell) > 1 and cell.startswith(FORMULA)
+    return f"'{cell}" if formula else cell
 
 
 def _json(path: Path, content: Mapping[str, object]) -> Path:

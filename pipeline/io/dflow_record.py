@@ -38,7 +38,8 @@ class Record:
     events
         Letter -> times [s], in the middle between the rows around the event.
     notes
-        On how the file ends.
+        On how the file ends: ``last_line_unended``, and ``record_unended`` where the counts of
+        events are missing that D-Flow writes last.
     """
 
     time: Array
@@ -101,6 +102,8 @@ def _parse(lines: Iterator[str], notes: tuple[Note, ...]) -> Record:
     for name, stated in totals.items():
         if counts[name] != stated:
             raise ValueError(f"it counts {stated} events {name} but holds {counts[name]}")
+    if uncounted := sorted(set(counts) - set(totals)):
+        notes = (*notes, Note.of("record_unended", events=uncounted))
     events: dict[str, tuple[float, ...]] = {}
     for name, row in marks:
         around = time[max(row - 1, 0) : row + 1]

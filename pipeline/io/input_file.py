@@ -6,12 +6,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from hbm.spelling import printable
+from hbm.spelling import both_ends, printable
 
 MAX_MESSAGE: Final = 299
 """Characters of what is said about a file: some lines of a terminal."""
-END_SHOWN: Final = 120
-"""Characters at the end of a longer message, which say what to do."""
 
 
 class FileFault(ValueError):
@@ -25,6 +23,10 @@ def naming(path: Path) -> Iterator[None]:
         yield
     except FileFault:
         raise
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
     except ValueError as error:
         name = f"{path.name}: "
         raise FileFault(fault_line(name + str(error).removeprefix(name))) from error
@@ -32,10 +34,7 @@ def naming(path: Path) -> Iterator[None]:
 
 def fault_line(text: str) -> str:
     """Give what is said about a file in one printable line; of a long one its two ends."""
-    text = printable(text)
-    if len(text) <= MAX_MESSAGE:
-        return text
-    return f"{text[: MAX_MESSAGE - END_SHOWN - 3]} … {text[-END_SHOWN:]}"
+    return both_ends(printable(text), MAX_MESSAGE)
 
 
 def open_file(path: Path) -> BinaryIO:

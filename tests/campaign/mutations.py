@@ -4,7 +4,7 @@ import random
 import re
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 NUMBER: Final = re.compile(rb"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?")
@@ -46,12 +46,15 @@ class Damage:
         How many measured values it may have replaced by others, which no reader can know.
     cut
         Whether it is the beginning of the undamaged file.
+    between_lines
+        Whether it was cut between two lines, with or without the end of the first.
     """
 
     content: bytes
     what: str
     data: int = 0
     cut: bool = False
+    between_lines: bool = False
 
 
 Mutation = Callable[[random.Random, bytes], Damage]
@@ -77,7 +80,9 @@ def truncate(chance: random.Random, content: bytes) -> Damage:
         )
     )
     end = max(end, 0)
-    return Damage(content[:end], f"cut after {end} of {len(content)} bytes", cut=True)
+    between = b"\n" in content[max(0, end - 1) : end + 2]
+    what = f"cut after {end} of {len(content)} bytes"
+    return Damage(content[:end], what, cut=True, between_lines=between)
 
 
 def replace_bytes(chance: random.Random, content: bytes) -> Damage:
@@ -236,4 +241,4 @@ def mutate(chance: random.Random, content: bytes, *, text: bool) -> Damage:
     common, rare = (TEXT, RARE_TEXT) if text else (BINARY, RARE)
     mutation = chance.choice(rare if chance.random() < 0.1 else common)
     damage = mutation(chance, content)
-    return Damage(damage.content, f"{mutation.__name__}: {damage.what}", damage.data, damage.cut)
+    return replace(damage, what=f"{mutation.__name__}: {damage.what}")

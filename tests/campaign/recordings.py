@@ -56,7 +56,7 @@ class Trial:
         found = read_requested(self.request(path))
         if outcome := noted(found.notes, self.recording.notes):
             return outcome
-        shorter = damage.cut and self.lines and damage.content.endswith(b"\n")
+        shorter = damage.cut and self.lines and damage.between_lines
         values = values_changed(found, self.recording, gaps=shorter)
         equal = otherwise_equal(found, self.recording, gaps=shorter)
         lost = _lost(found, self.recording)

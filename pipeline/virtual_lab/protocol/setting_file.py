@@ -1,10 +1,10 @@
 """The setting of a virtual laboratory in TOML: reading, checking, writing."""
 
-import tomllib
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from hbm.toml_text import parse_toml
 from pipeline.config.validation import describe_faults
 from pipeline.virtual_lab.protocol.walking_protocol import Setting
 
@@ -30,11 +30,11 @@ def read_setting(text: str) -> Setting:
         If the text is not TOML, or keys or values are wrong; all of them in one line.
     """
     try:
-        return Setting.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
+        table = parse_toml(text)
+    except ValueError as error:
         raise ValueError(f"setting: not valid TOML: {error}") from error
-    except RecursionError as error:
-        raise ValueError("setting: not valid TOML: it is nested too deeply") from error
+    try:
+        return Setting.model_validate(table)
     except ValidationError as error:
         raise ValueError("setting: " + "; ".join(describe_faults(error, Setting))) from error
 

@@ -163,7 +163,7 @@ def test_an_error_of_any_length_is_one_short_line(capsys):
     print_error("a\nb\tc " + "x" * 10 * MAX_LINE)
     line = capsys.readouterr().err
     assert line.startswith("hbm: a b c xxx")
-    assert line.endswith("x…\n")
+    assert " … x" in line
     assert len(line) <= MAX_LINE + len("hbm: \n")
 
 

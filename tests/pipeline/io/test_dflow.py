@@ -172,6 +172,16 @@ def test_a_record_is_interpolated_onto_the_markers_clock(trial, tmp_path, rng):
     np.testing.assert_allclose(found["B"], [middle[60]], atol=2e-3)
 
 
+def test_a_record_without_the_counts_of_its_events_was_cut_short(tmp_path):
+    path = tmp_path / "record.txt"
+    whole = RECORD.format(rows=record_rows(np.arange(300) / 100, {10: "A", 60: "A", 70: "B"}))
+    path.write_text(whole)
+    assert read_record(path).notes == ()
+    path.write_text(whole[: whole.index("# EVENT A occured")])
+    (note,) = read_record(path).notes
+    assert (note.code, note.values["events"]) == ("record_unended", ("A", "B"))
+
+
 @pytest.mark.parametrize(("rows", "short"), [(310, False), (280, False), (200, True)])
 def test_a_record_that_ends_long_before_the_markers_is_named(trial, tmp_path, rows, short):
     mocap = write_dflow(trial, tmp_path / "t.txt", stamps=np.arange(300) / 100)
