@@ -4,11 +4,13 @@ import re
 import tomllib
 from typing import Any, Final
 
+Table = dict[str, Any]
+"""The contents of a TOML text before they are checked."""
 DEEP_KEY: Final = re.compile(r"(?:[\w-]+\s*\.\s*){100}")
 """A dotted key of a hundred parts; the parser needs memory with the square of their number."""
 
 
-def parse_toml(text: str) -> dict[str, Any]:
+def parse_toml(text: str) -> Table:
     """Parse a TOML text; a ValueError says what is wrong with it.
 
     Examples

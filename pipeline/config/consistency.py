@@ -4,8 +4,9 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from hbm.spelling import did_you_mean, listed, short
+from hbm.toml_text import Table
 from pipeline.config.schema import StudyFile, SubjectFile
-from pipeline.config.toml_file import Table, read_segments
+from pipeline.config.toml_file import read_segments
 
 MIN_PLATFORM_MARKERS = 3
 """Fewer points do not determine the pose of a rigid body."""

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from hbm.toml_text import Table
 from pipeline.config.consistency import missing_file
 from pipeline.config.schema import (
     AxesText,
@@ -15,7 +16,7 @@ from pipeline.config.schema import (
     PlateUnitsText,
     Text,
 )
-from pipeline.config.toml_file import Table, check_table, read_table
+from pipeline.config.toml_file import check_table, read_table
 from pipeline.config.validation import StudyFaults
 from pipeline.io.stated import Stated
 

@@ -12,6 +12,7 @@ from typing import Final
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
 from hbm.spelling import did_you_mean
+from hbm.toml_text import Table
 from pipeline.config.consistency import (
     body_faults,
     result_name_faults,
@@ -19,7 +20,7 @@ from pipeline.config.consistency import (
     trial_faults,
 )
 from pipeline.config.schema import Condition, StudyFile, SubjectFile
-from pipeline.config.toml_file import Table, check_table, read_table
+from pipeline.config.toml_file import check_table, read_table
 from pipeline.config.validation import StudyFaults
 from pipeline.io.input_file import read_text
 from pipeline.io.stated import Stated

@@ -1,17 +1,13 @@
 """TOML files that a person wrote: read, and checked against the type of their contents."""
 
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
 from hbm.overrides import SegmentOverride, read_overrides
-from hbm.toml_text import parse_toml
+from hbm.toml_text import Table, parse_toml
 from pipeline.config.validation import Model, StudyFaults, describe_faults
 from pipeline.io.input_file import naming, read_text
-
-Table = dict[str, Any]
-"""The contents of a TOML file before they are checked."""
 
 
 def read_table(path: Path) -> Table:
