@@ -49,7 +49,10 @@ while kills:
         for path in before:
             path.unlink()
         continue
-    os.killpg(child, signal.SIGKILL)
+    try:
+        os.killpg(child, signal.SIGKILL)
+    except ProcessLookupError:  # it has no group of its own yet
+        os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
     kills -= 1
     after = there()
