@@ -263,7 +263,7 @@ def test_standing_is_compared_with_no_gait_cycles(tmp_path, quick):
     assert "sub01 quiet: counts" not in text
     assert "sub02 shoes: counts 1.00 to 3.00 s" in text
     tests = pd.read_csv(tmp_path / "statistics.csv")
-    sway = tests[tests["effect"].str.startswith("sway IC - sway no IC")]
+    sway = tests[tests["effect"].str.startswith("sway IC - sway no IC", na=False)]
     assert (sway["n"] == 2).all()
     assert sway["note"].str.contains("without sub03").all()
     table = pd.read_csv(tmp_path / "residuals.csv")
