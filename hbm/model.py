@@ -164,6 +164,11 @@ class Body:
         )
 
     @property
+    def segment_of(self) -> dict[str, str]:
+        """Marker -> the segment or shoulder point that it is on."""
+        return dict(zip(self.markers, self.marker_segment, strict=True))
+
+    @property
     def offsets(self) -> dict[str, Array]:
         """Segment or point -> its joint in the parent's frame, (3,) [m]; for all but the pelvis."""
         return {s: self.joints[FIRST_Q[s]].offset for s in PARENT}

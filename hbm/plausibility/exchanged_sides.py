@@ -129,7 +129,7 @@ def _fit_exchanged(body: Body, markers: Markers, left: str, right: str) -> bool:
 def _misfits(body: Body, markers: Markers, label: Mapping[str, str]) -> list[float]:
     """Give by how much markers of other labels miss their distances on their segments [m]."""
     on_body = dict(zip(body.markers, body.marker_position, strict=True))
-    segment_of = dict(zip(body.markers, body.marker_segment, strict=True))
+    segment_of = body.segment_of
     misfits = []
     for name, other in label.items():
         for near in body.markers:

@@ -52,7 +52,7 @@ def changed_distances(body: Body, markers: Markers) -> tuple[Note, ...]:
     for s in MOVING:
         own = [
             name
-            for name, segment in zip(body.markers, body.marker_segment, strict=True)
+            for name, segment in body.segment_of.items()
             if segment == s and name in markers.names
         ]
         changes = []

@@ -52,7 +52,7 @@ def large_marker_errors(body: Body, motion: Motion) -> tuple[Note, ...]:
     segment_error_large left_foot right_foot
     marker_error_large LHEE RHEE
     """
-    segment_of = dict(zip(body.markers, body.marker_segment, strict=True))
+    segment_of = body.segment_of
     of_marker: dict[str, Array] = {}
     of_segment: dict[str, list[Array]] = {}
     for name, error in zip(motion.markers, motion.marker_error.T, strict=True):

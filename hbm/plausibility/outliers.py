@@ -82,7 +82,7 @@ def outlying_samples(body: Body, motion: Motion) -> Mask:
         (T, K): its distance from the model is more than 0.1 m above twice the marker's median.
     """
     excess = motion.marker_error - 2 * _median(motion.marker_error)
-    segment_of = dict(zip(body.markers, body.marker_segment, strict=True))
+    segment_of = body.segment_of
     segments = [segment_of[name] for name in motion.markers]
     found = np.zeros(excess.shape, bool)
     rows = np.arange(len(excess))
@@ -98,7 +98,7 @@ def outlying_samples(body: Body, motion: Motion) -> Mask:
 
 def _with_lost_limbs(body: Body, motion: Motion, outliers: Mask) -> Mask:
     """Add the other markers of limbs of which several are outliers, (T, K)."""
-    segment_of = dict(zip(body.markers, body.marker_segment, strict=True))
+    segment_of = body.segment_of
     result = outliers.copy()
     for segments in LIMBS.values():
         own = [segment_of[name] in segments for name in motion.markers]

@@ -121,7 +121,7 @@ def repeated_positions(body: Body, markers: Markers) -> tuple[Note, ...]:
 
 def _constant_times(body: Body, markers: Markers) -> dict[str, float]:
     """Give for how long markers alone did not move, while their segments did [s]."""
-    segment_of = dict(zip(body.markers, body.marker_segment, strict=True))
+    segment_of = body.segment_of
     at = {
         name: markers.position[:, markers.names.index(name)]
         for name in body.markers

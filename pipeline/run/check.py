@@ -298,7 +298,7 @@ def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
         found.remark(name, "markers_missing", **counts, missing=absent)
     else:
         found.remark(name, "markers_complete", **counts)
-    used = [s for m, s in zip(body.markers, body.marker_segment, strict=True) if m in present]
+    used = [s for m, s in body.segment_of.items() if m in present]
     shown = {i for segment in used for i in support(LAST_Q[segment])}
     locked = tuple(c for i, c in enumerate(COORDINATES) if i not in shown)
     if locked:

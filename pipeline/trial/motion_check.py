@@ -43,8 +43,8 @@ def known_frames(body: Body, motion: Motion) -> Mask:
 
 def _pelvis_unseen(body: Body, motion: Motion) -> Mask:
     """Find the frames, (T,), in which the pelvis shows no marker for too long."""
-    segment = dict(zip(body.markers, body.marker_segment, strict=True))
-    of_pelvis = [segment[name] == "pelvis" for name in motion.markers]
+    segment_of = body.segment_of
+    of_pelvis = [segment_of[name] == "pelvis" for name in motion.markers]
     unseen: Mask = np.asarray(np.isnan(motion.marker_error[:, of_pelvis]).all(axis=1))
     for start, stop in stretches(unseen):
         if motion.time[stop - 1] - motion.time[start] < MAX_UNSEEN_PELVIS_S:
