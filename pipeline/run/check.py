@@ -19,6 +19,7 @@ from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.read import preview_recording
 from pipeline.io.recording import Preview, Recording
+from pipeline.trial.gait.contact import require_contacts
 from pipeline.trial.gait.cycle_shortage import cycle_shortage
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES, gait_events
@@ -313,27 +314,25 @@ def _check_markers(body: Body, preview: Preview, found: _Collector) -> None:
 
 def _check_loads(trial: Trial, recording: Recording, settings: Settings, found: _Collector) -> None:
     """Refuse plates on which nobody ever stands, and stated contacts that are not there."""
-    name, plates, threshold_n = (
-        recording.source.name,
-        recording.plates,
-        settings.contact_threshold_n,
-    )
-    force = [np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1) for plate in plates]
-    if plates and not any((each > threshold_n).any() for each in force):
+    name, plates = recording.source.name, {plate.number: plate for plate in recording.plates}
+    threshold_n = settings.contact_threshold_n
+    force = {
+        number: np.linalg.norm(plate.wrench_in_plate[:, :3], axis=1)
+        for number, plate in plates.items()
+    }
+    if plates and not any((each > threshold_n).any() for each in force.values()):
         found.fault(name, f"nobody is on the plates: none is loaded by more than {threshold_n:g} N")
     for contact in trial.contacts if plates else ():
-        at_s, number = contact.time_s, contact.plate
-        if number > len(plates):
-            found.fault(
-                name, f"contacts: there is no plate {number}; plates are 1 to {len(plates)}"
-            )
+        try:
+            require_contacts([contact], [*plates], recording.markers.time)
+        except ValueError as error:
+            found.fault(name, str(error))
             continue
-        time = plates[number - 1].time
-        if not time[0] <= at_s <= recording.markers.time[-1]:
-            end_s = recording.markers.time[-1]
-            found.fault(name, f"contacts: the recording ends at {end_s:.2f} s, before {at_s:g} s")
-        elif not force[number - 1][np.argmin(np.abs(time - at_s))] > threshold_n:
-            found.fault(name, f"contacts: nobody is on plate {number} at {at_s:g} s")
+        sample = np.argmin(np.abs(plates[contact.plate].time - contact.time_s))
+        if not force[contact.plate][sample] > threshold_n:
+            found.fault(
+                name, f"contacts: nobody is on plate {contact.plate} at {contact.time_s:g} s"
+            )
 
 
 def _check_ground(

@@ -147,6 +147,7 @@ def process_recording(
             feet,
             settings.contact_threshold_n,
             judged_by=best,
+            numbers=[plate.number for plate in recording.plates],
             stated=contacts,
         )
         for variant, plates in ground.variants.items()

@@ -1,6 +1,7 @@
 """In which frames of a trial the plates bear the weight of the subject."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -64,21 +65,22 @@ def weight_bearing_frames(
         defined &= np.isfinite(total).all(axis=1)
         at_rest = [rest_level(wrench[:, 2], time, weight_n) or 0.0 for wrench in plates]
         vertical = forces[..., 2] - np.reshape(at_rest, (-1, 1))
-        delay_s = plate_delay(total, residual, time).delay_s
-        for later in (time, time + np.nan_to_num(delay_s)):
-            found.append(
-                carried_frames(
-                    time,
-                    total[:, 2] + residual[:, 2],
-                    np.stack([np.interp(later, time, each) for each in vertical]),
-                    weight_n=weight_n,
-                    events=events,
-                    feet=shared[variant].by_foot,
-                    threshold_n=settings.contact_threshold_n,
-                    cutoff_hz=settings.cutoff_hz,
-                    method=settings.filter,
-                )
-            )
+        judge = partial(
+            carried_frames,
+            time,
+            total[:, 2] + residual[:, 2],
+            weight_n=weight_n,
+            events=events,
+            feet=shared[variant].by_foot,
+            threshold_n=settings.contact_threshold_n,
+            cutoff_hz=settings.cutoff_hz,
+            method=settings.filter,
+        )
+        found.append(judge(vertical))
+        if found[-1].all():
+            continue
+        later = time + np.nan_to_num(plate_delay(total, residual, time).delay_s)
+        found.append(judge(np.stack([np.interp(later, time, each) for each in vertical])))
     settling_s = 1 / settings.cutoff_hz
     return np.asarray(
         max(found, key=np.count_nonzero) & ~widened(~defined, time, settling_s, settling_s)

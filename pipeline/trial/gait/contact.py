@@ -44,7 +44,7 @@ class Contact:
     Attributes
     ----------
     plate
-        Number of the plate, from 1.
+        Number of the plate in the file.
     start, stop
         First frame, and the one after the last.
     feet
@@ -99,7 +99,8 @@ def share_between_feet(
     threshold_n: float,
     *,
     judged_by: Sequence[Array] | None = None,
-    stated: Iterable[PlateContact] = (),
+    numbers: Sequence[int] | None = None,
+    stated: Sequence[PlateContact] = (),
 ) -> SharedPlates:
     """Give each plate's wrench to the foot that stood on it.
 
@@ -116,6 +117,8 @@ def share_between_feet(
     judged_by
         Per plate, the wrench whose centre of pressure decides, if not ``wrenches``: that of the
         subject alone where these contain a moving platform's inertia too.
+    numbers
+        Of the plates in the file, which may lack some; by default from 1.
     stated
         Contacts whose foot a person states; they overrule the centre of pressure.
 
@@ -138,12 +141,11 @@ def share_between_feet(
     unloaded or undecided, each half belongs to the nearer one's foot. Residuals do not depend on
     this choice, joint moments do.
     """
-    stated = tuple(stated)
+    numbers = numbers or range(1, len(wrenches) + 1)
+    require_contacts(stated, numbers, time)
     by_foot: dict[str, Array] = {foot: np.zeros((len(feet), 6)) for foot in FEET}
     ambiguous, contacts = np.zeros(len(feet), bool), []
-    for number, (wrench, judged) in enumerate(
-        zip(wrenches, judged_by or wrenches, strict=True), start=1
-    ):
+    for number, wrench, judged in zip(numbers, wrenches, judged_by or wrenches, strict=True):
         plate = _Plate(time, judged, feet, threshold_n)
         plate.overrule([each for each in stated if each.plate == number])
         foot_index = plate.foot_of_frames()
@@ -151,11 +153,37 @@ def share_between_feet(
         ambiguous |= plate.uncertain
         for k, foot in enumerate(FEET):
             by_foot[foot] += np.where((foot_index == k)[:, None], wrench, 0.0)
-    if unknown := [each for each in stated if each.plate > len(wrenches)]:
-        raise ValueError(
-            f"contacts: there is no plate {unknown[0].plate}; plates are 1 to {len(wrenches)}"
-        )
     return SharedPlates(by_foot, ambiguous, tuple(contacts))
+
+
+def require_contacts(stated: Iterable[PlateContact], numbers: Sequence[int], time: Array) -> None:
+    """Refuse stated contacts of a plate, or at a time, that is not in the recording.
+
+    Parameters
+    ----------
+    stated
+        Contacts whose foot a person states.
+    numbers
+        Of the plates in the file.
+    time
+        Of the markers, (T,) [s].
+
+    Raises
+    ------
+    ValueError
+        With the first such contact.
+    """
+    for each in stated:
+        if each.plate not in numbers:
+            raise ValueError(
+                f"contacts: there is no plate {each.plate}; plates are {numbers[0]} to "
+                f"{numbers[-1]}"
+            )
+        if not time[0] <= each.time_s <= time[-1]:
+            raise ValueError(
+                f"contacts: {each.time_s:g} s is not in the recording, which lasts from "
+                f"{time[0]:.2f} to {time[-1]:.2f} s"
+            )
 
 
 def forces_of_legs(frames: Mask) -> Mask:
@@ -221,11 +249,6 @@ class _Plate:
         for each in stated:
             frame = int(np.argmin(np.abs(self.time - each.time_s)))
             inside = [(a, b) for a, b in self.stretches if a <= frame < b]
-            if not self.time[0] <= each.time_s <= self.time[-1]:
-                raise ValueError(
-                    f"contacts: {each.time_s:g} s is not in the recording, which lasts from "
-                    f"{self.time[0]:.2f} to {self.time[-1]:.2f} s"
-                )
             if not inside:
                 loaded = _listed(self.time, self.stretches) or "never"
                 raise ValueError(

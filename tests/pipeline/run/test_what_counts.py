@@ -8,12 +8,13 @@ import pytest
 
 from hbm.markers import Markers, marker_sets
 from pipeline.cli.app import main
+from pipeline.config.schema import PlateContact, Settings, Subject
 from pipeline.config.study import read_study
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
 from pipeline.run.store import read_summary, read_trial
 from pipeline.trial.gait.events import zeni_events
-from pipeline.trial.process import process_trial
+from pipeline.trial.process import process_recording, process_trial
 from tests.pipeline import lab
 
 CONTACT = '[[trials.quiet.contacts]]\nplate = {}\ntime_s = {}\nfoot = "{}"\n'
@@ -219,6 +220,18 @@ def test_a_contact_that_is_not_there_fails_the_trial(walker, study, tmp_path, co
     folder = study(walker, trial=CONTACT.format(*contact))
     (outcome,) = run_study(read_study(folder), tmp_path / "out")
     assert message in outcome.reason
+
+
+def test_a_plate_is_meant_by_its_number_in_the_file_also_where_another_one_is_left_out(walker):
+    left = replace(walker.plates[0], number=2)
+    time, loaded = left.time, left.wrench[:, 2] > 300
+    at_s = float(time[np.flatnonzero(loaded & (time > 7))[50]])
+    of_2, of_1 = (PlateContact(plate=k, time_s=at_s, foot="right") for k in (2, 1))
+    recording, person = replace(walker, plates=(left,)), Subject(mass_kg=74.6, sex="male")
+    result = process_recording(recording, person, Settings(), contacts=[of_2])
+    assert result.ground["measured"]["right_foot"][round(at_s * 100), 2] > 300
+    with pytest.raises(ValueError, match="there is no plate 1; plates are 2 to 2"):
+        process_recording(recording, person, Settings(), contacts=[of_1])
 
 
 @pytest.mark.parametrize("contact", [(0, 7.0, "left"), (1, -1.0, "left"), (1, 7.0, "both")])
