@@ -2,14 +2,18 @@
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Final
 
 from hbm.spelling import did_you_mean, listed, short
 from hbm.toml_text import Table
 from pipeline.config.schema import StudyFile, SubjectFile
 from pipeline.config.toml_file import read_segments
+from pipeline.io.input_file import is_file
 
 MIN_PLATFORM_MARKERS = 3
 """Fewer points do not determine the pose of a rigid body."""
+MAX_FILE_NAME: Final = 100
+"""Characters of a file's name in a message."""
 
 
 def missing_file(folder: Path, where: str, name: str) -> list[str]:
@@ -29,10 +33,10 @@ def missing_file(folder: Path, where: str, name: str) -> list[str]:
     list of str
         One fault, or none.
     """
-    if (folder / name).is_file():
+    if is_file(folder / name):
         return []
     near = did_you_mean(name, [p.name for p in folder.glob("*") if p.suffix != ".toml"])
-    return [f"{where}: no file {name!r} in {folder}{near}"]
+    return [f"{where}: no file {short(name, MAX_FILE_NAME)!r} in {folder}{near}"]
 
 
 def treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
@@ -67,7 +71,7 @@ def treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
 def body_faults(folder: Path, name: str, subject: SubjectFile, file: StudyFile | None) -> list[str]:
     """Check what a subject's file states of the body against the settings and the folder."""
     faults = []
-    if subject.segments and (folder / subject.segments).is_file():
+    if subject.segments and is_file(folder / subject.segments):
         try:
             read_segments(folder / subject.segments)
         except ValueError as error:

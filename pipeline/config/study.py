@@ -11,7 +11,7 @@ from typing import Final
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
-from hbm.spelling import did_you_mean
+from hbm.spelling import did_you_mean, shown
 from hbm.toml_text import Table
 from pipeline.config.consistency import (
     body_faults,
@@ -22,7 +22,7 @@ from pipeline.config.consistency import (
 from pipeline.config.schema import Condition, StudyFile, SubjectFile
 from pipeline.config.toml_file import check_table, read_table
 from pipeline.config.validation import StudyFaults
-from pipeline.io.input_file import read_text
+from pipeline.io.input_file import is_file, read_text
 from pipeline.io.stated import Stated
 
 SIMULATED: Final = "truth/setting.toml"
@@ -194,10 +194,11 @@ def _own_marker_set(folder: Path, file: StudyFile, faults: list[str]) -> MarkerS
     if name is None or name in marker_sets():
         return None
     path = folder / name
-    if not path.is_file():
+    if not is_file(path):
         known = ", ".join(marker_sets())
         faults.append(
-            f"study.toml: settings.marker_set: {name!r} is neither a file here nor one of {known}"
+            f"study.toml: settings.marker_set: {shown(name)} is neither a file here nor one of "
+            f"{known}"
         )
         return None
     try:

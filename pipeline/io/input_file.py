@@ -37,6 +37,14 @@ def fault_line(text: str) -> str:
     return both_ends(printable(text), MAX_MESSAGE)
 
 
+def is_file(path: Path) -> bool:
+    """Say whether there is such a file; a name that is longer than any file's names none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def open_file(path: Path) -> BinaryIO:
     """Open a file to read its bytes.
 

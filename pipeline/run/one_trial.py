@@ -9,7 +9,7 @@ from hbm.spelling import short
 from pipeline.config.schema import Platform, RecordingRules, Settings, Subject, Treadmill
 from pipeline.config.toml_file import read_segments
 from pipeline.config.validation import Model, Option, check_options
-from pipeline.io.input_file import read_text
+from pipeline.io.input_file import is_file, read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
@@ -100,7 +100,7 @@ def _stated(request: TrialRequest) -> Stated:
 
 def _own_marker_set(name: str | None) -> MarkerSet | None:
     """Read a marker set that is a file; None for a shipped one."""
-    if name is None or not (name.endswith(".toml") or Path(name).is_file()):
+    if name is None or not (name.endswith(".toml") or is_file(Path(name))):
         return None
     return read_marker_set(read_text(Path(name)), Path(name).stem)
 

@@ -27,6 +27,8 @@ QUANTITIES: Final = {
 """TYPE -> what its channels hold; of TYPE 4, what they give after the matrix."""
 MAX_PLATES: Final = 255
 """As many as a dimension of a parameter has entries."""
+MAX_CORNER_ERROR_M: Final = 0.005
+"""By which the corners may miss a rectangle: what measuring them by a marker misses."""
 VOLTS: Final = {"v", "mv", "uv", "volt", "volts", ""}
 
 
@@ -130,7 +132,7 @@ def plate_layouts(
     plates
         In the file's order, those that it describes.
     notes
-        ``plate_left_out`` for the others, and what is to be said about units.
+        ``plate_left_out`` for the others, ``plate_corners``, and what is to be said about units.
 
     Raises
     ------
@@ -143,12 +145,13 @@ def plate_layouts(
         raise ValueError(f"FORCE_PLATFORM:USED says {used} plates: the file is damaged")
     labelled = list(zip(names, units, strict=True))
     plates: list[PlateLayout] = []
-    notes = []
+    notes: list[Note] = []
     for k in range(used):
         try:
             if k >= len(types):
                 raise Undescribed("FORCE_PLATFORM:TYPE does not name its type")
             plates.append(_plate_layout(k, int(types[k]), parameters, labelled, stated))
+            notes += _corner_notes(plates[-1])
         except Undescribed as error:
             notes.append(Note.of("plate_left_out", plate=f"plate {k + 1}", reason=str(error)))
         except ValueError as error:
@@ -223,6 +226,15 @@ def plate_axes(corners: Array) -> Array:
         raise Undescribed("its corners do not span a surface")
     axes = np.array([x, np.cross(z, x), z])
     return np.asarray((axes / np.linalg.norm(axes, axis=1, keepdims=True)).T)
+
+
+def _corner_notes(plate: PlateLayout) -> tuple[Note, ...]:
+    """Say if the diagonals of a plate do not halve each other, as those of a rectangle do."""
+    halves = plate.corners[:2] + plate.corners[2:]
+    error_m = float(np.linalg.norm(halves[0] - halves[1]))
+    if error_m <= MAX_CORNER_ERROR_M:
+        return ()
+    return (Note.of("plate_corners", plate=plate.number, error_m=error_m),)
 
 
 def _scale(kind: int, sources: list[Channel], parameters: Parameters, stated: Stated) -> Array:

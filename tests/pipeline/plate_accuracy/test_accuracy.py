@@ -262,3 +262,16 @@ def test_an_estimate_from_a_single_impact_has_no_known_uncertainty():
     assert describe(single) == "left: delay 6.200 ms, of unknown uncertainty"
     several = replace(single, standard_error=0.0002, degrees_of_freedom=9)
     assert describe(several) == "left: delay 6.20 ± 0.45 ms"
+
+
+def test_a_file_name_that_no_file_can_have_is_one_line_with_its_place(tmp_path):
+    (tmp_path / "plates.toml").write_text(
+        f'axes = "left,back,up"\n[[weights]]\nfile = "{"a" * 5000}"\nmass_kg = 3.0\n'
+        'speed_mps = 1.0\nprofile = "sine"\nposition_m = 0.1\nbelt = "left"\n',
+        encoding="utf-8",
+    )
+    with pytest.raises(StudyFaults) as caught:
+        read_plates_study(tmp_path)
+    (fault,) = caught.value.faults
+    assert fault.startswith("plates.toml: weights.0.file: no file 'aaa")
+    assert len(fault) < 300 + len(str(tmp_path))

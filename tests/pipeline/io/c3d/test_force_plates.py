@@ -148,6 +148,20 @@ def test_a_plate_of_an_unsupported_type_is_left_out(plate_file, kind):
     assert recording.why_no_plates.startswith("no force plate can be used (plate 1: plates of TYPE")
 
 
+@pytest.mark.parametrize("corner", range(4))
+def test_a_corner_beside_the_rectangle_of_the_other_three_is_a_warning(plate_file, corner):
+    def notes(moved_mm):
+        corners = np.array([[464.0, 0, 0], [0, 0, 0], [0, 508, 0], [464, 508, 0]])
+        corners[corner, 0] += moved_mm
+        read = read_c3d(plate_file(2, origin=[0, 0, -40], corners=corners), AXES)
+        return [note for note in read.notes if note.code == "plate_corners"]
+
+    assert notes(4.0) == []
+    (note,) = notes(30.0)
+    assert note.values["error_m"] == pytest.approx(0.030, abs=1e-6)
+    assert note.level == "warning"
+
+
 def test_an_empty_plate_stays_finite_and_missing_samples_stay_missing(plate_file):
     path = plate_file(2, origin=[0, 0, -40])
     content = bytearray(path.read_bytes())
