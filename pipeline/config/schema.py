@@ -127,8 +127,8 @@ class Settings(InputModel):
     contact_threshold_n
         Vertical force above which a foot is on a plate.
     min_valid_share
-        Share of a gait cycle's frames in which the plates have to carry the subject; with less it
-        is left out, with more those frames count.
+        Share of a gait cycle's frames that have to count (the plates carry the subject and the
+        filters have settled); with less it is left out, with more those frames count.
     engine
         What computes the inverse dynamics; None for Pinocchio where it can be imported, else the
         kernels.

@@ -45,12 +45,13 @@ def residual_figure(result: TrialResult) -> Figure:
 
 
 def _over_time(result: TrialResult) -> Figure:
-    """Draw residuals over the recording, grey where frames do not count."""
+    """Draw residuals over time where filters have settled, grey where frames do not count."""
     time, counts = result.motion.time, counted(result)
+    settled = result.validity.settled[:, None]
     with mpl.rc_context(STYLE):
         figure, panels = _panels()
         for variant, dynamics in variants(result).items():
-            values = reported(dynamics.residual)
+            values = reported(np.where(settled, dynamics.residual, np.nan))
             for k, panel in enumerate(panels):
                 panel.plot(time, values[:, k], color=UNCOUNTED, lw=0.6)
                 inside = np.where(counts, values[:, k], np.nan)

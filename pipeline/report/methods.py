@@ -17,6 +17,7 @@ from pipeline.run.provenance import engines_of
 from pipeline.statistics.design import CONDITIONS, PLANNED_PAIRS, in_order
 from pipeline.statistics.verdict import MARGIN, join_names
 from pipeline.trial.summary import TrialSummary
+from pipeline.trial.validity import settling_s
 
 HIP_METHODS: Final = {
     "harrington": ("the regression equations of Harrington et al. (2007)", "harrington2007"),
@@ -264,9 +265,19 @@ def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
     shares = _each(f"{100 * trial.settings.min_valid_share:g} %" for trial in trials)
     return (
         f"{text} Frames in which the force plates did not carry the subject were left out, and so "
-        f"were gait cycles of which the plates carried less than {shares}. Each residual was "
-        "summarised by its root mean square (RMS) over all samples that remained; curves were "
-        "normalised to 0–100 % of the gait cycle."
+        "were those near the ends of a recording or a gap, in which the filters had not settled "
+        f"({_settling(trials)}), and gait cycles of which less than {shares} remained. Each "
+        "residual was summarised by its root mean square (RMS) over all samples that remained; "
+        "curves were normalised to 0–100 % of the gait cycle."
+    )
+
+
+def _settling(trials: Sequence[TrialSummary]) -> str:
+    """Say for how long filters settle, for each setting of the trials."""
+    times = [settling_s([(t.settings.filter, t.settings.cutoff_hz)]) for t in trials]
+    return _each(
+        f"within {after:.2f} s after a start{f' and {before:.2f} s before an end' * (before > 0)}"
+        for after, before in times
     )
 
 

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from pipeline.run.frames import MASKS
 from pipeline.run.store import StoredTrial, open_trial
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.residuals import AXES, ResidualRow
@@ -146,14 +147,14 @@ def _curves(stored: StoredTrial) -> list[pd.DataFrame]:
     variants = sorted({row.compensated for row in trial.residuals})
     names = {False: "measured", True: "compensated"}
     columns = [f"residual.{names[v]}.{axis}" for v in variants for axis in AXES]
-    frames = stored.columns(["time_s", "valid.motion", "valid.plates", *columns])
-    valid = frames[:, 1:3].astype(bool).all(axis=1, keepdims=True)
-    residuals = np.where(valid, frames[:, 3:], np.nan)
+    time, *_ = stored.columns(["time_s"]).T
+    counts = stored.columns([f"valid.{name}" for name in MASKS]).all(axis=1, keepdims=True)
+    residuals = np.where(counts, stored.columns(columns), np.nan)
     parts = []
     for side, spans in trial.cycles.items():
         if not spans:
             continue
-        values = normalise(frames[:, 0], residuals, spans)
+        values = normalise(time, residuals, spans)
         shape = (*values.shape[:2], len(variants), len(AXES))
         cycle, percent, variant, axis = (i.ravel() for i in np.indices(shape))
         parts.append(

@@ -43,7 +43,7 @@ from pipeline.trial.study_files import (
     with_unused_renames,
 )
 from pipeline.trial.subject_body import subject_body
-from pipeline.trial.validity import Validity, validity_notes
+from pipeline.trial.validity import Validity, settled_frames, settling_s, validity_notes
 from pipeline.trial.weighing import body_mass, carried_mass, differing_masses
 from pipeline.trial.weight_bearing import weight_bearing_frames
 from pipeline.trial.window import WantedWindow, counted_span, window_notes
@@ -163,22 +163,26 @@ def process_recording(
     under_feet = shared[ground.best]
 
     events, events_note = gait_events(recording.events, markers, body.marker_set)
+    known, settling = known_frames(body, motion), settling_s(laboratory.filters(settings))
+    computed = [np.isfinite(each.residual).all(axis=1) for each in dynamics.values()]
     validity = Validity(
-        motion=known_frames(body, motion),
+        motion=known,
+        settled=settled_frames(np.all([known, *computed], axis=0), motion.time, settling),
         plates=weight_bearing_frames(body, motion.time, ground, shared, dynamics, events, settings),
     )
     unknown = forces_of_legs(under_feet.ambiguous | ~validity.plates)
+    unknown |= ~validity.settled[:, None]
     dynamics = {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
     cycles, cycle_notes = cut_cycles(events, motion.time, validity, settings.min_valid_share)
     rule = condition or Condition()
     onsets = perturbation_onsets(recording, rule, ground.pose) if rule.perturbed else np.empty(0)
     selected, selection_notes = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
-    span = counted_span(window, selected, motion.time, settings.cutoff_hz)
+    span = counted_span(window, selected, motion.time, settling)
 
     total = np.sum([*wrenches[ground.best].values()], axis=0)
-    residual = np.where(validity.both[:, None], dynamics[ground.best].residual, np.nan)
+    residual = np.where(validity.counts[:, None], dynamics[ground.best].residual, np.nan)
     delay = plate_delay(total[:, :3], residual[:, :3], motion.time)
-    carried_kg = carried_mass(motion.time, total[:, 2], cycles, validity.both)
+    carried_kg = carried_mass(motion.time, total[:, 2], cycles, validity.counts)
     agreement = agreement_with_plates(
         events, under_feet.by_foot, motion.time, settings.contact_threshold_n
     )

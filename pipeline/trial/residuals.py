@@ -45,7 +45,8 @@ class ResidualRow:
     rms_percent
         The RMS in percent of body weight, or of body weight × stature.
     n_cycles
-        Number of gait cycles; 0 where a span of the recording counts instead.
+        Number of gait cycles in which any frame counts; 0 where a span of the recording counts
+        instead.
     window
         What counts: "cycle", or "span" of the recording.
     valid_share
@@ -134,7 +135,7 @@ def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
         Side -> (C, 101, 6) in the reported axes [N, N·m]; NaN where frames do not count.
     """
     dynamics = variants(result)[variant]
-    values = np.where(result.validity.both[:, None], reported(dynamics.residual), np.nan)
+    values = np.where(result.validity.counts[:, None], reported(dynamics.residual), np.nan)
     return {side: normalise(dynamics.time, values, spans) for side, spans in result.cycles.items()}
 
 
@@ -145,7 +146,7 @@ def in_window(result: TrialResult) -> Mask:
 
 def counted(result: TrialResult) -> Mask:
     """Give whether each frame counts: it is in the window and valid, (T,)."""
-    return np.asarray(in_window(result) & result.validity.both)
+    return np.asarray(in_window(result) & result.validity.counts)
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
@@ -209,11 +210,20 @@ def residual_rows(result: TrialResult, condition: str) -> tuple[ResidualRow, ...
                 sd=float(value[:, k].std()),
                 peak=float(np.abs(value[:, k]).max()),
                 rms_percent=float(rms[k] / scale[k]),
-                n_cycles=0 if result.span else sum(map(len, result.cycles.values())),
+                n_cycles=0 if result.span else _cycles_with_data(result),
                 valid_share=float(np.count_nonzero(counts) / np.count_nonzero(inside)),
             )
             rows.append(row)
     return tuple(rows)
+
+
+def _cycles_with_data(result: TrialResult) -> int:
+    time = result.motion.time[result.validity.counts]
+    return sum(
+        bool(((time >= start) & (time < stop)).any())
+        for spans in result.cycles.values()
+        for start, stop in spans
+    )
 
 
 def _rms_of_cycles(result: TrialResult, variant: str) -> Array:

@@ -19,7 +19,7 @@ WantedWindow = Literal["cycle", "recording"] | Span | None
 
 
 def counted_span(
-    wanted: WantedWindow, cycles: Mapping[str, Array], time: Array, cutoff_hz: float
+    wanted: WantedWindow, cycles: Mapping[str, Array], time: Array, settling: tuple[float, float]
 ) -> Span | None:
     """Give the span of a recording that counts in place of gait cycles.
 
@@ -31,8 +31,9 @@ def counted_span(
         Side -> the gait cycles that were selected, (C, 2) [s].
     time
         (T,) [s].
-    cutoff_hz
-        Cut-off of the filter: it needs one period at either end of a recording to settle.
+    settling
+        Time [s] that the filters need at the start and at the end of a recording
+        (`pipeline.trial.validity.settling_s`).
 
     Returns
     -------
@@ -42,20 +43,24 @@ def counted_span(
     Raises
     ------
     ValueError
-        If the stated span holds no frame in which the filter has settled.
+        If the recording is too short for the filters to settle, or the stated span holds no frame
+        in which they have.
 
     Examples
     --------
     >>> time = np.arange(1000) / 100
-    >>> start, stop = counted_span("recording", {}, time, cutoff_hz=6.0)
+    >>> start, stop = counted_span("recording", {}, time, (1 / 6, 1 / 6))
     >>> f"{start:.2f} to {stop:.2f} s"
     '0.17 to 9.82 s'
     """
     if wanted == "cycle" or (wanted is None and any(map(len, cycles.values()))):
         return None
-    settled = float(time[0] + 1 / cutoff_hz), float(time[-1] - 1 / cutoff_hz)
+    settled = float(time[0] + settling[0]), float(time[-1] - settling[1])
     if settled[0] >= settled[1]:
-        settled = float(time[0]), float(time[-1])
+        raise ValueError(
+            f"the recording lasts {time[-1] - time[0]:.2f} s; its filters need {settling[0]:.2f} s "
+            f"at its start and {settling[1]:.2f} s at its end to settle"
+        )
     if wanted is None or isinstance(wanted, str):
         return settled
     span = max(wanted[0], settled[0]), min(wanted[1], settled[1])
@@ -108,7 +113,7 @@ def window_notes(
         ``no_residuals`` where no frame counts; else, where gait cycles were wanted and none counts,
         ``no_gait_cycle`` or, if there are some, ``gait_cycles_left_out``.
     """
-    counts = frames_within(time, cycles, span) & validity.both
+    counts = frames_within(time, cycles, span) & validity.counts
     reason = cycle_shortage(events, rejected, time, validity.motion)
     if not counts.any():
         nothing = reason if span is None else _nothing_counts(span, time, validity)

@@ -142,7 +142,7 @@ def fake_trial(
         cycles={"left": spans[left], "right": spans[~left]},
         found_cycles=len(spans),
         span=None,
-        validity=Validity(np.ones(frames, bool), np.ones(frames, bool)),
+        validity=Validity(*np.ones((3, frames), bool)),
         delay_s=0.004,
         delay_uncertainty_s=0.001,
         ambiguous=np.zeros(frames, bool),

@@ -14,7 +14,6 @@ from pipeline.report.write import write_report
 from pipeline.run import provenance
 from pipeline.run.store import write_trial
 from pipeline.trial.residuals import AXES
-from pipeline.trial.validity import Validity
 from tests.pipeline.fake_results import (
     fake_trial,
     standing,
@@ -275,7 +274,7 @@ def test_a_trial_without_residuals_is_in_no_table_with_its_reason(tmp_path, quic
     result = fake_trial(3, "pitch", cycles=2)
     lost = replace(
         standing(result),
-        validity=Validity(result.validity.motion, ~result.validity.plates),
+        validity=replace(result.validity, plates=~result.validity.plates),
         notes=(Note.of("no_residuals", reason="the plates carry the subject in no frame"),),
     )
     write_trial(lost, "pitch", "key", tmp_path / "trials" / "sub03_pitch.parquet")

@@ -23,7 +23,6 @@ from pipeline.trial.residuals import (
     variants,
 )
 from pipeline.trial.summary import summarise
-from pipeline.trial.validity import Validity
 from pipeline.viewer.summary import trial_summary
 
 SPANS = np.array([[6.0, 7.0], [7.0, 8.5]])
@@ -102,7 +101,7 @@ def test_where_nothing_counts_there_are_no_rows(processed):
 
 def masked(result, *, plates):
     """The trial with other frames in which the plates carry the subject."""
-    return replace(result, validity=Validity(result.validity.motion, plates))
+    return replace(result, validity=replace(result.validity, plates=plates))
 
 
 def test_frames_that_do_not_count_are_in_no_number(processed):
