@@ -101,12 +101,15 @@ def print_study_residuals(folder: Path) -> None:
     from rich.table import Table
 
     from pipeline.cli.terminal import plain_console, print_table
+    from pipeline.report.windows import windows_sentence
     from pipeline.run.load import collect
 
     residuals = collect(folder).residuals
+    residuals = residuals[residuals["headline"].astype(bool)]
     table = Table(
         title="Pelvis residuals, RMS, mean ± SD over subjects",
-        caption="x forward, y right, z up; IC: with inertia compensation",
+        caption="x forward, y right, z up; IC: with inertia compensation\n"
+        f"{windows_sentence(residuals)}",
         box=box.SIMPLE_HEAD,
         padding=(0, 0),
     )

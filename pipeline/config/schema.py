@@ -22,6 +22,7 @@ from hbm.markers import MarkerSet
 from hbm.segments import Sex
 from hbm.signals.filtering import Method
 from hbm.spelling import printable
+from pipeline.config.window import Interval, Window
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import PlateUnits, Stated
 from pipeline.io.units import acceleration_in_mps2, length_in_m
@@ -95,8 +96,6 @@ MarkerOffsetM = Annotated[float, Field(ge=0, le=0.05)]
 MassKg = Annotated[float, Field(ge=10, le=400)]
 HeightM = Annotated[float, Field(ge=0.5, le=2.6)]
 TimeS = Annotated[float, Field(ge=0)]
-SpanS = Annotated[tuple[TimeS, TimeS], Field(strict=False)]
-"""Start and stop, from the recording's first frame."""
 AgeYears = Annotated[float, Field(ge=0, le=120)]
 KneeWidthM = Annotated[float, Field(ge=0.05, le=0.25)]
 AnkleWidthM = Annotated[float, Field(ge=0.03, le=0.2)]
@@ -247,13 +246,15 @@ class Treadmill(InputModel):
 
 
 class Condition(InputModel):
-    """What of a condition is analysed: gait cycles, or a span of the recording.
+    """What of a condition is analysed: gait cycles, a part of them, or a span of the recording.
 
     Attributes
     ----------
     window
         "cycle": gait cycles; "recording": all of it, for standing; or a span [start_s, stop_s].
-        Where it is not stated: gait cycles or, where a trial has none, its whole recording.
+        Where it is not stated: gait cycles or, where a trial has none, its whole recording. Of
+        perturbed gait cycles also a part: "motion", from each onset for as long as the platform
+        moves fast; [start_s, stop_s] from each onset; or ["10 %", "40 %"] of each cycle.
     cycles
         How many gait cycles; None for all.
     perturbed, pulse_channel
@@ -265,11 +266,13 @@ class Condition(InputModel):
     --------
     >>> Condition(cycles=50, skip_s=10.0).perturbed
     False
-    >>> Condition(window=(5.0, 15.0)).window
+    >>> Condition(window=(5.0, 15.0)).wanted
     (5.0, 15.0)
+    >>> print(Condition(perturbed=True, window=("10 %", "40 %")).part)
+    10 to 40 %
     """
 
-    window: Literal["cycle", "recording"] | SpanS | None = None
+    window: Window | None = None
     cycles: Annotated[int, Field(ge=1)] | None = None
     perturbed: bool = False
     pulse_channel: Text | None = None
@@ -279,20 +282,34 @@ class Condition(InputModel):
     def _used(self) -> "Condition":
         if self.pulse_channel is not None and not self.perturbed:
             raise ValueError("pulse_channel has no effect without perturbed = true")
-        if self.window in (None, "cycle"):
-            return self
-        if self._selects_cycles:
+        in_seconds = isinstance(self.window, Interval) and self.window.unit == "s"
+        if not (self.perturbed or in_seconds or self.window in (None, "cycle", "recording")):
             raise ValueError(
-                'cycles, perturbed and skip_s need window = "cycle"; leave them or the window out'
+                f'window "{self.window}" is a part of perturbed gait cycles; state perturbed = '
+                "true, or another window"
             )
-        if isinstance(self.window, tuple) and not self.window[0] < self.window[1]:
-            raise ValueError("window must be [start_s, stop_s] with start_s < stop_s")
+        if self.window not in (None, "cycle", self.part) and self._selects_cycles:
+            raise ValueError(
+                "cycles, perturbed and skip_s select gait cycles, which this window replaces; "
+                "leave them or the window out"
+            )
         return self
 
     @property
     def wanted(self) -> Literal["cycle", "recording"] | tuple[float, float] | None:
         """The window; gait cycles where certain ones are asked for, which nothing can replace."""
-        return "cycle" if self.window is None and self._selects_cycles else self.window
+        if self.part or (self.window is None and self._selects_cycles):
+            return "cycle"
+        if isinstance(self.window, Interval):
+            return self.window.start, self.window.stop
+        return "recording" if self.window == "recording" else self.window and "cycle"
+
+    @property
+    def part(self) -> Literal["motion"] | Interval | None:
+        """The part of each perturbed gait cycle that counts; None for all of it."""
+        if self.perturbed and (self.window == "motion" or isinstance(self.window, Interval)):
+            return self.window
+        return None
 
     @property
     def _selects_cycles(self) -> bool:

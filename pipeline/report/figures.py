@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
-from pipeline.figures.residuals import axis_label, label_panels
+from pipeline.figures.residuals import axis_label, draw_part, label_panels, mean_part
 from pipeline.figures.style import COLOURS, LINE_WIDTH_PT, STYLE, draw_band
 from pipeline.run.load import Results
 from pipeline.statistics.design import CONDITIONS, in_order
@@ -68,7 +68,8 @@ def study_figures(results: Results, statistics: pd.DataFrame) -> Iterator[tuple[
         ``raw_AXIS`` (F.14–F.19), the latter where there are gait cycles.
     """
     for condition in drawn_conditions(results.cycles):
-        yield f"gait_cycle_{condition}", gait_cycle_figure(results.cycles, condition)
+        grey = mean_part(t for t in results.summaries.values() if t.condition == condition)
+        yield f"gait_cycle_{condition}", gait_cycle_figure(results.cycles, condition, grey=grey)
     yield "marginal_means", marginal_means_figure(results.residuals, statistics)
     subject = example_subject(results.cycles)
     if subject is None:
@@ -91,7 +92,9 @@ def example_subject(cycles: pd.DataFrame) -> str | None:
     return None if cells.empty else str(cells.groupby("subject", sort=True).size().idxmax())
 
 
-def gait_cycle_figure(cycles: pd.DataFrame, condition: str) -> Figure:
+def gait_cycle_figure(
+    cycles: pd.DataFrame, condition: str, *, grey: tuple[float, float] | None = None
+) -> Figure:
     """Draw a condition's residuals over the gait cycle with and without compensation.
 
     Parameters
@@ -100,6 +103,8 @@ def gait_cycle_figure(cycles: pd.DataFrame, condition: str) -> Figure:
         As `pipeline.run.load.Results.cycles`.
     condition
         The condition; the baseline is drawn with it.
+    grey
+        Start and stop of the part that counts [% of the cycle], drawn as a grey band.
 
     Returns
     -------
@@ -138,6 +143,7 @@ def gait_cycle_figure(cycles: pd.DataFrame, condition: str) -> Figure:
                     linewidth=1.0 if dotted else LINE_WIDTH_PT,
                 )
         label_panels(panels)
+        draw_part(panels, grey)
         _legend_below(figure, panels[0])
         over = "gait cycles of one subject" if single else f"{counts[condition]} subjects"
         figure.suptitle(f"Pelvis residuals, {condition}: mean ± SD over {over}", fontsize=TITLE_PT)

@@ -11,11 +11,14 @@ from hbm.engines.engine import EngineName, EngineUsed
 from hbm.signals.filtering import Method
 from pipeline.config.schema import Condition, Treadmill
 from pipeline.config.study import Study
+from pipeline.figures.residuals import mean_part
 from pipeline.report.references import references
+from pipeline.report.windows import described
 from pipeline.run.load import Results
 from pipeline.run.provenance import engines_of
 from pipeline.statistics.design import CONDITIONS, PLANNED_PAIRS, in_order
 from pipeline.statistics.verdict import MARGIN, join_names
+from pipeline.trial.gait.perturbations import MIN_SWAY_SPEED_MPS
 from pipeline.trial.summary import TrialSummary
 from pipeline.trial.validity import settling_s
 
@@ -249,6 +252,7 @@ def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
             if name in conditions
         ]
         text += f" The analysed cycles were {'; '.join(rules)}." if rules else ""
+    text += _parts(walking)
     numbers: dict[str, list[int]] = {}
     for trial in walking:
         count = sum(len(spans) for spans in trial.cycles.values())
@@ -270,6 +274,20 @@ def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
         "residual was summarised by its root mean square (RMS) over all samples that remained; "
         "curves were normalised to 0–100 % of the gait cycle."
     )
+
+
+def _parts(trials: Sequence[TrialSummary]) -> str:
+    """Say which part of the cycles was analysed, and where in the cycle it was on average."""
+    parts = {t.condition: t.part.name for t in trials if t.part}
+    text = ""
+    for condition, name in parts.items():
+        rule = described(name)
+        if name == "motion":
+            rule += f" (above {MIN_SWAY_SPEED_MPS:g} m/s, by its pose; not its slow return)"
+        text += f" Of the cycles in {condition}, only {rule} was analysed"
+        mean = mean_part(t for t in trials if t.condition == condition)
+        text += f", on average {mean[0]:.0f} to {mean[1]:.0f} % of the cycle." if mean else "."
+    return text
 
 
 def _settling(trials: Sequence[TrialSummary]) -> str:

@@ -17,6 +17,7 @@ from pipeline.report.sources import Sources, source_section
 from pipeline.report.tables import Table, residual_tables
 from pipeline.report.trials import Problems, TrialSection, find_problems, trial_section
 from pipeline.report.verdict import VerdictSection, verdict_section
+from pipeline.report.windows import windows_sentence
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
 from pipeline.statistics.design import in_order
@@ -84,6 +85,8 @@ class Page:
         The subject whose gait cycles are drawn one by one, and the figures; None without cycles.
     bibtex
         The works that the Methods cite.
+    windows
+        What of the trials the residuals are of.
     """
 
     name: str
@@ -98,6 +101,7 @@ class Page:
     methods: tuple[str, ...]
     bibtex: str
     sources: Sources
+    windows: str
 
 
 def write_page(report: Report) -> str:
@@ -134,6 +138,7 @@ def write_page(report: Report) -> str:
         methods=tuple(methods(report.results, report.statistics, report.study)),
         bibtex=bibtex(cited(report.results), report.provenance.report["hbm-residuals"]),
         sources=source_section(report.provenance),
+        windows=windows_sentence(residuals),
     )
     return TEMPLATES.get_template("page.html").render(page=page)
 

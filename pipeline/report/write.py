@@ -11,6 +11,7 @@ from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.figures import study_figures
 from pipeline.report.page import Report, write_page
+from pipeline.report.windows import windows_sentence
 from pipeline.run.failures import read_failures
 from pipeline.run.load import collect, select_trials
 from pipeline.run.provenance import provenance, trial_states
@@ -69,6 +70,8 @@ def write_report(
     states = trial_states(results, read_failures(folder), study)
     results = select_trials(results, {(s.subject, s.condition) for s in states if s.in_tables})
     write_csv(results.residuals, folder / "residuals.csv")
+    headline = results.residuals[results.residuals["headline"].astype(bool)]
+    results = replace(results, residuals=headline.reset_index(drop=True))
     announce("computing statistics")
     results = replace(results, residuals=comparable(results.residuals))
     tests = statistics(results.residuals, _all_subjects(results.subjects, study))
@@ -76,7 +79,8 @@ def write_report(
 
     write_csv(tests, folder / "statistics.csv")
     write_csv(table, folder / "table_3.csv")
-    write_text(table_3_markdown(table), folder / "table_3.md")
+    windows = windows_sentence(results.residuals)
+    write_text(f"{table_3_markdown(table)}\n{windows}\n", folder / "table_3.md")
     with whole_file(folder / "cycles.parquet") as temporary:
         results.cycles.to_parquet(temporary, index=False, compression="zstd")
     if study is not None:

@@ -32,7 +32,7 @@ from pipeline.trial.study_files import labels_in_none, read_study_file
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.validity import settling_s
 from pipeline.trial.weighing import body_mass, differing_masses
-from pipeline.trial.window import counted_span
+from pipeline.trial.window import NO_POSE, counted_span
 
 MIN_CYCLE_S: Final = 0.8
 """Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
@@ -359,6 +359,8 @@ def _check_ground(
         found.notes(name, pose[1])
     known = recording.analog.names if recording.analog is not None else ()
     belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
+    if rule.part == "motion" and platform is None:
+        found.fault("study.toml", NO_POSE)
     for channel in filter(None, (*belts, rule.pulse_channel)):
         if channel not in known:
             found.fault(name, f"no analog channel {channel!r}{did_you_mean(channel, known)}")

@@ -29,8 +29,8 @@ class Results:
     folder
         Results folder.
     residuals
-        subject, condition, compensated, window, axis, unit, rms, rms_of_cycles, mean, sd, peak,
-        rms_percent, n_cycles, valid_share.
+        subject, condition, compensated, window, headline, axis, unit, rms, rms_of_cycles, mean, sd,
+        peak, rms_percent, n_cycles, valid_share.
     cycles
         subject, condition, compensated, side, cycle, percent, axis, value: every sample of every
         gait cycle over 0–100 %; NaN where it does not count.

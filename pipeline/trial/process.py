@@ -26,10 +26,11 @@ from pipeline.trial.gait.contact import (
     forces_of_legs,
     share_between_feet,
 )
-from pipeline.trial.gait.cycle_selection import perturbation_onsets, select_cycles
+from pipeline.trial.gait.cycle_selection import select_cycles
 from pipeline.trial.gait.cycles import cut_cycles, found_cycles
 from pipeline.trial.gait.event_agreement import agreement_with_plates
 from pipeline.trial.gait.events import gait_events
+from pipeline.trial.gait.perturbations import perturbation_onsets
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.marker_check import check_markers
@@ -46,7 +47,7 @@ from pipeline.trial.subject_body import subject_body
 from pipeline.trial.validity import Validity, settled_frames, settling_s, validity_notes
 from pipeline.trial.weighing import body_mass, carried_mass, differing_masses
 from pipeline.trial.weight_bearing import weight_bearing_frames
-from pipeline.trial.window import WantedWindow, counted_span, window_notes
+from pipeline.trial.window import WantedWindow, counted_span, perturbed_part, window_notes
 
 
 def process_recording(
@@ -177,6 +178,7 @@ def process_recording(
     rule = condition or Condition()
     onsets = perturbation_onsets(recording, rule, ground.pose) if rule.perturbed else np.empty(0)
     selected, selection_notes = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
+    part, part_notes = perturbed_part(rule, selected, onsets, time=motion.time, pose=ground.pose)
     span = counted_span(window, selected, motion.time, settling)
 
     total = np.sum([*wrenches[ground.best].values()], axis=0)
@@ -214,6 +216,7 @@ def process_recording(
         span=span,
         validity=validity,
         onsets=onsets,
+        part=part,
         delay_s=delay.delay_s,
         delay_uncertainty_s=delay.uncertainty_s,
         ambiguous=under_feet.ambiguous,
@@ -236,10 +239,12 @@ def process_recording(
             *validity_notes(validity),
             *cycle_notes,
             *selection_notes,
+            *part_notes,
             *window_notes(
                 window,
                 span,
                 selected,
+                part=part,
                 events=events,
                 rejected=cycle_notes,
                 time=motion.time,

@@ -70,6 +70,7 @@ def _condition_toml(name: ConditionName, protocol: Protocol) -> str:
 [conditions.sway]
 perturbed = true  # only the gait cycles with a perturbation
 pulse_channel = "{PULSE_CHANNEL}"  # rises at its onset
+window = "motion"  # of them, the time during which the platform moves
 """
     return f"""\
 [conditions.{name}]

@@ -14,8 +14,8 @@ from pipeline.cli.trial import print_result
 from pipeline.report.trial_quality import trial_quality
 from pipeline.trial.residuals import (
     AXES,
+    counted,
     cycle_residuals,
-    in_window,
     marker_rows,
     reported,
     residual_table,
@@ -73,7 +73,7 @@ def test_only_samples_in_window_count_and_overlapping_cycles_count_them_once(pro
     result = replace(
         result, cycles={"right": np.array([[6.0, 7.0]]), "left": np.array([[6.5, 8.0]])}
     )
-    assert np.count_nonzero(in_window(result)) == 200
+    assert np.count_nonzero(counted(result)) == 200
     np.testing.assert_allclose(residual_table(result, "pitch")["rms"], 2.0)
 
 
@@ -145,7 +145,7 @@ def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_cent
     residual = np.tile([3.0, 4.0, 0, 0, 0, 2.0], (len(time_of(processed)), 1))
     result = with_residual(processed, residual)
     force, moment = threshold_rows(result)
-    inside = in_window(result)
+    inside = counted(result)
     ground = sum(result.ground["measured"].values())[inside, :3]
     peak = np.linalg.norm(ground, axis=1).max()
     height = center_of_mass(result.body, result.motion.q[inside])[:, 2].mean()

@@ -9,7 +9,8 @@ from hbm.markers import Markers
 from hbm.notes import Note
 from pipeline.config.schema import Condition
 from pipeline.io.recording import Analog, Recording
-from pipeline.trial.gait.cycle_selection import pulse_onsets, select_cycles, sway_onsets
+from pipeline.trial.gait.cycle_selection import select_cycles
+from pipeline.trial.gait.perturbations import pulse_onsets, sway_onsets
 from tests.pipeline.lab import swaying
 
 STRIDE_S = 1.1
