@@ -59,8 +59,9 @@ for outcome in run_study(read_study(folder), Path("results"), jobs=2):
 
 # %%
 results = collect(Path("results"))
-tests = statistics(results.residuals, results.subjects)
-print(table_3_markdown(table_3(results.residuals, tests)))
+residuals = results.residuals[results.residuals["headline"]]
+tests = statistics(residuals, results.subjects)
+print(table_3_markdown(table_3(residuals, tests)))
 
 # %% [markdown]
 # ## The picture
@@ -76,5 +77,5 @@ print(table_3_markdown(table_3(results.residuals, tests)))
 # cannot become significant, however large the effect (the column of 1.000 in the table).
 
 # %%
-figure = marginal_means_figure(results.residuals, tests)
+figure = marginal_means_figure(residuals, tests)
 figure.savefig("04_experiment_3.png", dpi=100)

@@ -277,5 +277,5 @@ def raw_figure(cycles: pd.DataFrame, spans: Mapping[str, Spans], axis: str) -> F
 
 def _in_time(spans: Spans) -> list[tuple[str, int]]:
     """Give side and number of a trial's gait cycles in order of their starts."""
-    keys = [(side, number) for side, own in spans.items() for number in range(len(own))]
-    return sorted(keys, key=lambda key: spans[key[0]][key[1]][0])
+    keys = [(side, number) for side, own in spans.items() for number in range(1, len(own) + 1)]
+    return sorted(keys, key=lambda key: spans[key[0]][key[1] - 1][0])

@@ -70,6 +70,7 @@ def write_report(
     states = trial_states(results, read_failures(folder), study)
     results = select_trials(results, {(s.subject, s.condition) for s in states if s.in_tables})
     write_csv(results.residuals, folder / "residuals.csv")
+    write_csv(results.by_cycle, folder / "cycles.csv")
     headline = results.residuals[results.residuals["headline"].astype(bool)]
     results = replace(results, residuals=headline.reset_index(drop=True))
     announce("computing statistics")

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from hbm.dynamics import Dynamics
 from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
+from pipeline.trial.gait.cycle_table import cycle_table
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.result import TrialResult
 from pipeline.trial.window import frames_within
@@ -193,6 +194,34 @@ def _counted(result: TrialResult, window: Window) -> Mask:
 def headline_rows(rows: Iterable[ResidualRow]) -> tuple[ResidualRow, ...]:
     """Give the rows of the window that the condition asks for."""
     return tuple(row for row in rows if row.headline)
+
+
+def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
+    """Lay out the residuals of every gait cycle that counts, as `cycles.csv` holds them.
+
+    Parameters
+    ----------
+    result
+        The trial.
+    condition
+        Name of the condition, for the table.
+
+    Returns
+    -------
+    pandas.DataFrame
+        subject, condition, and the columns of `pipeline.trial.gait.cycle_table.cycle_table`; empty
+        where a span of the recording counts.
+    """
+    residuals = {
+        name == "compensated": reported(dynamics.residual)
+        for name, dynamics in variants(result).items()
+    }
+    cycles = {} if result.span else result.cycles
+    units = dict(zip(AXES, UNITS, strict=True))
+    table = cycle_table(result.motion.time, result.validity.counts, residuals, cycles, units)
+    table.insert(0, "condition", condition)
+    table.insert(0, "subject", result.subject.id)
+    return table
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:

@@ -111,7 +111,7 @@ def test_without_pinocchio_it_is_neither_named_nor_cited(usual):
         ({"marker_offset_m": 0.014}, "14 mm from the skin", " 9 mm"),
         ({"plate_delay_s": 0.004}, "a delay of 4 ms", "backward and forward"),
         ({"contact_threshold_n": 20}, r"threshold 20 N", "30 N"),
-        ({"min_valid_share": 0.8}, r"the plates carried less than 80 %", "50 %"),
+        ({"min_valid_share": 0.8}, r"of which less than 80 % remained", "50 %"),
     ],
 )
 def test_every_setting_changes_the_text(tmp_path, stated, expected, absent):

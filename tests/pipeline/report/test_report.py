@@ -88,7 +88,8 @@ def quick(monkeypatch):
 
 def test_every_result_file_is_written(folder):
     names = (
-        "report.html study.json residuals.csv cycles.parquet statistics.csv table_3.csv table_3.md"
+        "report.html study.json residuals.csv cycles.csv cycles.parquet statistics.csv table_3.csv "
+        "table_3.md"
     )
     figures = [f"figures/{name}{suffix}" for name in FIGURES for suffix in (".png", ".svg")]
     for name in (*names.split(), *figures):
