@@ -146,7 +146,9 @@ def gait_cycle_figure(
         draw_part(panels, grey)
         _legend_below(figure, panels[0])
         over = "gait cycles of one subject" if single else f"{counts[condition]} subjects"
-        figure.suptitle(f"Pelvis residuals, {condition}: mean ± SD over {over}", fontsize=TITLE_PT)
+        title = f"Pelvis residuals, {condition}: mean ± SD over {over}"
+        title += "; grey: the part that counts" * (grey is not None)
+        figure.suptitle(title, fontsize=TITLE_PT)
     return figure
 
 

@@ -173,7 +173,8 @@ def write_cycles(result: TrialResult, path: Path) -> None:
             f"{result.source.name}: no gait cycle was found, so there is no mean one to show"
         )
     motion = result.motion
-    q, _ = mean_and_sd(normalise(motion.time, motion.q, spans))
+    settled = np.where(result.validity.settled[:, None], motion.q, np.nan)
+    q, _ = mean_and_sd(normalise(motion.time, settled, spans))
     rotation, origin = segment_frames(result.body, q)
     timelines = {"gait_cycle_percent": np.arange(len(q))}
     title = f"{_title(result)}, mean of {len(spans)} {side} gait cycles"

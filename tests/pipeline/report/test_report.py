@@ -191,7 +191,7 @@ def test_equal_results_give_an_equal_report(tmp_path, study, quick, monkeypatch)
         found = {path: path.read_bytes() for path in folder.glob("*.*")}
         assert before in ({}, found)
         before = found
-    assert len(before) == 7
+    assert len(before) == 8
 
 
 def test_markup_in_the_name_of_a_condition_is_shown_as_text(tmp_path, quick):
