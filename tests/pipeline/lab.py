@@ -311,6 +311,7 @@ def cropped_at_strikes(recording, events, *, count):
     The first strikes become the start and the last ones the end, so that at least half is left.
     """
     strikes = sorted(event.time for event in events if event.label == "foot_strike")
-    frames = np.searchsorted(recording.markers.time, strikes)
-    for first, last in zip(frames[:count], frames[-count:], strict=True):
+    begins = np.searchsorted(recording.markers.time, strikes, side="right") - 1
+    ends = np.searchsorted(recording.markers.time, strikes)
+    for first, last in zip(begins[:count], ends[-count:], strict=True):
         yield first, cropped(recording, first, last)

@@ -35,8 +35,9 @@ def again(recording, whole, static):
 
 
 def test_cropping_a_trial_at_heel_strikes_changes_no_cycle(walker, whole):
-    count = 0
-    for first, part in lab.cropped_at_strikes(walker, whole.events, count=4):
+    """Its first and last cycles begin and end with the crop, and count where they are settled."""
+    count, stated = 0, replace(walker, events=whole.events)
+    for first, part in lab.cropped_at_strikes(stated, whole.events, count=4):
         result = again(part, whole, walker)
         change = cycle_change(result, whole, first)
         count += len(change)
@@ -44,6 +45,7 @@ def test_cropping_a_trial_at_heel_strikes_changes_no_cycle(walker, whole):
         ends = result.measured.residual[[0, -1]]
         before = whole.measured.residual[[first, first + len(part.markers.time) - 1]]
         assert np.abs(ends - before).max() > 20
+        assert sum(map(len, result.cycles.values())) == result.found_cycles
     assert count >= 12
 
 
