@@ -24,6 +24,7 @@ from pipeline.report.figures import marginal_means_figure
 from pipeline.run.load import collect
 from pipeline.run.run import run_study
 from pipeline.statistics.comparison import statistics
+from pipeline.statistics.design import EXPERIMENT_3
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
@@ -76,5 +77,5 @@ print(table_3_markdown(table_3(results.residuals, tests)))
 # cannot become significant, however large the effect (the column of 1.000 in the table).
 
 # %%
-figure = marginal_means_figure(results.residuals, tests)
+figure = marginal_means_figure(results.residuals, tests, EXPERIMENT_3)
 figure.savefig("04_experiment_3.png", dpi=100)

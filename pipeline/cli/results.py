@@ -13,7 +13,15 @@ ResultsToView = Annotated[
 ]
 
 
-def report(folder: ResultsFolder = Path("results")) -> None:
+def report(
+    folder: ResultsFolder = Path("results"),
+    covariate: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="height_m, mass_kg, sex or age_years, in place of the study's; repeatable."
+        ),
+    ] = None,
+) -> None:
     """Write tables, statistics, figures and report.html from the results of hbm run."""
     from rich.text import Text
 
@@ -24,7 +32,10 @@ def report(folder: ResultsFolder = Path("results")) -> None:
     console = plain_console()
     with console.status("report") as status:
         page = write_report(
-            folder, recorded_study_folder(folder), lambda step: status.update(Text(step))
+            folder,
+            recorded_study_folder(folder),
+            lambda step: status.update(Text(step)),
+            covariates=covariate or (),
         )
     console.print(f"report: {page}", soft_wrap=True)
 

@@ -25,6 +25,7 @@ from hbm.spelling import printable
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import PlateUnits, Stated
 from pipeline.io.units import acceleration_in_mps2, length_in_m
+from pipeline.statistics.design import COMPENSATION, Correction
 
 MAX_NAME: Final = 64
 """Characters; names of subject and condition together are part of the name of a file."""
@@ -100,6 +101,7 @@ SpanS = Annotated[tuple[TimeS, TimeS], Field(strict=False)]
 AgeYears = Annotated[float, Field(ge=0, le=120)]
 KneeWidthM = Annotated[float, Field(ge=0.05, le=0.25)]
 AnkleWidthM = Annotated[float, Field(ge=0.03, le=0.2)]
+Covariate = Literal["height_m", "mass_kg", "sex", "age_years"]
 AccelerometerRangeG = Annotated[float, Field(gt=0, le=200)]
 
 
@@ -216,6 +218,11 @@ class Treadmill(InputModel):
     belt: Belt | None = None
     platform: Platform | None = None
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether trials are processed with compensation too."""
+        return self.calibration is not None or self.belt is not None
+
     @field_validator("accelerometers")
     @classmethod
     def _different(cls, sensors: dict[str, Channels]) -> dict[str, Channels]:
@@ -299,6 +306,58 @@ class Condition(InputModel):
         return self.cycles is not None or self.perturbed or self.skip_s > 0
 
 
+class Comparison(InputModel):
+    """Which conditions are compared, and how; what is not stated is as in experiment 3.
+
+    Attributes
+    ----------
+    factor
+        What the conditions are levels of, as tables name it.
+    levels
+        The conditions to compare, in order; None for those of experiment 3 if the study has them,
+        else for all.
+    reference
+        The level that the others are compared with; None for the first.
+    pairs
+        Planned pairs of cells, such as "sway IC - baseline no IC"; None for those of experiment 3.
+    correction
+        Of the p-values for the number of planned pairs.
+    covariates
+        Of one further analysis of variance; None for sex and stature.
+    margin
+        Share of the reference residual by which a residual may exceed it and still be at its
+        level.
+    group
+        Key of the subjects' files that tells apart groups of subjects.
+
+    Examples
+    --------
+    >>> Comparison(levels=("barefoot", "boots"), reference="barefoot").margin
+    0.2
+    """
+
+    factor: Name = "condition"
+    levels: Annotated[Labels, Field(min_length=2)] | None = None
+    reference: Text | None = None
+    pairs: Labels | None = None
+    correction: Correction = "bonferroni"
+    covariates: Annotated[tuple[Covariate, ...], Field(strict=False)] | None = None
+    margin: Annotated[float, Field(gt=0, le=1)] = 0.2
+    group: Literal["group", "sex"] | None = None
+
+    @model_validator(mode="after")
+    def _once(self) -> "Comparison":
+        for key in ("levels", "pairs", "covariates"):
+            stated = getattr(self, key) or ()
+            if repeated := sorted({name for name in stated if stated.count(name) > 1}):
+                raise ValueError(f"{key}: {', '.join(repeated)} is stated more than once")
+        if self.factor == COMPENSATION:
+            raise ValueError(f"factor: {COMPENSATION} is the name of compensation; choose another")
+        if self.group is not None and self.group in (self.covariates or ()):
+            raise ValueError(f"covariates: {self.group} tells the groups apart already")
+        return self
+
+
 class PlateContact(InputModel):
     """Whose foot was on a plate, where the centre of pressure cannot tell.
 
@@ -378,6 +437,7 @@ class StudyFile(RecordingRules):
     name: Annotated[str, AfterValidator(printable)] = "study"
     settings: Settings = Settings()
     treadmill: Treadmill = Treadmill()
+    comparison: Comparison | None = None
     conditions: Annotated[dict[Name, Condition], Field(min_length=1)]
 
 
@@ -385,6 +445,7 @@ class SubjectFile(Subject):
     """The contents of a subject's file."""
 
     id: Name
+    group: Text | None = None
     static: Text | None = None
     hip_trial: Text | None = None
     segments: Text | None = None

@@ -12,10 +12,11 @@ from hbm.signals.filtering import Method
 from pipeline.config.schema import Condition, Treadmill
 from pipeline.config.study import Study
 from pipeline.report.references import references
+from pipeline.report.statistics_methods import statistics_methods
 from pipeline.run.load import Results
 from pipeline.run.provenance import engines_of
-from pipeline.statistics.design import CONDITIONS, PLANNED_PAIRS, in_order
-from pipeline.statistics.verdict import MARGIN, join_names
+from pipeline.statistics.design import Design
+from pipeline.statistics.verdict import join_names
 from pipeline.trial.summary import TrialSummary
 
 HIP_METHODS: Final = {
@@ -39,7 +40,9 @@ MASS_ORIGINS: Final = {
 SEXES: Final = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
 
 
-def methods(results: Results, statistics: pd.DataFrame, study: Study | None = None) -> list[str]:
+def methods(
+    results: Results, statistics: pd.DataFrame, design: Design, study: Study | None = None
+) -> list[str]:
     """Write the Methods section.
 
     Parameters
@@ -49,6 +52,8 @@ def methods(results: Results, statistics: pd.DataFrame, study: Study | None = No
     statistics
         The table that `pipeline.statistics.comparison.statistics` returned for their residuals;
         only tests that were computed are described.
+    design
+        The design that it was computed for.
     study
         The study, if its folder is available; without it, platform, accelerometers and the
         selection of gait cycles are not described.
@@ -60,11 +65,11 @@ def methods(results: Results, statistics: pd.DataFrame, study: Study | None = No
     """
     trials = list(results.summaries.values())
     return [
-        _participants(results),
+        _participants(results, design),
         _kinematics(trials),
         _forces(trials, study),
-        _gait_cycles(trials, study),
-        *_statistics(statistics),
+        _gait_cycles(trials, study, design),
+        *statistics_methods(statistics, design),
         _software(trials, statistics),
     ]
 
@@ -79,7 +84,7 @@ def cited(results: Results) -> list[str]:
     return [key for key in references() if key not in unused]
 
 
-def _participants(results: Results) -> str:
+def _participants(results: Results, design: Design) -> str:
     people = results.subjects
     sexes = people["sex"].value_counts()
     counts = [f"{sexes[sex]} {words}" for sex, words in SEXES.items() if sex in sexes]
@@ -92,7 +97,7 @@ def _participants(results: Results) -> str:
         )
         if people[column].notna().all()
     ]
-    conditions = in_order(condition for _, condition in results.summaries)
+    conditions = design.in_order(condition for _, condition in results.summaries)
     stated = [trial.subject for trial in results.summaries.values()]
     codes = {note.code for trial in results.summaries.values() for note in trial.notes}
     mass = ", or ".join(words for code, words in MASS_ORIGINS.items() if code in codes)
@@ -229,7 +234,7 @@ def _platform_pose(treadmill: Treadmill | None) -> str:
     return f", transformed to the lab frame with the platform's pose {source},"
 
 
-def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
+def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None, design: Design) -> str:
     text = (
         "Gait cycles were defined from foot strike to foot strike of the same foot. Gait events "
         "were those of the recordings or, in recordings without events, detected from heel, toe "
@@ -252,11 +257,11 @@ def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
     for trial in walking:
         count = sum(len(spans) for spans in trial.cycles.values())
         numbers.setdefault(trial.condition, []).append(count)
-    counts = [f"{_range(numbers[name])} ({name})" for name in in_order(numbers)]
+    counts = [f"{_range(numbers[name])} ({name})" for name in design.in_order(numbers)]
     if counts:
         text += f" Each trial contributed {join_names(counts)} gait cycles."
     if spans_s:
-        spans = [f"{_seconds(spans_s[name])} ({name})" for name in in_order(spans_s)]
+        spans = [f"{_seconds(spans_s[name])} ({name})" for name in design.in_order(spans_s)]
         text += (
             " In place of gait cycles, continuous parts of the recordings were analysed, of "
             f"{join_names(spans)}."
@@ -281,42 +286,6 @@ def _selection(condition: str, rule: Condition) -> str:
     cycles = f"the first {rule.cycles}" if rule.cycles else "all"
     start = f" after {rule.skip_s:g} s" if rule.skip_s else ""
     return f"in {condition} {cycles} cycles of the right foot{start}"
-
-
-def _statistics(statistics: pd.DataFrame) -> list[str]:
-    computed = set(statistics.loc[statistics["p_corrected"].notna(), "test"])
-    parts = []
-    if "RM-ANOVA" in computed:
-        parts.append(
-            "RMS residuals were compared by a two-way repeated-measures analysis of variance with "
-            f"the factors compensation (no IC, IC) and condition ({', '.join(CONDITIONS)}). The "
-            "Greenhouse–Geisser correction was applied where Mauchly's test rejected sphericity or "
-            "could not be computed."
-        )
-    if "paired t" in computed:
-        parts.append(
-            f"The {len(PLANNED_PAIRS)} planned pairs (IC against no IC in each condition; sway IC "
-            "and pitch IC against baseline no IC) were compared by paired t-tests and exact "
-            "Wilcoxon signed-rank tests with Bonferroni correction. A residual was considered to "
-            "be at baseline level if the upper bound of the simultaneous 95 % confidence interval "
-            f"of its difference from baseline no IC was at most {100 * MARGIN:g} % of that "
-            "baseline (non-inferiority; Schuirmann 1987)."
-        )
-    checks = [
-        name
-        for test, name in (
-            ("sign-flip permutation", "sign-flip permutation tests"),
-            ("aligned-rank RM-ANOVA", "an aligned-rank analysis of variance"),
-            ("Friedman", "Friedman's test"),
-        )
-        if test in computed
-    ]
-    if checks:
-        parts.append(f"As a check, the effects were also tested by {join_names(checks)}.")
-    for test in sorted(test for test in computed if test.startswith("RM-ANOVA with ")):
-        covariates = test.removeprefix("RM-ANOVA with ").replace("height_m", "stature")
-        parts.append(f"A further analysis of variance included {covariates} as covariates.")
-    return [" ".join([*parts, "The level of significance was 0.05."])] if parts else []
 
 
 def _software(trials: Sequence[TrialSummary], statistics: pd.DataFrame) -> str:

@@ -16,11 +16,11 @@ from pipeline.report.references import bibtex
 from pipeline.report.sources import Sources, source_section
 from pipeline.report.tables import Table, residual_tables
 from pipeline.report.trials import Problems, TrialSection, find_problems, trial_section
-from pipeline.report.verdict import VerdictSection, verdict_section
+from pipeline.report.verdict import VerdictSection, question, verdict_section
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
-from pipeline.statistics.design import in_order
-from pipeline.statistics.verdict import BASELINE, Verdict
+from pipeline.statistics.design import Design
+from pipeline.statistics.verdict import Verdict
 from pipeline.trial.residuals import AXES
 
 MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
@@ -39,8 +39,8 @@ class Report:
 
     Attributes
     ----------
-    results, statistics, table_3, verdicts
-        The trials, the tests, Table III, the verdicts.
+    results, design, statistics, table_3, verdicts
+        The trials, what is compared, the tests, Table III, the verdicts.
     states, provenance
         What became of the trials, and what the results were made from.
     figures
@@ -50,6 +50,7 @@ class Report:
     """
 
     results: Results
+    design: Design
     statistics: pd.DataFrame
     table_3: pd.DataFrame
     verdicts: Sequence[Verdict]
@@ -74,8 +75,8 @@ class Page:
 
     Attributes
     ----------
-    name, scope
-        Name of the study; its subjects, trials and conditions.
+    name, scope, question
+        Name of the study; its subjects, trials and conditions; what it answers.
     problems
         What a reader has to know before the results, if anything.
     verdict, tables, figures, trials, methods, sources
@@ -88,6 +89,7 @@ class Page:
 
     name: str
     scope: str
+    question: str
     problems: Problems | None
     verdict: VerdictSection
     tables: tuple[Table, ...]
@@ -113,15 +115,16 @@ def write_page(report: Report) -> str:
     str
         HTML with its style and figures inside; no script, no request to anywhere.
     """
-    residuals = report.results.residuals
+    residuals, design = report.results.residuals, report.design
     subject = example_subject(report.results.cycles)
     page = Page(
         name=report.provenance.name or "Study report",
-        scope=_scope(report.results),
+        question=question(design),
+        scope=_scope(report.results, design),
         problems=find_problems(report.states, report.provenance, report.results),
-        verdict=verdict_section(report.verdicts, residuals),
-        tables=residual_tables(residuals, report.table_3),
-        figures=_figures(report.results, report.figures),
+        verdict=verdict_section(report.verdicts, residuals, design, stated=_stated(report.study)),
+        tables=residual_tables(residuals, report.table_3, design),
+        figures=_figures(report.results, report.figures, design),
         example_subject=subject,
         example_figures=tuple(
             _picture(
@@ -130,33 +133,38 @@ def write_page(report: Report) -> str:
             for axis in AXES
             if subject is not None
         ),
-        trials=trial_section(report.results, report.states),
-        methods=tuple(methods(report.results, report.statistics, report.study)),
+        trials=trial_section(report.results, report.states, design),
+        methods=tuple(methods(report.results, report.statistics, design, report.study)),
         bibtex=bibtex(cited(report.results), report.provenance.report["hbm-residuals"]),
         sources=source_section(report.provenance),
     )
     return TEMPLATES.get_template("page.html").render(page=page)
 
 
-def _scope(results: Results) -> str:
-    conditions = ", ".join(in_order(results.residuals["condition"]))
+def _stated(study: Study | None) -> bool:
+    return study is not None and study.file.comparison is not None
+
+
+def _scope(results: Results, design: Design) -> str:
+    conditions = ", ".join(design.in_order(results.residuals["condition"]))
     subjects, trials = results.residuals["subject"].nunique(), len(results.summaries)
+    variants = " without and with inertia compensation (IC)" * design.compensated
     return (
-        f"Pelvis residuals without and with inertia compensation (IC): {subjects} "
+        f"Pelvis residuals{variants}: {subjects} "
         f"subject{'s' * (subjects > 1)}, {trials} trial{'s' * (trials > 1)}; {conditions}"
     )
 
 
-def _figures(results: Results, folder: Path) -> tuple[Picture, ...]:
+def _figures(results: Results, folder: Path, design: Design) -> tuple[Picture, ...]:
     residuals, cycles = results.residuals, results.cycles
     plates = "with the plates as measured (no IC)"
     if residuals["compensated"].any():
         plates = "without (no IC) and with inertia compensation (IC)"
     pictures = []
-    for condition in drawn_conditions(cycles):
+    for condition in drawn_conditions(cycles, design):
         baseline = ""
-        if condition != BASELINE and (cycles["condition"] == BASELINE).any():
-            baseline = ", and at baseline"
+        if condition != design.reference and (cycles["condition"] == design.reference).any():
+            baseline = f", and in {design.reference}"
         caption = (
             f"Residuals over the gait cycle in {condition} {plates}{baseline}; mean ± SD. x "
             "forward, y right, z up; moments about the midpoint of the hip joints. Cycles of the "

@@ -133,10 +133,11 @@ def test_links_have_targets_and_figures_have_descriptions(page):
 def test_the_verdict_comes_first_with_sizes_and_uncertainty(page):
     after = page.text.index("RMS residuals, mean ± SD")
     verdict = page.text[:after]
-    assert re.search(r"In sway, \d of 6 residuals are at baseline level with compensation", verdict)
+    assert re.search(r"In baseline, \d of 6 residuals are not increased with compensation", verdict)
+    assert verdict.count("4 subjects are a demonstration") == 1
     assert re.search(r"\d+\.\d → \d+\.\d N \(−\d\d %\)", verdict)
     assert re.search(r"from baseline [+−]\d+\.\d N \([+−]\d+ %\) CI [+−]\d+\.\d to", verdict)
-    assert any(sign in verdict for sign in ("✔ at baseline", "✖ above", "? inconclusive"))
+    assert any(sign in verdict for sign in ("✔ at baseline level", "✖ above", "? inconclusive"))
 
 
 def test_table_3_on_the_page_is_that_on_disk(page, folder):
@@ -212,7 +213,7 @@ def test_markup_in_the_name_of_a_condition_is_shown_as_text(tmp_path, quick):
         ({"subjects": 2, "compensated": False}, "There is no compensation to assess"),
         (
             {"subjects": 2, "conditions": ("walking", "lateral")},
-            "the conditions of this study are lateral, walking. Their means are in the table below",
+            "the conditions are compared in the order lateral, walking, with lateral as reference",
         ),
         ({"subjects": 2, "conditions": ("baseline",)}, "6 of 6 residuals are not increased"),
         ({"subjects": 3, "without": {("sub01", "baseline")}}, "sub01 baseline missing"),

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from pipeline.statistics.comparison import statistics
-from pipeline.statistics.verdict import MARGIN, Verdict, headline, verdicts
+from pipeline.statistics.design import EXPERIMENT_3
+from pipeline.statistics.verdict import Verdict, headline, verdicts
 
 CONDITIONS = ("baseline", "sway", "pitch")
 
@@ -91,7 +92,7 @@ def test_the_interval_agrees_with_the_corrected_tests(excess, spread, n, seed):
     difference = cells["sway", True] - cells["baseline", False]
     p = stats.ttest_1samp(difference, 0).pvalue
     assert (verdict.low > 0 or verdict.high < 0) == (5 * p < 0.05)
-    margin = MARGIN * cells["baseline", False].mean()
+    margin = EXPERIMENT_3.margin * cells["baseline", False].mean()
     one_sided = stats.ttest_1samp(difference, margin, alternative="less").pvalue
     assert (verdict.answer == "at baseline") == (one_sided <= 0.05 / 5 / 2)
 
