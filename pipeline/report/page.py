@@ -10,6 +10,7 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pipeline.config.study import Study
+from pipeline.report.effects import ResidualTests, residual_tests
 from pipeline.report.figures import drawn_conditions, example_subject
 from pipeline.report.methods import cited, methods
 from pipeline.report.references import bibtex
@@ -62,10 +63,22 @@ class Report:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure inside the page: its name in ``figures/``, its caption, and its file as a URI."""
+    """A figure inside the page.
+
+    Attributes
+    ----------
+    name
+        In ``figures/``.
+    shows, judge, act
+        What it shows, what good and bad look like, and what to do.
+    data_uri
+        Its file.
+    """
 
     name: str
-    caption: str
+    shows: str
+    judge: str
+    act: str
     data_uri: str
 
 
@@ -79,7 +92,7 @@ class Page:
         Name of the study; its subjects, trials and conditions; what it answers.
     problems
         What a reader has to know before the results, if anything.
-    verdict, tables, figures, trials, methods, sources
+    verdict, tables, tests, figures, trials, methods, sources
         The sections.
     example_subject, example_figures
         The subject whose gait cycles are drawn one by one, and the figures; None without cycles.
@@ -93,6 +106,7 @@ class Page:
     problems: Problems | None
     verdict: VerdictSection
     tables: tuple[Table, ...]
+    tests: tuple[ResidualTests, ...]
     figures: tuple[Picture, ...]
     example_subject: str | None
     example_figures: tuple[Picture, ...]
@@ -124,12 +138,11 @@ def write_page(report: Report) -> str:
         problems=find_problems(report.states, report.provenance, report.results),
         verdict=verdict_section(report.verdicts, residuals, design, stated=_stated(report.study)),
         tables=residual_tables(residuals, report.table_3, design),
+        tests=residual_tests(report.statistics, design),
         figures=_figures(report.results, report.figures, design),
         example_subject=subject,
         example_figures=tuple(
-            _picture(
-                report.figures / f"raw_{axis}.png", f"Residual {axis} of {subject}, every cycle."
-            )
+            _raw_picture(report.figures / f"raw_{axis}.png", axis, subject)
             for axis in AXES
             if subject is not None
         ),
@@ -157,28 +170,73 @@ def _scope(results: Results, design: Design) -> str:
 
 def _figures(results: Results, folder: Path, design: Design) -> tuple[Picture, ...]:
     residuals, cycles = results.residuals, results.cycles
-    plates = "with the plates as measured (no IC)"
+    plates = "with the plates as measured"
     if residuals["compensated"].any():
         plates = "without (no IC) and with inertia compensation (IC)"
     pictures = []
     for condition in drawn_conditions(cycles, design):
-        baseline = ""
+        reference = ""
         if condition != design.reference and (cycles["condition"] == design.reference).any():
-            baseline = f", and in {design.reference}"
-        caption = (
-            f"Residuals over the gait cycle in {condition} {plates}{baseline}; mean ± SD. x "
+            reference = f", and in {design.reference}"
+        shows = (
+            f"Residuals over the gait cycle in {condition} {plates}{reference}; mean ± SD. x "
             "forward, y right, z up; moments about the midpoint of the hip joints. Cycles of the "
             "left foot are mirrored (Fy, Mx and Mz change sign). The panels differ in scale."
         )
-        pictures.append(_picture(folder / f"gait_cycle_{condition}.svg", caption))
-    caption = (
-        f"Mean RMS residual of every condition {plates}, with 95 % confidence intervals; thin "
-        "lines are subjects. Lines that are not parallel indicate an interaction of compensation "
-        "and condition."
+        pictures.append(
+            _picture(
+                folder / f"gait_cycle_{condition}.svg",
+                shows,
+                judge=(
+                    "Good: the line stays within the band of the reference, a few per cent of body "
+                    "weight from zero. Bad: an offset, a peak that the reference has not, or a "
+                    "band that widens at one instant of the cycle."
+                ),
+                act=(
+                    "Where IC leaves a peak while the platform moves, check delay and calibration "
+                    "of the accelerometers; where all lines have it, check markers, events and "
+                    "plates in the viewer at this percent of the cycle."
+                ),
+            )
+        )
+    parallel = (
+        "Good: the lines with compensation are level and near the reference, and the subjects' "
+        "thin lines run alike. Bad: one condition rises, or a single subject does; lines that are "
+        "not parallel are an interaction."
     )
-    return (*pictures, _picture(folder / "marginal_means.svg", caption))
+    if not design.compensated:
+        parallel = (
+            "Good: the line is level, and the subjects' thin lines run alike. Bad: one condition "
+            "rises, or a single subject does."
+        )
+    shows = (
+        f"Mean RMS residual of every condition {plates}, with 95 % confidence intervals; thin "
+        "lines are subjects."
+    )
+    act = (
+        "Where all subjects rise, look at the condition's gait cycle above; where one does, look "
+        "at the quality and the notes of this subject's trials below. Intervals of single means "
+        "may overlap though the paired difference is clear: see the tests above."
+    )
+    means = _picture(folder / "marginal_means.svg", shows, judge=parallel, act=act)
+    return (*pictures, means)
 
 
-def _picture(path: Path, caption: str) -> Picture:
+def _raw_picture(path: Path, axis: str, subject: str) -> Picture:
+    return _picture(
+        path,
+        f"Residual {axis} of {subject}, every cycle.",
+        judge=(
+            "Good: every cycle is like the others of its condition. Bad: single cycles stand out, "
+            "or the level drifts with time."
+        ),
+        act=(
+            "Look at a cycle that stands out in the viewer: a foot on both plates, a wrong event "
+            "or a lost marker. A drift is one of the plates: tare them."
+        ),
+    )
+
+
+def _picture(path: Path, shows: str, *, judge: str, act: str) -> Picture:
     data = b64encode(path.read_bytes()).decode()
-    return Picture(path.stem, caption, f"data:{MEDIA_TYPES[path.suffix]};base64,{data}")
+    return Picture(path.stem, shows, judge, act, f"data:{MEDIA_TYPES[path.suffix]};base64,{data}")

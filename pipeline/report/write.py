@@ -23,7 +23,6 @@ from pipeline.statistics.design import Design, unstated_design
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 
-
 COVARIATES: Final[tuple[str, ...]] = get_args(Covariate)
 
 

@@ -140,6 +140,25 @@ def test_the_verdict_comes_first_with_sizes_and_uncertainty(page):
     assert any(sign in verdict for sign in ("✔ at baseline level", "✖ above", "? inconclusive"))
 
 
+def test_every_figure_says_what_it_shows_how_to_judge_it_and_what_to_do(page):
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page.source, re.DOTALL)
+    assert len(captions) == len(FIGURES)
+    for caption in captions:
+        assert re.findall(r"<strong>(\w+)</strong> \w+", caption) == ["Shows", "Judge", "Act"]
+        assert "Good: " in caption
+        assert "Bad: " in caption
+
+
+def test_every_residual_has_its_tests_in_words_and_numbers(page, folder):
+    own = pd.read_csv(folder / "statistics.csv").query("test == 'RM-ANOVA' and axis == 'Mz'")
+    tests = page.text[page.text.index("Tests of every residual") :]
+    for row in own.itertuples():
+        assert f"{row.df1:g}, {row.df2:g}" in tests
+        assert f"{row.statistic:.2f}" in tests
+    assert "Wilcoxon asymptotic" in tests
+    assert "The thesis printed the asymptotic one" in tests
+
+
 def test_table_3_on_the_page_is_that_on_disk(page, folder):
     table = pd.read_csv(folder / "table_3.csv")
     row = table[(table["axis"] == "Fy") & (table["condition"] == "sway")].iloc[0]
