@@ -21,6 +21,9 @@ def report(
             help="height_m, mass_kg, sex or age_years, in place of the study's; repeatable."
         ),
     ] = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Print how many subjects the study needs (plan.md).")
+    ] = False,
 ) -> None:
     """Write tables, statistics, figures and report.html from the results of hbm run."""
     from rich.text import Text
@@ -37,6 +40,8 @@ def report(
             lambda step: status.update(Text(step)),
             covariates=covariate or (),
         )
+    if plan:
+        console.print((page.parent / "plan.md").read_text(encoding="utf-8"), soft_wrap=True)
     console.print(f"report: {page}", soft_wrap=True)
 
 

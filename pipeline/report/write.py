@@ -15,6 +15,7 @@ from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
 from pipeline.report.figures import study_figures
 from pipeline.report.page import Report, write_page
+from pipeline.report.plan import plan_markdown, plan_table
 from pipeline.run.failures import read_failures
 from pipeline.run.load import collect, select_trials
 from pipeline.run.provenance import provenance, trial_states
@@ -89,6 +90,9 @@ def write_report(
     write_csv(tests, folder / "statistics.csv")
     write_csv(table, folder / "table_3.csv")
     write_text(table_3_markdown(table, design), folder / "table_3.md")
+    found = verdicts(results.residuals, tests, design)
+    write_csv(plan_table(found, design), folder / "plan.csv")
+    write_text(plan_markdown(found, design), folder / "plan.md")
     with whole_file(folder / "cycles.parquet") as temporary:
         results.cycles.to_parquet(temporary, index=False, compression="zstd")
     if study is not None:
@@ -100,7 +104,6 @@ def write_report(
     for name, figure in study_figures(results, tests, design):
         announce(f"drawing {name}")
         save_figure(figure, figures / name)
-    found = verdicts(results.residuals, tests, design)
     page = write_page(Report(results, design, tests, table, found, states, source, figures, study))
     write_text(page, folder / "report.html")
     return folder / "report.html"

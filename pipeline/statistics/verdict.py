@@ -36,6 +36,8 @@ class Verdict:
         ``ic`` is the residual as measured where there is no compensation.
     difference, low, high
         ``ic - baseline`` with its simultaneous 95 % confidence interval over the planned pairs.
+    sd
+        Standard deviation of the differences between subjects.
     n
         Subjects.
     needed, needed_as_observed
@@ -53,6 +55,7 @@ class Verdict:
     difference: float = nan
     low: float = nan
     high: float = nan
+    sd: float = nan
     n: int = 0
     needed: int | None = None
     needed_as_observed: int | None = None
@@ -124,6 +127,7 @@ def verdicts(
                     difference=difference,
                     low=low,
                     high=high,
+                    sd=sd,
                     n=len(both),
                     needed=needed[0],
                     needed_as_observed=needed[1],

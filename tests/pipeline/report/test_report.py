@@ -89,7 +89,8 @@ def quick(monkeypatch):
 
 def test_every_result_file_is_written(folder):
     names = (
-        "report.html study.json residuals.csv cycles.parquet statistics.csv table_3.csv table_3.md"
+        "report.html study.json residuals.csv cycles.parquet statistics.csv table_3.csv table_3.md "
+        "plan.csv plan.md"
     )
     figures = [f"figures/{name}{suffix}" for name in FIGURES for suffix in (".png", ".svg")]
     for name in (*names.split(), *figures):
@@ -211,7 +212,7 @@ def test_equal_results_give_an_equal_report(tmp_path, study, quick, monkeypatch)
         found = {path: path.read_bytes() for path in folder.glob("*.*")}
         assert before in ({}, found)
         before = found
-    assert len(before) == 7
+    assert len(before) == 9
 
 
 def test_markup_in_the_name_of_a_condition_is_shown_as_text(tmp_path, quick):

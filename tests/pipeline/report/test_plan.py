@@ -1,0 +1,87 @@
+"""The plan: subjects needed, for every residual and condition, or one line."""
+
+import pandas as pd
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.report import write as report
+from pipeline.report.plan import plan_markdown, plan_table
+from pipeline.statistics.design import EXPERIMENT_3
+from pipeline.statistics.verdict import Verdict, headlines
+from tests.pipeline.fake_results import write_fake_results
+
+
+def verdict(condition="sway", answer="inconclusive", **known):
+    usual = {"baseline": 40.0, "difference": 2.0, "sd": 5.0, "low": -4.0, "high": 9.0, "n": 9}
+    return Verdict("Fx", "N", condition, answer, **usual | {"needed": 12} | known)
+
+
+def test_every_comparison_has_its_number():
+    found = [
+        verdict(needed_as_observed=20),
+        verdict("pitch", difference=30.0),
+        verdict("baseline", needed=None),
+    ]
+    text = plan_markdown(found, EXPERIMENT_3)
+    assert "| Residual | baseline | sway | pitch |" in text
+    assert "| Fx | >1000 (>1000) | 12 (20) | 12 (–) |" in text
+    assert "at most 20 % above it, with\n80 % power at 95 % simultaneous confidence" in text
+    table = plan_table(found, EXPERIMENT_3).set_index("condition")
+    assert table.loc["sway", ["margin", "sd", "needed"]].tolist() == [8.0, 5.0, 12]
+    assert pd.isna(table.loc["pitch", "needed_as_observed"])
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_fewer_than_two_subjects_give_one_line(n):
+    text = plan_markdown([verdict(answer="no interval", n=n, needed=None)], EXPERIMENT_3)
+    assert text == (
+        "No plan: the variance between subjects needs at least 2 who have a condition and "
+        f"baseline no IC, got {n}.\n"
+    )
+
+
+def test_the_command_prints_the_plan_that_it_writes(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(report, "study_figures", lambda *args: iter(()))
+    monkeypatch.setattr(report, "write_page", lambda page: "")
+    write_fake_results(tmp_path, subjects=3, cycles=2)
+    assert main(["report", str(tmp_path), "--plan", "--covariate", "mass_kg"]) == 0
+    printed = capsys.readouterr().out
+    assert (tmp_path / "plan.md").read_text(encoding="utf-8") in printed
+    assert len(pd.read_csv(tmp_path / "plan.csv")) == 18
+    tests = set(pd.read_csv(tmp_path / "statistics.csv")["test"])
+    assert "RM-ANOVA with mass_kg" in tests
+    assert "RM-ANOVA with sex and height_m" not in tests
+
+
+def test_a_covariate_that_does_not_exist_is_refused_in_one_line(tmp_path, capsys):
+    write_fake_results(tmp_path, subjects=1, conditions=("baseline",), cycles=2)
+    assert main(["report", str(tmp_path), "--covariate", "height"]) == 2
+    error = capsys.readouterr().err
+    assert "--covariate height: no such covariate, did you mean 'height_m'?" in error
+    assert error.count("\n") == 1
+
+
+def test_a_study_without_enough_subjects_says_so_once():
+    found = [verdict(c, n=3, needed=40) for c in ("baseline", "sway", "pitch")]
+    (sentence,) = headlines(found)
+    assert sentence.startswith(
+        "3 subjects are a demonstration: 3 of 3 comparisons are inconclusive"
+    )
+    assert "40 would show all of them to be at the reference level" in sentence
+
+
+def test_decided_comparisons_of_few_subjects_are_told_first():
+    found = [verdict("sway", "at baseline", n=3), verdict("pitch", n=3)]
+    first, last = headlines(found)
+    assert first == "In sway, 1 of 1 residuals are at baseline level with compensation."
+    assert last.startswith("3 subjects are a demonstration: 1 of 2 comparisons are inconclusive")
+
+
+def test_a_study_with_enough_subjects_names_its_inconclusive_residuals():
+    found = [verdict("sway", "at baseline"), verdict("pitch", needed=None)]
+    told = headlines(found)
+    assert told[1] == (
+        "In pitch, 0 of 1 residuals are at baseline level with compensation; for Fx, the result "
+        "is inconclusive with 9 subjects."
+    )
+    assert told[2].startswith("1 of 2 comparisons are inconclusive. The subjects differ so much")
