@@ -34,8 +34,9 @@ from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
 # %% [markdown]
 # ## 1. Recordings
 #
-# Simulated, of course: 14 seconds of standing and walking each. The plates of the new treadmill have
-# a noise of 0.5 N, those of the old one of 12 N, of which the low-pass filter lets a sixth pass.
+# Simulated, of course: 14 seconds of standing and walking each. The plates of the new treadmill
+# have a noise of 0.5 N, those of the old one of 12 N, of which the low-pass filter lets a sixth
+# pass.
 
 # %%
 NOISE_N = {"new": 0.5, "old": 12.0}
@@ -55,9 +56,9 @@ for number, person in enumerate(people):
 # %% [markdown]
 # ## 2. The study, all of it
 #
-# This text is everything that makes a comparison of treadmills out of the recordings. `[comparison]`
-# could even be left out: the conditions would then be compared in the order in which they stand, the
-# first as reference.
+# This text is everything that makes a comparison of treadmills out of the recordings. Without
+# `[comparison]`, the conditions would be compared in the order in which they stand, the first as
+# reference.
 #
 # There is no calibration, so there is nothing to compensate and the design has one factor. With
 # `calibration` under `[treadmill]`, compensation would be a second one.
@@ -116,9 +117,10 @@ print(plan_markdown(found, design))
 # ## The picture
 #
 # Each panel is one residual on both treadmills: mean and 95 % confidence interval, with a thin line
-# for each person. All lines rise, and all six differences are significant. Still, the forces rise by
-# a fifth at most, as noise adds to a residual in squares, while moments, which are small on the new
-# treadmill, rise by half. A difference may be significant and small: the margin says what matters.
+# for each person. All lines rise, and all six differences are significant. Still, the forces rise
+# by a fifth at most, as noise adds to a residual in squares, while the moments about x and y, which
+# are small on the new treadmill, rise by half. A difference may be significant and small: the
+# margin says what matters.
 
 # %%
 figure = marginal_means_figure(results.residuals, tests, design)

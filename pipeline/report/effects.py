@@ -166,6 +166,7 @@ def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
     if rows:
         count = len(design.pairs)
         how = f", p {design.correction.capitalize()}-corrected for {count}" * (count > 1)
+        how += ", all groups together" * (design.group is not None)
         yield Table(f"Planned pairs{how}", PAIR_HEADS, tuple(rows), "numbers tests")
 
 

@@ -57,13 +57,13 @@ def _anova(design: Design) -> str:
     factors = ["compensation (no IC, IC)"] * design.compensated
     if len(design.conditions) > 1:
         factors.append(f"{design.factor} ({', '.join(design.conditions)})")
-    ways = "two-way" if len(factors) > 1 else "one-way"
-    kind = f"a {ways} repeated-measures analysis of variance with the factor"
+    ways, plural = ("two-way", "s") if len(factors) > 1 else ("one-way", "")
+    how = f"a {ways} repeated-measures analysis of variance with the factor{plural}"
+    within = join_names(factors)
     if design.group is not None:
-        kind = f"a mixed analysis of variance with {design.group} between and, within subjects,"
-    elif len(factors) > 1:
-        kind += "s"
-    text = f"RMS residuals were compared by {kind} {join_names(factors)}."
+        how = f"a mixed analysis of variance with {design.group} between subjects and"
+        within += " within subjects"
+    text = f"RMS residuals were compared by {how} {within}."
     if len(design.conditions) < 3:
         return text
     return (
@@ -84,9 +84,9 @@ def _planned_pairs(design: Design) -> str:
             parts.append(f"{others} against {reference}")
         which = "; ".join(parts)
     corrected = f" with {design.correction.capitalize()} correction" * (pairs > 1)
-    compared = "pairs were" if pairs > 1 else "pair was"
+    planned = f"The {pairs} planned pairs were" if pairs > 1 else "The planned pair was"
     return (
-        f"The {pairs} planned {compared} compared ({which}) by paired t-tests and exact Wilcoxon "
+        f"{planned} compared ({which}) by paired t-tests and exact Wilcoxon "
         f"signed-rank tests{corrected}. A residual was considered to be at {level_name(design)} "
         "if the upper bound of the simultaneous 95 % confidence interval of its difference from "
         f"{reference} was at most {100 * design.margin:g} % of the latter (non-inferiority; "

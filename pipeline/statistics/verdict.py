@@ -193,7 +193,8 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
     ]
     if not undecided:
         return tuple(sentences)
-    result = f"{len(undecided)} of {len(compared)} comparisons are inconclusive"
+    verb = "is" if len(undecided) == 1 else "are"
+    result = f"{len(undecided)} of {len(compared)} comparisons {verb} inconclusive"
     if few:
         result = f"{subjects} subjects are a demonstration: {result}"
     return (*sentences, f"{result}. {_enough(undecided)}.")
@@ -204,10 +205,10 @@ def _enough(undecided: Sequence[Verdict]) -> str:
     needed = [v.needed for v in undecided if v.needed is not None]
     if not needed:
         return "The subjects differ so much that no study of a usual size could decide them"
-    which = "all of them" if len(needed) == len(undecided) else f"{len(needed)} of them"
+    which = "all of these" if len(needed) == len(undecided) else f"{len(needed)} of these"
     return (
-        f"With the variance between these subjects, {max(needed)} would show {which} to be at the "
-        f"reference level, if that is where they are ({100 * POWER:g} % power)"
+        f"With the variance between these subjects, {max(needed)} of them would show {which} to "
+        f"be at the level of the reference, if they are there ({100 * POWER:g} % power)"
     )
 
 

@@ -67,14 +67,14 @@ def test_a_study_without_enough_subjects_says_so_once():
     assert sentence.startswith(
         "3 subjects are a demonstration: 3 of 3 comparisons are inconclusive"
     )
-    assert "40 would show all of them to be at the reference level" in sentence
+    assert "40 of them would show all of these to be at the level of the reference" in sentence
 
 
 def test_decided_comparisons_of_few_subjects_are_told_first():
     found = [verdict("sway", "at baseline", n=3), verdict("pitch", n=3)]
     first, last = headlines(found)
     assert first == "In sway, 1 of 1 residuals are at baseline level with compensation."
-    assert last.startswith("3 subjects are a demonstration: 1 of 2 comparisons are inconclusive")
+    assert last.startswith("3 subjects are a demonstration: 1 of 2 comparisons is inconclusive")
 
 
 def test_a_study_with_enough_subjects_names_its_inconclusive_residuals():
@@ -84,4 +84,4 @@ def test_a_study_with_enough_subjects_names_its_inconclusive_residuals():
         "In pitch, 0 of 1 residuals are at baseline level with compensation; for Fx, the result "
         "is inconclusive with 9 subjects."
     )
-    assert told[2].startswith("1 of 2 comparisons are inconclusive. The subjects differ so much")
+    assert told[2].startswith("1 of 2 comparisons is inconclusive. The subjects differ so much")

@@ -248,6 +248,49 @@ def test_incomplete_studies_are_reported_with_what_is_missing(tmp_path, quick, s
     assert "nan" not in re.sub(r"[a-z]+nan|nan[a-z]+", "", found.text.lower())
 
 
+def test_a_study_with_a_comparison_of_its_own_is_reported_by_it(tmp_path, quick):
+    """Other conditions, one of them left out, groups, another reference, margin and correction."""
+    names = {"baseline": "still", "sway": "tilt", "pitch": "shake"}
+    folder = write_fake_study(tmp_path / "study", subjects=6)
+    for number, path in enumerate(sorted(folder.glob("*.toml"))):
+        text = path.read_text(encoding="utf-8")
+        for old, new in names.items():
+            text = text.replace(f".{old}]", f".{new}]")
+        group = ("before", "after")[number % 2]
+        text = f'group = "{group}"\n{text}' if path.stem != "study" else f"{text}\n{COMPARISON}"
+        path.write_text(text, encoding="utf-8")
+    write_fake_results(tmp_path, subjects=6, conditions=("still", "tilt", "shake"), cycles=2)
+    found = Page(write_report(tmp_path, folder))
+    assert "Does compensation return each residual to the level of still?" in found.text
+    assert re.search(r"In shake, \d of 6 residuals are at the level of still", found.text)
+    assert "at most 10 % above the reference" in found.text
+    assert "No [comparison] is stated" not in found.text
+    assert "with group between subjects and compensation (no IC, IC) and motion" in found.text
+    assert "Holm-corrected for 3 planned pairs" in found.text
+    assert "The difference between IC and no IC depends on motion and group".lower() in (
+        found.text.lower()
+    )
+    tests = pd.read_csv(tmp_path / "statistics.csv")
+    assert {"mixed ANOVA", "mixed ANOVA with mass_kg"} <= set(tests["test"])
+    assert tests["note"].iloc[-1] == "conditions outside the design were not tested: tilt"
+    stated = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["comparison"]
+    assert (stated["reference"], stated["group"]) == ("still", "group")
+    table = (tmp_path / "table_3.md").read_text(encoding="utf-8")
+    assert table.startswith("| Residual | Motion | n | No IC | IC | IC − still (no IC) |")
+
+
+COMPARISON = """
+[comparison]
+factor = "motion"
+levels = ["shake", "still"]
+reference = "still"
+correction = "holm"
+covariates = ["mass_kg"]
+margin = 0.1
+group = "group"
+"""
+
+
 def write_standing(folder, number, condition, **made):
     result = standing(fake_trial(number, condition, cycles=4, **made))
     path = folder / "trials" / f"sub{number:02}_{condition}.parquet"
