@@ -7,12 +7,9 @@ from typing import Final
 import pandas as pd
 
 from pipeline.statistics.design import MIN_SUBJECTS, Design
+from pipeline.statistics.f_test import partial_eta_squared_interval
 from pipeline.statistics.nonparametric import aligned_ranks, sign_flip
-from pipeline.statistics.rm_glm import (
-    GlmTerm,
-    partial_eta_squared_interval,
-    repeated_measures_glm,
-)
+from pipeline.statistics.rm_glm import GlmTerm, repeated_measures_glm
 from pipeline.statistics.row import (
     Row,
     complete_subjects,
@@ -99,6 +96,9 @@ def between_rows(
     covariates = [name for name in varying or names if name != design.group]
     anova = MIXED_ANOVA if design.group in names else RM_ANOVA
     test = f"{anova} with {' and '.join(covariates)}" if covariates else anova
+    if n < MIN_SUBJECTS:
+        yield not_computed(test, "", n, MIN_SUBJECTS, missing)
+        return
     notes = (*same, "" if centre or not covariates else "covariates not centred", missing)
     if not varying or (design.group in names and design.group not in varying):
         yield Row(test, "", n=n, note=join_notes("not computed", *notes))

@@ -10,6 +10,9 @@ POWER: Final = 0.8
 MAX_SUBJECTS: Final = 1000
 """No gait study has more; beyond, the answer is that it cannot be shown."""
 
+MAX_NONCENTRALITY: Final = 1e3
+"""The power is 1 long before; SciPy's noncentral t distribution becomes NaN beyond."""
+
 
 def noninferiority_power(n: int, sd: float, room: float, alpha: float) -> float:
     """Give the probability that n subjects show a mean difference to be within the margin.
@@ -35,7 +38,8 @@ def noninferiority_power(n: int, sd: float, room: float, alpha: float) -> float:
     >>> print(f"{noninferiority_power(9, sd=1.0, room=1.0, alpha=0.025):.3f}")
     0.748
     """
-    return float(stats.nct.sf(stats.t.isf(alpha, n - 1), n - 1, room / sd * sqrt(n)))
+    noncentrality = min(room / sd * sqrt(n), MAX_NONCENTRALITY)
+    return float(stats.nct.sf(stats.t.isf(alpha, n - 1), n - 1, noncentrality))
 
 
 def subjects_needed(sd: float, room: float, alpha: float, power: float = POWER) -> int | None:

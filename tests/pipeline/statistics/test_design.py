@@ -14,7 +14,8 @@ from scipy import stats
 
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3, design_of, unstated_design
-from pipeline.statistics.rm_glm import partial_eta_squared_interval, repeated_measures_glm
+from pipeline.statistics.f_test import partial_eta_squared_interval
+from pipeline.statistics.rm_glm import repeated_measures_glm
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 
@@ -259,12 +260,22 @@ def test_the_interval_of_partial_eta_squared_is_that_of_rs_effectsize(f, df, low
     assert tuple(round(bound, 2) for bound in found) == (low, high)
 
 
-@given(st.floats(0, 1e5), st.integers(1, 8), st.integers(1, 100))
-@settings(deadline=None, max_examples=40)
+@given(
+    st.floats(0, 20) | st.floats(0, 1e30, allow_subnormal=False),
+    st.integers(1, 8),
+    st.integers(1, 100),
+)
+@settings(deadline=None, max_examples=60)
 def test_the_interval_of_partial_eta_squared_excludes_zero_where_f_is_significant(f, df1, df2):
     low, high = partial_eta_squared_interval(f, df1, df2)
     assert 0 <= low <= high <= 1
     assert (low > 0) == (stats.f.sf(f, df1, df2) < 0.025)
+
+
+@pytest.mark.parametrize("df", [(1, 8), (2, 16), (0.5, 3.2)])
+def test_the_interval_of_a_very_large_effect_continues_that_of_a_large_one(df):
+    below, above = (partial_eta_squared_interval(f / df[0], *df) for f in (0.999e6, 1.001e6))
+    np.testing.assert_allclose(1 - np.array(below), 1 - np.array(above), rtol=0.01)
 
 
 def test_the_effect_size_is_inside_its_interval():

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from pipeline.statistics.rm_glm import observed_power, orthonormal_contrasts, repeated_measures_glm
+from pipeline.statistics.f_test import observed_power
+from pipeline.statistics.rm_glm import orthonormal_contrasts, repeated_measures_glm
 
 FIXTURES = Path(__file__).parents[1] / "fixtures" / "statistics"
 ORACLE = json.loads((FIXTURES / "oracle.json").read_text())

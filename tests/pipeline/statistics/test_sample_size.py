@@ -59,5 +59,6 @@ def test_a_number_beyond_a_thousand_is_none():
     assert subjects_needed(100.0, 1.0, ALPHA) is None
 
 
-def test_subjects_who_all_agree_need_two():
-    assert subjects_needed(0.0, 1.0, ALPHA) == 2
+@pytest.mark.parametrize("sd", [0.0, 1e-300, 1e-12, 1e-4])
+def test_subjects_who_all_agree_need_two(sd):
+    assert subjects_needed(sd, 1.0, ALPHA) == 2
