@@ -14,8 +14,6 @@ from scipy import stats
 
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3, design_of, unstated_design
-from pipeline.statistics.f_test import partial_eta_squared_interval
-from pipeline.statistics.rm_glm import repeated_measures_glm
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
 
@@ -237,52 +235,6 @@ def test_groups_without_a_table_of_subjects_are_refused(therapy):
     long, _, design = therapy
     with pytest.raises(ValueError, match="groups by treatment need a table of subjects"):
         statistics(long, None, design)
-
-
-@pytest.mark.parametrize(
-    ("between", "d", "epsilon", "printed"),
-    [(6, 2, 0.849, 1.025), (6, 4, 0.534, 0.705), (6, 8, 0.436, 0.744)],
-)
-def test_huynh_feldt_with_groups_is_what_car_prints(between, d, epsilon, printed):
-    """R's afex with car on O'Brien and Kaiser's data: treatment × gender + age, 16 subjects."""
-    from pipeline.statistics.rm_glm import _huynh_feldt
-
-    found = _huynh_feldt(epsilon, d, 16 - 1 - between)
-    assert found == pytest.approx(min(1, printed), abs=0.003)
-
-
-@pytest.mark.parametrize(
-    ("f", "df", "low", "high"),
-    [(40.72, (2, 18), 0.66, 0.89), (33.77, (1, 9), 0.49, 0.89)],
-)
-def test_the_interval_of_partial_eta_squared_is_that_of_rs_effectsize(f, df, low, high):
-    found = partial_eta_squared_interval(f, *df, confidence=0.9)
-    assert tuple(round(bound, 2) for bound in found) == (low, high)
-
-
-@given(
-    st.floats(0, 20) | st.floats(0, 1e30, allow_subnormal=False),
-    st.integers(1, 8),
-    st.integers(1, 100),
-)
-@settings(deadline=None, max_examples=60)
-def test_the_interval_of_partial_eta_squared_excludes_zero_where_f_is_significant(f, df1, df2):
-    low, high = partial_eta_squared_interval(f, df1, df2)
-    assert 0 <= low <= high <= 1
-    assert (low > 0) == (stats.f.sf(f, df1, df2) < 0.025)
-
-
-@pytest.mark.parametrize("df", [(1, 8), (2, 16), (0.5, 3.2)])
-def test_the_interval_of_a_very_large_effect_continues_that_of_a_large_one(df):
-    below, above = (partial_eta_squared_interval(f / df[0], *df) for f in (0.999e6, 1.001e6))
-    np.testing.assert_allclose(1 - np.array(below), 1 - np.array(above), rtol=0.01)
-
-
-def test_the_effect_size_is_inside_its_interval():
-    values = np.random.default_rng(3).lognormal(3, 0.5, (9, 2, 3))
-    for term in repeated_measures_glm(values, "ab"):
-        low, high = partial_eta_squared_interval(term.f, term.df1, term.df2)
-        assert low <= term.partial_eta_squared <= high
 
 
 def test_planned_pairs_margin_and_correction_are_those_of_the_design(walked):
