@@ -205,10 +205,10 @@ def _enough(undecided: Sequence[Verdict]) -> str:
     needed = [v.needed for v in undecided if v.needed is not None]
     if not needed:
         return "The subjects differ so much that no study of a usual size could decide them"
-    which = "all of these" if len(needed) == len(undecided) else f"{len(needed)} of these"
+    which = "them" if len(needed) == len(undecided) else f"{len(needed)} of them"
     return (
-        f"With the variance between these subjects, {max(needed)} of them would show {which} to "
-        f"be at the level of the reference, if they are there ({100 * POWER:g} % power)"
+        f"With the variance between subjects, {max(needed)} subjects would show {which} to be at the "
+        f"level of the reference, if they are there ({100 * POWER:g} % power)"
     )
 
 
