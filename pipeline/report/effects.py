@@ -62,7 +62,8 @@ def residual_tests(statistics: pd.DataFrame, design: Design) -> tuple[ResidualTe
     Returns
     -------
     tuple of ResidualTests
-        In order of the axes; those that are in the table.
+        In order of the axes; those that are in the table, and one for all where no test of any
+        was computed for the same reason.
     """
     found = []
     for k, axis in enumerate(AXES):
@@ -71,6 +72,9 @@ def residual_tests(statistics: pd.DataFrame, design: Design) -> tuple[ResidualTe
             name = f"{axis} {'' if k < 3 else 'about '}{DIRECTIONS[k]}"
             tables = (*_anova_tables(own), *_friedman_table(own), *_pair_table(own, design))
             found.append(ResidualTests(name, tuple(_sentences(own, design)), tables))
+    reasons = {residual.sentences for residual in found if not residual.tables}
+    if len(found) > 1 and len(reasons) == 1 and not any(residual.tables for residual in found):
+        return (ResidualTests("All residuals", *reasons, ()),)
     return tuple(found)
 
 
@@ -183,7 +187,8 @@ def _sentences(tests: pd.DataFrame, design: Design) -> Iterator[str]:
     effects = _by(_computed(tests, names[0]), "effect") if names else {}
     if not effects:
         notes = tests.loc[tests["test"].isin((*names, "all")), "note"]
-        yield notes.iloc[0].capitalize() + "." if len(notes) else "Nothing was tested."
+        reason = str(notes.iloc[0]) if len(notes) else "nothing was tested"
+        yield f"{reason[0].upper()}{reason[1:]}."
     for effect, row in effects.items():
         share = 1.0 if row.correction == "none" else row.epsilon
         yield _sentence(

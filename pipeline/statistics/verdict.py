@@ -207,7 +207,7 @@ def _enough(undecided: Sequence[Verdict]) -> str:
         return "The subjects differ so much that no study of a usual size could decide them"
     which = "them" if len(needed) == len(undecided) else f"{len(needed)} of them"
     return (
-        f"With the variance between subjects, {max(needed)} subjects would show {which} to be at the "
+        f"With the variance between subjects, {max(needed)} would show {which} to be at the "
         f"level of the reference, if they are there ({100 * POWER:g} % power)"
     )
 

@@ -106,6 +106,14 @@ def test_one_subject_is_told_in_one_sentence():
     assert only.tables == ()
 
 
+def test_one_reason_why_nothing_was_tested_is_told_once():
+    table = long_table(STUDY[:1])
+    both = pd.concat([table, table.assign(axis="Mz")])
+    (only,) = residual_tests(statistics(both), EXPERIMENT_3)
+    assert only.name == "All residuals"
+    assert len(only.sentences) == 1
+
+
 def test_groups_are_said_to_be_groups():
     values = np.random.default_rng(1).lognormal(3, 0.1, (8, 3)) * np.repeat([1, 3], 4)[:, None]
     names = [f"s{k}" for k in range(8)]

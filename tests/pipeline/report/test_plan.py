@@ -67,7 +67,7 @@ def test_a_study_without_enough_subjects_says_so_once():
     assert sentence.startswith(
         "3 subjects are a demonstration: 3 of 3 comparisons are inconclusive"
     )
-    assert "40 subjects would show them to be at the level of the reference" in sentence
+    assert "40 would show them to be at the level of the reference" in sentence
 
 
 def test_decided_comparisons_of_few_subjects_are_told_first():
