@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from hbm.spelling import did_you_mean, listed, short
-from pipeline.config.schema import Comparison, StudyFile, SubjectFile
+from pipeline.config.schema import COVARIATES, Comparison, StudyFile, SubjectFile
 from pipeline.statistics.design import Design, design_of, unstated_design
 
 PAIR = " - "
@@ -32,6 +32,11 @@ def comparison_faults(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> l
         f'subject {name}: group: has no effect unless comparison.group = "group" in study.toml'
         for name, person in subjects.items()
         if person.group is not None and not grouped
+    ]
+    faults += [
+        f"study.toml: conditions.{name}: is what a subject's file states too; choose another name"
+        for name in file.conditions
+        if name in ("group", *COVARIATES)
     ]
     if stated is None:
         return faults

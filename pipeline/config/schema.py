@@ -5,7 +5,7 @@ anything that is measured in a gait laboratory.
 """
 
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -102,6 +102,7 @@ AgeYears = Annotated[float, Field(ge=0, le=120)]
 KneeWidthM = Annotated[float, Field(ge=0.05, le=0.25)]
 AnkleWidthM = Annotated[float, Field(ge=0.03, le=0.2)]
 Covariate = Literal["height_m", "mass_kg", "sex", "age_years"]
+COVARIATES: Final[tuple[Covariate, ...]] = get_args(Covariate)
 AccelerometerRangeG = Annotated[float, Field(gt=0, le=200)]
 
 
@@ -351,8 +352,8 @@ class Comparison(InputModel):
             stated = getattr(self, key) or ()
             if repeated := sorted({name for name in stated if stated.count(name) > 1}):
                 raise ValueError(f"{key}: {', '.join(repeated)} is stated more than once")
-        if self.factor == COMPENSATION:
-            raise ValueError(f"factor: {COMPENSATION} is the name of compensation; choose another")
+        if self.factor in (COMPENSATION, "group", *COVARIATES):
+            raise ValueError(f"factor: {self.factor} is the name of another factor; choose another")
         if self.group is not None and self.group in (self.covariates or ()):
             raise ValueError(f"covariates: {self.group} tells the groups apart already")
         return self

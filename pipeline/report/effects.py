@@ -72,9 +72,9 @@ def residual_tests(statistics: pd.DataFrame, design: Design) -> tuple[ResidualTe
             name = f"{axis} {'' if k < 3 else 'about '}{DIRECTIONS[k]}"
             tables = (*_anova_tables(own), *_friedman_table(own), *_pair_table(own, design))
             found.append(ResidualTests(name, tuple(_sentences(own, design)), tables))
-    reasons = {residual.sentences for residual in found if not residual.tables}
+    reasons = {residual.sentences for residual in found}
     if len(found) > 1 and len(reasons) == 1 and not any(residual.tables for residual in found):
-        return (ResidualTests("All residuals", *reasons, ()),)
+        return (ResidualTests("All residuals", found[0].sentences, ()),)
     return tuple(found)
 
 

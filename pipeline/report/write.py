@@ -3,13 +3,12 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, get_args
 
 import pandas as pd
 
 from hbm.spelling import did_you_mean, listed, short
 from pipeline.config.comparison import groups, study_design
-from pipeline.config.schema import Covariate
+from pipeline.config.schema import COVARIATES
 from pipeline.config.study import Study, read_study
 from pipeline.figures.style import save_figure
 from pipeline.io.write import whole_file, write_csv, write_text
@@ -23,8 +22,6 @@ from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import Design, unstated_design
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.statistics.verdict import verdicts
-
-COVARIATES: Final[tuple[str, ...]] = get_args(Covariate)
 
 
 def write_report(

@@ -104,7 +104,8 @@ def test_a_group_by_sex_is_no_covariate(tmp_path, written):
         ('correction = "tukey"', "input should be 'bonferroni' or 'holm', got 'tukey'"),
         ("margin = 20", "comparison.margin: input should be less than or equal to 1, got 20"),
         ('group = "sex"\ncovariates = ["sex"]', "sex tells the groups apart already"),
-        ('factor = "IC"', "IC is the name of compensation"),
+        ('factor = "IC"', "IC is the name of another factor"),
+        ('factor = "group"', "group is the name of another factor"),
         ('lvels = ["sway"]', "comparison.lvels: unknown key, did you mean 'levels'?"),
     ],
 )
@@ -114,6 +115,11 @@ def test_a_fault_of_the_comparison_is_one_line(written, stated, fault):
     (line,) = found.value.faults
     assert line.startswith("study.toml: comparison")
     assert fault in line
+
+
+def test_a_condition_is_not_called_like_a_covariate(written):
+    with pytest.raises(StudyFaults, match=r"conditions\.sex: is what a subject's file states too"):
+        read_study(written(conditions=f"{SHOES}[conditions.sex]"))
 
 
 def test_every_subject_without_a_group_is_named(written):
