@@ -1,6 +1,5 @@
 """The page of a study's report: the verdict first, then everything that it is based on."""
 
-from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +10,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pipeline.config.study import Study
 from pipeline.report.effects import ResidualTests, residual_tests
-from pipeline.report.figures import drawn_conditions, example_subject
+from pipeline.report.figures import example_subject
 from pipeline.report.methods import cited, methods
+from pipeline.report.pictures import Picture, example_pictures, study_pictures
 from pipeline.report.references import bibtex
 from pipeline.report.sources import Sources, source_section
 from pipeline.report.tables import Table, residual_tables
@@ -22,9 +22,7 @@ from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
 from pipeline.statistics.design import Design
 from pipeline.statistics.verdict import Verdict
-from pipeline.trial.residuals import AXES
 
-MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
 TEMPLATES: Final = Environment(
     loader=PackageLoader("pipeline.report"),
     autoescape=True,  # what users typed is text, never markup
@@ -59,27 +57,6 @@ class Report:
     provenance: Provenance
     figures: Path
     study: Study | None
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure inside the page.
-
-    Attributes
-    ----------
-    name
-        In ``figures/``.
-    shows, judge, act
-        What it shows, what good and bad look like, and what to do.
-    data_uri
-        Its file.
-    """
-
-    name: str
-    shows: str
-    judge: str
-    act: str
-    data_uri: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +116,9 @@ def write_page(report: Report) -> str:
         verdict=verdict_section(report.verdicts, residuals, design, stated=_stated(report.study)),
         tables=residual_tables(residuals, report.table_3, design),
         tests=residual_tests(report.statistics, design),
-        figures=_figures(report.results, report.figures, design),
+        figures=study_pictures(report.results, report.figures, design),
         example_subject=subject,
-        example_figures=tuple(
-            _raw_picture(report.figures / f"raw_{axis}.png", axis, subject)
-            for axis in AXES
-            if subject is not None
-        ),
+        example_figures=example_pictures(report.figures, subject),
         trials=trial_section(report.results, report.states, design),
         methods=tuple(methods(report.results, report.statistics, design, report.study)),
         bibtex=bibtex(cited(report.results), report.provenance.report["hbm-residuals"]),
@@ -166,77 +139,3 @@ def _scope(results: Results, design: Design) -> str:
         f"Pelvis residuals{variants}: {subjects} "
         f"subject{'s' * (subjects > 1)}, {trials} trial{'s' * (trials > 1)}; {conditions}"
     )
-
-
-def _figures(results: Results, folder: Path, design: Design) -> tuple[Picture, ...]:
-    residuals, cycles = results.residuals, results.cycles
-    plates = "with the plates as measured"
-    if residuals["compensated"].any():
-        plates = "without (no IC) and with inertia compensation (IC)"
-    pictures = []
-    for condition in drawn_conditions(cycles, design):
-        reference = ""
-        if condition != design.reference and (cycles["condition"] == design.reference).any():
-            reference = f", and in {design.reference}"
-        shows = (
-            f"Residuals over the gait cycle in {condition} {plates}{reference}; mean ± SD. x "
-            "forward, y right, z up; moments about the midpoint of the hip joints. Cycles of the "
-            "left foot are mirrored (Fy, Mx and Mz change sign). The panels differ in scale."
-        )
-        pictures.append(
-            _picture(
-                folder / f"gait_cycle_{condition}.svg",
-                shows,
-                judge=(
-                    "Good: the line stays within the band of the reference, a few per cent of body "
-                    "weight from zero. Bad: an offset, a peak that the reference has not, or a "
-                    "band that widens at one instant of the cycle."
-                ),
-                act=(
-                    "Where IC leaves a peak while the platform moves, check delay and calibration "
-                    "of the accelerometers; where all lines have it, check markers, events and "
-                    "plates in the viewer at this percent of the cycle."
-                ),
-            )
-        )
-    parallel = (
-        "Good: the lines with compensation are level and near the reference, and the subjects' "
-        "thin lines run alike. Bad: one condition rises, or a single subject does; lines that are "
-        "not parallel are an interaction."
-    )
-    if not design.compensated:
-        parallel = (
-            "Good: the line is level, and the subjects' thin lines run alike. Bad: one condition "
-            "rises, or a single subject does."
-        )
-    shows = (
-        f"Mean RMS residual of every condition {plates}, with 95 % confidence intervals; thin "
-        "lines are subjects."
-    )
-    act = (
-        "Where all subjects rise, look at the condition's gait cycle above; where one does, look "
-        "at the quality and the notes of this subject's trials below. Intervals of single means "
-        "may overlap though the paired difference is clear: see the tests above."
-    )
-    means = _picture(folder / "marginal_means.svg", shows, judge=parallel, act=act)
-    return (*pictures, means)
-
-
-def _raw_picture(path: Path, axis: str, subject: str) -> Picture:
-    return _picture(
-        path,
-        f"Residual {axis} of {subject}, every cycle.",
-        judge=(
-            "Good: every cycle is like the others of its condition. Bad: single cycles stand out, "
-            "or the level drifts with time."
-        ),
-        act=(
-            "Look at a cycle that stands out in the viewer: a foot on both plates, a wrong event "
-            "or a lost marker. A drift is one of the plates: tare them."
-        ),
-    )
-
-
-def _picture(path: Path, shows: str, *, judge: str, act: str) -> Picture:
-    data = b64encode(path.read_bytes()).decode()
-    return Picture(path.stem, shows, judge, act, f"data:{MEDIA_TYPES[path.suffix]};base64,{data}")

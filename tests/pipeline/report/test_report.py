@@ -145,7 +145,8 @@ def test_every_figure_says_what_it_shows_how_to_judge_it_and_what_to_do(page):
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", page.source, re.DOTALL)
     assert len(captions) == len(FIGURES)
     for caption in captions:
-        assert re.findall(r"<strong>(\w+)</strong> \w+", caption) == ["Shows", "Judge", "Act"]
+        leads = re.findall(r"<strong>(.+?):</strong> \w+", caption)
+        assert leads == ["What it shows", "How to read it", "What to do"]
         assert "Good: " in caption
         assert "Bad: " in caption
 
