@@ -26,8 +26,9 @@ from pipeline.report.plan import plan_markdown
 from pipeline.run.load import collect
 from pipeline.run.run import run_study
 from pipeline.statistics.comparison import statistics
+from pipeline.statistics.headline import headlines
 from pipeline.statistics.table_3 import table_3, table_3_markdown
-from pipeline.statistics.verdict import headlines, verdicts
+from pipeline.statistics.verdict import verdicts
 from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS
 

@@ -10,10 +10,10 @@ import pandas as pd
 from pipeline.report.tables import Table
 from pipeline.statistics.comparison import ALL_CELLS
 from pipeline.statistics.design import COMPENSATION, Design
+from pipeline.statistics.headline import join_names
 from pipeline.statistics.omnibus import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.row import Row
 from pipeline.statistics.table_3 import format_p, number
-from pipeline.statistics.verdict import join_names
 from pipeline.trial.residuals import AXES, DIRECTIONS
 
 ALPHA: Final = 0.05

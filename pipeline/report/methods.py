@@ -16,7 +16,7 @@ from pipeline.report.statistics_methods import statistics_methods
 from pipeline.run.load import Results
 from pipeline.run.provenance import engines_of
 from pipeline.statistics.design import Design
-from pipeline.statistics.verdict import join_names
+from pipeline.statistics.headline import join_names
 from pipeline.trial.summary import TrialSummary
 
 HIP_METHODS: Final = {

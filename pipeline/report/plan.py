@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import pandas as pd
 
 from pipeline.statistics.design import MIN_SUBJECTS, Design
+from pipeline.statistics.headline import level_name
 from pipeline.statistics.sample_size import MAX_SUBJECTS, POWER
-from pipeline.statistics.verdict import CONFIDENCE, Verdict, level_name
+from pipeline.statistics.verdict import CONFIDENCE, Verdict
 
 
 def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:

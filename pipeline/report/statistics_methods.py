@@ -5,8 +5,8 @@ from typing import Final
 import pandas as pd
 
 from pipeline.statistics.design import Design, design_of
+from pipeline.statistics.headline import join_names, level_name
 from pipeline.statistics.omnibus import MIXED_ANOVA, RM_ANOVA
-from pipeline.statistics.verdict import join_names, level_name
 
 COVARIATES: Final = {"height_m": "stature", "mass_kg": "body mass", "age_years": "age"}
 """Key -> words; the other keys are words."""

@@ -8,14 +8,10 @@ from typing import Final
 import pandas as pd
 
 from pipeline.statistics.design import EXPERIMENT_3, Design
+from pipeline.statistics.headline import headlines, level_name
+from pipeline.statistics.sample_size import MAX_SUBJECTS
 from pipeline.statistics.table_3 import number
-from pipeline.statistics.verdict import (
-    Answer,
-    Verdict,
-    headlines,
-    judged_conditions,
-    level_name,
-)
+from pipeline.statistics.verdict import Answer, Verdict, judged_conditions
 from pipeline.trial.residuals import AXES, DIRECTIONS
 
 MAX_AXIS_PERCENT: Final = 100.0
@@ -224,10 +220,18 @@ def _cell(verdict: Verdict, reach: float, most: int, design: Design) -> VerdictC
         return VerdictCell(symbol, label, css_class, tuple(lines))
     lines.append(f"CI {low} to {high} {unit}" + f", n = {verdict.n}" * (verdict.n < most))
     if verdict.answer == "inconclusive":
-        needed = "more than 1000" if verdict.needed is None else str(verdict.needed)
-        lines.append(f"{needed} subjects needed")
+        lines.append(_needed(verdict))
     graph = _graph(verdict, reach, 100 * design.margin)
     return VerdictCell(symbol, label, css_class, tuple(lines), graph)
+
+
+def _needed(verdict: Verdict) -> str:
+    """Say how many subjects would decide a comparison that is inconclusive."""
+    if verdict.needed is None:
+        return f"more than {MAX_SUBJECTS} subjects needed"
+    if verdict.lacks_subjects:
+        return f"{verdict.needed} subjects needed"
+    return f"{verdict.needed} would do if the difference were zero"
 
 
 def _graph(verdict: Verdict, reach: float, margin_percent: float) -> IntervalGraph:

@@ -1,6 +1,5 @@
 """Is each residual at the level of its reference? A non-inferiority test with intervals."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isnan, nan
 from typing import Final, Literal
@@ -9,7 +8,7 @@ import pandas as pd
 from scipy import stats
 
 from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
-from pipeline.statistics.sample_size import POWER, subjects_needed
+from pipeline.statistics.sample_size import subjects_needed
 
 CONFIDENCE: Final = 0.95
 
@@ -59,6 +58,11 @@ class Verdict:
     n: int = 0
     needed: int | None = None
     needed_as_observed: int | None = None
+
+    @property
+    def lacks_subjects(self) -> bool:
+        """Whether more subjects are needed than there were, if the true difference is zero."""
+        return self.needed is None or self.needed > self.n
 
     def percent(self, value: float) -> float:
         """Give a difference in percent of the baseline."""
@@ -162,108 +166,3 @@ def _answer(low: float, high: float, margin: float) -> Answer:
     if high <= margin:
         return "at baseline"
     return "above" if low > 0 else "inconclusive"
-
-
-def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
-    """Summarise the verdicts of a study: a sentence per condition, and one on what is missing.
-
-    Parameters
-    ----------
-    found
-        Verdicts of all conditions.
-    design
-        The design that they are of.
-
-    Returns
-    -------
-    tuple of str
-        The compared conditions first, then the reference; at the end, where verdicts are
-        inconclusive, how many subjects would decide them. So few subjects that no exact test can
-        become significant are called a demonstration there, and only there.
-    """
-    compared = [v for v in found if v.n >= MIN_SUBJECTS]
-    subjects = max((v.n for v in compared), default=0)
-    undecided = [v for v in compared if v.answer == "inconclusive"]
-    few = len(design.pairs) * 2.0 ** (1 - subjects) > 1 - CONFIDENCE
-    order = [*design.others, design.reference]
-    sentences = [
-        f"{headline(compared, condition, design, name_undecided=not few)}."
-        for condition in order
-        if any(v.condition == condition and (not few or v not in undecided) for v in compared)
-    ]
-    if not undecided:
-        return tuple(sentences)
-    verb = "is" if len(undecided) == 1 else "are"
-    result = f"{len(undecided)} of {len(compared)} comparisons {verb} inconclusive"
-    if few:
-        result = f"{subjects} subjects are a demonstration: {result}"
-    return (*sentences, f"{result}. {_enough(undecided)}.")
-
-
-def _enough(undecided: Sequence[Verdict]) -> str:
-    """Say how many subjects would decide the comparisons that are inconclusive."""
-    needed = [v.needed for v in undecided if v.needed is not None]
-    if not needed:
-        return "The subjects differ so much that no study of a usual size could decide them"
-    which = "them" if len(needed) == len(undecided) else f"{len(needed)} of them"
-    return (
-        f"With the variance between subjects, {max(needed)} would show {which} to be at the "
-        f"level of the reference, if they are there ({100 * POWER:g} % power)"
-    )
-
-
-def headline(
-    found: Sequence[Verdict],
-    condition: str,
-    design: Design = EXPERIMENT_3,
-    *,
-    name_undecided: bool = True,
-) -> str:
-    """Summarise a condition's verdicts in one sentence.
-
-    Parameters
-    ----------
-    found
-        Verdicts of all conditions.
-    condition
-        The condition to summarise.
-    design
-        The design that they are of.
-    name_undecided
-        Whether to name the residuals whose verdict is inconclusive.
-
-    Returns
-    -------
-    str
-        How many residuals are at baseline with compensation, and the names of the others.
-    """
-    own = [v for v in found if v.condition == condition]
-    named = {a: [v.axis for v in own if v.answer == a] for a in ("above", "inconclusive")}
-    at_baseline = sum(v.answer == "at baseline" for v in own)
-    if not at_baseline and not any(named.values()):
-        return f"In {condition}, there are too few subjects for a comparison"
-    back, above = f"at {level_name(design)}", "above it"
-    if condition == design.reference:
-        back, above = "not increased", "increased"
-    compensated = " with compensation" * design.compensated
-    parts = [f"{at_baseline} of {len(own)} residuals are {back}{compensated}"]
-    if named["above"]:
-        verb = "is" if len(named["above"]) == 1 else "are"
-        parts.append(f"{join_names(named['above'])} {verb} {above}")
-    if named["inconclusive"] and name_undecided:
-        subjects = max(v.n for v in own)
-        result = f"result is inconclusive with {subjects} subjects"
-        parts.append(f"for {join_names(named['inconclusive'])}, the {result}")
-    return f"In {condition}, " + "; ".join(parts)
-
-
-def level_name(design: Design) -> str:
-    """Name the reference's level in a sentence: "baseline level", or "the level of barefoot"."""
-    return (
-        "baseline level" if design.reference == "baseline" else f"the level of {design.reference}"
-    )
-
-
-def join_names(names: Sequence[str]) -> str:
-    """Join names as in a sentence, with "and" before the last."""
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

@@ -6,8 +6,9 @@ import pytest
 from pipeline.cli.app import main
 from pipeline.report import write as report
 from pipeline.report.plan import plan_markdown, plan_table
+from pipeline.report.verdict import verdict_section
 from pipeline.statistics.design import EXPERIMENT_3
-from pipeline.statistics.verdict import Verdict, headlines
+from pipeline.statistics.verdict import Verdict
 from tests.pipeline.fake_results import write_fake_results
 
 
@@ -61,27 +62,9 @@ def test_a_covariate_that_does_not_exist_is_refused_in_one_line(tmp_path, capsys
     assert error.count("\n") == 1
 
 
-def test_a_study_without_enough_subjects_says_so_once():
-    found = [verdict(c, n=3, needed=40) for c in ("baseline", "sway", "pitch")]
-    (sentence,) = headlines(found)
-    assert sentence.startswith(
-        "3 subjects are a demonstration: 3 of 3 comparisons are inconclusive"
-    )
-    assert "40 would show them to be at the level of the reference" in sentence
-
-
-def test_decided_comparisons_of_few_subjects_are_told_first():
-    found = [verdict("sway", "at baseline", n=3), verdict("pitch", n=3)]
-    first, last = headlines(found)
-    assert first == "In sway, 1 of 1 residuals are at baseline level with compensation."
-    assert last.startswith("3 subjects are a demonstration: 1 of 2 comparisons is inconclusive")
-
-
-def test_a_study_with_enough_subjects_names_its_inconclusive_residuals():
-    found = [verdict("sway", "at baseline"), verdict("pitch", needed=None)]
-    told = headlines(found)
-    assert told[1] == (
-        "In pitch, 0 of 1 residuals are at baseline level with compensation; for Fx, the result "
-        "is inconclusive with 9 subjects."
-    )
-    assert told[2].startswith("1 of 2 comparisons is inconclusive. The subjects differ so much")
+def test_the_page_asks_for_no_more_subjects_where_there_were_enough():
+    found = [verdict("sway", needed=20), verdict("pitch", needed=7)]
+    residuals = pd.DataFrame({"condition": ["sway", "pitch"], "compensated": True})
+    section = verdict_section(found, residuals, EXPERIMENT_3, stated=True)
+    lines = [cell.lines[-1] for row in section.rows for cell in row.cells]
+    assert lines == ["20 subjects needed", "7 would do if the difference were zero"]

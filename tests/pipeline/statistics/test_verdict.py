@@ -9,7 +9,7 @@ from scipy import stats
 
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3
-from pipeline.statistics.verdict import Verdict, headline, verdicts
+from pipeline.statistics.verdict import verdicts
 
 CONDITIONS = ("baseline", "sway", "pitch")
 
@@ -127,16 +127,3 @@ def test_only_subjects_with_both_cells_are_compared():
 )
 def test_missing_cells_give_no_verdict(cells):
     assert {v.answer for v in judge(residuals(cells))} == {"no data"}
-
-
-def test_the_headline_counts_the_residuals_at_baseline_and_names_the_others():
-    answers = dict(
-        zip(
-            ("Fx", "Fy", "Fz", "Mx"), ("at baseline", "above", "above", "inconclusive"), strict=True
-        )
-    )
-    found = [Verdict(axis, "N", "sway", answer, n=9) for axis, answer in answers.items()]
-    assert headline(found, "sway") == (
-        "In sway, 1 of 4 residuals are at baseline level with compensation; "
-        "Fy and Fz are above it; for Mx, the result is inconclusive with 9 subjects"
-    )
