@@ -24,7 +24,8 @@ def simulate(
     setting: Annotated[
         Path | None,
         typer.Option(
-            help="TOML with seed, [protocol] and [faults.…]; default: the thesis' protocol."
+            help="TOML with seed, [protocol] and [faults.…], or 'thesis': what it states of its "
+            "faults; default: its protocol."
         ),
     ] = None,
     subjects: Annotated[
@@ -41,14 +42,13 @@ def simulate(
 
     Of a simulated study that is in the folder already, only what is missing is written.
     """
-    from pipeline.io.input_file import read_text
-    from pipeline.virtual_lab.protocol.setting_file import read_setting
+    from pipeline.virtual_lab.protocol.setting_file import find_setting
     from pipeline.virtual_lab.protocol.study_folder import folder_setting, require_setting
     from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Setting
 
     there = None if ablation else folder_setting(folder)
     if setting is not None:
-        chosen = read_setting(read_text(setting))
+        chosen = find_setting(setting)
     else:
         chosen = Setting(protocol=SHORT) if ablation else there or Setting()
     if seed is not None:

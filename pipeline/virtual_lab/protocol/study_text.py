@@ -93,7 +93,7 @@ name = "virtual laboratory"
 
 [settings]
 cutoff_hz = {CUTOFF_HZ:g}  # of the Butterworth filter, on coordinates and forces alike
-filter = "zero_phase"
+filter = "{protocol.filter}"
 marker_set = "{protocol.marker_set}"
 
 [treadmill]
