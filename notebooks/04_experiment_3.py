@@ -13,8 +13,8 @@
 # inertia compensation return the pelvis residuals to their values on a level, stationary treadmill?
 #
 # Here with three simulated subjects and short trials, from the files to the statistics. `hbm demo`
-# does the same and adds a report and a viewer recording; `hbm demo --full` simulates nine subjects
-# and 2.4 hours of walking.
+# does the same with nine subjects and adds a report and a viewer recording; `hbm demo --full`
+# simulates the thesis' protocol, 2.4 hours of walking.
 
 # %%
 from pathlib import Path

@@ -158,7 +158,7 @@ def _write_table_3(folder: Path, setting: "Setting", jobs: int) -> None:
 
 def demo(
     full: Annotated[
-        bool, typer.Option("--full", help="All nine subjects and the thesis' protocol.")
+        bool, typer.Option("--full", help="The thesis' protocol: 2.4 hours of walking.")
     ] = False,
     jobs: Jobs = 2,
     out: Out = Path("demo"),

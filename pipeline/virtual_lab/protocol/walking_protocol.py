@@ -119,8 +119,9 @@ class Protocol(InputModel):
 SHORT: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
 """Shorter trials of three subjects: enough of every condition to compare instruments."""
 
-DEMO: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 14.0, 12.0, 13.0))
-"""Enough of every condition for statistics, in less than two minutes on two cores."""
+DEMO: Final = Protocol(baseline_s=30.0, pitch_s=33.0, waits_s=(12.0, 12.0, 12.0, 12.0))
+"""All subjects, whom the statistics need, in a minute on two cores: two perturbations to each side,
+and one period of the pitch sine after the start of the belts."""
 
 
 class Setting(InputModel):
