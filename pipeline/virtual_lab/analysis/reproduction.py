@@ -35,7 +35,7 @@ ITEMS: Final = {
     "pose from channels, replayed ± 2 frames": ("protocol.pose", "faults.platform.replay_frames"),
 }
 """What the thesis documents, one by one -> the keys of the setting `thesis` that state it."""
-LENGTHS_S: Final = (0.1, 0.2, 0.26, 0.3, 0.4, 0.5, 0.7, 0.9)
+LENGTHS_S: Final = (0.1, 0.2, 0.27, 0.3, 0.4, 0.5, 0.7, 0.9)
 """Windows from the onset of a perturbation that are compared: from less than the platform moves to
 nearly a gait cycle."""
 PERTURBED: Final = "sway"

@@ -112,7 +112,7 @@ def motion_s() -> float:
     Examples
     --------
     >>> f"{motion_s():.2f}"
-    '0.26'
+    '0.27'
     """
     time = np.arange(round(2 * ANALOG_HZ)) / ANALOG_HZ
     command = sway_command(np.zeros(1), np.ones(1), time)
