@@ -210,6 +210,14 @@ def _markers(
     )
 
 
+def _pose_delay(faults: PlatformFaults, rng: np.random.Generator) -> float:
+    """Draw how late the platform's channels are in one recording [s]."""
+    if faults.replay_frames == 0:
+        return faults.delay_s
+    frames = rng.integers(-faults.replay_frames, faults.replay_frames, endpoint=True)
+    return faults.delay_s + float(frames) / FRAME_HZ
+
+
 def _analog(
     treadmill: InstrumentedTreadmill, motion: TreadmillMotion, rng: np.random.Generator
 ) -> Analog:
@@ -237,14 +245,6 @@ def _analog(
     names += [SWAY_CHANNEL, PITCH_CHANNEL, PULSE_CHANNEL]
     units += ["mm", "deg", "V"]
     return Analog(time, tuple(names), tuple(units), np.hstack(columns))
-
-
-def _pose_delay(faults: PlatformFaults, rng: np.random.Generator) -> float:
-    """Draw how late the platform's channels are in one recording [s]."""
-    if faults.replay_frames == 0:
-        return faults.delay_s
-    frames = rng.integers(-faults.replay_frames, faults.replay_frames, endpoint=True)
-    return faults.delay_s + float(frames) / FRAME_HZ
 
 
 def _events(walk: Walk, end: float) -> tuple[Event, ...]:
