@@ -17,7 +17,11 @@ from pipeline.run.run import run_study
 from pipeline.run.store import read_summary, read_trial
 from pipeline.trial.residuals import AXES, reported, variants
 from pipeline.virtual_lab.protocol.setting_file import find_setting
-from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import (
+    ANALYSED_CONDITIONS,
+    SHORT,
+    Setting,
+)
 from pipeline.virtual_lab.protocol.walking_study import ProgressCallback, simulate_study
 
 AS_IS: Final = "as it is"
@@ -107,10 +111,7 @@ def _taken(setting: Model, other: Model, key: str) -> Model:
 
 
 def reproduce(
-    setting: Setting | None = None,
-    short: Setting | None = None,
-    progress: ProgressCallback | None = None,
-    jobs: int = 1,
+    setting: Setting | None = None, progress: ProgressCallback | None = None, jobs: int = 1
 ) -> Reproduction:
     """Simulate and process the studies that Table III is compared with.
 
@@ -118,9 +119,7 @@ def reproduce(
     ----------
     setting
         The laboratory as it is, with seed and protocol; by default nine subjects and the thesis'
-        protocol.
-    short
-        The same for the studies with a single item; by default `SHORT` with the seed of the first.
+        protocol. Studies with a single item have the protocol `SHORT`.
     progress
         Called after every recording and every trial with its name, how many are done, and how many
         there are.
@@ -135,14 +134,17 @@ def reproduce(
     Raises
     ------
     ValueError
-        If a trial fails.
+        If the protocol lacks a condition of Table III, or a trial fails.
 
     Notes
     -----
     One study at a time is in the folder for temporary files: 5 GB for the thesis' protocol.
     """
     setting = setting or Setting()
-    short = short or setting.model_copy(update={"protocol": SHORT})
+    lacking = [name for name in ANALYSED_CONDITIONS if name not in setting.protocol.conditions]
+    if lacking:
+        raise ValueError(f"protocol: conditions lacks {', '.join(lacking)}, which Table III has")
+    short = setting.model_copy(update={"protocol": SHORT})
     whole = {AS_IS: setting, DOCUMENTED: documented(setting)}
     single = {"none": short} | {item: documented(short, item) for item in ITEMS}
     total = sum(map(_steps, (*whole.values(), *single.values())))

@@ -191,6 +191,8 @@ def test_studies_are_simulated_with_everything_documented_and_with_one_item_each
     assert found.residuals["laboratory"].unique().tolist() == [AS_IS, DOCUMENTED]
     assert found.single["item"].unique().tolist() == ["none", *ITEMS]
     assert found.cycle_s == pytest.approx(1.1)
+    with pytest.raises(ValueError, match=r"lacks baseline, pitch"):
+        reproduce(TINY)
 
 
 def test_one_command_writes_the_page_and_its_table(tmp_path, monkeypatch, found):
