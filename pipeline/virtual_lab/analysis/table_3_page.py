@@ -280,10 +280,11 @@ def _single(single: pd.DataFrame) -> str:
 
 
 def _largest(change: "pd.Series[float]") -> str:
-    """Give the largest change of a force and of a moment."""
+    """Give the largest change of a force and of a moment that is not zero to one decimal."""
     parts = []
     for unit in dict.fromkeys(UNITS):
-        own = change[_axes(unit)]
+        own = change[_axes(unit)].round(1)
         axis = str(own.abs().idxmax())
-        parts.append(f"{axis} {own[axis]:+z.1f}")
-    return ", ".join(parts)
+        if own[axis] != 0:
+            parts.append(f"{axis} {own[axis]:+.1f}")
+    return ", ".join(parts) or "0"
