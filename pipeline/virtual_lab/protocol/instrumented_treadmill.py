@@ -9,7 +9,7 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.poses import marker_positions
 from hbm.spatial import Array, shift_wrench
-from pipeline.io.recording import Analog, Event, Metadata, Plate, Recording
+from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.units import acceleration_in_mps2
 from pipeline.virtual_lab.faults import CameraFaults, Faults
 from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
@@ -136,7 +136,7 @@ def record(
     -------
     Recording
         Markers of person and platform at 100 Hz; plates, accelerometers, belt speeds, platform
-        channels and pulses at 1000 Hz.
+        channels and pulses at 1000 Hz. No gait events: finding them is part of the processing.
     """
     frames = motion.time[::SAMPLES_PER_FRAME]
     plates = _plates(treadmill, motion, walk, rng)
@@ -145,7 +145,6 @@ def record(
         markers=_markers(treadmill, motion, walk, frames, rng),
         plates=plates,
         analog=_analog(treadmill, motion, rng),
-        events=_events(walk, frames[-1]) if walk else (),
         metadata=_metadata(walk) if walk else Metadata(),
     )
 
@@ -231,16 +230,6 @@ def _analog(
     names += [SWAY_CHANNEL, PITCH_CHANNEL, PULSE_CHANNEL]
     units += ["mm", "deg", "V"]
     return Analog(time, tuple(names), tuple(units), np.hstack(columns))
-
-
-def _events(walk: Walk, end: float) -> tuple[Event, ...]:
-    steps, events = walk.placement.steps, []
-    for k in range(1, len(steps.contact)):
-        side = steps.side(k)
-        for time, label in ((steps.contact[k], "foot_strike"), (steps.off[k], "foot_off")):
-            if time <= end:
-                events.append(Event(float(time), label, side))
-    return tuple(sorted(events, key=lambda event: event.time))
 
 
 def _metadata(walk: Walk) -> Metadata:
