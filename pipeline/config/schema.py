@@ -109,6 +109,10 @@ class InputModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
+EventMethod = Literal["file", "zeni", "plates", "auto"]
+"""Where a trial's gait events come from."""
+
+
 class Settings(InputModel):
     """How trials are processed; printed with every result.
 
@@ -129,6 +133,10 @@ class Settings(InputModel):
     min_valid_share
         Share of a gait cycle's frames in which the plates have to carry the subject; with less it
         is left out, with more those frames count.
+    events
+        Where gait events come from: "file", as recorded; "zeni", turns of heel and toe; "plates",
+        where a plate carries one foot alone; "auto", the motion of the feet and the plates
+        together. None takes the file's where it has some, else "auto".
     engine
         What computes the inverse dynamics; None for Pinocchio where it can be imported, else the
         kernels.
@@ -147,6 +155,7 @@ class Settings(InputModel):
     plate_delay_s: DelayS = 0.0
     contact_threshold_n: ForceThresholdN = 30.0
     min_valid_share: ShareOfCycle = 0.5
+    events: EventMethod | None = None
     engine: EngineName | None = None
 
 
