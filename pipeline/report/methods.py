@@ -36,6 +36,20 @@ MASS_ORIGINS: Final = {
     "mass_of_file": "as stated in the recording",
 }
 """Note -> where body mass came from."""
+MOTION: Final = (
+    "detected from the motion of the feet relative to the ground that carries them, between the "
+    "turning points of Zeni et al. (2008)"
+)
+EVENT_ORIGINS: Final = {
+    "events_of_file": "those of the recordings",
+    "events_from_markers": "detected from heel, toe and sacrum markers (Zeni et al. 2008)",
+    "events_of_plates": "detected where the force of a plate that carries one foot alone passes "
+    "20 N",
+    "events_calibrated": f"{MOTION}, and timed, or calibrated for each foot, by the instants at "
+    "which the force of a plate that carries one foot alone passes 20 N",
+    "events_uncalibrated": MOTION,
+}
+"""Note -> where gait events came from."""
 SEXES: Final = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
 
 
@@ -76,6 +90,9 @@ def cited(results: Results) -> list[str]:
     unused = {key for _, key in HIP_METHODS.values()} - used
     if not any("pinocchio" in (trial.engine.name, trial.engine.other) for trial in trials):
         unused.add("carpentier2019")
+    notes = {note.code for trial in trials for note in trial.notes}
+    if not any("Zeni" in EVENT_ORIGINS[code] for code in notes & EVENT_ORIGINS.keys()):
+        unused.add("zeni2008")
     return [key for key in references() if key not in unused]
 
 
@@ -230,11 +247,10 @@ def _platform_pose(treadmill: Treadmill | None) -> str:
 
 
 def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
-    text = (
-        "Gait cycles were defined from foot strike to foot strike of the same foot. Gait events "
-        "were those of the recordings or, in recordings without events, detected from heel, toe "
-        "and sacrum markers (Zeni et al. 2008)."
-    )
+    used = {note.code for trial in trials for note in trial.notes}
+    origins = [origin for code, origin in EVENT_ORIGINS.items() if code in used]
+    text = "Gait cycles were defined from foot strike to foot strike of the same foot."
+    text += f" Gait events were {'; or '.join(origins)}." if origins else ""
     walking = [trial for trial in trials if trial.span is None]
     spans_s: dict[str, list[float]] = {}
     for trial in trials:

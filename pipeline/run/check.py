@@ -244,7 +244,9 @@ def _check_window(
     found.attempt(name, lambda: counted_span(rule.wanted, {}, time, settings.cutoff_hz))
     if rule.wanted not in (None, "cycle"):
         return
-    events, note = gait_events(recording.events, recording.markers, body.marker_set)
+    events, note = gait_events(
+        recording.events, recording.markers, body.marker_set, settings.events
+    )
     unknown = note.code == "events_unknown"
     counted = [event for event in events if event.time >= rule.skip_s]
     if rule.wanted == "cycle" and not found_cycles(events, SIDES):

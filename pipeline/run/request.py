@@ -78,6 +78,10 @@ class TrialRequest:
     min_valid_share: Annotated[
         float, Help("Smallest share of a gait cycle in which the plates must carry the subject.")
     ] = 0.5
+    events: Annotated[
+        str | None,
+        Help("Gait events: file, zeni, plates or auto; default: the file's if any, else auto."),
+    ] = None
     span: Annotated[
         str | None,
         Help(

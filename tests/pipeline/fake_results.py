@@ -149,6 +149,7 @@ def fake_trial(
         notes=(
             Note.of("mass_weighed", mass_kg=70.0, start_s=0.5, stop_s=1.5, file="pose.c3d"),
             Note.of("frames_unsolved", unsolved=1, frames=2),
+            Note.of("events_uncalibrated", left=3, right=3),
             Note.of("legs_differ", difference_m=0.041, left_m=0.843, right_m=0.802),
         ),
     )

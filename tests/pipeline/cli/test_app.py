@@ -101,6 +101,7 @@ def refused(capsys, *arguments):
         ("still.c3d", ["--height-m", "178"], ["--height-m", "centimetres", "metres"]),
         ("still.c3d", ["--sex", "m"], ["--sex", "'male', 'female' or 'unspecified'"]),
         ("still.c3d", ["--filter", "butter"], ["--filter", "'realtime' or 'zero_phase'"]),
+        ("still.c3d", ["--events", "heel"], ["--events", "'zeni', 'plates' or 'auto'"]),
         ("still.c3d", ["--marker-set", "hbm3"], ["'hbm3'", "hbm2"]),
         ("still.c3d", ["--axes", "left,up"], ["--axes", "'left,up'", "three of"]),
         ("still.c3d", ["--static", "pose.c3d"], ["pose.c3d", "no such file"]),

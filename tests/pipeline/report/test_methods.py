@@ -121,6 +121,26 @@ def test_every_setting_changes_the_text(tmp_path, stated, expected, absent):
     assert absent not in text
 
 
+@pytest.mark.parametrize(
+    ("code", "expected", "cites_zeni"),
+    [
+        ("events_of_file", "those of the recordings", False),
+        ("events_from_markers", "detected from heel, toe and sacrum markers", True),
+        ("events_of_plates", "a plate that carries one foot alone passes 20 N", False),
+        ("events_uncalibrated", "the motion of the feet relative to the ground", True),
+    ],
+)
+def test_the_origin_of_the_gait_events_is_described_and_cited(tmp_path, code, expected, cites_zeni):
+    _, results = text_of(tmp_path, subjects=1)
+    note = Note.of(code, left=3, right=3)
+    summaries = {key: replace(each, notes=(note,)) for key, each in results.summaries.items()}
+    found = replace(results, summaries=summaries)
+    text = " ".join(methods(found, statistics(found.residuals, found.subjects), None))
+    assert text.count("Gait events were") == 1
+    assert expected in text
+    assert ("zeni2008" in cited(found)) == cites_zeni
+
+
 def test_without_compensation_none_is_described(tmp_path):
     text, _ = text_of(tmp_path, subjects=2, compensated=False)
     assert "Treadmill inertia was not compensated" in text

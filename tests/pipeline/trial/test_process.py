@@ -14,6 +14,7 @@ from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event, Metadata
 from pipeline.trial import process
 from pipeline.trial.gait.cycles import cut_cycles
+from pipeline.trial.gait.events import event_times
 from pipeline.trial.ground.calibration_recording import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
@@ -340,8 +341,23 @@ def test_an_excluded_trial_is_refused_with_its_reason(study):
         process_trial(changed, "sub01", "pitch")
 
 
-def test_events_are_compared_with_the_forces_under_the_feet(results):
-    notes = [n for n in results["baseline"].notes]
-    kinds = [n.values for n in notes if n.code == "event_agreement"]
+def test_events_that_plates_did_not_give_are_compared_with_the_forces_under_the_feet(walker):
+    result = process_recording(walker, PERSON, Settings(events="zeni"))
+    kinds = [note.values for note in result.notes if note.code == "event_agreement"]
     assert len(kinds) == 4
     assert max(abs(kind["mean_ms"]) for kind in kinds) < 60
+
+
+def test_a_moving_platform_changes_no_event_and_the_note_says_how_they_were_found(
+    results, standing_still
+):
+    """Of one walk, on plates that are compensated; the note counts the strikes of each foot."""
+    steady = [event for event in standing_still.events if event.time > 6]
+    for result in results.values():
+        (note,) = (n for n in result.notes if n.code == "events_calibrated")
+        for side in ("left", "right"):
+            assert note.values[side] == len(event_times(result.events, "foot_strike", side))
+        assert not any(n.code == "event_agreement" for n in result.notes)
+        for event, same in zip((e for e in result.events if e.time > 6), steady, strict=True):
+            assert (event.label, event.side) == (same.label, same.side)
+            assert abs(event.time - same.time) < 0.005
