@@ -26,6 +26,7 @@ from pipeline.trial.gait.foot_motion_events import FootMotion, foot_motion_event
 from pipeline.trial.gait.plate_events import plate_events
 from pipeline.trial.ground.loads import PlateLoad
 
+NO_SWING: Final = "no foot swings forward and back against the pelvis, as in walking"
 TIMED_BY_PLATES: Final[tuple[EventMethod, ...]] = ("plates", "auto")
 """Methods whose events need no comparison with the plates: it would be one with themselves."""
 MAX_APART_S: Final = 0.2
@@ -107,6 +108,8 @@ def detect_events(
                 events, code = _of_plates(sources), "events_of_plates"
             case "auto":
                 by_motion, of_plates = foot_motion_events(sources.motion), _of_plates(sources)
+                if not by_motion:
+                    raise ValueError(NO_SWING)
                 events, corrections = combined_events(by_motion, of_plates)
                 code = "events_calibrated" if corrections else "events_uncalibrated"
     except ValueError as error:

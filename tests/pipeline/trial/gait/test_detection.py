@@ -11,6 +11,7 @@ from pipeline.config.schema import Settings, Subject
 from pipeline.io.recording import Event
 from pipeline.trial.gait import detection
 from pipeline.trial.gait.detection import combined_events
+from pipeline.trial.gait.foot_motion_events import FootMotion
 from pipeline.trial.process import process_recording
 
 KINDS = [(label, side) for label in ("foot_strike", "foot_off") for side in ("left", "right")]
@@ -143,6 +144,17 @@ def test_a_file_without_events_gives_one_clear_line_where_only_its_own_are_wante
     assert events == ()
     assert note.text == (
         'no gait events: the file has none, and others are not looked for with events = "file"'
+    )
+
+
+def test_who_stands_has_no_events_and_the_note_says_why(sources):
+    motion = sources[0].motion
+    pelvis, feet = np.zeros(len(motion.time)), np.zeros((len(motion.time), 2))
+    still = FootMotion(motion.time, pelvis, feet, feet + 0.15)
+    events, _, note = detection.detect_events(replace(sources[0], motion=still), None)
+    assert events == ()
+    assert note.text == (
+        "no gait events: no foot swings forward and back against the pelvis, as in walking"
     )
 
 
