@@ -70,7 +70,7 @@ def test_equal_seeds_give_equal_files_in_any_number_of_processes_and_other_seeds
     other = contents(simulated(tmp_path / "3", protocol=TINY, seed=2))
     assert other.keys() == first.keys()
     differ = {name for name in first if other[name] != first[name]}
-    assert differ == {name for name in first if name.endswith((".c3d", ".parquet"))} | {
+    assert differ == {name for name in first if name.endswith((".c3d", ".parquet", ".csv"))} | {
         "truth/setting.toml"
     }
 
