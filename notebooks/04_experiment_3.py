@@ -13,8 +13,8 @@
 # inertia compensation return the pelvis residuals to their values on a level, stationary treadmill?
 #
 # Here with three simulated subjects and short trials, from the files to the statistics. `hbm demo`
-# does the same and adds a report and a viewer recording; `hbm demo --full` simulates nine subjects
-# and 2.4 hours of walking.
+# does the same with nine subjects and adds a report and a viewer recording; `hbm demo --full`
+# simulates the thesis' protocol, 2.4 hours of walking.
 
 # %%
 from pathlib import Path
@@ -24,6 +24,7 @@ from pipeline.report.figures import marginal_means_figure
 from pipeline.run.load import collect
 from pipeline.run.run import run_study
 from pipeline.statistics.comparison import statistics
+from pipeline.statistics.design import EXPERIMENT_3
 from pipeline.statistics.table_3 import table_3, table_3_markdown
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_study import simulate_study
@@ -59,8 +60,9 @@ for outcome in run_study(read_study(folder), Path("results"), jobs=2):
 
 # %%
 results = collect(Path("results"))
-tests = statistics(results.residuals, results.subjects)
-print(table_3_markdown(table_3(results.residuals, tests)))
+residuals = results.residuals[results.residuals["headline"]]
+tests = statistics(residuals, results.subjects)
+print(table_3_markdown(table_3(residuals, tests)))
 
 # %% [markdown]
 # ## The picture
@@ -76,5 +78,5 @@ print(table_3_markdown(table_3(results.residuals, tests)))
 # cannot become significant, however large the effect (the column of 1.000 in the table).
 
 # %%
-figure = marginal_means_figure(results.residuals, tests)
+figure = marginal_means_figure(residuals, tests, EXPERIMENT_3)
 figure.savefig("04_experiment_3.png", dpi=100)

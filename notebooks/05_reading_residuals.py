@@ -141,7 +141,7 @@ trials["dead accelerometer"] = process(replace(recording, analog=replace(analog,
 print(f"{'RMS':20s}", *(f"{axis:>7}" for axis in AXES), "  Hicks F, M   markers  delay")
 for name, result in trials.items():
     table = residual_table(result, name)
-    rms = table.loc[table["compensated"], "rms"]
+    rms = table.loc[table["compensated"] & table["headline"], "rms"]
     limits = pd.DataFrame(threshold_rows(result))
     peaks = limits[limits["compensated"]]
     share = " ".join(f"{v:4.1f}×" for v in peaks["peak"] / peaks["limit"])

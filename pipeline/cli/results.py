@@ -13,7 +13,18 @@ ResultsToView = Annotated[
 ]
 
 
-def report(folder: ResultsFolder = Path("results")) -> None:
+def report(
+    folder: ResultsFolder = Path("results"),
+    covariate: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="height_m, mass_kg, sex or age_years, in place of the study's; repeatable."
+        ),
+    ] = None,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Print how many subjects the study needs (plan.md).")
+    ] = False,
+) -> None:
     """Write tables, statistics, figures and report.html from the results of hbm run."""
     from rich.text import Text
 
@@ -24,8 +35,13 @@ def report(folder: ResultsFolder = Path("results")) -> None:
     console = plain_console()
     with console.status("report") as status:
         page = write_report(
-            folder, recorded_study_folder(folder), lambda step: status.update(Text(step))
+            folder,
+            recorded_study_folder(folder),
+            lambda step: status.update(Text(step)),
+            covariates=covariate or (),
         )
+    if plan:
+        console.print((page.parent / "plan.md").read_text(encoding="utf-8"), soft_wrap=True)
     console.print(f"report: {page}", soft_wrap=True)
 
 
@@ -101,12 +117,15 @@ def print_study_residuals(folder: Path) -> None:
     from rich.table import Table
 
     from pipeline.cli.terminal import plain_console, print_table
+    from pipeline.report.windows import windows_sentence
     from pipeline.run.load import collect
 
     residuals = collect(folder).residuals
+    residuals = residuals[residuals["headline"].astype(bool)]
     table = Table(
         title="Pelvis residuals, RMS, mean ± SD over subjects",
-        caption="x forward, y right, z up; IC: with inertia compensation",
+        caption="x forward, y right, z up; IC: with inertia compensation\n"
+        f"{windows_sentence(residuals)}",
         box=box.SIMPLE_HEAD,
         padding=(0, 0),
     )

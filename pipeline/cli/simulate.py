@@ -24,7 +24,8 @@ def simulate(
     setting: Annotated[
         Path | None,
         typer.Option(
-            help="TOML with seed, [protocol] and [faults.…]; default: the thesis' protocol."
+            help="TOML with seed, [protocol] and [faults.…], or 'thesis': what it states of its "
+            "faults; default: its protocol."
         ),
     ] = None,
     subjects: Annotated[
@@ -36,19 +37,24 @@ def simulate(
         bool,
         typer.Option("--ablation", help="Tabulate what each fault adds to each residual instead."),
     ] = False,
+    table_3: Annotated[
+        bool,
+        typer.Option("--table-3", help="Put the thesis' Table III beside simulated ones instead."),
+    ] = False,
 ) -> None:
     """Simulate experiment 3: C3D files, study files, and the true values.
 
     Of a simulated study that is in the folder already, only what is missing is written.
     """
-    from pipeline.io.input_file import read_text
-    from pipeline.virtual_lab.protocol.setting_file import read_setting
+    from pipeline.virtual_lab.protocol.setting_file import find_setting
     from pipeline.virtual_lab.protocol.study_folder import folder_setting, require_setting
     from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Setting
 
-    there = None if ablation else folder_setting(folder)
+    if ablation and table_3:
+        raise ValueError("--ablation and --table-3 write different tables; choose one")
+    there = None if ablation or table_3 else folder_setting(folder)
     if setting is not None:
-        chosen = read_setting(read_text(setting))
+        chosen = find_setting(setting)
     else:
         chosen = Setting(protocol=SHORT) if ablation else there or Setting()
     if seed is not None:
@@ -60,6 +66,8 @@ def simulate(
         require_setting(folder, there, chosen)
     if ablation:
         _write_ablation(folder, chosen, jobs)
+    elif table_3:
+        _write_table_3(folder, chosen, jobs)
     else:
         _complete_study(folder, chosen, jobs)
 
@@ -126,9 +134,31 @@ def _write_ablation(folder: Path, setting: "Setting", jobs: int) -> None:
     console.print(f"written to {folder}: ablation.csv, ablation.png, ablation.svg", soft_wrap=True)
 
 
+def _write_table_3(folder: Path, setting: "Setting", jobs: int) -> None:
+    """Simulate and process the studies that Table III is compared with; write page and table."""
+    from hbm.kernels.native import kernels
+    from pipeline.cli.stopping import stoppable
+    from pipeline.cli.terminal import StepProgress, announcer, plain_console
+    from pipeline.io.write import write_csv, write_text
+    from pipeline.virtual_lab.analysis.reproduction import compared, reproduce
+    from pipeline.virtual_lab.analysis.table_3_page import table_3_page
+
+    console = plain_console()
+    folder.mkdir(parents=True, exist_ok=True)
+    kernels(announcer(console))
+    with (
+        stoppable(lambda: "no table is written; the same command begins again"),
+        StepProgress(console, "Table III", "recordings and trials") as progress,
+    ):
+        found = reproduce(setting, progress=progress.show, jobs=jobs)
+    write_csv(compared(found), folder / "table_3.csv")
+    write_text(table_3_page(found), folder / "table_3.md")
+    console.print(f"written to {folder}: table_3.csv, table_3.md", soft_wrap=True)
+
+
 def demo(
     full: Annotated[
-        bool, typer.Option("--full", help="All nine subjects and the thesis' protocol.")
+        bool, typer.Option("--full", help="The thesis' protocol: 2.4 hours of walking.")
     ] = False,
     jobs: Jobs = 2,
     out: Out = Path("demo"),

@@ -26,7 +26,7 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
     from pipeline.io.write import write_csv
     from pipeline.run.one_trial import process_request
     from pipeline.run.store import write_trial
-    from pipeline.trial.residuals import residual_table
+    from pipeline.trial.residuals import cycles_of, residual_table
     from pipeline.trial.window import shortage
 
     if request.trial.suffix == RESULT:
@@ -39,10 +39,12 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
     name = request.trial.stem
     write_trial(result, name, "", out / f"{name}.parquet")
     write_csv(residual_table(result, name), out / f"{name}_residuals.csv")
+    write_csv(cycles_of(result, name), out / f"{name}_cycles.csv")
     save_figure(residual_figure(result), out / f"{name}_residuals")
     print_result(result, console)
     console.print(
-        f"written to {out}: {name}.parquet (frames), {name}_residuals.csv, .png and .svg",
+        f"written to {out}: {name}.parquet (frames), {name}_residuals.csv, .png and .svg, "
+        f"{name}_cycles.csv (each gait cycle)",
         soft_wrap=True,
     )
     if reason := shortage(result.notes):

@@ -5,7 +5,7 @@ anything that is measured in a gait laboratory.
 """
 
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -22,9 +22,11 @@ from hbm.markers import MarkerSet
 from hbm.segments import Sex
 from hbm.signals.filtering import Method
 from hbm.spelling import printable
+from pipeline.config.window import Interval, Window
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import PlateUnits, Stated
 from pipeline.io.units import acceleration_in_mps2, length_in_m
+from pipeline.statistics.design import COMPENSATION, Correction
 
 MAX_NAME: Final = 64
 """Characters; names of subject and condition together are part of the name of a file."""
@@ -95,11 +97,11 @@ MarkerOffsetM = Annotated[float, Field(ge=0, le=0.05)]
 MassKg = Annotated[float, Field(ge=10, le=400)]
 HeightM = Annotated[float, Field(ge=0.5, le=2.6)]
 TimeS = Annotated[float, Field(ge=0)]
-SpanS = Annotated[tuple[TimeS, TimeS], Field(strict=False)]
-"""Start and stop, from the recording's first frame."""
 AgeYears = Annotated[float, Field(ge=0, le=120)]
 KneeWidthM = Annotated[float, Field(ge=0.05, le=0.25)]
 AnkleWidthM = Annotated[float, Field(ge=0.03, le=0.2)]
+Covariate = Literal["height_m", "mass_kg", "sex", "age_years"]
+COVARIATES: Final[tuple[Covariate, ...]] = get_args(Covariate)
 AccelerometerRangeG = Annotated[float, Field(gt=0, le=200)]
 
 
@@ -107,6 +109,10 @@ class InputModel(BaseModel):
     """Base of everything that a user types: immutable; unknown keys and other types are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+EventMethod = Literal["file", "zeni", "plates", "auto"]
+"""Where a trial's gait events come from."""
 
 
 class Settings(InputModel):
@@ -127,8 +133,12 @@ class Settings(InputModel):
     contact_threshold_n
         Vertical force above which a foot is on a plate.
     min_valid_share
-        Share of a gait cycle's frames in which the plates have to carry the subject; with less it
-        is left out, with more those frames count.
+        Share of a gait cycle's frames that have to count (the plates carry the subject and the
+        filters have settled); with less it is left out, with more those frames count.
+    events
+        Where gait events come from: "file", as recorded; "zeni", turns of heel and toe; "plates",
+        where a plate carries one foot alone; "auto", the motion of the feet and the plates
+        together. None takes the file's where it has some, else "auto".
     engine
         What computes the inverse dynamics; None for Pinocchio where it can be imported, else the
         kernels.
@@ -147,6 +157,7 @@ class Settings(InputModel):
     plate_delay_s: DelayS = 0.0
     contact_threshold_n: ForceThresholdN = 30.0
     min_valid_share: ShareOfCycle = 0.5
+    events: EventMethod | None = None
     engine: EngineName | None = None
 
 
@@ -216,6 +227,11 @@ class Treadmill(InputModel):
     belt: Belt | None = None
     platform: Platform | None = None
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether trials are processed with compensation too."""
+        return self.calibration is not None or self.belt is not None
+
     @field_validator("accelerometers")
     @classmethod
     def _different(cls, sensors: dict[str, Channels]) -> dict[str, Channels]:
@@ -247,13 +263,15 @@ class Treadmill(InputModel):
 
 
 class Condition(InputModel):
-    """What of a condition is analysed: gait cycles, or a span of the recording.
+    """What of a condition is analysed: gait cycles, a part of them, or a span of the recording.
 
     Attributes
     ----------
     window
         "cycle": gait cycles; "recording": all of it, for standing; or a span [start_s, stop_s].
-        Where it is not stated: gait cycles or, where a trial has none, its whole recording.
+        Where it is not stated: gait cycles or, where a trial has none, its whole recording. Of
+        perturbed gait cycles also a part: "motion", from each onset for as long as the platform
+        moves fast; [start_s, stop_s] from each onset; or ["10 %", "40 %"] of each cycle.
     cycles
         How many gait cycles; None for all.
     perturbed, pulse_channel
@@ -265,11 +283,13 @@ class Condition(InputModel):
     --------
     >>> Condition(cycles=50, skip_s=10.0).perturbed
     False
-    >>> Condition(window=(5.0, 15.0)).window
+    >>> Condition(window=(5.0, 15.0)).wanted
     (5.0, 15.0)
+    >>> print(Condition(perturbed=True, window=("10 %", "40 %")).part)
+    10 to 40 %
     """
 
-    window: Literal["cycle", "recording"] | SpanS | None = None
+    window: Window | None = None
     cycles: Annotated[int, Field(ge=1)] | None = None
     perturbed: bool = False
     pulse_channel: Text | None = None
@@ -279,24 +299,90 @@ class Condition(InputModel):
     def _used(self) -> "Condition":
         if self.pulse_channel is not None and not self.perturbed:
             raise ValueError("pulse_channel has no effect without perturbed = true")
-        if self.window in (None, "cycle"):
-            return self
-        if self._selects_cycles:
+        in_seconds = isinstance(self.window, Interval) and self.window.unit == "s"
+        if not (self.perturbed or in_seconds or self.window in (None, "cycle", "recording")):
             raise ValueError(
-                'cycles, perturbed and skip_s need window = "cycle"; leave them or the window out'
+                f'window "{self.window}" is a part of perturbed gait cycles; state perturbed = '
+                "true, or another window"
             )
-        if isinstance(self.window, tuple) and not self.window[0] < self.window[1]:
-            raise ValueError("window must be [start_s, stop_s] with start_s < stop_s")
+        if self.window not in (None, "cycle", self.part) and self._selects_cycles:
+            raise ValueError(
+                "cycles, perturbed and skip_s select gait cycles, which this window replaces; "
+                "leave them or the window out"
+            )
         return self
 
     @property
     def wanted(self) -> Literal["cycle", "recording"] | tuple[float, float] | None:
         """The window; gait cycles where certain ones are asked for, which nothing can replace."""
-        return "cycle" if self.window is None and self._selects_cycles else self.window
+        if self.part or (self.window is None and self._selects_cycles):
+            return "cycle"
+        if isinstance(self.window, Interval):
+            return self.window.start, self.window.stop
+        return "recording" if self.window == "recording" else self.window and "cycle"
+
+    @property
+    def part(self) -> Literal["motion"] | Interval | None:
+        """The part of each perturbed gait cycle that counts; None for all of it."""
+        if self.perturbed and (self.window == "motion" or isinstance(self.window, Interval)):
+            return self.window
+        return None
 
     @property
     def _selects_cycles(self) -> bool:
         return self.cycles is not None or self.perturbed or self.skip_s > 0
+
+
+class Comparison(InputModel):
+    """Which conditions are compared, and how; what is not stated is as in experiment 3.
+
+    Attributes
+    ----------
+    factor
+        What the conditions are levels of, as tables name it.
+    levels
+        The conditions to compare, in order; None for those of experiment 3 if the study has them,
+        else for all.
+    reference
+        The level that the others are compared with; None for the first.
+    pairs
+        Planned pairs of cells, such as "sway IC - baseline no IC"; None for those of experiment 3.
+    correction
+        Of the p-values for the number of planned pairs.
+    covariates
+        Of one further analysis of variance; None for sex and stature.
+    margin
+        Share of the reference residual by which a residual may exceed it and still be at its
+        level.
+    group
+        Key of the subjects' files that tells apart groups of subjects.
+
+    Examples
+    --------
+    >>> Comparison(levels=("barefoot", "boots"), reference="barefoot").margin
+    0.2
+    """
+
+    factor: Name = "condition"
+    levels: Annotated[Labels, Field(min_length=2)] | None = None
+    reference: Text | None = None
+    pairs: Labels | None = None
+    correction: Correction = "bonferroni"
+    covariates: Annotated[tuple[Covariate, ...], Field(strict=False)] | None = None
+    margin: Annotated[float, Field(gt=0, le=1)] = 0.2
+    group: Literal["group", "sex"] | None = None
+
+    @model_validator(mode="after")
+    def _once(self) -> "Comparison":
+        for key in ("levels", "pairs", "covariates"):
+            stated = getattr(self, key) or ()
+            if repeated := sorted({name for name in stated if stated.count(name) > 1}):
+                raise ValueError(f"{key}: {', '.join(repeated)} is stated more than once")
+        if self.factor in (COMPENSATION, "group", *COVARIATES):
+            raise ValueError(f"factor: {self.factor} is the name of another factor; choose another")
+        if self.group is not None and self.group in (self.covariates or ()):
+            raise ValueError(f"covariates: {self.group} tells the groups apart already")
+        return self
 
 
 class PlateContact(InputModel):
@@ -378,6 +464,7 @@ class StudyFile(RecordingRules):
     name: Annotated[str, AfterValidator(printable)] = "study"
     settings: Settings = Settings()
     treadmill: Treadmill = Treadmill()
+    comparison: Comparison | None = None
     conditions: Annotated[dict[Name, Condition], Field(min_length=1)]
 
 
@@ -385,6 +472,7 @@ class SubjectFile(Subject):
     """The contents of a subject's file."""
 
     id: Name
+    group: Text | None = None
     static: Text | None = None
     hip_trial: Text | None = None
     segments: Text | None = None

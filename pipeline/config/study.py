@@ -13,6 +13,7 @@ from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
 from hbm.spelling import did_you_mean, shown
 from hbm.toml_text import Table
+from pipeline.config.comparison import comparison_faults
 from pipeline.config.consistency import (
     body_faults,
     result_name_faults,
@@ -130,6 +131,7 @@ def read_study(folder: str | Path) -> Study:
     if file is not None:
         marker_set = _own_marker_set(folder, file, faults)
         faults += treadmill_faults(folder, file)
+        faults += comparison_faults(file, subjects)
     if faults and (folder / SIMULATED).is_file() and not any(folder.glob("*.c3d")):
         raise StudyFaults([f"{folder}: no recordings yet; 'hbm simulate {folder}' writes them"])
     if faults or file is None:

@@ -74,7 +74,7 @@ def write_tables(
     angles, coordinates, forces, loads, markers = written
     variant, dynamics = list(variants(result).items())[-1]
     pelvis = np.array([name.startswith("Pelvis") for name in COORDINATES])
-    dynamics = dynamics.without_forces(np.outer(~result.validity.both, pelvis))
+    dynamics = dynamics.without_forces(np.outer(~result.validity.counts, pelvis))
     write_csv(angle_table(result.motion, ankle_zero), angles)
     write_coordinates(result.motion, coordinates)
     write_forces(dynamics, forces)

@@ -1,6 +1,6 @@
 """Residuals of one trial, over the gait cycle or over time, and the labels of the panels."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import matplotlib as mpl
 import numpy as np
@@ -19,9 +19,12 @@ from pipeline.trial.residuals import (
     variants,
 )
 from pipeline.trial.result import TrialResult
+from pipeline.trial.summary import TrialSummary
 
 UNCOUNTED = "#BBBBBB"
-"""Colour of frames that do not count."""
+"""Colour of frames that do not count, and of the part of the gait cycle that does."""
+PART_OPACITY = 0.4
+"""Curves and their bands remain visible on it."""
 
 
 def residual_figure(result: TrialResult) -> Figure:
@@ -45,12 +48,13 @@ def residual_figure(result: TrialResult) -> Figure:
 
 
 def _over_time(result: TrialResult) -> Figure:
-    """Draw residuals over the recording, grey where frames do not count."""
+    """Draw residuals over time where filters have settled, grey where frames do not count."""
     time, counts = result.motion.time, counted(result)
+    settled = result.validity.settled[:, None]
     with mpl.rc_context(STYLE):
         figure, panels = _panels()
         for variant, dynamics in variants(result).items():
-            values = reported(dynamics.residual)
+            values = reported(np.where(settled, dynamics.residual, np.nan))
             for k, panel in enumerate(panels):
                 panel.plot(time, values[:, k], color=UNCOUNTED, lw=0.6)
                 inside = np.where(counts, values[:, k], np.nan)
@@ -84,6 +88,7 @@ def _over_cycle(result: TrialResult) -> Figure:
             for k, panel in enumerate(panels):
                 draw_band(panel, percent, mean[:, k], sd[:, k], COLOURS[variant], label=variant)
         label_panels(panels)
+        draw_part(panels, mean_part([result]))
         if len(variants(result)) > 1:
             panels[0].legend(frameon=False)
         count = len(result.cycles[side])
@@ -92,6 +97,21 @@ def _over_cycle(result: TrialResult) -> Figure:
             fontsize=10,
         )
     return figure
+
+
+def mean_part(trials: Iterable[TrialResult | TrialSummary]) -> tuple[float, float] | None:
+    """Give mean start and stop of the part of the gait cycles that counts [%]; None without."""
+    parts = [t.part.percent(t.cycles) for t in trials if t.part is not None]
+    known = np.concatenate([np.empty((0, 2)), *parts])
+    known = known[np.isfinite(known).all(axis=1)]
+    return (float(known[:, 0].mean()), float(known[:, 1].mean())) if len(known) else None
+
+
+def draw_part(panels: Sequence[Axes], percent: tuple[float, float] | None) -> None:
+    """Mark the part of the gait cycle that counts [%] by a grey band; nothing where it is None."""
+    start, stop = percent or (0.0, 0.0)
+    for panel in panels if percent else ():
+        panel.axvspan(start, stop, color=UNCOUNTED, alpha=PART_OPACITY, lw=0, zorder=0)
 
 
 def axis_label(k: int) -> str:

@@ -11,14 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
-from pipeline.figures.residuals import axis_label, label_panels
+from pipeline.figures.residuals import axis_label, draw_part, label_panels, mean_part
 from pipeline.figures.style import COLOURS, LINE_WIDTH_PT, STYLE, draw_band
 from pipeline.run.load import Results
-from pipeline.statistics.design import CONDITIONS, in_order
+from pipeline.statistics.design import Design
+from pipeline.statistics.omnibus import MIXED_ANOVA, RM_ANOVA
 from pipeline.statistics.table_3 import format_p
 from pipeline.trial.residuals import AXES, UNITS
 
-BASELINE: Final = CONDITIONS[0]
 LATERAL: Final = ("Fy", "Mx", "Mz")
 """Residuals that change sign when mirrored in the sagittal plane."""
 SIX_PANELS_INCH: Final = (9.5, 5.6)
@@ -51,7 +51,9 @@ VARIANTS: Final = {
 }
 
 
-def study_figures(results: Results, statistics: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
+def study_figures(
+    results: Results, statistics: pd.DataFrame, design: Design
+) -> Iterator[tuple[str, Figure]]:
     """Draw every figure of a study's report.
 
     Parameters
@@ -60,6 +62,8 @@ def study_figures(results: Results, statistics: pd.DataFrame) -> Iterator[tuple[
         What `hbm run` left.
     statistics
         The table that `pipeline.statistics.comparison.statistics` returned for them.
+    design
+        The design that it was computed for.
 
     Yields
     ------
@@ -67,22 +71,24 @@ def study_figures(results: Results, statistics: pd.DataFrame) -> Iterator[tuple[
         ``gait_cycle_CONDITION`` (as the thesis' Figs 6 and 7), ``marginal_means`` (F.8–F.13) and
         ``raw_AXIS`` (F.14–F.19), the latter where there are gait cycles.
     """
-    for condition in drawn_conditions(results.cycles):
-        yield f"gait_cycle_{condition}", gait_cycle_figure(results.cycles, condition)
-    yield "marginal_means", marginal_means_figure(results.residuals, statistics)
+    for condition in drawn_conditions(results.cycles, design):
+        grey = mean_part(t for t in results.summaries.values() if t.condition == condition)
+        figure = gait_cycle_figure(results.cycles, condition, design, grey=grey)
+        yield f"gait_cycle_{condition}", figure
+    yield "marginal_means", marginal_means_figure(results.residuals, statistics, design)
     subject = example_subject(results.cycles)
     if subject is None:
         return
     spans = {c: trial.cycles for (s, c), trial in results.summaries.items() if s == subject}
     own = results.cycles[results.cycles["subject"] == subject]
     for axis in AXES:
-        yield f"raw_{axis}", raw_figure(own, spans, axis)
+        yield f"raw_{axis}", raw_figure(own, spans, axis, design)
 
 
-def drawn_conditions(cycles: pd.DataFrame) -> list[str]:
-    """Give conditions with gait cycles of their own: all but the baseline, which is in each."""
-    conditions = in_order(cycles["condition"])
-    return [name for name in conditions if name != BASELINE] or conditions
+def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
+    """Give conditions with gait cycles of their own: all but the reference, which is in each."""
+    conditions = design.in_order(cycles["condition"])
+    return [name for name in conditions if name != design.reference] or conditions
 
 
 def example_subject(cycles: pd.DataFrame) -> str | None:
@@ -91,7 +97,13 @@ def example_subject(cycles: pd.DataFrame) -> str | None:
     return None if cells.empty else str(cells.groupby("subject", sort=True).size().idxmax())
 
 
-def gait_cycle_figure(cycles: pd.DataFrame, condition: str) -> Figure:
+def gait_cycle_figure(
+    cycles: pd.DataFrame,
+    condition: str,
+    design: Design,
+    *,
+    grey: tuple[float, float] | None = None,
+) -> Figure:
     """Draw a condition's residuals over the gait cycle with and without compensation.
 
     Parameters
@@ -99,7 +111,11 @@ def gait_cycle_figure(cycles: pd.DataFrame, condition: str) -> Figure:
     cycles
         As `pipeline.run.load.Results.cycles`.
     condition
-        The condition; the baseline is drawn with it.
+        The condition; the reference is drawn with it.
+    design
+        The reference, and the order of the conditions.
+    grey
+        Start and stop of the part that counts [% of the cycle], drawn as a grey band.
 
     Returns
     -------
@@ -107,7 +123,7 @@ def gait_cycle_figure(cycles: pd.DataFrame, condition: str) -> Figure:
         Six panels: mean ± SD over the subjects' mean cycles; for a single subject, over its cycles.
         Cycles of the left foot are mirrored, as lateral residuals would cancel otherwise.
     """
-    shown = cycles[cycles["condition"].isin((BASELINE, condition))]
+    shown = cycles[cycles["condition"].isin((design.reference, condition))]
     mirrored = (shown["side"] == "left") & shown["axis"].isin(LATERAL)
     shown = shown.assign(value=shown["value"].where(~mirrored, -shown["value"]))
     counts = shown.groupby("condition")["subject"].nunique()
@@ -119,7 +135,11 @@ def gait_cycle_figure(cycles: pd.DataFrame, condition: str) -> Figure:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIX_PANELS_INCH, layout="constrained")
         panels = figure.subplots(2, 3, sharex=True).ravel()
-        drawn = [(name, compensated) for name in in_order(counts.index) for compensated in VARIANTS]
+        drawn = [
+            (name, compensated)
+            for name in design.in_order(counts.index)
+            for compensated in VARIANTS
+        ]
         for name, compensated in drawn:
             if (name, compensated) not in mean.index:
                 continue
@@ -138,9 +158,12 @@ def gait_cycle_figure(cycles: pd.DataFrame, condition: str) -> Figure:
                     linewidth=1.0 if dotted else LINE_WIDTH_PT,
                 )
         label_panels(panels)
+        draw_part(panels, grey)
         _legend_below(figure, panels[0])
         over = "gait cycles of one subject" if single else f"{counts[condition]} subjects"
-        figure.suptitle(f"Pelvis residuals, {condition}: mean ± SD over {over}", fontsize=TITLE_PT)
+        title = f"Pelvis residuals, {condition}: mean ± SD over {over}"
+        title += "; grey: the part that counts" * (grey is not None)
+        figure.suptitle(title, fontsize=TITLE_PT)
     return figure
 
 
@@ -149,7 +172,9 @@ def _legend_below(figure: Figure, panel: Axes) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
 
 
-def marginal_means_figure(residuals: pd.DataFrame, statistics: pd.DataFrame) -> Figure:
+def marginal_means_figure(
+    residuals: pd.DataFrame, statistics: pd.DataFrame, design: Design
+) -> Figure:
     """Draw the mean RMS residual of every cell, to show an interaction with the condition.
 
     Parameters
@@ -158,7 +183,9 @@ def marginal_means_figure(residuals: pd.DataFrame, statistics: pd.DataFrame) -> 
         Long table of RMS residuals.
     statistics
         The table that `pipeline.statistics.comparison.statistics` returned for it, for the
-        p-value of the interaction.
+        p-value of the interaction, or of the condition where there is no compensation.
+    design
+        The design that it was computed for.
 
     Returns
     -------
@@ -166,7 +193,7 @@ def marginal_means_figure(residuals: pd.DataFrame, statistics: pd.DataFrame) -> 
         Six panels: means and 95 % confidence intervals over the subjects with all cells (over all
         subjects where none has them), each subject as a thin line.
     """
-    conditions = in_order(residuals["condition"])
+    conditions = design.in_order(residuals["condition"])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIX_PANELS_INCH, layout="constrained")
         panels = figure.subplots(2, 3, sharex=True).ravel()
@@ -179,7 +206,7 @@ def marginal_means_figure(residuals: pd.DataFrame, statistics: pd.DataFrame) -> 
                 rms = cells[compensated].reindex(columns=conditions)
                 _draw_means(panel, rms, VARIANTS[compensated])
             panel.set_title(axis_label(k), loc="left")
-            panel.set_title(_interaction(statistics, AXES[k]), loc="right", fontsize=8)
+            panel.set_title(_p_value(statistics, AXES[k], design), loc="right", fontsize=8)
             panel.set_ylabel(f"RMS ({UNITS[k]})")
             panel.set_ylim(bottom=0)
             panel.set_xticks(range(len(conditions)), conditions)
@@ -207,20 +234,24 @@ def _draw_means(panel: Axes, rms: pd.DataFrame, variant: Variant) -> None:
     )
 
 
-def _interaction(statistics: pd.DataFrame, axis: str) -> str:
+def _p_value(statistics: pd.DataFrame, axis: str, design: Design) -> str:
+    """Give the p-value of the effect that the lines show."""
     row = statistics[
-        (statistics["test"] == "RM-ANOVA")
-        & (statistics["effect"] == "IC:condition")
+        statistics["test"].isin((RM_ANOVA, MIXED_ANOVA))
+        & (statistics["effect"] == ":".join(design.factors))
         & (statistics["axis"] == axis)
     ]
     p = row["p_corrected"].dropna()
     if p.empty:
         return ""
-    written = format_p(float(p.iloc[0]))
-    return f"interaction p {written if written.startswith('<') else f'= {written}'}"
+    written, name = format_p(float(p.iloc[0])), "".join(design.factors[:1])
+    name = "interaction" if len(design.factors) > 1 else name
+    return f"{name} p {written if written.startswith('<') else f'= {written}'}"
 
 
-def raw_figure(cycles: pd.DataFrame, spans: Mapping[str, Spans], axis: str) -> Figure:
+def raw_figure(
+    cycles: pd.DataFrame, spans: Mapping[str, Spans], axis: str, design: Design
+) -> Figure:
     """Draw one residual of one subject in every gait cycle of every condition.
 
     Parameters
@@ -231,6 +262,8 @@ def raw_figure(cycles: pd.DataFrame, spans: Mapping[str, Spans], axis: str) -> F
         Condition -> side -> start and stop of each cycle [s], by which the cycles are ordered.
     axis
         The residual, such as "Fx".
+    design
+        The order of the conditions.
 
     Returns
     -------
@@ -238,7 +271,7 @@ def raw_figure(cycles: pd.DataFrame, spans: Mapping[str, Spans], axis: str) -> F
         One panel per condition, without and with compensation, as recorded (not mirrored).
     """
     own = cycles[cycles["axis"] == axis]
-    conditions = in_order(own["condition"])
+    conditions = design.in_order(own["condition"])
     k = AXES.index(axis)
     height = MARGIN_HEIGHT_INCH + PANEL_HEIGHT_INCH * len(conditions)
     with mpl.rc_context(STYLE):
@@ -271,5 +304,5 @@ def raw_figure(cycles: pd.DataFrame, spans: Mapping[str, Spans], axis: str) -> F
 
 def _in_time(spans: Spans) -> list[tuple[str, int]]:
     """Give side and number of a trial's gait cycles in order of their starts."""
-    keys = [(side, number) for side, own in spans.items() for number in range(len(own))]
-    return sorted(keys, key=lambda key: spans[key[0]][key[1]][0])
+    keys = [(side, number) for side, own in spans.items() for number in range(1, len(own) + 1)]
+    return sorted(keys, key=lambda key: spans[key[0]][key[1] - 1][0])

@@ -11,12 +11,17 @@ from hbm.engines.engine import EngineName, EngineUsed
 from hbm.signals.filtering import Method
 from pipeline.config.schema import Condition, Treadmill
 from pipeline.config.study import Study
+from pipeline.figures.residuals import mean_part
 from pipeline.report.references import references
+from pipeline.report.statistics_methods import statistics_methods
+from pipeline.report.windows import described
 from pipeline.run.load import Results
 from pipeline.run.provenance import engines_of
-from pipeline.statistics.design import CONDITIONS, PLANNED_PAIRS, in_order
-from pipeline.statistics.verdict import MARGIN, join_names
+from pipeline.statistics.design import Design
+from pipeline.statistics.headline import join_names
+from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS
 from pipeline.trial.summary import TrialSummary
+from pipeline.trial.validity import settling_s
 
 HIP_METHODS: Final = {
     "harrington": ("the regression equations of Harrington et al. (2007)", "harrington2007"),
@@ -36,10 +41,26 @@ MASS_ORIGINS: Final = {
     "mass_of_file": "as stated in the recording",
 }
 """Note -> where body mass came from."""
+MOTION: Final = (
+    "detected from the motion of the feet relative to the ground that carries them, between the "
+    "turning points of Zeni et al. (2008)"
+)
+EVENT_ORIGINS: Final = {
+    "events_of_file": "those of the recordings",
+    "events_from_markers": "detected from heel, toe and sacrum markers (Zeni et al. 2008)",
+    "events_of_plates": "detected where the force of a plate that carries one foot alone passes "
+    "20 N",
+    "events_calibrated": f"{MOTION}, and timed, or calibrated for each foot, by the instants at "
+    "which the force of a plate that carries one foot alone passes 20 N",
+    "events_uncalibrated": MOTION,
+}
+"""Note -> where gait events came from."""
 SEXES: Final = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
 
 
-def methods(results: Results, statistics: pd.DataFrame, study: Study | None = None) -> list[str]:
+def methods(
+    results: Results, statistics: pd.DataFrame, design: Design, study: Study | None = None
+) -> list[str]:
     """Write the Methods section.
 
     Parameters
@@ -49,6 +70,8 @@ def methods(results: Results, statistics: pd.DataFrame, study: Study | None = No
     statistics
         The table that `pipeline.statistics.comparison.statistics` returned for their residuals;
         only tests that were computed are described.
+    design
+        The design that it was computed for.
     study
         The study, if its folder is available; without it, platform, accelerometers and the
         selection of gait cycles are not described.
@@ -60,11 +83,11 @@ def methods(results: Results, statistics: pd.DataFrame, study: Study | None = No
     """
     trials = list(results.summaries.values())
     return [
-        _participants(results),
+        _participants(results, design),
         _kinematics(trials),
         _forces(trials, study),
-        _gait_cycles(trials, study),
-        *_statistics(statistics),
+        _gait_cycles(trials, study, design),
+        *statistics_methods(statistics, design),
         _software(trials, statistics),
     ]
 
@@ -76,10 +99,13 @@ def cited(results: Results) -> list[str]:
     unused = {key for _, key in HIP_METHODS.values()} - used
     if not any("pinocchio" in (trial.engine.name, trial.engine.other) for trial in trials):
         unused.add("carpentier2019")
+    notes = {note.code for trial in trials for note in trial.notes}
+    if not any("Zeni" in EVENT_ORIGINS[code] for code in notes & EVENT_ORIGINS.keys()):
+        unused.add("zeni2008")
     return [key for key in references() if key not in unused]
 
 
-def _participants(results: Results) -> str:
+def _participants(results: Results, design: Design) -> str:
     people = results.subjects
     sexes = people["sex"].value_counts()
     counts = [f"{sexes[sex]} {words}" for sex, words in SEXES.items() if sex in sexes]
@@ -92,7 +118,7 @@ def _participants(results: Results) -> str:
         )
         if people[column].notna().all()
     ]
-    conditions = in_order(condition for _, condition in results.summaries)
+    conditions = design.in_order(condition for _, condition in results.summaries)
     stated = [trial.subject for trial in results.summaries.values()]
     codes = {note.code for trial in results.summaries.values() for note in trial.notes}
     mass = ", or ".join(words for code, words in MASS_ORIGINS.items() if code in codes)
@@ -229,12 +255,11 @@ def _platform_pose(treadmill: Treadmill | None) -> str:
     return f", transformed to the lab frame with the platform's pose {source},"
 
 
-def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
-    text = (
-        "Gait cycles were defined from foot strike to foot strike of the same foot. Gait events "
-        "were those of the recordings or, in recordings without events, detected from heel, toe "
-        "and sacrum markers (Zeni et al. 2008)."
-    )
+def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None, design: Design) -> str:
+    used = {note.code for trial in trials for note in trial.notes}
+    origins = [origin for code, origin in EVENT_ORIGINS.items() if code in used]
+    text = "Gait cycles were defined from foot strike to foot strike of the same foot."
+    text += f" Gait events were {'; or '.join(origins)}." if origins else ""
     walking = [trial for trial in trials if trial.span is None]
     spans_s: dict[str, list[float]] = {}
     for trial in trials:
@@ -248,15 +273,16 @@ def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
             if name in conditions
         ]
         text += f" The analysed cycles were {'; '.join(rules)}." if rules else ""
+    text += _parts(walking)
     numbers: dict[str, list[int]] = {}
     for trial in walking:
         count = sum(len(spans) for spans in trial.cycles.values())
         numbers.setdefault(trial.condition, []).append(count)
-    counts = [f"{_range(numbers[name])} ({name})" for name in in_order(numbers)]
+    counts = [f"{_range(numbers[name])} ({name})" for name in design.in_order(numbers)]
     if counts:
         text += f" Each trial contributed {join_names(counts)} gait cycles."
     if spans_s:
-        spans = [f"{_seconds(spans_s[name])} ({name})" for name in in_order(spans_s)]
+        spans = [f"{_seconds(spans_s[name])} ({name})" for name in design.in_order(spans_s)]
         text += (
             " In place of gait cycles, continuous parts of the recordings were analysed, of "
             f"{join_names(spans)}."
@@ -264,9 +290,33 @@ def _gait_cycles(trials: Sequence[TrialSummary], study: Study | None) -> str:
     shares = _each(f"{100 * trial.settings.min_valid_share:g} %" for trial in trials)
     return (
         f"{text} Frames in which the force plates did not carry the subject were left out, and so "
-        f"were gait cycles of which the plates carried less than {shares}. Each residual was "
-        "summarised by its root mean square (RMS) over all samples that remained; curves were "
-        "normalised to 0–100 % of the gait cycle."
+        "were those near the ends of a recording or a gap, in which the filters had not settled "
+        f"({_settling(trials)}), and gait cycles of which less than {shares} remained. Each "
+        "residual was summarised by its root mean square (RMS) over all samples that remained; "
+        "curves were normalised to 0–100 % of the gait cycle."
+    )
+
+
+def _parts(trials: Sequence[TrialSummary]) -> str:
+    """Say which part of the cycles was analysed, and where in the cycle it was on average."""
+    parts = {t.condition: t.part.name for t in trials if t.part}
+    text = ""
+    for condition, name in parts.items():
+        rule = described(name)
+        if name == "motion":
+            rule += f" (above {MIN_PLATFORM_SPEED_MPS:g} m/s, by its pose; not its slow return)"
+        text += f" Of the cycles in {condition}, only {rule} was analysed"
+        mean = mean_part(t for t in trials if t.condition == condition)
+        text += f", on average {mean[0]:.0f} to {mean[1]:.0f} % of the cycle." if mean else "."
+    return text
+
+
+def _settling(trials: Sequence[TrialSummary]) -> str:
+    """Say for how long filters settle, for each setting of the trials."""
+    times = [settling_s([(t.settings.filter, t.settings.cutoff_hz)]) for t in trials]
+    return _each(
+        f"within {after:.2f} s after a start{f' and {before:.2f} s before an end' * (before > 0)}"
+        for after, before in times
     )
 
 
@@ -281,42 +331,6 @@ def _selection(condition: str, rule: Condition) -> str:
     cycles = f"the first {rule.cycles}" if rule.cycles else "all"
     start = f" after {rule.skip_s:g} s" if rule.skip_s else ""
     return f"in {condition} {cycles} cycles of the right foot{start}"
-
-
-def _statistics(statistics: pd.DataFrame) -> list[str]:
-    computed = set(statistics.loc[statistics["p_corrected"].notna(), "test"])
-    parts = []
-    if "RM-ANOVA" in computed:
-        parts.append(
-            "RMS residuals were compared by a two-way repeated-measures analysis of variance with "
-            f"the factors compensation (no IC, IC) and condition ({', '.join(CONDITIONS)}). The "
-            "Greenhouse–Geisser correction was applied where Mauchly's test rejected sphericity or "
-            "could not be computed."
-        )
-    if "paired t" in computed:
-        parts.append(
-            f"The {len(PLANNED_PAIRS)} planned pairs (IC against no IC in each condition; sway IC "
-            "and pitch IC against baseline no IC) were compared by paired t-tests and exact "
-            "Wilcoxon signed-rank tests with Bonferroni correction. A residual was considered to "
-            "be at baseline level if the upper bound of the simultaneous 95 % confidence interval "
-            f"of its difference from baseline no IC was at most {100 * MARGIN:g} % of that "
-            "baseline (non-inferiority; Schuirmann 1987)."
-        )
-    checks = [
-        name
-        for test, name in (
-            ("sign-flip permutation", "sign-flip permutation tests"),
-            ("aligned-rank RM-ANOVA", "an aligned-rank analysis of variance"),
-            ("Friedman", "Friedman's test"),
-        )
-        if test in computed
-    ]
-    if checks:
-        parts.append(f"As a check, the effects were also tested by {join_names(checks)}.")
-    for test in sorted(test for test in computed if test.startswith("RM-ANOVA with ")):
-        covariates = test.removeprefix("RM-ANOVA with ").replace("height_m", "stature")
-        parts.append(f"A further analysis of variance included {covariates} as covariates.")
-    return [" ".join([*parts, "The level of significance was 0.05."])] if parts else []
 
 
 def _software(trials: Sequence[TrialSummary], statistics: pd.DataFrame) -> str:

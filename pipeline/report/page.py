@@ -1,6 +1,5 @@
 """The page of a study's report: the verdict first, then everything that it is based on."""
 
-from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,20 +9,21 @@ import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pipeline.config.study import Study
-from pipeline.report.figures import drawn_conditions, example_subject
+from pipeline.report.effects import ResidualTests, residual_tests
+from pipeline.report.figures import example_subject
 from pipeline.report.methods import cited, methods
+from pipeline.report.pictures import Picture, example_pictures, study_pictures
 from pipeline.report.references import bibtex
 from pipeline.report.sources import Sources, source_section
 from pipeline.report.tables import Table, residual_tables
 from pipeline.report.trials import Problems, TrialSection, find_problems, trial_section
-from pipeline.report.verdict import VerdictSection, verdict_section
+from pipeline.report.verdict import VerdictSection, question, verdict_section
+from pipeline.report.windows import windows_sentence
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
-from pipeline.statistics.design import in_order
-from pipeline.statistics.verdict import BASELINE, Verdict
-from pipeline.trial.residuals import AXES
+from pipeline.statistics.design import Design
+from pipeline.statistics.verdict import Verdict
 
-MEDIA_TYPES: Final = {".svg": "image/svg+xml", ".png": "image/png"}
 TEMPLATES: Final = Environment(
     loader=PackageLoader("pipeline.report"),
     autoescape=True,  # what users typed is text, never markup
@@ -39,8 +39,8 @@ class Report:
 
     Attributes
     ----------
-    results, statistics, table_3, verdicts
-        The trials, the tests, Table III, the verdicts.
+    results, design, statistics, table_3, verdicts
+        The trials, what is compared, the tests, Table III, the verdicts.
     states, provenance
         What became of the trials, and what the results were made from.
     figures
@@ -50,6 +50,7 @@ class Report:
     """
 
     results: Results
+    design: Design
     statistics: pd.DataFrame
     table_3: pd.DataFrame
     verdicts: Sequence[Verdict]
@@ -60,37 +61,32 @@ class Report:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure inside the page: its name in ``figures/``, its caption, and its file as a URI."""
-
-    name: str
-    caption: str
-    data_uri: str
-
-
-@dataclass(frozen=True, slots=True)
 class Page:
     """Everything that the templates show.
 
     Attributes
     ----------
-    name, scope
-        Name of the study; its subjects, trials and conditions.
+    name, scope, question
+        Name of the study; its subjects, trials and conditions; what it answers.
     problems
         What a reader has to know before the results, if anything.
-    verdict, tables, figures, trials, methods, sources
+    verdict, tables, tests, figures, trials, methods, sources
         The sections.
     example_subject, example_figures
         The subject whose gait cycles are drawn one by one, and the figures; None without cycles.
     bibtex
         The works that the Methods cite.
+    windows
+        What of the trials the residuals are of.
     """
 
     name: str
     scope: str
+    question: str
     problems: Problems | None
     verdict: VerdictSection
     tables: tuple[Table, ...]
+    tests: tuple[ResidualTests, ...]
     figures: tuple[Picture, ...]
     example_subject: str | None
     example_figures: tuple[Picture, ...]
@@ -98,6 +94,7 @@ class Page:
     methods: tuple[str, ...]
     bibtex: str
     sources: Sources
+    windows: str
 
 
 def write_page(report: Report) -> str:
@@ -113,64 +110,37 @@ def write_page(report: Report) -> str:
     str
         HTML with its style and figures inside; no script, no request to anywhere.
     """
-    residuals = report.results.residuals
+    residuals, design = report.results.residuals, report.design
     subject = example_subject(report.results.cycles)
     page = Page(
         name=report.provenance.name or "Study report",
-        scope=_scope(report.results),
+        question=question(design),
+        scope=_scope(report.results, design),
         problems=find_problems(report.states, report.provenance, report.results),
-        verdict=verdict_section(report.verdicts, residuals),
-        tables=residual_tables(residuals, report.table_3),
-        figures=_figures(report.results, report.figures),
+        verdict=verdict_section(report.verdicts, residuals, design, stated=_stated(report.study)),
+        tables=residual_tables(residuals, report.table_3, design),
+        tests=residual_tests(report.statistics, design),
+        figures=study_pictures(report.results, report.figures, design),
         example_subject=subject,
-        example_figures=tuple(
-            _picture(
-                report.figures / f"raw_{axis}.png", f"Residual {axis} of {subject}, every cycle."
-            )
-            for axis in AXES
-            if subject is not None
-        ),
-        trials=trial_section(report.results, report.states),
-        methods=tuple(methods(report.results, report.statistics, report.study)),
+        example_figures=example_pictures(report.figures, subject),
+        trials=trial_section(report.results, report.states, design),
+        methods=tuple(methods(report.results, report.statistics, design, report.study)),
         bibtex=bibtex(cited(report.results), report.provenance.report["hbm-residuals"]),
         sources=source_section(report.provenance),
+        windows=windows_sentence(residuals),
     )
     return TEMPLATES.get_template("page.html").render(page=page)
 
 
-def _scope(results: Results) -> str:
-    conditions = ", ".join(in_order(results.residuals["condition"]))
+def _stated(study: Study | None) -> bool:
+    return study is not None and study.file.comparison is not None
+
+
+def _scope(results: Results, design: Design) -> str:
+    conditions = ", ".join(design.in_order(results.residuals["condition"]))
     subjects, trials = results.residuals["subject"].nunique(), len(results.summaries)
+    variants = " without and with inertia compensation (IC)" * design.compensated
     return (
-        f"Pelvis residuals without and with inertia compensation (IC): {subjects} "
+        f"Pelvis residuals{variants}: {subjects} "
         f"subject{'s' * (subjects > 1)}, {trials} trial{'s' * (trials > 1)}; {conditions}"
     )
-
-
-def _figures(results: Results, folder: Path) -> tuple[Picture, ...]:
-    residuals, cycles = results.residuals, results.cycles
-    plates = "with the plates as measured (no IC)"
-    if residuals["compensated"].any():
-        plates = "without (no IC) and with inertia compensation (IC)"
-    pictures = []
-    for condition in drawn_conditions(cycles):
-        baseline = ""
-        if condition != BASELINE and (cycles["condition"] == BASELINE).any():
-            baseline = ", and at baseline"
-        caption = (
-            f"Residuals over the gait cycle in {condition} {plates}{baseline}; mean ± SD. x "
-            "forward, y right, z up; moments about the midpoint of the hip joints. Cycles of the "
-            "left foot are mirrored (Fy, Mx and Mz change sign). The panels differ in scale."
-        )
-        pictures.append(_picture(folder / f"gait_cycle_{condition}.svg", caption))
-    caption = (
-        f"Mean RMS residual of every condition {plates}, with 95 % confidence intervals; thin "
-        "lines are subjects. Lines that are not parallel indicate an interaction of compensation "
-        "and condition."
-    )
-    return (*pictures, _picture(folder / "marginal_means.svg", caption))
-
-
-def _picture(path: Path, caption: str) -> Picture:
-    data = b64encode(path.read_bytes()).decode()
-    return Picture(path.stem, caption, f"data:{MEDIA_TYPES[path.suffix]};base64,{data}")

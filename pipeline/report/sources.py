@@ -9,6 +9,7 @@ from pipeline.run.provenance import Provenance
 
 UNSTATED: Final = {
     "marker_set": "recognised from the files",
+    "events": "the file's where it has some, else auto",
     "engine": "pinocchio where it can be imported, else kernels",
 }
 """Setting -> what it is where the study does not state it."""

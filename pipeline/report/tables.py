@@ -1,14 +1,18 @@
 """Tables for the page of a report: what they show, as text."""
 
 from dataclasses import dataclass
-from math import isnan, nan
+from math import nan
 
 import pandas as pd
 
-from pipeline.statistics.design import CONDITIONS, in_order
-from pipeline.statistics.table_3 import format_p, reduction_percent
-
-P_VALUES = ("p_t", "p_t_baseline", "p_wilcoxon", "p_wilcoxon_baseline")
+from pipeline.statistics.design import Design
+from pipeline.statistics.table_3 import (
+    mean_sd,
+    number,
+    printed_columns,
+    reduction_percent,
+    table_3_legend,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +40,9 @@ class Table:
     legend: str = ""
 
 
-def residual_tables(residuals: pd.DataFrame, table_3: pd.DataFrame) -> tuple[Table, ...]:
+def residual_tables(
+    residuals: pd.DataFrame, table_3: pd.DataFrame, design: Design
+) -> tuple[Table, ...]:
     """Give the tables of residuals: Table III, and the means where it does not hold them all.
 
     Parameters
@@ -45,6 +51,8 @@ def residual_tables(residuals: pd.DataFrame, table_3: pd.DataFrame) -> tuple[Tab
         Long table of RMS residuals.
     table_3
         The table that `pipeline.statistics.table_3.table_3` made of it.
+    design
+        The design that it was made for.
 
     Returns
     -------
@@ -52,50 +60,25 @@ def residual_tables(residuals: pd.DataFrame, table_3: pd.DataFrame) -> tuple[Tab
         One or two tables.
     """
     has_table_3 = bool(table_3["n"].gt(0).any())
-    shown = [_table_3(table_3)] if has_table_3 else []
-    if not has_table_3 or set(residuals["condition"]) - set(CONDITIONS):
-        shown.append(_means(residuals))
+    shown = [_table_3(table_3, design)] if has_table_3 else []
+    if not has_table_3 or set(residuals["condition"]) - set(design.conditions):
+        shown.append(_means(residuals, design))
     return tuple(shown)
 
 
-def _table_3(table_3: pd.DataFrame) -> Table:
-    heads = (
-        *("Residual", "Condition", "n", "No IC", "IC", "IC − base (no IC)", "IC − base (IC)"),
-        *("Reduction", "t: IC − no IC", "t: IC − base", "W: IC − no IC", "W: IC − base"),
-    )
-    records = table_3.to_dict("records")
-    rows = tuple(
-        (
-            f"{row['axis']} ({row['unit']})" if row["condition"] == CONDITIONS[0] else "",
-            row["condition"],
-            str(row["n"]),
-            mean_sd(row["mean_no_ic"], row["sd_no_ic"]),
-            mean_sd(row["mean_ic"], row["sd_ic"]),
-            number(row["ic_minus_baseline_no_ic"], "+z.1f"),
-            number(row["ic_minus_baseline_ic"], "+z.1f"),
-            number(row["reduction_percent"], "z.0f", " %"),
-            *(format_p(row[name]) for name in P_VALUES),
-        )
-        for row in records
-    )
-    incomplete = {
-        f"{row['condition']} without {row['without']}." for row in records if row["without"]
-    }
-    legend = (
-        "IC: with inertia compensation. Differences are from the baseline without and with IC; "
-        "reduction is 100 · (1 − IC / no IC). t, W: p-values of the paired t-test and the exact "
-        "Wilcoxon signed-rank test, Bonferroni-corrected for five planned pairs; base: without IC; "
-        f"* p < 0.05. {' '.join(sorted(incomplete))}"
-    )
+def _table_3(table_3: pd.DataFrame, design: Design) -> Table:
+    columns = printed_columns(table_3, design)
+    heads = tuple(column.head for column in columns)
+    rows = tuple(zip(*(column.cells for column in columns), strict=True))
     caption = "Table III. RMS residuals, mean ± SD over n subjects"
-    return Table(caption, heads, rows, "numbers table3", legend)
+    return Table(caption, heads, rows, "numbers table3", table_3_legend(table_3, design))
 
 
-def _means(residuals: pd.DataFrame) -> Table:
+def _means(residuals: pd.DataFrame, design: Design) -> Table:
     """Give mean and SD of every cell, for conditions of any name."""
     rows = []
     for (axis, unit), own in residuals.groupby(["axis", "unit"], sort=False):
-        for k, condition in enumerate(in_order(own["condition"])):
+        for k, condition in enumerate(design.in_order(own["condition"])):
             cells = own[own["condition"] == condition].groupby("compensated")["rms"]
             mean, sd, count = cells.mean(), cells.std(), cells.count()
             no_ic, ic = mean.get(False, nan), mean.get(True, nan)
@@ -112,13 +95,3 @@ def _means(residuals: pd.DataFrame) -> Table:
     heads = ("Residual", "Condition", "n", "No IC", "IC", "Reduction")
     caption = "RMS residuals without and with inertia compensation (IC), mean ± SD over n subjects"
     return Table(caption, heads, tuple(rows), "numbers")
-
-
-def mean_sd(mean: float, sd: float) -> str:
-    """Format "mean ± SD": a dash without a mean, no SD of a single value."""
-    return number(mean, ".1f") + ("" if isnan(sd) else f" ± {sd:.1f}")
-
-
-def number(value: float, form: str, unit: str = "") -> str:
-    """Format a number with a true minus sign; a dash for NaN."""
-    return "–" if isnan(value) else f"{value:{form}}{unit}".replace("-", "−")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from pipeline.trial.residuals import MarkerRow, ThresholdRow
+from pipeline.trial.residuals import MarkerRow, ThresholdRow, headline_rows
 from pipeline.trial.summary import TrialSummary
 
 MAX_MARKER_RMS_MM: Final = 20.0
@@ -91,13 +91,14 @@ def trial_quality(trial: TrialSummary) -> tuple[Criterion, ...]:
 def _counted(trial: TrialSummary) -> Check:
     """Say how many gait cycles count, or which span, and for how much of it."""
     counts = {side: len(spans) for side, spans in trial.cycles.items() if len(spans)}
-    shares = {row.valid_share for row in trial.residuals}
+    shares = {row.valid_share for row in headline_rows(trial.residuals)}
     share = f"{100 * min(shares):.0f} % of frames" if shares and min(shares) < 1 else ""
     if trial.span is not None:
         value, sides = f"{trial.span[0]:.2f}–{trial.span[1]:.2f} s", "no gait cycles"
     else:
         value = f"{sum(counts.values())} of {trial.found_cycles}"
         sides = ", ".join(f"{n} {side}" for side, n in counts.items())
+        sides += f"; {trial.part.name}" if trial.part else ""
     return Check(value, "none", "; ".join(filter(None, (sides, share))))
 
 

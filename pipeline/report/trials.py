@@ -14,7 +14,7 @@ from pipeline.report.trial_quality import (
 )
 from pipeline.run.load import Results
 from pipeline.run.provenance import Provenance, TrialState
-from pipeline.statistics.design import in_order
+from pipeline.statistics.design import Design
 from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
 from pipeline.trial.summary import TrialSummary
 
@@ -138,7 +138,7 @@ def find_problems(
     return Problems(lead, tuple(lines))
 
 
-def trial_section(results: Results, states: Sequence[TrialState]) -> TrialSection:
+def trial_section(results: Results, states: Sequence[TrialState], design: Design) -> TrialSection:
     """Show the quality and the notes of every trial.
 
     Parameters
@@ -147,13 +147,15 @@ def trial_section(results: Results, states: Sequence[TrialState]) -> TrialSectio
         The trials.
     states
         What became of them.
+    design
+        The order of the conditions.
 
     Returns
     -------
     TrialSection
         In order of subject and condition.
     """
-    order = {name: k for k, name in enumerate(in_order(c for _, c in results.summaries))}
+    order = {name: k for k, name in enumerate(design.in_order(c for _, c in results.summaries))}
     keys = sorted(results.summaries, key=lambda key: (key[0], order[key[1]]))
     trials = [(" ".join(key), results.summaries[key]) for key in keys]
     return TrialSection(

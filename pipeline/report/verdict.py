@@ -7,30 +7,25 @@ from typing import Final
 
 import pandas as pd
 
-from pipeline.report.tables import number
-from pipeline.statistics.design import CONDITIONS, in_order
-from pipeline.statistics.verdict import BASELINE, MARGIN, Answer, Verdict, headline
+from pipeline.statistics.design import EXPERIMENT_3, Design
+from pipeline.statistics.headline import headlines, level_name
+from pipeline.statistics.sample_size import MAX_SUBJECTS
+from pipeline.statistics.table_3 import number
+from pipeline.statistics.verdict import Answer, Verdict, judged_conditions
 from pipeline.trial.residuals import AXES, DIRECTIONS
 
-MARGIN_PERCENT: Final = 100 * MARGIN
 MAX_AXIS_PERCENT: Final = 100.0
-"""Longest half-axis of the graphs [% of the baseline]; larger differences end at the border."""
+"""Longest half-axis of the graphs [% of the reference]; larger differences end at the border."""
 HALF_WIDTH_PERCENT: Final = 48
 """Half of a graph's width; the rest is room for the symbol of the mean."""
-LABELS: Final[dict[Answer, tuple[str, str, str]]] = {
-    "at baseline": ("✔", "at baseline level", "pass"),
-    "above": ("✖", "above baseline", "fail"),
-    "inconclusive": ("?", "inconclusive", "check"),
-    "no interval": ("○", "no interval", "none"),
-    "no data": ("–", "no data", "none"),
+STYLES: Final[dict[Answer, tuple[str, str]]] = {
+    "at baseline": ("✔", "pass"),
+    "above": ("✖", "fail"),
+    "inconclusive": ("?", "check"),
+    "no interval": ("○", "none"),
+    "no data": ("–", "none"),
 }
-"""Answer -> symbol, label, class in the style sheet."""
-BASELINE_LABELS: Final[dict[Answer, tuple[str, str, str]]] = LABELS | {
-    "at baseline": ("✔", "not increased", "pass"),
-    "above": ("✖", "increased", "fail"),
-}
-SHOWN_CONDITIONS: Final = (*CONDITIONS[1:], BASELINE)
-"""The perturbed conditions first, then the check that compensation leaves the baseline as it is."""
+"""Answer -> symbol, class in the style sheet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,30 +61,46 @@ class VerdictRow:
 
 @dataclass(frozen=True, slots=True)
 class VerdictSection:
-    """Whether compensation returns each residual to baseline.
+    """Whether each residual is at the level of the reference.
 
     Attributes
     ----------
     headline
         The answer in sentences.
+    basis
+        What is compared, where no study states it; empty otherwise.
+    caption
+        Of the table.
     questions
         Heads of the columns after the first.
     rows
         One per residual; none where there is nothing to compare.
-    subjects
-        Most subjects of a comparison.
+    subjects, pairs
+        Most subjects of a comparison, and number of planned pairs.
     margin_percent
         Non-inferiority margin.
     """
 
     headline: tuple[str, ...]
+    basis: str = ""
+    caption: str = ""
     questions: tuple[str, ...] = ()
     rows: tuple[VerdictRow, ...] = ()
     subjects: int = 0
-    margin_percent: str = f"{MARGIN_PERCENT:g}"
+    pairs: int = 0
+    margin_percent: str = ""
 
 
-def verdict_section(found: Sequence[Verdict], residuals: pd.DataFrame) -> VerdictSection:
+def question(design: Design) -> str:
+    """Give the question that the section answers."""
+    if design.compensated:
+        return f"Does compensation return each residual to {level_name(design)}?"
+    return f"Is each residual at {level_name(design)}?"
+
+
+def verdict_section(
+    found: Sequence[Verdict], residuals: pd.DataFrame, design: Design, *, stated: bool
+) -> VerdictSection:
     """Arrange verdicts for the page.
 
     Parameters
@@ -98,79 +109,137 @@ def verdict_section(found: Sequence[Verdict], residuals: pd.DataFrame) -> Verdic
         The verdicts.
     residuals
         Long table of RMS residuals, to say why there is no verdict.
+    design
+        The design that they are of.
+    stated
+        Whether the study states it.
 
     Returns
     -------
     VerdictSection
         Headline and one cell per residual and condition.
     """
-    shown = [c for c in SHOWN_CONDITIONS if any(v.condition == c and v.n for v in found)]
+    basis = "" if stated else _basis(design)
+    possible = judged_conditions(design)
+    order = [c for c in (*design.others, design.reference) if c in possible]
+    shown = [c for c in order if any(v.condition == c and v.n for v in found)]
     most = max((v.n for v in found), default=0)
-    sentences = tuple(f"{headline(found, condition)}." for condition in shown)
+    sentences = headlines(found, design)
     if most < 2:
-        sentences = (_why_no_verdict(residuals, most),)
+        sentences = (_why_no_verdict(residuals, most, design),)
     if not shown:
-        return VerdictSection(sentences)
-    reach = max([2 * MARGIN_PERCENT, *(abs(v.percent(x)) for v in found for x in (v.low, v.high))])
-    reach = min(reach, MAX_AXIS_PERCENT)
+        return VerdictSection(sentences, basis)
+    margin_percent = 100 * design.margin
+    reach = max([2 * margin_percent, *(abs(v.percent(x)) for v in found for x in (v.low, v.high))])
+    reach = min(reach, max(MAX_AXIS_PERCENT, margin_percent))
     rows = []
     for k, axis in enumerate(AXES):
         own = {v.condition: v for v in found if v.axis == axis}
         if own:
             direction = f"{'' if k < 3 else 'about '}{DIRECTIONS[k]}"
-            cells = tuple(_cell(own[condition], reach, most) for condition in shown)
+            cells = tuple(_cell(own[condition], reach, most, design) for condition in shown)
             rows.append(VerdictRow(axis, direction, cells))
-    questions = tuple(
-        f"{condition}: {'not increased' if condition == BASELINE else 'at baseline level'}?"
-        for condition in shown
+    caption = f"RMS, and its difference from {design.reference}"
+    if design.compensated:
+        caption = (
+            "RMS without → with inertia compensation (IC), and its difference from "
+            f"{design.reference} without IC"
+        )
+    return VerdictSection(
+        headline=sentences,
+        basis=basis,
+        caption=caption,
+        questions=tuple(f"{c}: {_label('at baseline', c, design)}?" for c in shown),
+        rows=tuple(rows),
+        subjects=most,
+        pairs=len(design.pairs),
+        margin_percent=f"{margin_percent:g}",
     )
-    return VerdictSection(sentences, questions, tuple(rows), most)
 
 
-def _why_no_verdict(residuals: pd.DataFrame, subjects: int) -> str:
-    if subjects == 1:
-        return "With one subject there are means, but no confidence intervals."
-    if not residuals["compensated"].any():
+def _basis(design: Design) -> str:
+    """Say what is compared where no study states it and it is not experiment 3."""
+    if design == EXPERIMENT_3 or not design.pairs:
+        return ""
+    if design.conditions == EXPERIMENT_3.conditions:
         return (
             "There is no compensation to assess: the trials were processed with the plates as "
             "measured only. State treadmill.calibration in study.toml and run the study again."
         )
+    order = ", ".join(design.conditions)
     return (
-        f"No comparison is possible: it needs the conditions {', '.join(CONDITIONS)}, by these "
-        "names, in the same subjects; the conditions of this study are "
-        f"{', '.join(in_order(residuals['condition']))}. Their means are in the table below."
+        f"No [comparison] is stated, so the conditions are compared in the order {order}, with "
+        f"{design.reference} as reference."
+    ) * (len(design.conditions) > 1)
+
+
+def _label(answer: Answer, condition: str, design: Design) -> str:
+    if condition == design.reference:
+        words = {"at baseline": "not increased", "above": "increased"}
+    else:
+        words = {"at baseline": f"at {level_name(design)}", "above": f"above {design.reference}"}
+    return words.get(answer, answer)
+
+
+def _why_no_verdict(residuals: pd.DataFrame, subjects: int, design: Design) -> str:
+    if subjects == 1:
+        return "With one subject there are means, but no confidence intervals."
+    if design.compensated and not residuals["compensated"].any():
+        return (
+            "There is no compensation to assess: the trials were processed with the plates as "
+            "measured only. State treadmill.calibration in study.toml and run the study again."
+        )
+    if not design.factors:
+        return "There is one condition and no compensation, so there is nothing to compare."
+    if not judged_conditions(design):
+        return f"No planned pair compares a condition with {design.reference_cell}."
+    present = ", ".join(design.in_order(residuals["condition"]))
+    return (
+        f"No comparison is possible: it needs the conditions {', '.join(design.conditions)} in the "
+        f"same subjects; there are {present}. Their means are in the table below."
     )
 
 
-def _cell(verdict: Verdict, reach: float, most: int) -> VerdictCell:
-    labels = BASELINE_LABELS if verdict.condition == BASELINE else LABELS
-    label = labels[verdict.answer]
+def _cell(verdict: Verdict, reach: float, most: int, design: Design) -> VerdictCell:
+    symbol, css_class = STYLES[verdict.answer]
+    label = _label(verdict.answer, verdict.condition, design)
     if not verdict.n:
-        return VerdictCell(*label)
+        return VerdictCell(symbol, label, css_class)
     unit = verdict.unit
-    change = 100 * (verdict.ic / verdict.no_ic - 1) if verdict.no_ic > 0 else nan
-    relative = "" if isnan(change) else f" ({number(change, '+z.0f')} %)"
     difference, low, high = (
         number(value, "+z.1f") for value in (verdict.difference, verdict.low, verdict.high)
     )
+    first = f"{verdict.ic:.1f} {unit}"
+    if design.compensated:
+        change = 100 * (verdict.ic / verdict.no_ic - 1) if verdict.no_ic > 0 else nan
+        relative = "" if isnan(change) else f" ({number(change, '+z.0f')} %)"
+        first = f"{number(verdict.no_ic, '.1f')} → {first}{relative}"
     percent = number(verdict.percent(verdict.difference), "+z.0f")
-    lines = (
-        f"{number(verdict.no_ic, '.1f')} → {verdict.ic:.1f} {unit}{relative}",
-        f"from baseline {difference} {unit} ({percent} %)",
-    )
+    lines = [first, f"from {design.reference} {difference} {unit} ({percent} %)"]
     if isnan(verdict.high):
-        return VerdictCell(*label, lines)
-    count = f", n = {verdict.n}" * (verdict.n < most)
-    interval = f"CI {low} to {high} {unit}{count}"
-    return VerdictCell(*label, (*lines, interval), _graph(verdict, reach))
+        return VerdictCell(symbol, label, css_class, tuple(lines))
+    lines.append(f"CI {low} to {high} {unit}" + f", n = {verdict.n}" * (verdict.n < most))
+    if verdict.answer == "inconclusive":
+        lines.append(_needed(verdict))
+    graph = _graph(verdict, reach, 100 * design.margin)
+    return VerdictCell(symbol, label, css_class, tuple(lines), graph)
 
 
-def _graph(verdict: Verdict, reach: float) -> IntervalGraph:
-    """Draw a difference in percent of the baseline on an axis from -reach to +reach."""
+def _needed(verdict: Verdict) -> str:
+    """Say how many subjects would decide a comparison that is inconclusive."""
+    if verdict.needed is None:
+        return f"more than {MAX_SUBJECTS} subjects needed"
+    if verdict.lacks_subjects:
+        return f"{verdict.needed} subjects needed"
+    return f"{verdict.needed} would do if the difference were zero"
+
+
+def _graph(verdict: Verdict, reach: float, margin_percent: float) -> IntervalGraph:
+    """Draw a difference in percent of the reference on an axis from -reach to +reach."""
 
     def at(percent: float) -> str:
         return f"{50 + HALF_WIDTH_PERCENT * max(-1.0, min(1.0, percent / reach)):.2f}%"
 
     low, mean, high = (verdict.percent(x) for x in (verdict.low, verdict.difference, verdict.high))
-    width = f"{2 * HALF_WIDTH_PERCENT * MARGIN_PERCENT / reach:.2f}%"
-    return IntervalGraph(at(-MARGIN_PERCENT), width, at(low), at(mean), at(high))
+    width = f"{2 * HALF_WIDTH_PERCENT * margin_percent / reach:.2f}%"
+    return IntervalGraph(at(-margin_percent), width, at(low), at(mean), at(high))

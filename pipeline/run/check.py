@@ -30,8 +30,9 @@ from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_u
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.study_files import labels_in_none, read_study_file
 from pipeline.trial.subject_body import subject_body
+from pipeline.trial.validity import settling_s
 from pipeline.trial.weighing import body_mass, differing_masses
-from pipeline.trial.window import counted_span
+from pipeline.trial.window import NO_POSE, counted_span
 
 MIN_CYCLE_S: Final = 0.8
 """Gait cycle of fast walking: a recording cannot hold more cycles than of this duration."""
@@ -192,7 +193,8 @@ def _check_trial(
         if pose is not None:
             body = _check_body(study, person, preview, pose, found)
             if body is not None:
-                _check_window(preview, rule, study.file.settings, body, found)
+                settings = study.file.settings
+                _check_window(preview, rule, settings, laboratory, body, found)
         _check_ground(preview.beginning, laboratory, rule, found)
         return found
 
@@ -234,17 +236,25 @@ def _check_contents(preview: Preview, rule: Condition, found: _Collector) -> Non
 
 
 def _check_window(
-    preview: Preview, rule: Condition, settings: Settings, body: Body, found: _Collector
+    preview: Preview,
+    rule: Condition,
+    settings: Settings,
+    laboratory: Laboratory,
+    body: Body,
+    found: _Collector,
 ) -> None:
     """Look for what counts in a trial: gait events, or the span that is stated."""
     recording = preview.beginning
     name, start_s = recording.source.name, recording.markers.time[0]
+    settling = settling_s(laboratory.filters(settings))
     time = start_s + np.arange(preview.frames) / recording.markers.rate_hz
     found.attempt(name, lambda: low_pass(0 * time, time, settings.cutoff_hz, settings.filter))
-    found.attempt(name, lambda: counted_span(rule.wanted, {}, time, settings.cutoff_hz))
+    found.attempt(name, lambda: counted_span(rule.wanted, {}, time, settling))
     if rule.wanted not in (None, "cycle"):
         return
-    events, note = gait_events(recording.events, recording.markers, body.marker_set)
+    events, note = gait_events(
+        recording.events, recording.markers, body.marker_set, settings.events
+    )
     unknown = note.code == "events_unknown"
     counted = [event for event in events if event.time >= rule.skip_s]
     if rule.wanted == "cycle" and not found_cycles(events, SIDES):
@@ -351,6 +361,8 @@ def _check_ground(
         found.notes(name, pose[1])
     known = recording.analog.names if recording.analog is not None else ()
     belts = treadmill.belt.speed_channels if treadmill.belt is not None else ()
+    if rule.part == "motion" and platform is None:
+        found.fault("study.toml", NO_POSE)
     for channel in filter(None, (*belts, rule.pulse_channel)):
         if channel not in known:
             found.fault(name, f"no analog channel {channel!r}{did_you_mean(channel, known)}")

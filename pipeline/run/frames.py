@@ -1,7 +1,7 @@
 """A trial frame by frame, as the columns of a table and back."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -23,6 +23,8 @@ from pipeline.trial.validity import Validity
 WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
 POSE: Final = (*(f"r{row}{column}" for row in "123" for column in "123"), "x", "y", "z")
 """Rotation matrix, row by row, and position of the platform."""
+
+MASKS: Final = tuple(field.name for field in fields(Validity))
 
 Column = Array | Mask | Sequence[str]
 
@@ -58,8 +60,9 @@ def frame_table(result: TrialResult) -> pa.Table:
         it. In lab axes (X forward, Y left, Z up): ``ground.measured.left_foot.fx`` … ``mz`` [N,
         N·m] about the lab origin, ``marker.NAME.x`` [m] as measured, ``platform.r11`` … ``z``.
         ``converged``, ``observed.NAME``, ``gradient`` of the inverse kinematics; ``ambiguous``
-        where the split of a plate between the feet is uncertain; ``valid.motion`` and
-        ``valid.plates`` where a residual counts (`pipeline.trial.validity.Validity`).
+        where the split of a plate between the feet is uncertain; ``valid.motion``,
+        ``valid.plates`` and ``valid.settled``, all true where a residual counts
+        (`pipeline.trial.validity.Validity`).
     """
     motion, markers, pose = result.motion, result.markers, result.platform
     columns: dict[str, Column] = {"time_s": motion.time}
@@ -84,8 +87,7 @@ def frame_table(result: TrialResult) -> pa.Table:
         "converged": motion.converged,
         "gradient": gradient,
         "ambiguous": result.ambiguous,
-        "valid.motion": result.validity.motion,
-        "valid.plates": result.validity.plates,
+        **{f"valid.{name}": getattr(result.validity, name) for name in MASKS},
     }
     return pa.table({name: pa.array(column) for name, column in columns.items()})
 
@@ -145,9 +147,7 @@ def read_frames(table: pa.Table, header: TrialHeader, engine: EngineUsed) -> Fra
         ground=ground,
         platform=None if pose is None else PlatformPose(pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]),
         ambiguous=table.column("ambiguous").to_numpy(),
-        validity=Validity(
-            table.column("valid.motion").to_numpy(), table.column("valid.plates").to_numpy()
-        ),
+        validity=Validity(**{name: table.column(f"valid.{name}").to_numpy() for name in MASKS}),
     )
 
 

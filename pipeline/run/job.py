@@ -146,7 +146,7 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
     names += [treadmill.belt.calibration] if treadmill.belt is not None else []
     inputs = {
         "files": [file_digest(study.path(name)) if name else None for name in names],
-        "study": study.file.model_dump(exclude={"name", "conditions"}),
+        "study": study.file.model_dump(exclude={"name", "conditions", "comparison"}),
         "condition": study.condition(condition).model_dump(),
         "subject": person.person.model_dump(),
         "contacts": [contact.model_dump() for contact in trial.contacts],

@@ -8,9 +8,12 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from hbm.spatial import Array, Mask
+from pipeline.run.frames import MASKS
 from pipeline.run.store import StoredTrial, open_trial
+from pipeline.trial.gait.cycle_table import cycle_table
 from pipeline.trial.gait.cycles import normalise
-from pipeline.trial.residuals import AXES, ResidualRow
+from pipeline.trial.residuals import AXES, UNITS, ResidualRow
 from pipeline.trial.summary import TrialSummary
 
 CYCLE_COLUMNS: Final = (
@@ -28,11 +31,14 @@ class Results:
     folder
         Results folder.
     residuals
-        subject, condition, compensated, window, axis, unit, rms, rms_of_cycles, mean, sd, peak,
-        rms_percent, n_cycles, valid_share.
+        subject, condition, compensated, window, headline, axis, unit, rms, rms_of_cycles, mean, sd,
+        peak, rms_percent, n_cycles, valid_share.
     cycles
-        subject, condition, compensated, side, cycle, percent, axis, value: every sample of every
-        gait cycle over 0–100 %; NaN where it does not count.
+        subject, condition, compensated, side, cycle (from 1 for each side), percent, axis, value:
+        every sample of every gait cycle over 0–100 %; NaN where it does not count.
+    by_cycle
+        subject, condition, compensated, side, cycle, start_s, stop_s, axis, unit, rms, peak,
+        valid_share: every gait cycle by itself (`pipeline.trial.gait.cycle_table`).
     subjects
         subject, sex, height_m, mass_kg, age_years; stature and mass are means over the trials.
     summaries
@@ -42,6 +48,7 @@ class Results:
     folder: Path
     residuals: pd.DataFrame
     cycles: pd.DataFrame
+    by_cycle: pd.DataFrame
     subjects: pd.DataFrame
     summaries: dict[tuple[str, str], TrialSummary]
 
@@ -69,18 +76,22 @@ def collect(folder: Path) -> Results:
         raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
     summaries: dict[tuple[str, str], TrialSummary] = {}
     curves: list[pd.DataFrame] = []
+    by_cycle: list[pd.DataFrame] = []
     for path in paths:
         stored = open_trial(path)
         trial = stored.summary
         summaries[trial.subject.id, trial.condition] = trial
         curves += _curves(stored)
+        by_cycle.append(_by_cycle(stored))
     residuals = pd.DataFrame(
         [row for trial in summaries.values() for row in trial.residuals],
         columns=[field.name for field in fields(ResidualRow)],
     )
     none = pd.DataFrame(columns=CYCLE_COLUMNS)
     cycles = pd.concat(curves, ignore_index=True) if curves else none
-    return Results(folder, residuals, cycles, _subjects(summaries), summaries)
+    known = [table for table in by_cycle if len(table)]
+    each = pd.concat(known, ignore_index=True) if known else by_cycle[0]
+    return Results(folder, residuals, cycles, each, _subjects(summaries), summaries)
 
 
 def select_trials(results: Results, wanted: Collection[tuple[str, str]]) -> Results:
@@ -111,8 +122,9 @@ def select_trials(results: Results, wanted: Collection[tuple[str, str]]) -> Resu
             f"{results.folder}: every result here is of a trial that failed, is excluded or is no "
             f"longer in the study; run 'hbm run STUDY --out {results.folder}'"
         )
-    residuals, cycles = (_rows_of(t, summaries) for t in (results.residuals, results.cycles))
-    return Results(results.folder, residuals, cycles, _subjects(summaries), summaries)
+    tables = results.residuals, results.cycles, results.by_cycle
+    residuals, cycles, by_cycle = (_rows_of(table, summaries) for table in tables)
+    return Results(results.folder, residuals, cycles, by_cycle, _subjects(summaries), summaries)
 
 
 def _rows_of(table: pd.DataFrame, wanted: Collection[tuple[str, str]]) -> pd.DataFrame:
@@ -140,20 +152,42 @@ def _subjects(summaries: Mapping[tuple[str, str], TrialSummary]) -> pd.DataFrame
     )
 
 
+def _residuals(stored: StoredTrial) -> tuple[Array, Mask, dict[bool, Array]]:
+    """Read times, which frames count, and the reported residuals of each variant, (T, 6)."""
+    names = {False: "measured", True: "compensated"}
+    (time,) = stored.columns(["time_s"]).T
+    counts = np.all(stored.columns([f"valid.{name}" for name in MASKS]), axis=1)
+    variants = sorted({row.compensated for row in stored.summary.residuals})
+    return (
+        time,
+        counts,
+        {v: stored.columns([f"residual.{names[v]}.{axis}" for axis in AXES]) for v in variants},
+    )
+
+
+def _by_cycle(stored: StoredTrial) -> pd.DataFrame:
+    """Summarise one trial's gait cycles, as `pipeline.trial.residuals.cycles_of` does."""
+    trial = stored.summary
+    cycles = {} if trial.span else trial.cycles
+    table = cycle_table(*_residuals(stored), cycles, dict(zip(AXES, UNITS, strict=True)))
+    table.insert(0, "condition", trial.condition)
+    table.insert(0, "subject", trial.subject.id)
+    return table
+
+
 def _curves(stored: StoredTrial) -> list[pd.DataFrame]:
     """Cut one trial's residuals into its gait cycles; one table per side that has any."""
     trial = stored.summary
-    variants = sorted({row.compensated for row in trial.residuals})
-    names = {False: "measured", True: "compensated"}
-    columns = [f"residual.{names[v]}.{axis}" for v in variants for axis in AXES]
-    frames = stored.columns(["time_s", "valid.motion", "valid.plates", *columns])
-    valid = frames[:, 1:3].astype(bool).all(axis=1, keepdims=True)
-    residuals = np.where(valid, frames[:, 3:], np.nan)
+    time, counts, of_variant = _residuals(stored)
+    variants = list(of_variant)
+    if not variants:
+        return []
+    residuals = np.where(counts[:, None], np.hstack([*of_variant.values()]), np.nan)
     parts = []
     for side, spans in trial.cycles.items():
         if not spans:
             continue
-        values = normalise(frames[:, 0], residuals, spans)
+        values = normalise(time, residuals, spans)
         shape = (*values.shape[:2], len(variants), len(AXES))
         cycle, percent, variant, axis = (i.ravel() for i in np.indices(shape))
         parts.append(
@@ -163,7 +197,7 @@ def _curves(stored: StoredTrial) -> list[pd.DataFrame]:
                     "condition": trial.condition,
                     "compensated": np.array(variants)[variant],
                     "side": side,
-                    "cycle": cycle,
+                    "cycle": cycle + 1,
                     "percent": percent,
                     "axis": np.array(AXES)[axis],
                     "value": values.reshape(shape).ravel(),

@@ -9,7 +9,7 @@ from typing import Final, Literal, TypeVar
 from pydantic import TypeAdapter
 
 from hbm.engines.engine import EngineUsed
-from pipeline.config.schema import Condition, Settings, Treadmill, Trial
+from pipeline.config.schema import Comparison, Condition, Settings, Treadmill, Trial
 from pipeline.config.study import Study
 from pipeline.run.job import file_digest, trial_key
 from pipeline.run.load import Results
@@ -66,7 +66,8 @@ class Provenance:
     Attributes
     ----------
     name
-        The study's name; None, as `conditions`, `treadmill` and `inputs`, without its folder.
+        The study's name; None, as `conditions`, `comparison`, `treadmill` and `inputs`, without its
+        folder.
     settings, versions
         Settings and package versions the trials were processed with, each once; more than one
         means that trials are not alike.
@@ -77,7 +78,7 @@ class Provenance:
         Python's and the packages' versions that made the report.
     program
         The program that made the report.
-    conditions, treadmill
+    conditions, comparison, treadmill
         As stated.
     inputs
         File of the study -> its SHA-256.
@@ -92,6 +93,7 @@ class Provenance:
     report: Mapping[str, str]
     program: Program
     conditions: Mapping[str, Condition] | None
+    comparison: Comparison | None
     treadmill: Treadmill | None
     inputs: Mapping[str, str] | None
     trials: tuple[TrialState, ...]
@@ -206,6 +208,7 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
         },
         program=Program(program_digest(), git_commit()),
         conditions=study.file.conditions if study else None,
+        comparison=study.file.comparison if study else None,
         treadmill=study.file.treadmill if study else None,
         inputs=input_digests(study) if study else None,
         trials=tuple(states),

@@ -76,8 +76,12 @@ class TrialRequest:
         float, Help("Vertical force above which a foot is on a plate.")
     ] = 30.0
     min_valid_share: Annotated[
-        float, Help("Smallest share of a gait cycle in which the plates must carry the subject.")
+        float, Help("Smallest share of a gait cycle's frames that have to count.")
     ] = 0.5
+    events: Annotated[
+        str | None,
+        Help("Gait events: file, zeni, plates or auto; default: the file's if any, else auto."),
+    ] = None
     span: Annotated[
         str | None,
         Help(

@@ -220,6 +220,7 @@ def _result(summary: TrialSummary, header: TrialHeader, frames: Frames) -> Trial
         notes=summary.notes,
         overridden_segments=summary.overridden_segments,
         onsets=header.onsets,
+        part=summary.part,
     )
 
 

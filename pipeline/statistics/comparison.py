@@ -1,6 +1,6 @@
-"""Statistics of experiment 3: one tidy table from the long table of residuals."""
+"""Statistics of a study: one tidy table from the long table of residuals."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, fields, replace
 from math import isnan
 
@@ -8,22 +8,22 @@ import numpy as np
 import pandas as pd
 
 from hbm.spatial import Array
-from pipeline.statistics.design import (
-    CELLS,
-    CONDITIONS,
-    MIN_SUBJECTS,
-    PLANNED_PAIRS,
+from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
+from pipeline.statistics.omnibus import between_rows, factorial_rows
+from pipeline.statistics.paired import IntervalEstimate, PairedComparison, compare_paired
+from pipeline.statistics.row import (
     Row,
     complete_subjects,
     join_notes,
     not_computed,
     smallest_p_note,
 )
-from pipeline.statistics.omnibus import covariate_rows, factorial_rows
-from pipeline.statistics.paired import IntervalEstimate, PairedComparison, compare_paired
 
 MIN_SUBJECTS_FRIEDMAN = 3
 """Below, the chi-square approximation does not hold."""
+MIN_CELLS_FRIEDMAN = 3
+"""Two cells are a pair."""
+ALL_CELLS = "all cells"
 MIN_DIFFERENCES_SHAPIRO = 4
 """pingouin requires at least four values."""
 
@@ -31,23 +31,24 @@ MIN_DIFFERENCES_SHAPIRO = 4
 def statistics(
     residuals: pd.DataFrame,
     subjects: pd.DataFrame | None = None,
+    design: Design = EXPERIMENT_3,
     *,
-    covariates: Sequence[str] = ("sex", "height_m"),
     centre: bool = True,
     alpha: float = 0.05,
 ) -> pd.DataFrame:
-    """Run every test of experiment 3 on every residual.
+    """Run every test of a design on every residual.
 
     Parameters
     ----------
     residuals
-        Long table: subject, condition (baseline, sway, pitch), compensated (bool), axis, unit,
-        rms. A missing row or NaN is a missing cell.
+        Long table: subject, condition, compensated (bool), axis, unit, rms. A missing row or NaN
+        is a missing cell.
     subjects
-        One row per subject of the study: subject and the covariates. Subjects without residuals
-        are reported. None leaves the covariates out.
-    covariates
-        Columns of `subjects` that enter one model together: text as groups, numbers as slopes.
+        One row per subject of the study: subject, and the design's covariates (text as groups,
+        numbers as slopes) and group. Subjects without residuals are reported. None leaves the
+        covariates out.
+    design
+        Conditions, planned pairs, covariates; by default those of experiment 3.
     centre
         Centre the covariates (see `repeated_measures_glm`); False as in SPSS.
     alpha
@@ -67,35 +68,59 @@ def statistics(
     Notes
     -----
     Each test takes all subjects who have the cells it needs; the others are named in its note.
-    The five planned pairs are corrected for within a residual, as in the thesis, not over all six
-    residuals.
+    The planned pairs are corrected for within a residual, as in the thesis, not over all six
+    residuals; they are over the subjects of all groups.
     """
     _check(residuals)
     if subjects is not None:
-        _check_subjects(subjects, covariates)
-    compensation = np.where(residuals["compensated"], " IC", " no IC")
-    data = residuals.assign(cell=residuals["condition"] + compensation)
+        _check_subjects(subjects, design)
+    elif design.group is not None:
+        raise ValueError(f"groups by {design.group} need a table of subjects")
+    data = residuals[residuals["compensated"].isin(design.variants)]
+    names = [design.cell(*key) for key in zip(data["condition"], data["compensated"], strict=True)]
+    data = data.assign(cell=names)
     listed = [] if subjects is None else list(subjects["subject"])
-    everyone = list(dict.fromkeys([*listed, *data["subject"]]))
+    everyone = list(dict.fromkeys([*listed, *residuals["subject"]]))
     rows = []
     for (axis, unit), group in data.groupby(["axis", "unit"], sort=False):
         cells = group.pivot(index="subject", columns="cell", values="rms")
-        cells = cells.reindex(index=everyone, columns=list(CELLS))
-        measured = int(cells.notna().any(axis=1).sum())
-        if measured < MIN_SUBJECTS:
-            missing = complete_subjects(cells)[1]
-            tests = [not_computed("all", "", measured, MIN_SUBJECTS, missing)]
-        else:
-            tests = [*factorial_rows(cells, alpha), *_friedman(cells), *_pairs(cells, alpha)]
-            if subjects is not None:
-                table = subjects.set_index("subject")[list(covariates)]
-                tests += covariate_rows(cells, table, centre=centre, alpha=alpha)
+        cells = cells.reindex(index=everyone, columns=list(design.cells))
+        tests = _tests(cells, subjects, design, centre=centre, alpha=alpha)
         rows += [{"axis": axis, "unit": unit, **asdict(test)} for test in tests]
-    others = sorted(set(data["condition"]) - set(CONDITIONS))
+    others = sorted(set(residuals["condition"]) - set(design.conditions))
     if others:
-        note = f"conditions outside the 2 x 3 design were not tested: {', '.join(others)}"
+        note = f"conditions outside the design were not tested: {', '.join(others)}"
         rows.append({"axis": "", "unit": "", **asdict(Row("none", "", note=note))})
     return pd.DataFrame(rows, columns=["axis", "unit", *(field.name for field in fields(Row))])
+
+
+def _tests(
+    cells: pd.DataFrame,
+    subjects: pd.DataFrame | None,
+    design: Design,
+    *,
+    centre: bool,
+    alpha: float,
+) -> list[Row]:
+    """Run every test of one residual."""
+    measured = int(cells.notna().any(axis=1).sum())
+    if not design.factors:
+        note = "not computed: one condition without compensation, nothing to compare"
+        return [Row("all", "", n=measured, note=note)]
+    if measured < MIN_SUBJECTS:
+        return [not_computed("all", "", measured, MIN_SUBJECTS, complete_subjects(cells)[1])]
+    group = () if design.group is None else (design.group,)
+    people = None if subjects is None else subjects.set_index("subject")
+    tests: list[Row] = []
+    if people is None or not group:
+        tests += factorial_rows(cells, design, alpha)
+    else:
+        tests += between_rows(cells, people[[*group]], design, centre=centre, alpha=alpha)
+    tests += [*_friedman(cells, design), *_pairs(cells, design, alpha)]
+    if people is not None and design.covariates:
+        own = people[[*group, *design.covariates]]
+        tests += between_rows(cells, own, design, centre=centre, alpha=alpha)
+    return tests
 
 
 def _check(residuals: pd.DataFrame) -> None:
@@ -116,8 +141,9 @@ def _check(residuals: pd.DataFrame) -> None:
         raise ValueError(f"residuals: more than one unit for {', '.join(units.index[units > 1])}")
 
 
-def _check_subjects(subjects: pd.DataFrame, covariates: Sequence[str]) -> None:
-    absent = [name for name in ("subject", *covariates) if name not in subjects]
+def _check_subjects(subjects: pd.DataFrame, design: Design) -> None:
+    needed = ("subject", *design.covariates, *(() if design.group is None else (design.group,)))
+    absent = [name for name in needed if name not in subjects]
     if absent:
         raise ValueError(f"subjects: no column {', '.join(absent)}; there are {[*subjects]}")
     twice = subjects["subject"][subjects["subject"].duplicated()]
@@ -125,17 +151,23 @@ def _check_subjects(subjects: pd.DataFrame, covariates: Sequence[str]) -> None:
         raise ValueError(f"subjects: given more than once: {', '.join(map(str, twice))}")
 
 
-def _friedman(cells: pd.DataFrame) -> Iterator[Row]:
+def _friedman(cells: pd.DataFrame, design: Design) -> Iterator[Row]:
     """Friedman's one-way test over all cells, and over the conditions without and with IC."""
     import pingouin
 
-    limitation = "one-way over six cells: does not separate IC, condition and their interaction"
-    for effect, columns, note in (
-        ("six cells", CELLS, limitation),
-        ("condition, no IC", CELLS[:3], ""),
-        ("condition, IC", CELLS[3:], ""),
-    ):
-        complete, missing = complete_subjects(cells[list(columns)])
+    limitation = "one-way over all cells: does not separate IC, condition and their interaction"
+    labels = {False: ", no IC", True: ", IC"} if design.compensated else {False: ""}
+    tested = {
+        f"{design.factor}{label}": [design.cell(c, variant) for c in design.conditions]
+        for variant, label in labels.items()
+    }
+    if len(design.factors) > 1:
+        tested = {ALL_CELLS: list(design.cells), **tested}
+    for effect, columns in tested.items():
+        if len(columns) < MIN_CELLS_FRIEDMAN:
+            continue
+        note = limitation if effect == ALL_CELLS else ""
+        complete, missing = complete_subjects(cells[columns])
         if len(complete) < MIN_SUBJECTS_FRIEDMAN:
             yield not_computed("Friedman", effect, len(complete), MIN_SUBJECTS_FRIEDMAN, missing)
             continue
@@ -156,11 +188,13 @@ def _friedman(cells: pd.DataFrame) -> Iterator[Row]:
         )
 
 
-def _pairs(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
-    """Compare the five planned pairs: normality, tests with both corrections, estimates."""
+def _pairs(cells: pd.DataFrame, design: Design, alpha: float) -> Iterator[Row]:
+    """Compare the planned pairs: normality, tests with both corrections, estimates."""
+    if not design.pairs:
+        return
     found: dict[str, PairedComparison] = {}
     missing: dict[str, str] = {}
-    for first, second in PLANNED_PAIRS:
+    for first, second in design.pairs:
         effect = f"{first} - {second}"
         complete, missing[effect] = complete_subjects(cells[[first, second]])
         n = len(complete)
@@ -177,9 +211,9 @@ def _pairs(cells: pd.DataFrame, alpha: float) -> Iterator[Row]:
         ("Wilcoxon asymptotic", "p_asymptotic"),
     ):
         p = np.array([getattr(compared, p_name) for compared in found.values()])
-        for correction, corrected in _corrected(p).items():
+        for correction, corrected in _corrected(p, len(design.pairs)).items():
             for effect, p_corrected in zip(found, corrected, strict=True):
-                limit = smallest_p_note(found[effect].n, len(PLANNED_PAIRS), alpha)
+                limit = smallest_p_note(found[effect].n, len(design.pairs), alpha)
                 notes = (limit * (test == "Wilcoxon exact"), missing[effect])
                 row = _pair_test(test, effect, found[effect], join_notes(*notes))
                 yield replace(row, correction=correction, p_corrected=float(p_corrected))
@@ -212,15 +246,15 @@ def _with_size(row: Row, name: str, size: IntervalEstimate) -> Row:
     )
 
 
-def _corrected(p: Array) -> dict[str, Array]:
+def _corrected(p: Array, planned: int) -> dict[str, Array]:
     """Correct for all planned pairs, also where one of them could not be tested."""
     import pingouin
 
-    planned = np.ones(len(PLANNED_PAIRS))
-    planned[: len(p)] = np.nan_to_num(p, nan=1.0)
+    every = np.ones(planned)
+    every[: len(p)] = np.nan_to_num(p, nan=1.0)
     return {
-        f"{name} x{len(PLANNED_PAIRS)}": np.where(
-            np.isnan(p), np.nan, pingouin.multicomp(planned, method=method)[1][: len(p)]
+        f"{name} x{planned}": np.where(
+            np.isnan(p), np.nan, pingouin.multicomp(every, method=method)[1][: len(p)]
         )
         for name, method in (("Bonferroni", "bonf"), ("Holm", "holm"))
     }

@@ -1,118 +1,181 @@
-"""The 2 x 3 design of experiment 3, and one row of its table of statistics."""
+"""What is compared with what: the factors of a study, their levels, and the planned pairs."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import nan
+from typing import Final, Literal
 
 import pandas as pd
 
-CONDITIONS = ("baseline", "sway", "pitch")
-CELLS = tuple(f"{condition} {ic}" for ic in ("no IC", "IC") for condition in CONDITIONS)
-"""Without and with inertia compensation (IC); the condition varies fastest."""
-FACTORS = ("IC", "condition")
-MIN_SUBJECTS = 2
+COMPENSATION: Final = "IC"
+"""Name of the factor inertia compensation; its levels are "no IC" and "IC"."""
+MIN_SUBJECTS: Final = 2
 """A single subject has no variance."""
-PLANNED_PAIRS = (
-    ("baseline IC", "baseline no IC"),
-    ("sway IC", "sway no IC"),
-    ("pitch IC", "pitch no IC"),
-    ("sway IC", "baseline no IC"),
-    ("pitch IC", "baseline no IC"),
-)
+Correction = Literal["bonferroni", "holm"]
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One row of the table: a test, or an estimate, of one effect on one residual.
+class Design:
+    """A repeated-measures design: condition, and compensation where there is any.
 
     Attributes
     ----------
-    test, effect
-        Name of the test and its effect: factors joined by colons, pairs as "first - second".
-    statistic_name, statistic, df1, df2
-        The test statistic and its degrees of freedom, with sphericity assumed.
-    p_uncorrected, p_corrected, correction
-        The p-value of the test alone, the one to report, and how it was corrected: "none",
-        "Greenhouse-Geisser" where sphericity is rejected or cannot be tested, "Bonferroni x5" or
-        "Holm x5" for the five planned pairs.
-    epsilon
-        Greenhouse–Geisser epsilon, whether applied or not.
-    effect_size_name, effect_size, ci_low, ci_high
-        Effect size, and its 95 % confidence interval where it has one.
-    power
-        Observed power, corrected as `p_corrected` is.
-    n
-        Subjects in this test.
-    note
-        Subjects left out, what could not be computed, and limitations of the test.
+    conditions
+        Levels of the within-subject factor, in order.
+    reference
+        The level that the others are compared with.
+    pairs
+        Planned comparisons, each of two cells, first minus second.
+    compensated
+        Whether compensation is a second within-subject factor.
+    factor
+        Name of the first factor.
+    correction
+        Which correction for the number of planned pairs Table III shows.
+    covariates
+        Columns of the table of subjects that enter one further model together.
+    margin
+        Non-inferiority margin, as a fraction of the reference residual.
+    group
+        Column of the table of subjects with a between-subject factor; None without.
+
+    Examples
+    --------
+    >>> shoes = design_of(["barefoot", "boots"], compensated=False)
+    >>> shoes.cells, shoes.pairs, shoes.factors
+    (('barefoot', 'boots'), (('boots', 'barefoot'),), ('condition',))
+    >>> EXPERIMENT_3.pairs[-1]
+    ('pitch IC', 'baseline no IC')
     """
 
-    test: str
-    effect: str
-    statistic_name: str = ""
-    statistic: float = nan
-    df1: float = nan
-    df2: float = nan
-    p_uncorrected: float = nan
-    p_corrected: float = nan
-    correction: str = ""
-    epsilon: float = nan
-    effect_size_name: str = ""
-    effect_size: float = nan
-    ci_low: float = nan
-    ci_high: float = nan
-    power: float = nan
-    n: int = 0
-    note: str = ""
+    conditions: tuple[str, ...]
+    reference: str
+    pairs: tuple[tuple[str, str], ...]
+    compensated: bool = True
+    factor: str = "condition"
+    correction: Correction = "bonferroni"
+    covariates: tuple[str, ...] = ("sex", "height_m")
+    margin: float = 0.2
+    group: str | None = None
+
+    @property
+    def variants(self) -> tuple[bool, ...]:
+        """Plates as measured and, where there is compensation, compensated."""
+        return (False, True) if self.compensated else (False,)
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Names of all cells; the condition varies fastest."""
+        return tuple(self.cell(c, variant) for variant in self.variants for c in self.conditions)
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """Names of the within-subject factors that have more than one level."""
+        return (COMPENSATION,) * self.compensated + (self.factor,) * (len(self.conditions) > 1)
+
+    @property
+    def levels(self) -> tuple[int, ...]:
+        """Number of levels of each of `factors`."""
+        own = (len(self.conditions),) * (len(self.conditions) > 1)
+        return (2,) * self.compensated + own
+
+    @property
+    def reference_cell(self) -> str:
+        """The reference with the plates as measured."""
+        return self.cell(self.reference, False)
+
+    def cell(self, condition: str, compensated: bool) -> str:
+        """Give the name of a cell, such as "sway IC"."""
+        if not self.compensated:
+            return condition
+        return f"{condition} {COMPENSATION if compensated else f'no {COMPENSATION}'}"
+
+    def judged(self, condition: str) -> str:
+        """Give the cell of a condition that is compared with the reference: compensated if any."""
+        return self.cell(condition, self.compensated)
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """All conditions but the reference."""
+        return tuple(name for name in self.conditions if name != self.reference)
+
+    def in_order(self, conditions: Iterable[str]) -> list[str]:
+        """Give conditions once each: those of the design in its order, then the others by name."""
+        rank = {name: k for k, name in enumerate(self.conditions)}
+        return sorted(set(conditions), key=lambda name: (rank.get(name, len(rank)), name))
+
+    def comparable(self, residuals: pd.DataFrame) -> pd.DataFrame:
+        """Leave out spans of recordings where other trials to compare with count gait cycles.
+
+        Parameters
+        ----------
+        residuals
+            Long table with the columns condition and window ("span" where no gait cycles count).
+
+        Returns
+        -------
+        pandas.DataFrame
+            The same without spans in conditions of which another trial counts gait cycles; the
+            conditions of the design are one in this respect.
+        """
+        own = residuals["condition"].isin(self.conditions)
+        compared = residuals["condition"].where(~own, "design")
+        walking = set(compared[residuals["window"] != "span"])
+        return residuals[~((residuals["window"] == "span") & compared.isin(walking))]
 
 
-def in_order(conditions: Iterable[str]) -> list[str]:
-    """Give conditions once each: those of the design in its order, then the others by name."""
-    rank = {name: k for k, name in enumerate(CONDITIONS)}
-    return sorted(set(conditions), key=lambda name: (rank.get(name, len(rank)), name))
-
-
-def comparable(residuals: pd.DataFrame) -> pd.DataFrame:
-    """Leave out spans of recordings where other trials to compare with count gait cycles.
+def design_of(
+    conditions: Sequence[str], *, compensated: bool, reference: str | None = None
+) -> Design:
+    """Give the design of a study that states none.
 
     Parameters
     ----------
-    residuals
-        Long table with the columns condition and window ("cycle" or "span").
+    conditions
+        Its conditions, in order.
+    compensated
+        Whether its residuals were computed with compensation too.
+    reference
+        The condition that the others are compared with; None for the first.
 
     Returns
     -------
-    pandas.DataFrame
-        The same without spans in conditions of which another trial counts gait cycles; the
-        conditions of the design are one in this respect.
+    Design
+        Planned are the pairs of experiment 3: with against without compensation in every
+        condition, and every other condition with compensation against the reference without.
+        Without compensation, every other condition against the reference.
+
+    Raises
+    ------
+    ValueError
+        If there is no condition.
     """
-    compared = residuals["condition"].where(~residuals["condition"].isin(CONDITIONS), "design")
-    walking = set(compared[residuals["window"] == "cycle"])
-    return residuals[~((residuals["window"] == "span") & compared.isin(walking))]
+    if not conditions:
+        raise ValueError("a design needs at least one condition")
+    reference = reference or conditions[0]
+    bare = Design(tuple(conditions), reference, (), compensated)
+    of_compensation = [(bare.cell(c, True), bare.cell(c, False)) for c in bare.conditions]
+    of_reference = [(bare.judged(c), bare.reference_cell) for c in bare.others]
+    pairs = (*of_compensation * compensated, *of_reference)
+    return Design(bare.conditions, reference, pairs, compensated)
 
 
-def complete_subjects(cells: pd.DataFrame) -> tuple[pd.DataFrame, str]:
-    """Give the subjects (rows) who have all cells, and a note that names the others."""
-    gaps = [
-        f"{subject} (no {', '.join(cells.columns[gap])})"
-        for subject, gap in zip(cells.index, cells.isna().to_numpy(), strict=True)
-        if gap.any()
-    ]
-    return cells.dropna(), f"without {', '.join(gaps)}" if gaps else ""
+EXPERIMENT_3: Final = design_of(("baseline", "sway", "pitch"), compensated=True)
+"""The 2 x 3 design of the thesis."""
 
 
-def join_notes(*notes: str) -> str:
-    """Join the notes that are not empty."""
-    return "; ".join(note for note in notes if note)
+def unstated_design(conditions: Iterable[str], *, compensated: bool) -> Design:
+    """Give the design of a study from its conditions: experiment 3's if they are its, or more.
 
-
-def not_computed(test: str, effect: str, n: int, needed: int, missing: str) -> Row:
-    """Give the row of a test that has too few complete subjects."""
-    reason = f"not computed: needs at least {needed} complete subjects, got {n}"
-    return Row(test, effect, n=n, note=join_notes(reason, missing))
-
-
-def smallest_p_note(n: int, comparisons: int, alpha: float) -> str:
-    """Give a note where an exact test of n subjects cannot become significant, else none."""
-    smallest = min(1.0, comparisons * 2.0 ** (1 - n))
-    return f"smallest possible p with {n} subjects: {smallest:.3g}" if smallest > alpha else ""
+    Parameters
+    ----------
+    conditions
+        The study's conditions in its order; those of experiment 3 go first, in their own.
+    compensated
+        Whether the residuals were computed with compensation too.
+    """
+    ordered = list(dict.fromkeys(conditions))
+    ordered.sort(key=lambda name: name not in EXPERIMENT_3.conditions)
+    if set(EXPERIMENT_3.conditions) <= set(ordered):
+        return design_of(EXPERIMENT_3.conditions, compensated=compensated)
+    known = EXPERIMENT_3.in_order(name for name in ordered if name in EXPERIMENT_3.conditions)
+    return design_of([*known, *ordered[len(known) :]], compensated=compensated)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from hbm.spatial import Array
+from pipeline.statistics.f_test import observed_power
 
 ROUNDING = 1e-12
 """What is smaller than this fraction of the values is rounding, not data."""
@@ -28,10 +29,14 @@ class GlmTerm:
         Sums of squares of the effect and of its error.
     df1, df2
         Degrees of freedom with sphericity assumed.
+    contrasts
+        Independent contrasts of the within effect; sphericity is a matter of two or more.
     f, p
         F statistic and its p-value with sphericity assumed.
     epsilon, p_gg
         Greenhouse–Geisser epsilon and the p-value that it gives; 1 and p with one contrast.
+    epsilon_hf
+        Huynh–Feldt epsilon, at most 1; NaN with too few subjects.
     mauchly_w, mauchly_p
         Mauchly's test of sphericity; NaN with one contrast or too few subjects.
     partial_eta_squared
@@ -46,28 +51,17 @@ class GlmTerm:
     ss_error: float
     df1: float
     df2: float
+    contrasts: int
     f: float
     p: float
     epsilon: float
     p_gg: float
+    epsilon_hf: float
     mauchly_w: float
     mauchly_p: float
     partial_eta_squared: float
     power: float
     power_gg: float
-
-
-def observed_power(f: float, df1: float, df2: float, alpha: float = 0.05) -> float:
-    """Give the power of an F test if the effect observed were the true one.
-
-    Notes
-    -----
-    The probability beyond the critical value under the noncentral F distribution with
-    noncentrality F·df1 (IBM SPSS Statistics Algorithms, GLM). It is a function of the p-value alone
-    and adds no information (Hoenig & Heisey 2001); it is given because published tables print it.
-    """
-    critical = stats.f.isf(alpha, df1, df2)
-    return float(1 - stats.ncf.cdf(critical, df1, df2, f * df1))  # SciPy 1.17's sf fails at f = 0
 
 
 def repeated_measures_glm(
@@ -110,7 +104,8 @@ def repeated_measures_glm(
     -----
     Orthonormal contrasts of each within effect turn the cells into a small multivariate
     regression on the between variables; its hypothesis and error matrices give F by their
-    traces, epsilon by Greenhouse & Geisser (1959) and sphericity by Mauchly (1940).
+    traces, epsilon by Greenhouse & Geisser (1959) and by Huynh & Feldt (1976) in the form of
+    Lecoutre (1991), and sphericity by Mauchly (1940).
 
     Deviations from the original: Mauchly's p uses the dimension of the contrasts throughout,
     as Anderson (2003), section 10.7.4; R and pingouin put the number of cells into one term of
@@ -216,16 +211,25 @@ def _term(
         ss_error=float(ss_error),
         df1=df1,
         df2=df2,
+        contrasts=d,
         f=float(f),
         p=float(stats.f.sf(f, df1, df2)),
         epsilon=float(epsilon),
         p_gg=float(stats.f.sf(f, df1 * epsilon, df2 * epsilon)),
+        epsilon_hf=_huynh_feldt(float(epsilon), d, df_error),
         mauchly_w=w,
         mauchly_p=p_sphericity,
         partial_eta_squared=float(ss / (ss + ss_error)) if ss + ss_error > 0 else nan,
         power=observed_power(f, df1, df2, alpha),
         power_gg=observed_power(f, df1 * epsilon, df2 * epsilon, alpha),
     )
+
+
+def _huynh_feldt(epsilon: float, d: int, df: int) -> float:
+    if d == 1:
+        return 1.0
+    below = d * (df - d * epsilon)
+    return min(1.0, ((df + 1) * d * epsilon - 2) / below) if below > ROUNDING else nan
 
 
 def _mauchly(error: Array, df: int) -> tuple[float, float]:

@@ -1,13 +1,18 @@
-"""Table III of the thesis: residuals without and with compensation, and the planned pairs."""
+"""The thesis' Table III: residuals without and with compensation, and the planned pairs."""
 
+from dataclasses import dataclass
 from math import isnan, nan
+from textwrap import fill
+from typing import Final
 
 import pandas as pd
 
-from pipeline.statistics.design import CONDITIONS
+from pipeline.statistics.design import EXPERIMENT_3, Design
 
 MIN_PRINTED_P = 0.001
 """A p-value has three decimals and is never printed as zero."""
+MARKDOWN_WIDTH: Final = 100
+"""Characters in a line of text."""
 
 
 def reduction_percent(uncompensated: float, compensated: float) -> float:
@@ -18,7 +23,9 @@ def reduction_percent(uncompensated: float, compensated: float) -> float:
     return 100 * (1 - compensated / uncompensated) if uncompensated > 0 else nan
 
 
-def table_3(residuals: pd.DataFrame, statistics: pd.DataFrame) -> pd.DataFrame:
+def table_3(
+    residuals: pd.DataFrame, statistics: pd.DataFrame, design: Design = EXPERIMENT_3
+) -> pd.DataFrame:
     """Arrange the residuals and the planned comparisons as the thesis' Table III.
 
     Parameters
@@ -27,23 +34,27 @@ def table_3(residuals: pd.DataFrame, statistics: pd.DataFrame) -> pd.DataFrame:
         Long table of RMS residuals, as `pipeline.statistics.comparison.statistics` takes it.
     statistics
         The table that `pipeline.statistics.comparison.statistics` returned for it.
+    design
+        The design that it was computed for.
 
     Returns
     -------
     pandas.DataFrame
-        One row per residual and condition:
+        One row per residual and condition, where "baseline" is the design's reference and NaN
+        what the design has not:
 
-        - `axis`, `unit`, `condition`, `n` subjects, and those `without` one of the two cells;
+        - `axis`, `unit`, `condition`, `n` subjects, and those `without` one of the row's cells;
         - `mean_no_ic`, `sd_no_ic`, `mean_ic`, `sd_ic` over subjects;
-        - `ic_minus_baseline_no_ic` and `ic_minus_baseline_ic`, mean differences;
+        - `no_ic_minus_baseline_no_ic`, `ic_minus_baseline_no_ic` and `ic_minus_baseline_ic`, mean
+          differences;
         - `reduction_percent`, of the means;
-        - Bonferroni-corrected p-values, paired t and exact Wilcoxon, of IC against no IC (`p_t`,
-          `p_wilcoxon`) and against the baseline without IC (`p_t_baseline`,
-          `p_wilcoxon_baseline`).
+        - p-values with the design's correction, paired t and exact Wilcoxon, of IC against no IC
+          (`p_t`, `p_wilcoxon`) and against the baseline without IC (`p_t_baseline`,
+          `p_wilcoxon_baseline`; without compensation, of the condition against the baseline).
 
     Notes
     -----
-    Means are over the subjects who have both cells of a row, n of them; a difference from the
+    Means are over the subjects who have all cells of a row, n of them; a difference from the
     baseline is over those who have both of its cells.
 
     Deviations from the original: the thesis' column "IC − Base no IC" holds differences from the
@@ -52,42 +63,45 @@ def table_3(residuals: pd.DataFrame, statistics: pd.DataFrame) -> pd.DataFrame:
     rows: list[dict[str, object]] = []
     for (axis, unit), group in residuals.groupby(["axis", "unit"], sort=False):
         rms = group.pivot(index="subject", columns=["compensated", "condition"], values="rms")
-        wanted = pd.MultiIndex.from_product([[False, True], CONDITIONS])
+        wanted = pd.MultiIndex.from_product([[False, True], design.conditions])
         rms = rms.reindex(columns=wanted)
         tests = statistics[statistics["axis"] == axis]
-        for condition in CONDITIONS:
-            both = rms[[(False, condition), (True, condition)]].dropna()
-            no_ic, ic = both[False, condition], both[True, condition]
+        for condition in design.conditions:
+            own = rms[[(variant, condition) for variant in design.variants]].dropna()
+            no_ic, ic = rms[False, condition][own.index], rms[True, condition][own.index]
             row = {
                 "axis": axis,
                 "unit": unit,
                 "condition": condition,
-                "n": len(both),
-                "without": ", ".join(map(str, rms.index.difference(both.index))),
+                "n": len(own),
+                "without": ", ".join(map(str, rms.index.difference(own.index))),
                 "mean_no_ic": no_ic.mean(),
                 "sd_no_ic": no_ic.std(),
                 "mean_ic": ic.mean(),
                 "sd_ic": ic.std(),
-                "ic_minus_baseline_no_ic": nan,
-                "ic_minus_baseline_ic": nan,
-                "reduction_percent": reduction_percent(no_ic.mean(), ic.mean()),
             }
-            if condition != "baseline":
-                for name, compensated in (("no_ic", False), ("ic", True)):
-                    difference = rms[True, condition] - rms[compensated, "baseline"]
-                    row[f"ic_minus_baseline_{name}"] = difference.mean()
-            pairs = {"": f"{condition} IC - {condition} no IC"}
-            pairs["_baseline"] = f"{condition} IC - baseline no IC" * (condition != "baseline")
+            for name, first, second in (
+                ("no_ic_minus_baseline_no_ic", False, False),
+                ("ic_minus_baseline_no_ic", True, False),
+                ("ic_minus_baseline_ic", True, True),
+            ):
+                difference = rms[first, condition] - rms[second, design.reference]
+                row[name] = nan if condition == design.reference else difference.mean()
+            row["reduction_percent"] = reduction_percent(no_ic.mean(), ic.mean())
+            no_ic_cell, judged = design.cell(condition, False), design.judged(condition)
+            pairs = {"": f"{judged} - {no_ic_cell}", "_baseline": ""}
+            if condition != design.reference:
+                pairs["_baseline"] = f"{judged} - {design.reference_cell}"
             for test, name in (("paired t", "p_t"), ("Wilcoxon exact", "p_wilcoxon")):
                 for suffix, pair in pairs.items():
-                    row[name + suffix] = _p_bonferroni(tests, test, pair)
+                    row[name + suffix] = _corrected_p(tests, test, pair, design)
             rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _p_bonferroni(tests: pd.DataFrame, test: str, effect: str) -> float:
-    bonferroni = tests["correction"].astype(str).str.startswith("Bonferroni")
-    p = tests.loc[bonferroni & (tests["test"] == test) & (tests["effect"] == effect), "p_corrected"]
+def _corrected_p(tests: pd.DataFrame, test: str, effect: str, design: Design) -> float:
+    own = tests["correction"].astype(str).str.lower().str.startswith(design.correction)
+    p = tests.loc[own & (tests["test"] == test) & (tests["effect"] == effect), "p_corrected"]
     return float(p.iloc[0]) if len(p) else nan
 
 
@@ -98,50 +112,107 @@ def format_p(p: float, alpha: float = 0.05) -> str:
     return (f"<{MIN_PRINTED_P}" if p < MIN_PRINTED_P else f"{p:.3f}") + "*" * (p < alpha)
 
 
-def table_3_markdown(table: pd.DataFrame) -> str:
-    """Render `table_3` as Markdown, with a legend below."""
-    heads = (
-        *("Residual", "Condition", "n", "No IC", "IC", "IC − base (no IC)", "IC − base (IC)"),
-        *("Reduction", "t: IC − no IC", "t: IC − base (no IC)"),
-        *("Wilcoxon: IC − no IC", "Wilcoxon: IC − base (no IC)"),
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of Table III as it is printed: its head and its text in every row."""
+
+    head: str
+    cells: tuple[str, ...]
+
+
+def printed_columns(table: pd.DataFrame, design: Design) -> tuple[Column, ...]:
+    """Give the columns of `table_3` that a design has, as text.
+
+    Parameters
+    ----------
+    table
+        What `table_3` returned.
+    design
+        The design that it was made for.
+
+    Returns
+    -------
+    tuple of Column
+        The first names the residual, in the row of its first condition only.
+    """
+    reference, rows = design.reference, table.to_dict("records")
+
+    def column(head: str, name: str, form: str, unit: str = "") -> Column:
+        return Column(head, tuple(number(row[name], form, unit) for row in rows))
+
+    def means(head: str, name: str) -> Column:
+        cells = (mean_sd(row[f"mean_{name}"], row[f"sd_{name}"]) for row in rows)
+        return Column(head, tuple(cells))
+
+    def p_values(head: str, name: str) -> Column:
+        return Column(head, tuple(format_p(row[name]) for row in rows))
+
+    first = design.conditions[0]
+    names = (f"{r['axis']} ({r['unit']})" if r["condition"] == first else "" for r in rows)
+    columns = [
+        Column("Residual", tuple(names)),
+        Column(design.factor.capitalize(), tuple(row["condition"] for row in rows)),
+        Column("n", tuple(str(row["n"]) for row in rows)),
+    ]
+    if not design.compensated:
+        columns += [
+            means("RMS", "no_ic"),
+            column(f"− {reference}", "no_ic_minus_baseline_no_ic", "+z.1f"),
+            p_values(f"t: − {reference}", "p_t_baseline"),
+            p_values(f"Wilcoxon: − {reference}", "p_wilcoxon_baseline"),
+        ]
+        return tuple(columns)
+    return (
+        *columns,
+        means("No IC", "no_ic"),
+        means("IC", "ic"),
+        column(f"IC − {reference} (no IC)", "ic_minus_baseline_no_ic", "+z.1f"),
+        column(f"IC − {reference} (IC)", "ic_minus_baseline_ic", "+z.1f"),
+        column("Reduction", "reduction_percent", "z.0f", " %"),
+        p_values("t: IC − no IC", "p_t"),
+        p_values(f"t: IC − {reference} (no IC)", "p_t_baseline"),
+        p_values("Wilcoxon: IC − no IC", "p_wilcoxon"),
+        p_values(f"Wilcoxon: IC − {reference} (no IC)", "p_wilcoxon_baseline"),
     )
-    lines = [heads, tuple("---" for _ in heads)]
-    for row in table.to_dict("records"):
-        first = row["condition"] == CONDITIONS[0]
-        lines.append(
-            (
-                f"{row['axis']} ({row['unit']})" if first else "",
-                row["condition"],
-                str(row["n"]),
-                _mean_sd(row["mean_no_ic"], row["sd_no_ic"]),
-                _mean_sd(row["mean_ic"], row["sd_ic"]),
-                _number(row["ic_minus_baseline_no_ic"], "+.1f"),
-                _number(row["ic_minus_baseline_ic"], "+.1f"),
-                _number(row["reduction_percent"], "z.0f", " %"),
-                format_p(row["p_t"]),
-                format_p(row["p_t_baseline"]),
-                format_p(row["p_wilcoxon"]),
-                format_p(row["p_wilcoxon_baseline"]),
-            )
-        )
+
+
+def table_3_legend(table: pd.DataFrame, design: Design) -> str:
+    """Explain the columns of Table III, and name subjects without a cell."""
     incomplete = {
         f"{row['condition']} without {row['without']}."
         for row in table.to_dict("records")
         if row["without"]
     }
+    parts = ["Root mean square residuals, mean ± standard deviation over n subjects"]
+    if design.compensated:
+        parts[0] += (
+            ", without and with inertia compensation (IC). Differences are from "
+            f"{design.reference} without and with compensation, as labelled; reduction is "
+            "100 · (1 − IC / no IC)"
+        )
+    corrected = ""
+    if len(design.pairs) > 1:
+        correction = design.correction.capitalize()
+        corrected = f", {correction}-corrected for {len(design.pairs)} planned pairs"
+    tests = "paired t-test and exact Wilcoxon signed-rank test"
+    parts.append(f"p-values: {tests}{corrected}; * p < 0.05")
+    return " ".join([*(f"{part}." for part in parts), *sorted(incomplete)])
+
+
+def table_3_markdown(table: pd.DataFrame, design: Design = EXPERIMENT_3) -> str:
+    """Render `table_3` as Markdown, with a legend below."""
+    columns = printed_columns(table, design)
+    lines = [[c.head for c in columns], ["---"] * len(columns)]
+    lines += [list(cells) for cells in zip(*(c.cells for c in columns), strict=True)]
     body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    return f"""{body}
-
-Root mean square residuals, mean ± standard deviation over n subjects, without and with inertia
-compensation (IC). Differences are from the baseline without and with compensation, as labelled;
-reduction is 100 · (1 − IC / no IC). p-values: paired t-test and exact Wilcoxon signed-rank test,
-Bonferroni-corrected for five planned pairs; * p < 0.05. {" ".join(sorted(incomplete))}
-"""
+    return f"{body}\n\n{fill(table_3_legend(table, design), MARKDOWN_WIDTH)}\n"
 
 
-def _mean_sd(mean: float, sd: float) -> str:
-    return f"{_number(mean, '.1f')} ± {_number(sd, '.1f')}"
+def mean_sd(mean: float, sd: float) -> str:
+    """Format "mean ± SD": a dash without a mean, no SD of a single value."""
+    return number(mean, ".1f") + ("" if isnan(sd) else f" ± {sd:.1f}")
 
 
-def _number(value: float, form: str, unit: str = "") -> str:
-    return "–" if isnan(value) else f"{value:{form}}{unit}"
+def number(value: float, form: str, unit: str = "") -> str:
+    """Format a number with a true minus sign; a dash for NaN."""
+    return "–" if isnan(value) else f"{value:{form}}{unit}".replace("-", "−")

@@ -1,6 +1,5 @@
-"""Does compensation return each residual to its baseline? A non-inferiority test with intervals."""
+"""Is each residual at the level of its reference? A non-inferiority test with intervals."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isnan, nan
 from typing import Final, Literal
@@ -8,11 +7,9 @@ from typing import Final, Literal
 import pandas as pd
 from scipy import stats
 
-from pipeline.statistics.design import CONDITIONS, PLANNED_PAIRS
+from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
+from pipeline.statistics.sample_size import subjects_needed
 
-BASELINE: Final = CONDITIONS[0]
-MARGIN: Final = 0.2
-"""Non-inferiority margin, as a fraction of the baseline residual: the 20 % of bioequivalence."""
 CONFIDENCE: Final = 0.95
 
 Answer = Literal["at baseline", "above", "inconclusive", "no interval", "no data"]
@@ -20,23 +17,31 @@ Answer = Literal["at baseline", "above", "inconclusive", "no interval", "no data
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """How a residual with compensation compares with the baseline without compensation.
+    """How a residual compares with its reference, "baseline" in experiment 3.
+
+    With compensation, if there is any; the reference is without.
 
     Attributes
     ----------
     axis, unit, condition
         The residual and the condition.
     answer
-        "at baseline": the interval's upper bound is at most 20 % above the baseline; "above": the
-        interval is above the baseline and reaches beyond the margin; "inconclusive": neither is
-        shown; "no interval": a single subject; "no data": no subject has both cells.
+        "at baseline": the interval's upper bound is at most the margin above the baseline;
+        "above": the interval is above the baseline and reaches beyond the margin; "inconclusive":
+        neither is shown; "no interval": a single subject; "no data": no subject has both cells.
     no_ic, ic, baseline
         Mean RMS without and with compensation, and of the baseline without, over the `n` subjects
-        who have both cells of the comparison; ``no_ic`` is NaN where one of them lacks it.
+        who have both cells of the comparison; ``no_ic`` is NaN where one of them lacks it, and
+        ``ic`` is the residual as measured where there is no compensation.
     difference, low, high
         ``ic - baseline`` with its simultaneous 95 % confidence interval over the planned pairs.
+    sd
+        Standard deviation of the differences between subjects.
     n
         Subjects.
+    needed, needed_as_observed
+        Subjects who would show "at baseline" with 80 % power, if the true difference is zero and
+        if it is the one observed; None where it cannot be shown or is not known.
     """
 
     axis: str
@@ -49,15 +54,25 @@ class Verdict:
     difference: float = nan
     low: float = nan
     high: float = nan
+    sd: float = nan
     n: int = 0
+    needed: int | None = None
+    needed_as_observed: int | None = None
+
+    @property
+    def lacks_subjects(self) -> bool:
+        """Whether more subjects are needed than there were, if the true difference is zero."""
+        return self.needed is None or self.needed > self.n
 
     def percent(self, value: float) -> float:
         """Give a difference in percent of the baseline."""
         return 100 * value / self.baseline if self.baseline > 0 else nan
 
 
-def verdicts(residuals: pd.DataFrame, statistics: pd.DataFrame) -> list[Verdict]:
-    """Compare every residual in every condition with the baseline.
+def verdicts(
+    residuals: pd.DataFrame, statistics: pd.DataFrame, design: Design = EXPERIMENT_3
+) -> list[Verdict]:
+    """Compare every residual in every condition with the reference.
 
     Parameters
     ----------
@@ -65,52 +80,74 @@ def verdicts(residuals: pd.DataFrame, statistics: pd.DataFrame) -> list[Verdict]
         Long table of RMS residuals, as `pipeline.statistics.comparison.statistics` takes it.
     statistics
         The table that `pipeline.statistics.comparison.statistics` returned for it.
+    design
+        The design that it was computed for.
 
     Returns
     -------
     list of Verdict
-        Residual by residual: baseline (does compensation increase it?), sway, pitch.
+        Residual by residual, for every condition whose comparison with the reference is planned;
+        with compensation, for the reference too (does compensation increase it?).
 
     Notes
     -----
-    The interval is Student's t of the paired differences, at 1 − 0.05/5: it excludes zero exactly
-    where the Bonferroni-corrected paired t-test is significant. "at baseline" is a test of
-    non-inferiority with a margin of 20 % of the baseline (one side of Schuirmann 1987), as a
-    residual below the baseline is no error. A difference that is not significant is no evidence
-    for it.
+    The interval is Student's t of the paired differences, at 1 − 0.05/m for m planned pairs: it
+    excludes zero exactly where the Bonferroni-corrected paired t-test is significant. "at
+    baseline" is a test of non-inferiority with the design's margin (one side of Schuirmann 1987),
+    by default the 20 % of bioequivalence, as a residual below the baseline is no error. A
+    difference that is not significant is no evidence for it.
     """
     found = []
+    reference = (False, design.reference)
     for axis, unit in residuals[["axis", "unit"]].drop_duplicates().itertuples(index=False):
         own = residuals[residuals["axis"] == axis]
         rms = own.pivot(index="subject", columns=["compensated", "condition"], values="rms")
-        cells = pd.MultiIndex.from_product([[False, True], CONDITIONS])
+        cells = pd.MultiIndex.from_product([[False, True], design.conditions])
         rms = rms.reindex(columns=cells)
         tests = statistics[statistics["axis"] == axis]
-        for condition in CONDITIONS:
-            both = rms.dropna(subset=[(True, condition), (False, BASELINE)])
+        for condition in judged_conditions(design):
+            judged = (design.compensated, condition)
+            both = rms.dropna(subset=[judged, reference])
             if both.empty:
                 found.append(Verdict(axis, unit, condition, "no data"))
                 continue
-            baseline = float(both[False, BASELINE].mean())
-            difference = float((both[True, condition] - both[False, BASELINE]).mean())
-            low, high = _simultaneous_interval(tests, f"{condition} IC - {BASELINE} no IC")
+            baseline = float(both[reference].mean())
+            differences = both[judged] - both[reference]
+            effect = f"{design.judged(condition)} - {design.reference_cell}"
+            low, high = _simultaneous_interval(tests, effect, len(design.pairs))
+            margin, difference = design.margin * baseline, float(differences.mean())
+            sd, alpha = float(differences.std()), (1 - CONFIDENCE) / len(design.pairs) / 2
+            needed = [
+                None if len(both) < MIN_SUBJECTS else subjects_needed(sd, margin - true, alpha)
+                for true in (0.0, difference)
+            ]
             found.append(
                 Verdict(
                     *(axis, unit, condition),
-                    answer=_answer(low, high, MARGIN * baseline),
+                    answer=_answer(low, high, margin),
                     no_ic=float(both[False, condition].mean(skipna=False)),
-                    ic=float(both[True, condition].mean()),
+                    ic=float(both[judged].mean()),
                     baseline=baseline,
                     difference=difference,
                     low=low,
                     high=high,
+                    sd=sd,
                     n=len(both),
+                    needed=needed[0],
+                    needed_as_observed=needed[1],
                 )
             )
     return found
 
 
-def _simultaneous_interval(tests: pd.DataFrame, effect: str) -> tuple[float, float]:
+def judged_conditions(design: Design) -> list[str]:
+    """Give the conditions whose comparison with the reference is planned."""
+    return [
+        c for c in design.conditions if (design.judged(c), design.reference_cell) in design.pairs
+    ]
+
+
+def _simultaneous_interval(tests: pd.DataFrame, effect: str, pairs: int) -> tuple[float, float]:
     """Widen the interval of a mean difference to hold for all planned pairs simultaneously."""
     of_mean = (tests["effect"] == effect) & (tests["effect_size_name"] == "mean difference")
     row = tests[of_mean]
@@ -118,7 +155,7 @@ def _simultaneous_interval(tests: pd.DataFrame, effect: str) -> tuple[float, flo
         return nan, nan
     mean, low, n = (float(row[name].iloc[0]) for name in ("effect_size", "ci_low", "n"))
     alpha = 1 - CONFIDENCE
-    corrected = stats.t.isf(alpha / len(PLANNED_PAIRS) / 2, n - 1)
+    corrected = stats.t.isf(alpha / pairs / 2, n - 1)
     half = float(corrected / stats.t.isf(alpha / 2, n - 1) * (mean - low))
     return mean - half, mean + half
 
@@ -129,42 +166,3 @@ def _answer(low: float, high: float, margin: float) -> Answer:
     if high <= margin:
         return "at baseline"
     return "above" if low > 0 else "inconclusive"
-
-
-def headline(found: Sequence[Verdict], condition: str) -> str:
-    """Summarise a condition's verdicts in one sentence.
-
-    Parameters
-    ----------
-    found
-        Verdicts of all conditions.
-    condition
-        The condition to summarise.
-
-    Returns
-    -------
-    str
-        How many residuals are at baseline with compensation, and the names of the others.
-    """
-    own = [v for v in found if v.condition == condition]
-    named = {a: [v.axis for v in own if v.answer == a] for a in ("above", "inconclusive")}
-    at_baseline = sum(v.answer == "at baseline" for v in own)
-    if not at_baseline and not any(named.values()):
-        return f"In {condition}, there are too few subjects for a comparison"
-    back, above = "at baseline level", "above it"
-    if condition == BASELINE:
-        back, above = "not increased", "increased"
-    parts = [f"{at_baseline} of {len(own)} residuals are {back} with compensation"]
-    if named["above"]:
-        verb = "is" if len(named["above"]) == 1 else "are"
-        parts.append(f"{join_names(named['above'])} {verb} {above}")
-    if named["inconclusive"]:
-        subjects = max(v.n for v in own)
-        result = f"result is inconclusive with {subjects} subjects"
-        parts.append(f"for {join_names(named['inconclusive'])}, the {result}")
-    return f"In {condition}, " + "; ".join(parts)
-
-
-def join_names(names: Sequence[str]) -> str:
-    """Join names as in a sentence, with "and" before the last."""
-    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))

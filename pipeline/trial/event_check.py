@@ -10,7 +10,9 @@ import numpy as np
 from hbm.markers import Markers, MarkerSet
 from hbm.notes import Note
 from hbm.spatial import Array, Mask
+from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
+from pipeline.trial.gait.detection import TIMED_BY_PLATES
 from pipeline.trial.gait.event_agreement import EventAgreement, compare_events
 from pipeline.trial.gait.events import force_events, zeni_events
 
@@ -63,8 +65,9 @@ def reference_events(
     markers: Markers,
     marker_set: MarkerSet,
     carried: Mask,
+    method: EventMethod,
 ) -> dict[str, tuple[Event, ...]]:
-    """Give a trial's gait events by its plates and, where they can be found, by its markers.
+    """Give a trial's gait events by its plates and its markers, as far as both can be found.
 
     Parameters
     ----------
@@ -79,6 +82,8 @@ def reference_events(
     carried
         Frames in which the plates carry the subject, (T,): plates that miss many steps show other
         events than the feet.
+    method
+        What the events that are compared with these were found by; the same is no reference.
 
     Returns
     -------
@@ -87,10 +92,11 @@ def reference_events(
     """
     sides = {foot.removesuffix("_foot"): wrench for foot, wrench in feet.items()}
     found = {}
-    if np.mean(carried) >= MIN_CARRIED_SHARE:
+    if method not in TIMED_BY_PLATES and np.mean(carried) >= MIN_CARRIED_SHARE:
         found["the plates"] = force_events(sides, time, threshold_n)
-    with suppress(ValueError):  # without these markers, or too short for the filter
-        found["heel, toe and sacrum markers"] = zeni_events(markers, marker_set)
+    if method != "zeni":
+        with suppress(ValueError):  # without these markers, or too short for the filter
+            found["heel, toe and sacrum markers"] = zeni_events(markers, marker_set)
     return found
 
 

@@ -8,29 +8,41 @@ from hbm.dynamics import filter_motion, inverse_dynamics_variants
 from hbm.engines.choice import choose_engine
 from hbm.markers import MarkerSet
 from hbm.motion import Motion
+from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
 from hbm.plausibility.outliers import solve_without_outliers
 from hbm.plausibility.repeated_positions import without_frozen_frames
 from hbm.signals.filtering import low_pass
-from hbm.spatial import Array
-from pipeline.config.schema import Condition, PlateContact, Settings, Subject, Treadmill
+from hbm.spatial import GRAVITY_MPS2, Array
+from pipeline.config.schema import (
+    Condition,
+    EventMethod,
+    PlateContact,
+    Settings,
+    Subject,
+    Treadmill,
+)
 from pipeline.config.study import Study
 from pipeline.config.toml_file import read_segments
-from pipeline.io.recording import Recording
+from pipeline.io.recording import Event, Recording
 from pipeline.trial.delay import plate_delay
 from pipeline.trial.event_check import check_events, reference_events
 from pipeline.trial.gait.contact import (
+    SharedPlates,
     contact_notes,
     feet_of,
     forces_of_legs,
     share_between_feet,
 )
-from pipeline.trial.gait.cycle_selection import perturbation_onsets, select_cycles
+from pipeline.trial.gait.cycle_selection import select_cycles
 from pipeline.trial.gait.cycles import cut_cycles, found_cycles
+from pipeline.trial.gait.detection import TIMED_BY_PLATES, EventSources, detect_events
 from pipeline.trial.gait.event_agreement import agreement_with_plates
-from pipeline.trial.gait.events import gait_events
+from pipeline.trial.gait.foot_motion_events import foot_motion
+from pipeline.trial.gait.perturbations import perturbation_onsets
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.loads import plate_loads
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.marker_check import check_markers
 from pipeline.trial.motion_check import check_motion, known_frames
@@ -43,10 +55,10 @@ from pipeline.trial.study_files import (
     with_unused_renames,
 )
 from pipeline.trial.subject_body import subject_body
-from pipeline.trial.validity import Validity, validity_notes
+from pipeline.trial.validity import Validity, settled_frames, settling_s, validity_notes
 from pipeline.trial.weighing import body_mass, carried_mass, differing_masses
 from pipeline.trial.weight_bearing import weight_bearing_frames
-from pipeline.trial.window import WantedWindow, counted_span, window_notes
+from pipeline.trial.window import WantedWindow, counted_span, perturbed_part, window_notes
 
 
 def process_recording(
@@ -162,26 +174,37 @@ def process_recording(
     dynamics = dict(zip(wrenches, by_variant, strict=True))
     under_feet = shared[ground.best]
 
-    events, events_note = gait_events(recording.events, markers, body.marker_set)
+    sources = EventSources(
+        recording.events,
+        markers,
+        body.marker_set,
+        foot_motion(body, motion.time, unfiltered.q, ground.pose),
+        under_feet.contacts,
+        plate_loads(recording, laboratory, settings.plate_delay_s),
+        body.mass * GRAVITY_MPS2,
+    )
+    events, method, events_note = detect_events(sources, settings.events)
+    known, settling = known_frames(body, motion), settling_s(laboratory.filters(settings))
+    computed = [np.isfinite(each.residual).all(axis=1) for each in dynamics.values()]
     validity = Validity(
-        motion=known_frames(body, motion),
+        motion=known,
+        settled=settled_frames(np.all([known, *computed], axis=0), motion.time, settling),
         plates=weight_bearing_frames(body, motion.time, ground, shared, dynamics, events, settings),
     )
     unknown = forces_of_legs(under_feet.ambiguous | ~validity.plates)
+    unknown |= ~validity.settled[:, None]
     dynamics = {variant: each.without_forces(unknown) for variant, each in dynamics.items()}
     cycles, cycle_notes = cut_cycles(events, motion.time, validity, settings.min_valid_share)
     rule = condition or Condition()
     onsets = perturbation_onsets(recording, rule, ground.pose) if rule.perturbed else np.empty(0)
     selected, selection_notes = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
-    span = counted_span(window, selected, motion.time, settings.cutoff_hz)
+    part, part_notes = perturbed_part(rule, selected, onsets, time=motion.time, pose=ground.pose)
+    span = counted_span(window, selected, motion.time, settling)
 
     total = np.sum([*wrenches[ground.best].values()], axis=0)
-    residual = np.where(validity.both[:, None], dynamics[ground.best].residual, np.nan)
+    residual = np.where(validity.counts[:, None], dynamics[ground.best].residual, np.nan)
     delay = plate_delay(total[:, :3], residual[:, :3], motion.time)
-    carried_kg = carried_mass(motion.time, total[:, 2], cycles, validity.both)
-    agreement = agreement_with_plates(
-        events, under_feet.by_foot, motion.time, settings.contact_threshold_n
-    )
+    carried_kg = carried_mass(motion.time, total[:, 2], cycles, validity.counts)
     reference = reference_events(
         under_feet.by_foot,
         motion.time,
@@ -189,6 +212,7 @@ def process_recording(
         markers,
         body.marker_set,
         validity.plates,
+        method,
     )
     return TrialResult(
         source=recording.source,
@@ -210,6 +234,7 @@ def process_recording(
         span=span,
         validity=validity,
         onsets=onsets,
+        part=part,
         delay_s=delay.delay_s,
         delay_uncertainty_s=delay.uncertainty_s,
         ambiguous=under_feet.ambiguous,
@@ -227,15 +252,17 @@ def process_recording(
             dynamics["measured"].engine.note,
             events_note,
             *check_events(events, reference),
-            *agreement,
+            *_agreement(events, method, under_feet, motion, settings),
             *contact_notes(under_feet, motion.time),
             *validity_notes(validity),
             *cycle_notes,
             *selection_notes,
+            *part_notes,
             *window_notes(
                 window,
                 span,
                 selected,
+                part=part,
                 events=events,
                 rejected=cycle_notes,
                 time=motion.time,
@@ -317,6 +344,19 @@ def _require_plates(recording: Recording) -> None:
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
+
+
+def _agreement(
+    events: Sequence[Event],
+    method: EventMethod,
+    shared: SharedPlates,
+    motion: Motion,
+    settings: Settings,
+) -> tuple[Note, ...]:
+    """Compare events with the plates, unless these gave them."""
+    if method in TIMED_BY_PLATES:
+        return ()
+    return agreement_with_plates(events, shared.by_foot, motion.time, settings.contact_threshold_n)
 
 
 def _filtered(by_foot: Mapping[str, Array], motion: Motion, settings: Settings) -> dict[str, Array]:

@@ -1,14 +1,17 @@
 """Residuals of a trial: over gait cycles, as a long table, and beside published thresholds."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from hbm.dynamics import Dynamics
 from hbm.poses import center_of_mass
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
+from pipeline.trial.gait.cycle_table import cycle_table
 from pipeline.trial.gait.cycles import normalise
 from pipeline.trial.result import TrialResult
 from pipeline.trial.window import frames_within
@@ -39,15 +42,20 @@ class ResidualRow:
     axis, unit
         "Fx" … "Mz" as reported: x forward, y right, z up; moments about the pelvis origin.
     rms, mean, sd, peak
-        Over all samples of the gait cycles; the peak is the largest magnitude.
+        Over all samples of the window; the peak is the largest magnitude.
     rms_of_cycles
-        RMS over cycles of each cycle's RMS over 0–100 %.
+        RMS over cycles of each cycle's RMS over what of 0–100 % is in the window.
     rms_percent
         The RMS in percent of body weight, or of body weight × stature.
     n_cycles
-        Number of gait cycles; 0 where a span of the recording counts instead.
+        Number of gait cycles of which any frame in the window counts; 0 where a span of the
+        recording counts instead.
     window
-        What counts: "cycle", or "span" of the recording.
+        What counts: "cycle", "span" of the recording, or a part of the perturbed gait cycles:
+        "motion", or what was stated, such as "0.2 to 0.5 s" or "10 to 40 %".
+    headline
+        Whether this is the window that the condition asks for; where that is a part of the gait
+        cycles, there are rows of "cycle" too.
     valid_share
         Share of the frames in it that count: the pose is known and the plates carry the subject.
     """
@@ -55,7 +63,8 @@ class ResidualRow:
     subject: str
     condition: str
     compensated: bool
-    window: Literal["cycle", "span"]
+    window: str
+    headline: bool
     axis: str
     unit: str
     rms: float
@@ -66,6 +75,24 @@ class ResidualRow:
     rms_percent: float
     n_cycles: int
     valid_share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """What of a trial residuals are summarised over.
+
+    Attributes
+    ----------
+    name, headline
+        As in `ResidualRow`.
+    spans
+        Start and stop of each of its stretches, (N, 2) [s]: one per gait cycle, NaN where a cycle
+        has none; or one of the recording.
+    """
+
+    name: str
+    headline: bool
+    spans: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,18 +161,67 @@ def cycle_residuals(result: TrialResult, variant: str) -> dict[str, Array]:
         Side -> (C, 101, 6) in the reported axes [N, N·m]; NaN where frames do not count.
     """
     dynamics = variants(result)[variant]
-    values = np.where(result.validity.both[:, None], reported(dynamics.residual), np.nan)
+    values = np.where(result.validity.counts[:, None], reported(dynamics.residual), np.nan)
     return {side: normalise(dynamics.time, values, spans) for side, spans in result.cycles.items()}
 
 
-def in_window(result: TrialResult) -> Mask:
-    """Give whether each frame is in a gait cycle of either side or in the trial's span, (T,)."""
-    return frames_within(result.motion.time, result.cycles, result.span)
+def windows(result: TrialResult) -> tuple[Window, ...]:
+    """Give what a trial's residuals are summarised over, the headline first."""
+    if result.span:
+        return (Window("span", True, np.array([result.span])),)
+    cycles = Window("cycle", result.part is None, _joined(result.cycles))
+    if result.part is None:
+        return (cycles,)
+    spans = {side: result.part.spans[side] for side in result.cycles}
+    return Window(result.part.name, True, _joined(spans)), cycles
+
+
+def _joined(spans: Mapping[str, ArrayLike]) -> Array:
+    """Give the spans of both sides one after another, (C, 2)."""
+    return np.concatenate([np.empty((0, 2)), *(np.reshape(own, (-1, 2)) for own in spans.values())])
 
 
 def counted(result: TrialResult) -> Mask:
-    """Give whether each frame counts: it is in the window and valid, (T,)."""
-    return np.asarray(in_window(result) & result.validity.both)
+    """Give whether each frame counts: it is in the headline window and valid, (T,)."""
+    return _counted(result, windows(result)[0])
+
+
+def _counted(result: TrialResult, window: Window) -> Mask:
+    inside = frames_within(result.motion.time, {"": window.spans}, None)
+    return np.asarray(inside & result.validity.counts)
+
+
+def headline_rows(rows: Iterable[ResidualRow]) -> tuple[ResidualRow, ...]:
+    """Give the rows of the window that the condition asks for."""
+    return tuple(row for row in rows if row.headline)
+
+
+def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
+    """Lay out the residuals of every gait cycle that counts, as `cycles.csv` holds them.
+
+    Parameters
+    ----------
+    result
+        The trial.
+    condition
+        Name of the condition, for the table.
+
+    Returns
+    -------
+    pandas.DataFrame
+        subject, condition, and the columns of `pipeline.trial.gait.cycle_table.cycle_table`; empty
+        where a span of the recording counts.
+    """
+    residuals = {
+        name == "compensated": reported(dynamics.residual)
+        for name, dynamics in variants(result).items()
+    }
+    cycles = {} if result.span else result.cycles
+    units = dict(zip(AXES, UNITS, strict=True))
+    table = cycle_table(result.motion.time, result.validity.counts, residuals, cycles, units)
+    table.insert(0, "condition", condition)
+    table.insert(0, "subject", result.subject.id)
+    return table
 
 
 def residual_table(result: TrialResult, condition: str) -> pd.DataFrame:
@@ -182,25 +258,35 @@ def residual_rows(result: TrialResult, condition: str) -> tuple[ResidualRow, ...
     Returns
     -------
     tuple of ResidualRow
-        As measured first, then compensated; axes in the order of `AXES`. Empty where no frame
-        counts.
+        The headline window first; of each, as measured and then compensated; axes in the order of
+        `AXES`. Empty where no frame of the headline window counts.
     """
-    inside, counts = in_window(result), counted(result)
-    if not counts.any():
+    if not counted(result).any():
         return ()
+    return tuple(row for window in windows(result) for row in _rows(result, condition, window))
+
+
+def _rows(result: TrialResult, condition: str, window: Window) -> list[ResidualRow]:
+    """Summarise a trial's residuals over one window."""
+    time, counts = result.motion.time, _counted(result, window)
+    inside = frames_within(time, {"": window.spans}, None)
+    with_data = [
+        bool(counts[(time >= start) & (time < stop)].any()) for start, stop in window.spans
+    ]
     weight = result.body.mass * GRAVITY_MPS2
     scale = np.array([weight] * 3 + [weight * result.body.height_m] * 3) / 100
     rows = []
     for name, dynamics in variants(result).items():
         value = reported(dynamics.residual[counts])
         rms = np.sqrt(np.mean(value**2, axis=0))
-        rms_of_cycles = _rms_of_cycles(result, name)
+        rms_of_cycles = _rms_of_cycles(result, name, window)
         for k, axis in enumerate(AXES):
             row = ResidualRow(
                 subject=result.subject.id,
                 condition=condition,
                 compensated=name == "compensated",
-                window="span" if result.span else "cycle",
+                window=window.name,
+                headline=window.headline,
                 axis=axis,
                 unit=UNITS[k],
                 rms=float(rms[k]),
@@ -209,16 +295,22 @@ def residual_rows(result: TrialResult, condition: str) -> tuple[ResidualRow, ...
                 sd=float(value[:, k].std()),
                 peak=float(np.abs(value[:, k]).max()),
                 rms_percent=float(rms[k] / scale[k]),
-                n_cycles=0 if result.span else sum(map(len, result.cycles.values())),
+                n_cycles=0 if result.span else sum(with_data),
                 valid_share=float(np.count_nonzero(counts) / np.count_nonzero(inside)),
             )
             rows.append(row)
-    return tuple(rows)
+    return rows
 
 
-def _rms_of_cycles(result: TrialResult, variant: str) -> Array:
-    """Give the RMS over cycles of each cycle's RMS over 0–100 %, (6,); NaN without cycles."""
+def _rms_of_cycles(result: TrialResult, variant: str, window: Window) -> Array:
+    """Give the RMS over cycles of each cycle's RMS in a window, (6,); NaN without cycles."""
     curves = np.concatenate(list(cycle_residuals(result, variant).values()))
+    if window.name != "cycle" and not result.span:
+        share = np.linspace(0, 1, curves.shape[1])
+        start, stop = _joined(result.cycles).T[..., None]
+        first, last = ((bound[:, None] - start) / (stop - start) for bound in window.spans.T)
+        inside = (share >= first) & (share <= last)
+        curves = np.where(inside[..., None], curves, np.nan)
     curves = curves[np.isfinite(curves).any(axis=(1, 2))]
     if result.span or not len(curves):
         return np.full(len(AXES), np.nan)

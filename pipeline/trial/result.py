@@ -1,9 +1,11 @@
 """What is known of a trial once it has been processed: types only."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from compensation.platform.pose import PlatformPose
 from hbm.body import Body
@@ -43,6 +45,37 @@ class PlateSurface:
                     f"plate {self.number}: {name} must have shape {shape}, got {value.shape}"
                 )
             object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, slots=True)
+class CyclePart:
+    """The part of each perturbed gait cycle that a condition asks for.
+
+    Attributes
+    ----------
+    name
+        "motion", or what was stated, such as "0.2 to 0.5 s" or "10 to 40 %".
+    spans
+        Side -> start and stop of the part of each gait cycle that counts [s], in the order of the
+        cycles; NaN where a cycle has none.
+
+    Examples
+    --------
+    >>> part = CyclePart("0.2 to 0.5 s", {"right": ((10.3, 10.6),)})
+    >>> part.percent({"right": np.array([[10.0, 11.0]])}).round(1).tolist()
+    [[30.0, 60.0]]
+    """
+
+    name: str
+    spans: Mapping[str, tuple[tuple[float, float], ...]]
+
+    def percent(self, cycles: Mapping[str, ArrayLike]) -> Array:
+        """Give start and stop of the part of each of these gait cycles [% of the cycle], (C, 2)."""
+        found = [np.empty((0, 2))]
+        for side, spans in self.spans.items():
+            start, stop = np.reshape(cycles[side], (-1, 2)).T[..., None]
+            found.append(100 * (np.reshape(spans, (-1, 2)) - start) / (stop - start))
+        return np.concatenate(found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +131,8 @@ class TrialResult:
         Segments whose inertia is not by the table alone.
     onsets
         When the perturbations of a perturbed condition began, (P,) [s].
+    part
+        The part of the gait cycles that the condition asks for; None for all of them.
 
     Examples
     --------
@@ -135,6 +170,7 @@ class TrialResult:
     notes: tuple[Note, ...]
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))
+    part: CyclePart | None = None
 
     def __post_init__(self) -> None:
         frames = len(self.motion.time)

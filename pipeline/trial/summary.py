@@ -21,10 +21,10 @@ from pipeline.trial.residuals import (
     residual_rows,
     threshold_rows,
 )
-from pipeline.trial.result import TrialResult
+from pipeline.trial.result import CyclePart, TrialResult
 from pipeline.trial.window import shortage
 
-FORMAT_VERSION: Final = 5
+FORMAT_VERSION: Final = 6
 """Of stored trials, summary and frames together; raised with every change of what they hold."""
 STRICT_JSON: Final = ConfigDict(strict=True, extra="forbid", ser_json_inf_nan="constants")
 """Nothing unknown, nothing of another type; NaN is written as such."""
@@ -75,10 +75,13 @@ class TrialSummary:
         Side -> start and stop of each gait cycle that counts [s].
     found_cycles
         How many gait cycles the events of these sides show, counted or not.
+    part
+        The part of these cycles that the condition asks for; None for all of them.
     span
         Start and stop of what counts in place of gait cycles [s]; None where these count.
     residuals
-        RMS, mean, peak of every residual over what counts; empty where nothing does.
+        RMS, mean, peak of every residual over what counts, and over the whole gait cycles where a
+        part of them counts; empty where nothing does.
     thresholds
         Peak residuals beside the limits of Hicks et al. (2015).
     markers
@@ -107,6 +110,7 @@ class TrialSummary:
     unsolved_frames: int
     cycles: Mapping[str, tuple[tuple[float, float], ...]]
     found_cycles: int
+    part: CyclePart | None
     span: tuple[float, float] | None
     residuals: tuple[ResidualRow, ...]
     thresholds: tuple[ThresholdRow, ...]
@@ -201,6 +205,7 @@ def summarise(result: TrialResult, condition: str, key: str) -> TrialSummary:
         unsolved_frames=int(np.count_nonzero(~result.motion.converged)),
         cycles={side: tuple(map(tuple, spans.tolist())) for side, spans in result.cycles.items()},
         found_cycles=result.found_cycles,
+        part=result.part,
         span=result.span,
         residuals=residual_rows(result, condition),
         thresholds=threshold_rows(result),

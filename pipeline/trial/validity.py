@@ -1,16 +1,28 @@
-"""Which frames of a trial count: where the pose is known and the plates carry the subject."""
+"""Which frames of a trial count: pose known, plates carrying the subject, filters settled."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from typing import Final
 
 import numpy as np
 
 from hbm.notes import Note
-from hbm.spatial import Mask, read_only
+from hbm.signals.filtering import Method
+from hbm.signals.samples import stretches
+from hbm.spatial import Array, Mask, read_only
+
+SETTLING_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
+    "zero_phase": (1.0, 1.0),
+    "realtime": (1.5, 0.0),
+}
+"""Periods of the cut-off after the first known sample and before the last one in which a filter has
+not settled. Measured by cropping a virtual and a real treadmill trial at 16 heel strikes, 6 Hz at
+100 Hz: the residual of the frames that are left errs by at most 0.6 N and 0.2 N·m."""
 
 
 @dataclass(frozen=True, slots=True)
 class Validity:
-    """Frames in which the motion is known and all support of the body is measured.
+    """Frames in which the motion is known, all support of the body measured, and filters settled.
 
     Attributes
     ----------
@@ -20,30 +32,94 @@ class Validity:
         interpolated; `hbm.motion.Motion.observed` marks them.
     plates
         Frames in which the plates carry the subject, (T,); see `pipeline.trial.weight_bearing`.
+    settled
+        Frames far enough from the ends of the recording and from every gap of motion or plates, so
+        that the filters have settled, (T,); see `settled_frames`.
 
     Examples
     --------
-    >>> validity = Validity(np.array([True, True, False]), np.array([True, False, False]))
-    >>> validity.both.tolist()
+    >>> yes, no = True, False
+    >>> validity = Validity(np.array([yes, yes, no]), np.array([yes, no, no]), np.array([yes] * 3))
+    >>> validity.counts.tolist()
     [True, False, False]
     """
 
     motion: Mask
     plates: Mask
+    settled: Mask
 
     def __post_init__(self) -> None:
-        for name in ("motion", "plates"):
-            object.__setattr__(self, name, read_only(getattr(self, name), bool))
-        if self.motion.shape != self.plates.shape or self.motion.ndim != 1:
+        shapes = []
+        for field in fields(self):
+            mask = read_only(getattr(self, field.name), bool)
+            object.__setattr__(self, field.name, mask)
+            shapes.append(mask.shape)
+        if len(set(shapes)) > 1 or len(shapes[0]) != 1:
+            found = ", ".join(map(str, shapes))
             raise ValueError(
-                f"validity: motion and plates must have the same shape (T,), got "
-                f"{self.motion.shape} and {self.plates.shape}"
+                f"validity: motion, plates and settled must have the same shape (T,), got {found}"
             )
 
     @property
-    def both(self) -> Mask:
+    def counts(self) -> Mask:
         """Frames that count, (T,)."""
-        return np.asarray(self.motion & self.plates)
+        return np.asarray(self.motion & self.plates & self.settled)
+
+
+def settling_s(filters: Iterable[tuple[Method, float]]) -> tuple[float, float]:
+    """Give how long filters need to settle.
+
+    Parameters
+    ----------
+    filters
+        Method and cut-off [Hz] of each filter that the motion or the plates pass.
+
+    Returns
+    -------
+    after, before
+        The longest time after a first sample and before a last one [s].
+
+    Examples
+    --------
+    >>> [round(time_s, 3) for time_s in settling_s([("zero_phase", 6.0), ("zero_phase", 20.0)])]
+    [0.167, 0.167]
+    >>> [round(time_s, 3) for time_s in settling_s([("realtime", 6.0), ("zero_phase", 20.0)])]
+    [0.25, 0.05]
+    """
+    times = [np.divide(SETTLING_PERIODS[method], cutoff_hz) for method, cutoff_hz in filters]
+    after, before = np.max(times, axis=0)
+    return float(after), float(before)
+
+
+def settled_frames(known: Mask, time: Array, settling: tuple[float, float]) -> Mask:
+    """Find the frames in which filters have settled.
+
+    Parameters
+    ----------
+    known
+        Whether there are samples to filter, (T,). A filter begins anew after every gap.
+    time
+        (T,) [s].
+    settling
+        Time after the first and before the last sample of a stretch [s], as `settling_s` gives it.
+
+    Returns
+    -------
+    Mask
+        (T,).
+
+    Examples
+    --------
+    >>> known = np.array([True] * 6 + [False] + [True] * 4)
+    >>> settled_frames(known, np.arange(11) / 100, (0.02, 0.02)).nonzero()[0].tolist()
+    [2, 3]
+    """
+    settled = np.zeros(len(time), bool)
+    after_s, before_s = settling
+    for start, stop in stretches(known):
+        own = time[start:stop]
+        settled[start:stop] = (own >= own[0] + after_s) & (own <= own[-1] - before_s)
+    return settled
 
 
 def validity_notes(validity: Validity) -> tuple[Note, ...]:

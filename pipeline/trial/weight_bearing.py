@@ -12,7 +12,7 @@ from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Event
 from pipeline.trial.delay import plate_delay
-from pipeline.trial.gait.carried import carried_frames, widened
+from pipeline.trial.gait.carried import carried_frames
 from pipeline.trial.gait.contact import SharedPlates
 from pipeline.trial.ground.wrenches import Ground
 from pipeline.trial.plate_check import rest_level
@@ -51,8 +51,7 @@ def weight_bearing_frames(
         with and without the delay that the motion shows, are judged by
         `pipeline.trial.gait.carried`, and the judgement in which they carry the subject in most
         frames is taken: a wrong offset, delay or calibration is no foot beside the plates. Frames
-        in which a plate has no value do not count, nor those within one period of the cut-off, in
-        which the filter settles.
+        in which a plate has no value do not count.
     """
     weight_n = body.mass * GRAVITY_MPS2
     found, defined = [], np.ones(len(time), bool)
@@ -81,7 +80,4 @@ def weight_bearing_frames(
             continue
         later = time + np.nan_to_num(plate_delay(total, residual, time).delay_s)
         found.append(judge(np.stack([np.interp(later, time, each) for each in vertical])))
-    settling_s = 1 / settings.cutoff_hz
-    return np.asarray(
-        max(found, key=np.count_nonzero) & ~widened(~defined, time, settling_s, settling_s)
-    )
+    return np.asarray(max(found, key=np.count_nonzero) & defined)

@@ -1,25 +1,35 @@
-"""What of a trial counts: its gait cycles, or a span of the recording."""
+"""What of a trial counts: its gait cycles, a part of each, or a span of the recording."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Literal
+from itertools import pairwise
+from typing import Final, Literal
 
 import numpy as np
 
+from compensation.platform.pose import PlatformPose
 from hbm.notes import Note
 from hbm.spatial import Array, Mask
+from pipeline.config.schema import Condition
+from pipeline.config.window import Interval
 from pipeline.io.recording import Event
 from pipeline.trial.gait.cycle_shortage import cycle_shortage
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES
+from pipeline.trial.gait.perturbations import MIN_PLATFORM_SPEED_MPS, motion_stops
+from pipeline.trial.result import CyclePart
 from pipeline.trial.validity import Validity
 
 Span = tuple[float, float]
 WantedWindow = Literal["cycle", "recording"] | Span | None
 """What is to count; None for gait cycles or, where none counts, the whole recording."""
+NO_POSE: Final = (
+    'window = "motion" needs the platform\'s pose; state its markers or channels under '
+    "[treadmill.platform], or another window"
+)
 
 
 def counted_span(
-    wanted: WantedWindow, cycles: Mapping[str, Array], time: Array, cutoff_hz: float
+    wanted: WantedWindow, cycles: Mapping[str, Array], time: Array, settling: tuple[float, float]
 ) -> Span | None:
     """Give the span of a recording that counts in place of gait cycles.
 
@@ -31,8 +41,9 @@ def counted_span(
         Side -> the gait cycles that were selected, (C, 2) [s].
     time
         (T,) [s].
-    cutoff_hz
-        Cut-off of the filter: it needs one period at either end of a recording to settle.
+    settling
+        Time [s] that the filters need at the start and at the end of a recording
+        (`pipeline.trial.validity.settling_s`).
 
     Returns
     -------
@@ -42,20 +53,24 @@ def counted_span(
     Raises
     ------
     ValueError
-        If the stated span holds no frame in which the filter has settled.
+        If the recording is too short for the filters to settle, or the stated span holds no frame
+        in which they have.
 
     Examples
     --------
     >>> time = np.arange(1000) / 100
-    >>> start, stop = counted_span("recording", {}, time, cutoff_hz=6.0)
+    >>> start, stop = counted_span("recording", {}, time, (1 / 6, 1 / 6))
     >>> f"{start:.2f} to {stop:.2f} s"
     '0.17 to 9.82 s'
     """
     if wanted == "cycle" or (wanted is None and any(map(len, cycles.values()))):
         return None
-    settled = float(time[0] + 1 / cutoff_hz), float(time[-1] - 1 / cutoff_hz)
+    settled = float(time[0] + settling[0]), float(time[-1] - settling[1])
     if settled[0] >= settled[1]:
-        settled = float(time[0]), float(time[-1])
+        raise ValueError(
+            f"the recording lasts {time[-1] - time[0]:.2f} s; its filters need {settling[0]:.2f} s "
+            f"at its start and {settling[1]:.2f} s at its end to settle"
+        )
     if wanted is None or isinstance(wanted, str):
         return settled
     span = max(wanted[0], settled[0]), min(wanted[1], settled[1])
@@ -65,6 +80,114 @@ def counted_span(
             f"from {settled[0]:.2f} to {settled[1]:.2f} s"
         )
     return span
+
+
+def perturbed_part(
+    condition: Condition,
+    cycles: Mapping[str, Array],
+    onsets: Array,
+    *,
+    time: Array,
+    pose: PlatformPose | None,
+) -> tuple[CyclePart | None, tuple[Note, ...]]:
+    """Find the part of each perturbed gait cycle that a condition asks for.
+
+    Parameters
+    ----------
+    condition
+        States the part.
+    cycles
+        Side -> the gait cycles that were selected, (C, 2) [s].
+    onsets
+        When the perturbations began, (P,) [s].
+    time
+        (T,) [s].
+    pose
+        The platform's pose, (T,) frames.
+
+    Returns
+    -------
+    part
+        Of a cycle with two perturbations, that of the first one; None where whole cycles count.
+    notes
+        ``perturbation_without_motion`` and ``motion_beyond_cycle``.
+
+    Raises
+    ------
+    ValueError
+        If a part in seconds ends beyond its gait cycle or the next perturbation; if the platform's
+        motion is wanted and it has no pose, or does not move after any perturbation.
+    """
+    wanted = condition.part
+    if wanted is None:
+        return None, ()
+    onsets = onsets[onsets >= condition.skip_s]
+    stops, notes = onsets, tuple[Note, ...]()
+    if wanted == "motion":
+        if pose is None:
+            raise ValueError(NO_POSE)
+        stops = motion_stops(onsets, time, pose)
+        notes = _motion_notes(onsets, stops, cycles)
+    elif wanted.unit == "s":
+        _require_apart(wanted, onsets)
+    spans = {
+        side: tuple((a, b) for a, b in _part_of_cycles(wanted, own, onsets, stops).tolist())
+        for side, own in cycles.items()
+    }
+    return CyclePart(str(wanted), spans), notes
+
+
+def _part_of_cycles(
+    wanted: Literal["motion"] | Interval, cycles: Array, onsets: Array, stops: Array
+) -> Array:
+    """Give start and stop of the part of each cycle, (C, 2) [s]; ``stops`` of the motions, (P,)."""
+    first = np.searchsorted(onsets, cycles[:, 0])
+    if wanted == "motion":
+        return np.column_stack([onsets[first], np.minimum(stops[first], cycles[:, 1])])
+    bounds = np.array([wanted.start, wanted.stop])
+    if wanted.unit == "%":
+        return np.asarray(cycles[:, :1] + np.diff(cycles) * bounds / 100)
+    parts = onsets[first][:, None] + bounds
+    _require_within(wanted, parts, cycles)
+    return np.asarray(parts)
+
+
+def _motion_notes(onsets: Array, stops: Array, cycles: Mapping[str, Array]) -> tuple[Note, ...]:
+    """Name perturbations without motion, and motions that last longer than their gait cycle."""
+    still = np.isnan(stops)
+    if still.all() and len(stops):
+        raise ValueError(
+            'window = "motion", but the platform moves faster than '
+            f"{MIN_PLATFORM_SPEED_MPS:g} m/s after none of the {len(onsets)} perturbations; check "
+            "its markers or channels, or state another window"
+        )
+    notes = [Note.of("perturbation_without_motion", onset_s=onset) for onset in onsets[still]]
+    every = np.concatenate([*cycles.values(), np.empty((0, 2))])
+    longer = [
+        bool(((every[:, 0] <= onset) & (onset < every[:, 1]) & (stop > every[:, 1])).any())
+        for onset, stop in zip(onsets, stops, strict=True)
+    ]
+    if any(longer):
+        notes.append(Note.of("motion_beyond_cycle", count=sum(longer), perturbations=len(onsets)))
+    return tuple(notes)
+
+
+def _require_apart(wanted: Interval, onsets: Array) -> None:
+    for onset, following in pairwise(onsets.tolist()):
+        if onset + wanted.stop > following:
+            raise ValueError(
+                f"the window of {wanted} after the perturbation at {onset:.2f} s reaches into the "
+                f"next one at {following:.2f} s; state a shorter one"
+            )
+
+
+def _require_within(wanted: Interval, parts: Array, cycles: Array) -> None:
+    for (_, stop), (first, last) in zip(parts.tolist(), cycles.tolist(), strict=True):
+        if stop > last:
+            raise ValueError(
+                f"the window of {wanted} after the perturbation at {stop - wanted.stop:.2f} s ends "
+                f"beyond its gait cycle, {first:.2f} to {last:.2f} s; state a shorter one"
+            )
 
 
 def frames_within(time: Array, cycles: Mapping[str, Array], span: Span | None) -> Mask:
@@ -80,6 +203,7 @@ def window_notes(
     span: Span | None,
     cycles: Mapping[str, Array],
     *,
+    part: CyclePart | None,
     events: Sequence[Event],
     rejected: Iterable[Note],
     time: Array,
@@ -93,6 +217,8 @@ def window_notes(
         What was to count, and what `counted_span` gave.
     cycles
         Side -> the gait cycles that were selected, (C, 2) [s].
+    part
+        The part of them that counts; None for all of them.
     events
         The trial's gait events.
     rejected
@@ -108,10 +234,13 @@ def window_notes(
         ``no_residuals`` where no frame counts; else, where gait cycles were wanted and none counts,
         ``no_gait_cycle`` or, if there are some, ``gait_cycles_left_out``.
     """
-    counts = frames_within(time, cycles, span) & validity.both
+    parts = cycles if part is None else {s: np.reshape(p, (-1, 2)) for s, p in part.spans.items()}
+    counts = frames_within(time, parts, span) & validity.counts
     reason = cycle_shortage(events, rejected, time, validity.motion)
     if not counts.any():
         nothing = reason if span is None else _nothing_counts(span, time, validity)
+        if part is not None and any(map(len, cycles.values())):
+            nothing = f'no frame of the window "{part.name}" of the gait cycles counts'
         return (Note.of("no_residuals", reason=nothing),)
     if span is None or wanted is not None:
         return ()

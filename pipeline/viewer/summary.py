@@ -7,6 +7,7 @@ from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
     counted,
+    headline_rows,
     marker_rows,
     residual_rows,
     threshold_rows,
@@ -44,6 +45,8 @@ def _circumstances(result: TrialResult) -> str:
     settings, body = result.settings, result.body
     cycles = ", ".join(f"{len(spans)} {side}" for side, spans in result.cycles.items())
     counts = f"gait cycles: {cycles} of {result.found_cycles}"
+    if result.part:
+        counts += f", of these {result.part.name}"
     if result.span:
         counts = f"{result.span[0]:.2f} to {result.span[1]:.2f} s of the recording"
     return (
@@ -55,7 +58,7 @@ def _circumstances(result: TrialResult) -> str:
 
 def _residuals(result: TrialResult) -> str:
     names = list(variants(result))
-    rows = residual_rows(result, result.source.stem)
+    rows = headline_rows(residual_rows(result, result.source.stem))
     lines = [
         "## Pelvis residuals (RMS)",
         "|  | direction | " + " | ".join(f"{name} | %" for name in names) + " |",

@@ -109,7 +109,7 @@ def write_recording(result: TrialResult, path: Path, *, view_hz: float = VIEW_RA
     whole, view = clock(motion.time), clock(motion.time[shown])
     perturbed = [(t, t + PERTURBATION_S, "perturbation") for t in result.onsets.tolist()]
     uncertain = intervals_of(result.ambiguous, motion.time, "uncertain")
-    uncounted = intervals_of(~result.validity.both, motion.time, "does not count")
+    uncounted = intervals_of(~result.validity.counts, motion.time, "does not count")
     has_cycles = any(len(spans) for spans in result.cycles.values())
     has_phases = bool(result.events or uncertain or uncounted or perturbed)
     layout = trial_layout(pelvis, phases=has_phases, figure=has_cycles)
@@ -130,10 +130,10 @@ def write_recording(result: TrialResult, path: Path, *, view_hz: float = VIEW_RA
                 platform=pose,
                 threshold_n=result.settings.contact_threshold_n,
             )
-            residual = np.where(result.validity.both[:, None], dynamics.residual, np.nan)
+            residual = np.where(result.validity.counts[:, None], dynamics.residual, np.nan)
             log_residual(stream, view, name, residual[shown], pelvis)
         curves = {
-            n: np.where(result.validity.both[:, None], reported(d.residual), np.nan)
+            n: np.where(result.validity.counts[:, None], reported(d.residual), np.nan)
             for n, d in variants(result).items()
         }
         log_residual_curves(stream, whole, curves)
@@ -173,7 +173,8 @@ def write_cycles(result: TrialResult, path: Path) -> None:
             f"{result.source.name}: no gait cycle was found, so there is no mean one to show"
         )
     motion = result.motion
-    q, _ = mean_and_sd(normalise(motion.time, motion.q, spans))
+    settled = np.where(result.validity.settled[:, None], motion.q, np.nan)
+    q, _ = mean_and_sd(normalise(motion.time, settled, spans))
     rotation, origin = segment_frames(result.body, q)
     timelines = {"gait_cycle_percent": np.arange(len(q))}
     title = f"{_title(result)}, mean of {len(spans)} {side} gait cycles"

@@ -14,6 +14,13 @@ Size = Annotated[float, Field(ge=0)]
 MAX_DELAY_S: Final = 0.2
 """Of an instrument, either way: more than any laboratory has."""
 Delay = Annotated[float, Field(ge=-MAX_DELAY_S, le=MAX_DELAY_S)]
+MAX_PLACEMENT_DEG: Final = 10.0
+MAX_PLACEMENT_M: Final = 0.1
+"""Of a plate that cameras and plates disagree about; more is a mistake that everybody sees."""
+PlacementDeg = Annotated[float, Field(ge=-MAX_PLACEMENT_DEG, le=MAX_PLACEMENT_DEG)]
+PlacementM = Annotated[float, Field(ge=-MAX_PLACEMENT_M, le=MAX_PLACEMENT_M)]
+MAX_REPLAY_FRAMES: Final = 20
+"""`MAX_DELAY_S` in frames of the cameras."""
 
 
 class BodyFaults(InputModel):
@@ -47,10 +54,13 @@ class CameraFaults(InputModel):
 
 
 class PlateFaults(InputModel):
-    """Faults of the plates' load cells.
+    """Faults of the plates' load cells, and of where the plates are.
 
-    ``cross_talk`` is that of each component in each other [1]; the delay is in the range of what
-    the thesis found of its plates, 2 to 4 ms.
+    ``cross_talk`` is that of each component in each other [1]. ``delay_s`` is in the range of what
+    the thesis found of its plates, 2 to 4 ms; the right plate is later than the left by
+    ``right_later_s``. Both plates see the cameras' points turned about the vertical by
+    ``placement_deg`` (positive to the left) and shifted by the other two: the transformation that
+    a static calibration finds (Goldberg et al. 2009). These four are values, not deviations.
     """
 
     force_noise_n: Size = 1.5
@@ -59,6 +69,15 @@ class PlateFaults(InputModel):
     offset_n: Size = 2.0
     drift_n_per_min: Size = 0.3
     delay_s: Delay = 0.003
+    right_later_s: Delay = 0.0
+    placement_deg: PlacementDeg = 0.0
+    placement_forward_m: PlacementM = 0.0
+    placement_left_m: PlacementM = 0.0
+
+    @property
+    def delays_s(self) -> tuple[float, float]:
+        """Delays of the left and the right plate [s]."""
+        return self.delay_s, self.delay_s + self.right_later_s
 
 
 class AccelerometerFaults(InputModel):
@@ -82,11 +101,15 @@ class PlatformFaults(InputModel):
 
     ``marker_noise_m`` is of the markers on the platform, ``delay_s`` of its sway and pitch
     channels, ``pivot_error_m`` is the error of the height of the pitch axis in the study file.
+    Where a recording is replayed while the platform repeats its motion, as in the thesis, the
+    channels are of the repetition, which does not start in the same frame: in every recording they
+    are moved by one whole number of frames, drawn from ``-replay_frames`` to ``replay_frames``.
     """
 
     marker_noise_m: Size = 0.0003
     delay_s: Delay = 0.0
     pivot_error_m: Size = 0.0
+    replay_frames: Annotated[int, Field(ge=0, le=MAX_REPLAY_FRAMES)] = 0
 
 
 class Faults(InputModel):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.benchmarks import commands, report, scaling
+from tests.benchmarks import commands, events, report, scaling
 from tests.benchmarks.accuracy import check_optimum
 from tests.benchmarks.comparison import (
     COMPILED,
@@ -32,6 +32,7 @@ def main() -> None:
         "parts", nargs="*", metavar="PART", help=f"any of {', '.join(PARTS)}; default: all"
     )
     parser.add_argument("--json", type=Path, help="file for the measurements")
+    parser.add_argument("--csv", type=Path, help="file for the table of gait events")
     parser.add_argument("--frames", type=int, default=1000, help="frames of the compared trial")
     parser.add_argument("--repeats", type=int, default=5, help="timings per implementation")
     given = parser.parse_args()
@@ -46,6 +47,8 @@ def main() -> None:
     measured["targets"] = [asdict(target) | {"met": target.met} for target in targets]
     if given.json:
         given.json.write_text(json.dumps(measured, indent=1, ensure_ascii=False), encoding="utf-8")
+    if given.csv and "events" in measured:
+        events.write_table(measured["events"], given.csv)
     report.show(measured, targets)
 
 
@@ -75,6 +78,7 @@ PARTS: dict[str, Callable[[Path, int, int], Measured]] = {
     },
     "gaps": lambda folder, _, repeats: {"gaps": scaling.gaps(folder, repeats)},
     "commands": whole_processes,
+    "events": lambda folder, *_: events.race(folder),
     "memory": lambda folder, *_: {"memory": commands.peak_memory(folder)},
 }
 

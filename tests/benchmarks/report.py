@@ -49,7 +49,28 @@ COLUMNS["gaps"] = COLUMNS["scaling"] | {
     "of frames": ("frames", "d"),
     "in another minimum": ("elsewhere", "d"),
 }
+COLUMNS["events"] = {
+    "event": ("event", ""),
+    "condition": ("condition", ""),
+    "mean ms": ("mean_ms", "+.1f"),
+    "SD ms": ("sd_ms", ".1f"),
+    "found": ("found", "d"),
+    "missed": ("missed", "d"),
+    "invented": ("invented", "d"),
+}
+COLUMNS["treadmill events"] = {
+    "event": ("event", ""),
+    "mean ms": ("mean_ms", "+.1f"),
+    "SD ms": ("sd_ms", ".1f"),
+    "matched": ("matched", "d"),
+    "only first": ("only_first", "d"),
+    "only second": ("only_second", "d"),
+}
+EVENT_LIMITS_MS = {"baseline": (5, 10), "sway": (5, 10), "pitch": (10, 15)}
+"""Condition -> limits of the mean error and of its standard deviation."""
 TITLES = {
+    "events": "Gait events against the truth of the virtual laboratory",
+    "treadmill events": "Gait events of a treadmill recording by one method against another",
     "ik": "Inverse kinematics, per frame",
     "id": "Inverse dynamics with residuals, per frame",
     "frames": "Ours by length of the trial",
@@ -115,6 +136,13 @@ def targets(measured: dict[str, Any]) -> list[Target]:
     for row in measured.get("gaps", [])[1:]:
         at_most(f"time with {row['name']}, × complete", row["ik_cpu_ratio"], 1.2)
         at_most(f"frames lost with {row['name']}", row["frames"] - row["solved"] - row["marked"], 0)
+    for row in measured.get("events", []):
+        if row["name"] == "hbm, auto":
+            name, (mean_ms, sd_ms) = row["condition"], EVENT_LIMITS_MS[row["condition"]]
+            at_most(f"{row['event']}, {name}: mean error [ms]", abs(row["mean_ms"]), mean_ms)
+            at_most(f"{row['event']}, {name}: SD [ms]", row["sd_ms"], sd_ms)
+            at_most(f"{row['event']}, {name}: missed", row["missed"], 0)
+            at_most(f"{row['event']}, {name}: invented", row["invented"], 0)
     if "commands" in measured:
         at_most("hbm residuals, first use [s]", measured["commands"]["first_s"], 30)
     if "memory" in measured:

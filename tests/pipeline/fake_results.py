@@ -142,13 +142,14 @@ def fake_trial(
         cycles={"left": spans[left], "right": spans[~left]},
         found_cycles=len(spans),
         span=None,
-        validity=Validity(np.ones(frames, bool), np.ones(frames, bool)),
+        validity=Validity(*np.ones((3, frames), bool)),
         delay_s=0.004,
         delay_uncertainty_s=0.001,
         ambiguous=np.zeros(frames, bool),
         notes=(
             Note.of("mass_weighed", mass_kg=70.0, start_s=0.5, stop_s=1.5, file="pose.c3d"),
             Note.of("frames_unsolved", unsolved=1, frames=2),
+            Note.of("events_uncalibrated", left=3, right=3),
             Note.of("legs_differ", difference_m=0.041, left_m=0.843, right_m=0.802),
         ),
     )

@@ -278,3 +278,40 @@ def save(recording, path):
         metadata=recording.metadata,
     )
     return path
+
+
+def cropped(recording, first, last):
+    """The frames ``first`` to ``last`` of a recording, from time zero on, with its events."""
+    markers = recording.markers
+    start, stop = markers.time[[first, last]]
+    before, after = start - 0.25 / markers.rate_hz, stop + 0.95 / markers.rate_hz
+
+    def part(signal, values):
+        inside = (signal.time >= before) & (signal.time < after)
+        content = {"time": signal.time[inside] - start, values: getattr(signal, values)[inside]}
+        return replace(signal, **content)
+
+    kept = slice(first, last + 1)
+    return replace(
+        recording,
+        markers=Markers(markers.time[kept] - start, markers.names, markers.position[kept]),
+        plates=tuple(part(plate, "wrench_in_plate") for plate in recording.plates),
+        analog=part(recording.analog, "values") if recording.analog else None,
+        events=tuple(
+            replace(event, time=event.time - start)
+            for event in recording.events
+            if start <= event.time <= stop
+        ),
+    )
+
+
+def cropped_at_strikes(recording, events, *, count):
+    """Crop a recording between heel strikes; gives first frame and what is left, each.
+
+    The first strikes become the start and the last ones the end, so that at least half is left.
+    """
+    strikes = sorted(event.time for event in events if event.label == "foot_strike")
+    begins = np.searchsorted(recording.markers.time, strikes, side="right") - 1
+    ends = np.searchsorted(recording.markers.time, strikes)
+    for first, last in zip(begins[:count], ends[-count:], strict=True):
+        yield first, cropped(recording, first, last)

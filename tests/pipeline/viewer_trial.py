@@ -44,7 +44,7 @@ def viewer_trial(
     )
     events = _events(np.arange(0.2, time[-1], 1 / STRIDE_HZ))
     known = [np.isfinite(each.residual).all(axis=1) for each in dynamics.values()]
-    validity = Validity(np.all(known, axis=0), np.ones(frames, bool))
+    validity = Validity(np.all(known, axis=0), np.ones(frames, bool), np.ones(frames, bool))
     cycles, _ = cut_cycles(events, time, validity, min_valid_share=0.5)
     return TrialResult(
         source=Path("walk.c3d"),

@@ -63,7 +63,12 @@ def rms(result, axis):
 
 
 def test_every_frame_of_treadmill_walking_counts(whole):
-    assert whole.validity.both.all()
+    assert whole.validity.motion.all()
+    assert whole.validity.plates.all()
+    settled = whole.validity.settled
+    assert settled[17:-17].all()
+    assert not settled[:17].any()
+    assert not settled[-17:].any()
     assert {side: len(spans) for side, spans in whole.cycles.items()} == {"left": 10, "right": 10}
     assert whole.found_cycles == 20
     assert not {"frames_not_carried", "cycle_not_carried"} & set(codes(whole))
@@ -74,7 +79,7 @@ def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before
     treadmill, whole, start_s, stop_s
 ):
     result = processed(with_plates(treadmill, without(2, start_s, stop_s)))
-    valid, time = result.validity.both, result.motion.time
+    valid, time = result.validity.plates, result.motion.time
     hidden = np.abs(result.measured.residual - whole.measured.residual)[:, 2] > 0.5 * 55.3 * 9.81
     assert hidden.any()
     assert not valid[hidden].any()
@@ -92,7 +97,7 @@ def test_while_a_foot_is_beside_the_plates_nothing_counts_and_all_else_as_before
 def test_forces_that_depend_on_missing_plates_are_in_no_output(treadmill, whole, tmp_path):
     """Of pelvis and legs; those of the trunk do not depend on the ground."""
     result = processed(with_plates(treadmill, without(2, 5.6, 9.0)))
-    valid = result.validity.both
+    valid = result.validity.counts
     for name in ("LHipFlexion", "RKneeFlexion"):
         known = np.isfinite(result.measured.force(name))
         np.testing.assert_array_equal(known, valid & ~result.ambiguous)
@@ -107,7 +112,7 @@ def test_forces_that_depend_on_missing_plates_are_in_no_output(treadmill, whole,
 
 def test_plates_that_begin_late_do_not_count_before(treadmill, whole):
     result = processed(with_plates(treadmill, lambda p: p.time > 5.0))
-    assert not result.validity.both[result.motion.time < 5.0].any()
+    assert not result.validity.counts[result.motion.time < 5.0].any()
     assert rms(result, "Fz") == pytest.approx(rms(whole, "Fz"), rel=0.15)
     assert min(spans[0, 0] for spans in result.cycles.values()) > 4.0
 
@@ -130,7 +135,7 @@ def test_plates_that_are_not_zeroed_are_not_hidden(treadmill, offsets_n):
         return replace(plate, wrench_in_plate=plate.wrench_in_plate + np.append(normal, [0, 0, 0]))
 
     result = processed(replace(treadmill, plates=tuple(map(shifted, treadmill.plates))))
-    assert result.validity.both.all()
+    assert result.validity.plates.all()
     assert sum(map(len, result.cycles.values())) == 20
     assert "plates_not_zeroed" in codes(result)
 
@@ -139,7 +144,7 @@ def test_plates_that_are_not_zeroed_are_not_hidden(treadmill, offsets_n):
 def test_a_plate_with_a_wrong_gain_is_not_hidden(treadmill, gains):
     """Its residual is what the report is for."""
     result = processed(with_plates(treadmill, lambda p: gains[p.number - 1]))
-    assert result.validity.both.all()
+    assert result.validity.plates.all()
     assert sum(map(len, result.cycles.values())) == 20
     assert rms(result, "Fz") > 80
     assert "mass_differs" in codes(result)

@@ -9,7 +9,12 @@ from hbm.kinematics import solve_ik
 from hbm.signals.filtering import butterworth
 from hbm.signals.resampling import resample
 from hbm.spatial import GRAVITY_MPS2
+from pipeline.config.schema import Treadmill
 from pipeline.io.c3d.read import read_c3d
+from pipeline.trial.gait.detection import detect_events
+from pipeline.trial.gait.event_agreement import compare_events
+from pipeline.trial.ground.laboratory import Laboratory
+from tests.benchmarks.events import event_sources
 
 FEET = ("left_foot", "right_foot")
 EDGE = slice(50, -50)
@@ -106,3 +111,18 @@ def test_vertical_residual_averages_to_zero(residual, mass):
 
 def test_force_residual_is_small_on_every_axis(residual):
     assert (residual[EDGE, :3].std(axis=0) < 25).all()
+
+
+def test_automatic_gait_events_agree_with_the_plates_and_with_those_of_the_file(recording):
+    """Both feet share a plate in half of the steps; no truth is known."""
+    sources = event_sources(recording, Laboratory(Treadmill()))
+    found = {method: detect_events(sources, method)[0] for method in ("file", "plates", "auto")}
+    for kind in compare_events(found["auto"], found["file"]):
+        assert kind.only_in_first == 0
+        assert kind.only_in_second <= 1  # at an end of the recording
+        assert abs(kind.mean_ms) < 25
+        assert kind.sd_ms < 13
+    for kind in compare_events(found["auto"], found["plates"]):
+        if kind.label == "foot_strike":
+            assert kind.matched >= 7
+            assert abs(kind.mean_ms) < 5

@@ -44,7 +44,7 @@ MIN_ALONE_S: Final = 0.1
 """That a plate does so: noise of light loads lasts for less."""
 MIN_CONTACTS: Final = 5
 """For what a plate usually measures: no foot lands half beside it as often, always equally."""
-SETTLING_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
+SPREAD_PERIODS: Final[Mapping[Method, tuple[float, float]]] = {
     "zero_phase": (0.6, 0.6),
     "realtime": (0.0, 1.0),
 }
@@ -119,7 +119,7 @@ def carried_frames(
     settled = np.flatnonzero((time >= time[0] + 1 / cutoff_hz) & (time <= time[-1] - 1 / cutoff_hz))
     if len(settled):
         missing = missing[np.clip(np.arange(len(time)), settled[0], settled[-1])]
-    before, after = (periods / cutoff_hz for periods in SETTLING_PERIODS[method])
+    before, after = (periods / cutoff_hz for periods in SPREAD_PERIODS[method])
     return ~widened(missing, time, before, after)
 
 

@@ -49,6 +49,8 @@ class Contact:
         First frame, and the one after the last.
     feet
         Whose it is, in order; two where the foot changes while the plate stays loaded.
+    changes
+        First frame of every foot but the first.
     ambiguous
         Whether most of it cannot be assigned: the pressure lies under neither foot, or between two
         feet that both stand.
@@ -62,6 +64,7 @@ class Contact:
     feet: tuple[Foot, ...]
     ambiguous: bool
     distance_m: float
+    changes: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,11 +295,13 @@ class _Plate:
             if self.time[stop - 1] - self.time[start] < MIN_STANCE_S:
                 continue
             own = foot_index[start:stop]
-            order = own[np.flatnonzero(np.diff(own, prepend=-1))]
+            first = np.flatnonzero(np.diff(own, prepend=-1))
             doubtful = np.mean(self.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE
-            feet = tuple(FEET[k] for k in order)
+            feet = tuple(FEET[k] for k in own[first])
+            changes = tuple(int(start + k) for k in first[1:])
             nearest_m = float(np.median(self.distance[start:stop].min(axis=1)))
-            found.append(Contact(number, start, stop, feet, bool(doubtful), nearest_m))
+            contact = Contact(number, start, stop, feet, bool(doubtful), nearest_m, changes)
+            found.append(contact)
             if doubtful:
                 self.uncertain[start:stop] = True
         return found

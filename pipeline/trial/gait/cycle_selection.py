@@ -5,24 +5,13 @@ from typing import Final
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose
 from hbm.notes import Note
-from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 from pipeline.config.schema import Condition
-from pipeline.io.recording import Recording
 
 COUNTED_SIDE: Final = "right"
 """Cycles of walking are counted by one foot, as in the thesis; both feet's cycles overlap. Where it
 has none, those of the other foot count."""
-MIN_ONSET_INTERVAL_S: Final = 1.0
-"""What follows sooner belongs to the same perturbation; perturbations are strides apart."""
-MIN_SWAY_SPEED_MPS: Final = 0.1
-"""A third of the perturbation's 0.3 m/s; the slow return stays below."""
-SWAY_CUTOFF_HZ: Final = 6.0
-"""Low-pass on the platform's position before its speed is taken."""
-MIN_PULSE_TO_NOISE: Final = 10.0
-"""Largest by median excursion: a channel that never pulses has only noise."""
 
 
 def select_cycles(
@@ -104,105 +93,3 @@ def _first(cycles: dict[str, Array], count: int) -> dict[str, Array]:
         return cycles
     last = starts[count - 1]
     return {side: spans[spans[:, 0] <= last] for side, spans in cycles.items()}
-
-
-def perturbation_onsets(
-    recording: Recording, condition: Condition, platform: PlatformPose | None
-) -> Array:
-    """Find the perturbations of a trial: from the pulse channel, else from the platform's motion.
-
-    Parameters
-    ----------
-    recording
-        The trial.
-    condition
-        Names the pulse channel, if there is one.
-    platform
-        The platform's pose at the markers' times.
-
-    Returns
-    -------
-    Array
-        Onsets, (P,) [s].
-
-    Raises
-    ------
-    ValueError
-        If there is neither a pulse channel nor a pose, or no perturbation.
-    """
-    name = recording.source.name
-    if condition.pulse_channel is not None:
-        onsets, source = pulse_onsets(recording, condition.pulse_channel), condition.pulse_channel
-    elif platform is not None:
-        onsets = sway_onsets(recording.markers.time, platform.position[:, 1])
-        source = "the platform's motion"
-    else:
-        raise ValueError(
-            f"{name}: a perturbed condition needs a pulse_channel, or the platform's pose"
-        )
-    if not len(onsets):
-        raise ValueError(f"{name}: {source} shows no perturbation, but the condition is perturbed")
-    return onsets
-
-
-def pulse_onsets(recording: Recording, channel: str) -> Array:
-    """Find perturbation onsets in a pulse channel, at the channel's own rate.
-
-    Parameters
-    ----------
-    recording
-        The trial.
-    channel
-        Name of the analog channel that rises when a perturbation starts.
-
-    Returns
-    -------
-    Array
-        Onsets, (P,) [s]: where the signal first leaves its median, up or down, by half of the
-        largest excursion; what follows within a second belongs to the same pulse. Empty where the
-        signal never pulses.
-
-    Raises
-    ------
-    ValueError
-        If the channel is not there.
-    """
-    if recording.analog is None:
-        raise ValueError(f"{recording.source.name}: no analog channels, so no {channel!r}")
-    try:
-        signal = recording.analog.channel(channel)
-    except KeyError as error:
-        raise ValueError(f"{recording.source.name}: {error.args[0]}") from error
-    excursion = np.abs(signal - float(np.nanmedian(signal)))
-    peak = float(np.nanmax(excursion, initial=0.0))
-    noise = float(np.nanmedian(excursion))
-    if peak <= MIN_PULSE_TO_NOISE * noise or peak == 0:
-        return np.empty(0)
-    high = excursion > peak / 2
-    return _first_of_each(recording.analog.time[1:][high[1:] & ~high[:-1]])
-
-
-def sway_onsets(time: Array, lateral: Array) -> Array:
-    """Find perturbation onsets from the platform's lateral position.
-
-    Parameters
-    ----------
-    time
-        (T,) [s].
-    lateral
-        Lateral position of the platform, (T,) [m].
-
-    Returns
-    -------
-    Array
-        Where its speed, low-passed at 6 Hz, first exceeds 0.1 m/s, (P,) [s]: some 0.05 s after the
-        platform starts to move 5 cm at 0.3 m/s. A slow return does not count.
-    """
-    filtered = low_pass(lateral, 1 / np.median(np.diff(time)), SWAY_CUTOFF_HZ, "zero_phase")
-    fast = np.abs(np.gradient(filtered, time)) > MIN_SWAY_SPEED_MPS
-    return _first_of_each(time[1:][fast[1:] & ~fast[:-1]])
-
-
-def _first_of_each(times: Array) -> Array:
-    """Keep the first of times that follow one another closely."""
-    return times[np.diff(times, prepend=-np.inf) > MIN_ONSET_INTERVAL_S]

@@ -13,6 +13,7 @@ from pipeline.io.recording import Event
 REASONS: Final = {
     "cycle_unsolved": "frames without a solution or without forces",
     "cycle_not_carried": "plates that do not carry the subject",
+    "cycle_unsettled": "an end or a gap too near for the filters to settle",
     "cycle_outside": "an end beyond the recorded markers",
     "cycle_duration": "a duration far from the median",
     "cycle_events": "events that do not alternate",

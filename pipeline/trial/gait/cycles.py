@@ -87,7 +87,7 @@ def cut_cycles(
     validity
         Which frames count.
     min_valid_share
-        Of a cycle's frames in which the plates carry the subject: with less the cycle is left out.
+        Of a cycle's frames that count: with less the cycle is left out.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def cut_cycles(
         Side -> start and stop of each cycle, (C, 2) [s].
     rejected
         Why cycles were left out: as `gait_cycles`, ``cycle_outside`` the recorded markers,
-        ``cycle_unsolved`` or ``cycle_not_carried``.
+        ``cycle_unsolved``, ``cycle_not_carried`` or ``cycle_unsettled``.
     """
     cycles: dict[str, Array] = {}
     rejected: list[Note] = []
@@ -106,7 +106,10 @@ def cut_cycles(
         for start, stop in spans:
             inside = (time >= start) & (time < stop)
             cycle = {"side": side, "start_s": start, "stop_s": stop}
-            carried = float(np.mean(validity.plates[inside])) if inside.any() else 0.0
+            carried, counted = (
+                float(np.mean(mask[inside])) if inside.any() else 0.0
+                for mask in (validity.plates, validity.counts)
+            )
             reason = None
             if start < time[0] or stop > time[-1]:
                 reason = Note.of("cycle_outside", **cycle)
@@ -114,6 +117,8 @@ def cut_cycles(
                 reason = Note.of("cycle_unsolved", **cycle)
             elif carried < min_valid_share:
                 reason = Note.of("cycle_not_carried", **cycle, share=carried)
+            elif counted < min_valid_share:
+                reason = Note.of("cycle_unsettled", **cycle, share=counted)
             accepted.append(reason is None)
             rejected += [] if reason is None else [reason]
         cycles[side] = spans[np.array(accepted, bool)]

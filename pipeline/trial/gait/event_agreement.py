@@ -70,6 +70,30 @@ def compare_events(
     )
 
 
+def match_times(first: Array, second: Array, tolerance_s: float) -> tuple[Array, Array]:
+    """Give which times are each other's nearest, as two arrays of indices, (M,) each.
+
+    Parameters
+    ----------
+    first, second
+        Times in order, (E,) and (F,) [s].
+    tolerance_s
+        Largest difference of two times that may be the same [s].
+
+    Returns
+    -------
+    own, other
+        Indices into ``first`` and ``second``.
+    """
+    if not (len(first) and len(second)):
+        return np.zeros(0, int), np.zeros(0, int)
+    distance = np.abs(first[:, None] - second)
+    other = distance.argmin(axis=1)
+    own = np.arange(len(first))
+    same = (distance.argmin(axis=0)[other] == own) & (distance[own, other] <= tolerance_s)
+    return own[same], other[same]
+
+
 def agreement_with_plates(
     events: Iterable[Event], feet: Mapping[str, Array], time: Array, threshold_n: float
 ) -> tuple[Note, ...]:
@@ -118,13 +142,8 @@ def agreement_with_plates(
 def _agreement(
     first: Array, second: Array, label: str, side: str, tolerance_s: float
 ) -> EventAgreement:
-    difference = first[:, None] - second
-    if difference.size:
-        row = np.arange(len(first))
-        nearest_second = abs(difference).argmin(axis=1)
-        nearest_first = abs(difference).argmin(axis=0)
-        difference = difference[row, nearest_second][nearest_first[nearest_second] == row]
-    matched = 1000 * difference[abs(difference) <= tolerance_s]
+    own, other = match_times(first, second, tolerance_s)
+    matched = 1000 * (first[own] - second[other])
     return EventAgreement(
         label,
         side,

@@ -12,6 +12,7 @@ from hbm.notes import Note
 from hbm.signals.filtering import butterworth
 from hbm.signals.samples import stretches
 from hbm.spatial import Array
+from pipeline.config.schema import EventMethod
 from pipeline.io.recording import Event
 
 SIDES: Final = ("left", "right")
@@ -26,6 +27,8 @@ MIN_EXCURSION_M: Final = 0.1
 MIN_CONTACT_S: Final = 0.1
 """Shorter contacts and shorter losses of contact are force noise at the threshold, not steps."""
 
+NONE_IN_FILE: Final = 'the file has none, and others are not looked for with events = "file"'
+
 SACRUM: Final = (("SACR",), ("LPSIS", "RPSIS"))
 HEEL: Final = "HEE"
 TOE: Final = ("MT2", "TOE", "MT5")
@@ -33,16 +36,23 @@ TOE: Final = ("MT2", "TOE", "MT5")
 
 
 def gait_events(
-    of_file: tuple[Event, ...], markers: Markers, marker_set: MarkerSet
+    of_file: tuple[Event, ...],
+    markers: Markers,
+    marker_set: MarkerSet,
+    wanted: EventMethod | None = None,
 ) -> tuple[tuple[Event, ...], Note]:
-    """Give the gait events of a recording: the file's own where it has them, else Zeni's.
+    """Give the gait events that a recording shows before its motion is solved.
+
+    They are the file's own where it has them, else Zeni's, which stand in for "plates" and "auto".
 
     Parameters
     ----------
     of_file
-        The file's events; they are used when some foot strikes at least twice in them.
+        The file's events; by default they are used when some foot strikes at least twice in them.
     markers, marker_set
         Trajectories, and the landmarks that they mark.
+    wanted
+        Where events are to come from, as in the settings.
 
     Returns
     -------
@@ -51,7 +61,9 @@ def gait_events(
     note
         Which events these are and how many, or why there are none.
     """
-    if any(event_times(of_file, "foot_strike", side).size >= 2 for side in SIDES):
+    if wanted == "file" and not of_file:
+        return (), Note.of("events_unknown", reason=NONE_IN_FILE)
+    if wanted == "file" or (wanted is None and has_strides(of_file)):
         events, code = of_file, "events_of_file"
     else:
         try:
@@ -60,6 +72,11 @@ def gait_events(
             return (), Note.of("events_unknown", reason=str(error))
     left, right = (event_times(events, "foot_strike", side).size for side in SIDES)
     return events, Note.of(code, left=left, right=right)
+
+
+def has_strides(events: Sequence[Event]) -> bool:
+    """Tell whether some foot strikes at least twice in events."""
+    return any(event_times(events, "foot_strike", side).size >= 2 for side in SIDES)
 
 
 def zeni_events(markers: Markers, marker_set: MarkerSet) -> tuple[Event, ...]:
@@ -106,7 +123,7 @@ def zeni_events(markers: Markers, marker_set: MarkerSet) -> tuple[Event, ...]:
             foot = _forward(markers, marker_set, [(letter + name,) for name in names])
             times = _turning_points(markers.time, sign * (foot - sacrum))
             events += [Event(float(t), label, side) for t in times]
-    return _in_order(events)
+    return in_order(events)
 
 
 def force_events(
@@ -146,7 +163,7 @@ def force_events(
         starts, stops = _contacts(time, wrench[:, 2] - threshold_n)
         events += [Event(float(t), "foot_strike", side) for t in starts]
         events += [Event(float(t), "foot_off", side) for t in stops]
-    return _in_order(events)
+    return in_order(events)
 
 
 def event_times(events: Iterable[Event], label: str, side: str) -> Array:
@@ -187,7 +204,8 @@ def _without_brief(begin: Array, end: Array) -> tuple[Array, Array]:
     return begin[~brief], np.delete(end, following[brief])
 
 
-def _in_order(events: Iterable[Event]) -> tuple[Event, ...]:
+def in_order(events: Iterable[Event]) -> tuple[Event, ...]:
+    """Give events in order of time."""
     return tuple(sorted(events, key=lambda event: event.time))
 
 

@@ -14,19 +14,17 @@ from typing import Final
 import numpy as np
 
 from compensation import BeltModel, belt_acceleration, fit_belt
-from hbm.signals.filtering import Method, low_pass
+from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import interpolate
 from hbm.spatial import Array
 from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.units import length_in_m
-from pipeline.trial.ground.calibration_recording import read_empty
+from pipeline.trial.ground.calibration_recording import FILTER, read_empty
 
 MODEL_RATE_HZ: Final = 100.0
 """The belt model's rate: belts accelerate below 10 Hz."""
-FILTER: Final[Method] = "zero_phase"
-"""A delay of the prediction would leave an artefact where the belt accelerates."""
 FILTER_EDGE_S: Final = 0.5
 """Left out at both ends of the calibration, where the low-pass has no neighbours."""
 

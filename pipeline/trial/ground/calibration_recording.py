@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from compensation import Calibration, Setup, fit_inertia, from_json
+from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
 from pipeline.config.schema import Treadmill
 from pipeline.io.input_file import read_text
@@ -18,6 +19,8 @@ from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.trial.ground.accelerometers import accelerations
 
+FILTER: Final[Method] = "zero_phase"
+"""A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
 AXES_BY_VERTICAL: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
 """One choice with each of the file's axes as the vertical one."""
 MIN_COSINE_LEVEL: Final = 0.7
@@ -191,4 +194,6 @@ def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
 def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
     """Give how a recording's plates and accelerometers were recorded and are to be filtered."""
     rate = float(1 / np.median(np.diff(recording.plates[0].time)))
-    return Setup(tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz)
+    return Setup(
+        tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz, filter_method=FILTER
+    )

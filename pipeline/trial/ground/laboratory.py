@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compensation import BeltModel, Calibration, InertiaModel
-from pipeline.config.schema import Platform, Treadmill
+from hbm.signals.filtering import Method
+from pipeline.config.schema import Platform, Settings, Treadmill
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.calibration_recording import read_calibration, setup_of
+from pipeline.trial.ground.calibration_recording import FILTER, read_calibration, setup_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +26,15 @@ class Laboratory:
     treadmill: Treadmill
     calibration: Calibration | None = None
     belts: tuple[BeltModel, ...] = ()
+
+    def filters(self, settings: Settings) -> tuple[tuple[Method, float], ...]:
+        """Give method and cut-off [Hz] of every low-pass between a recording and its residuals."""
+        found = [(settings.filter, settings.cutoff_hz)]
+        if self.calibration is not None:
+            found.append((FILTER, self.treadmill.cutoff_hz))
+        if self.treadmill.belt is not None:
+            found.append((FILTER, self.treadmill.belt.cutoff_hz))
+        return tuple(found)
 
 
 def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaModel]:

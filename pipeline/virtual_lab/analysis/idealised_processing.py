@@ -16,6 +16,7 @@ from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
+from pipeline.virtual_lab.machine.instruments.force_plate import misplaced
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME, delayed
 from pipeline.virtual_lab.machine.treadmill import TreadmillMotion
 from pipeline.virtual_lab.person.walk import Walk
@@ -155,10 +156,10 @@ def _without_treadmill(
         acceleration = resample(clock, _accelerations(treadmill, recording), time)
         own = [m.compensate(acceleration, wrench) for m, wrench in zip(models, own, strict=True)]
     elif case.removal == "known":
-        for k, (plate, true) in enumerate(
-            zip(recording.plates, treadmill_wrenches(treadmill.machine, motion), strict=True)
-        ):
-            late = delayed(true, case.faults.plates.delay_s, plate.time)
+        faults = case.faults.plates
+        known = treadmill_wrenches(treadmill.machine, motion)
+        for k, plate in enumerate(recording.plates):
+            late = misplaced(delayed(known[k], faults.delays_s[k], plate.time), faults)
             own[k] -= resample(plate.time, shift_wrench(late, plate.center), time)
     return [
         transform_wrench(wrench, plate.rotation, plate.center)

@@ -40,12 +40,14 @@ def posture(phase: Array, extent: Array, slope: Array, standing: Array) -> Array
         Coordinates, (T, 46) [rad and m]. The pelvis moves about its place in standing.
     """
     change = np.zeros((len(phase), len(standing)))
+    polynomials = _polynomials(slope)
+    bases = {side: _basis(phase + (0.5 if side == "L" else 0.0)) for side in " RL"}
     for name, (about_standing, _) in _table().items():
         if name in _FEET:
             continue
         for side in "RL" if name.startswith("R") else " ":
             i = INDEX[name if side == " " else side + name[1:]]
-            value = _evaluate(name, phase + (0.5 if side == "L" else 0.0), slope)
+            value = _evaluate(name, bases[side], polynomials)
             if not TREE[i].translates:
                 value = np.radians(value)
             from_standing = about_standing or name in ("PelvisX", "PelvisY")
@@ -63,22 +65,28 @@ def size_of(standing: Array) -> float:
 
 def foot_angles(phase: Array) -> tuple[Array, Array]:
     """Give a foot's pitch (down) and progression (inwards) over its gait cycle, (T,) each [rad]."""
-    level = np.zeros_like(phase)
-    pitch, progression = (np.radians(_evaluate(name, phase, level)) for name in _FEET[:2])
+    basis, level = _basis(phase), _polynomials(np.zeros_like(phase))
+    pitch, progression = (np.radians(_evaluate(name, basis, level)) for name in _FEET[:2])
     return pitch, progression
 
 
 def foothold(slope: Array) -> Array:
     """Give how far ahead of the pelvis' mean place the ankle is at initial contact, (T,) [m]."""
-    return _evaluate("foothold", np.zeros_like(slope), slope)
+    return _evaluate("foothold", _basis(np.zeros_like(slope)), _polynomials(slope))
 
 
-def _evaluate(name: str, phase: Array, slope: Array) -> Array:
-    _, coefficients = _table()[name]
-    angle = 2 * np.pi * np.outer(phase, np.arange(coefficients.shape[1]))
-    cosines, sines = np.moveaxis(coefficients, 2, 0)
-    by_slope = np.cos(angle) @ cosines.T + np.sin(angle) @ sines.T
-    return np.asarray(np.sum(by_slope * _polynomials(slope), axis=1))
+def _basis(phase: Array) -> tuple[Array, Array]:
+    """Give the cosines and sines of all harmonics, (T, K) each."""
+    harmonics = next(iter(_table().values()))[1].shape[1]
+    angle = 2 * np.pi * np.outer(phase, np.arange(harmonics))
+    return np.cos(angle), np.sin(angle)
+
+
+def _evaluate(name: str, basis: tuple[Array, Array], polynomials: Array) -> Array:
+    """Evaluate a coordinate at phases and slopes, given what is common to all coordinates, (T,)."""
+    (cosines, sines), (cosine, sine) = np.moveaxis(_table()[name][1], 2, 0), basis
+    by_slope = cosine @ cosines.T + sine @ sines.T
+    return np.asarray(np.sum(by_slope * polynomials, axis=1))
 
 
 def _polynomials(slope: Array) -> Array:

@@ -1,14 +1,22 @@
-"""The ground reaction of a walk: under each foot, and on each plate."""
+"""The ground reaction of a walk: under each foot, when it begins and ends, and on each plate."""
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
 from hbm.spatial import Array, transform_wrench
+from pipeline.io.recording import Event
 from pipeline.virtual_lab.person.balance import pressure_on_platform
 from pipeline.virtual_lab.person.dynamics import ground_wrench
 from pipeline.virtual_lab.person.sole import SIDES
 from pipeline.virtual_lab.person.walk import Walk
+
+CONTACT_N: Final = 20.0
+"""Vertical force at which a foot strikes, and at which it leaves the ground: the definition."""
+EVENT_RATE_HZ: Final = 1000.0
+EVENT_CHUNK_S: Final = 60.0
+"""How finely the force is evaluated, and how much of it at a time, to bound memory."""
 
 
 def foot_wrenches(walk: Walk, time: Array, jobs: int = 1) -> dict[str, Array]:
@@ -70,6 +78,33 @@ def foot_wrenches(walk: Walk, time: Array, jobs: int = 1) -> dict[str, Array]:
     left[share == 0] = 0.0
     in_lab = transform_wrench(left, pose.rotation, pose.position)
     return {"left": in_lab, "right": total - in_lab}
+
+
+def foot_events(walk: Walk, duration_s: float) -> tuple[Event, ...]:
+    """Give when each foot really strikes and leaves the ground.
+
+    Parameters
+    ----------
+    walk
+        The walk.
+    duration_s
+        Of the trial [s].
+
+    Returns
+    -------
+    tuple of Event
+        In order of time: where the vertical force on a foot passes `CONTACT_N`, to 0.1 ms.
+    """
+    events = []
+    for start in np.arange(0.0, duration_s, EVENT_CHUNK_S):
+        stop = min(start + EVENT_CHUNK_S, duration_s)
+        time = np.linspace(start, stop, round((stop - start) * EVENT_RATE_HZ) + 1)
+        for side, wrench in foot_wrenches(walk, time).items():
+            above = wrench[:, 2] - CONTACT_N
+            for k in np.flatnonzero((above[:-1] > 0) != (above[1:] > 0)):
+                at = time[k] + (time[k + 1] - time[k]) * above[k] / (above[k] - above[k + 1])
+                events.append(Event(float(at), "foot_off" if above[k] > 0 else "foot_strike", side))
+    return tuple(sorted(events, key=lambda event: event.time))
 
 
 def plate_wrenches(walk: Walk, feet: Mapping[str, Array], time: Array) -> list[Array]:

@@ -9,9 +9,9 @@ import numpy as np
 from hbm.markers import Markers
 from hbm.poses import marker_positions
 from hbm.spatial import Array, shift_wrench
-from pipeline.io.recording import Analog, Event, Metadata, Plate, Recording
+from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.units import acceleration_in_mps2
-from pipeline.virtual_lab.faults import CameraFaults, Faults
+from pipeline.virtual_lab.faults import CameraFaults, Faults, PlatformFaults
 from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
 from pipeline.virtual_lab.machine.instruments.accelerometer import (
     Accelerometer,
@@ -23,6 +23,7 @@ from pipeline.virtual_lab.machine.instruments.force_plate import (
     PLATE_CENTERS_M,
     ForcePlate,
     make_force_plate,
+    misplaced,
     recorded_plate,
 )
 from pipeline.virtual_lab.machine.instruments.sampling import (
@@ -136,7 +137,7 @@ def record(
     -------
     Recording
         Markers of person and platform at 100 Hz; plates, accelerometers, belt speeds, platform
-        channels and pulses at 1000 Hz.
+        channels and pulses at 1000 Hz. No gait events: finding them is part of the processing.
     """
     frames = motion.time[::SAMPLES_PER_FRAME]
     plates = _plates(treadmill, motion, walk, rng)
@@ -145,7 +146,6 @@ def record(
         markers=_markers(treadmill, motion, walk, frames, rng),
         plates=plates,
         analog=_analog(treadmill, motion, rng),
-        events=_events(walk, frames[-1]) if walk else (),
         metadata=_metadata(walk) if walk else Metadata(),
     )
 
@@ -156,17 +156,20 @@ def _plates(
     walk: Walk | None,
     rng: np.random.Generator,
 ) -> tuple[Plate, ...]:
-    delay_s, time = treadmill.faults.plates.delay_s, motion.time
-    wrenches = [delayed(w, delay_s, time) for w in treadmill_wrenches(treadmill.machine, motion)]
+    faults, time = treadmill.faults.plates, motion.time
+    own = treadmill_wrenches(treadmill.machine, motion)
+    wrenches = [delayed(w, late, time) for w, late in zip(own, faults.delays_s, strict=True)]
     if walk is not None:
         for start in range(0, len(time), CHUNK_SAMPLES):
             part = slice(start, start + CHUNK_SAMPLES)
-            sampled = np.maximum(time[part] - delay_s, 0.0)
-            loads = plate_wrenches(walk, foot_wrenches(walk, sampled), sampled)
-            for wrench, load in zip(wrenches, loads, strict=True):
-                wrench[part] += load
+            for delay_s in set(faults.delays_s):
+                sampled = np.maximum(time[part] - delay_s, 0.0)
+                loads = plate_wrenches(walk, foot_wrenches(walk, sampled), sampled)
+                for wrench, load, late in zip(wrenches, loads, faults.delays_s, strict=True):
+                    if late == delay_s:
+                        wrench[part] += load
     measured = [
-        plate.measure(wrench, time, rng)
+        plate.measure(misplaced(wrench, faults), time, rng)
         for plate, wrench in zip(treadmill.plates, wrenches, strict=True)
     ]
     return tuple(
@@ -206,6 +209,14 @@ def _markers(
     )
 
 
+def _pose_delay(faults: PlatformFaults, rng: np.random.Generator) -> float:
+    """Draw how late the platform's channels are in one recording [s]."""
+    if faults.replay_frames == 0:
+        return faults.delay_s
+    frames = rng.integers(-faults.replay_frames, faults.replay_frames, endpoint=True)
+    return faults.delay_s + float(frames) / FRAME_HZ
+
+
 def _analog(
     treadmill: InstrumentedTreadmill, motion: TreadmillMotion, rng: np.random.Generator
 ) -> Analog:
@@ -223,7 +234,9 @@ def _analog(
         names.append(channel)
         units.append("m/s")
     sway_mm, pitch_deg = 1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])
-    columns.append(delayed(np.column_stack([sway_mm, pitch_deg]), faults.platform.delay_s, time))
+    columns.append(
+        delayed(np.column_stack([sway_mm, pitch_deg]), _pose_delay(faults.platform, rng), time)
+    )
     pulse = PULSE_NOISE_V * rng.normal(size=len(time))
     for onset in motion.onsets:
         pulse[(time >= onset) & (time < onset + PULSE_S)] += PULSE_V
@@ -231,16 +244,6 @@ def _analog(
     names += [SWAY_CHANNEL, PITCH_CHANNEL, PULSE_CHANNEL]
     units += ["mm", "deg", "V"]
     return Analog(time, tuple(names), tuple(units), np.hstack(columns))
-
-
-def _events(walk: Walk, end: float) -> tuple[Event, ...]:
-    steps, events = walk.placement.steps, []
-    for k in range(1, len(steps.contact)):
-        side = steps.side(k)
-        for time, label in ((steps.contact[k], "foot_strike"), (steps.off[k], "foot_off")):
-            if time <= end:
-                events.append(Event(float(time), label, side))
-    return tuple(sorted(events, key=lambda event: event.time))
 
 
 def _metadata(walk: Walk) -> Metadata:

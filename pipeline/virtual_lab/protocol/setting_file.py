@@ -1,12 +1,48 @@
-"""The setting of a virtual laboratory in TOML: reading, checking, writing."""
+"""The setting of a virtual laboratory in TOML: finding, reading, checking, writing."""
 
-from typing import Any
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
 
 from pydantic import BaseModel, ValidationError
 
 from hbm.toml_text import parse_toml
 from pipeline.config.validation import describe_faults
+from pipeline.io.input_file import read_text
 from pipeline.virtual_lab.protocol.walking_protocol import Setting
+
+SHIPPED: Final = ("thesis",)
+"""Names of the settings beside this module: what a thesis states of its laboratory."""
+
+
+def find_setting(name: Path) -> Setting:
+    """Read a setting from a file, or a shipped one by its name.
+
+    Parameters
+    ----------
+    name
+        A file or, where there is no such file, one of `SHIPPED`.
+
+    Returns
+    -------
+    Setting
+        Checked.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is neither.
+    ValueError
+        As `read_setting`.
+
+    Examples
+    --------
+    >>> find_setting(Path("thesis")).faults.platform.delay_s
+    0.03
+    """
+    if name.exists() or str(name) not in SHIPPED:
+        return read_setting(read_text(name))
+    return read_setting((files(__package__) / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def read_setting(text: str) -> Setting:

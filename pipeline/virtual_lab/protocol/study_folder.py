@@ -30,10 +30,11 @@ def study_files(setting: Setting) -> tuple[str, ...]:
     )
 
 
-def trial_names(person: Person, condition: ConditionName) -> tuple[str, str]:
-    """Name the files of one trial: the recording, and the table of what really happened."""
+def trial_names(person: Person, condition: ConditionName) -> tuple[str, str, str]:
+    """Name the files of one trial: the recording, what really happened, and its gait events."""
     recording = recording_name(person, condition)
-    return recording, Path(SIMULATED).with_name(recording).with_suffix(".parquet").as_posix()
+    truth = Path(SIMULATED).with_name(recording).with_suffix(".parquet")
+    return recording, truth.as_posix(), truth.with_name(f"{truth.stem}_events.csv").as_posix()
 
 
 def missing_files(folder: Path, setting: Setting) -> tuple[str, ...]:

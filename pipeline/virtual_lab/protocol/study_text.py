@@ -70,6 +70,7 @@ def _condition_toml(name: ConditionName, protocol: Protocol) -> str:
 [conditions.sway]
 perturbed = true  # only the gait cycles with a perturbation
 pulse_channel = "{PULSE_CHANNEL}"  # rises at its onset
+window = "motion"  # of them, the time during which the platform moves
 """
     return f"""\
 [conditions.{name}]
@@ -93,7 +94,7 @@ name = "virtual laboratory"
 
 [settings]
 cutoff_hz = {CUTOFF_HZ:g}  # of the Butterworth filter, on coordinates and forces alike
-filter = "zero_phase"
+filter = "{protocol.filter}"
 marker_set = "{protocol.marker_set}"
 
 [treadmill]

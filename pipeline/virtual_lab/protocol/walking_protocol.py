@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from compensation.signals.protocol import DURATIONS_S, PLATFORM_KINDS
+from hbm.signals.filtering import Method
 from hbm.spatial import Array
 from pipeline.config.schema import InputModel
 from pipeline.virtual_lab.faults import Faults
@@ -77,7 +78,8 @@ class Protocol(InputModel):
     The belts start after ``standing_s`` of T-pose and lowering the arms and reach their speed
     within ``starting_s``; durations of the conditions count from then. ``calibration`` is one of
     the signals of `compensation.signals.protocol`, with the belts at 0 or 3 m/s. ``pose`` is
-    whether the study takes the platform's pose from its markers or from its channels.
+    whether the study takes the platform's pose from its markers or from its channels, ``filter``
+    how it filters.
     ``individuality`` and ``variability`` scale the differences between people and between a
     person's steps.
     """
@@ -93,6 +95,7 @@ class Protocol(InputModel):
     waits_s: Annotated[tuple[Wait, ...], Field(strict=False)] = WAITS_S
     marker_set: Literal["hbm2", "hbm1"] = "hbm2"
     pose: Literal["markers", "channels"] = "markers"
+    filter: Method = "zero_phase"
     calibration: CalibrationSignal = "square_sway_300s_3mps"
     individuality: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
     variability: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
@@ -116,8 +119,9 @@ class Protocol(InputModel):
 SHORT: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
 """Shorter trials of three subjects: enough of every condition to compare instruments."""
 
-DEMO: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 14.0, 12.0, 13.0))
-"""Enough of every condition for statistics, in less than two minutes on two cores."""
+DEMO: Final = Protocol(baseline_s=30.0, pitch_s=33.0, waits_s=(12.0, 12.0, 12.0, 12.0))
+"""All subjects, whom the statistics need, in a minute on two cores: two perturbations to each side,
+and one period of the pitch sine after the start of the belts."""
 
 
 class Setting(InputModel):

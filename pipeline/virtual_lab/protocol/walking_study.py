@@ -13,12 +13,12 @@ from hbm.spatial import Array, shift_wrench
 from pipeline.config.study import SIMULATED
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
-from pipeline.io.write import remove_leftovers, whole_file, write_text
+from pipeline.io.write import remove_leftovers, whole_file, write_csv, write_text
 from pipeline.run.processes import in_processes
 from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
 from pipeline.virtual_lab.machine.instruments.sampling import SAMPLES_PER_FRAME
 from pipeline.virtual_lab.machine.treadmill import Machine
-from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
+from pipeline.virtual_lab.person.ground_reaction import foot_events, foot_wrenches
 from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol.study_folder import missing_files, study_files, trial_names
 from pipeline.virtual_lab.protocol.study_text import CALIBRATION, study_texts
@@ -49,7 +49,8 @@ def simulate_study(
     ----------
     out
         Folder to write: ``study.toml``, one TOML and C3D files per subject, ``calibration.c3d`` of
-        the empty treadmill, and in ``truth`` the setting and one Parquet file per trial.
+        the empty treadmill, and in ``truth`` the setting and per trial what really happened, frame
+        by frame as Parquet and its gait events as CSV.
     setting
         Protocol, faults and seed; by default the thesis' protocol and the default faults.
     progress
@@ -143,6 +144,25 @@ def truth_table(trial: WalkingTrial, machine: Machine) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
+def event_table(trial: WalkingTrial) -> pd.DataFrame:
+    """Give a trial's true gait events.
+
+    Parameters
+    ----------
+    trial
+        The trial.
+
+    Returns
+    -------
+    pd.DataFrame
+        ``time_s``, ``event`` ("foot_strike", "foot_off") and ``side``: where the vertical force on
+        a foot passes 20 N.
+    """
+    events = foot_events(trial.walk, float(trial.motion.time[-1]))
+    rows = [(event.time, event.label, event.side) for event in events]
+    return pd.DataFrame(rows, columns=["time_s", "event", "side"])
+
+
 def _named(prefix: str, wrench: Array) -> dict[str, Array]:
     return {f"{prefix}_{name}": wrench[:, k] for k, name in enumerate(WRENCH)}
 
@@ -159,10 +179,12 @@ def _write_trial(
     """Simulate one trial; write those of its files that are wanted."""
     treadmill = make_treadmill(setting.faults, setting.seed)
     trial = run_trial(setting, treadmill, study_subject(setting, number), number, condition)
-    recording, truth = trial_names(PERSONS[number], condition)
+    recording, truth, events = trial_names(PERSONS[number], condition)
     if recording in wanted:
         write_recording(folder / recording, trial.recording)
     if truth in wanted:
         with whole_file(folder / truth) as temporary:
             truth_table(trial, treadmill.machine).to_parquet(temporary, index=False)
+    if events in wanted:
+        write_csv(event_table(trial), folder / events)
     return recording

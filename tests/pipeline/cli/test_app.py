@@ -101,6 +101,7 @@ def refused(capsys, *arguments):
         ("still.c3d", ["--height-m", "178"], ["--height-m", "centimetres", "metres"]),
         ("still.c3d", ["--sex", "m"], ["--sex", "'male', 'female' or 'unspecified'"]),
         ("still.c3d", ["--filter", "butter"], ["--filter", "'realtime' or 'zero_phase'"]),
+        ("still.c3d", ["--events", "heel"], ["--events", "'zeni', 'plates' or 'auto'"]),
         ("still.c3d", ["--marker-set", "hbm3"], ["'hbm3'", "hbm2"]),
         ("still.c3d", ["--axes", "left,up"], ["--axes", "'left,up'", "three of"]),
         ("still.c3d", ["--static", "pose.c3d"], ["pose.c3d", "no such file"]),
@@ -437,7 +438,7 @@ def test_what_was_written_and_what_was_there_is_printed(simulated, capsys):
     assert main(["simulate", str(simulated), "--subjects", "3"]) == 0
     line = capsys.readouterr().out.splitlines()[-1]
     assert line.startswith(f"0 recordings and 0 other files written to {simulated} in ")
-    assert line.endswith(f"s, 24 were there already; next: hbm run {simulated}")
+    assert line.endswith(f"s, 33 were there already; next: hbm run {simulated}")
     assert {path: path.stat().st_mtime_ns for path in simulated.rglob("*")} == before
 
 

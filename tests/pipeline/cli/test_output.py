@@ -120,7 +120,7 @@ def test_without_standard_output_the_files_are_written(trial, tmp_path, closed):
         stdout=subprocess.DEVNULL, preexec_fn=close,
     )  # fmt: skip
     assert done.returncode == 0
-    assert len(list(tmp_path.iterdir())) == 4
+    assert len(list(tmp_path.iterdir())) == 5
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such pipes")
@@ -137,7 +137,7 @@ def test_a_pipe_that_nobody_reads_ends_the_command_without_a_word(arguments, tri
     assert done.stderr == b""
     assert done.returncode in (1, 141)
     if "--out" in arguments:
-        assert len(list(tmp_path.iterdir())) == 4, "files are written first"
+        assert len(list(tmp_path.iterdir())) == 5, "files are written first"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a device that is always full")

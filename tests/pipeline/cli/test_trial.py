@@ -42,13 +42,38 @@ def within_cycles(frames, summary):
 
 def test_the_table_is_the_rms_of_the_frames_within_gait_cycles(result):
     _, frames, summary, table = result
-    inside = frames[within_cycles(frames, summary)]
+    counts = frames[["valid.motion", "valid.plates", "valid.settled"]].all(axis=1)
+    inside = frames[within_cycles(frames, summary) & counts]
     assert len(inside) > 1000
     assert tuple(table["axis"]) == AXES
     for axis, rms, mean in table[["axis", "rms", "mean"]].itertuples(index=False):
         residual = inside[f"residual.measured.{axis}"]
         assert rms == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-5)
         assert mean == pytest.approx(residual.mean(), rel=1e-5)
+
+
+def test_every_gait_cycle_has_its_own_rows(result):
+    """Numbered from 1; only frames that count count."""
+    out, frames, summary, _ = result
+    table = pd.read_csv(out / "treadmill_events_cycles.csv")
+    assert table.columns.tolist() == [
+        *("subject", "condition", "compensated", "side", "cycle", "start_s", "stop_s"),
+        *("axis", "unit", "rms", "peak", "valid_share"),
+    ]
+    counts = frames[["valid.motion", "valid.plates", "valid.settled"]].all(axis=1)
+    for side, spans in summary.cycles.items():
+        own = table[(table["side"] == side) & (table["axis"] == "Fy")]
+        assert own["cycle"].tolist() == list(range(1, len(spans) + 1))
+        np.testing.assert_allclose(own[["start_s", "stop_s"]], spans, rtol=1e-5)
+        for (start, stop), row in zip(spans, own.itertuples(), strict=True):
+            inside = (frames["time_s"] >= start) & (frames["time_s"] < stop)
+            values = frames.loc[inside & counts, "residual.measured.Fy"]
+            assert row.rms == pytest.approx(np.sqrt(np.mean(values**2)), rel=1e-5)
+            assert row.peak == pytest.approx(values.abs().max(), rel=1e-5)
+            assert row.valid_share == pytest.approx(
+                (inside & counts).sum() / inside.sum(), rel=1e-5
+            )
+    assert 0.5 < table["valid_share"].min() < 1
 
 
 def test_percentages_are_of_body_weight_and_of_body_weight_times_stature(result):
@@ -79,6 +104,7 @@ def test_the_readme_shows_what_the_command_prints(result):
 def test_no_other_file_is_written(result):
     assert sorted(path.name for path in result[0].iterdir()) == [
         "treadmill_events.parquet",
+        "treadmill_events_cycles.csv",
         "treadmill_events_residuals.csv",
         "treadmill_events_residuals.png",
         "treadmill_events_residuals.svg",
@@ -92,6 +118,7 @@ def test_a_name_with_dots_keeps_all_of_it(real_trial, tmp_path):
     processed(trial, tmp_path / "out", "--mass-kg", "55.3")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "walk.1.parquet",
+        "walk.1_cycles.csv",
         "walk.1_residuals.csv",
         "walk.1_residuals.png",
         "walk.1_residuals.svg",

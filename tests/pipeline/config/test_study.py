@@ -334,8 +334,10 @@ def test_the_template_with_every_key_uncommented_is_valid(tmp_path):
         assert uncommented.count("#") < text.count("#")
         (tmp_path / name).write_text(uncommented, encoding="utf-8")
     faults = faults_of(tmp_path)
-    assert len(faults) == 9, faults
-    assert all(": no file '" in fault for fault in faults)
+    *files, groups = faults
+    assert len(files) == 9, faults
+    assert all(": no file '" in fault for fault in files)
+    assert "all subjects are in the group 'before surgery'" in groups  # there is one subject
 
 
 def keys_of(model):

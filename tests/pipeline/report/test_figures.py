@@ -15,6 +15,7 @@ from pipeline.report.figures import (
 )
 from pipeline.run.load import collect
 from pipeline.statistics.comparison import statistics
+from pipeline.statistics.design import EXPERIMENT_3
 from pipeline.trial.residuals import AXES
 from tests.pipeline.fake_results import SWAY, write_fake_results
 
@@ -34,7 +35,7 @@ def line(panel, label):
 
 
 def test_a_gait_cycle_is_the_mean_over_subjects_of_their_mean_cycles(results):
-    figure = gait_cycle_figure(results.cycles, "pitch")
+    figure = gait_cycle_figure(results.cycles, "pitch", EXPERIMENT_3)
     cells = results.cycles.query("condition == 'pitch' and compensated and axis == 'My'")
     by_subject = [
         own["value"].to_numpy().reshape(-1, 101).mean(0) for _, own in cells.groupby("subject")
@@ -48,12 +49,12 @@ def test_a_gait_cycle_is_the_mean_over_subjects_of_their_mean_cycles(results):
 
 def test_residuals_of_left_and_right_cycles_do_not_cancel(results):
     assert {"left", "right"} <= set(results.cycles.query("condition == 'sway'")["side"])
-    panel = gait_cycle_figure(results.cycles, "sway").axes[AXES.index("Fy")]
+    panel = gait_cycle_figure(results.cycles, "sway", EXPERIMENT_3).axes[AXES.index("Fy")]
     assert line(panel, "sway, no IC").get_ydata().max() == pytest.approx(SWAY[1], rel=0.15)
 
 
 def test_baseline_no_ic_and_ic_differ_in_colour_and_line_style(results):
-    figure = gait_cycle_figure(results.cycles, "sway")
+    figure = gait_cycle_figure(results.cycles, "sway", EXPERIMENT_3)
     drawn = {d.get_label(): d for d in figure.axes[0].get_lines()}
     labels = ("sway, no IC", "sway, IC", "baseline, no IC", "baseline, IC")
     assert set(labels) <= set(drawn)
@@ -65,7 +66,7 @@ def test_baseline_no_ic_and_ic_differ_in_colour_and_line_style(results):
 
 def test_the_band_of_a_single_subject_is_over_its_cycles(results):
     own = results.cycles[results.cycles["subject"] == "sub01"]
-    figure = gait_cycle_figure(own, "pitch")
+    figure = gait_cycle_figure(own, "pitch", EXPERIMENT_3)
     assert "gait cycles of one subject" in figure.get_suptitle()
     values = own.query("condition == 'pitch' and compensated and axis == 'Fx'")["value"]
     curves = values.to_numpy().reshape(-1, 101)
@@ -74,7 +75,7 @@ def test_the_band_of_a_single_subject_is_over_its_cycles(results):
 
 
 def test_marginal_means_have_confidence_intervals(results, tests):
-    panel = marginal_means_figure(results.residuals, tests).axes[AXES.index("Mz")]
+    panel = marginal_means_figure(results.residuals, tests, EXPERIMENT_3).axes[AXES.index("Mz")]
     rms = results.residuals.query("axis == 'Mz' and compensated and condition == 'sway'")["rms"]
     points, _, (bars,) = panel.containers[1]
     assert points.get_ydata()[1] == pytest.approx(rms.mean())
@@ -86,7 +87,7 @@ def test_marginal_means_have_confidence_intervals(results, tests):
 
 def test_marginal_means_are_over_the_same_subjects_in_all_cells(results, tests):
     incomplete = results.residuals.query("not (subject == 'sub03' and condition == 'sway')")
-    figure = marginal_means_figure(incomplete, tests)
+    figure = marginal_means_figure(incomplete, tests, EXPERIMENT_3)
     assert "2 subjects" in figure.get_suptitle()
     whole = incomplete.query("subject != 'sub03'")
     mean = whole.query("axis == 'Fx' and condition == 'baseline' and compensated")["rms"].mean()
@@ -96,7 +97,7 @@ def test_marginal_means_are_over_the_same_subjects_in_all_cells(results, tests):
 def test_single_cycles_follow_one_another_in_time(results):
     own = results.cycles[results.cycles["subject"] == "sub02"]
     spans = {c: trial.cycles for (s, c), trial in results.summaries.items() if s == "sub02"}
-    panel = raw_figure(own, spans, "Fy").axes[1]
+    panel = raw_figure(own, spans, "Fy", EXPERIMENT_3).axes[1]
     assert panel.get_title(loc="left") == "sway"
     peaks = line(panel, "no IC").get_ydata().reshape(-1, 101)
     signs = np.sign(peaks[np.arange(4), np.abs(peaks).argmax(axis=1)])
@@ -105,7 +106,7 @@ def test_single_cycles_follow_one_another_in_time(results):
 
 def test_every_axis_names_unit_and_direction(results, tests):
     directions = ("forward", "right", "up", "about forward", "about right", "about up")
-    for name, figure in study_figures(results, tests):
+    for name, figure in study_figures(results, tests, EXPERIMENT_3):
         texts = [figure.get_suptitle(), *(panel.get_title(loc="left") for panel in figure.axes)]
         for k, axis in enumerate(AXES):
             if not name.startswith("raw_") or name == f"raw_{axis}":
@@ -117,17 +118,17 @@ def test_every_axis_names_unit_and_direction(results, tests):
 
 
 def test_every_figure_of_the_thesis_has_its_counterpart(results, tests):
-    names = [name for name, _ in study_figures(results, tests)]
+    names = [name for name, _ in study_figures(results, tests, EXPERIMENT_3)]
     raw = [f"raw_{axis}" for axis in AXES]
     assert names == ["gait_cycle_sway", "gait_cycle_pitch", "marginal_means", *raw]
 
 
 def test_a_baseline_alone_has_a_figure_of_its_own():
-    assert drawn_conditions(pd.DataFrame({"condition": ["baseline"]})) == ["baseline"]
-    assert drawn_conditions(pd.DataFrame({"condition": ["b", "a"]})) == ["a", "b"]
+    assert drawn_conditions(pd.DataFrame({"condition": ["baseline"]}), EXPERIMENT_3) == ["baseline"]
+    assert drawn_conditions(pd.DataFrame({"condition": ["b", "a"]}), EXPERIMENT_3) == ["a", "b"]
 
 
 def test_names_are_text_not_formulas(results, tmp_path):
     renamed = results.cycles.replace({"condition": {"sway": "$\\frac"}})
-    save_figure(gait_cycle_figure(renamed, "$\\frac"), tmp_path / "odd")
+    save_figure(gait_cycle_figure(renamed, "$\\frac", EXPERIMENT_3), tmp_path / "odd")
     assert "$\\frac, IC" in (tmp_path / "odd.svg").read_text(encoding="utf-8")

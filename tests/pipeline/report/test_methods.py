@@ -13,13 +13,14 @@ from pipeline.report.methods import cited, methods
 from pipeline.report.references import bibtex, references
 from pipeline.run.load import collect
 from pipeline.statistics.comparison import statistics
+from pipeline.statistics.design import EXPERIMENT_3
 from tests.pipeline.fake_results import write_fake_results, write_fake_study
 
 
 def text_of(folder, study=None, **made):
     results = collect(write_fake_results(folder, cycles=2, **made))
     tests = statistics(results.residuals, results.subjects)
-    return " ".join(methods(results, tests, study)), results
+    return " ".join(methods(results, tests, EXPERIMENT_3, study)), results
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +66,7 @@ def test_levels_of_the_trunk_that_no_marker_showed_are_named(usual):
     )
     trial = replace(results.summaries[key], notes=(*results.summaries[key].notes, note))
     found = replace(results, summaries=results.summaries | {key: trial})
-    text = " ".join(methods(found, statistics(found.residuals, found.subjects), None))
+    text = " ".join(methods(found, statistics(found.residuals, found.subjects), EXPERIMENT_3, None))
     assert "followed from her mean proportions (xiphoid from the cervicale)" in text
 
 
@@ -77,7 +78,7 @@ def test_where_body_mass_came_from_is_told(usual):
     note = Note.of("mass_of_file", mass_kg=70.0, file="walk.c3d")
     trial = replace(results.summaries[key], notes=(note,))
     found = replace(results, summaries=results.summaries | {key: trial})
-    text = " ".join(methods(found, statistics(found.residuals, found.subjects), None))
+    text = " ".join(methods(found, statistics(found.residuals, found.subjects), EXPERIMENT_3, None))
     assert f"Body mass was {weighed}, or as stated in the recording; stature" in text
 
 
@@ -88,7 +89,7 @@ def test_segments_with_stated_inertial_parameters_are_named(usual):
     trial = replace(results.summaries[key], overridden_segments=known)
     found = replace(results, summaries=results.summaries | {key: trial})
     tests = statistics(found.residuals, found.subjects)
-    text = " ".join(methods(found, tests, None))
+    text = " ".join(methods(found, tests, EXPERIMENT_3, None))
     assert "stated values (sub01: left_shank and right_foot)" in text
 
 
@@ -97,7 +98,7 @@ def test_without_pinocchio_it_is_neither_named_nor_cited(usual):
     alone = EngineUsed("kernels", "casadi 3.7.2")
     trials = {key: replace(trial, engine=alone) for key, trial in results.summaries.items()}
     found = replace(results, summaries=trials)
-    text = " ".join(methods(found, statistics(found.residuals, found.subjects), None))
+    text = " ".join(methods(found, statistics(found.residuals, found.subjects), EXPERIMENT_3, None))
     assert "algorithm with equations generated with CasADi 3.7.2. " in text
     assert "Pinocchio" not in text
     assert "carpentier2019" not in cited(found)
@@ -111,7 +112,7 @@ def test_without_pinocchio_it_is_neither_named_nor_cited(usual):
         ({"marker_offset_m": 0.014}, "14 mm from the skin", " 9 mm"),
         ({"plate_delay_s": 0.004}, "a delay of 4 ms", "backward and forward"),
         ({"contact_threshold_n": 20}, r"threshold 20 N", "30 N"),
-        ({"min_valid_share": 0.8}, r"the plates carried less than 80 %", "50 %"),
+        ({"min_valid_share": 0.8}, r"of which less than 80 % remained", "50 %"),
     ],
 )
 def test_every_setting_changes_the_text(tmp_path, stated, expected, absent):
@@ -119,6 +120,26 @@ def test_every_setting_changes_the_text(tmp_path, stated, expected, absent):
     text, _ = text_of(tmp_path, subjects=1, conditions=("baseline",), settings=chosen)
     assert re.search(expected, text)
     assert absent not in text
+
+
+@pytest.mark.parametrize(
+    ("code", "expected", "cites_zeni"),
+    [
+        ("events_of_file", "those of the recordings", False),
+        ("events_from_markers", "detected from heel, toe and sacrum markers", True),
+        ("events_of_plates", "a plate that carries one foot alone passes 20 N", False),
+        ("events_uncalibrated", "the motion of the feet relative to the ground", True),
+    ],
+)
+def test_the_origin_of_the_gait_events_is_described_and_cited(tmp_path, code, expected, cites_zeni):
+    _, results = text_of(tmp_path, subjects=1)
+    note = Note.of(code, left=3, right=3)
+    summaries = {key: replace(each, notes=(note,)) for key, each in results.summaries.items()}
+    found = replace(results, summaries=summaries)
+    text = " ".join(methods(found, statistics(found.residuals, found.subjects), EXPERIMENT_3, None))
+    assert text.count("Gait events were") == 1
+    assert expected in text
+    assert ("zeni2008" in cited(found)) == cites_zeni
 
 
 def test_without_compensation_none_is_described(tmp_path):

@@ -14,7 +14,6 @@ from pipeline.report.write import write_report
 from pipeline.run import provenance
 from pipeline.run.store import write_trial
 from pipeline.trial.residuals import AXES
-from pipeline.trial.validity import Validity
 from tests.pipeline.fake_results import (
     fake_trial,
     standing,
@@ -89,7 +88,8 @@ def quick(monkeypatch):
 
 def test_every_result_file_is_written(folder):
     names = (
-        "report.html study.json residuals.csv cycles.parquet statistics.csv table_3.csv table_3.md"
+        "report.html study.json residuals.csv cycles.csv cycles.parquet statistics.csv table_3.csv "
+        "table_3.md plan.csv plan.md"
     )
     figures = [f"figures/{name}{suffix}" for name in FIGURES for suffix in (".png", ".svg")]
     for name in (*names.split(), *figures):
@@ -133,10 +133,31 @@ def test_links_have_targets_and_figures_have_descriptions(page):
 def test_the_verdict_comes_first_with_sizes_and_uncertainty(page):
     after = page.text.index("RMS residuals, mean ± SD")
     verdict = page.text[:after]
-    assert re.search(r"In sway, \d of 6 residuals are at baseline level with compensation", verdict)
+    assert re.search(r"In baseline, \d of 6 residuals are not increased with compensation", verdict)
+    assert verdict.count("4 subjects are a demonstration") == 1
     assert re.search(r"\d+\.\d → \d+\.\d N \(−\d\d %\)", verdict)
     assert re.search(r"from baseline [+−]\d+\.\d N \([+−]\d+ %\) CI [+−]\d+\.\d to", verdict)
-    assert any(sign in verdict for sign in ("✔ at baseline", "✖ above", "? inconclusive"))
+    assert any(sign in verdict for sign in ("✔ at baseline level", "✖ above", "? inconclusive"))
+
+
+def test_every_figure_says_what_it_shows_how_to_judge_it_and_what_to_do(page):
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page.source, re.DOTALL)
+    assert len(captions) == len(FIGURES)
+    for caption in captions:
+        leads = re.findall(r"<strong>(.+?):</strong> \w+", caption)
+        assert leads == ["What it shows", "How to read it", "What to do"]
+        assert "Good: " in caption
+        assert "Bad: " in caption
+
+
+def test_every_residual_has_its_tests_in_words_and_numbers(page, folder):
+    own = pd.read_csv(folder / "statistics.csv").query("test == 'RM-ANOVA' and axis == 'Mz'")
+    tests = page.text[page.text.index("Tests of every residual") :]
+    for row in own.itertuples():
+        assert f"{row.df1:g}, {row.df2:g}" in tests
+        assert f"{row.statistic:.2f}" in tests
+    assert "Wilcoxon asymptotic" in tests
+    assert "The thesis printed the asymptotic one" in tests
 
 
 def test_table_3_on_the_page_is_that_on_disk(page, folder):
@@ -191,7 +212,7 @@ def test_equal_results_give_an_equal_report(tmp_path, study, quick, monkeypatch)
         found = {path: path.read_bytes() for path in folder.glob("*.*")}
         assert before in ({}, found)
         before = found
-    assert len(before) == 7
+    assert len(before) == 10
 
 
 def test_markup_in_the_name_of_a_condition_is_shown_as_text(tmp_path, quick):
@@ -212,7 +233,7 @@ def test_markup_in_the_name_of_a_condition_is_shown_as_text(tmp_path, quick):
         ({"subjects": 2, "compensated": False}, "There is no compensation to assess"),
         (
             {"subjects": 2, "conditions": ("walking", "lateral")},
-            "the conditions of this study are lateral, walking. Their means are in the table below",
+            "the conditions are compared in the order lateral, walking, with lateral as reference",
         ),
         ({"subjects": 2, "conditions": ("baseline",)}, "6 of 6 residuals are not increased"),
         ({"subjects": 3, "without": {("sub01", "baseline")}}, "sub01 baseline missing"),
@@ -225,6 +246,49 @@ def test_incomplete_studies_are_reported_with_what_is_missing(tmp_path, quick, s
     assert found.open == []
     assert text in found.text
     assert "nan" not in re.sub(r"[a-z]+nan|nan[a-z]+", "", found.text.lower())
+
+
+def test_a_study_with_a_comparison_of_its_own_is_reported_by_it(tmp_path, quick):
+    """Other conditions, one of them left out, groups, another reference, margin and correction."""
+    names = {"baseline": "still", "sway": "tilt", "pitch": "shake"}
+    folder = write_fake_study(tmp_path / "study", subjects=6)
+    for number, path in enumerate(sorted(folder.glob("*.toml"))):
+        text = path.read_text(encoding="utf-8")
+        for old, new in names.items():
+            text = text.replace(f".{old}]", f".{new}]")
+        group = ("before", "after")[number % 2]
+        text = f'group = "{group}"\n{text}' if path.stem != "study" else f"{text}\n{COMPARISON}"
+        path.write_text(text, encoding="utf-8")
+    write_fake_results(tmp_path, subjects=6, conditions=("still", "tilt", "shake"), cycles=2)
+    found = Page(write_report(tmp_path, folder))
+    assert "Does compensation return each residual to the level of still?" in found.text
+    assert re.search(r"In shake, \d of 6 residuals are at the level of still", found.text)
+    assert "at most 10 % above the reference" in found.text
+    assert "No [comparison] is stated" not in found.text
+    assert "with group between subjects and compensation (no IC, IC) and motion" in found.text
+    assert "Holm-corrected for 3 planned pairs" in found.text
+    assert "The difference between IC and no IC depends on motion and group".lower() in (
+        found.text.lower()
+    )
+    tests = pd.read_csv(tmp_path / "statistics.csv")
+    assert {"mixed ANOVA", "mixed ANOVA with mass_kg"} <= set(tests["test"])
+    assert tests["note"].iloc[-1] == "conditions outside the design were not tested: tilt"
+    stated = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["comparison"]
+    assert (stated["reference"], stated["group"]) == ("still", "group")
+    table = (tmp_path / "table_3.md").read_text(encoding="utf-8")
+    assert table.startswith("| Residual | Motion | n | No IC | IC | IC − still (no IC) |")
+
+
+COMPARISON = """
+[comparison]
+factor = "motion"
+levels = ["shake", "still"]
+reference = "still"
+correction = "holm"
+covariates = ["mass_kg"]
+margin = 0.1
+group = "group"
+"""
 
 
 def write_standing(folder, number, condition, **made):
@@ -275,7 +339,7 @@ def test_a_trial_without_residuals_is_in_no_table_with_its_reason(tmp_path, quic
     result = fake_trial(3, "pitch", cycles=2)
     lost = replace(
         standing(result),
-        validity=Validity(result.validity.motion, ~result.validity.plates),
+        validity=replace(result.validity, plates=~result.validity.plates),
         notes=(Note.of("no_residuals", reason="the plates carry the subject in no frame"),),
     )
     write_trial(lost, "pitch", "key", tmp_path / "trials" / "sub03_pitch.parquet")

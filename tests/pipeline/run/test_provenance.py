@@ -167,3 +167,12 @@ def test_each_engine_is_named_once_with_the_largest_difference():
 def test_the_commit_is_that_of_the_sources():
     commit = git_commit()
     assert commit is None or re.fullmatch(r"[0-9a-f]{40}( with changes)?", commit)
+
+
+def test_what_is_compared_makes_no_trial_outdated(tmp_path):
+    folder = write_fake_study(tmp_path / "study", subjects=1)
+    before = trial_key(read_study(folder), "sub01", "sway")
+    path = folder / "study.toml"
+    text = f"{path.read_text(encoding='utf-8')}\n[comparison]\nmargin = 0.1\n"
+    path.write_text(text, encoding="utf-8")
+    assert trial_key(read_study(folder), "sub01", "sway") == before

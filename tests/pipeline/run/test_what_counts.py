@@ -239,3 +239,18 @@ def test_a_contact_that_cannot_be_is_refused_with_its_key(walker, study, capsys,
     folder = study(walker, trial=CONTACT.format(*contact))
     assert main(["check", str(folder)]) == 2
     assert "sub01.toml: trials.quiet.contacts" in capsys.readouterr().err
+
+
+def test_motion_without_a_platform_is_found_by_the_check_alone(walker, study, tmp_path):
+    folder = study(walker, 'perturbed = true\nwindow = "motion"\npulse_channel = "Pulse"')
+    faults, _ = checked_and_run(folder, tmp_path / "out")
+    assert sum('window = "motion" needs the platform\'s pose' in fault for fault in faults) == 1
+
+
+@pytest.mark.parametrize("window", ["[-1.0, 2.0]", "[2.0, 2.0]", '"motoin"', '["10 %", "120 %"]'])
+def test_a_window_that_cannot_be_is_one_line_with_its_key(walker, study, capsys, window):
+    folder = study(walker, f"perturbed = true\nwindow = {window}")
+    assert main(["check", str(folder)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("conditions.quiet.window") == 1
+    assert len(error.splitlines()) == 1

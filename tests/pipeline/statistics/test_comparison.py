@@ -4,6 +4,7 @@ import ast
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 
 from pipeline.statistics.comparison import statistics
+from pipeline.statistics.design import EXPERIMENT_3
 
 ROOT = Path(__file__).resolve().parents[3]
 FIXTURES = Path(__file__).parents[1] / "fixtures" / "statistics"
@@ -77,7 +79,7 @@ def test_sphericity_that_is_not_rejected_leaves_p_uncorrected_and_reports_the_co
 @pytest.mark.parametrize(
     ("effect", "key"),
     [
-        ("six cells", "friedman_cells"),
+        ("all cells", "friedman_cells"),
         ("condition, no IC", "friedman_no_ic"),
         ("condition, IC", "friedman_ic"),
     ],
@@ -86,7 +88,7 @@ def test_friedman_is_that_of_r_and_notes_that_it_does_not_separate_the_effects(t
     row, r = rows(table, "Friedman").loc[effect], ORACLE[key]
     own = row[["statistic", "df1", "p_corrected", "effect_size"]].astype(float)
     np.testing.assert_allclose(own, [r["chi2"], r["df"], r["p"], r["w"]], rtol=1e-9)
-    assert ("one-way" in row["note"]) == (effect == "six cells")
+    assert ("one-way" in row["note"]) == (effect == "all cells")
 
 
 def test_the_five_planned_pairs_have_bonferroni_and_holm_corrections(table):
@@ -172,7 +174,12 @@ def test_a_subject_without_a_covariate_is_named_in_that_model_only():
 
 def test_other_covariates_of_the_thesis_and_uncentred_ones_as_in_spss_are_available():
     subjects = SUBJECTS.assign(mass_kg=np.linspace(55, 95, 9))
-    found = statistics(long_table(), subjects, covariates=["height_m", "mass_kg"], centre=False)
+    found = statistics(
+        long_table(),
+        subjects,
+        replace(EXPERIMENT_3, covariates=("height_m", "mass_kg")),
+        centre=False,
+    )
     model = rows(found, "RM-ANOVA with height_m and mass_kg")
     assert (model.loc[["IC:height_m", "IC:mass_kg"], "df2"] == 6).all()
     assert model["note"].str.contains("not centred").all()
@@ -182,7 +189,9 @@ def test_a_covariate_that_does_not_vary_is_left_out_by_name():
     found = statistics(long_table(), SUBJECTS.assign(sex="female"))
     model = rows(found, "RM-ANOVA with height_m")
     assert model["note"].str.contains("sex left out: the same for all").all()
-    alone = statistics(long_table(), SUBJECTS.assign(sex="female"), covariates=["sex"])
+    alone = statistics(
+        long_table(), SUBJECTS.assign(sex="female"), replace(EXPERIMENT_3, covariates=("sex",))
+    )
     assert rows(alone, "RM-ANOVA with sex")["note"].str.startswith("not computed").all()
 
 
@@ -292,12 +301,10 @@ def test_pingouin_is_imported_only_by_statistics_and_only_when_needed():
     users = set()
     for path in (ROOT / "pipeline").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [alias.name for alias in getattr(node, "names", ())]
-            if isinstance(node, ast.Import | ast.ImportFrom) and "pingouin" in (
-                *names,
-                getattr(node, "module", None),
-            ):
-                users.add(path.name)
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                names = [alias.name for alias in node.names]
+                if "pingouin" in (*names, getattr(node, "module", None)):
+                    users.add(path.name)
     assert users == {"comparison.py"}
     code = "import sys, pipeline.statistics.comparison; sys.exit('pingouin' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from pipeline.statistics.comparison import statistics
-from pipeline.statistics.verdict import MARGIN, Verdict, headline, verdicts
+from pipeline.statistics.design import EXPERIMENT_3
+from pipeline.statistics.verdict import verdicts
 
 CONDITIONS = ("baseline", "sway", "pitch")
 
@@ -91,7 +92,7 @@ def test_the_interval_agrees_with_the_corrected_tests(excess, spread, n, seed):
     difference = cells["sway", True] - cells["baseline", False]
     p = stats.ttest_1samp(difference, 0).pvalue
     assert (verdict.low > 0 or verdict.high < 0) == (5 * p < 0.05)
-    margin = MARGIN * cells["baseline", False].mean()
+    margin = EXPERIMENT_3.margin * cells["baseline", False].mean()
     one_sided = stats.ttest_1samp(difference, margin, alternative="less").pvalue
     assert (verdict.answer == "at baseline") == (one_sided <= 0.05 / 5 / 2)
 
@@ -126,16 +127,3 @@ def test_only_subjects_with_both_cells_are_compared():
 )
 def test_missing_cells_give_no_verdict(cells):
     assert {v.answer for v in judge(residuals(cells))} == {"no data"}
-
-
-def test_the_headline_counts_the_residuals_at_baseline_and_names_the_others():
-    answers = dict(
-        zip(
-            ("Fx", "Fy", "Fz", "Mx"), ("at baseline", "above", "above", "inconclusive"), strict=True
-        )
-    )
-    found = [Verdict(axis, "N", "sway", answer, n=9) for axis, answer in answers.items()]
-    assert headline(found, "sway") == (
-        "In sway, 1 of 4 residuals are at baseline level with compensation; "
-        "Fy and Fz are above it; for Mx, the result is inconclusive with 9 subjects"
-    )

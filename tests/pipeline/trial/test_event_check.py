@@ -114,7 +114,7 @@ def test_plates_and_markers_of_a_walk_agree_on_its_events(walker):
         for plate in walker.plates
     }
     everywhere = np.ones(len(time), bool)
-    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"], everywhere)
+    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"], everywhere, "file")
     by_plates, by_markers = found.values()
     assert list(found) == ["the plates", "heel, toe and sacrum markers"]
     assert min(len(by_plates), len(by_markers)) > 20
@@ -127,7 +127,7 @@ def test_without_heel_toe_and_sacrum_only_the_plates_show_events(walker):
     feet = {f"{side}_foot": np.zeros((len(time), 6)) for side in ("left", "right")}
     unnamed = replace(walker.markers, names=tuple(f"M{k}" for k in range(46)))
     everywhere = np.ones(len(time), bool)
-    found = reference_events(feet, time, 30.0, unnamed, SETS["hbm2"], everywhere)
+    found = reference_events(feet, time, 30.0, unnamed, SETS["hbm2"], everywhere, "file")
     assert found == {"the plates": ()}
 
 
@@ -136,5 +136,22 @@ def test_plates_that_often_carry_nobody_are_no_reference_for_events(walker):
     time = walker.markers.time
     feet = {f"{side}_foot": np.zeros((len(time), 6)) for side in ("left", "right")}
     half = np.arange(len(time)) % 2 > 0
-    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"], half)
+    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"], half, "file")
     assert list(found) == ["heel, toe and sacrum markers"]
+
+
+@pytest.mark.parametrize(
+    ("method", "references"),
+    [
+        ("file", ["the plates", "heel, toe and sacrum markers"]),
+        ("zeni", ["the plates"]),
+        ("plates", ["heel, toe and sacrum markers"]),
+        ("auto", ["heel, toe and sacrum markers"]),
+    ],
+)
+def test_events_are_not_compared_with_what_they_were_found_from(walker, method, references):
+    time = walker.markers.time
+    feet = {f"{side}_foot": np.zeros((len(time), 6)) for side in ("left", "right")}
+    everywhere = np.ones(len(time), bool)
+    found = reference_events(feet, time, 30.0, walker.markers, SETS["hbm2"], everywhere, method)
+    assert list(found) == references

@@ -14,12 +14,12 @@ from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Event, Metadata
 from pipeline.trial import process
 from pipeline.trial.gait.cycles import cut_cycles
+from pipeline.trial.gait.events import event_times
 from pipeline.trial.ground.calibration_recording import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.residuals import residual_table
-from pipeline.trial.validity import Validity
 from pipeline.trial.weighing import body_mass
 from tests.pipeline import lab
 
@@ -172,11 +172,11 @@ def test_frames_without_accelerations_count_in_neither_variant(study, results):
     assert residual_table(result, "pitch")["rms"].notna().all()
     time, whole = result.motion.time, results["pitch"]
     near = (time > 7.85) & (time < 8.25)
-    assert not result.validity.plates[near].any()
+    assert not result.validity.counts[near].any()
     assert result.validity.motion[near].all()
     for variant in ("measured", "compensated"):
         difference = getattr(result, variant).residual - getattr(whole, variant).residual
-        assert np.abs(difference[result.validity.both]).max() < 1.0
+        assert np.abs(difference[result.validity.counts]).max() < 1.0
 
 
 def test_a_cycle_counts_only_where_all_of_its_motion_is_known(results):
@@ -191,7 +191,7 @@ def test_a_cycle_counts_only_where_all_of_its_motion_is_known(results):
     assert reasons == ()
     hole = validity.motion.copy()
     hole[np.searchsorted(time, 7.5)] = False
-    left, reasons = cut_cycles(events, time, Validity(hole, validity.plates), min_valid_share=0.5)
+    left, reasons = cut_cycles(events, time, replace(validity, motion=hole), min_valid_share=0.5)
     assert len(left["left"]) == len(whole["left"]) - 1
     assert {note.code for note in reasons} == {"cycle_unsolved"}
     assert str(reasons[0]).startswith("left gait cycle 7.10–8.20 s left out: it has frames without")
@@ -340,8 +340,23 @@ def test_an_excluded_trial_is_refused_with_its_reason(study):
         process_trial(changed, "sub01", "pitch")
 
 
-def test_events_are_compared_with_the_forces_under_the_feet(results):
-    notes = [n for n in results["baseline"].notes]
-    kinds = [n.values for n in notes if n.code == "event_agreement"]
+def test_events_that_plates_did_not_give_are_compared_with_the_forces_under_the_feet(walker):
+    result = process_recording(walker, PERSON, Settings(events="zeni"))
+    kinds = [note.values for note in result.notes if note.code == "event_agreement"]
     assert len(kinds) == 4
     assert max(abs(kind["mean_ms"]) for kind in kinds) < 60
+
+
+def test_a_moving_platform_changes_no_event_and_the_note_says_how_they_were_found(
+    results, standing_still
+):
+    """Of one walk, on plates that are compensated; the note counts the strikes of each foot."""
+    steady = [event for event in standing_still.events if event.time > 6]
+    for result in results.values():
+        (note,) = (n for n in result.notes if n.code == "events_calibrated")
+        for side in ("left", "right"):
+            assert note.values[side] == len(event_times(result.events, "foot_strike", side))
+        assert not any(n.code == "event_agreement" for n in result.notes)
+        for event, same in zip((e for e in result.events if e.time > 6), steady, strict=True):
+            assert (event.label, event.side) == (same.label, same.side)
+            assert abs(event.time - same.time) < 0.005

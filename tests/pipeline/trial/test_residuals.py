@@ -14,8 +14,8 @@ from pipeline.cli.trial import print_result
 from pipeline.report.trial_quality import trial_quality
 from pipeline.trial.residuals import (
     AXES,
+    counted,
     cycle_residuals,
-    in_window,
     marker_rows,
     reported,
     residual_table,
@@ -23,7 +23,6 @@ from pipeline.trial.residuals import (
     variants,
 )
 from pipeline.trial.summary import summarise
-from pipeline.trial.validity import Validity
 from pipeline.viewer.summary import trial_summary
 
 SPANS = np.array([[6.0, 7.0], [7.0, 8.5]])
@@ -74,7 +73,7 @@ def test_only_samples_in_window_count_and_overlapping_cycles_count_them_once(pro
     result = replace(
         result, cycles={"right": np.array([[6.0, 7.0]]), "left": np.array([[6.5, 8.0]])}
     )
-    assert np.count_nonzero(in_window(result)) == 200
+    assert np.count_nonzero(counted(result)) == 200
     np.testing.assert_allclose(residual_table(result, "pitch")["rms"], 2.0)
 
 
@@ -102,7 +101,7 @@ def test_where_nothing_counts_there_are_no_rows(processed):
 
 def masked(result, *, plates):
     """The trial with other frames in which the plates carry the subject."""
-    return replace(result, validity=Validity(result.validity.motion, plates))
+    return replace(result, validity=replace(result.validity, plates=plates))
 
 
 def test_frames_that_do_not_count_are_in_no_number(processed):
@@ -146,7 +145,7 @@ def test_hicks_limits_are_shares_of_the_peak_force_and_of_the_height_of_the_cent
     residual = np.tile([3.0, 4.0, 0, 0, 0, 2.0], (len(time_of(processed)), 1))
     result = with_residual(processed, residual)
     force, moment = threshold_rows(result)
-    inside = in_window(result)
+    inside = counted(result)
     ground = sum(result.ground["measured"].values())[inside, :3]
     peak = np.linalg.norm(ground, axis=1).max()
     height = center_of_mass(result.body, result.motion.q[inside])[:, 2].mean()

@@ -300,6 +300,18 @@ def test_frames_without_solution_hide_the_body_and_break_the_curves(broken):
     subprocess.run([viewer_binary(), "rrd", "verify", str(path)], check=True, timeout=60)
 
 
+def test_no_residual_is_shown_where_filters_have_not_settled(trial, tmp_path):
+    settled = np.ones(FRAMES, bool)
+    settled[:18] = settled[-18:] = False
+    result = replace(trial, validity=replace(trial.validity, settled=settled))
+    write_recording(result, tmp_path / "ends.rrd")
+    stored = Stored(tmp_path / "ends.rrd")
+    curve = np.array(stored.rows("residual/Fx", "scalars"))
+    np.testing.assert_array_equal(np.isfinite(curve).all(axis=1), settled)
+    arrows = np.array([len(row) for row in stored.rows("lab/residual/measured", "vectors")])
+    np.testing.assert_array_equal(arrows > 0, settled[::STEP])
+
+
 def test_mean_cycle_is_on_the_timeline_of_the_gait_cycle_alone(trial, tmp_path):
     path = tmp_path / "cycles.rrd"
     write_cycles(trial, path)

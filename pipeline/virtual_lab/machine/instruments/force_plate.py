@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array
+from hbm.spatial import Array, rotation_about, transform_wrench
 from pipeline.io.recording import Plate
 from pipeline.virtual_lab.faults import PlateFaults
 
@@ -92,6 +92,29 @@ def make_force_plate(faults: PlateFaults, rng: np.random.Generator) -> ForcePlat
         drift=faults.drift_n_per_min / 60 * rng.normal(size=6) * scale,
         noise=np.repeat([faults.force_noise_n, faults.moment_noise_nm], 3),
     )
+
+
+def misplaced(wrench: Array, faults: PlateFaults) -> Array:
+    """Give wrenches as plates see them that are not where the cameras' coordinates say.
+
+    Parameters
+    ----------
+    wrench
+        In the platform frame about its origin, (N, 6) [N, N·m].
+    faults
+        Rotation and offset from the cameras' to the plates' coordinates.
+
+    Returns
+    -------
+    Array
+        In the plates' frame about its origin, (N, 6) [N, N·m]: what a force plate reports as if it
+        were in the platform frame.
+    """
+    offset = np.array([faults.placement_forward_m, faults.placement_left_m, 0.0])
+    if faults.placement_deg == 0 and not offset.any():
+        return wrench
+    turned = rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(faults.placement_deg))
+    return transform_wrench(wrench, turned, offset)
 
 
 def recorded_plate(number: int, time: Array, wrench_in_plate: Array) -> Plate:

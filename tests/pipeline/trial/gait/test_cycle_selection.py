@@ -5,11 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from compensation import PlatformPose
 from hbm.markers import Markers
 from hbm.notes import Note
 from pipeline.config.schema import Condition
 from pipeline.io.recording import Analog, Recording
-from pipeline.trial.gait.cycle_selection import pulse_onsets, select_cycles, sway_onsets
+from pipeline.trial.gait.cycle_selection import select_cycles
+from pipeline.trial.gait.perturbations import motion_onsets, pulse_onsets
 from tests.pipeline.lab import swaying
 
 STRIDE_S = 1.1
@@ -148,7 +150,9 @@ def test_onsets_are_found_in_the_platforms_motion_too(noise_m):
     time = motion.time[::10]
     lateral = motion.sway[::10] + np.random.default_rng(0).normal(0, noise_m, len(time))
     lateral[3000:3010] = np.nan
-    found = sway_onsets(time, lateral)
+    position = np.outer(lateral, [0.0, 1.0, 0.0])
+    rotation = np.where(np.isfinite(lateral)[:, None, None], np.eye(3), np.nan)
+    found = motion_onsets(time, PlatformPose(rotation, position))
     assert len(found) == 3
     late = found - onsets
     assert (late > 0).all()

@@ -51,3 +51,37 @@ def test_late_instruments_record_what_was_there_before(perfect, instruments):
     recorded = record(treadmill, trial.motion, trial.walk, "x.c3d", np.random.default_rng(0))
     expected = channels(trial.recording)[10_000:20_000]
     np.testing.assert_allclose(channels(recorded)[10_030:20_030], expected, atol=1e-6)
+
+
+def test_each_plate_is_late_by_its_own_delay(perfect):
+    trial, _ = perfect("sway")
+    late = Faults.none().plates.model_copy(update={"delay_s": 0.004, "right_later_s": -0.002})
+    treadmill = make_treadmill(Faults.none().model_copy(update={"plates": late}), 1)
+    recorded = record(treadmill, trial.motion, trial.walk, "x.c3d", np.random.default_rng(0))
+    for now, before, samples in zip(recorded.plates, trial.recording.plates, (4, 2), strict=True):
+        expected = before.wrench_in_plate[10_000:20_000]
+        found = now.wrench_in_plate[10_000 + samples : 20_000 + samples]
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_a_replayed_platform_is_off_by_one_whole_number_of_frames_in_each_recording(perfect):
+    """Its channels alone: markers and plates are of the recording that is replayed."""
+    trial, _ = perfect("pitch")
+    replayed = Faults.none().platform.model_copy(update={"replay_frames": 2})
+    treadmill = make_treadmill(Faults.none().model_copy(update={"platform": replayed}), 1)
+    true, found = trial.recording.analog.channel("Platform.Pitch"), set()
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        recorded = record(treadmill, trial.motion, None, "x.c3d", rng)
+        channel = recorded.analog.channel("Platform.Pitch")[10_000:20_000]
+        errors = {
+            frames: np.abs(channel - true[10_000 - 10 * frames : 20_000 - 10 * frames]).max()
+            for frames in range(-3, 4)
+        }
+        frames = min(errors, key=errors.get)
+        assert errors[frames] < 1e-9
+        found.add(frames)
+        np.testing.assert_array_equal(
+            recorded.markers.position[:, 0], trial.recording.markers.position[:, -5]
+        )
+    assert found == {-2, -1, 0, 1, 2}

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill, record
-from pipeline.virtual_lab.protocol.setting_file import read_setting, setting_toml
+from pipeline.virtual_lab.protocol.setting_file import find_setting, read_setting, setting_toml
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 from tests.pipeline.virtual_lab.conftest import SHORT
@@ -23,6 +23,11 @@ SIZE = {
     "gaps_per_minute": 60.0,
     "platform.delay_s": 0.03,
     "pivot_error_m": 0.05,
+    "right_later_s": 0.01,
+    "placement_deg": 1.0,
+    "placement_forward_m": 0.01,
+    "placement_left_m": 0.01,
+    "replay_frames": 5,
 }
 
 
@@ -38,6 +43,32 @@ def test_the_example_of_the_documentation_is_a_setting():
     assert (setting.seed, setting.protocol.subjects, setting.protocol.pose) == (7, 3, "channels")
     assert setting.faults.accelerometers.sensors == 4
     assert setting.faults.platform.delay_s == 0.03
+
+
+def test_the_shipped_setting_has_the_faults_that_the_thesis_states_and_no_other():
+    found, default = find_setting(Path("thesis")), Setting()
+    plates, platform = found.faults.plates, found.faults.platform
+    assert plates.delays_s == (0.004, 0.002)
+    assert plates.placement_deg == 0.19
+    assert sorted(map(abs, (plates.placement_forward_m, plates.placement_left_m))) == [
+        0.0015,
+        0.0018,
+    ]
+    assert (platform.delay_s, platform.replay_frames) == (0.03, 2)
+    assert (found.protocol.filter, found.protocol.pose) == ("realtime", "channels")
+    stated = {"filter", "pose", "delay_s", "right_later_s", "replay_frames"}
+    stated |= {"placement_deg", "placement_forward_m", "placement_left_m"}
+    lines = [setting_toml(setting).splitlines() for setting in (found, default)]
+    changed = {new.split(" = ")[0] for new, old in zip(*lines, strict=True) if new != old}
+    assert changed == stated
+
+
+def test_a_file_is_read_even_where_a_shipped_setting_has_its_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("thesis").write_text("seed = 5")
+    assert find_setting(Path("thesis")) == Setting(seed=5)
+    with pytest.raises(FileNotFoundError):
+        find_setting(Path("dissertation"))
 
 
 def test_all_faults_can_be_switched_off_in_toml():

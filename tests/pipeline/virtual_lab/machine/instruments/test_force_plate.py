@@ -8,6 +8,7 @@ from pipeline.virtual_lab.machine.instruments.force_plate import (
     PLATE_CENTERS_M,
     ForcePlate,
     make_force_plate,
+    misplaced,
     recorded_plate,
 )
 
@@ -67,3 +68,14 @@ def test_the_plates_lie_side_by_side_with_a_common_edge():
     np.testing.assert_allclose([left.center, right.center], PLATE_CENTERS_M)
     assert left.corners[:, 1].min() == pytest.approx(right.corners[:, 1].max())
     assert left.center[1] > 0
+
+
+def test_a_misplaced_plate_sees_a_load_where_the_static_calibration_says():
+    """Plate coordinates are the cameras', turned and shifted; the force turns with them."""
+    faults = PlateFaults(placement_deg=30.0 / 4, placement_forward_m=0.02, placement_left_m=-0.01)
+    place, force = np.array([0.4, -0.3, 0.0]), np.array([20.0, -50.0, 700.0])
+    seen = misplaced(np.hstack([force, np.cross(place, force)])[None], faults)[0]
+    c, s = np.cos(np.radians(7.5)), np.sin(np.radians(7.5))
+    np.testing.assert_allclose(seen[:3], [c * 20 + s * 50, s * 20 - c * 50, 700])
+    expected = np.array([c * 0.4 + s * 0.3 + 0.02, s * 0.4 - c * 0.3 - 0.01, 0.0])
+    np.testing.assert_allclose(seen[3:], np.cross(expected, seen[:3]))

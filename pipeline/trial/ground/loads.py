@@ -1,0 +1,90 @@
+"""How heavily each plate is loaded, at the plates' own samples: what gait events are timed by."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from compensation import InertiaModel
+from hbm.signals.resampling import resample
+from hbm.spatial import Array, read_only
+from pipeline.io.recording import Recording
+from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.calibration_recording import setup_of
+from pipeline.trial.ground.laboratory import Laboratory, plate_models
+
+
+@dataclass(frozen=True, slots=True)
+class PlateLoad:
+    """The load on one plate.
+
+    Attributes
+    ----------
+    number
+        The plate's number in the file.
+    time
+        Of its samples, on the markers' clock, (N,) [s].
+    force
+        Normal to its surface, on the subject, (N,) [N]; NaN where unknown.
+    """
+
+    number: int
+    time: Array
+    force: Array
+
+    def __post_init__(self) -> None:
+        for name in ("time", "force"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        if self.time.shape != self.force.shape or self.time.ndim != 1:
+            raise ValueError(
+                f"plate {self.number}: force {self.force.shape} does not fit the times "
+                f"{self.time.shape}"
+            )
+
+
+def plate_loads(
+    recording: Recording, laboratory: Laboratory, plate_delay_s: float
+) -> tuple[PlateLoad, ...]:
+    """Give the load on every plate, without what the platform's motion adds where that is known.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    laboratory
+        The treadmill with its calibration, if any.
+    plate_delay_s
+        How much later the plates are than the markers [s].
+
+    Returns
+    -------
+    tuple of PlateLoad
+        The plates' samples stay unfiltered: a low-pass would begin contact early. The prediction
+        that is subtracted from them is of accelerations that pass the calibration's low-pass.
+        Accelerating belts add moments only.
+
+    Raises
+    ------
+    ValueError
+        If the calibration does not fit the trial, or a channel is missing.
+    """
+    plates, treadmill = recording.plates, laboratory.treadmill
+    forces = [plate.wrench_in_plate[:, :3] @ plate.rotation[2] for plate in plates]
+    if laboratory.calibration is not None:
+        clock, readings = accelerations(recording, treadmill)
+        readings = setup_of(recording, treadmill).low_pass(readings, clock)
+        models = plate_models(recording, laboratory)
+        for k, (plate, model) in enumerate(zip(plates, models, strict=True)):
+            felt = resample(clock, readings, plate.time + treadmill.accelerometer_delay_s)
+            forces[k] = forces[k] - _predicted(model, felt) @ plate.rotation[2]
+    return tuple(
+        PlateLoad(plate.number, plate.time - plate_delay_s, force)
+        for plate, force in zip(plates, forces, strict=True)
+    )
+
+
+def _predicted(model: InertiaModel, acceleration: Array) -> Array:
+    """Predict forces (N, 3) at the samples whose acceleration is known; the others are gaps."""
+    known = np.isfinite(acceleration).all(axis=1)
+    force = np.full((len(acceleration), 3), np.nan)
+    force[known] = model.predict(acceleration[known])[:, :3]
+    return force

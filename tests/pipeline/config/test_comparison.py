@@ -1,0 +1,140 @@
+"""What a study states of its comparison: read as a design, and every fault in one line."""
+
+import pytest
+
+from pipeline.config.comparison import study_design
+from pipeline.config.study import read_study
+from pipeline.config.validation import StudyFaults
+from pipeline.statistics.design import EXPERIMENT_3
+from tests.pipeline.fake_results import write_fake_study
+
+SHOES = """
+[conditions.own]
+[conditions.boots]
+[conditions.barefoot]
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Write a study of two subjects with a comparison; of shoes where ``conditions`` says so."""
+
+    def write(comparison="", conditions=None, groups=()):
+        folder = write_fake_study(tmp_path / "study", subjects=2)
+        path = folder / "study.toml"
+        text = path.read_text(encoding="utf-8")
+        if conditions is not None:
+            text = conditions
+            for subject in ("sub01", "sub02"):
+                trials = (folder / f"{subject}.toml").read_text(encoding="utf-8")
+                for old, new in zip(
+                    ("baseline", "sway", "pitch"), ("own", "boots", "barefoot"), strict=True
+                ):
+                    trials = trials.replace(f"[trials.{old}]", f"[trials.{new}]")
+                (folder / f"{subject}.toml").write_text(trials, encoding="utf-8")
+        path.write_text(f"{text}\n[comparison]\n{comparison}", encoding="utf-8")
+        for subject, group in groups:
+            person = folder / f"{subject}.toml"
+            person.write_text(f'group = "{group}"\n{person.read_text()}', encoding="utf-8")
+        return folder
+
+    return write
+
+
+def design(folder):
+    return study_design(read_study(folder).file)
+
+
+def test_a_study_of_experiment_3_has_its_design(tmp_path):
+    assert design(write_fake_study(tmp_path / "study", subjects=1)) == EXPERIMENT_3
+
+
+def test_an_empty_comparison_is_that_of_experiment_3_too(written):
+    assert design(written()) == EXPERIMENT_3
+
+
+def test_a_study_of_shoes_without_a_calibration_has_one_factor(written):
+    found = design(written('factor = "shoes"', SHOES))
+    assert (found.factors, found.reference) == (("shoes",), "own")
+    assert found.pairs == (("boots", "own"), ("barefoot", "own"))
+
+
+def test_everything_that_is_stated_is_in_the_design(written):
+    found = design(
+        written(
+            'levels = ["pitch", "sway"]\nreference = "sway"\ncorrection = "holm"\nmargin = 0.1\n'
+            'pairs = ["pitch IC - sway no IC"]\ncovariates = ["mass_kg"]\ngroup = "group"',
+            groups=(("sub01", "before"), ("sub02", "after")),
+        )
+    )
+    assert (found.conditions, found.reference) == (("pitch", "sway"), "sway")
+    assert found.pairs == (("pitch IC", "sway no IC"),)
+    assert (found.correction, found.margin, found.group) == ("holm", 0.1, "group")
+    assert found.covariates == ("mass_kg",)
+
+
+def test_a_group_by_sex_is_no_covariate(tmp_path, written):
+    folder = written('group = "sex"')
+    for subject, sex in (("sub01", "male"), ("sub02", "female")):
+        person = folder / f"{subject}.toml"
+        person.write_text(f'sex = "{sex}"\n{person.read_text()}', encoding="utf-8")
+    assert design(folder).covariates == ("height_m",)
+
+
+@pytest.mark.parametrize(
+    ("stated", "fault"),
+    [
+        (
+            'levels = ["baseline", "swya"]',
+            "comparison.levels: no condition 'swya', did you mean 'sway'?",
+        ),
+        ('levels = ["sway"]', "comparison.levels: tuple should have at least 2 items"),
+        ('levels = ["sway", "sway"]', "levels: sway is stated more than once"),
+        (
+            'levels = ["sway", "pitch"]\nreference = "baseline"',
+            "comparison.reference: 'baseline' is no level; there are sway, pitch",
+        ),
+        (
+            'pairs = ["sway IC - nothing"]',
+            "comparison.pairs: 'sway IC - nothing': no cell 'nothing'; there are baseline no IC",
+        ),
+        ('pairs = ["sway IC"]', "is not two cells, such as 'baseline IC - baseline no IC'"),
+        ('pairs = ["sway IC - sway IC"]', "is not two cells"),
+        ('covariates = ["height"]', "comparison.covariates.0: input should be 'height_m'"),
+        ('correction = "tukey"', "input should be 'bonferroni' or 'holm', got 'tukey'"),
+        ("margin = 20", "comparison.margin: input should be less than or equal to 1, got 20"),
+        ('group = "sex"\ncovariates = ["sex"]', "sex tells the groups apart already"),
+        ('factor = "IC"', "IC is the name of another factor"),
+        ('factor = "group"', "group is the name of another factor"),
+        ('lvels = ["sway"]', "comparison.lvels: unknown key, did you mean 'levels'?"),
+    ],
+)
+def test_a_fault_of_the_comparison_is_one_line(written, stated, fault):
+    with pytest.raises(StudyFaults) as found:
+        read_study(written(stated))
+    (line,) = found.value.faults
+    assert line.startswith("study.toml: comparison")
+    assert fault in line
+
+
+def test_a_condition_is_not_called_like_a_covariate(written):
+    with pytest.raises(StudyFaults, match=r"conditions\.sex: is what a subject's file states too"):
+        read_study(written(conditions=f"{SHOES}[conditions.sex]"))
+
+
+def test_every_subject_without_a_group_is_named(written):
+    with pytest.raises(StudyFaults) as found:
+        read_study(written('group = "group"', groups=(("sub01", "before"),)))
+    (line,) = found.value.faults
+    assert line.startswith("subject sub02: group: is missing; comparison.group in study.toml")
+
+
+def test_one_group_is_nothing_to_compare(written):
+    groups = (("sub01", "before"), ("sub02", "before"))
+    with pytest.raises(StudyFaults, match="all subjects are in the group 'before'"):
+        read_study(written('group = "group"', groups=groups))
+
+
+def test_a_group_that_nothing_compares_is_a_fault(written):
+    with pytest.raises(StudyFaults, match="subject sub01: group: has no effect unless comparison"):
+        read_study(written(groups=(("sub01", "before"),)))

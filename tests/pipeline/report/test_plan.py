@@ -1,0 +1,70 @@
+"""The plan: subjects needed, for every residual and condition, or one line."""
+
+import pandas as pd
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.report import write as report
+from pipeline.report.plan import plan_markdown, plan_table
+from pipeline.report.verdict import verdict_section
+from pipeline.statistics.design import EXPERIMENT_3
+from pipeline.statistics.verdict import Verdict
+from tests.pipeline.fake_results import write_fake_results
+
+
+def verdict(condition="sway", answer="inconclusive", **known):
+    usual = {"baseline": 40.0, "difference": 2.0, "sd": 5.0, "low": -4.0, "high": 9.0, "n": 9}
+    return Verdict("Fx", "N", condition, answer, **usual | {"needed": 12} | known)
+
+
+def test_every_comparison_has_its_number():
+    found = [
+        verdict(needed_as_observed=20),
+        verdict("pitch", difference=30.0),
+        verdict("baseline", needed=None),
+    ]
+    text = plan_markdown(found, EXPERIMENT_3)
+    assert "| Residual | baseline | sway | pitch |" in text
+    assert "| Fx | >1000 (>1000) | 12 (20) | 12 (–) |" in text
+    assert "at most 20 % above it, with\n80 % power at 95 % simultaneous confidence" in text
+    table = plan_table(found, EXPERIMENT_3).set_index("condition")
+    assert table.loc["sway", ["margin", "sd", "needed"]].tolist() == [8.0, 5.0, 12]
+    assert pd.isna(table.loc["pitch", "needed_as_observed"])
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_fewer_than_two_subjects_give_one_line(n):
+    text = plan_markdown([verdict(answer="no interval", n=n, needed=None)], EXPERIMENT_3)
+    assert text == (
+        "No plan: the variance between subjects needs at least 2 who have a condition and "
+        f"baseline no IC, got {n}.\n"
+    )
+
+
+def test_the_command_prints_the_plan_that_it_writes(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(report, "study_figures", lambda *args: iter(()))
+    monkeypatch.setattr(report, "write_page", lambda page: "")
+    write_fake_results(tmp_path, subjects=3, cycles=2)
+    assert main(["report", str(tmp_path), "--plan", "--covariate", "mass_kg"]) == 0
+    printed = capsys.readouterr().out
+    assert (tmp_path / "plan.md").read_text(encoding="utf-8") in printed
+    assert len(pd.read_csv(tmp_path / "plan.csv")) == 18
+    tests = set(pd.read_csv(tmp_path / "statistics.csv")["test"])
+    assert "RM-ANOVA with mass_kg" in tests
+    assert "RM-ANOVA with sex and height_m" not in tests
+
+
+def test_a_covariate_that_does_not_exist_is_refused_in_one_line(tmp_path, capsys):
+    write_fake_results(tmp_path, subjects=1, conditions=("baseline",), cycles=2)
+    assert main(["report", str(tmp_path), "--covariate", "height"]) == 2
+    error = capsys.readouterr().err
+    assert "--covariate height: no such covariate, did you mean 'height_m'?" in error
+    assert error.count("\n") == 1
+
+
+def test_the_page_asks_for_no_more_subjects_where_there_were_enough():
+    found = [verdict("sway", needed=20), verdict("pitch", needed=7)]
+    residuals = pd.DataFrame({"condition": ["sway", "pitch"], "compensated": True})
+    section = verdict_section(found, residuals, EXPERIMENT_3, stated=True)
+    lines = [cell.lines[-1] for row in section.rows for cell in row.cells]
+    assert lines == ["20 subjects needed", "7 would do if the difference were zero"]

@@ -1,0 +1,108 @@
+"""A study of which one condition counts a part of its gait cycles, and every table says so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.cli.results import print_study_residuals
+from pipeline.figures.residuals import mean_part, residual_figure
+from pipeline.report.figures import gait_cycle_figure
+from pipeline.report.windows import windows_sentence
+from pipeline.report.write import write_report
+from pipeline.run.load import collect
+from pipeline.run.store import write_trial
+from pipeline.statistics.design import EXPERIMENT_3
+from pipeline.trial.result import CyclePart
+from tests.pipeline.fake_results import CYCLE_S, fake_trial
+
+
+def with_part(result):
+    """The trial of which 20 to 50 % of every gait cycle count."""
+    spans = {
+        side: tuple((a + 0.2 * CYCLE_S, a + 0.5 * CYCLE_S) for a in own[:, 0])
+        for side, own in result.cycles.items()
+    }
+    return replace(result, part=CyclePart("motion", spans))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("windows")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipeline.report.write.save_figure", lambda figure, path: _save(path))
+        for number in (1, 2, 3):
+            for condition in ("baseline", "sway", "pitch"):
+                result = fake_trial(number, condition, cycles=4)
+                result = with_part(result) if condition == "sway" else result
+                path = out / "trials" / f"sub{number:02}_{condition}.parquet"
+                write_trial(result, condition, "key", path)
+        write_report(out)
+    return out
+
+
+def _save(path):
+    path.parent.mkdir(exist_ok=True)
+    for suffix in (".png", ".svg"):
+        path.with_suffix(suffix).write_bytes(b"")
+
+
+def test_both_windows_are_in_the_table_and_one_of_each_trial_is_the_headline(folder):
+    table = pd.read_csv(folder / "residuals.csv")
+    windows = table.groupby("condition")["window"].unique().map(set).to_dict()
+    assert windows == {"baseline": {"cycle"}, "pitch": {"cycle"}, "sway": {"motion", "cycle"}}
+    keys = ["subject", "condition", "compensated", "axis"]
+    headline = table[table["headline"]]
+    assert len(headline) == 3 * 3 * 2 * 6
+    assert not headline.duplicated(keys).any()
+    assert set(headline[headline["condition"] == "sway"]["window"]) == {"motion"}
+
+
+def test_tests_and_table_3_are_of_the_headline_and_say_of_what(folder):
+    table, shown = pd.read_csv(folder / "residuals.csv"), pd.read_csv(folder / "table_3.csv")
+    own = table.query("condition == 'sway' and axis == 'Fy' and not compensated")
+    (mean,) = shown.query("condition == 'sway' and axis == 'Fy'")["mean_no_ic"]
+    assert mean == pytest.approx(own[own["headline"]]["rms"].mean(), rel=1e-4)
+    assert mean > 1.2 * own[~own["headline"]]["rms"].mean()
+    for name in ("table_3.md", "report.html"):
+        text = (folder / name).read_text(encoding="utf-8")
+        assert "RMS over whole gait cycles (baseline, pitch) and the time from the onset" in text
+    assert "on average 20 to 50 % of the cycle" in (folder / "report.html").read_text("utf-8")
+
+
+def test_the_console_prints_the_headline_and_what_it_is_of(folder, capsys):
+    print_study_residuals(folder)
+    text = " ".join(capsys.readouterr().out.split())
+    assert "for which the platform moves fast (sway)." in text
+    table = pd.read_csv(folder / "residuals.csv").query(
+        "headline and condition == 'sway' and axis == 'Fy' and not compensated"
+    )
+    assert f"{table['rms'].mean():.1f} ± {table['rms'].std():.1f}" in text
+
+
+def test_the_part_that_counts_is_grey_in_every_panel(folder):
+    found = collect(folder)
+    grey = mean_part(t for t in found.summaries.values() if t.condition == "sway")
+    assert grey == pytest.approx((20, 50))
+    assert mean_part(t for t in found.summaries.values() if t.condition == "pitch") is None
+    study = gait_cycle_figure(found.cycles, "sway", EXPERIMENT_3, grey=grey)
+    trial = residual_figure(with_part(fake_trial(1, "sway", cycles=4)))
+    for panel in (*study.axes, *trial.axes):
+        (band,) = panel.patches
+        box = band.get_extents().transformed(panel.transData.inverted())
+        np.testing.assert_allclose([box.x0, box.x1], grey, atol=1e-6)
+    assert not gait_cycle_figure(found.cycles, "pitch", EXPERIMENT_3).axes[0].patches
+
+
+@pytest.mark.parametrize(
+    ("window", "words"),
+    [
+        ("0 to 0.5 s", "0 to 0.5 s after the onset of each perturbation (sway)."),
+        ("10 to 40 %", "10 to 40 % of the perturbed gait cycle (sway)."),
+        ("span", "spans of the recordings (sway)."),
+    ],
+)
+def test_every_window_has_its_words(window, words):
+    table = pd.DataFrame({"condition": ["sway"] * 2, "window": [window] * 2})
+    assert windows_sentence(table) == f"RMS over {words}"

@@ -1,0 +1,133 @@
+"""Events by the speed of the feet above the ground: the same on any ground that moves."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from compensation.platform.pose import PlatformPose
+from pipeline.trial.gait import foot_motion_events as module
+from pipeline.trial.gait.foot_motion_events import FootMotion, foot_motion, foot_motion_events
+
+TIME = np.arange(1200) / 100
+STRIDE_S, STANCE, SPEED_MPS = 1.1, 0.62, 1.3
+FIRST_S = {"left": 0.4, "right": 0.4 + STRIDE_S / 2}
+
+
+def place(first_s):
+    """Forward place of a foot on the ground: at rest in stance, a stride farther in each swing."""
+    phase = (TIME - first_s) / STRIDE_S
+    swing = np.clip((phase % 1 - STANCE) / (1 - STANCE), 0, 1)
+    smooth = swing**3 * (10 - 15 * swing + 6 * swing**2)
+    return SPEED_MPS * STRIDE_S * (np.floor(phase) + smooth)
+
+
+def walk(belt_mps=0.0, sides=("left", "right")):
+    """Walking over ground, or on a belt that carries the feet backwards."""
+    feet = np.column_stack([place(FIRST_S[side]) for side in sides])
+    moved = -belt_mps * TIME
+    pelvis = SPEED_MPS * TIME + 0.02 * np.sin(4 * np.pi * TIME / STRIDE_S)
+    forward = feet + moved[:, None]
+    return FootMotion(TIME, pelvis + moved, forward, forward + 0.15)
+
+
+def times(events, label, side="left"):
+    return np.array([e.time for e in events if (e.label, e.side) == (label, side)])
+
+
+def test_a_foot_strikes_when_it_comes_to_rest_and_leaves_when_it_begins_to_move():
+    events = foot_motion_events(walk())
+    for side, first_s in FIRST_S.items():
+        for label, at in (("foot_strike", first_s), ("foot_off", first_s + STANCE * STRIDE_S)):
+            true = at + STRIDE_S * np.arange(-2, 20)
+            own = times(events, label, side)
+            nearest = true[np.abs(own[:, None] - true).argmin(axis=1)]
+            assert len(own) >= 9
+            np.testing.assert_allclose(np.diff(nearest), STRIDE_S)
+            assert np.abs(own - nearest).max() < 0.08
+            assert np.std(own - nearest) < 0.005
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(-2, 3))
+def test_on_a_belt_of_any_speed_events_are_those_over_ground(belt_mps):
+    over_ground, on_belt = foot_motion_events(walk()), foot_motion_events(walk(belt_mps))
+    assert [(e.label, e.side) for e in on_belt] == [(e.label, e.side) for e in over_ground]
+    np.testing.assert_allclose([e.time for e in on_belt], [e.time for e in over_ground], atol=1e-6)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.floats(-100, 100))
+def test_events_move_with_the_clock(later):
+    motion = walk(SPEED_MPS)
+    moved = FootMotion(TIME + later, motion.pelvis, motion.ankles, motion.balls)
+    np.testing.assert_allclose(
+        [e.time - later for e in foot_motion_events(moved)],
+        [e.time for e in foot_motion_events(motion)],
+        atol=1e-6,
+    )
+
+
+def test_exchanged_feet_exchange_the_sides_of_their_events():
+    mirrored = foot_motion_events(walk(sides=("right", "left")))
+    other = {"left": "right", "right": "left"}
+    assert [(e.time, e.label, other[e.side]) for e in mirrored] == [
+        (e.time, e.label, e.side) for e in foot_motion_events(walk())
+    ]
+
+
+def test_who_stands_and_sways_has_no_events():
+    sway = 0.03 * np.sin(2 * np.pi * 0.4 * TIME)
+    still = np.zeros((len(TIME), 2))
+    assert foot_motion_events(FootMotion(TIME, sway, still, still + 0.15)) == ()
+
+
+def test_a_belt_that_starts_and_stops_under_a_walker_invents_no_event():
+    """The walker stands, and is carried with the belt, before the first and after the last step."""
+    motion, walking = walk(), (TIME > 4) & (TIME < 9)
+    first, last = np.flatnonzero(walking)[[0, -1]]
+    frame = np.clip(np.arange(len(TIME)), first, last)
+    belt = np.cumsum(SPEED_MPS * walking) / 100
+    held = [each[frame] for each in (motion.pelvis, motion.ankles, motion.balls)]
+    on_belt = [each - (belt if each.ndim == 1 else belt[:, None]) for each in held]
+    events = foot_motion_events(FootMotion(TIME, *on_belt))
+    regular = foot_motion_events(motion)
+    assert len(events) >= 12
+    for event in events:
+        same = [e.time for e in regular if (e.label, e.side) == (event.label, event.side)]
+        assert np.abs(np.array(same) - event.time).min() < 0.03
+
+
+@pytest.mark.parametrize("unknown", [("ankles",), ("balls",), ("pelvis", "ankles", "balls")])
+def test_in_a_gap_of_a_foot_it_has_no_strikes(unknown):
+    motion, gap = walk(SPEED_MPS), (TIME > 5) & (TIME < 7)
+    places = {name: getattr(motion, name).copy() for name in ("pelvis", "ankles", "balls")}
+    for name in unknown:
+        places[name][gap] = np.nan
+    events = foot_motion_events(FootMotion(TIME, **places))
+    strikes = np.concatenate([times(events, "foot_strike", side) for side in FIRST_S])
+    assert ("ankles" not in unknown) or not ((strikes > 5) & (strikes < 7)).any()
+    assert len(strikes) > 10
+
+
+def test_a_trial_that_is_too_short_for_the_filter_is_refused():
+    motion = walk()
+    part = FootMotion(TIME[:5], motion.pelvis[:5], motion.ankles[:5], motion.balls[:5])
+    with pytest.raises(ValueError, match="samples"):
+        foot_motion_events(part)
+
+
+def test_places_are_those_on_the_platform(monkeypatch):
+    """A body that is carried along by a platform does not move on it."""
+    rng = np.random.default_rng(0)
+    on_platform = rng.normal(size=(len(module.MOVING), 3))
+    tilt = Rotation.from_euler("y", 0.1 * np.sin(TIME)[:, None]).as_matrix()
+    shift = np.column_stack([0 * TIME, 0.05 * np.sin(2 * TIME), 0 * TIME])
+    in_lab = np.einsum("tij,kj->tki", tilt, on_platform) + shift[:, None]
+    monkeypatch.setattr(module, "segment_frames", lambda body, q: (None, in_lab))
+    motion = foot_motion(None, TIME, None, PlatformPose(tilt, shift))
+    for values in (motion.pelvis, motion.ankles, motion.balls):
+        assert np.ptp(values, axis=0).max() < 1e-12
+    still = foot_motion(None, TIME, None, None)
+    assert np.ptp(still.pelvis) > 0.001

@@ -1,0 +1,228 @@
+"""What counts in a perturbed trial: whole cycles, the platform's motion, or a stated part."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from compensation import PlatformPose
+from hbm.spatial import Array
+from pipeline.config.schema import Condition
+from pipeline.config.study import read_study
+from pipeline.figures.residuals import mean_part
+from pipeline.run.store import read_trial, write_trial
+from pipeline.trial.gait.perturbations import motion_onsets, motion_stops
+from pipeline.trial.process import process_trial
+from pipeline.trial.residuals import counted, residual_table, threshold_rows
+from pipeline.trial.window import perturbed_part
+from tests.pipeline import lab
+
+TIME = np.arange(4000) / 100
+ONSETS = np.array([10.11, 20.61, 30.2])
+CYCLES = {"right": np.array([[10.0, 11.1], [30.1, 31.2]]), "left": np.array([[20.5, 21.6]])}
+
+
+def pose(lateral: Array) -> PlatformPose:
+    position = np.column_stack([0 * lateral, lateral, 0 * lateral])
+    return PlatformPose(np.tile(np.eye(3), (len(lateral), 1, 1)), position)
+
+
+def swaying(onsets=ONSETS, duration_s=1 / 6):
+    """0.3 m/s to the left from each onset, and slowly back four seconds later."""
+    out = [
+        np.clip((TIME - t) / duration_s, 0, 1) - np.clip((TIME - t - 4) / 3, 0, 1) for t in onsets
+    ]
+    return pose(0.3 * duration_s * np.sum(out, axis=0))
+
+
+def part(window, *, cycles=CYCLES, onsets=ONSETS, platform=None):
+    condition = Condition(perturbed=True, window=window)
+    return perturbed_part(condition, cycles, onsets, time=TIME, pose=platform or swaying())
+
+
+def spans(found):
+    return {side: np.reshape(own, (-1, 2)) for side, own in found.spans.items()}
+
+
+def test_whole_cycles_count_unless_something_else_is_stated():
+    assert part(None) == part("cycle") == (None, ())
+
+
+def test_motion_is_from_each_onset_until_the_platform_is_slow_again():
+    found, notes = part("motion")
+    assert found.name == "motion"
+    assert notes == ()
+    for side, own in spans(found).items():
+        onsets = ONSETS[[1]] if side == "left" else ONSETS[[0, 2]]
+        np.testing.assert_array_equal(own[:, 0], onsets)
+        np.testing.assert_allclose(np.diff(own)[:, 0], 1 / 6, atol=0.025)
+
+
+@given(duration_s=st.floats(0.12, 0.8), direction=st.sampled_from([-1, 1]))
+def test_the_end_of_a_motion_is_found_whatever_its_length_and_direction(duration_s, direction):
+    platform = swaying(duration_s=duration_s)
+    mirrored = PlatformPose(platform.rotation, direction * platform.position)
+    stops = motion_stops(ONSETS, TIME, mirrored)
+    np.testing.assert_allclose(stops - ONSETS, duration_s, atol=0.03)
+
+
+def test_motion_forward_and_in_pitch_is_found_like_sway():
+    way = np.sum([np.clip((TIME - onset) / 0.25, 0, 1) for onset in ONSETS], axis=0)
+    level = np.tile(np.eye(3), (len(TIME), 1, 1))
+    forward = PlatformPose(level, 0.06 * np.outer(way, [1.0, 0.0, 0.0]))
+    pitching = PlatformPose(
+        Rotation.from_rotvec(np.radians(3.0) * np.outer(way, [0.0, 1.0, 0.0])).as_matrix(),
+        np.zeros((len(TIME), 3)),
+    )
+    for platform in (forward, pitching):
+        np.testing.assert_allclose(motion_onsets(TIME, platform), ONSETS, atol=0.1)
+        np.testing.assert_allclose(motion_stops(ONSETS, TIME, platform) - ONSETS, 0.25, atol=0.03)
+
+
+def test_a_slow_pitch_sine_is_no_perturbation():
+    pitch = np.radians(10.0) * np.sin(2 * np.pi * TIME / 30)
+    rotation = Rotation.from_rotvec(np.outer(pitch, [0.0, 1.0, 0.0])).as_matrix()
+    assert not len(motion_onsets(TIME, PlatformPose(rotation, np.zeros((len(TIME), 3)))))
+
+
+def test_motion_that_outlasts_its_cycle_counts_to_the_end_of_it():
+    found, notes = part("motion", platform=swaying(duration_s=1.5))
+    for side, own in spans(found).items():
+        np.testing.assert_array_equal(own[:, 1], CYCLES[side][:, 1])
+    assert [(n.code, n.values["count"]) for n in notes] == [("motion_beyond_cycle", 3)]
+
+
+def test_a_perturbation_without_motion_is_named_and_its_cycle_has_no_part():
+    found, notes = part("motion", platform=swaying(ONSETS[:2]))
+    assert [(n.code, n.values["onset_s"]) for n in notes] == [("perturbation_without_motion", 30.2)]
+    assert np.isnan(spans(found)["right"][1, 1])
+
+
+def test_seconds_are_after_each_onset_and_percents_of_each_cycle():
+    after, _ = part((0.2, 0.5))
+    assert after.name == "0.2 to 0.5 s"
+    np.testing.assert_allclose(spans(after)["left"], [[20.81, 21.11]])
+    share, _ = part(("10 %", "40%"))
+    assert share.name == "10 to 40 %"
+    np.testing.assert_allclose(spans(share)["right"], [[10.11, 10.44], [30.21, 30.54]])
+    np.testing.assert_allclose(share.percent(CYCLES), [[10, 40]] * 3)
+
+
+@pytest.mark.parametrize(
+    ("window", "changed", "message"),
+    [
+        ("motion", {"platform": pose(0 * TIME)}, "0.1 m/s after none of the 3 perturbations"),
+        (
+            (0.0, 1.2),
+            {},
+            "after the perturbation at 10.11 s ends beyond its gait cycle",
+        ),
+        (
+            (0.0, 1.05),
+            {"onsets": np.array([10.0, 11.04, 20.61, 30.2])},
+            "at 10.00 s reaches into the next one at 11.04 s",
+        ),
+    ],
+)
+def test_a_part_that_cannot_be_is_refused_in_one_line(window, changed, message):
+    with pytest.raises(ValueError, match=message):
+        part(window, **changed)
+
+
+def test_motion_of_a_platform_whose_pose_is_unknown_is_refused():
+    condition = Condition(perturbed=True, window="motion")
+    with pytest.raises(ValueError, match=r'"motion" needs the platform.s pose; state its markers'):
+        perturbed_part(condition, CYCLES, ONSETS, time=TIME, pose=None)
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"window": "motion"}, "state perturbed = true, or another window"),
+        ({"window": ["10 %", "40 %"]}, "state perturbed = true, or another window"),
+        ({"window": [-0.1, 0.5], "perturbed": True}, "must not begin before zero"),
+        ({"window": [0.5, 0.5], "perturbed": True}, "start < stop"),
+        ({"window": ["10 %", "140 %"], "perturbed": True}, "ends beyond 100 % of the gait cycle"),
+        ({"window": ["10 %", 40], "perturbed": True}, 'must be "cycle", "motion", "recording"'),
+        ({"window": "recording", "perturbed": True}, "which this window replaces"),
+    ],
+)
+def test_what_the_text_alone_shows_to_be_wrong_is_refused_in_one_line(stated, message):
+    with pytest.raises(ValueError, match=message) as raised:
+        Condition(**stated)
+    assert len(raised.value.errors()) == 1
+
+
+@pytest.fixture(scope="module")
+def sway(moving_study):
+    """The swaying trial of the small study, by window; processed once."""
+    study = read_study(moving_study)
+    rule = study.condition("sway").model_copy(update={"window": "motion"})
+    file = study.file.model_copy(update={"conditions": study.file.conditions | {"sway": rule}})
+    motion = process_trial(replace(study, file=file), "sub01", "sway")
+    rule = Condition(perturbed=True, window=(0.0, 0.2))
+    stated, _ = perturbed_part(
+        rule, motion.cycles, motion.onsets, time=motion.motion.time, pose=motion.platform
+    )
+    return {
+        None: replace(motion, part=None),
+        "motion": motion,
+        "stated": replace(motion, part=stated),
+    }
+
+
+def test_both_windows_are_reported_and_the_stated_one_is_the_headline(sway):
+    whole = residual_table(sway[None], "sway")
+    both = residual_table(sway["motion"], "sway")
+    assert set(whole["window"]) == {"cycle"}
+    assert whole["headline"].all()
+    assert list(dict.fromkeys(both["window"])) == ["motion", "cycle"]
+    assert (both["headline"] == (both["window"] == "motion")).all()
+    again = both[~both["headline"]].drop(columns="headline").reset_index(drop=True)
+    pd.testing.assert_frame_equal(again, whole.drop(columns="headline"))
+
+
+def test_while_the_platform_moves_the_uncompensated_residual_is_far_above_that_of_the_cycle(sway):
+    """What accelerates the belts' assemblies lasts as long as the motion does."""
+    table = residual_table(sway["motion"], "sway").set_index(["window", "compensated", "axis"])
+    rms = table["rms"]
+    assert rms["motion", False, "Fy"] > 1.5 * rms["cycle", False, "Fy"]
+    assert rms["motion", True, "Fy"] < 0.05 * rms["motion", False, "Fy"]
+    assert (table["n_cycles"] == 2).all()
+    result = sway["motion"]
+    inside = np.zeros(len(result.motion.time), bool)
+    for onset in lab.SWAYS_S:
+        since = result.motion.time - onset
+        inside |= (since > 0.005) & (since < 0.25)
+    assert counted(result)[inside].all()
+    assert np.count_nonzero(counted(result)) < 2 * 35
+    peaks = {row.peak for row in threshold_rows(result) if not row.compensated}
+    assert peaks <= {row.peak for row in threshold_rows(sway[None]) if not row.compensated}
+
+
+def test_the_rms_of_cycles_is_that_of_the_part(sway):
+    """Parts of equal length weigh as much as their samples do."""
+    table = residual_table(sway["stated"], "sway")
+    part = table[table["headline"] & ~table["compensated"]]
+    np.testing.assert_allclose(part["rms_of_cycles"], part["rms"], rtol=0.1)
+    assert set(part["window"]) == {"0 to 0.2 s"}
+
+
+def test_the_part_is_where_the_perturbation_is_in_the_cycle(sway):
+    start, stop = mean_part([sway["motion"]])
+    assert 0 <= start < stop <= 100
+    assert 20 < stop - start < 35
+    assert mean_part([sway[None]]) is None
+
+
+def test_the_part_is_stored_with_the_trial(sway, tmp_path):
+    summary = write_trial(sway["motion"], "sway", "", tmp_path / "sway.parquet")
+    back = read_trial(tmp_path / "sway.parquet")
+    assert back.part == sway["motion"].part == summary.part
+    pd.testing.assert_frame_equal(
+        residual_table(back, "sway"), residual_table(sway["motion"], "sway")
+    )

@@ -1,0 +1,180 @@
+"""Ends of a recording and gaps reach no number: what lies where filters have not settled is out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hbm.markers import Markers
+from pipeline.config.schema import Belt, Settings, Subject, Treadmill
+from pipeline.config.study import read_study
+from pipeline.io.recording import Event
+from pipeline.run.store import write_trial
+from pipeline.trial.gait.cycles import cut_cycles
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import counted, residual_rows, threshold_rows
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from pipeline.trial.validity import Validity, settled_frames, settling_s
+from tests.pipeline import lab
+from tests.pipeline.settling import LIMIT, cycle_change
+
+PERSON = Subject(sex="male", mass_kg=74.6)
+METHODS = ("zero_phase", "realtime")
+
+
+@pytest.fixture(scope="module", params=METHODS)
+def whole(request, walker):
+    return process_recording(walker, PERSON, Settings(filter=request.param), static=walker)
+
+
+def again(recording, whole, static):
+    """Another recording of the same walk, processed in the same way."""
+    return process_recording(recording, PERSON, whole.settings, static=static)
+
+
+def test_cropping_a_trial_at_heel_strikes_changes_no_cycle(walker, whole):
+    """Its first and last cycles begin and end with the crop, and count where they are settled."""
+    count, stated = 0, replace(walker, events=whole.events)
+    for first, part in lab.cropped_at_strikes(stated, whole.events, count=4):
+        result = again(part, whole, walker)
+        change = cycle_change(result, whole, first)
+        count += len(change)
+        assert (change < LIMIT).all()
+        ends = result.measured.residual[[0, -1]]
+        before = whole.measured.residual[[first, first + len(part.markers.time) - 1]]
+        assert np.abs(ends - before).max() > 20
+        assert sum(map(len, result.cycles.values())) == result.found_cycles
+    assert count >= 12
+
+
+@pytest.mark.parametrize("condition", ["sway", "pitch"])
+def test_cropping_a_compensated_trial_changes_no_cycle(moving_study, condition):
+    """Accelerometers and plates pass a filter of 20 Hz before; it settles sooner."""
+    study = read_study(moving_study)
+    trial = read_study_file(study, f"sub01_{condition}.c3d")
+    person, settings = study.subject("sub01").person, study.file.settings
+    laboratory = read_study_laboratory(study)
+    whole = process_recording(trial, person, settings, laboratory=laboratory)
+    for last in (880, 925):
+        part = lab.cropped(trial, 0, last)
+        result = process_recording(part, person, settings, laboratory=laboratory)
+        assert (cycle_change(result, whole, 0) < LIMIT).all()
+        difference = result.compensated.residual - whole.compensated.residual[: last + 1]
+        assert np.abs(difference[result.validity.counts]).max() < 1
+        assert np.abs(difference[-1]).max() > 20
+
+
+def test_cropping_a_trial_at_heel_strikes_changes_no_verdict(walker, whole):
+    passed = [row.passed for row in threshold_rows(whole)]
+    for _, part in lab.cropped_at_strikes(walker, whole.events, count=2):
+        assert [row.passed for row in threshold_rows(again(part, whole, walker))] == passed
+
+
+def test_no_stored_frame_that_counts_has_an_unsettled_filter(walker, whole, tmp_path):
+    first, part = next(lab.cropped_at_strikes(walker, whole.events, count=1))
+    result = again(part, whole, walker)
+    write_trial(result, "level", "", tmp_path / "level.parquet")
+    frames = pd.read_parquet(tmp_path / "level.parquet")
+    counts = frames[["valid.motion", "valid.plates", "valid.settled"]].all(axis=1).to_numpy()
+    after_s, before_s = settling_s([(whole.settings.filter, 6.0)])
+    time = frames["time_s"]
+    assert not counts[(time < after_s) | (time > time.iloc[-1] - before_s)].any()
+    same = whole.measured.residual[first : first + len(time)]
+    assert np.abs(result.measured.residual - same)[counts].max() < 1.0
+    assert frames.loc[~frames["valid.settled"], "tau.measured.LKneeFlexion"].isna().all()
+
+
+def without_markers(recording, start_s, stop_s):
+    position, time = recording.markers.position.copy(), recording.markers.time
+    position[(time >= start_s) & (time < stop_s)] = np.nan
+    return replace(recording, markers=Markers(time, recording.markers.names, position))
+
+
+def peaks(result, spans):
+    """Largest residuals of each cycle, (C, 6), over the frames that count."""
+    time, counts = result.motion.time, result.validity.counts
+    found = [
+        np.abs(result.measured.residual[counts & (time >= start) & (time < stop)]).max(axis=0)
+        for start, stop in spans
+    ]
+    return np.array(found)
+
+
+def test_a_gap_of_50_ms_of_all_markers_raises_no_peak_of_the_cycles_beside_it(walker, whole):
+    """The cycle with the gap is left out; a causal filter carries it only to the one after it."""
+    causal = whole.settings.filter == "realtime"
+    gap_s = whole.cycles["right"][2, 0] + (-0.06 if causal else 0.01)
+    stated = replace(walker, events=whole.events)
+    result = again(without_markers(stated, gap_s, gap_s + 0.05), whole, walker)
+    spans = result.cycles["right"]
+    assert len(spans) == len(whole.cycles["right"]) - 1
+    assert (peaks(result, spans) - peaks(whole, spans) < LIMIT).all()
+    unmasked = replace(
+        result, validity=replace(result.validity, settled=np.ones(len(walker.markers.time), bool))
+    )
+    assert (peaks(unmasked, spans) - peaks(whole, spans)).max() > 50
+    codes = [note.code for note in result.notes]
+    assert codes.count("cycle_unsolved") == 2
+
+
+def test_a_gap_of_a_plate_raises_no_peak_of_the_cycle(walker, whole):
+    middle_s = float(np.mean(whole.cycles["right"][1]))
+    plates = []
+    for plate in walker.plates:
+        wrench = plate.wrench_in_plate.copy()
+        wrench[(plate.time > middle_s) & (plate.time < middle_s + 0.05)] = np.nan
+        plates.append(replace(plate, wrench_in_plate=wrench))
+    result = again(replace(walker, plates=tuple(plates)), whole, walker)
+    spans = whole.cycles["right"]
+    assert len(result.cycles["right"]) == len(spans)
+    assert (peaks(result, spans) - peaks(whole, spans) < LIMIT).all()
+    near = (result.motion.time > middle_s) & (result.motion.time < middle_s + 0.2)
+    assert not result.validity.counts[near].any()
+
+
+@pytest.mark.parametrize(("last_s", "left"), [(2.6, 2), (2.4, 1), (1.4, 0)])
+def test_a_cycle_with_too_little_left_is_left_out_by_name(last_s, left):
+    """Cycles of 1 s from 1 and 2 s on, of which frames up to some time are settled."""
+    time = np.arange(310) / 100
+    events = [Event(t, "foot_strike", "left") for t in (1.0, 2.0, 3.0)]
+    yes = np.ones(len(time), bool)
+    cycles, notes = cut_cycles(events, time, Validity(yes, yes, time < last_s), 0.5)
+    assert len(cycles["left"]) == left
+    assert [note.code for note in notes] == ["cycle_unsettled"] * (2 - left)
+
+
+def test_cycles_without_a_frame_that_counts_are_not_counted(whole):
+    nothing = whole.validity.settled.copy()
+    start, stop = whole.cycles["right"][0]
+    nothing[(whole.motion.time >= start) & (whole.motion.time < stop)] = False
+    result = replace(
+        whole,
+        cycles={"right": whole.cycles["right"]},
+        validity=replace(whole.validity, settled=nothing),
+    )
+    assert {row.n_cycles for row in residual_rows(result, "level")} == {
+        len(whole.cycles["right"]) - 1
+    }
+    assert not counted(result)[(whole.motion.time >= start) & (whole.motion.time < stop)].any()
+
+
+def test_filters_that_follow_one_another_settle_as_the_slowest_of_them():
+    belt = Belt(calibration="belts.c3d", speed_channels=("Speed",), cutoff_hz=4.0)
+    laboratory = Laboratory(Treadmill(belt=belt))
+    assert settling_s(laboratory.filters(Settings())) == (0.25, 0.25)
+    assert settling_s(laboratory.filters(Settings(filter="realtime"))) == (0.25, 0.25)
+    still = Laboratory(Treadmill())
+    assert settling_s(still.filters(Settings(filter="realtime", cutoff_hz=5.0))) == (0.3, 0.0)
+
+
+@pytest.mark.parametrize(("after_s", "before_s"), [(0.0, 0.0), (0.05, 0.0), (0.05, 0.05)])
+def test_a_stretch_settles_after_its_start_and_until_before_its_end(after_s, before_s):
+    time = np.arange(100) / 100
+    known = (time < 0.395) | (time > 0.435)
+    settled = settled_frames(known, time, (after_s, before_s))
+    expected = np.zeros(100, bool)
+    for start, stop in ((0, 39), (44, 99)):
+        expected |= (time > start / 100 + after_s - 1e-6) & (time < stop / 100 - before_s + 1e-6)
+    np.testing.assert_array_equal(settled, expected)

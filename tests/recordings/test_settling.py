@@ -1,0 +1,42 @@
+"""Cropping real recordings at heel strikes changes no gait cycle that is left."""
+
+import numpy as np
+import pytest
+
+from pipeline.config.schema import Settings, Subject
+from pipeline.io.c3d.read import read_c3d
+from pipeline.trial.process import process_recording
+from tests.pipeline import lab
+from tests.pipeline.settling import LIMIT, cycle_change
+
+
+@pytest.mark.parametrize("method", ["zero_phase", "realtime"])
+def test_cropping_treadmill_walking_at_heel_strikes_changes_no_cycle(shared_data, method):
+    """What is left at the ends differs by up to 100 N, and does not count."""
+    recording = read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+    woman, settings = Subject(sex="female", mass_kg=55.3), Settings(filter=method)
+    whole = process_recording(recording, woman, settings)
+    cycles = 0
+    for first, part in lab.cropped_at_strikes(recording, recording.events, count=4):
+        result = process_recording(part, woman, settings, static=recording)
+        change = cycle_change(result, whole, first)
+        cycles += len(change)
+        assert (change < LIMIT).all()
+        kept = slice(first, first + len(part.markers.time))
+        difference = np.abs(result.measured.residual - whole.measured.residual[kept])
+        assert difference.max() > 20
+        assert difference[result.validity.counts].max() < 1
+    assert cycles >= 40
+
+
+def test_cropping_a_descent_of_steps_changes_no_cycle_that_is_left(shared_data):
+    """Three gait cycles over plates: none is left out for being near an end."""
+    folder = shared_data / "plug_in_gait"
+    trial, static = (read_c3d(folder / f"{name}_trial.c3d") for name in ("Movement", "Static"))
+    whole = process_recording(trial, Subject(), Settings(), static=static)
+    assert sum(map(len, whole.cycles.values())) == 3
+    frames = len(trial.markers.time)
+    for first, last in ((0, frames - 20), (20, frames - 1)):
+        part = lab.cropped(trial, first, last)
+        result = process_recording(part, Subject(), Settings(), static=static)
+        assert (cycle_change(result, whole, first) < LIMIT).all()
