@@ -1,8 +1,10 @@
 """The delay of a plate behind the cameras, from impacts of a hammer that carries a marker."""
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from compensation.alignment.delay import Delay
@@ -15,8 +17,23 @@ SD_PER_MAD: Final = 1.4826
 """Standard deviation of normal noise per median absolute deviation, which impacts do not move."""
 MIN_IMPACTS: Final = 3
 """For a standard error from their scatter."""
-SAMPLES_OF_A_LINE: Final = 3
-"""Marker samples on either side of the lowest: 30 ms at 100 Hz, in which speed hardly changes."""
+QUIET_S: Final = 0.01
+"""Without force, for a contact to have ended."""
+APART_S: Final = 0.2
+"""After all other force, for an impact to count: what follows sooner is a bounce."""
+LONGEST_S: Final = 0.05
+"""Of a contact: a longer force is not an impact but a plate that rings, or a load."""
+FLIGHT_S: Final = 0.06
+"""Of the marker's path before and after a contact that is used."""
+MARGIN_S: Final = 0.001
+"""Between a contact and the marker samples beside it, for the error of the delay so far."""
+MIN_SAMPLES: Final = 4
+"""Of the marker on either side: one more than a parabola has coefficients."""
+REPETITIONS: Final = 4
+"""Of the estimate, each with the delay of the one before to tell which samples are in contact."""
+
+NEWTON_STEPS: Final = 4
+"""To where two parabolas meet that are nearly straight."""
 
 
 def hammer_delay(
@@ -45,7 +62,7 @@ def hammer_delay(
     -------
     Delay
         Mean over impacts, positive where the plate is later; its standard error from their
-        scatter.
+        scatter, and from what is unknown of the hand's push within a contact.
 
     Raises
     ------
@@ -54,42 +71,58 @@ def hammer_delay(
 
     Notes
     -----
-    The force begins where it first leaves the baseline by five standard deviations (van de
-    Loosdrecht 2018, II.A.3): halfway between the last sample within and the first beyond, since
-    the force of an impact rises within less than a sample. Baseline and deviation are the median
-    and 1.4826 times the median absolute deviation, which impacts do not move. The marker reverses
-    where the lines through three samples on its way down and three on its way up meet.
+    In a contact, the hammer's momentum changes by the impulse of the force. The paths of the marker
+    before and after it, extended into it, therefore meet at the centroid in time of that force,
+    t* = ∫ t F dt / ∫ F dt, whatever the shape and duration of the contact and however much the
+    hammer bounces. The delay is the difference of the two instants. The paths are parabolas through
+    60 ms on either side, without samples within a contact; hand and gravity accelerate the hammer
+    evenly. When within a contact their acceleration changes from the one to the other is unknown;
+    the standard error holds for any instant.
 
-    Deviations from the original: both instants to a fraction of a sample; the original takes the
-    lowest and the first sample.
+    The force of an impact is summed from where it first leaves the baseline by five standard
+    deviations (van de Loosdrecht 2018, II.A.3) until it is quiet for 10 ms. Baseline and deviation
+    are the median and 1.4826 times the median absolute deviation. Impacts whose marker shows no
+    reversal, or fewer than four samples on a side, and contacts longer than 50 ms do not count.
+
+    Deviations from the original: it takes the marker's lowest sample and the first sample of the
+    force. The marker is lowest in the middle of a contact or later, so that a delay by them is too
+    small by half of the contact and more.
 
     Examples
     --------
-    Three impacts at 1, 2 and 3 s; the plate is 4 ms late:
+    Three impacts of 5 ms at 1, 2 and 3 s; the plate is 2 ms late:
 
     >>> import numpy as np
     >>> marker_time, force_time = np.arange(0, 4, 0.01), np.arange(0, 4, 0.001)
-    >>> height = np.min([np.abs(marker_time - t) for t in (1, 2, 3)], axis=0)
+    >>> height = np.min([np.abs(marker_time - t - 0.002) for t in (1, 2, 3)], axis=0)
     >>> force = np.random.default_rng(0).normal(size=len(force_time))
     >>> for t in (1, 2, 3):
-    ...     force[1000 * t + 4 : 1000 * t + 9] += 800.0
+    ...     force[1000 * t + 2 : 1000 * t + 7] += 800.0
     >>> f"{hammer_delay(marker_time, height, force_time, force).seconds:.4f}"
-    '0.0035'
+    '0.0020'
     """
     t_m, height = _read_timed(marker_time, marker_height, "marker")
     t_f, load = _read_timed(force_time, force, "force")
-    found = [
-        onset - reversal
-        for onset in _onsets(t_f, load, 2 * window_s)
-        if (reversal := _reversal(t_m, height, onset, window_s)) is not None
-    ]
-    if len(found) < MIN_IMPACTS:
-        raise ValueError(
-            f"{len(found)} impacts found in both marker and force, expected at least "
-            f"{MIN_IMPACTS}; is the force unfiltered and are both on one clock?"
-        )
-    error = float(np.std(found, ddof=1) / np.sqrt(len(found)))
-    return Delay(float(np.mean(found)), error, differences=tuple(found))
+    impacts = _impacts(t_f, load)
+    turns = [(impact, _sharpest_turn(t_m, height, impact, window_s)) for impact in impacts]
+    found = [impact.centroid - turn for impact, turn in turns if turn is not None]
+    meetings: list[tuple[_Impact, _Meeting]] = []
+    for _ in range(REPETITIONS):
+        if len(found) < MIN_IMPACTS:
+            raise ValueError(
+                f"{len(found)} impacts found in both marker and force, expected at least "
+                f"{MIN_IMPACTS}; is the force unfiltered and are both on one clock?"
+            )
+        delay = float(np.median(found))
+        meetings = [
+            (impact, meeting)
+            for impact in impacts
+            if (meeting := _meeting(t_m, height, impact, delay)) is not None
+        ]
+        found = [impact.centroid - meeting.time for impact, meeting in meetings]
+    scatter = float(np.std(found, ddof=1) / np.sqrt(len(found)))
+    unknown = float(np.mean([meeting.unknown_s for _, meeting in meetings]))
+    return Delay(float(np.mean(found)), float(np.hypot(scatter, unknown)), differences=tuple(found))
 
 
 def _read_timed(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Array, Array]:
@@ -101,29 +134,77 @@ def _read_timed(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Array, A
     return t, x
 
 
-def _onsets(time: Array, force: Array, quiet_s: float) -> list[float]:
-    """Instants at which the force leaves its baseline after it was quiet for a while."""
-    baseline = float(np.median(force))
-    spread = SD_PER_MAD * float(np.median(np.abs(force - baseline)))
-    out = np.flatnonzero(np.abs(force - baseline) > ONSET_SD * spread)
-    first = out[np.diff(time[out], prepend=-np.inf) > quiet_s]
-    return [float(time[k - 1] + time[k]) / 2 for k in first if k > 0]
+@dataclass(frozen=True, slots=True)
+class _Impact:
+    """A contact in the force's time: begin, end, centroid, and when the next contact begins [s]."""
+
+    begin: float
+    end: float
+    centroid: float
+    next: float
 
 
-def _reversal(time: Array, height: Array, around: float, window_s: float) -> float | None:
-    """Instant at which the marker's fall turns into a rise, None where it does not."""
-    near = np.flatnonzero(np.abs(time - around) <= window_s)
-    if len(near) == 0:
+def _impacts(time: Array, force: Array) -> list[_Impact]:
+    """Find contacts that follow no other one closely."""
+    load = force - float(np.median(force))
+    spread = SD_PER_MAD * float(np.median(np.abs(load)))
+    out = np.flatnonzero(np.abs(load) > ONSET_SD * spread)
+    first = np.flatnonzero(np.diff(time[out], prepend=-np.inf) > QUIET_S)
+    parts = np.split(out, first)[1:]
+    begins = np.array([time[part[0]] for part in parts])
+    impacts = []
+    previous, following = np.insert(begins, 0, -np.inf)[:-1], np.append(begins, np.inf)[1:]
+    for part, before, after in zip(parts, previous, following, strict=True):
+        rows = slice(max(part[0] - 1, 0), part[-1] + 2)
+        begin, end, impulse = float(time[part[0]]), float(time[part[-1]]), float(load[rows].sum())
+        if begin - before > APART_S and end - begin < LONGEST_S and impulse > 0:
+            centroid = float(np.sum(time[rows] * load[rows])) / impulse
+            impacts.append(_Impact(begin, end, centroid, float(after)))
+    return impacts
+
+
+def _sharpest_turn(time: Array, height: Array, impact: _Impact, window_s: float) -> float | None:
+    """Give when the marker turns most sharply upwards near an impact, None where it does not."""
+    turn = np.zeros(len(time))
+    turn[2:-2] = height[4:] - 2 * height[2:-2] + height[:-4]
+    near = np.flatnonzero(np.abs(time - impact.centroid) <= window_s)
+    if not len(near):
         return None
-    lowest, n = int(near[np.argmin(height[near])]), SAMPLES_OF_A_LINE
-    if lowest < n + 1 or lowest > len(time) - n - 2:
+    sharpest = int(near[np.argmax(turn[near])])
+    around = height[sharpest - 2 : sharpest + 3]
+    if len(around) < 5 or not around[0] > around[2] <= around[4]:
         return None
-    # the lowest sample may lie on either side of the reversal: it belongs to neither line
-    down, up = slice(lowest - n, lowest), slice(lowest + 1, lowest + n + 1)
+    return float(time[sharpest])
+
+
+@dataclass(frozen=True, slots=True)
+class _Meeting:
+    """When the paths beside an impact meet [s].
+
+    Its standard error is for what is unknown of the hand's acceleration within the contact.
+    """
+
+    time: float
+    unknown_s: float
+
+
+def _meeting(time: Array, height: Array, impact: _Impact, delay_s: float) -> _Meeting | None:
+    """Find where the paths before and after an impact meet; None where they are too short."""
+    begin, end, next_begin = (t - delay_s for t in (impact.begin, impact.end, impact.next))
+    down = (time < begin - MARGIN_S) & (time >= begin - FLIGHT_S)
+    up = (time > end + MARGIN_S) & (time <= min(end + FLIGHT_S, next_begin - MARGIN_S))
+    if min(np.count_nonzero(down), np.count_nonzero(up)) < MIN_SAMPLES:
+        return None
+    middle = impact.centroid - delay_s
     fall, rise = (
-        np.polynomial.Polynomial.fit(time[part] - around, height[part], 1).convert().coef
-        for part in (down, up)
+        Polynomial.fit(time[part] - middle, height[part], 2).convert() for part in (down, up)
     )
-    if not fall[1] < 0 <= rise[1]:
+    apart = rise - fall
+    kink, bend = float(apart.deriv()(0.0)), float(apart.deriv(2)(0.0))
+    if kink <= 0:
         return None
-    return around + float((fall[0] - rise[0]) / (rise[1] - fall[1]))
+    meets = 0.0
+    for _ in range(NEWTON_STEPS):
+        meets -= float(apart(meets) / apart.deriv()(meets))
+    unknown = abs(bend) * (end - begin) ** 2 / 8 / kink / np.sqrt(3)
+    return _Meeting(middle + meets, float(unknown))

@@ -32,6 +32,7 @@ from pipeline.virtual_lab.machine.instruments.sampling import (
     SAMPLES_PER_FRAME,
     delayed,
 )
+from pipeline.virtual_lab.protocol.hammer import Blows, strike
 
 PLATES: Final = {"left": 0, "right": 1}
 
@@ -73,15 +74,12 @@ assumed."""
 BLOWS: Final = 15
 BLOW_INTERVAL_S: Final = 2.0
 BLOW_SPREAD_S: Final = 0.3
+CONTACT_S: Final = (0.002, 0.006)
 HAMMER_S: Final = 33.0
 """Blows with the hammer on each belt (the thesis' number), mean time between them, how far the time
-of a blow is from that, and duration of the recording."""
-BLOW_N: Final = 300
-BLOW_S: Final = 0.006
-"""Force and duration of a blow; assumed."""
-HAMMER_MARKER_M: Final = 0.05
-HAMMER_LIFT_S: Final = 0.25
-"""Height of the hammer's marker at a blow, and for how long it rises at 1 m/s afterwards."""
+of a blow is from that, shortest and longest contact, and duration of the recording; assumed."""
+HAMMER_MARKER_M: Final = 0.25
+"""Height of the marker above the head of the hammer."""
 
 MOMENT_NOISE_M: Final = 0.2
 """Noise of a plate's moments per noise of its forces [N·m per N]; assumed."""
@@ -287,15 +285,20 @@ def _hammer(path: Path, belt: str, lab: _SetUp) -> None:
     """Write blows with a hammer that carries a marker."""
     time = np.arange(round(HAMMER_S * ANALOG_HZ)) / ANALOG_HZ
     spread = lab.rng.uniform(-BLOW_SPREAD_S, BLOW_SPREAD_S, BLOWS)
-    blows = BLOW_INTERVAL_S * np.arange(1, BLOWS + 1) + spread
-    away_s = np.min(np.abs(time[:, None] - blows), axis=1)
-    height = HAMMER_MARKER_M + np.minimum(away_s, HAMMER_LIFT_S)
-    since = time[:, None] - blows - lab.errors.delay_s
-    wrench = np.zeros((len(time), 6))
-    wrench[:, 2] = np.sum(np.where((since >= 0) & (since < BLOW_S), 1, 0) * BLOW_N, axis=1)
+    since, height, force = strike(Blows.draw(BLOWS, *CONTACT_S, lab.rng))
+    head, load = np.full(len(time), np.nan), np.zeros(len(time))
+    for k, blow in enumerate(BLOW_INTERVAL_S * np.arange(1, BLOWS + 1) + spread):
+        own = np.interp(time - blow, since, height[:, k], left=np.nan, right=np.nan)
+        head = np.where(np.isfinite(own), own, head)
+        late = time - blow - lab.errors.delay_s
+        load += np.interp(late, since, force[:, k], left=0.0, right=0.0)
+    held = np.isfinite(head)
+    head = np.interp(time, time[held], head[held])
+    wrench = load[:, None] * np.eye(6)[2]
     measured = ForcePlate(noise=lab.errors.noise).measure(wrench, time, lab.rng)
     middle = np.full(len(time), _center(belt)[1])
-    markers = lab.record_marker(np.column_stack([0 * time, middle, height]))
+    place = np.column_stack([0 * time, middle, head + HAMMER_MARKER_M])
+    markers = lab.record_marker(place)
     _save(path, belt, "HAMMER", markers, shift_wrench(measured, _center(belt)))
 
 
