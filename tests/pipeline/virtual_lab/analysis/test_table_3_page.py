@@ -111,6 +111,8 @@ def test_the_page_shows_every_cell_and_marks_those_within_the_printed_range(foun
     for name, label in ((AS_IS, "as it is"), (DOCUMENTED, "documented")):
         count = table.loc[table["laboratory"] == name, "within"].sum()
         assert f"{count} {label}" in page
+    angle = np.radians(10) * np.sin(np.arange(0, 2 * np.pi, 0.001))
+    assert f"is {300 * 9.80665 * np.sin(angle).std():.0f} N" in page
     largest = page.split(f"| {list(ITEMS)[1]} |")[1].splitlines()[0]
     assert largest.count("Fz +2.0, My +2.0") == 6
 
