@@ -119,6 +119,7 @@ def print_study_residuals(folder: Path) -> None:
     from pipeline.cli.terminal import plain_console, print_table
     from pipeline.report.windows import windows_sentence
     from pipeline.run.load import collect
+    from pipeline.statistics.design import unstated_design
 
     residuals = collect(folder).residuals
     residuals = residuals[residuals["headline"].astype(bool)]
@@ -129,15 +130,18 @@ def print_study_residuals(folder: Path) -> None:
         box=box.SIMPLE_HEAD,
         padding=(0, 0),
     )
-    columns = residuals[["condition", "compensated"]].drop_duplicates()
+    found = set(residuals[["condition", "compensated"]].itertuples(index=False, name=None))
+    order = unstated_design({name for name, _ in found}, compensated=True).in_order
+    columns = [(name, ic) for name in order(residuals["condition"]) for ic in (False, True)]
+    columns = [column for column in columns if column in found]
     table.add_column("axis")
-    for condition, compensated in columns.itertuples(index=False):
+    for condition, compensated in columns:
         plates = "IC" if compensated else "no IC"
         table.add_column(f"{condition}\n{plates}", justify="right", no_wrap=True)
     cells = residuals.groupby(["axis", "condition", "compensated"])["rms"]
     mean, sd = cells.mean(), cells.std(ddof=1)
     for axis, unit in residuals[["axis", "unit"]].drop_duplicates().itertuples(index=False):
-        keys = [(axis, *column) for column in columns.itertuples(index=False)]
+        keys = [(axis, *column) for column in columns]
         table.add_row(f"{axis}, {unit}", *(_cell(mean.get(k), sd.get(k)) for k in keys))
     print_table(table, plain_console())
 
