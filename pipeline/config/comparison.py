@@ -55,12 +55,14 @@ def comparison_faults(file: StudyFile, subjects: Mapping[str, SubjectFile]) -> l
 
 def _pair_faults(stated: Comparison, design: Design) -> list[str]:
     faults = []
-    for pair in stated.pairs or ():
+    for place, pair in enumerate(stated.pairs or ()):
         where, cells = f"study.toml: comparison.pairs: {short(pair)!r}", pair.split(PAIR)
         if len(cells) != 2 or cells[0] == cells[1]:
             example = PAIR.join(design.pairs[0]) if design.pairs else "A - B"
             faults.append(f"{where} is not two cells, such as {example!r}")
             continue
+        if PAIR.join(reversed(cells)) in (stated.pairs or ())[:place]:
+            faults.append(f"{where} is another pair turned round; leave one of them out")
         for cell in cells:
             if cell not in design.cells:
                 hint = did_you_mean(cell, design.cells) or f"; there are {listed(design.cells)}"

@@ -171,7 +171,8 @@ def _pair_table(tests: pd.DataFrame, design: Design) -> Iterator[Table]:
         count = len(design.pairs)
         how = f", p {design.correction.capitalize()}-corrected for {count}" * (count > 1)
         how += ", all groups together" * (design.group is not None)
-        yield Table(f"Planned pairs{how}", PAIR_HEADS, tuple(rows), "numbers tests")
+        alone = "; each interval is of one pair alone" * (count > 1)
+        yield Table(f"Planned pairs{how}{alone}", PAIR_HEADS, tuple(rows), "numbers tests")
 
 
 def _with_interval(row: Row, form: str) -> str:

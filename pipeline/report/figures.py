@@ -200,8 +200,9 @@ def marginal_means_figure(
         for k, panel in enumerate(panels):
             own = residuals[residuals["axis"] == AXES[k]]
             cells = own.pivot(index="subject", columns=["compensated", "condition"], values="rms")
-            if not cells.dropna().empty:
-                cells = cells.dropna()
+            compared = [column for column in cells.columns if column[1] in design.conditions]
+            if not cells.dropna(subset=compared).empty:
+                cells = cells.dropna(subset=compared)
             for compensated in sorted(own["compensated"].unique()):
                 rms = cells[compensated].reindex(columns=conditions)
                 _draw_means(panel, rms, VARIANTS[compensated])

@@ -53,6 +53,8 @@ def plan_table(found: Sequence[Verdict], design: Design) -> pd.DataFrame:
 def plan_markdown(found: Sequence[Verdict], design: Design) -> str:
     """Render the plan as Markdown, or say in one line why there is none."""
     most = max((v.n for v in found), default=0)
+    if not found:
+        return f'No plan: no planned pair is "CONDITION - {design.reference_cell}".\n'
     if most < MIN_SUBJECTS:
         return (
             f"No plan: the variance between subjects needs at least {MIN_SUBJECTS} who have a "

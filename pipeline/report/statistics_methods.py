@@ -7,6 +7,7 @@ import pandas as pd
 from pipeline.statistics.design import Design, design_of
 from pipeline.statistics.headline import join_names, level_name
 from pipeline.statistics.omnibus import MIXED_ANOVA, RM_ANOVA
+from pipeline.statistics.verdict import judged_conditions
 
 COVARIATES: Final = {"height_m": "stature", "mass_kg": "body mass", "age_years": "age"}
 """Key -> words; the other keys are words."""
@@ -85,10 +86,15 @@ def _planned_pairs(design: Design) -> str:
         which = "; ".join(parts)
     corrected = f" with {design.correction.capitalize()} correction" * (pairs > 1)
     planned = f"The {pairs} planned pairs were" if pairs > 1 else "The planned pair was"
-    return (
+    text = (
         f"{planned} compared ({which}) by paired t-tests and exact Wilcoxon "
-        f"signed-rank tests{corrected}. A residual was considered to be at {level_name(design)} "
-        "if the upper bound of the simultaneous 95 % confidence interval of its difference from "
-        f"{reference} was at most {100 * design.margin:g} % of the latter (non-inferiority; "
+        f"signed-rank tests{corrected}."
+    )
+    if not judged_conditions(design):
+        return text
+    return (
+        f"{text} A residual was considered to be at {level_name(design)} "
+        "if the upper bound of the simultaneous 95 % confidence interval of its ratio to "
+        f"{reference} (Fieller 1954) was at most {1 + design.margin:g} (non-inferiority; "
         "Schuirmann 1987)."
     )

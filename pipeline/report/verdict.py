@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isnan, nan
+from math import isfinite, isnan, nan
 from typing import Final
 
 import pandas as pd
@@ -130,7 +130,8 @@ def verdict_section(
     if not shown:
         return VerdictSection(sentences, basis)
     margin_percent = 100 * design.margin
-    reach = max([2 * margin_percent, *(abs(v.percent(x)) for v in found for x in (v.low, v.high))])
+    bounds = [abs(x) for v in found for x in (v.low_percent, v.high_percent)]
+    reach = max([2 * margin_percent, *filter(isfinite, bounds)])
     reach = min(reach, max(MAX_AXIS_PERCENT, margin_percent))
     rows = []
     for k, axis in enumerate(AXES):
@@ -175,7 +176,7 @@ def _basis(design: Design) -> str:
 
 def _label(answer: Answer, condition: str, design: Design) -> str:
     if condition == design.reference:
-        words = {"at baseline": "not increased", "above": "increased"}
+        words = {"at baseline": f"within {100 * design.margin:g} %", "above": "increased"}
     else:
         words = {"at baseline": f"at {level_name(design)}", "above": f"above {design.reference}"}
     return words.get(answer, answer)
@@ -192,7 +193,10 @@ def _why_no_verdict(residuals: pd.DataFrame, subjects: int, design: Design) -> s
     if not design.factors:
         return "There is one condition and no compensation, so there is nothing to compare."
     if not judged_conditions(design):
-        return f"No planned pair compares a condition with {design.reference_cell}."
+        return (
+            f'No verdict: no planned pair is "CONDITION - {design.reference_cell}", which compares '
+            "a condition with the reference."
+        )
     present = ", ".join(design.in_order(residuals["condition"]))
     return (
         f"No comparison is possible: it needs the conditions {', '.join(design.conditions)} in the "
@@ -218,11 +222,21 @@ def _cell(verdict: Verdict, reach: float, most: int, design: Design) -> VerdictC
     lines = [first, f"from {design.reference} {difference} {unit} ({percent} %)"]
     if isnan(verdict.high):
         return VerdictCell(symbol, label, css_class, tuple(lines))
-    lines.append(f"CI {low} to {high} {unit}" + f", n = {verdict.n}" * (verdict.n < most))
+    lines.append(f"CI {low} to {high} {unit}{_relative(verdict)}")
+    lines += [f"n = {verdict.n}"] * (verdict.n < most)
     if verdict.answer == "inconclusive":
         lines.append(_needed(verdict))
     graph = _graph(verdict, reach, 100 * design.margin)
     return VerdictCell(symbol, label, css_class, tuple(lines), graph)
+
+
+def _relative(verdict: Verdict) -> str:
+    """Give the interval in percent of the reference, where it has an end."""
+    bounds = verdict.low_percent, verdict.high_percent
+    if not all(map(isfinite, bounds)):
+        return ""
+    low, high = (number(value, "+z.0f") for value in bounds)
+    return f" ({low} to {high} %)"
 
 
 def _needed(verdict: Verdict) -> str:
@@ -240,6 +254,7 @@ def _graph(verdict: Verdict, reach: float, margin_percent: float) -> IntervalGra
     def at(percent: float) -> str:
         return f"{50 + HALF_WIDTH_PERCENT * max(-1.0, min(1.0, percent / reach)):.2f}%"
 
-    low, mean, high = (verdict.percent(x) for x in (verdict.low, verdict.difference, verdict.high))
+    low, high = verdict.low_percent, verdict.high_percent
+    mean = verdict.percent(verdict.difference)
     width = f"{2 * HALF_WIDTH_PERCENT * margin_percent / reach:.2f}%"
     return IntervalGraph(at(-margin_percent), width, at(low), at(mean), at(high))

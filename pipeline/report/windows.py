@@ -30,15 +30,21 @@ def windows_sentence(residuals: pd.DataFrame) -> str:
     Examples
     --------
     >>> table = pd.DataFrame({"condition": ["level", "sway"], "window": ["cycle", "10 to 40 %"]})
-    >>> windows_sentence(table)
-    'RMS over whole gait cycles (level) and 10 to 40 % of the perturbed gait cycle (sway).'
+    >>> windows_sentence(table)  # doctest: +ELLIPSIS
+    'RMS over whole gait cycles (level) and 10 to 40 % of the perturbed gait cycle (sway). ...'
     """
     conditions: dict[str, list[str]] = {}
     pairs = residuals[["window", "condition"]].drop_duplicates()
     for window, condition in pairs.itertuples(index=False):
         conditions.setdefault(window, []).append(condition)
     parts = [f"{described(name)} ({', '.join(own)})" for name, own in conditions.items()]
-    return f"RMS over {join_names(parts)}." if parts else ""
+    if not parts:
+        return ""
+    unlike = (
+        " Conditions differ in the part of the gait cycle that counts, and so may their residuals."
+    )
+    within = [name for name in conditions if name not in ("cycle", "span")]
+    return f"RMS over {join_names(parts)}.{unlike * bool(within and len(conditions) > 1)}"
 
 
 def described(window: str) -> str:

@@ -256,6 +256,8 @@ def _check_window(
         recording.events, recording.markers, body.marker_set, settings.events
     )
     unknown = note.code == "events_unknown"
+    if unknown and settings.events in (None, "auto", "plates"):
+        return  # these need poses, and other markers than those that stand in for them here
     counted = [event for event in events if event.time >= rule.skip_s]
     if rule.wanted == "cycle" and not found_cycles(events, SIDES):
         reason = cycle_shortage(events, (), time, np.ones(len(time), bool))

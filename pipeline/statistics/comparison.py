@@ -111,6 +111,8 @@ def _tests(
         return [not_computed("all", "", measured, MIN_SUBJECTS, complete_subjects(cells)[1])]
     group = () if design.group is None else (design.group,)
     people = None if subjects is None else subjects.set_index("subject")
+    if people is not None and "sex" in people:  # what is not stated is no third sex
+        people = people.assign(sex=people["sex"].replace("unspecified", None))
     tests: list[Row] = []
     if people is None or not group:
         tests += factorial_rows(cells, design, alpha)

@@ -1,11 +1,14 @@
 """Effect size and power of an F test, from the noncentral F distribution."""
 
-from math import isfinite, nan
+from math import isfinite, isnan, nan
+from typing import Final
 
 from scipy import optimize, stats
 
-MAX_NONCENTRALITY = 1e6
+MAX_NONCENTRALITY: Final = 1e6
 """Beyond it SciPy's noncentral F distribution becomes slow, and NaN in the end."""
+FAR: Final = 20.0
+"""Times the critical value: with an F so large the power is 1 to six decimals."""
 
 
 def observed_power(f: float, df1: float, df2: float, alpha: float = 0.05) -> float:
@@ -18,7 +21,9 @@ def observed_power(f: float, df1: float, df2: float, alpha: float = 0.05) -> flo
     and adds no information (Hoenig & Heisey 2001); it is given because published tables print it.
     """
     critical = stats.f.isf(alpha, df1, df2)
-    return float(1 - stats.ncf.cdf(critical, df1, df2, f * df1))  # SciPy 1.17's sf fails at f = 0
+    below = float(stats.ncf.cdf(critical, df1, df2, f * df1))  # SciPy 1.17's sf fails at f = 0
+    far = isfinite(f) and f > FAR * critical  # where SciPy 1.17 gives NaN for some F
+    return 1.0 if isnan(below) and far else 1 - below
 
 
 def partial_eta_squared_interval(

@@ -49,10 +49,11 @@ def _enough(undecided: Sequence[Verdict]) -> str:
     needed = [v.needed for v in lacking if v.needed is not None]
     sentences = []
     if needed:
-        which = "them" if len(needed) == len(undecided) else f"{len(needed)} of them"
+        them, they_are = ("it", "it is") if len(needed) == 1 else ("them", "they are")
+        which = them if len(needed) == len(undecided) else f"{len(needed)} of them"
         sentences.append(
             f"With the variance between subjects, {max(needed)} would show {which} to be at the "
-            f"level of the reference, if they are there ({100 * POWER:g} % power)"
+            f"level of the reference, if {they_are} there ({100 * POWER:g} % power)"
         )
     if never := len(lacking) - len(needed):
         which = "them" if never == len(undecided) else f"{never} of them"
@@ -97,9 +98,10 @@ def headline(
         return f"In {condition}, there are too few subjects for a comparison"
     back, above = f"at {level_name(design)}", "above it"
     if condition == design.reference:
-        back, above = "not increased", "increased"
+        back, above = f"increased by no more than {100 * design.margin:g} %", "increased"
     compensated = " with compensation" * design.compensated
-    parts = [f"{at_baseline} of {len(own)} residuals are {back}{compensated}"]
+    verb = "is" if at_baseline == 1 else "are"
+    parts = [f"{at_baseline} of {len(own)} residuals {verb} {back}{compensated}"]
     if named["above"]:
         verb = "is" if len(named["above"]) == 1 else "are"
         parts.append(f"{join_names(named['above'])} {verb} {above}")

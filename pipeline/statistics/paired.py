@@ -1,7 +1,7 @@
 """Paired comparisons in small samples: tests, effect sizes, confidence intervals."""
 
 from dataclasses import dataclass
-from math import ceil, exp, lgamma, log10, nan, sqrt
+from math import ceil, exp, isnan, lgamma, log10, nan, sqrt
 
 import numpy as np
 from scipy import optimize, stats
@@ -121,9 +121,12 @@ def _cohens_dz(t: float, n: int) -> IntervalEstimate:
 
     def bound(level: float) -> float:
         lowest, highest = -5.0, 10 + 5 * abs(t)  # brackets both bounds
-        noncentrality = optimize.brentq(
-            lambda delta: stats.nct.cdf(abs(t), n - 1, delta) - level, lowest, highest
-        )
+
+        def beyond(delta: float) -> float:
+            below = float(stats.nct.cdf(abs(t), n - 1, delta))
+            return (1.0 if isnan(below) else below) - level  # SciPy's NaN is nearly 1
+
+        noncentrality = optimize.brentq(beyond, lowest, highest)
         return float(np.copysign(1, t) * noncentrality / sqrt(n))
 
     return IntervalEstimate(dz, *sorted((bound(TAIL_PROBABILITY), bound(1 - TAIL_PROBABILITY))))

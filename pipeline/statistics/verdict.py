@@ -1,12 +1,14 @@
 """Is each residual at the level of its reference? A non-inferiority test with intervals."""
 
 from dataclasses import dataclass
-from math import isnan, nan
+from math import inf, isnan, nan
 from typing import Final, Literal
 
+import numpy as np
 import pandas as pd
 from scipy import stats
 
+from hbm.spatial import Array
 from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.sample_size import subjects_needed
 
@@ -26,15 +28,18 @@ class Verdict:
     axis, unit, condition
         The residual and the condition.
     answer
-        "at baseline": the interval's upper bound is at most the margin above the baseline;
-        "above": the interval is above the baseline and reaches beyond the margin; "inconclusive":
-        neither is shown; "no interval": a single subject; "no data": no subject has both cells.
+        "at baseline": the residual is shown to exceed the baseline by at most the margin; "above":
+        it is shown to be above the baseline, and not within the margin; "inconclusive": neither is
+        shown; "no interval": a single subject; "no data": no subject has both cells.
     no_ic, ic, baseline
         Mean RMS without and with compensation, and of the baseline without, over the `n` subjects
         who have both cells of the comparison; ``no_ic`` is NaN where one of them lacks it, and
         ``ic`` is the residual as measured where there is no compensation.
     difference, low, high
         ``ic - baseline`` with its simultaneous 95 % confidence interval over the planned pairs.
+    low_percent, high_percent
+        The same interval of ``ic / baseline - 1`` [%]; infinite where the baseline is not shown to
+        differ from zero.
     sd
         Standard deviation of the differences between subjects.
     n
@@ -54,6 +59,8 @@ class Verdict:
     difference: float = nan
     low: float = nan
     high: float = nan
+    low_percent: float = nan
+    high_percent: float = nan
     sd: float = nan
     n: int = 0
     needed: int | None = None
@@ -92,10 +99,12 @@ def verdicts(
     Notes
     -----
     The interval is Student's t of the paired differences, at 1 − 0.05/m for m planned pairs: it
-    excludes zero exactly where the Bonferroni-corrected paired t-test is significant. "at
+    excludes zero exactly where the Bonferroni-corrected paired t-test is significant. That of the
+    ratio is Fieller's (1954) at the same level, since the baseline is an estimate too. "at
     baseline" is a test of non-inferiority with the design's margin (one side of Schuirmann 1987),
-    by default the 20 % of bioequivalence, as a residual below the baseline is no error. A
-    difference that is not significant is no evidence for it.
+    by default the 20 % of bioequivalence, as a residual below the baseline is no error: the paired
+    t-test of ``ic - 1.2 baseline`` against zero. A difference that is not significant is no
+    evidence for it.
     """
     found = []
     reference = (False, design.reference)
@@ -116,22 +125,30 @@ def verdicts(
             effect = f"{design.judged(condition)} - {design.reference_cell}"
             low, high = _simultaneous_interval(tests, effect, len(design.pairs))
             margin, difference = design.margin * baseline, float(differences.mean())
-            sd, alpha = float(differences.std()), (1 - CONFIDENCE) / len(design.pairs) / 2
+            alpha = (1 - CONFIDENCE) / len(design.pairs) / 2
+            excess = both[judged] - (1 + design.margin) * both[reference]
+            within = _upper_bound(excess.to_numpy(), alpha) <= 0
             needed = [
-                None if len(both) < MIN_SUBJECTS else subjects_needed(sd, margin - true, alpha)
+                None
+                if len(both) < MIN_SUBJECTS
+                else subjects_needed(float(excess.std()), margin - true, alpha)
                 for true in (0.0, difference)
             ]
+            relative = ratio_interval(both[judged].to_numpy(), both[reference].to_numpy(), alpha)
+            low_percent, high_percent = (100 * (bound - 1) for bound in relative)
             found.append(
                 Verdict(
                     *(axis, unit, condition),
-                    answer=_answer(low, high, margin),
+                    answer=_answer(low, within=within),
                     no_ic=float(both[False, condition].mean(skipna=False)),
                     ic=float(both[judged].mean()),
                     baseline=baseline,
                     difference=difference,
                     low=low,
                     high=high,
-                    sd=sd,
+                    low_percent=low_percent,
+                    high_percent=high_percent,
+                    sd=float(differences.std()),
                     n=len(both),
                     needed=needed[0],
                     needed_as_observed=needed[1],
@@ -160,9 +177,59 @@ def _simultaneous_interval(tests: pd.DataFrame, effect: str, pairs: int) -> tupl
     return mean - half, mean + half
 
 
-def _answer(low: float, high: float, margin: float) -> Answer:
-    if isnan(high):
+def ratio_interval(first: Array, second: Array, alpha: float) -> tuple[float, float]:
+    """Give Fieller's confidence interval of the ratio of two paired means.
+
+    Parameters
+    ----------
+    first, second
+        Values of the same subjects, (N,).
+    alpha
+        Probability beyond either bound.
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper bound: the ratios r for which a paired t-test of ``first - r second`` is
+        not significant at ``alpha``, one-sided. Infinite where ``second`` is not shown to differ
+        from zero, NaN for a single subject.
+
+    Notes
+    -----
+    Fieller 1954, J R Stat Soc B 16:175.
+
+    Examples
+    --------
+    >>> low, high = ratio_interval(np.array([11.0, 12, 13]), np.array([10.0, 11, 12]), 0.025)
+    >>> print(f"{low:.3f} {high:.3f}")
+    1.070 1.123
+    """
+    if len(first) < MIN_SUBJECTS:
+        return nan, nan
+    mean = np.array([first.mean(), second.mean()])
+    error = stats.t.isf(alpha, len(first) - 1) ** 2 * np.cov(first, second) / len(first)
+    squared, half, constant = (
+        mean[1] ** 2 - error[1, 1],
+        mean[0] * mean[1] - error[0, 1],
+        mean[0] ** 2 - error[0, 0],
+    )
+    if squared <= 0:
+        return -inf, inf
+    root = np.sqrt(max(half**2 - squared * constant, 0.0))
+    return float((half - root) / squared), float((half + root) / squared)
+
+
+def _upper_bound(values: Array, alpha: float) -> float:
+    """Give the one-sided upper confidence bound of a mean; NaN for a single value."""
+    n = len(values)
+    if n < MIN_SUBJECTS:
+        return nan
+    return float(values.mean() + stats.t.isf(alpha, n - 1) * values.std(ddof=1) / np.sqrt(n))
+
+
+def _answer(low: float, *, within: bool) -> Answer:
+    if isnan(low):
         return "no interval"
-    if high <= margin:
+    if within:
         return "at baseline"
     return "above" if low > 0 else "inconclusive"

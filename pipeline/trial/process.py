@@ -45,7 +45,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.loads import plate_loads
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.marker_check import check_markers
-from pipeline.trial.motion_check import check_motion, known_frames
+from pipeline.trial.motion_check import check_motion, known_frames, shown_frames
 from pipeline.trial.plate_check import check_plates
 from pipeline.trial.result import PlateSurface, TrialResult
 from pipeline.trial.study_files import (
@@ -186,9 +186,10 @@ def process_recording(
     events, method, events_note = detect_events(sources, settings.events)
     known, settling = known_frames(body, motion), settling_s(laboratory.filters(settings))
     computed = [np.isfinite(each.residual).all(axis=1) for each in dynamics.values()]
+    gapless = np.all([known, shown_frames(body, unfiltered), *computed], axis=0)
     validity = Validity(
         motion=known,
-        settled=settled_frames(np.all([known, *computed], axis=0), motion.time, settling),
+        settled=settled_frames(gapless, motion.time, settling),
         plates=weight_bearing_frames(body, motion.time, ground, shared, dynamics, events, settings),
     )
     unknown = forces_of_legs(under_feet.ambiguous | ~validity.plates)

@@ -110,13 +110,13 @@ def perturbed_part(
     part
         Of a cycle with two perturbations, that of the first one; None where whole cycles count.
     notes
-        ``perturbation_without_motion`` and ``motion_beyond_cycle``.
+        ``perturbation_without_motion``, ``motion_beyond_cycle`` and ``window_beyond_cycle``.
 
     Raises
     ------
     ValueError
-        If a part in seconds ends beyond its gait cycle or the next perturbation; if the platform's
-        motion is wanted and it has no pose, or does not move after any perturbation.
+        If a part in seconds ends beyond every gait cycle or reaches the next perturbation; if the
+        platform's motion is wanted and it has no pose, or does not move after any perturbation.
     """
     wanted = condition.part
     if wanted is None:
@@ -134,6 +134,8 @@ def perturbed_part(
         side: tuple((a, b) for a, b in _part_of_cycles(wanted, own, onsets, stops).tolist())
         for side, own in cycles.items()
     }
+    if isinstance(wanted, Interval) and wanted.unit == "s":
+        notes = _beyond_cycle(wanted, spans)
     return CyclePart(str(wanted), spans), notes
 
 
@@ -148,8 +150,7 @@ def _part_of_cycles(
     if wanted.unit == "%":
         return np.asarray(cycles[:, :1] + np.diff(cycles) * bounds / 100)
     parts = onsets[first][:, None] + bounds
-    _require_within(wanted, parts, cycles)
-    return np.asarray(parts)
+    return np.where(parts[:, 1:] > cycles[:, 1:], np.nan, parts)
 
 
 def _motion_notes(onsets: Array, stops: Array, cycles: Mapping[str, Array]) -> tuple[Note, ...]:
@@ -181,13 +182,17 @@ def _require_apart(wanted: Interval, onsets: Array) -> None:
             )
 
 
-def _require_within(wanted: Interval, parts: Array, cycles: Array) -> None:
-    for (_, stop), (first, last) in zip(parts.tolist(), cycles.tolist(), strict=True):
-        if stop > last:
-            raise ValueError(
-                f"the window of {wanted} after the perturbation at {stop - wanted.stop:.2f} s ends "
-                f"beyond its gait cycle, {first:.2f} to {last:.2f} s; state a shorter one"
-            )
+def _beyond_cycle(wanted: Interval, spans: Mapping[str, tuple[Span, ...]]) -> tuple[Note, ...]:
+    """Count perturbations after which a window in seconds ends beyond the gait cycle."""
+    ends = np.isnan([stop for own in spans.values() for _, stop in own])
+    if len(ends) and ends.all():
+        raise ValueError(
+            f"the window of {wanted} after each perturbation ends beyond all {len(ends)} perturbed "
+            "gait cycles; state one that ends sooner"
+        )
+    if not ends.any():
+        return ()
+    return (Note.of("window_beyond_cycle", count=int(ends.sum()), perturbations=len(ends)),)
 
 
 def frames_within(time: Array, cycles: Mapping[str, Array], span: Span | None) -> Mask:

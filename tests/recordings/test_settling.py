@@ -1,5 +1,7 @@
 """Cropping real recordings at heel strikes changes no gait cycle that is left."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,3 +42,27 @@ def test_cropping_a_descent_of_steps_changes_no_cycle_that_is_left(shared_data):
         part = lab.cropped(trial, first, last)
         result = process_recording(part, Subject(), Settings(), static=static)
         assert (cycle_change(result, whole, first) < LIMIT).all()
+
+
+LEG = ("RHEE", "RMT2", "RMT5", "RLM", "RMM", "RLSHA", "RLEK", "RMEK", "RLTHI")
+PELVIS = ("LASIS", "RASIS", "LPSIS", "RPSIS")
+
+
+@pytest.mark.parametrize("lost", [LEG, LEG[:5], PELVIS], ids=["leg", "foot", "pelvis"])
+@pytest.mark.parametrize(("first", "frames"), [(500, 1), (500, 5), (537, 40)])
+def test_what_the_loss_of_a_leg_a_foot_or_the_pelvis_does_to_residuals_counts_nowhere(
+    shared_data, lost, first, frames
+):
+    """Where their markers vanish and return, the rest of the pose jumps: up to 100 N."""
+    recording = read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+    woman = Subject(sex="female", mass_kg=55.3)
+    whole = process_recording(recording, woman, Settings(), static=recording)
+    position = recording.markers.position.copy()
+    columns = [k for k, name in enumerate(recording.markers.names) if name in lost]
+    position[first : first + frames, columns] = np.nan
+    torn = replace(recording, markers=replace(recording.markers, position=position))
+    result = process_recording(torn, woman, Settings(), static=recording)
+    error = np.abs(result.measured.residual - whole.measured.residual)
+    assert np.nanmax(error[first - 30 : first + frames + 30]) > 5
+    assert (error[result.validity.counts] < LIMIT).all()
+    assert np.count_nonzero(~result.validity.settled) < frames + 80

@@ -157,10 +157,15 @@ def motion_stops(onsets: Array, time: Array, platform: PlatformPose) -> Array:
 
 
 def _moves_fast(time: Array, platform: PlatformPose) -> Mask:
-    """Give whether any corner of the platform's surface moves fast, (T,)."""
+    """Give whether any corner of the platform's surface moves fast, (T,); straight over gaps."""
     rate_hz, fast = 1 / np.median(np.diff(time)), np.zeros(len(time), bool)
+    known = np.isfinite(platform.position[:, 0])
+    if not known.any():
+        return fast
     for corner in CORNERS_M:
-        path = low_pass(platform.to_lab(corner), rate_hz, MOTION_CUTOFF_HZ, "zero_phase")
+        place = platform.to_lab(corner)
+        bridged = np.column_stack([np.interp(time, time[known], x) for x in place[known].T])
+        path = low_pass(bridged, rate_hz, MOTION_CUTOFF_HZ, "zero_phase")
         speed = np.linalg.norm(np.gradient(path, time, axis=0), axis=1)
         fast |= speed > MIN_PLATFORM_SPEED_MPS
     return fast

@@ -100,6 +100,10 @@ def test_a_group_by_sex_is_no_covariate(tmp_path, written):
         ),
         ('pairs = ["sway IC"]', "is not two cells, such as 'baseline IC - baseline no IC'"),
         ('pairs = ["sway IC - sway IC"]', "is not two cells"),
+        (
+            'pairs = ["sway IC - sway no IC", "sway no IC - sway IC"]',
+            "'sway no IC - sway IC' is another pair turned round",
+        ),
         ('covariates = ["height"]', "comparison.covariates.0: input should be 'height_m'"),
         ('correction = "tukey"', "input should be 'bonferroni' or 'holm', got 'tukey'"),
         ("margin = 20", "comparison.margin: input should be less than or equal to 1, got 20"),

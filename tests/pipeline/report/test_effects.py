@@ -69,7 +69,10 @@ def test_planned_pairs_have_intervals_and_both_wilcoxon_tests_side_by_side(shown
     table = shown.tables[3]
     k = table.heads.index("p, Wilcoxon exact")
     assert table.heads[k + 1] == "p, Wilcoxon asymptotic"
-    assert table.caption == "Planned pairs, p Bonferroni-corrected for 5"
+    assert (
+        table.caption
+        == "Planned pairs, p Bonferroni-corrected for 5; each interval is of one pair alone"
+    )
     for row, r in zip(table.rows, ORACLE["pairs"].values(), strict=True):
         for p, name in zip(row[k : k + 2], ("exact", "asymptotic"), strict=True):
             corrected = min(1, 5 * r[f"p_wilcoxon_{name}"])

@@ -55,3 +55,8 @@ def test_the_effect_size_is_inside_its_interval():
     for term in repeated_measures_glm(values, "ab"):
         low, high = partial_eta_squared_interval(term.f, term.df1, term.df2)
         assert low <= term.partial_eta_squared <= high
+
+
+def test_a_very_large_f_has_a_power_of_one():
+    for f in np.geomspace(200, 1e5, 300):
+        assert observed_power(f, 1, 8) > 1 - 1e-9

@@ -16,7 +16,7 @@ def test_the_headline_counts_the_residuals_at_baseline_and_names_the_others():
     )
     found = [Verdict(axis, "N", "sway", answer, n=9) for axis, answer in answers.items()]
     assert headline(found, "sway") == (
-        "In sway, 1 of 4 residuals are at baseline level with compensation; "
+        "In sway, 1 of 4 residuals is at baseline level with compensation; "
         "Fy and Fz are above it; for Mx, the result is inconclusive with 9 subjects"
     )
 
@@ -33,7 +33,7 @@ def test_a_study_without_enough_subjects_says_so_once():
 def test_decided_comparisons_of_few_subjects_are_told_first():
     found = [verdict("sway", "at baseline", n=3), verdict("pitch", n=3)]
     first, last = headlines(found)
-    assert first == "In sway, 1 of 1 residuals are at baseline level with compensation."
+    assert first == "In sway, 1 of 1 residuals is at baseline level with compensation."
     assert last.startswith("3 subjects are a demonstration: 1 of 2 comparisons is inconclusive")
 
 

@@ -9,7 +9,7 @@ from scipy import stats
 
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3
-from pipeline.statistics.verdict import verdicts
+from pipeline.statistics.verdict import ratio_interval, verdicts
 
 CONDITIONS = ("baseline", "sway", "pitch")
 
@@ -92,8 +92,8 @@ def test_the_interval_agrees_with_the_corrected_tests(excess, spread, n, seed):
     difference = cells["sway", True] - cells["baseline", False]
     p = stats.ttest_1samp(difference, 0).pvalue
     assert (verdict.low > 0 or verdict.high < 0) == (5 * p < 0.05)
-    margin = EXPERIMENT_3.margin * cells["baseline", False].mean()
-    one_sided = stats.ttest_1samp(difference, margin, alternative="less").pvalue
+    excess = cells["sway", True] - (1 + EXPERIMENT_3.margin) * cells["baseline", False]
+    one_sided = stats.ttest_1samp(excess, 0, alternative="less").pvalue
     assert (verdict.answer == "at baseline") == (one_sided <= 0.05 / 5 / 2)
 
 
@@ -127,3 +127,20 @@ def test_only_subjects_with_both_cells_are_compared():
 )
 def test_missing_cells_give_no_verdict(cells):
     assert {v.answer for v in judge(residuals(cells))} == {"no data"}
+
+
+@given(seed=st.integers(0, 10_000), n=st.integers(3, 12), alpha=st.sampled_from([0.005, 0.025]))
+@settings(deadline=None, max_examples=25)
+def test_a_ratio_is_in_its_interval_where_a_paired_t_test_does_not_refuse_it(seed, n, alpha):
+    rng = np.random.default_rng(seed)
+    second = rng.normal(40, 4, n)
+    first = 0.5 * second + rng.normal(20, 4, n)
+    low, high = ratio_interval(first, second, alpha)
+    for ratio in np.linspace(0.6, 1.6, 21):
+        p = stats.ttest_1samp(first - ratio * second, 0).pvalue
+        if np.isfinite(low) and min(abs(ratio - low), abs(ratio - high)) > 1e-9:
+            assert (low < ratio < high) == (p > 2 * alpha)
+
+
+def test_a_ratio_to_what_may_be_zero_has_no_bounds():
+    assert ratio_interval(np.array([1.0, 2, 3]), np.array([-4.0, 1, 5]), 0.025) == (-np.inf, np.inf)

@@ -112,6 +112,27 @@ def test_seconds_are_after_each_onset_and_percents_of_each_cycle():
     np.testing.assert_allclose(share.percent(CYCLES), [[10, 40]] * 3)
 
 
+def test_a_window_that_ends_beyond_one_cycle_costs_that_cycle_alone_and_is_named():
+    shorter = {**CYCLES, "left": np.array([[20.5, 21.2]])}
+    found, notes = part((0.2, 0.7), cycles=shorter)
+    assert np.isnan(spans(found)["left"]).all()
+    assert np.isfinite(spans(found)["right"]).all()
+    assert [(n.code, n.values["count"]) for n in notes] == [("window_beyond_cycle", 1)]
+
+
+@pytest.mark.parametrize("begin", [20.58, 20.66, 20.70])
+def test_a_short_gap_of_the_platforms_pose_moves_neither_onset_nor_end(begin):
+    platform = swaying()
+    gap = ((begin <= TIME) & (begin + 0.03 > TIME))[:, None]
+    torn = PlatformPose(
+        np.where(gap[..., None], np.nan, platform.rotation),
+        np.where(gap, np.nan, platform.position),
+    )
+    np.testing.assert_allclose(motion_onsets(TIME, torn), motion_onsets(TIME, platform), atol=0.021)
+    stops = motion_stops(ONSETS, TIME, torn)
+    np.testing.assert_allclose(stops, motion_stops(ONSETS, TIME, platform), atol=0.021)
+
+
 @pytest.mark.parametrize(
     ("window", "changed", "message"),
     [
@@ -119,7 +140,7 @@ def test_seconds_are_after_each_onset_and_percents_of_each_cycle():
         (
             (0.0, 1.2),
             {},
-            "after the perturbation at 10.11 s ends beyond its gait cycle",
+            "after each perturbation ends beyond all 3 perturbed gait cycles",
         ),
         (
             (0.0, 1.05),
