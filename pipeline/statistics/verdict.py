@@ -202,7 +202,7 @@ def ratio_interval(first: Array, second: Array, alpha: float) -> tuple[float, fl
     --------
     >>> low, high = ratio_interval(np.array([11.0, 12, 13]), np.array([10.0, 11, 12]), 0.025)
     >>> print(f"{low:.3f} {high:.3f}")
-    1.070 1.123
+    1.074 1.117
     """
     if len(first) < MIN_SUBJECTS:
         return nan, nan
