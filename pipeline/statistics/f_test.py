@@ -58,17 +58,19 @@ def partial_eta_squared_interval(
     if not isfinite(f):
         return nan, nan
 
-    def bound(level: float) -> float:
+    def noncentrality(level: float) -> float:
         if stats.f.cdf(f, df1, df2) <= level:
             return 0.0
         if f * df1 > MAX_NONCENTRALITY:  # only the error varies
-            found = f * df1 / df2 * stats.chi2.isf(level, df2)
-            return float(found / (found + df2))
+            return float(f * df1 / df2 * stats.chi2.isf(level, df2))
         highest = 10 * (f + 10) * (df1 + 1)
         while stats.ncf.cdf(f, df1, df2, highest) > level:
             highest *= 2
-        found = optimize.brentq(lambda x: stats.ncf.cdf(f, df1, df2, x) - level, 0, highest)
-        return float(found / (found + df2))
+        return float(optimize.brentq(lambda x: stats.ncf.cdf(f, df1, df2, x) - level, 0, highest))
+
+    def bound(level: float) -> float:
+        found = noncentrality(level)
+        return 1 / (1 + df2 / found) if found else 0.0  # rounded too, it grows with λ
 
     tail = (1 - confidence) / 2
     return bound(1 - tail), bound(tail)
