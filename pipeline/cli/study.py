@@ -37,8 +37,10 @@ def check(
 ) -> int:
     """Read every TOML and every recording of a study, list all problems, compute nothing."""
     from pipeline.cli.terminal import counted, note_line, plain_console
+    from pipeline.config.comparison import study_design
     from pipeline.config.study import read_study
     from pipeline.run.check import check_study, joined
+    from pipeline.statistics.design import in_words
 
     console, loaded = plain_console(), read_study(study)
     findings = check_study(loaded)
@@ -51,6 +53,9 @@ def check(
                 console.print(note_line(remark.note), soft_wrap=True)
     for fault in findings.faults:
         console.print(f"FAULT {fault}", soft_wrap=True)
+    if not findings.faults:
+        stated = "" if loaded.file.comparison else "no [comparison] is stated: "
+        console.print(f"{stated}{in_words(study_design(loaded.file))}", soft_wrap=True)
     trials = sum(t.exclude is None for s in loaded.subjects.values() for t in s.trials.values())
     console.print(
         f"{counted(len(loaded.subjects), 'subject')}, {counted(trials, 'trial')}, "

@@ -198,6 +198,13 @@ def _sentences(tests: pd.DataFrame, design: Design) -> Iterator[str]:
             f"F({share * row.df1:.3g}, {share * row.df2:.3g}) = {row.statistic:.2f}",
             f"partial η² {number(row.effect_size, '.2f')}",
         )
+    for name in names[1:]:
+        own = tests[tests["test"] == name]
+        left_out = own["note"].iloc[:1].str.findall(r"[^;]* left out: [^;]*").explode().dropna()
+        if own["p_corrected"].isna().all():
+            yield f"{name}: {own['note'].iloc[0]}."
+        elif len(left_out):
+            yield f"{name}: {'; '.join(left_out.str.strip())}."
     friedman = list(_by(_computed(tests, "Friedman"), "effect").values())
     for row in friedman[:1]:
         ranked = "the cells" if row.effect == ALL_CELLS else f"the levels of {row.effect}"

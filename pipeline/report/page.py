@@ -8,6 +8,7 @@ from typing import Final
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from pipeline.config.comparison import groups
 from pipeline.config.study import Study
 from pipeline.report.effects import ResidualTests, residual_tests
 from pipeline.report.figures import example_subject
@@ -118,7 +119,7 @@ def write_page(report: Report) -> str:
         scope=_scope(report.results, design),
         problems=find_problems(report.states, report.provenance, report.results),
         verdict=verdict_section(report.verdicts, residuals, design, stated=_stated(report.study)),
-        tables=residual_tables(residuals, report.table_3, design),
+        tables=residual_tables(residuals, report.table_3, design, _groups(report.study)),
         tests=residual_tests(report.statistics, design),
         figures=study_pictures(report.results, report.figures, design),
         example_subject=subject,
@@ -130,6 +131,12 @@ def write_page(report: Report) -> str:
         windows=windows_sentence(residuals),
     )
     return TEMPLATES.get_template("page.html").render(page=page)
+
+
+def _groups(study: Study | None) -> dict[str, str]:
+    """Give the group of every subject that has one."""
+    found = {} if study is None else groups(study.file, study.subjects)
+    return {subject: group for subject, group in found.items() if group is not None}
 
 
 def _stated(study: Study | None) -> bool:

@@ -1,7 +1,9 @@
 """Tables for the page of a report: what they show, as text."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from math import nan
+from types import MappingProxyType
 
 import pandas as pd
 
@@ -41,9 +43,12 @@ class Table:
 
 
 def residual_tables(
-    residuals: pd.DataFrame, table_3: pd.DataFrame, design: Design
+    residuals: pd.DataFrame,
+    table_3: pd.DataFrame,
+    design: Design,
+    groups: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[Table, ...]:
-    """Give the tables of residuals: Table III, and the means where it does not hold them all.
+    """Give the tables of residuals: Table III, means where it does not hold them all, and groups.
 
     Parameters
     ----------
@@ -53,16 +58,22 @@ def residual_tables(
         The table that `pipeline.statistics.table_3.table_3` made of it.
     design
         The design that it was made for.
+    groups
+        Subject -> group, where the design has groups.
 
     Returns
     -------
     tuple of Table
-        One or two tables.
+        Table III, the means, or both, and the means of every group.
     """
     has_table_3 = bool(table_3["n"].gt(0).any())
     shown = [_table_3(table_3, design)] if has_table_3 else []
     if not has_table_3 or set(residuals["condition"]) - set(design.conditions):
         shown.append(_means(residuals, design))
+    group = residuals["subject"].map(groups)
+    for name in sorted(set(groups.values())):
+        of_group = _means(residuals[group == name], design)
+        shown.append(replace(of_group, caption=f"{design.group} {name}. {of_group.caption}"))
     return tuple(shown)
 
 

@@ -123,6 +123,29 @@ class Design:
         return residuals[~((residuals["window"] == "span") & compared.isin(walking))]
 
 
+def in_words(design: Design) -> str:
+    """Say what a design compares.
+
+    Examples
+    --------
+    >>> in_words(EXPERIMENT_3)
+    'sway and pitch are compared with baseline, each with and without inertia compensation'
+    >>> in_words(design_of(["barefoot", "boots"], compensated=False))
+    'boots is compared with barefoot'
+    >>> in_words(design_of(["walking"], compensated=False))
+    'there is one condition and no compensation, so there is nothing to compare'
+    """
+    if not design.factors:
+        return "there is one condition and no compensation, so there is nothing to compare"
+    how = "with and without inertia compensation"
+    if not design.others:
+        return f"{design.reference} is compared {how}"
+    *first, last = design.others
+    names, verb = (f"{', '.join(first)} and {last}", "are") if first else (last, "is")
+    each = f", each {how}" * design.compensated
+    return f"{names} {verb} compared with {design.reference}{each}"
+
+
 def design_of(
     conditions: Sequence[str], *, compensated: bool, reference: str | None = None
 ) -> Design:

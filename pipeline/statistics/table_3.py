@@ -106,10 +106,16 @@ def _corrected_p(tests: pd.DataFrame, test: str, effect: str, design: Design) ->
 
 
 def format_p(p: float, alpha: float = 0.05) -> str:
-    """Write a p-value for a table: three decimals, "<0.001" below that, a star below alpha."""
+    """Write a p-value for a table: three decimals, "<0.001" below that, a star below alpha.
+
+    More decimals are written where three would put it on the other side of alpha.
+    """
     if isnan(p):
         return "–"
-    return (f"<{MIN_PRINTED_P}" if p < MIN_PRINTED_P else f"{p:.3f}") + "*" * (p < alpha)
+    if p < MIN_PRINTED_P:
+        return f"<{MIN_PRINTED_P}" + "*" * (p < alpha)
+    decimals = next((d for d in range(3, 16) if (round(p, d) < alpha) == (p < alpha)), 16)
+    return f"{p:.{decimals}f}" + "*" * (p < alpha)
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,6 +117,17 @@ def test_one_reason_why_nothing_was_tested_is_told_once():
     assert len(only.sentences) == 1
 
 
+def test_a_covariate_that_cannot_be_used_is_told():
+    same_sex = STUDY[["subject", "sex", "height_m"]].assign(sex="f")
+    (only,) = residual_tests(statistics(long_table(), same_sex), EXPERIMENT_3)
+    assert "RM-ANOVA with height_m: sex left out: the same for all subjects." in only.sentences
+    neither = same_sex.assign(height_m=1.7)
+    (only,) = residual_tests(statistics(long_table(), neither), EXPERIMENT_3)
+    (told,) = (s for s in only.sentences if s.startswith("RM-ANOVA with"))
+    assert "not computed" in told
+    assert "height_m left out: the same for all subjects" in told
+
+
 def test_groups_are_said_to_be_groups():
     values = np.random.default_rng(1).lognormal(3, 0.1, (8, 3)) * np.repeat([1, 3], 4)[:, None]
     names = [f"s{k}" for k in range(8)]

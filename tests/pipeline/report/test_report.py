@@ -276,6 +276,10 @@ def test_a_study_with_a_comparison_of_its_own_is_reported_by_it(tmp_path, quick)
     assert "The difference between IC and no IC depends on motion and group".lower() in (
         found.text.lower()
     )
+    residuals = pd.read_csv(tmp_path / "residuals.csv").query("headline and not compensated")
+    own = residuals.query("axis == 'Fx' and condition == 'still' and subject in @BEFORE")["rms"]
+    of_group = found.text[found.text.index("group before. RMS residuals") :]
+    assert f"still 3 {own.mean():.1f} ± {own.std():.1f}" in of_group
     tests = pd.read_csv(tmp_path / "statistics.csv")
     assert {"mixed ANOVA", "mixed ANOVA with mass_kg"} <= set(tests["test"])
     assert tests["note"].iloc[-1] == "conditions outside the design were not tested: tilt"
@@ -285,6 +289,7 @@ def test_a_study_with_a_comparison_of_its_own_is_reported_by_it(tmp_path, quick)
     assert table.startswith("| Residual | Motion | n | No IC | IC | IC − still (no IC) |")
 
 
+BEFORE = ("sub02", "sub04", "sub06")
 COMPARISON = """
 [comparison]
 factor = "motion"

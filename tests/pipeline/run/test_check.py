@@ -289,6 +289,10 @@ def test_hbm_check_prints_everything_and_what_to_do_next(moving_study, capsys):
     printed = capsys.readouterr().out
     assert "Acc1.X [g]" in printed
     assert (
+        "no [comparison] is stated: sway and pitch are compared with baseline, each with and "
+        "without inertia compensation"
+    ) in printed
+    assert (
         printed.splitlines()[-1] == f"2 subjects, 6 trials, 0 faults; next: hbm run {moving_study}"
     )
 

@@ -91,6 +91,13 @@ def test_p_is_never_written_as_zero(p, written):
     assert format_p(p) == written
 
 
+@pytest.mark.parametrize(
+    ("p", "written"), [(0.0499, "0.0499*"), (0.04996, "0.04996*"), (0.05, "0.050")]
+)
+def test_p_is_written_on_the_side_of_alpha_where_it_is(p, written):
+    assert format_p(p) == written
+
+
 def test_an_undefined_p_is_a_dash():
     assert format_p(np.nan) == "–"
 
