@@ -171,6 +171,7 @@ MODULES = sorted(
 )
 
 
+@pytest.mark.slow
 def test_every_module_can_be_imported_first():
     """Each with none of the others loaded, where a circular import would fail."""
     code = (
