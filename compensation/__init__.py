@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         rms_difference,
         rms_orthogonal,
     )
+    from compensation.accuracy.plate_calibration import PlateCalibration, PlateCalibrations
     from compensation.accuracy.weight import wrench_of_weight
     from compensation.alignment.delay import Delay, estimate_delay, undo_delay
     from compensation.alignment.force_delay import marker_plate_delay
@@ -63,6 +64,8 @@ _HOME = {
     "mean_by_level": "compensation.accuracy.errors",
     "rms_difference": "compensation.accuracy.errors",
     "rms_orthogonal": "compensation.accuracy.errors",
+    "PlateCalibration": "compensation.accuracy.plate_calibration",
+    "PlateCalibrations": "compensation.accuracy.plate_calibration",
     "wrench_of_weight": "compensation.accuracy.weight",
     "Delay": "compensation.alignment.delay",
     "estimate_delay": "compensation.alignment.delay",
@@ -123,6 +126,8 @@ __all__ = [
     "Linearity",
     "MachineLimits",
     "PlateAlignment",
+    "PlateCalibration",
+    "PlateCalibrations",
     "PlatformPose",
     "PoseFit",
     "Roller",

@@ -79,6 +79,8 @@ class WeightTrial:
         Standard deviation of the plate above the cut-off, (6,) [N, N·m].
     belt_ends
         Ends of the belt along x [m].
+    center
+        Centre of the plate's surface in its file, (3,) [m].
     """
 
     weight: WeightRecording
@@ -92,6 +94,7 @@ class WeightTrial:
     used: Mask
     noise: Array
     belt_ends: tuple[float, float]
+    center: Array
 
 
 def read_weight(
@@ -158,6 +161,7 @@ def read_weight(
         used=used,
         noise=np.std(raw - filtered, axis=0),
         belt_ends=(rear, front),
+        center=plate.center,
     )
 
 
