@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     )
     from compensation.accuracy.plate_calibration import PlateCalibration, PlateCalibrations
     from compensation.accuracy.weight import wrench_of_weight
+    from compensation.alignment.agreement import AgreedDelay, agreed_delay
     from compensation.alignment.delay import Delay, estimate_delay, undo_delay
     from compensation.alignment.force_delay import marker_plate_delay
     from compensation.alignment.hammer import hammer_delay
@@ -67,6 +68,8 @@ _HOME = {
     "PlateCalibration": "compensation.accuracy.plate_calibration",
     "PlateCalibrations": "compensation.accuracy.plate_calibration",
     "wrench_of_weight": "compensation.accuracy.weight",
+    "AgreedDelay": "compensation.alignment.agreement",
+    "agreed_delay": "compensation.alignment.agreement",
     "Delay": "compensation.alignment.delay",
     "estimate_delay": "compensation.alignment.delay",
     "undo_delay": "compensation.alignment.delay",
@@ -118,6 +121,7 @@ _HOME = {
 """Public name -> the module that defines it."""
 
 __all__ = [
+    "AgreedDelay",
     "BeltModel",
     "Calibration",
     "Delay",
@@ -135,6 +139,7 @@ __all__ = [
     "Signal",
     "Spectrum",
     "acceleration_spectrum",
+    "agreed_delay",
     "belt_acceleration",
     "belt_signals",
     "center_of_pressure",

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import correlate
+from scipy.special import stdtrit
 
 from compensation.inputs import (
     read_rate,
@@ -46,17 +47,19 @@ class Delay:
     seconds
         Positive where the second device is later [s].
     standard_error
-        Of the estimate [s]; a 95 % interval is ± 1.96 of it, with few impacts Student's t.
+        Of the estimate [s].
     explained
         Share of the late signal's variance that follows the reference [1]; NaN where the delay
         was not estimated by `estimate_delay`.
     differences
         Delays of the single impacts of a hammer, in their order [s]; else empty.
+    degrees_of_freedom
+        Of the standard error; few where it is from the scatter of a few impacts or recordings.
 
     Examples
     --------
     >>> delay = Delay(0.0072, standard_error=0.0002)
-    >>> f"{1000 * delay.seconds:.1f} ± {1000 * 1.96 * delay.standard_error:.1f} ms"
+    >>> f"{1000 * delay.seconds:.1f} ± {1000 * delay.uncertainty:.1f} ms"
     '7.2 ± 0.4 ms'
     """
 
@@ -64,6 +67,12 @@ class Delay:
     standard_error: float
     explained: float = float("nan")
     differences: tuple[float, ...] = ()
+    degrees_of_freedom: float = float("inf")
+
+    @property
+    def uncertainty(self) -> float:
+        """Half of the 95 % confidence interval, by Student's t [s]."""
+        return float(stdtrit(self.degrees_of_freedom, 0.975) * self.standard_error)
 
 
 def estimate_delay(

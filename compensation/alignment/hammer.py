@@ -122,7 +122,12 @@ def hammer_delay(
         found = [impact.centroid - meeting.time for impact, meeting in meetings]
     scatter = float(np.std(found, ddof=1) / np.sqrt(len(found)))
     unknown = float(np.mean([meeting.unknown_s for _, meeting in meetings]))
-    return Delay(float(np.mean(found)), float(np.hypot(scatter, unknown)), differences=tuple(found))
+    return Delay(
+        float(np.mean(found)),
+        float(np.hypot(scatter, unknown)),
+        differences=tuple(found),
+        degrees_of_freedom=len(found) - 1,
+    )
 
 
 def _read_timed(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Array, Array]:
