@@ -29,10 +29,15 @@ def fit(
     accelerometer_unit: Annotated[
         str | None, typer.Option(help="g or m/s²; default: as the file says.")
     ] = None,
+    plate_calibration: Annotated[
+        Path | None,
+        typer.Option(help="Calibration of the plates (hbm plates), if trials are to name it."),
+    ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import Calibration, check_calibration, to_json
     from pipeline.cli.terminal import note_line, plain_console, print_table
+    from pipeline.config.plate_correction import read_plate_correction
     from pipeline.config.schema import RecordingRules, Treadmill
     from pipeline.config.validation import check_options
     from pipeline.io.units import acceleration_in_mps2
@@ -57,15 +62,16 @@ def fit(
             "cutoff_hz": cutoff_hz,
         },
     )
+    plates = read_plate_correction(plate_calibration) if plate_calibration else None
     try:
-        calibration = fit_calibration(empty, treadmill)
+        calibration = fit_calibration(empty, treadmill, plates)
     except ValueError as error:
         text = str(error)
         if "unknown acceleration unit" in text:
             text += "; if that is not their unit, use --accelerometer-unit g"
         raise ValueError(text if recording.name in text else f"{recording.name}: {text}") from error
     provenance = {
-        "recording": recording.name,
+        **calibration.provenance,
         "sha256": file_digest(recording),
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "program": f"hbm-residuals {version('hbm-residuals')}",
@@ -87,7 +93,10 @@ def fit(
     if doubts:
         advice = "do not use it before that is explained"
     else:
-        advice = f"next: hbm residuals TRIAL --calibration {out} --platform-markers M1,M2,M3"
+        plates_too = f" --plate-calibration {plate_calibration}" if plate_calibration else ""
+        advice = (
+            f"next: hbm residuals TRIAL --calibration {out}{plates_too} --platform-markers M1,M2,M3"
+        )
     console.print(f"written to {out}; {advice}", soft_wrap=True)
 
 
