@@ -50,7 +50,9 @@ def fit(
     if out.is_dir():
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
     rules = {"axes": axes, "units": units, "plate_units": plate_units}
-    empty = read_empty(recording, check_options(RecordingRules, rules).stated())
+    plates = read_plate_correction(plate_calibration) if plate_calibration else None
+    stated = check_options(RecordingRules, rules).stated()
+    empty = read_empty(recording, stated, any_forward=plates is None)
     sensors = find_accelerometers(empty)
     if accelerometer_unit is not None:
         acceleration_in_mps2(accelerometer_unit)
@@ -62,7 +64,6 @@ def fit(
             "cutoff_hz": cutoff_hz,
         },
     )
-    plates = read_plate_correction(plate_calibration) if plate_calibration else None
     try:
         calibration = fit_calibration(empty, treadmill, plates)
     except ValueError as error:

@@ -191,7 +191,8 @@ def _fitted(
     plates: PlateCorrection | None,
 ) -> tuple[BeltModel, ...]:
     del version  # part of the key: a file written anew is fitted anew
-    return fit_belts(with_corrected_plates(read_empty(path, stated), plates), belt)
+    recording = read_empty(path, stated, any_forward=plates is None)
+    return fit_belts(with_corrected_plates(recording, plates), belt)
 
 
 def _side(plate: Plate) -> Array:

@@ -183,7 +183,7 @@ def _fitted(
     plates: PlateCorrection | None,
 ) -> Calibration:
     """Fit what every trial of a study needs; a file of another ``version`` is fitted anew."""
-    recording = read_empty(path, stated)
+    recording = read_empty(path, stated, any_forward=plates is None)
     try:
         return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json), plates)
     except ValueError as error:
@@ -191,7 +191,7 @@ def _fitted(
         raise ValueError(text if path.name in text else f"{path.name}: {text}") from error
 
 
-def read_empty(path: Path, stated: Stated) -> Recording:
+def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recording:
     """Read a recording of the empty treadmill.
 
     Parameters
@@ -202,6 +202,8 @@ def read_empty(path: Path, stated: Stated) -> Recording:
         How it is to be read; marker set and label prefix are those of a subject and do not count.
         Without axes, any directions are taken in which the plates lie level: nothing shows which
         way is forward, and a calibration in the plates' own axes does not need it.
+    any_forward
+        Whether that is so; a correction of its plates is in the lab's axes and does need it.
 
     Returns
     -------
@@ -213,7 +215,8 @@ def read_empty(path: Path, stated: Stated) -> Recording:
     ValueError, OSError
         If the file cannot be read, or what is to be calibrated is subtracted from its plates.
     """
-    recording = _read_with_any_axes(path, replace(stated, marker_set=None, label_prefix=None))
+    read = _read_with_any_axes if any_forward else read_as_stated
+    recording = read(path, replace(stated, marker_set=None, label_prefix=None))
     if recording.compensation is not None:
         raise ValueError(
             f"{path.name}: its plates are compensated, by {recording.compensation.software}; a "

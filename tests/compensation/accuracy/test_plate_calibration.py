@@ -1,4 +1,4 @@
-"""A plate's correction undoes its errors in any axes, and its file is checked to the last number."""
+"""A plate's correction undoes its errors in any axes; every number of its file is checked."""
 
 import json
 

@@ -6,10 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compensation import PlateCalibration, PlateCalibrations
 from compensation.accuracy.plate_calibration import to_json
-from hbm.spatial import rotate_wrench
-from pipeline.config.plate_correction import PlateCorrection, read_plate_correction
+from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Compensation
@@ -18,42 +16,12 @@ from pipeline.trial.ground.corrected_plates import plate_delays_s, with_correcte
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from tests.pipeline import lab
+from tests.pipeline.wrong_plates import correction_of, wrongly_measured
 
-RNG = np.random.default_rng(4)
-RESPONSES = {number: np.eye(6) + 0.04 * RNG.normal(size=(6, 6)) for number in (1, 2)}
-OFFSETS = {number: RNG.normal(size=6) * [3, 3, 10, 2, 2, 1] for number in (1, 2)}
 TREADMILL = Treadmill(
     accelerometers=lab.CHANNELS, platform=Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
 )
 PERSON = Subject(sex="male", mass_kg=74.6)
-
-
-def correction_of(recording, numbers=(1, 2), *, delays=(None, None), change=True, name="lab.json"):
-    """The calibration that undoes `wrongly_measured` (or changes nothing)."""
-    plates = {plate.number: plate for plate in recording.plates}
-    one_each = tuple(
-        PlateCalibration(
-            plate=number,
-            matrix=np.linalg.inv(RESPONSES[number]) if change else np.eye(6),
-            offset=OFFSETS[number] if change else np.zeros(6),
-            standard_error=np.zeros((6, 6)),
-            center=plates[number].center,
-            examined=("Fx", "Fz", "Mx", "My", "Mz"),
-            delay_s=delay,
-        )
-        for number, delay in zip(numbers, delays, strict=True)
-    )
-    return PlateCorrection(name, f"sha256 of {name}", PlateCalibrations(one_each))
-
-
-def wrongly_measured(recording):
-    """The same recording by plates with gains, cross-talk and offsets in lab axes."""
-    plates = []
-    for plate in recording.plates:
-        in_lab = rotate_wrench(plate.wrench_in_plate, plate.rotation)
-        seen = in_lab @ RESPONSES[plate.number].T + OFFSETS[plate.number]
-        plates.append(replace(plate, wrench_in_plate=rotate_wrench(seen, plate.rotation.T)))
-    return replace(recording, plates=tuple(plates))
 
 
 def codes(recording):
@@ -159,9 +127,9 @@ def test_a_calibration_of_otherwise_corrected_plates_is_refused(empty, fitted_wi
 def test_a_calibration_fitted_in_passing_is_of_corrected_plates(moving_study):
     """A study may name the recording of the empty treadmill itself."""
     path = moving_study / "empty.c3d"
-    correction = correction_of(read_c3d(path, "forward,left,up"))
-    raw = read_calibration(path, TREADMILL, "forward,left,up")
-    corrected = read_calibration(path, TREADMILL, "forward,left,up", correction)
+    correction = correction_of(read_c3d(path, "left,back,up"))
+    raw = read_calibration(path, TREADMILL, "left,back,up")
+    corrected = read_calibration(path, TREADMILL, "left,back,up", correction)
     assert corrected.provenance["plate_calibration"] == "lab.json"
     for plate in ("plate 1", "plate 2"):
         assert np.abs(corrected.plates[plate].gain / raw.plates[plate].gain - 1).max() > 0.01
@@ -180,7 +148,7 @@ def test_plates_that_the_calibration_does_not_have_stay_as_they_are_with_a_warni
 
 def test_plates_numbered_the_other_way_round_are_refused(walker):
     other_way = tuple(replace(plate, number=3 - plate.number) for plate in reversed(walker.plates))
-    with pytest.raises(ValueError, match="plate 1 lies 0.50 m from where lab.json has it"):
+    with pytest.raises(ValueError, match=r"plate 1 lies 0\.50 m from where lab\.json has it"):
         with_corrected_plates(replace(walker, plates=other_way), correction_of(walker))
 
 
@@ -197,7 +165,9 @@ def test_plates_whose_place_is_unknown_are_corrected_about_their_calibrations_ce
 
 def test_plates_that_are_compensated_already_are_not_corrected_a_second_time(walker):
     done = replace(walker, compensation=Compensation("hbm-residuals 1.0", (1, 2)))
-    with pytest.raises(ValueError, match="compensated or corrected already, by hbm-residuals 1.0"):
+    with pytest.raises(
+        ValueError, match=r"compensated or corrected already, by hbm-residuals 1\.0"
+    ):
         with_corrected_plates(done, correction_of(walker))
 
 
