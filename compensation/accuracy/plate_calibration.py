@@ -51,7 +51,7 @@ class PlateCalibration:
         Components of the true wrench that varied in those recordings, of `WRENCH_COMPONENTS`: how
         the plate responds to the others is unknown, and taken as right.
     delay_s
-        How much later the plate is than the cameras [s].
+        How much later the plate is than the cameras [s]; None where it was not measured.
 
     Examples
     --------
@@ -69,7 +69,7 @@ class PlateCalibration:
     standard_error: Array
     center: Array
     examined: tuple[str, ...]
-    delay_s: float = 0.0
+    delay_s: float | None = None
 
     def __post_init__(self) -> None:
         if not 1 <= self.plate <= MAX_PLATE:
@@ -104,7 +104,7 @@ class PlateCalibration:
                 f"plate {self.plate}: examined must be different ones of "
                 f"{', '.join(WRENCH_COMPONENTS)}, got {listed(self.examined)}"
             )
-        if not abs(self.delay_s) <= MAX_DELAY_S:
+        if self.delay_s is not None and not abs(self.delay_s) <= MAX_DELAY_S:
             raise ValueError(
                 f"plate {self.plate}: delay_s must be within ±{MAX_DELAY_S} s, got {self.delay_s}"
             )
@@ -307,7 +307,7 @@ def _plate(plain: Any) -> PlateCalibration:
         numbers("standard_error", 2),
         numbers("center", 1),
         tuple(examined),
-        numbers("delay_s", 0),
+        None if plain["delay_s"] is None else numbers("delay_s", 0),
     )
 
 

@@ -29,10 +29,15 @@ def fit(
     accelerometer_unit: Annotated[
         str | None, typer.Option(help="g or m/s²; default: as the file says.")
     ] = None,
+    plate_calibration: Annotated[
+        Path | None,
+        typer.Option(help="Calibration of the plates (hbm plates), if trials are to name it."),
+    ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import Calibration, check_calibration, to_json
     from pipeline.cli.terminal import note_line, plain_console, print_table
+    from pipeline.config.plate_correction import read_plate_correction
     from pipeline.config.schema import RecordingRules, Treadmill
     from pipeline.config.validation import check_options
     from pipeline.io.units import acceleration_in_mps2
@@ -45,7 +50,9 @@ def fit(
     if out.is_dir():
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
     rules = {"axes": axes, "units": units, "plate_units": plate_units}
-    empty = read_empty(recording, check_options(RecordingRules, rules).stated())
+    plates = read_plate_correction(plate_calibration) if plate_calibration else None
+    stated = check_options(RecordingRules, rules).stated()
+    empty = read_empty(recording, stated, any_forward=plates is None)
     sensors = find_accelerometers(empty)
     if accelerometer_unit is not None:
         acceleration_in_mps2(accelerometer_unit)
@@ -58,14 +65,14 @@ def fit(
         },
     )
     try:
-        calibration = fit_calibration(empty, treadmill)
+        calibration = fit_calibration(empty, treadmill, plates)
     except ValueError as error:
         text = str(error)
         if "unknown acceleration unit" in text:
             text += "; if that is not their unit, use --accelerometer-unit g"
         raise ValueError(text if recording.name in text else f"{recording.name}: {text}") from error
     provenance = {
-        "recording": recording.name,
+        **calibration.provenance,
         "sha256": file_digest(recording),
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "program": f"hbm-residuals {version('hbm-residuals')}",
@@ -87,7 +94,10 @@ def fit(
     if doubts:
         advice = "do not use it before that is explained"
     else:
-        advice = f"next: hbm residuals TRIAL --calibration {out} --platform-markers M1,M2,M3"
+        plates_too = f" --plate-calibration {plate_calibration}" if plate_calibration else ""
+        advice = (
+            f"next: hbm residuals TRIAL --calibration {out}{plates_too} --platform-markers M1,M2,M3"
+        )
     console.print(f"written to {out}; {advice}", soft_wrap=True)
 
 

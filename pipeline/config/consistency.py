@@ -6,6 +6,7 @@ from typing import Final
 
 from hbm.spelling import did_you_mean, listed, short
 from hbm.toml_text import Table
+from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import StudyFile, SubjectFile
 from pipeline.config.toml_file import read_segments
 from pipeline.io.input_file import is_file
@@ -66,6 +67,21 @@ def treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
                 "treadmill.platform, from whose motion the perturbations are detected"
             )
     return faults
+
+
+def plate_faults(folder: Path, file: StudyFile) -> list[str]:
+    """Check the calibration of the plates that ``study.toml`` names, and the delay beside it."""
+    name = file.plates.calibration
+    if name is None:
+        return []
+    where = "study.toml: plates.calibration"
+    if missing := missing_file(folder, where, name):
+        return missing
+    try:
+        read_plate_correction(folder / name).require_delay(file.settings.plate_delay_s)
+    except (ValueError, OSError) as error:
+        return [f"{where}: {error}"]
+    return []
 
 
 def body_faults(folder: Path, name: str, subject: SubjectFile, file: StudyFile | None) -> list[str]:

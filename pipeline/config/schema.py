@@ -129,7 +129,8 @@ class Settings(InputModel):
     marker_offset_m
         From the skin to a marker's centre; by default a marker of 14 mm on a base of 2 mm.
     plate_delay_s
-        Delay of the plates' time stamps relative to the markers'.
+        Delay of the plates' time stamps relative to the markers'; None for that of the plates'
+        calibration, or none.
     contact_threshold_n
         Vertical force above which a foot is on a plate.
     min_valid_share
@@ -154,7 +155,7 @@ class Settings(InputModel):
     marker_set: Text | None = None
     hip: Literal["harrington", "bell", "functional"] = "harrington"
     marker_offset_m: MarkerOffsetM = MARKER_OFFSET_M
-    plate_delay_s: DelayS = 0.0
+    plate_delay_s: DelayS | None = None
     contact_threshold_n: ForceThresholdN = 30.0
     min_valid_share: ShareOfCycle = 0.5
     events: EventMethod | None = None
@@ -260,6 +261,19 @@ class Treadmill(InputModel):
                 "channels of each sensor, as in the example of 'hbm init'"
             )
         return self
+
+
+class Plates(InputModel):
+    """The force plates: the calibration that 'hbm plates' found with known weights."""
+
+    calibration: Text | None = None
+
+    @field_validator("calibration")
+    @classmethod
+    def _json(cls, name: str | None) -> str | None:
+        if name is not None and Path(name).suffix.lower() != ".json":
+            raise ValueError(f"must be a .json file, as 'hbm plates' writes it, got {name!r}")
+        return name
 
 
 class Condition(InputModel):
@@ -463,6 +477,7 @@ class StudyFile(RecordingRules):
 
     name: Annotated[str, AfterValidator(printable)] = "study"
     settings: Settings = Settings()
+    plates: Plates = Plates()
     treadmill: Treadmill = Treadmill()
     comparison: Comparison | None = None
     conditions: Annotated[dict[Name, Condition], Field(min_length=1)]

@@ -144,6 +144,7 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
     names = [trial.file, trial.forces, trial.record, treadmill.calibration]
     names += [person.static, person.hip_trial, person.segments]
     names += [treadmill.belt.calibration] if treadmill.belt is not None else []
+    names += [study.file.plates.calibration]
     inputs = {
         "files": [file_digest(study.path(name)) if name else None for name in names],
         "study": study.file.model_dump(exclude={"name", "conditions", "comparison"}),

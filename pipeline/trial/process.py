@@ -41,6 +41,7 @@ from pipeline.trial.gait.detection import TIMED_BY_PLATES, EventSources, detect_
 from pipeline.trial.gait.event_agreement import agreement_with_plates
 from pipeline.trial.gait.foot_motion_events import foot_motion
 from pipeline.trial.gait.perturbations import perturbation_onsets
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.loads import plate_loads
 from pipeline.trial.ground.wrenches import ground_wrenches
@@ -130,8 +131,10 @@ def process_recording(
     >>> f"{result.body.mass:.1f} kg, {len(result.cycles['right'])} gait cycles"
     '74.6 kg, 3 gait cycles'
     """
-    pose = static or recording
+    laboratory = laboratory or Laboratory(Treadmill())
     _require_plates(recording)
+    recording = with_corrected_plates(recording, laboratory.plates)
+    pose = with_corrected_plates(static, laboratory.plates) if static else recording
     choose_engine(settings.engine)
     mass = body_mass(subject, pose, recording)
     body = subject_body(
@@ -149,7 +152,6 @@ def process_recording(
     )
     motion = filter_motion(unfiltered, cutoff=settings.cutoff_hz, method=settings.filter)
 
-    laboratory = laboratory or Laboratory(Treadmill())
     ground = ground_wrenches(recording, laboratory, motion.time, settings.plate_delay_s)
     best, feet = ground.variants[ground.best], feet_of(body, unfiltered)
     shared = {

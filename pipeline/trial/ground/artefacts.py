@@ -62,7 +62,9 @@ def plate_artefacts(
             artefact += model.predict(_held(felt, recording, plate, "the acceleration", notes))
         notes += compensation_doubts(plates, models, readings, treadmill)
     if laboratory.belts and treadmill.belt is not None:
-        added = belt_wrenches(recording, laboratory.belts, treadmill.belt, plates[0].time)
+        added = belt_wrenches(
+            recording, laboratory.belts, treadmill.belt, [plate.time for plate in plates]
+        )
         for artefact, plate, wrench in zip(artefacts, plates, added, strict=True):
             artefact += _held(wrench, recording, plate, "the belts' acceleration", notes)
     return artefacts, tuple(notes)

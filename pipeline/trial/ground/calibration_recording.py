@@ -12,22 +12,29 @@ import numpy as np
 from compensation import Calibration, Setup, fit_inertia, from_json
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
+from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.input_file import read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
 
 FILTER: Final[Method] = "zero_phase"
 """A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
+PLATES_NAME: Final = "plate_calibration"
+PLATES_SHA256: Final = "plate_calibration_sha256"
+"""Keys of a calibration's provenance that name the correction of its plates."""
 AXES_BY_VERTICAL: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
 """One choice with each of the file's axes as the vertical one."""
 MIN_COSINE_LEVEL: Final = 0.7
 """Of the angle between a level plate's normal and the vertical, about 45°."""
 
 
-def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
+def fit_calibration(
+    recording: Recording, treadmill: Treadmill, plates: PlateCorrection | None = None
+) -> Calibration:
     """Fit what the empty plates of a moving treadmill measure to its accelerations.
 
     Parameters
@@ -36,11 +43,13 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
         The empty treadmill, moving.
     treadmill
         Names of its accelerometers' channels and the cut-off for the fit.
+    plates
+        The correction of its plates, which are corrected before the fit.
 
     Returns
     -------
     Calibration
-        One model per plate, named "plate 1", "plate 2", ….
+        One model per plate, named "plate 1", "plate 2", …. Its provenance names the correction.
 
     Raises
     ------
@@ -51,6 +60,7 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
         raise ValueError(
             f"{recording.source.name}: the calibration needs plates: {recording.why_no_plates}"
         )
+    recording = with_corrected_plates(recording, plates)
     clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
     filtered = setup.low_pass(readings, clock)
@@ -60,11 +70,38 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
         measured = resample(clock, filtered, plate.time + treadmill.accelerometer_delay_s)
         known = np.isfinite(measured).all(axis=1) & np.isfinite(wrench).all(axis=1)
         models[f"plate {plate.number}"] = fit_inertia(measured[known], wrench[known], setup)
-    return Calibration(models, {"recording": recording.source.name})
+    provenance = {"recording": recording.source.name}
+    if plates is not None:
+        provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
+    return Calibration(models, provenance)
+
+
+def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
+    """Refuse a calibration that was fitted to plates corrected otherwise than those of trials.
+
+    Raises
+    ------
+    ValueError
+        The correction of the one is not that of the others; the message says what to do.
+    """
+    known = calibration.provenance
+    fitted, wanted = known.get(PLATES_SHA256, ""), plates.sha256 if plates is not None else ""
+    if fitted == wanted:
+        return
+    used = f"to plates corrected by {known.get(PLATES_NAME)}" if fitted else "to uncorrected plates"
+    if plates is None:
+        advice = "name that file (plates.calibration in study.toml, --plate-calibration)"
+    else:
+        used += f", not by this {plates.name}" if fitted else f", but trials are by {plates.name}"
+        advice = "fit it again with 'hbm calibration fit --plate-calibration'"
+    raise ValueError(f"the treadmill's calibration was fitted {used}; {advice}")
 
 
 def read_calibration(
-    path: Path, treadmill: Treadmill, stated: Stated | str | None = None
+    path: Path,
+    treadmill: Treadmill,
+    stated: Stated | str | None = None,
+    plates: PlateCorrection | None = None,
 ) -> Calibration:
     """Read a fitted calibration (JSON), or fit one to a recording of the empty treadmill (C3D).
 
@@ -76,6 +113,8 @@ def read_calibration(
         Names of the accelerometers' channels.
     stated
         How a recording is to be read, as for `read_empty`; a text states its axes alone.
+    plates
+        The correction of the plates of trials: those of a recording are corrected alike.
 
     Returns
     -------
@@ -85,7 +124,7 @@ def read_calibration(
     Raises
     ------
     ValueError, OSError
-        If the file cannot be read or used.
+        If the file cannot be read or used, or is a calibration of otherwise corrected plates.
 
     Examples
     --------
@@ -103,12 +142,14 @@ def read_calibration(
         try:
             calibration = from_json(read_text(path))
             _require_same_channels(calibration, treadmill)
+            require_same_plates(calibration, plates)
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error
         return calibration
     written = path.stat()
     channels = treadmill.model_dump_json(exclude={"platform"})
-    return _fitted(path, (written.st_mtime_ns, written.st_size), channels, as_stated(stated))
+    version = written.st_mtime_ns, written.st_size
+    return _fitted(path, version, channels, as_stated(stated), plates)
 
 
 def _require_same_channels(calibration: Calibration, treadmill: Treadmill) -> None:
@@ -135,18 +176,22 @@ def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
 
 @lru_cache(maxsize=2)
 def _fitted(
-    path: Path, version: tuple[int, int], treadmill_json: str, stated: Stated
+    path: Path,
+    version: tuple[int, int],
+    treadmill_json: str,
+    stated: Stated,
+    plates: PlateCorrection | None,
 ) -> Calibration:
     """Fit what every trial of a study needs; a file of another ``version`` is fitted anew."""
-    recording = read_empty(path, stated)
+    recording = read_empty(path, stated, any_forward=plates is None)
     try:
-        return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json))
+        return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json), plates)
     except ValueError as error:
         text = str(error)
         raise ValueError(text if path.name in text else f"{path.name}: {text}") from error
 
 
-def read_empty(path: Path, stated: Stated) -> Recording:
+def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recording:
     """Read a recording of the empty treadmill.
 
     Parameters
@@ -157,6 +202,8 @@ def read_empty(path: Path, stated: Stated) -> Recording:
         How it is to be read; marker set and label prefix are those of a subject and do not count.
         Without axes, any directions are taken in which the plates lie level: nothing shows which
         way is forward, and a calibration in the plates' own axes does not need it.
+    any_forward
+        Whether that is so; a correction of its plates is in the lab's axes and does need it.
 
     Returns
     -------
@@ -168,7 +215,8 @@ def read_empty(path: Path, stated: Stated) -> Recording:
     ValueError, OSError
         If the file cannot be read, or what is to be calibrated is subtracted from its plates.
     """
-    recording = _read_with_any_axes(path, replace(stated, marker_set=None, label_prefix=None))
+    read = _read_with_any_axes if any_forward else read_as_stated
+    recording = read(path, replace(stated, marker_set=None, label_prefix=None))
     if recording.compensation is not None:
         raise ValueError(
             f"{path.name}: its plates are compensated, by {recording.compensation.software}; a "

@@ -6,14 +6,31 @@ from pathlib import Path
 
 from compensation import BeltModel, Calibration, InertiaModel
 from hbm.signals.filtering import Method
+from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Platform, Settings, Treadmill
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.calibration_recording import FILTER, read_calibration, setup_of
+from pipeline.trial.ground.calibration_recording import (
+    FILTER,
+    read_calibration,
+    require_same_plates,
+    setup_of,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Laboratory:
     """The treadmill as stated, its calibration and its plates' belt models where there are any.
+
+    Attributes
+    ----------
+    treadmill
+        As stated.
+    calibration
+        Of the moving platform.
+    belts
+        One model per plate.
+    plates
+        The correction of its plates, by which those of the calibration were corrected too.
 
     Examples
     --------
@@ -26,6 +43,11 @@ class Laboratory:
     treadmill: Treadmill
     calibration: Calibration | None = None
     belts: tuple[BeltModel, ...] = ()
+    plates: PlateCorrection | None = None
+
+    def __post_init__(self) -> None:
+        if self.calibration is not None:
+            require_same_plates(self.calibration, self.plates)
 
     def filters(self, settings: Settings) -> tuple[tuple[Method, float], ...]:
         """Give method and cut-off [Hz] of every low-pass between a recording and its residuals."""
@@ -102,7 +124,9 @@ def require_uncompensated(recording: Recording, laboratory: Laboratory) -> None:
         )
 
 
-def read_laboratory(file: Path, platform_markers: tuple[str, ...]) -> Laboratory:
+def read_laboratory(
+    file: Path, platform_markers: tuple[str, ...], plates: PlateCorrection | None = None
+) -> Laboratory:
     """Give the laboratory that a calibration file describes.
 
     Parameters
@@ -111,6 +135,8 @@ def read_laboratory(file: Path, platform_markers: tuple[str, ...]) -> Laboratory
         JSON that `fit` wrote.
     platform_markers
         Markers on the platform; none for a treadmill that stands still.
+    plates
+        The correction of its plates.
 
     Returns
     -------
@@ -120,14 +146,14 @@ def read_laboratory(file: Path, platform_markers: tuple[str, ...]) -> Laboratory
     Raises
     ------
     ValueError
-        If the file is not such a calibration.
+        If the file is not such a calibration, or is one of otherwise corrected plates.
     """
     if file.suffix.lower() != ".json":
         raise ValueError(
             f"{file.name}: --calibration takes a fitted calibration; make one with "
             f"'hbm calibration fit {file.name} -o lab.json'"
         )
-    calibration = read_calibration(file, Treadmill())
+    calibration = read_calibration(file, Treadmill(), plates=plates)
     try:
         channels = json.loads(calibration.provenance["channels"])
     except (KeyError, ValueError) as error:
@@ -143,4 +169,4 @@ def read_laboratory(file: Path, platform_markers: tuple[str, ...]) -> Laboratory
         cutoff_hz=cutoff_hz or 20.0,
         platform=platform,
     )
-    return Laboratory(treadmill, calibration)
+    return Laboratory(treadmill, calibration, plates=plates)

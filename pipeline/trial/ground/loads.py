@@ -10,6 +10,7 @@ from hbm.spatial import Array, read_only
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.calibration_recording import setup_of
+from pipeline.trial.ground.corrected_plates import plate_delays_s
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
 
@@ -42,18 +43,18 @@ class PlateLoad:
 
 
 def plate_loads(
-    recording: Recording, laboratory: Laboratory, plate_delay_s: float
+    recording: Recording, laboratory: Laboratory, plate_delay_s: float | None
 ) -> tuple[PlateLoad, ...]:
     """Give the load on every plate, without what the platform's motion adds where that is known.
 
     Parameters
     ----------
     recording
-        The trial.
+        The trial, its plates corrected.
     laboratory
         The treadmill with its calibration, if any.
     plate_delay_s
-        How much later the plates are than the markers [s].
+        How much later the plates are than the markers [s]; None as their calibration states it.
 
     Returns
     -------
@@ -76,9 +77,10 @@ def plate_loads(
         for k, (plate, model) in enumerate(zip(plates, models, strict=True)):
             felt = resample(clock, readings, plate.time + treadmill.accelerometer_delay_s)
             forces[k] = forces[k] - _predicted(model, felt) @ plate.rotation[2]
+    delays = plate_delays_s(plates, laboratory.plates, plate_delay_s)
     return tuple(
-        PlateLoad(plate.number, plate.time - plate_delay_s, force)
-        for plate, force in zip(plates, forces, strict=True)
+        PlateLoad(plate.number, plate.time - delay, force)
+        for plate, delay, force in zip(plates, delays, forces, strict=True)
     )
 
 

@@ -20,6 +20,7 @@ from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import setup_of
+from pipeline.trial.ground.corrected_plates import plate_delays_s
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 
@@ -53,20 +54,20 @@ class Ground:
 
 
 def ground_wrenches(
-    recording: Recording, laboratory: Laboratory, time: Array, plate_delay_s: float
+    recording: Recording, laboratory: Laboratory, time: Array, plate_delay_s: float | None
 ) -> Ground:
     """Bring every plate to the markers' times and into the lab, as measured and compensated.
 
     Parameters
     ----------
     recording
-        The trial.
+        The trial, its plates corrected.
     laboratory
         The treadmill.
     time
         Marker times, (T,) [s].
     plate_delay_s
-        How much later the plates are than the markers [s].
+        How much later the plates are than the markers [s]; None as their calibration states it.
 
     Returns
     -------
@@ -80,20 +81,21 @@ def ground_wrenches(
     Raises
     ------
     ValueError
-        If the calibration does not fit the trial, a channel or platform marker is missing, or the
-        file's plates are compensated already.
+        If the calibration does not fit the trial, a channel or platform marker is missing, the
+        file's plates are compensated already, or two different delays are stated of a plate.
     """
     require_uncompensated(recording, laboratory)
     plates, treadmill = recording.plates, laboratory.treadmill
-    measured = [resample(p.time, p.wrench_in_plate, time + plate_delay_s) for p in plates]
+    times = [time + delay for delay in plate_delays_s(plates, laboratory.plates, plate_delay_s)]
+    measured = [resample(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)]
     notes = [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
 
     compensated = measured
     if laboratory.calibration is not None:
-        compensated, doubts = _without_inertia(recording, laboratory, time + plate_delay_s)
+        compensated, doubts = _without_inertia(recording, laboratory, times)
         notes += doubts
     if laboratory.belts and treadmill.belt is not None:
-        added = belt_wrenches(recording, laboratory.belts, treadmill.belt, time + plate_delay_s)
+        added = belt_wrenches(recording, laboratory.belts, treadmill.belt, times)
         compensated = [w - belt for w, belt in zip(compensated, added, strict=True)]
         notes.append(Note.of("belts_compensated", channels=treadmill.belt.speed_channels))
 
@@ -115,9 +117,9 @@ def _is_constant(plate: Plate) -> bool:
 
 
 def _without_inertia(
-    recording: Recording, laboratory: Laboratory, plate_time: Array
+    recording: Recording, laboratory: Laboratory, times: Sequence[Array]
 ) -> tuple[list[Array], list[Note]]:
-    """Subtract what the platform's motion adds to each plate; plate times (T,) are on their clock.
+    """Subtract what the platform's motion adds to each plate; its times (T,) are on its clock.
 
     Plates and accelerometers both pass the low-pass that both passed in the calibration: filtering
     only one of them would leave the part of the artefact that the filter takes from the other.
@@ -126,13 +128,11 @@ def _without_inertia(
     clock, readings = accelerations(recording, treadmill)
     models = plate_models(recording, laboratory)
     setup = setup_of(recording, treadmill)
-    acceleration = resample(
-        clock, setup.low_pass(readings, clock), plate_time + treadmill.accelerometer_delay_s
-    )
-    compensated = []
-    for plate, model in zip(plates, models, strict=True):
+    filtered, compensated = setup.low_pass(readings, clock), []
+    for plate, model, time in zip(plates, models, times, strict=True):
+        acceleration = resample(clock, filtered, time + treadmill.accelerometer_delay_s)
         wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
-        wrench = resample(plate.time, wrench, plate_time)
+        wrench = resample(plate.time, wrench, time)
         compensated.append(_compensated(model, acceleration, wrench))
     notes = compensation_doubts(plates, models, readings, treadmill)
     notes.append(

@@ -69,7 +69,7 @@ def test_at_the_plates_own_samples_the_same_is_subtracted_and_the_end_is_held(mo
     artefacts, notes = plate_artefacts(recording, laboratory)
     times = recording.plates[0].time
     for artefact, wrench in zip(
-        artefacts, belt_wrenches(recording, models, BELT, times), strict=True
+        artefacts, belt_wrenches(recording, models, BELT, [times] * len(models)), strict=True
     ):
         known = np.isfinite(wrench).all(axis=1)
         assert times[~known].min() > times[-1] - 0.01
