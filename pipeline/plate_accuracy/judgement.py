@@ -140,7 +140,7 @@ def judge_noise(response: PlateResponse, limits: AccuracyLimits) -> list[Judged]
     )
     judged = []
     for name, unit, limit, chosen in parts:
-        sizes = np.sqrt(response.scatter[:, 0, chosen].mean(axis=1))
+        sizes = np.sqrt(np.maximum(response.scatter[:, 0, chosen].mean(axis=1), 0))
         half = response.quantile * float(standard_error(sizes))
         judged.append(_judged(f"noise of {name}", sizes[0], half, limit, unit, "none"))
     return judged

@@ -93,6 +93,7 @@ def total_errors(
     if calibration is not None:
         reported = calibration.correct(reported)
         variance = variance @ (calibration.matrix**2).T
+    variance = np.maximum(variance, 0)
     effect = _effects(loads, reported)
     error = np.einsum("klqc,klc->klq", effect, reported - loads)
     random = np.einsum("klqc,klc->klq", effect**2, variance).mean(axis=1)
