@@ -223,7 +223,7 @@ def plates(
 
     Where a plate can be corrected, its calibration is written too.
     """
-    from pipeline.cli.terminal import announcer, plain_console
+    from pipeline.cli.terminal import announcer, note_line, plain_console
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
     from pipeline.plate_accuracy.report import write_report
@@ -246,6 +246,8 @@ def plates(
         if fault.significant:
             console.print(f"- {describe(fault)}", soft_wrap=True)
     for verdict in verdicts:
+        for note in verdict.notes:
+            console.print(note_line(note), soft_wrap=True)
         console.print(verdict.sentence, soft_wrap=True)
     advice = use_of_calibration(verdicts, out)
     if advice is not None:

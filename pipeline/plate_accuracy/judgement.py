@@ -11,7 +11,7 @@ from scipy import stats
 from compensation import Linearity, PlateCalibration
 from hbm.spatial import Array
 from pipeline.config.plate_study import AccuracyLimits
-from pipeline.plate_accuracy.correction import chosen_delay
+from pipeline.plate_accuracy.correction import DELAY_FAULTS, chosen_delay
 from pipeline.plate_accuracy.faults import FaultEstimate
 from pipeline.plate_accuracy.response import PlateResponse, standard_error
 from pipeline.plate_accuracy.stance import QUANTITIES, total_errors
@@ -88,11 +88,10 @@ def judge_faults(
         In their order.
     """
     late = chosen_delay(faults)
-    unused = {"motion": "delay", "hammer": "delay in motion"}
-    without = [] if late is None else [unused[late.method]]
+    used = None if late is None else DELAY_FAULTS[late.method]
     judged = []
     for fault in faults:
-        if fault.fault in without:
+        if fault.fault in DELAY_FAULTS.values() and fault.fault != used:
             continue
         remedy: Remedy = "calibration"
         if fault.fault.startswith("vibration"):

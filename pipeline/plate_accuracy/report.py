@@ -11,6 +11,7 @@ from pipeline.config.plate_study import BeltSide
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
+from pipeline.plate_accuracy.correction import DELAY_METHODS, chosen_delay
 from pipeline.plate_accuracy.figures import (
     error_figure,
     hammer_figure,
@@ -180,6 +181,13 @@ def _measurements(found: PlateAccuracy) -> list[str]:
         if fault.fault == "delay"
     ]
     belts = sorted({t.weight.belt for t in found.trials})
+    late = {belt: chosen_delay([f for f in found.faults if f.belt == belt]) for belt in belts}
+    lines += [
+        f"{belt}: the delay {DELAY_METHODS[one.method]}, {1000 * one.delay.seconds:.2f} ± "
+        f"{1000 * one.delay.uncertainty:.2f} ms, is the one that is judged and corrected"
+        for belt, one in late.items()
+        if one is not None
+    ]
     lines += [
         f"{belt}: noise of the marker causes about {_marker_noise(found, belt):.1f} N of each "
         "force error by difference in Table I"

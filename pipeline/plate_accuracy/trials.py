@@ -272,9 +272,9 @@ def _read(
 def _without_noise(wrench: Array, marker: Array, weight_n: float, height_m: float) -> Array:
     """Remove the lateral and the varying vertical force of a true wrench: noise of the marker.
 
-    The weight moves along the belt only, and does not leave it. Multiplied by the distance along the belt, this noise
-    would be most of the moments about the lateral and the vertical axis, and noise in a regressor
-    biases its coefficient towards zero.
+    The weight moves along the belt only, and does not leave it. Multiplied by the distance along
+    the belt, this noise would be most of the moments about the lateral and the vertical axis, and
+    noise in a regressor biases its coefficient towards zero.
     """
     noise = wrench[:, :3] - [0.0, 0.0, weight_n]
     noise[:, 0] = 0

@@ -7,9 +7,10 @@ from typing import Final, Literal
 import numpy as np
 
 from compensation import PlateCalibration
+from hbm.notes import Note
 from pipeline.config.plate_study import BeltSide
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
-from pipeline.plate_accuracy.correction import plate_calibration
+from pipeline.plate_accuracy.correction import delay_notes, plate_calibration
 from pipeline.plate_accuracy.faults import FaultEstimate
 from pipeline.plate_accuracy.judgement import (
     DISPLAY_UNITS,
@@ -50,6 +51,8 @@ class PlateVerdict:
         What is missing for a verdict.
     remarks
         What else was not examined.
+    notes
+        Contradictions between methods.
     calibration
         The correction of the plate; None where nothing is to be corrected.
     recordings
@@ -61,6 +64,7 @@ class PlateVerdict:
     corrected: tuple[Judged, ...]
     to_record: tuple[str, ...]
     remarks: tuple[str, ...]
+    notes: tuple[Note, ...]
     calibration: PlateCalibration | None
     recordings: int
 
@@ -195,6 +199,7 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         tuple(corrected),
         _to_record(found, belt),
         _remarks(found, belt),
+        delay_notes(faults),
         calibration,
         len([trial for trial in found.trials_in_use if trial.weight.belt == belt]),
     )

@@ -38,6 +38,8 @@ def verdict_sections(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> 
             f"## {verdict.belt} plate: {verdict.verdict}",
             markdown(pd.DataFrame([_row(one) for one in (*verdict.judged, *verdict.corrected)])),
         ]
+        if verdict.notes:
+            lines.append(_listed([f"{note.level}: {note} [{note.code}]" for note in verdict.notes]))
         if verdict.corrections:
             lines.append("To correct:\n\n" + _listed(verdict.corrections))
         lines.append("Not examined:\n\n" + _listed((*verdict.to_record, *verdict.remarks)))

@@ -8,9 +8,9 @@ from typing import Final
 import pandas as pd
 
 from pipeline.io.write import markdown
-from tests.campaign.plate_cases import FAULTS, SIZES, PlateOutcome
+from tests.campaign.plates.cases import FAULTS, SIZES, PlateOutcome
 
-PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "plates.md"
+PAGE: Final = Path(__file__).resolve().parents[3] / "docs" / "plates.md"
 HEADING: Final = "## Campaign\n"
 """All from here on is written anew."""
 

@@ -7,8 +7,8 @@ import argparse
 import time
 from multiprocessing import Pool
 
-from tests.campaign.plate_cases import PERFECT, STANDARD_STUDIES, carry_out, cases, faultless
-from tests.campaign.plates_page import PAGE, write_page
+from tests.campaign.plates.cases import PERFECT, STANDARD_STUDIES, carry_out, cases, faultless
+from tests.campaign.plates.page import PAGE, write_page
 
 
 def main() -> int:
