@@ -23,7 +23,7 @@ def main() -> int:
         for seed in range(given.seeds):
             done += [plate for study in pool.imap(carry_out, cases([seed])) for plate in study]
             minutes = (time.monotonic() - start) / 60
-            write_page(done, perfect, minutes * given.workers)
+            write_page(done, perfect, minutes, given.workers)
             print(f"seed {seed}: {minutes:.0f} min, written: {PAGE}", flush=True)
     return 0
 
