@@ -82,7 +82,7 @@ def test_the_tables_stand_below_what_people_wrote(tmp_path, monkeypatch):
     perfect = [PlateOutcome(Case("none", 0.0, 0), False, (), (0, 0), (8, 8, 8), "fit", "fit")]
     page.write_page(done, perfect, 3.0, workers=1)
     text = path.read_text(encoding="utf-8")
-    assert text.startswith("# Plates\n\nText.\n\n## Campaign\n")
+    assert text.startswith("# Plates\n\nText.\n\n## Campaign\n\n`python -m")
     assert "yesterday" not in text
     count = len(FAULTS) * len(SIZES)
     assert f"0 of {count} right" in text

@@ -20,7 +20,7 @@ DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "
 """Unit of an estimate -> factor and unit in which people read it."""
 TOTAL: Final = "total error"
 """With which the names of total errors begin."""
-Remedy = Literal["calibration", "supports", "none"]
+Remedy = Literal["calibration", "none"]
 Status = Literal["within", "beyond", "unclear"]
 
 
@@ -39,7 +39,7 @@ class Judged:
     unit
         Of all four.
     remedy
-        What takes it away: the plate's calibration, supports, or nothing.
+        What takes it away: the plate's calibration, or nothing.
     """
 
     name: str
@@ -69,7 +69,7 @@ class Judged:
 def judge_faults(
     faults: Sequence[FaultEstimate], limits: AccuracyLimits, full_scale_n: float, supported: bool
 ) -> list[Judged]:
-    """Judge the faults of a plate by their limits; of two delays, the one to correct by.
+    """Judge the faults of a plate as it is used; of two delays, the one to correct by.
 
     Parameters
     ----------
@@ -93,14 +93,11 @@ def judge_faults(
     for fault in faults:
         if fault.fault in DELAY_FAULTS.values() and fault.fault != used:
             continue
-        remedy: Remedy = "calibration"
-        if fault.fault.startswith("vibration"):
-            in_use = fault.fault.endswith("with supports") == supported
-            remedy = "none" if in_use else "supports"
-            if not in_use and not supported:
-                continue
-        elif fault.fault in ("drift", "curvature"):
-            remedy = "none"
+        vibration = fault.fault.startswith("vibration")
+        if vibration and fault.fault.endswith("with supports") != supported:
+            continue
+        lasting = vibration or fault.fault in ("drift", "curvature")
+        remedy: Remedy = "none" if lasting else "calibration"
         limit = _limit(fault, limits, full_scale_n)
         judged.append(
             _judged(fault.fault, fault.value, fault.uncertainty, limit, fault.unit, remedy)
@@ -118,7 +115,7 @@ def judge_linearity(
     limit = limits.nonlinearity_percent / 100 * full_scale_n
     return [
         _judged(
-            "slope of measured over known load, from 1:",
+            "slope of measured over known load less 1",
             linearity.slope - 1,
             linearity.slope_uncertainty,
             limits.gain_percent / 100,

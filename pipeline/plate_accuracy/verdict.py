@@ -57,6 +57,8 @@ class PlateVerdict:
         The correction of the plate; None where nothing is to be corrected.
     recordings
         Of weights, on this plate.
+    with_supports
+        True where there are recordings with and without supports: the verdict is for use with them.
     """
 
     belt: BeltSide
@@ -67,6 +69,7 @@ class PlateVerdict:
     notes: tuple[Note, ...]
     calibration: PlateCalibration | None
     recordings: int
+    with_supports: bool
 
     @property
     def verdict(self) -> Verdict:
@@ -106,14 +109,13 @@ class PlateVerdict:
                     "zero the plate before every recording: the calibration subtracts the zero "
                     "that these recordings had"
                 )
-        if any(one.remedy == "supports" and one.status != "within" for one in self.judged):
-            lines.append("measure with the supports")
         return tuple(lines)
 
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        start, reasons = f"{self.belt} plate: ", self._listed_reasons()
+        used = " with supports" if self.with_supports else ""
+        start, reasons = f"{self.belt} plate{used}: ", self._listed_reasons()
         if self.verdict == "fit":
             return f"{start}fit for inverse dynamics; lateral force was not examined."
         missing = "; ".join([*self.to_record, *self._advice()])
@@ -202,6 +204,7 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         delay_notes(faults),
         calibration,
         len([trial for trial in found.trials_in_use if trial.weight.belt == belt]),
+        with_supports=len({trial.weight.supports for trial in found.trials}) > 1,
     )
 
 

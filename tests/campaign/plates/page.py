@@ -23,13 +23,13 @@ def write_page(
     seeds = len({one.case.seed for one in done})
     invented = Counter(name for one in done for name in one.invented)
     lines = [
-        written + HEADING,
-        f"`python -m tests.campaign.plates`: {len(FAULTS)} faults × {len(SIZES)} sizes × {seeds} "
-        f"seeds of noise × 2 plates, and {len(perfect)} plates without a fault; "
-        f"{minutes:.0f} minutes, {workers} at a time. Plates with a fault are recorded 24 times each (two "
-        "speeds, three masses, two positions, two profiles), a third of the thesis' design. The "
-        "true verdict is from the known fault by an independent formula: what the simulated plate "
-        "shows of a person's loads in a minute, less the loads.",
+        written + HEADING.rstrip(),
+        f"`python -m tests.campaign.plates --seeds {seeds}`: {len(FAULTS)} faults × {len(SIZES)} sizes × "
+        f"{seeds} seeds of noise × 2 plates, and {len(perfect)} plates without a fault; "
+        f"{minutes:.0f} minutes, {workers} at a time. Plates with a fault are recorded 24 times "
+        "each (two speeds, three masses, two positions, two profiles), a third of the thesis' "
+        "design. The true verdict is from the known fault by an independent formula: what the "
+        "simulated plate shows of a person's loads in a minute, less the loads.",
         "Found: the fault, all its estimates, differs significantly from none. Sized: its size "
         "lies within the 95 % interval (of all gains: how many of the five that weights examine). "
         "A noise is not tested against none.",

@@ -143,7 +143,7 @@ def test_a_vibration_is_found_and_named_with_and_without_supports(shaking, tmp_p
     (verdict,) = judge(shaking)
     assert verdict.verdict == "not fit"
     assert "vibration with supports" in {one.name for one in verdict.reasons}
-    assert "measure with the supports" in verdict.corrections
+    assert verdict.sentence.startswith("left plate with supports: not fit for inverse dynamics")
     assert "at 3.20 Hz in the centre of pressure" in describe(held)
 
 
