@@ -148,14 +148,15 @@ class PlateVerdict:
         if not unclear:
             return []
         with np.errstate(divide="ignore"):
-            times = max(
-                float(np.square((one.high - one.low) / 2 / np.abs(one.size - one.limit)))
+            more = {
+                one.name: np.square((one.high - one.low) / 2 / np.abs(one.size - one.limit)) - 1
                 for one in unclear
-            )
-        if not times <= MAX_MORE:
-            return ["an error is as large as its limit"]
-        more = max(math.ceil((times - 1) * self.recordings), 1)
-        return [f"record about {more} more weights on this plate"]
+            }
+        name = max(more, key=lambda each: more[each])
+        if not more[name] < MAX_MORE:
+            return [f"{name} is so close to its limit that more recordings would hardly tell"]
+        number = max(math.ceil(more[name] * self.recordings), 1)
+        return [f"record about {number} more weights on this plate"]
 
 
 def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:

@@ -24,8 +24,8 @@ def write_page(
     invented = Counter(name for one in done for name in one.invented)
     lines = [
         written + HEADING.rstrip(),
-        f"`python -m tests.campaign.plates --seeds {seeds}`: {len(FAULTS)} faults × {len(SIZES)} sizes × "
-        f"{seeds} seeds of noise × 2 plates, and {len(perfect)} plates without a fault; "
+        f"`python -m tests.campaign.plates --seeds {seeds}`: {len(FAULTS)} faults × "
+        f"{len(SIZES)} sizes × {seeds} seeds of noise × 2 plates, and {len(perfect)} plates without a fault; "
         f"{minutes:.0f} minutes, {workers} at a time. Plates with a fault are recorded 24 times "
         "each (two speeds, three masses, two positions, two profiles), a third of the thesis' "
         "design. The true verdict is from the known fault by an independent formula: what the "

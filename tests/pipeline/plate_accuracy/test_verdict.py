@@ -103,7 +103,7 @@ def test_an_interval_that_holds_the_limit_tells_nothing_and_says_what_to_record(
     (verdict,) = judge(replace(found, study=replace(found.study, file=file)))
     assert verdict.verdict == "cannot be told"
     assert "gain of Fz" in {one.name for one in verdict.reasons}
-    assert "as large as its limit" in verdict.sentence
+    assert "so close to its limit that more recordings would hardly tell" in verdict.sentence
     near = 100 * (gain.value + 0.7 * gain.uncertainty)
     file = found.study.file.model_copy(update={"limits": AccuracyLimits(gain_percent=near)})
     (verdict,) = judge(replace(found, study=replace(found.study, file=file)))
