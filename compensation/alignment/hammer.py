@@ -29,6 +29,8 @@ MARGIN_S: Final = 0.001
 """Between a contact and the marker samples beside it, for the error of the delay so far."""
 MIN_SAMPLES: Final = 4
 """Of the marker on either side: one more than a parabola has coefficients."""
+MIN_FORCE_HZ: Final = 500.0
+"""Of the force: a contact lasts some milliseconds, and shorter ones would lie between samples."""
 REPETITIONS: Final = 4
 """Of the estimate, each with the delay of the one before to tell which samples are in contact."""
 
@@ -67,7 +69,8 @@ def hammer_delay(
     Raises
     ------
     ValueError
-        Wrong shapes, no samples, gaps, times that do not increase, fewer than 3 impacts.
+        Wrong shapes, no samples, gaps, times that do not increase, a force at less than 500 Hz,
+        fewer than 3 impacts.
 
     Notes
     -----
@@ -103,6 +106,12 @@ def hammer_delay(
     """
     t_m, height = _read_timed(marker_time, marker_height, "marker")
     t_f, load = _read_timed(force_time, force, "force")
+    if (rate_hz := 1 / float(np.median(np.diff(t_f)))) < MIN_FORCE_HZ:
+        raise ValueError(
+            f"a force at {rate_hz:.0f} Hz misses impacts between its samples, expected "
+            f"{MIN_FORCE_HZ:.0f} Hz at least; leave the impacts out, weights that a belt carries "
+            "back and forth show the delay too"
+        )
     impacts = _impacts(t_f, load)
     turns = [(impact, _sharpest_turn(t_m, height, impact, window_s)) for impact in impacts]
     found = [impact.centroid - turn for impact, turn in turns if turn is not None]

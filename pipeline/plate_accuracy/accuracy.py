@@ -13,18 +13,17 @@ from compensation import (
     PlateAlignment,
     center_of_pressure,
     fit_line_orthogonal,
-    hammer_delay,
     linearity,
 )
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
 from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
+from pipeline.plate_accuracy.recordings import read_hammer_delay
 from pipeline.plate_accuracy.trials import (
     LOADED_SHARE,
     UNALIGNED,
     WeightTrial,
     align,
-    read_hammer,
     read_weight,
     static_places,
 )
@@ -117,8 +116,7 @@ def check_plates(study: PlatesStudy) -> PlateAccuracy:
         for weight in file.weights
     )
     delays: dict[BeltSide, Delay] = {
-        impacts.belt: hammer_delay(*read_hammer(study, impacts.file, impacts.belt))
-        for impacts in file.hammer
+        impacts.belt: read_hammer_delay(study, impacts) for impacts in file.hammer
     }
     linearities = {belt: _linearity(trials, belt, file.full_scale_n) for belt in belts}
     errors = trial_errors(trials)
