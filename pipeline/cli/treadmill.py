@@ -219,12 +219,16 @@ def plates(
     seed: Seed = 0,
     out: Out = Path("plates"),
 ) -> None:
-    """Check force plates against known weights: fit for inverse dynamics or not, and why."""
+    """Check force plates against known weights: fit for inverse dynamics or not, and why.
+
+    Where a plate can be corrected, its calibration is written too.
+    """
     from pipeline.cli.terminal import announcer, plain_console
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
     from pipeline.plate_accuracy.report import write_report
     from pipeline.plate_accuracy.verdict import describe
+    from pipeline.plate_accuracy.verdict_page import use_of_calibration
     from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
     console = plain_console()
@@ -237,9 +241,13 @@ def plates(
     experiment = read_plates_study(study)
     announce(f"reading {len(experiment.file.weights)} recordings of known weights")
     found = check_plates(experiment)
-    verdict = write_report(found, out)
+    verdicts = write_report(found, out)
     for fault in found.faults:
         if fault.significant:
             console.print(f"- {describe(fault)}", soft_wrap=True)
-    console.print(verdict.sentence, soft_wrap=True)
+    for verdict in verdicts:
+        console.print(verdict.sentence, soft_wrap=True)
+    advice = use_of_calibration(verdicts, out)
+    if advice is not None:
+        console.print(advice, soft_wrap=True)
     console.print(f"written to {out}: verdict.md, table_1, figures", soft_wrap=True)

@@ -1,7 +1,7 @@
 """Experiment 1: errors of force plates under known weights, per condition."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -19,6 +19,7 @@ from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
 from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
 from pipeline.plate_accuracy.recordings import read_hammer_delay
+from pipeline.plate_accuracy.response import PlateResponse, fit_response
 from pipeline.plate_accuracy.trials import (
     LOADED_SHARE,
     UNALIGNED,
@@ -57,7 +58,7 @@ class PlateAccuracy:
         the conditions, RMSE by difference and orthogonal RMSE [m, N, N·m]. Lab axes.
     places
         Belt -> centres of pressure and markers of a weight at rest, (n, 2) [m] each.
-    alignments, delays, linearities
+    alignments, delays, linearities, responses
         Belt -> result, where there are recordings for it.
     faults
         Single faults with their uncertainty.
@@ -73,6 +74,7 @@ class PlateAccuracy:
     alignments: dict[BeltSide, PlateAlignment]
     delays: dict[BeltSide, Delay]
     linearities: dict[BeltSide, Linearity]
+    responses: dict[BeltSide, PlateResponse]
     faults: tuple[FaultEstimate, ...]
     tests: pd.DataFrame
     pairs: pd.DataFrame
@@ -81,6 +83,11 @@ class PlateAccuracy:
     def reported_errors(self) -> pd.DataFrame:
         """Errors of the recordings with supports, or of all where none has supports."""
         return self.errors[self.errors["supports"] == self.errors["supports"].any()]
+
+    @property
+    def trials_in_use(self) -> tuple[WeightTrial, ...]:
+        """The recordings with supports, or all where none has supports."""
+        return _in_use(self.trials)
 
 
 def check_plates(study: PlatesStudy) -> PlateAccuracy:
@@ -106,6 +113,14 @@ def check_plates(study: PlatesStudy) -> PlateAccuracy:
     Source: van de Loosdrecht (2018), II.A and D.1–D.2: static calibration after Goldberg et al.
     (2009), RMSE by difference and by total least squares, linearity, delay by impacts of a hammer.
     """
+    found = examine_plates(study)
+    errors = trial_errors(found.trials)
+    tests, pairs = condition_effects(errors)
+    return replace(found, errors=errors, tests=tests, pairs=pairs)
+
+
+def examine_plates(study: PlatesStudy) -> PlateAccuracy:
+    """Compare plates with known weights, without errors per recording and their statistics."""
     file = study.file
     belts: list[BeltSide] = [b for b in ("left", "right") if any(w.belt == b for w in file.weights)]
     found = {belt: static_places(study, belt) for belt in belts}
@@ -118,21 +133,37 @@ def check_plates(study: PlatesStudy) -> PlateAccuracy:
     delays: dict[BeltSide, Delay] = {
         impacts.belt: read_hammer_delay(study, impacts) for impacts in file.hammer
     }
-    linearities = {belt: _linearity(trials, belt, file.full_scale_n) for belt in belts}
-    errors = trial_errors(trials)
-    tests, pairs = condition_effects(errors)
+    linearities = {belt: _linearity(_in_use(trials), belt, file.full_scale_n) for belt in belts}
+    fitted = {
+        belt: fit_response(
+            [trial for trial in _in_use(trials) if trial.weight.belt == belt],
+            alignments.get(belt, UNALIGNED),
+            file.full_scale_n,
+            height_stated=file.height_stated,
+        )
+        for belt in belts
+    }
+    responses = {belt: one for belt, one in fitted.items() if one is not None}
     return PlateAccuracy(
         study=study,
         trials=trials,
-        errors=errors,
+        errors=pd.DataFrame(),
         places=places,
         alignments=alignments,
         delays=delays,
         linearities={belt: one for belt, one in linearities.items() if one is not None},
-        faults=estimate_faults(trials, alignments, delays, file.full_scale_n),
-        tests=tests,
-        pairs=pairs,
+        responses=responses,
+        faults=estimate_faults(
+            trials, responses, alignments, delays, height_stated=file.height_stated
+        ),
+        tests=pd.DataFrame(),
+        pairs=pd.DataFrame(),
     )
+
+
+def _in_use(trials: tuple[WeightTrial, ...]) -> tuple[WeightTrial, ...]:
+    supported = any(trial.weight.supports for trial in trials)
+    return tuple(trial for trial in trials if trial.weight.supports == supported)
 
 
 def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:

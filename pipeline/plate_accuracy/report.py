@@ -1,11 +1,13 @@
 """Experiment 1 on one page: verdict, faults, Table I."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
+from pipeline.config.plate_study import BeltSide
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
@@ -17,7 +19,12 @@ from pipeline.plate_accuracy.figures import (
     vibration_figure,
 )
 from pipeline.plate_accuracy.trials import THESIS_FILTER
-from pipeline.plate_accuracy.verdict import PlateVerdict, describe, judge, marker_noise
+from pipeline.plate_accuracy.verdict import PlateVerdict, describe, judge
+from pipeline.plate_accuracy.verdict_page import (
+    judged_table,
+    verdict_sections,
+    write_calibration,
+)
 
 COLUMNS: Final = {
     "COPx (mm)": ("COPy", 1000.0),
@@ -78,8 +85,8 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def write_report(found: PlateAccuracy, out: Path) -> PlateVerdict:
-    """Write tables, figures and ``verdict.md``.
+def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
+    """Write tables, figures, ``verdict.md``, and ``plate_calibration.json`` where one is needed.
 
     Parameters
     ----------
@@ -90,8 +97,8 @@ def write_report(found: PlateAccuracy, out: Path) -> PlateVerdict:
 
     Returns
     -------
-    PlateVerdict
-        Whether the plates are fit for inverse dynamics.
+    tuple[PlateVerdict, ...]
+        Whether each plate is fit for inverse dynamics.
     """
     table = table_1(found.errors)
     write_csv(table, out / "table_1.csv")
@@ -112,9 +119,11 @@ def write_report(found: PlateAccuracy, out: Path) -> PlateVerdict:
     for name, figure in figures.items():
         if figure is not None:
             save_figure(figure, out / "figures" / f"{name}.png")
-    verdict = judge(found)
-    write_text(_page(found, verdict), out / "verdict.md")
-    return verdict
+    verdicts = judge(found)
+    write_csv(judged_table(verdicts), out / "judged.csv")
+    write_text(_page(found, verdicts), out / "verdict.md")
+    write_calibration(found.study, verdicts, out)
+    return verdicts
 
 
 def _fault_table(found: PlateAccuracy) -> pd.DataFrame:
@@ -123,11 +132,10 @@ def _fault_table(found: PlateAccuracy) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _page(found: PlateAccuracy, verdict: PlateVerdict) -> str:
-    lines = [f"# {found.study.file.name}", f"**{verdict.sentence}**"]
-    for title, items in (("Against", verdict.against), ("To correct", verdict.corrections)):
-        if items:
-            lines.append(f"## {title}\n\n" + _listed(items))
+def _page(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> str:
+    lines = [f"# {found.study.file.name}"]
+    lines += [f"**{verdict.sentence}**" for verdict in verdicts]
+    lines += verdict_sections(found, verdicts)
     significant = [describe(fault) for fault in found.faults if fault.significant]
     lines += [
         "## Faults that differ significantly from zero",
@@ -160,8 +168,9 @@ def _measurements(found: PlateAccuracy) -> list[str]:
         for belt, a in found.alignments.items()
     ]
     lines += [
-        f"{belt}: non-linearity {x.nonlinearity:.2f} N, {x.percent_of_full_scale:.2f} % of full "
-        f"scale; R² {x.r_squared_first:.5f}, of second order {x.r_squared_second:.5f}"
+        f"{belt}: slope of measured over known load {x.slope:.5f} ± {x.slope_uncertainty:.5f}; "
+        f"non-linearity {x.nonlinearity:.2f} N, {x.percent_of_full_scale:.2f} % of full scale; "
+        f"R² {x.r_squared_first:.5f}, of second order {x.r_squared_second:.5f}"
         for belt, x in found.linearities.items()
     ]
     lines += [
@@ -171,10 +180,9 @@ def _measurements(found: PlateAccuracy) -> list[str]:
         if fault.fault == "delay"
     ]
     belts = sorted({t.weight.belt for t in found.trials})
-    of_marker = marker_noise(found)
     lines += [
-        f"{belt}: noise of the marker causes about {of_marker[belt, 'Fz']:.1f} N of each force "
-        "error"
+        f"{belt}: noise of the marker causes about {_marker_noise(found, belt):.1f} N of each "
+        "force error by difference in Table I"
         for belt in belts
     ]
     for belt in belts:
@@ -184,6 +192,15 @@ def _measurements(found: PlateAccuracy) -> list[str]:
             f"{belt}: noise above {found.study.file.cutoff_hz:g} Hz {forces} N and {moments} N·m"
         )
     return lines
+
+
+def _marker_noise(found: PlateAccuracy, belt: BeltSide) -> float:
+    """Give the force that noise of the marker seems to be [N].
+
+    The weight does not leave the belt, so the vertical acceleration of its marker is noise.
+    """
+    trials = [t for t in found.trials if t.weight.belt == belt]
+    return float(np.mean([np.std(t.truth[t.used, 2]) for t in trials]))
 
 
 def _listed(items: tuple[str, ...] | list[str]) -> str:

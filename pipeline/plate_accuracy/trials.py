@@ -124,7 +124,7 @@ def read_weight(
     plate, time, marker = read_with_marker(study, weight.file, weight.belt, file.marker)
     clock, rate = plate.time, plate.rate_hz
     seen = (clock >= time[0]) & (clock <= time[-1])
-    clock, raw = clock[seen], _to_cameras(plate.wrench[seen], alignment)
+    clock, raw = clock[seen], to_cameras(plate.wrench[seen], alignment)
     if len(clock) < MIN_DURATION_S * rate:
         raise ValueError(
             f"{weight.file}: {len(clock) / rate:.1f} s are too short, give "
@@ -253,7 +253,8 @@ def _without_drift(time: Array, wrench: Array, empty: Mask) -> Array:
     return np.asarray(wrench - basis @ np.linalg.lstsq(basis[empty], wrench[empty])[0])
 
 
-def _to_cameras(wrench: Array, alignment: PlateAlignment) -> Array:
+def to_cameras(wrench: Array, alignment: PlateAlignment) -> Array:
+    """Bring a plate's wrenches about the lab origin to the cameras' frame, (T, 6) both."""
     rotation = np.eye(3)
     rotation[:2, :2] = alignment.rotation.T
     return transform_wrench(wrench, rotation, -rotation @ np.append(alignment.offset, 0.0))

@@ -87,7 +87,7 @@ MOMENT_NOISE_M: Final = 0.2
 
 @dataclass(frozen=True, slots=True)
 class PlateErrors:
-    """What is wrong with both plates and their mounting.
+    """What is wrong with a plate and its mounting.
 
     Attributes
     ----------
@@ -104,6 +104,8 @@ class PlateErrors:
         Amplitude and frequency of the centre of pressure along the belt, without supports.
     drift_n_per_s
         Of the vertical force within a recording.
+    zero
+        What the unloaded plate measures, (6,) [N, N·m].
     noise_n
         White noise of the forces at 1000 Hz, SD; of the moments, a fifth as many N·m.
     """
@@ -116,6 +118,7 @@ class PlateErrors:
     vibration_m: float = 0.0
     vibration_hz: float = 3.0
     drift_n_per_s: float = 0.0
+    zero: tuple[float, ...] = (0.0,) * 6
     noise_n: float = 1.0
 
     @property
@@ -130,23 +133,26 @@ class PlateErrors:
         for (measured, true), share in self.cross_talk.items():
             gain[measured, true] += share
         drift = np.array([0.0, 0.0, self.drift_n_per_s, 0.0, 0.0, 0.0])
-        return ForcePlate(gain, self.curvature, FULL_SCALE_N, drift=drift, noise=self.noise)
+        zero = np.array(self.zero)
+        return ForcePlate(gain, self.curvature, FULL_SCALE_N, zero, drift, self.noise)
 
 
 THESIS_ERRORS: Final = PlateErrors(
     angle_rad=math.radians(0.19),
-    offset_m=(0.0015, -0.0018),
+    offset_m=(0.0018, -0.0015),
     delay_s=0.004,
     vibration_m=0.015,
     vibration_hz=3.0,
 )
 """What van de Loosdrecht (2018) found of the plates: rotation and offset by the static calibration,
-delay of the left belt, and a centre of pressure up to 3 cm wide where supports were missing."""
+delay of the left belt, and a centre of pressure up to 3 cm wide where supports were missing. Its
+offset of 1.5 mm in x and -1.8 mm in z is 1.5 mm to the right and 1.8 mm forward: its treadmill has
+x to the right, y up and z to the back, as in its Table I and in ``thesis.toml``."""
 
 
 @dataclass(frozen=True, slots=True)
 class _SetUp:
-    """Plates and cameras with their errors, and the source of their noise."""
+    """A plate and cameras with their errors, and the source of their noise."""
 
     errors: PlateErrors
     cameras: CameraFaults
@@ -169,7 +175,7 @@ class _SetUp:
 
 def simulate_plates(
     folder: Path,
-    errors: PlateErrors | None = None,
+    errors: PlateErrors | Mapping[str, PlateErrors] | None = None,
     *,
     seed: int = 0,
     speeds: Sequence[float] = SPEEDS_MPS,
@@ -187,7 +193,7 @@ def simulate_plates(
     folder
         To write to.
     errors
-        Of both plates; by default only noise.
+        Of both plates, or belt -> those of its plate; by default only noise.
     seed
         Seed of the noise.
     speeds, weights, positions, profiles, belts, supports
@@ -196,12 +202,13 @@ def simulate_plates(
     marker_noise_m
         White noise of the cameras at 100 Hz, SD [m].
     """
-    errors = errors or PlateErrors()
+    of_belt = errors if isinstance(errors, Mapping) else dict.fromkeys(belts, errors)
     cameras = CameraFaults(noise_m=marker_noise_m, gaps_per_minute=0.0)
-    lab = _SetUp(errors, cameras, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    labs = {belt: _SetUp(of_belt.get(belt) or PlateErrors(), cameras, rng) for belt in belts}
     lines = ['name = "virtual plates"', 'axes = "left,back,up"']
     lines += [f"center_height_m = {CENTER_HEIGHT_M}", f"full_scale_n = {FULL_SCALE_N}", ""]
-    for belt in belts:
+    for belt, lab in labs.items():
         _static(folder / f"static_{belt}.c3d", belt, lab)
         _hammer(folder / f"hammer_{belt}.c3d", belt, lab)
         for part in ("static", "hammer"):
@@ -210,7 +217,8 @@ def simulate_plates(
     for n, (belt, speed, profile, position, mass, supported) in enumerate(combinations):
         name = f"weight_{n + 1:03d}.c3d"
         lateral = (1 if belt == "left" else -1) * (PLATE_WIDTH_M - position)
-        vibration_m = (SUPPORTED_VIBRATION if supported else 1.0) * errors.vibration_m
+        lab = labs[belt]
+        vibration_m = (SUPPORTED_VIBRATION if supported else 1.0) * lab.errors.vibration_m
         _weight(
             folder / name, belt, lab, _path_of_marker(speed, profile, lateral), mass, vibration_m
         )
