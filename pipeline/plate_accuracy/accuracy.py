@@ -17,6 +17,11 @@ from compensation import (
 )
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
+from pipeline.plate_accuracy.condition_effects import (
+    NO_EFFECTS,
+    ConditionEffects,
+    condition_effects,
+)
 from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
 from pipeline.plate_accuracy.recordings import read_hammer_delay
 from pipeline.plate_accuracy.response import PlateResponse, fit_response
@@ -28,16 +33,12 @@ from pipeline.plate_accuracy.trials import (
     read_weight,
     static_places,
 )
-from pipeline.statistics.factorial import anova, box_cox, compare_levels
 
 QUANTITIES: Final = ("COPx", "COPy", *WRENCH_COMPONENTS)
 ZONES: Final = ("back", "middle", "front")
 """Thirds of the belt."""
 MIN_ZONE_SAMPLES: Final = 20
 """Of a recording in a third of the belt, 0.2 s: fewer give no error there."""
-FACTORS: Final = ("speed_mps", "position_m", "mass_kg")
-MIN_TRIALS_PER_LEVEL: Final = 3
-"""On average over all factors, for an analysis of variance."""
 MIN_MASSES: Final = 3
 MIN_LOADS: Final = 4
 """Different weights, and recordings, for a linearity."""
@@ -62,9 +63,8 @@ class PlateAccuracy:
         Belt -> result, where there are recordings for it.
     faults
         Single faults with their uncertainty.
-    tests, pairs
-        Box–Cox exponent and three-way analysis of variance per quantity; pairs of levels,
-        Bonferroni-corrected.
+    effects
+        Of the conditions on the errors.
     """
 
     study: PlatesStudy
@@ -76,8 +76,7 @@ class PlateAccuracy:
     linearities: dict[BeltSide, Linearity]
     responses: dict[BeltSide, PlateResponse]
     faults: tuple[FaultEstimate, ...]
-    tests: pd.DataFrame
-    pairs: pd.DataFrame
+    effects: ConditionEffects
 
     @property
     def reported_errors(self) -> pd.DataFrame:
@@ -115,8 +114,7 @@ def check_plates(study: PlatesStudy) -> PlateAccuracy:
     """
     found = examine_plates(study)
     errors = trial_errors(found.trials)
-    tests, pairs = condition_effects(errors)
-    return replace(found, errors=errors, tests=tests, pairs=pairs)
+    return replace(found, errors=errors, effects=condition_effects(errors))
 
 
 def examine_plates(study: PlatesStudy) -> PlateAccuracy:
@@ -156,8 +154,7 @@ def examine_plates(study: PlatesStudy) -> PlateAccuracy:
         faults=estimate_faults(
             trials, responses, alignments, delays, height_stated=file.height_stated
         ),
-        tests=pd.DataFrame(),
-        pairs=pd.DataFrame(),
+        effects=NO_EFFECTS,
     )
 
 
@@ -192,49 +189,6 @@ def quantities(wrench: Array) -> Array:
     """Give centre of pressure along and across [m], forces and moments [N, N·m], (T, 8)."""
     threshold = LOADED_SHARE * float(np.median(np.abs(wrench[:, 2])))
     return np.hstack([center_of_pressure(wrench, threshold)[:, :2], wrench])
-
-
-def condition_effects(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Test speed, position and weight on the orthogonal errors with supports.
-
-    Parameters
-    ----------
-    errors
-        As in `PlateAccuracy`.
-
-    Returns
-    -------
-    tests
-        quantity, exponent (Box–Cox λ), effect, df, f, p, partial_eta_squared.
-    pairs
-        quantity, factor, first, second, p_bonferroni. Empty where a factor has one level or there
-        are too few recordings.
-    """
-    whole = errors[errors["zone"] == "all"]
-    supported = whole[whole["supports"]] if whole["supports"].any() else whole
-    used = [f for f in FACTORS if supported[f].nunique() > 1]
-    tests, pairs = [], []
-    for quantity, part in supported.groupby("quantity", sort=False):
-        levels = sum(part[f].nunique() for f in used)
-        if not used or len(part) < MIN_TRIALS_PER_LEVEL * levels:
-            continue
-        sizes = part["orthogonal"].to_numpy()
-        transformed = box_cox(sizes / np.exp(np.log(sizes).mean()))  # λ is the same in any unit
-        data = part.assign(y=transformed.values)
-        table = anova(data, "y", used).query("effect != 'residual'")
-        tests.append(table.assign(quantity=quantity, exponent=transformed.exponent))
-        for factor in used:
-            compared = compare_levels(data, "y", used, factor)
-            pairs.append(compared.assign(quantity=quantity, factor=factor))
-    if not tests:
-        return pd.DataFrame(), pd.DataFrame()
-    columns = ["quantity", "exponent", "effect", "df", "f", "p", "partial_eta_squared"]
-    return (
-        pd.concat(tests, ignore_index=True)[columns],
-        pd.concat(pairs, ignore_index=True)[
-            ["quantity", "factor", "first", "second", "p_bonferroni"]
-        ],
-    )
 
 
 def mean_loads(trials: Sequence[WeightTrial], belt: BeltSide) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from pipeline.config.plate_study import BeltSide
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
+from pipeline.plate_accuracy.condition_effects import effects_section
 from pipeline.plate_accuracy.figures import (
     error_figure,
     hammer_figure,
@@ -105,9 +106,9 @@ def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
     write_csv(found.errors, out / "errors.csv")
     write_csv(_fault_table(found), out / "faults.csv")
     write_text(f"{TABLE_NOTE}\n\n{markdown(table, 1)}\n", out / "table_1.md")
-    if len(found.tests):
-        write_csv(found.tests, out / "anova.csv")
-        write_csv(found.pairs, out / "pairs.csv")
+    if len(found.effects.tests):
+        write_csv(found.effects.tests, out / "anova.csv")
+        write_csv(found.effects.pairs, out / "pairs.csv")
     figures = {
         "error_by_place_and_speed": error_figure(found.errors, "zone", "speed_mps"),
         "error_by_position": error_figure(found.errors, "position_m", "belt"),
@@ -150,13 +151,7 @@ def _page(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> str:
         TABLE_NOTE,
         markdown(table_1(found.errors), 1),
     ]
-    if len(found.tests):
-        lines += [
-            "## Effects of speed, position and weight",
-            f"{LAB_NOTE} Orthogonal errors after a Box–Cox transformation (exponent), analysis of "
-            "variance of type III, main effects; pairs of levels are in pairs.csv.",
-            markdown(found.tests, 3),
-        ]
+    lines += effects_section(found.effects)
     return "\n\n".join(lines) + "\n"
 
 
