@@ -23,7 +23,7 @@ from pipeline.plate_accuracy.condition_effects import (
     condition_effects,
 )
 from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
-from pipeline.plate_accuracy.recordings import read_hammer_delay
+from pipeline.plate_accuracy.recordings import HammerTrace, read_hammer_delay
 from pipeline.plate_accuracy.response import PlateResponse, fit_response
 from pipeline.plate_accuracy.trials import (
     LOADED_SHARE,
@@ -59,7 +59,7 @@ class PlateAccuracy:
         the conditions, RMSE by difference and orthogonal RMSE [m, N, N·m]. Lab axes.
     places
         Belt -> centres of pressure and markers of a weight at rest, (n, 2) [m] each.
-    alignments, delays, linearities, responses
+    alignments, delays, hammer_traces, linearities, responses
         Belt -> result, where there are recordings for it.
     faults
         Single faults with their uncertainty.
@@ -73,6 +73,7 @@ class PlateAccuracy:
     places: dict[BeltSide, tuple[Array, Array]]
     alignments: dict[BeltSide, PlateAlignment]
     delays: dict[BeltSide, Delay]
+    hammer_traces: dict[BeltSide, HammerTrace]
     linearities: dict[BeltSide, Linearity]
     responses: dict[BeltSide, PlateResponse]
     faults: tuple[FaultEstimate, ...]
@@ -128,9 +129,8 @@ def examine_plates(study: PlatesStudy) -> PlateAccuracy:
         read_weight(study, weight, alignments.get(weight.belt, UNALIGNED))
         for weight in file.weights
     )
-    delays: dict[BeltSide, Delay] = {
-        impacts.belt: read_hammer_delay(study, impacts) for impacts in file.hammer
-    }
+    struck = {impacts.belt: read_hammer_delay(study, impacts) for impacts in file.hammer}
+    delays = {belt: delay for belt, (delay, _) in struck.items()}
     linearities = {belt: _linearity(_in_use(trials), belt, file.full_scale_n) for belt in belts}
     fitted = {
         belt: fit_response(
@@ -149,6 +149,7 @@ def examine_plates(study: PlatesStudy) -> PlateAccuracy:
         places=places,
         alignments=alignments,
         delays=delays,
+        hammer_traces={belt: trace for belt, (_, trace) in struck.items()},
         linearities={belt: one for belt, one in linearities.items() if one is not None},
         responses=responses,
         faults=estimate_faults(

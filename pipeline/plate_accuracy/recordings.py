@@ -1,15 +1,19 @@
 """A recording of experiment 1: the plate under one belt, and the marker on weight or hammer."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
-from compensation import Delay, hammer_delay
+from compensation import Delay, HammerImpact, hammer_delay, hammer_impacts
 from hbm.spatial import Array, shift_wrench
 from hbm.spelling import listed
 from pipeline.config.plate_study import BeltSide, HammerRecording, PlatesStudy, Surface
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Plate
+
+AROUND_S: Final = 0.06
+"""Of the instant of an impact, either way: what its paths are fitted to."""
 
 
 def read_with_marker(
@@ -68,18 +72,45 @@ def read_with_marker(
     return plate, recording.markers.time[rows], marker[rows]
 
 
-def read_hammer_delay(study: PlatesStudy, impacts: HammerRecording) -> Delay:
-    """Estimate the delay of a plate from a recording of impacts.
+@dataclass(frozen=True, slots=True)
+class HammerTrace:
+    """One impact of a recording and what is around it.
+
+    Attributes
+    ----------
+    impact
+        The one whose delay is nearest the mean.
+    time, height
+        Of the marker, (N,) [s], (N,) [m].
+    force_time, force
+        Of the plate, vertical, (P,) [s], (P,) [N].
+    """
+
+    impact: HammerImpact
+    time: Array
+    height: Array
+    force_time: Array
+    force: Array
+
+
+def read_hammer_delay(study: PlatesStudy, impacts: HammerRecording) -> tuple[Delay, HammerTrace]:
+    """Estimate the delay of a plate from a recording of impacts, and cut one of these out.
 
     Raises
     ------
     ValueError
         As `read_with_marker` and `compensation.hammer_delay`; it names the file.
     """
+    time, height, force_time, force = recorded = read_hammer(study, impacts)
     try:
-        return hammer_delay(*read_hammer(study, impacts))
+        delay, found = hammer_delay(*recorded), hammer_impacts(*recorded)
     except ValueError as error:
         raise ValueError(f"{impacts.file}: {error}") from error
+    typical = min(found, key=lambda impact: abs(impact.delay_s - delay.seconds))
+    near, near_force = (np.abs(t - typical.marker_s) <= AROUND_S for t in (time, force_time))
+    return delay, HammerTrace(
+        typical, time[near], height[near], force_time[near_force], force[near_force]
+    )
 
 
 def read_hammer(study: PlatesStudy, impacts: HammerRecording) -> tuple[Array, Array, Array, Array]:

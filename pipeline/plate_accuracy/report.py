@@ -15,6 +15,7 @@ from pipeline.plate_accuracy.condition_effects import effects_section
 from pipeline.plate_accuracy.figures import (
     error_figure,
     hammer_figure,
+    hammer_trace_figure,
     linearity_figure,
     static_figure,
     vibration_figure,
@@ -116,6 +117,7 @@ def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
         "vibration": vibration_figure(found.trials),
         "static": static_figure(found.places, found.alignments),
         "delay": hammer_figure(found.delays),
+        "hammer_trace": hammer_trace_figure(found.hammer_traces),
     }
     for name, figure in figures.items():
         if figure is not None:
