@@ -18,6 +18,8 @@ from pipeline.plate_accuracy.stance import QUANTITIES, total_errors
 
 DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
 """Unit of an estimate -> factor and unit in which people read it."""
+TOTAL: Final = "total error"
+"""With which the names of total errors begin."""
 Remedy = Literal["calibration", "supports", "none"]
 Status = Literal["within", "beyond", "unclear"]
 
@@ -100,11 +102,9 @@ def judge_faults(
                 continue
         elif fault.fault in ("drift", "curvature"):
             remedy = "none"
-        size, half = abs(fault.value), fault.uncertainty
-        half = half if np.isfinite(half) else np.inf
         limit = _limit(fault, limits, full_scale_n)
         judged.append(
-            Judged(fault.fault, size, max(size - half, 0.0), size + half, limit, fault.unit, remedy)
+            _judged(fault.fault, fault.value, fault.uncertainty, limit, fault.unit, remedy)
         )
     return judged
 
@@ -113,17 +113,15 @@ def judge_linearity(
     linearity: Linearity, limits: AccuracyLimits, full_scale_n: float
 ) -> list[Judged]:
     """Judge the slope of measured over known load as a gain, and the scatter about it."""
-    size, half = abs(linearity.slope - 1), linearity.slope_uncertainty
     freedom = linearity.degrees_of_freedom
     chance = np.array([0.025, 0.975])
     low, high = linearity.nonlinearity * np.sqrt(freedom / stats.chi2.isf(chance, freedom))
     limit = limits.nonlinearity_percent / 100 * full_scale_n
     return [
-        Judged(
+        _judged(
             "slope of measured over known load, from 1:",
-            size,
-            max(size - half, 0.0),
-            size + half,
+            linearity.slope - 1,
+            linearity.slope_uncertainty,
             limits.gain_percent / 100,
             "1",
             "calibration",
@@ -140,17 +138,12 @@ def judge_noise(response: PlateResponse, limits: AccuracyLimits) -> list[Judged]
         ("forces", "N", limits.noise_n, slice(0, 3)),
         ("moments", "N·m", limits.noise_nm, slice(3, 6)),
     )
-    return [
-        _from_replicates(
-            f"noise of {name}",
-            np.sqrt(response.scatter[:, 0, chosen].mean(axis=1)),
-            limit,
-            unit,
-            "none",
-            response,
-        )
-        for name, unit, limit, chosen in parts
-    ]
+    judged = []
+    for name, unit, limit, chosen in parts:
+        sizes = np.sqrt(np.maximum(response.scatter[:, 0, chosen].mean(axis=1), 0))
+        half = response.quantile * float(standard_error(sizes))
+        judged.append(_judged(f"noise of {name}", sizes[0], half, limit, unit, "none"))
+    return judged
 
 
 def judge_totals(
@@ -160,17 +153,19 @@ def judge_totals(
     calibration: PlateCalibration | None = None,
 ) -> list[Judged]:
     """Judge the total errors over loads, as reported or after correction."""
-    errors = total_errors(response, loads, calibration)
-    suffix, remedy = ("", "calibration") if calibration is None else (" after correction", "none")
+    found = total_errors(response, loads, calibration)
+    suffix = "" if calibration is None else " after correction"
+    remedy: Remedy = "calibration" if calibration is None else "none"
     units = {"F": ("N", limits.force_n), "C": ("m", limits.cop_m), "M": ("N·m", limits.moment_nm)}
     return [
-        _from_replicates(
-            f"total error of {name}{suffix}",
-            errors[:, k],
+        Judged(
+            f"{TOTAL} of {name}{suffix}",
+            float(found.size[k]),
+            float(found.low[k]),
+            float(found.high[k]),
             units[name[0]][1],
             units[name[0]][0],
-            "calibration" if remedy == "calibration" else "none",
-            response,
+            remedy,
         )
         for k, name in enumerate(QUANTITIES)
     ]
@@ -183,10 +178,12 @@ def rounded(value: float, uncertainty: float) -> str:
     return f"{value:.{max(1 - math.floor(math.log10(uncertainty)), 0)}f}"
 
 
-def _from_replicates(
-    name: str, sizes: Array, limit: float, unit: str, remedy: Remedy, response: PlateResponse
+def _judged(
+    name: str, value: float, half: float, limit: float, unit: str, remedy: Remedy
 ) -> Judged:
-    size, half = float(sizes[0]), response.quantile * float(standard_error(sizes))
+    """Place the absolute value of an estimate ± half of its interval beside its limit."""
+    size = abs(float(value))
+    half = half if np.isfinite(half) else np.inf
     return Judged(name, size, max(size - half, 0.0), size + half, limit, unit, remedy)
 
 

@@ -50,8 +50,8 @@ def read_with_marker(
         raise ValueError(f"{name}: no marker {label!r}; markers there: {present}")
     marker = recording.markers.position[:, recording.markers.names.index(label)]
     seen = np.asarray(np.isfinite(marker).all(axis=1))
-    if not seen.any():
-        raise ValueError(f"{name}: marker {label!r} is never seen")
+    if np.count_nonzero(seen) < 2:
+        raise ValueError(f"{name}: marker {label!r} is never seen, or in one frame only")
     first, last = np.flatnonzero(seen)[[0, -1]]
     if not seen[first : last + 1].all():
         raise ValueError(f"{name}: marker {label!r} has a gap; fill the gap or cut it off first")

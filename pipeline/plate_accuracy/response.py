@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 from scipy import stats
 from scipy.interpolate import CubicSpline
-from scipy.optimize import nnls
 
 from compensation import PlateAlignment
 from hbm.spatial import Array, Mask, shift_wrench
@@ -20,6 +19,10 @@ EXCITED_BY_POSITION: Final = (MX, MZ)
 """Of these, those that only weights at different distances from the belt's middle excite."""
 MIN_MASSES: Final = 3
 """Of different size, to separate a curvature from a gain."""
+MIN_SHARE: Final = 0.01
+"""Of a variance, left where the marker's noise explains more than all of it."""
+MIN_SINES: Final = 4
+"""Recordings in which the weight moves in a sine, for the scatter from them alone."""
 EDGE_S: Final = 1.0
 """At either end of a recording, where filters at 2.4 Hz are inaccurate."""
 DELAY_STEPS: Final = 2
@@ -122,7 +125,7 @@ def fit_response(
     wrench, the rate of change of its largest moment (a delay) and the squared load, all at once.
     Recordings, not samples, are independent: the jackknife leaves out one at a time (Efron and
     Tibshirani 1993, chapter 11). The scatter is that of the wrench at the study's cut-off about
-    what these coefficients predict from the slow marker, whose noise hardly accelerates.
+    what these coefficients predict from the slow marker, less what the marker's noise adds to it.
     """
     positions = len({trial.weight.position_m for trial in trials}) > 1
     masses = len({trial.weight.mass_kg for trial in trials})
@@ -211,7 +214,13 @@ def _scatter(
     scale: float | None,
     delay_s: float,
 ) -> Array:
-    """Give the variance about the response that every load has, and that growing with it."""
+    """Give the variance about the response that every load has, and that growing with it.
+
+    Where enough weights move in sines, only those count: low-passed at 2.4 Hz, the truth of others
+    lacks much of what happens where the belt turns back.
+    """
+    sines = np.array([trial.weight.profile == "sine" for trial in trials])
+    counted = sines if np.count_nonzero(sines) >= MIN_SINES else np.ones(len(trials), bool)
     variance, load = [], []
     for trial in trials:
         chosen = trial.used & _inside(trial)
@@ -221,14 +230,18 @@ def _scatter(
         predicted = trial.slow_truth + x @ found[0]
         late = CubicSpline(trial.time, predicted)(trial.time - delay_s)
         rest = shift_wrench(trial.measured, trial.center) - late
-        variance.append(np.mean(rest[chosen] ** 2, axis=0))
+        square = np.mean(rest[chosen] ** 2, axis=0)
+        variance.append(np.maximum(square - trial.slow_noise**2, MIN_SHARE * square))
         load.append(np.mean(trial.slow_truth[chosen, FZ]))
     spread, basis = np.array(variance), np.column_stack([np.ones(len(load)), np.square(load)])
-    keep = [np.ones(len(trials), bool), *~np.eye(len(trials), dtype=bool)]
+    keep = [counted, *(counted & ~np.eye(len(trials), dtype=bool))]
     return np.array(
         [
             np.column_stack(
-                [nnls(basis[rows] / v[rows, None], np.ones(rows.sum()))[0] for v in spread.T]
+                [
+                    np.linalg.lstsq(basis[rows] / v[rows, None], np.ones(np.count_nonzero(rows)))[0]
+                    for v in spread.T
+                ]
             )
             for rows in keep
         ]

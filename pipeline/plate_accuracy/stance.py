@@ -1,5 +1,6 @@
 """Total error of a plate at the loads that a walking person puts on it."""
 
+from dataclasses import dataclass
 from itertools import product
 from typing import Final
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from compensation import PlateCalibration
 from hbm.spatial import GRAVITY_MPS2, Array
-from pipeline.plate_accuracy.response import FX, FY, FZ, MX, MY, MZ, PlateResponse
+from pipeline.plate_accuracy.response import FX, FY, FZ, MX, MY, MZ, PlateResponse, standard_error
 
 PHASES: Final = ((-0.25, 1.2), (0.0, 0.75), (0.25, 1.2))
 """Forward and vertical force of one foot in body weights: braking, midstance, push-off. Vertical
@@ -23,6 +24,7 @@ BODY_CENTER_M: Final = 1.0
 """Height of a person's centre of mass, about which the error of the moment is judged."""
 RECORDING_S: Final = 60.0
 """Time over which a drift acts: a minute of walking after the plate was zeroed."""
+NODES_S: Final = RECORDING_S / 2 * (1 + np.array([-1.0, 1.0]) / np.sqrt(3.0))
 QUANTITIES: Final = ("Fx", "Fy", "Fz", "COPx", "COPy", "Mx", "My", "Mz")
 
 
@@ -41,10 +43,23 @@ def stance_loads(body_mass_kg: float) -> Array:
     return np.hstack([force, np.cross(place, force)])
 
 
+@dataclass(frozen=True, slots=True)
+class TotalErrors:
+    """Root-mean-square errors over loads, with 95 % confidence intervals; (8,) for `QUANTITIES`.
+
+    Forces [N], centres of pressure [m], moments about the person's centre of mass, 1 m above the
+    load [N·m].
+    """
+
+    size: Array
+    low: Array
+    high: Array
+
+
 def total_errors(
     response: PlateResponse, loads: Array, calibration: PlateCalibration | None = None
-) -> Array:
-    """Give root-mean-square errors over loads: what a plate reports less the truth.
+) -> TotalErrors:
+    """Find the errors of a plate under given loads: what it reports less the truth.
 
     Parameters
     ----------
@@ -57,25 +72,42 @@ def total_errors(
 
     Returns
     -------
-    Array
-        (K, 8) for `QUANTITIES`: force [N], centre of pressure [m], and moment about the person's
-        centre of mass, 1 m above the load [N·m]. Systematic error, drift of a minute and scatter
-        together; a delay is an error of time and not in it.
+    TotalErrors
+        Systematic error, drift of a minute and scatter together. A delay is an error of time and
+        not in it.
+
+    Notes
+    -----
+    The interval of the systematic part is its RMS ± Student's t times the RMS of its standard
+    error, over the loads: by the triangle inequality the RMS cannot be off by more than the RMS of
+    what it is estimated wrongly by, which holds where the error is near zero too. The mean square
+    over a minute is exact at the two nodes of Gauss and Legendre, as the drift is linear.
     """
+    loads = np.repeat(loads, len(NODES_S), axis=0)
+    times = np.resize(NODES_S, len(loads))
     share = (loads[:, FZ, None] / response.full_scale_n) ** 2
-    bent = np.nan_to_num(response.curvature)[:, None] * share
-    reported = loads @ response.matrix.swapaxes(1, 2) + response.zero[:, None] + bent
-    drift = RECORDING_S * response.drift
+    reported = loads @ response.matrix.swapaxes(1, 2) + response.zero[:, None]
+    reported += np.nan_to_num(response.curvature)[:, None] * share
+    reported += times[:, None] * response.drift[:, None]
     variance = response.scatter[:, 0, None] + response.scatter[:, 1, None] * loads[:, FZ, None] ** 2
     if calibration is not None:
         reported = calibration.correct(reported)
-        drift = drift @ calibration.matrix.T
         variance = variance @ (calibration.matrix**2).T
+    variance = np.maximum(variance, 0)
     effect = _effects(loads, reported)
-    systematic = np.einsum("klqc,klc->klq", effect, reported - loads)
-    growing = np.einsum("klqc,kc->klq", effect, drift)
-    random = np.einsum("klqc,klc->klq", effect**2, variance)
-    return np.asarray(np.sqrt(np.mean(systematic**2 + growing**2 / 3 + random, axis=1)))
+    error = np.einsum("klqc,klc->klq", effect, reported - loads)
+    random = np.einsum("klqc,klc->klq", effect**2, variance).mean(axis=1)
+    systematic, unsure = _rms(error[0]), response.quantile * _rms(standard_error(error))
+    wide = response.quantile * standard_error(random)
+    return TotalErrors(
+        size=np.sqrt(systematic**2 + random[0]),
+        low=np.sqrt(np.maximum(systematic - unsure, 0) ** 2 + np.maximum(random[0] - wide, 0)),
+        high=np.sqrt((systematic + unsure) ** 2 + random[0] + wide),
+    )
+
+
+def _rms(errors: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(errors**2, axis=0)))
 
 
 def _effects(loads: Array, reported: Array) -> Array:

@@ -13,8 +13,8 @@ from compensation import (
 )
 from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.signals.resampling import interpolate
-from hbm.spatial import Array, Mask, shift_wrench, transform_wrench
-from pipeline.config.plate_study import BeltSide, PlatesFile, PlatesStudy, WeightRecording
+from hbm.spatial import GRAVITY_MPS2, Array, Mask, shift_wrench, transform_wrench
+from pipeline.config.plate_study import BeltSide, PlatesStudy, WeightRecording
 from pipeline.plate_accuracy.recordings import read_with_marker
 
 RATE_HZ: Final = 100.0
@@ -72,6 +72,9 @@ class WeightTrial:
         Wrenches of plate and weight, (T, 6) [N, N·m], low-passed at the study's cut-off.
     slow_marker, slow_measured, slow_truth
         The same, wrenches about the centre of the plate, low-passed at 2.4 Hz.
+    slow_noise
+        Standard deviation of what is noise of the slow marker in that truth, (6,) [N, N·m]: a force
+        along the belt like the vertical one that the marker seems to show, and its moment.
     used
         Samples that are compared, (T,): the middle half of the belt at constant speed, else all.
     noise
@@ -90,6 +93,7 @@ class WeightTrial:
     slow_marker: Array
     slow_measured: Array
     slow_truth: Array
+    slow_noise: Array
     used: Mask
     noise: Array
     belt_ends: tuple[float, float]
@@ -147,7 +151,9 @@ def read_weight(
         used &= from_middle <= CONSTANT_SPEED_SHARE * (front - rear) / 2
     if np.count_nonzero(used) < MIN_USED_S * RATE_HZ:
         raise ValueError(f"{weight.file}: the weight was hardly in the middle half of the belt")
-    slow_truth = _without_lateral_noise(true_wrench(slow_place), slow_place[every], file)
+    slow_truth = true_wrench(slow_place)
+    weight_n = weight.mass_kg * GRAVITY_MPS2
+    slow_clean = _without_noise(slow_truth, slow_place[every], weight_n, file.center_height_m)
     return WeightTrial(
         weight=weight,
         time=clock[every],
@@ -156,7 +162,8 @@ def read_weight(
         truth=true_wrench(place),
         slow_marker=slow_place[every],
         slow_measured=shift_wrench(slow[every], plate.center),
-        slow_truth=shift_wrench(slow_truth, plate.center),
+        slow_truth=shift_wrench(slow_clean, plate.center),
+        slow_noise=np.std(slow_truth[used, 2]) * np.array([1, 0, 0, 0, file.center_height_m, 0]),
         used=used,
         noise=np.std(raw - filtered, axis=0),
         belt_ends=(rear, front),
@@ -231,18 +238,17 @@ def align(plate_points: Array, camera_points: Array) -> PlateAlignment:
     return replace(alignment, covariance=off.T @ off * (count - 1) / count)
 
 
-def _without_lateral_noise(wrench: Array, marker: Array, file: PlatesFile) -> Array:
-    """Remove the lateral force of a true wrench, which is noise of the marker.
+def _without_noise(wrench: Array, marker: Array, weight_n: float, height_m: float) -> Array:
+    """Remove the lateral and the varying vertical force of a true wrench: noise of the marker.
 
-    The weight moves along the belt only. Multiplied by the distance along the belt, this noise
-    would be most of the moment about the vertical, and noise in a regressor biases its coefficient
-    towards zero.
+    The weight moves along the belt only, and does not leave it. Multiplied by the distance along
+    the belt, this noise would be most of the moments about the lateral and the vertical axis, and
+    noise in a regressor biases its coefficient towards zero.
     """
-    lateral = wrench[:, 1].copy()
-    wrench[:, 1] = 0
-    wrench[:, 3] += file.center_height_m * lateral
-    wrench[:, 5] -= marker[:, 0] * lateral
-    return wrench
+    noise = wrench[:, :3] - [0.0, 0.0, weight_n]
+    noise[:, 0] = 0
+    place = np.column_stack([marker[:, :2], np.full(len(marker), height_m)])
+    return np.asarray(wrench - np.hstack([noise, np.cross(place, noise)]))
 
 
 def _without_drift(time: Array, wrench: Array, empty: Mask) -> Array:

@@ -13,6 +13,7 @@ from pipeline.plate_accuracy.correction import plate_calibration
 from pipeline.plate_accuracy.faults import FaultEstimate
 from pipeline.plate_accuracy.judgement import (
     DISPLAY_UNITS,
+    TOTAL,
     Judged,
     judge_faults,
     judge_linearity,
@@ -24,7 +25,8 @@ from pipeline.plate_accuracy.response import EXCITED, MIN_MASSES
 from pipeline.plate_accuracy.stance import stance_loads
 
 Verdict = Literal["fit", "fit after correction", "not fit", "cannot be told"]
-MAX_REASONS: Final = 4
+MAX_FAULTS: Final = 3
+MAX_TOTALS: Final = 2
 """In the sentence of a verdict; verdict.md lists all."""
 MAX_MORE: Final = 10
 """Times as many recordings are worth advising; where more are needed, the error is its limit."""
@@ -42,18 +44,21 @@ class PlateVerdict:
         The plate.
     judged
         Every estimate and total error beside its limit.
+    corrected
+        Total errors after correction; empty where nothing is to be corrected.
     to_record
         What is missing for a verdict.
     remarks
         What else was not examined.
     calibration
-        The correction of the plate; None where there is nothing to correct.
+        The correction of the plate; None where nothing is to be corrected.
     recordings
         Of weights, on this plate.
     """
 
     belt: BeltSide
     judged: tuple[Judged, ...]
+    corrected: tuple[Judged, ...]
     to_record: tuple[str, ...]
     remarks: tuple[str, ...]
     calibration: PlateCalibration | None
@@ -61,35 +66,34 @@ class PlateVerdict:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict: what cannot be corrected counts first, then what is not known."""
-        final = {one.status for one in self.judged if one.remedy == "none"}
-        if "beyond" in final:
-            return "not fit"
-        if self.to_record or "unclear" in final:
-            return "cannot be told"
-        first = {one.status for one in self.judged if one.remedy != "none"}
-        if "beyond" in first:
-            return "fit after correction"
-        return "cannot be told" if "unclear" in first else "fit"
+        """The verdict: by what is beyond its limit first, then by what is not known."""
+        statuses = {one.status for one in self.judged}
+        if "beyond" in statuses:
+            left = {one.status for one in self._left}
+            return "not fit" if self.to_record or left != {"within"} else "fit after correction"
+        return "cannot be told" if self.to_record or "unclear" in statuses else "fit"
+
+    @property
+    def _left(self) -> tuple[Judged, ...]:
+        """What a correction leaves."""
+        return (*(one for one in self.judged if one.remedy == "none"), *self.corrected)
 
     @property
     def reasons(self) -> tuple[Judged, ...]:
-        """What the verdict is for, the largest share of its limit first."""
-        wanted = {"fit after correction": "beyond", "not fit": "beyond"}.get(
-            self.verdict, "unclear"
+        """What the verdict is for: single faults, then total errors, the largest first."""
+        if self.verdict == "cannot be told":
+            found = [one for one in self.judged if one.status == "unclear"]
+        else:
+            found = [one for one in self.judged if one.status == "beyond"]
+        if self.verdict == "not fit":
+            found = [one for one in self._left if one.status == "beyond"] or found
+        return tuple(
+            sorted(found, key=lambda one: (one.name.startswith(TOTAL), -one.size / one.limit))
         )
-        final = self.verdict == "not fit"
-        found = [
-            one
-            for one in self.judged
-            if one.status == wanted and (one.remedy == "none" or not final)
-        ]
-        return tuple(sorted(found, key=lambda one: -one.size / one.limit))
 
     @property
     def corrections(self) -> tuple[str, ...]:
         """What to do about what can be corrected."""
-        remedies = {one.remedy for one in self.judged if one.status != "within"}
         lines = []
         if self.calibration is not None:
             lines.append("apply the plate's calibration (plate_calibration.json)")
@@ -98,45 +102,54 @@ class PlateVerdict:
                     "zero the plate before every recording: the calibration subtracts the zero "
                     "that these recordings had"
                 )
-        if "supports" in remedies:
+        if any(one.remedy == "supports" and one.status != "within" for one in self.judged):
             lines.append("measure with the supports")
         return tuple(lines)
 
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        listed = [one.sentence for one in self.reasons[:MAX_REASONS]]
-        if len(self.reasons) > MAX_REASONS:
-            listed.append(f"and {len(self.reasons) - MAX_REASONS} more")
-        reasons = "; ".join(listed)
-        start = f"{self.belt} plate: "
+        start, reasons = f"{self.belt} plate: ", self._listed_reasons()
         if self.verdict == "fit":
-            return f"{start}fit for inverse dynamics."
+            return f"{start}fit for inverse dynamics; lateral force was not examined."
+        missing = "; ".join([*self.to_record, *self._advice()])
         if self.verdict == "fit after correction":
             needed = "; ".join(self.corrections)
-            return f"{start}fit for inverse dynamics after correction: {needed}. Found: {reasons}."
+            return (
+                f"{start}not fit for inverse dynamics as it is, fit after correction: {needed}. "
+                f"Found: {reasons}. Lateral force was not examined."
+            )
         if self.verdict == "not fit":
-            return f"{start}not fit for inverse dynamics: {reasons}."
-        missing = "; ".join([*self.to_record, *self._advice()])
+            final = any(one.status == "beyond" for one in self._left)
+            rest = "" if final else f" Whether a correction is enough cannot be told: {missing}."
+            return f"{start}not fit for inverse dynamics: {reasons}.{rest}"
         known = f" Near a limit: {reasons}." if reasons else ""
         return f"{start}whether it is fit for inverse dynamics cannot be told: {missing}.{known}"
 
+    def _listed_reasons(self) -> str:
+        """List the largest of the single faults and of the total errors."""
+        totals = [one for one in self.reasons if one.name.startswith(TOTAL)]
+        singles = [one for one in self.reasons if one not in totals]
+        listed = [one.sentence for one in (*singles[:MAX_FAULTS], *totals[:MAX_TOTALS])]
+        if more := len(self.reasons) - len(listed):
+            listed.append(f"and {more} more")
+        return "; ".join(listed)
+
     def _advice(self) -> list[str]:
         """Say how many recordings would decide what is unclear."""
-        unclear = [one for one in self.reasons if one.status == "unclear"]
-        if self.verdict != "cannot be told" or not unclear:
+        everything = (*self.judged, *self.corrected)
+        unclear = [one for one in everything if one.status == "unclear"]
+        if not unclear:
             return []
         with np.errstate(divide="ignore"):
             times = max(
                 float(np.square((one.high - one.low) / 2 / np.abs(one.size - one.limit)))
                 for one in unclear
             )
-        usable = all(one.remedy == "calibration" for one in unclear)
-        corrected = "; with the plate's calibration applied it is fit" if usable else ""
         if not times <= MAX_MORE:
-            return [f"errors are as large as their limits{corrected}"]
+            return ["an error is as large as its limit"]
         more = max(math.ceil((times - 1) * self.recordings), 1)
-        return [f"record about {more} more weights on this plate{corrected}"]
+        return [f"record about {more} more weights on this plate"]
 
 
 def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
@@ -165,26 +178,25 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
     judged = judge_faults(faults, file.limits, file.full_scale_n, supported)
     if belt in found.linearities:
         judged += judge_linearity(found.linearities[belt], file.limits, file.full_scale_n)
-    response, calibration = found.responses.get(belt), None
+    response, corrected, calibration = found.responses.get(belt), [], None
     if response is not None:
         judged += judge_noise(response, file.limits)
-        if response.complete:
+    if response is not None and response.complete:
+        loads = stance_loads(file.body_mass_kg)
+        judged = [*judge_totals(response, loads, file.limits), *judged]
+        if any(one.remedy == "calibration" and one.status != "within" for one in judged):
             center = next(t.center for t in found.trials if t.weight.belt == belt)
-            number, loads = file.plate_numbers[belt], stance_loads(file.body_mass_kg)
+            number = file.plate_numbers[belt]
             calibration = plate_calibration(number, center, response, faults)
-            judged = [
-                *judge_totals(response, loads, file.limits),
-                *judge_totals(response, loads, file.limits, calibration),
-                *judged,
-            ]
-    needed = any(one.remedy == "calibration" and one.status != "within" for one in judged)
+            corrected = judge_totals(response, loads, file.limits, calibration)
     return PlateVerdict(
         belt,
         tuple(judged),
+        tuple(corrected),
         _to_record(found, belt),
         _remarks(found, belt),
-        calibration if needed else None,
-        len([trial for trial in found.trials if trial.weight.belt == belt]),
+        calibration,
+        len([trial for trial in found.trials_in_use if trial.weight.belt == belt]),
     )
 
 

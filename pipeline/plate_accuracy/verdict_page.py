@@ -36,7 +36,7 @@ def verdict_sections(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> 
     for verdict in verdicts:
         lines += [
             f"## {verdict.belt} plate: {verdict.verdict}",
-            markdown(pd.DataFrame([_row(one) for one in verdict.judged])),
+            markdown(pd.DataFrame([_row(one) for one in (*verdict.judged, *verdict.corrected)])),
         ]
         if verdict.corrections:
             lines.append("To correct:\n\n" + _listed(verdict.corrections))
@@ -58,7 +58,7 @@ def judged_table(verdicts: Sequence[PlateVerdict]) -> pd.DataFrame:
     rows = [
         [verdict.belt, one.name, one.size, one.low, one.high, one.limit, one.unit, one.status]
         for verdict in verdicts
-        for one in verdict.judged
+        for one in (*verdict.judged, *verdict.corrected)
     ]
     columns = ["belt", "error", "size", "low", "high", "limit", "unit", "status"]
     return pd.DataFrame(rows, columns=columns)
