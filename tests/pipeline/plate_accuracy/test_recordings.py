@@ -148,3 +148,14 @@ def test_a_hammer_at_the_rate_of_the_cameras_is_refused_with_what_to_do(in_c3d, 
     study = read_plates_study(folder)
     with pytest.raises(ValueError, match=r"hammer_left\.txt: a force at 100 Hz misses impacts"):
         read_hammer_delay(study, study.file.hammer[0])
+
+
+def test_one_command_checks_a_study_in_text(in_text, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["plates", str(in_text), "--out", str(out)]) == 0
+    assert "left plate: " in capsys.readouterr().out
+    assert (out / "figures" / "vibration.png").is_file()
+    assert not (out / "figures" / "hammer_trace.png").exists()
+    page = (out / "verdict.md").read_text(encoding="utf-8")
+    for effect in ("profile", "speed_mps", "position_m", "mass_kg", "zone"):
+        assert f"| {effect} " in page
