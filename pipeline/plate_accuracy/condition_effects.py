@@ -20,6 +20,7 @@ MAX_EXPONENT: Final = 2.0
 """Of a Box-Cox transform, either way: squares and their inverses are the strongest transforms in
 use. Beyond, single values far from the others determine the exponent."""
 ALPHA: Final = 0.05
+LAB_NOTE: Final = "Lab axes: x forward, y left, z up."
 TEST_COLUMNS: Final = (
     *("quantity", "exponent", "shapiro_w", "shapiro_p", "effect", "df", "df_error", "f", "p"),
     "partial_eta_squared",
@@ -185,11 +186,11 @@ def effects_section(effects: ConditionEffects) -> list[str]:
     lines = ["## Effects of the conditions"]
     if len(effects.tests):
         lines += [
-            "Orthogonal errors after a Box–Cox transform (exponent), analysis of variance of type "
-            "III, main effects. The thirds of the belt (zone: antero-posterior position) are "
-            "compared within recordings; all others between recordings. shapiro_p is the "
-            "Shapiro–Wilk test of the residuals. Pairs of levels, Bonferroni-corrected, are in "
-            "pairs.csv.",
+            f"{LAB_NOTE} Orthogonal errors after a Box–Cox transform (exponent), analysis of "
+            "variance of type III, main effects. The thirds of the belt (zone: antero-posterior "
+            "position) are compared within recordings; all others between recordings. shapiro_p "
+            "is the Shapiro–Wilk test of the residuals. Pairs of levels, Bonferroni-corrected, are "
+            "in pairs.csv.",
             markdown(effects.tests, 3),
         ]
     remarks = "\n".join(f"- {remark}" for remark in effects.remarks)

@@ -11,7 +11,7 @@ from pipeline.config.plate_study import BeltSide
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
-from pipeline.plate_accuracy.condition_effects import effects_section
+from pipeline.plate_accuracy.condition_effects import LAB_NOTE, effects_section
 from pipeline.plate_accuracy.figures import (
     error_figure,
     hammer_figure,
@@ -45,7 +45,6 @@ TABLE_NOTE: Final = (
     "Orthogonal errors (TLLS) with supports, where nothing else is stated and there are such "
     "recordings."
 )
-LAB_NOTE: Final = "Lab axes: x forward, y left, z up."
 
 
 def table_1(errors: pd.DataFrame) -> pd.DataFrame:
