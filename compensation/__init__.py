@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from compensation.alignment.agreement import AgreedDelay, agreed_delay
     from compensation.alignment.delay import Delay, estimate_delay, undo_delay
     from compensation.alignment.force_delay import marker_plate_delay
-    from compensation.alignment.hammer import hammer_delay
+    from compensation.alignment.hammer import HammerImpact, hammer_delay, hammer_impacts
     from compensation.alignment.plate import PlateAlignment, fit_plate_alignment
     from compensation.belt.cutoff import cutoff_of_spline, spline_smoothing
     from compensation.belt.model import BeltModel, belt_acceleration, fit_belt
@@ -74,7 +74,9 @@ _HOME = {
     "estimate_delay": "compensation.alignment.delay",
     "undo_delay": "compensation.alignment.delay",
     "marker_plate_delay": "compensation.alignment.force_delay",
+    "HammerImpact": "compensation.alignment.hammer",
     "hammer_delay": "compensation.alignment.hammer",
+    "hammer_impacts": "compensation.alignment.hammer",
     "PlateAlignment": "compensation.alignment.plate",
     "fit_plate_alignment": "compensation.alignment.plate",
     "cutoff_of_spline": "compensation.belt.cutoff",
@@ -125,6 +127,7 @@ __all__ = [
     "BeltModel",
     "Calibration",
     "Delay",
+    "HammerImpact",
     "InertiaModel",
     "Line",
     "Linearity",
@@ -159,6 +162,7 @@ __all__ = [
     "free_moment",
     "from_json",
     "hammer_delay",
+    "hammer_impacts",
     "interpolate_pose",
     "linearity",
     "low_pass",

@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, field_validator
 
+from hbm.spatial import Array
 from hbm.toml_text import Table
 from pipeline.config.consistency import missing_file
 from pipeline.config.schema import (
@@ -25,6 +27,9 @@ BeltSide = Literal["left", "right"]
 WeightKg = Annotated[float, Field(gt=0, le=500)]
 BeltSpeedMps = Annotated[float, Field(ge=0, le=5)]
 """No treadmill for walking and running is faster."""
+Edges = Annotated[tuple[CoordinateM, CoordinateM], Field(strict=False)]
+MIN_BELT_M: Final = 0.1
+"""Length and width: no foot has room on less."""
 FilterCutoffHz = Annotated[float, Field(ge=0.1, le=100)]
 
 
@@ -58,6 +63,41 @@ LimitN = Annotated[float, Field(gt=0, le=1000)]
 LimitNm = Annotated[float, Field(gt=0, le=1000)]
 LimitM = Annotated[float, Field(gt=0, le=0.1)]
 LimitPercent = Annotated[float, Field(gt=0, le=20)]
+
+
+class Surface(InputModel):
+    """Where the surface of a plate is, level with the lab's origin: its edges in the lab.
+
+    Attributes
+    ----------
+    x_m, y_m
+        Rear and front edge, right and left edge [m].
+    """
+
+    x_m: Edges
+    y_m: Edges
+
+    @field_validator("x_m", "y_m")
+    @classmethod
+    def _ordered(cls, edges: tuple[float, float]) -> tuple[float, float]:
+        if not edges[1] - edges[0] >= MIN_BELT_M:
+            raise ValueError(
+                f"must be two edges at least {MIN_BELT_M:g} m apart, the smaller number first, "
+                f"got {edges[0]:g} and {edges[1]:g}"
+            )
+        return edges
+
+    @property
+    def center(self) -> Array:
+        """Its centre in the lab, (3,) [m]."""
+        return np.array([np.mean(self.x_m), np.mean(self.y_m), 0.0])
+
+    @property
+    def corners(self) -> Array:
+        """Its corners in the lab, (4, 3) [m]."""
+        (rear, front), (right, left) = self.x_m, self.y_m
+        corners = [(front, left), (front, right), (rear, right), (rear, left)]
+        return np.array([[x, y, 0.0] for x, y in corners])
 
 
 class AccuracyLimits(InputModel):
@@ -125,6 +165,7 @@ class PlatesFile(InputModel):
     marker: Text = "WEIGHT"
     hammer_marker: Text = "HAMMER"
     plate_numbers: dict[BeltSide, int] = Field(default_factory=_plate_numbers)
+    surface: dict[BeltSide, Surface] = Field(default_factory=dict)
     cutoff_hz: FilterCutoffHz = 20.0
     full_scale_n: Annotated[float, Field(gt=0)] = 510.0
     center_height_m: Annotated[float, Field(ge=0, le=2)] = 0.0

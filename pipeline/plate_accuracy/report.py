@@ -11,10 +11,12 @@ from pipeline.config.plate_study import BeltSide
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
+from pipeline.plate_accuracy.condition_effects import LAB_NOTE, effects_section
 from pipeline.plate_accuracy.correction import DELAY_METHODS, chosen_delay
 from pipeline.plate_accuracy.figures import (
     error_figure,
     hammer_figure,
+    hammer_trace_figure,
     linearity_figure,
     static_figure,
     vibration_figure,
@@ -44,7 +46,6 @@ TABLE_NOTE: Final = (
     "Orthogonal errors (TLLS) with supports, where nothing else is stated and there are such "
     "recordings."
 )
-LAB_NOTE: Final = "Lab axes: x forward, y left, z up."
 
 
 def table_1(errors: pd.DataFrame) -> pd.DataFrame:
@@ -106,9 +107,9 @@ def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
     write_csv(found.errors, out / "errors.csv")
     write_csv(_fault_table(found), out / "faults.csv")
     write_text(f"{TABLE_NOTE}\n\n{markdown(table, 1)}\n", out / "table_1.md")
-    if len(found.tests):
-        write_csv(found.tests, out / "anova.csv")
-        write_csv(found.pairs, out / "pairs.csv")
+    if len(found.effects.tests):
+        write_csv(found.effects.tests, out / "anova.csv")
+        write_csv(found.effects.pairs, out / "pairs.csv")
     figures = {
         "error_by_place_and_speed": error_figure(found.errors, "zone", "speed_mps"),
         "error_by_position": error_figure(found.errors, "position_m", "belt"),
@@ -116,6 +117,7 @@ def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
         "vibration": vibration_figure(found.trials),
         "static": static_figure(found.places, found.alignments),
         "delay": hammer_figure(found.delays),
+        "hammer_trace": hammer_trace_figure(found.hammer_traces),
     }
     for name, figure in figures.items():
         if figure is not None:
@@ -151,13 +153,7 @@ def _page(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> str:
         TABLE_NOTE,
         markdown(table_1(found.errors), 1),
     ]
-    if len(found.tests):
-        lines += [
-            "## Effects of speed, position and weight",
-            f"{LAB_NOTE} Orthogonal errors after a Box–Cox transformation (exponent), analysis of "
-            "variance of type III, main effects; pairs of levels are in pairs.csv.",
-            markdown(found.tests, 3),
-        ]
+    lines += effects_section(found.effects)
     return "\n\n".join(lines) + "\n"
 
 

@@ -14,9 +14,8 @@ from compensation import (
 from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.signals.resampling import interpolate
 from hbm.spatial import GRAVITY_MPS2, Array, Mask, shift_wrench, transform_wrench
-from pipeline.config.plate_study import BeltSide, PlatesFile, PlatesStudy, WeightRecording
-from pipeline.io.c3d.read import read_c3d
-from pipeline.io.recording import Plate, Recording
+from pipeline.config.plate_study import BeltSide, PlatesStudy, WeightRecording
+from pipeline.plate_accuracy.recordings import read_with_marker
 
 RATE_HZ: Final = 100.0
 """At which errors are compared: five times the cut-off."""
@@ -126,7 +125,7 @@ def read_weight(
         If marker or plate are missing, the marker has a gap, or the recording is too short.
     """
     file = study.file
-    _, plate, time, marker = _read(study, weight.file, weight.belt, file.marker)
+    plate, time, marker = read_with_marker(study, weight.file, weight.belt, file.marker)
     clock, rate = plate.time, plate.rate_hz
     seen = (clock >= time[0]) & (clock <= time[-1])
     clock, raw = clock[seen], to_cameras(plate.wrench[seen], alignment)
@@ -189,8 +188,8 @@ def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | N
     plate_points, camera_points = [], []
     names = [recording.file for recording in study.file.static if recording.belt == belt]
     for name in names:
-        recording, plate, time, marker = _read(study, name, belt, study.file.marker)
-        rate = recording.markers.rate_hz
+        plate, time, marker = read_with_marker(study, name, belt, study.file.marker)
+        rate = (len(time) - 1) / float(time[-1] - time[0])
         slow = low_pass(plate.wrench, plate.rate_hz, REST_CUTOFF_HZ, OWN_FILTER)
         wrench = interpolate(plate.time, slow, time)
         threshold = PLACED_SHARE * float(np.nanpercentile(wrench[:, 2], 90))
@@ -237,36 +236,6 @@ def align(plate_points: Array, camera_points: Array) -> PlateAlignment:
         ]
     )
     return replace(alignment, covariance=off.T @ off * (count - 1) / count)
-
-
-def read_hammer(study: PlatesStudy, name: str, belt: BeltSide) -> tuple[Array, Array, Array, Array]:
-    """Give marker times, marker height, plate times and unfiltered vertical force of impacts."""
-    _, plate, time, marker = _read(study, name, belt, study.file.hammer_marker)
-    return time, marker[:, 2], plate.time, plate.wrench[:, 2]
-
-
-def _read(
-    study: PlatesStudy, name: str, belt: BeltSide, label: str
-) -> tuple[Recording, Plate, Array, Array]:
-    """Give a recording, its plate, and times and positions of a marker while it is seen."""
-    file: PlatesFile = study.file
-    recording = read_c3d(study.folder / name, file.stated)
-    if label not in recording.markers.names:
-        present = ", ".join(recording.markers.names) or "none"
-        raise ValueError(f"{name}: no marker {label!r}; markers there: {present}")
-    number = file.plate_numbers.get(belt)
-    plate = next((p for p in recording.plates if p.number == number), None)
-    if plate is None:
-        raise ValueError(f"{name}: no plate {number} for the {belt} belt (plate_numbers)")
-    marker = recording.markers.position[:, recording.markers.names.index(label)]
-    seen = np.asarray(np.isfinite(marker).all(axis=1))
-    if not seen.any():
-        raise ValueError(f"{name}: marker {label!r} is never seen")
-    first, last = np.flatnonzero(seen)[[0, -1]]
-    if not seen[first : last + 1].all():
-        raise ValueError(f"{name}: marker {label!r} has a gap; fill the gap or cut it off first")
-    rows = slice(first, last + 1)
-    return recording, plate, recording.markers.time[rows], marker[rows]
 
 
 def _without_noise(wrench: Array, marker: Array, weight_n: float, height_m: float) -> Array:

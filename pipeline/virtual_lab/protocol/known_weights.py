@@ -32,7 +32,7 @@ from pipeline.virtual_lab.machine.instruments.sampling import (
     SAMPLES_PER_FRAME,
     delayed,
 )
-from pipeline.virtual_lab.protocol.hammer import Blows, strike
+from pipeline.virtual_lab.protocol.hammer import strike_belt
 
 PLATES: Final = {"left": 0, "right": 1}
 
@@ -71,13 +71,8 @@ LIFT_M: Final = 0.3
 """How long the weight stands at a place and is on the way to the next, and how high it is lifted;
 assumed."""
 
-BLOWS: Final = 15
-BLOW_INTERVAL_S: Final = 2.0
-BLOW_SPREAD_S: Final = 0.3
 CONTACT_S: Final = (0.002, 0.006)
-HAMMER_S: Final = 33.0
-"""Blows with the hammer on each belt (the thesis' number), mean time between them, how far the time
-of a blow is from that, shortest and longest contact, and duration of the recording; assumed."""
+"""Shortest and longest contact of the hammer; assumed."""
 HAMMER_MARKER_M: Final = 0.25
 """Height of the marker above the head of the hammer."""
 
@@ -291,21 +286,11 @@ def _static(path: Path, belt: str, lab: _SetUp) -> None:
 
 def _hammer(path: Path, belt: str, lab: _SetUp) -> None:
     """Write blows with a hammer that carries a marker."""
-    time = np.arange(round(HAMMER_S * ANALOG_HZ)) / ANALOG_HZ
-    spread = lab.rng.uniform(-BLOW_SPREAD_S, BLOW_SPREAD_S, BLOWS)
-    since, height, force = strike(Blows.draw(BLOWS, *CONTACT_S, lab.rng))
-    head, load = np.full(len(time), np.nan), np.zeros(len(time))
-    for k, blow in enumerate(BLOW_INTERVAL_S * np.arange(1, BLOWS + 1) + spread):
-        own = np.interp(time - blow, since, height[:, k], left=np.nan, right=np.nan)
-        head = np.where(np.isfinite(own), own, head)
-        late = time - blow - lab.errors.delay_s
-        load += np.interp(late, since, force[:, k], left=0.0, right=0.0)
-    held = np.isfinite(head)
-    head = np.interp(time, time[held], head[held])
+    head, load = strike_belt(*CONTACT_S, lab.errors.delay_s, lab.rng)
     wrench = load[:, None] * np.eye(6)[2]
-    measured = ForcePlate(noise=lab.errors.noise).measure(wrench, time, lab.rng)
-    middle = np.full(len(time), _center(belt)[1])
-    place = np.column_stack([0 * time, middle, head + HAMMER_MARKER_M])
+    measured = ForcePlate(noise=lab.errors.noise).measure(wrench, _times(head), lab.rng)
+    middle = np.full(len(head), _center(belt)[1])
+    place = np.column_stack([0 * head, middle, head + HAMMER_MARKER_M])
     markers = lab.record_marker(place)
     _save(path, belt, "HAMMER", markers, shift_wrench(measured, _center(belt)))
 
