@@ -25,11 +25,11 @@ def write_page(
     lines = [
         written + HEADING.rstrip(),
         f"`python -m tests.campaign.plates --seeds {seeds}`: {len(FAULTS)} faults × "
-        f"{len(SIZES)} sizes × {seeds} seeds of noise × 2 plates, and {len(perfect)} plates without a "
-        f"fault; {minutes:.0f} minutes, {workers} at a time. Plates with a fault are recorded 24 times "
-        "each (two speeds, three masses, two positions, two profiles), a third of the thesis' "
-        "design. The true verdict is from the known fault by an independent formula: what the "
-        "simulated plate shows of a person's loads in a minute, less the loads.",
+        f"{len(SIZES)} sizes × {seeds} seeds of noise × 2 plates, and {len(perfect)} plates "
+        f"without a fault; {minutes:.0f} minutes, {workers} at a time. Plates with a fault are "
+        "recorded 24 times each (two speeds, three masses, two positions, two profiles), a third "
+        "of the thesis' design. The true verdict is from the known fault by an independent "
+        "formula: what the simulated plate shows of a person's loads in a minute, less the loads.",
         "Found: the fault, all its estimates, differs significantly from none. Sized: its size "
         "lies within the 95 % interval (of all gains: how many of the five that weights examine). "
         "A noise is not tested against none.",

@@ -200,7 +200,7 @@ def test_one_command_leaves_table_figures_and_a_verdict(tmp_path, capsys):
         in page
     )
     assert len(pd.read_csv(out / "table_1.csv")) > 10
-    assert len(list((out / "figures").glob("*.png"))) == 6
+    assert len(list((out / "figures").glob("*.png"))) == 7
     assert {"speed_mps", "position_m", "mass_kg"} == set(pd.read_csv(out / "anova.csv")["effect"])
 
 
