@@ -37,8 +37,7 @@ def write_page(
         f"Of all sizes, {_share([one.sized for one in done])} lie within their 95 % intervals. Of "
         f"all true total errors, {_share([one.totals[1:] for one in done])} are below the upper "
         f"bounds and {_share([one.totals[::2] for one in done])} above the lower ones: where a "
-        "plate has little but noise, that of the marker's place counts as the plate's, 0.1 mm at "
-        "most. "
+        "plate has little but noise, that of the marker's place counts as the plate's. "
         f"Verdicts: {_count(done, _right)} right, {_count(done, _untold)} cannot be told, "
         f"{_count(done, _wrong)} wrong. Of plates that are not fit as they are, "
         f"{_count([one for one in done if one.truth != 'fit'], _passed)} were called fit.",

@@ -201,7 +201,8 @@ def test_one_command_leaves_table_figures_and_a_verdict(tmp_path, capsys):
     )
     assert len(pd.read_csv(out / "table_1.csv")) > 10
     assert len(list((out / "figures").glob("*.png"))) == 7
-    assert {"speed_mps", "position_m", "mass_kg"} == set(pd.read_csv(out / "anova.csv")["effect"])
+    tested = {"profile", "speed_mps", "position_m", "mass_kg", "zone"}
+    assert tested == set(pd.read_csv(out / "anova.csv")["effect"])
 
 
 def test_one_command_simulates_and_checks(tmp_path, monkeypatch, capsys):
