@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from compensation.inertia.checks import check_calibration, check_trial
     from compensation.inertia.fit import fit_inertia, sensor_noise_of
     from compensation.inertia.model import InertiaModel, Setup
+    from compensation.inertia.quality import left_over, refuse_unusable
+    from compensation.inertia.sensors import Sensor, find_sensors
     from compensation.platform.markers import PoseFit, check_pose, fit_pose, neutral_markers
     from compensation.platform.pose import (
         PlatformPose,
@@ -86,6 +88,10 @@ _HOME = {
     "fit_inertia": "compensation.inertia.fit",
     "sensor_noise_of": "compensation.inertia.fit",
     "InertiaModel": "compensation.inertia.model",
+    "left_over": "compensation.inertia.quality",
+    "refuse_unusable": "compensation.inertia.quality",
+    "Sensor": "compensation.inertia.sensors",
+    "find_sensors": "compensation.inertia.sensors",
     "Setup": "compensation.inertia.model",
     "PoseFit": "compensation.platform.markers",
     "check_pose": "compensation.platform.markers",
@@ -126,6 +132,7 @@ __all__ = [
     "PlatformPose",
     "PoseFit",
     "Roller",
+    "Sensor",
     "Setup",
     "Signal",
     "Spectrum",
@@ -140,6 +147,7 @@ __all__ = [
     "commanded_pose",
     "cutoff_of_spline",
     "estimate_delay",
+    "find_sensors",
     "fit_belt",
     "fit_inertia",
     "fit_line_orthogonal",
@@ -150,6 +158,7 @@ __all__ = [
     "from_json",
     "hammer_delay",
     "interpolate_pose",
+    "left_over",
     "linearity",
     "low_pass",
     "marker_plate_delay",
@@ -159,6 +168,7 @@ __all__ = [
     "neutral_markers",
     "pitch_and_sway_signals",
     "pose_delay",
+    "refuse_unusable",
     "resample_signal",
     "rms_difference",
     "rms_orthogonal",

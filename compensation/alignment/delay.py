@@ -128,8 +128,8 @@ def estimate_delay(
             f"{len(x)} samples are too few to seek delays up to {longest_s} s at {given_rate} Hz; "
             f"give at least {fewest}"
         )
-    x, rate = _decimated(x, given_rate)
-    y, _ = _decimated(y, given_rate)
+    x, rate = decimated(x, given_rate)
+    y, _ = decimated(y, given_rate)
     reach = int(np.ceil(longest_s * rate))
 
     lag, explained = _best_lag(x, y, reach)
@@ -211,8 +211,8 @@ def clustered_standard_error(clusterings: Sequence[Array], information: float) -
     return float(np.sqrt(variance) / information) if information > 0 else np.inf
 
 
-def _decimated(signal: Array, rate: float) -> tuple[Array, float]:
-    """Low-pass, decimate and standardise (N, C) samples; give the new rate too."""
+def decimated(signal: Array, rate: float) -> tuple[Array, float]:
+    """Low-pass, decimate and standardise (N, C) samples; give the new rate [Hz] too."""
     cutoff_hz = min(MAX_MOTION_HZ, rate / SAMPLES_PER_PERIOD)
     every = int(rate / (SAMPLES_PER_PERIOD * cutoff_hz))
     slow = low_pass(signal, rate, cutoff_hz, "zero_phase")[::every]

@@ -159,6 +159,7 @@ def fit_inertia(
         sensor_noise=noise,
         samples=n,
         setup=setup,
+        correlation=_correlation(residual),
     )
 
 
@@ -202,6 +203,15 @@ def sensor_noise_of(accelerations: ArrayLike) -> float:
         )
     variance = np.linalg.eigvalsh(np.cov(a, rowvar=False))
     return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
+
+
+def _correlation(residual: Array) -> Array:
+    """Give the correlations between components, (6, 6); 0 with one that leaves nothing."""
+    size = np.sqrt(np.mean(residual**2, axis=0))
+    scaled = residual / np.where(size > 0, size, 1.0)
+    correlation = scaled.T @ scaled / len(scaled)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
 
 
 def _read_noise(sensor_noise: ArrayLike, channels: int) -> Array:

@@ -5,7 +5,7 @@ its weight and inertia too. Both are linear in what accelerometers on the platfo
 recording of the empty, moving treadmill is enough to identify them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import get_args
 
 import numpy as np
@@ -116,6 +116,8 @@ class InertiaModel:
         Number of samples fitted.
     setup
         How the signals were recorded; None where it was not stated.
+    correlation
+        Of the calibration's residual between components, (6, 6); by default none.
 
     Examples
     --------
@@ -143,6 +145,7 @@ class InertiaModel:
     sensor_noise: Array
     samples: int
     setup: Setup | None = None
+    correlation: Array = field(default_factory=lambda: np.eye(6))
 
     def __post_init__(self) -> None:
         k = len(np.atleast_1d(self.gain)) - 1
@@ -153,6 +156,7 @@ class InertiaModel:
             **dict.fromkeys(("acceleration_mean", "acceleration_low", "acceleration_high"), (k,)),
             "sensor_noise": (k,),
             "acceleration_covariance": (k, k),
+            "correlation": (6, 6),
         }
         for name, shape in shapes.items():
             value = read_only(getattr(self, name))

@@ -1,6 +1,7 @@
 """The treadmill on the command line: calibration (fit, signals, rank) and plates."""
 
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.options import Axes, Out, PlateUnits, Seed, Simulate, Units
+from pipeline.cli.options import Accelerometers, Axes, Out, PlateUnits, Seed, Simulate, Units
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,16 +30,20 @@ def fit(
     accelerometer_unit: Annotated[
         str | None, typer.Option(help="g or m/s²; default: as the file says.")
     ] = None,
+    accelerometer: Accelerometers = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
-    from compensation import Calibration, check_calibration, to_json
+    from compensation import check_calibration, to_json
+    from compensation.inertia.quality import check_left_over
+    from compensation.inertia.sensors import describe_sensors
+    from hbm.notes import warnings_first
     from pipeline.cli.terminal import note_line, plain_console, print_table
     from pipeline.config.schema import RecordingRules, Treadmill
     from pipeline.config.validation import check_options
     from pipeline.io.units import acceleration_in_mps2
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
-    from pipeline.trial.ground.accelerometers import find_accelerometers
+    from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
     from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
 
     console = plain_console()
@@ -46,7 +51,7 @@ def fit(
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
     rules = {"axes": axes, "units": units, "plate_units": plate_units}
     empty = read_empty(recording, check_options(RecordingRules, rules).stated())
-    sensors = find_accelerometers(empty)
+    sensors = stated_accelerometers(accelerometer or ()) or find_accelerometers(empty)
     if accelerometer_unit is not None:
         acceleration_in_mps2(accelerometer_unit)
     treadmill = check_options(
@@ -72,17 +77,23 @@ def fit(
         "channels": json.dumps(sensors),
         "accelerometer_unit": accelerometer_unit or "",
     }
-    write_text(to_json(Calibration(calibration.plates, provenance)), out)
+    write_text(to_json(replace(calibration, provenance=provenance)), out)
     setup = next(iter(calibration.plates.values())).setup
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
+    print_table(_sensor_table(calibration), console)
     print_table(_fit_table(calibration), console)
     doubts = [
         note
         for plate, model in calibration.plates.items()
         for note in check_calibration(model, plate)
     ]
-    for note in doubts:
+    notes = [
+        *doubts,
+        *describe_sensors(calibration.sensors),
+        *(n for plate, m in calibration.plates.items() for n in check_left_over(m, plate)),
+    ]
+    for note in warnings_first(notes):
         console.print(note_line(note), soft_wrap=True)
     if doubts:
         advice = "do not use it before that is explained"
@@ -95,23 +106,55 @@ def _fit_table(calibration: "Calibration") -> "Table":
     """Lay out how well a calibration explains its own recording."""
     from rich.table import Table
 
-    from hbm.spatial import WRENCH_COMPONENTS
+    from compensation import left_over
 
     table = Table(title="The empty plates, before and after compensation (calibration recording)")
-    for name in ("plate", "component", "RMS", "after", "less", "R²"):
-        table.add_column(name, justify="left" if name in ("plate", "component") else "right")
+    for name in ("plate", "component", "RMS", "after", "allowed", "R²", "verdict"):
+        left = name in ("plate", "component", "verdict")
+        table.add_column(name, justify="left" if left else "right")
     for name, model in calibration.plates.items():
-        for k, component in enumerate(WRENCH_COMPONENTS):
-            unit = "N" if k < 3 else "N·m"
+        for row in left_over(model):
             table.add_row(
                 name,
-                component,
-                f"{model.rms_measured[k]:.1f} {unit}",
-                f"{model.rms_compensated[k]:.2f} {unit}",
-                f"{model.rms_reduction[k]:.1f} %",
-                f"{model.r_squared[k]:.4f}",
+                row.component,
+                f"{row.excited:.1f} {row.unit}",
+                f"{row.left:.2f} {row.unit}",
+                f"{row.limit:g} {row.unit}",
+                f"{row.r_squared:.4f}",
+                row.verdict,
             )
-        table.caption = f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}"
+        table.caption = (
+            f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}; allowed: "
+            "peaks of what is left, 3 RMS, stay below the limits of Hicks et al. (2015) at 50 kg; "
+            "R² is low where a component hardly moved, without harm"
+        )
+    return table
+
+
+def _sensor_table(calibration: "Calibration") -> "Table":
+    """Lay out what a calibration found of its accelerometers, with 95 % intervals."""
+    from rich.table import Table
+
+    def interval(value: float, error: float | None, scale: float, form: str) -> str:
+        if error is None:
+            return "unknown"
+        return f"{scale * value:{form}} ± {1.96 * scale * error:{form}}"
+
+    table = Table(title="The accelerometers (95 % intervals)")
+    for name in ("accelerometer", "later than plates", "gain", "noise", "corrected"):
+        table.add_column(
+            name, justify="left" if name in ("accelerometer", "corrected") else "right"
+        )
+    for sensor in calibration.sensors:
+        done = ["delay"] * (sensor.correction_s != 0) + ["gain"] * (sensor.scale != 1)
+        noise = sensor.noise_mps2
+        table.add_row(
+            sensor.name,
+            interval(sensor.delay_s, sensor.delay_error_s, 1000, ".2f") + " ms",
+            interval(sensor.gain, sensor.gain_error, 1, ".3f"),
+            "unknown" if noise is None else f"{noise:.4f} m/s²",
+            ", ".join(done) or "nothing",
+        )
     return table
 
 
@@ -176,6 +219,7 @@ def rank(
     axes: Axes = None,
     units: Units = None,
     plate_units: PlateUnits = None,
+    accelerometer: Accelerometers = None,
     seed: Seed = 0,
     out: Out = Path("ranking"),
 ) -> None:
@@ -188,7 +232,14 @@ def rank(
 
     console = plain_console()
     settings = RankingSettings(
-        plate, cutoff_hz, belt_channel, belt_cutoff_hz, axes, units, plate_units
+        plate,
+        cutoff_hz,
+        belt_channel,
+        belt_cutoff_hz,
+        axes,
+        units,
+        plate_units,
+        tuple(accelerometer) if accelerometer else None,
     )
     if simulate:
         if folder.exists() and any(folder.rglob("*.c3d")):

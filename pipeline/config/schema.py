@@ -221,7 +221,7 @@ class Treadmill(InputModel):
     calibration: Text | None = None
     accelerometers: dict[Name, Channels] = Field(default_factory=dict)
     accelerometer_unit: Text | None = None
-    accelerometer_delay_s: DelayS = 0.0
+    accelerometer_delay_s: DelayS | None = None
     accelerometer_range_g: AccelerometerRangeG = 2.0
     cutoff_hz: CalibrationCutoffHz = 20.0
     belt: Belt | None = None

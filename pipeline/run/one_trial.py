@@ -14,6 +14,7 @@ from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.run.request import TrialRequest
+from pipeline.trial.ground.accelerometers import stated_accelerometers
 from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult
@@ -109,7 +110,10 @@ def requested_laboratory(request: TrialRequest) -> Laboratory:
     """Read the treadmill that a request describes: its calibration and platform markers."""
     markers = tuple(filter(None, map(str.strip, request.platform_markers.split(","))))
     if request.calibration is not None:
-        return read_laboratory(request.calibration, markers)
+        stated = stated_accelerometers(request.accelerometer)
+        return read_laboratory(request.calibration, markers, stated)
+    if request.accelerometer:
+        raise ValueError("--accelerometer has no effect without --calibration")
     return Laboratory(Treadmill(platform=Platform(markers=markers) if markers else None))
 
 

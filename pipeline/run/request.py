@@ -96,6 +96,12 @@ class TrialRequest:
     calibration: Annotated[
         Path | None, Help("Calibration of the moving treadmill (hbm calibration fit).")
     ] = None
+    accelerometer: Annotated[
+        tuple[str, ...],
+        Help(
+            "SENSOR=X,Y,Z: channels of an accelerometer, if not as in the calibration; repeatable."
+        ),
+    ] = ()
     platform_markers: Annotated[
         str, Help("Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3.")
     ] = ""

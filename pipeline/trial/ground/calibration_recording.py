@@ -9,15 +9,25 @@ from typing import Final
 
 import numpy as np
 
-from compensation import Calibration, Setup, fit_inertia, from_json
+from compensation import (
+    Calibration,
+    Sensor,
+    Setup,
+    find_sensors,
+    fit_inertia,
+    from_json,
+    refuse_unusable,
+)
+from compensation.inertia.sensors import noise_for_fit
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
+from hbm.spatial import Array
 from pipeline.config.schema import Treadmill
 from pipeline.io.input_file import read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
 
 FILTER: Final[Method] = "zero_phase"
 """A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
@@ -54,13 +64,49 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
     clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
     filtered = setup.low_pass(readings, clock)
+    wrenches = [setup.low_pass(p.wrench_in_plate, p.time) for p in recording.plates]
+    sensors = _sensors(recording, treadmill, clock, readings, filtered, wrenches)
     models = {}
-    for plate in recording.plates:
-        wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
-        measured = resample(clock, filtered, plate.time + treadmill.accelerometer_delay_s)
-        known = np.isfinite(measured).all(axis=1) & np.isfinite(wrench).all(axis=1)
-        models[f"plate {plate.number}"] = fit_inertia(measured[known], wrench[known], setup)
-    return Calibration(models, {"recording": recording.source.name})
+    for plate, wrench in zip(recording.plates, wrenches, strict=True):
+        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
+        known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
+        noise = noise_for_fit(sensors, felt[known])
+        models[f"plate {plate.number}"] = fit_inertia(felt[known], wrench[known], setup, noise)
+    refuse_unusable(models)
+    return Calibration(models, {"recording": recording.source.name}, sensors)
+
+
+def _sensors(
+    recording: Recording,
+    treadmill: Treadmill,
+    clock: Array,
+    readings: Array,
+    filtered: Array,
+    wrenches: Sequence[Array],
+) -> tuple[Sensor, ...]:
+    """Find the sensors' delays against the plates, their gains and their noise."""
+    first, *_ = recording.plates
+    same_clock = [
+        wrench
+        for plate, wrench in zip(recording.plates, wrenches, strict=True)
+        if np.array_equal(plate.time, first.time)
+    ]
+    stated = treadmill.accelerometer_delay_s
+    felt = resample(clock, filtered, first.time + (stated or 0.0))
+    both = np.hstack([felt, *same_clock])
+    known = np.isfinite(both).all(axis=1)
+    complete = readings[np.isfinite(readings).all(axis=1)]
+    rate_hz = (len(clock) - 1) / float(clock[-1] - clock[0])
+    found = find_sensors(
+        felt[known],
+        both[known][:, felt.shape[1] :],
+        complete,
+        setup_of(recording, treadmill),
+        rate_hz,
+    )
+    if stated is None:
+        return found
+    return tuple(replace(sensor, delay_s=stated, delay_error_s=0.0) for sensor in found)
 
 
 def read_calibration(
@@ -103,6 +149,7 @@ def read_calibration(
         try:
             calibration = from_json(read_text(path))
             _require_same_channels(calibration, treadmill)
+            _require_same_delay(calibration, treadmill)
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error
         return calibration
@@ -122,6 +169,18 @@ def _require_same_channels(calibration: Calibration, treadmill: Treadmill) -> No
             raise ValueError(
                 f"the calibration was made with channel {channel!r} as {known[channel]}, "
                 f"but treadmill.accelerometers has it as {axis}"
+            )
+
+
+def _require_same_delay(calibration: Calibration, treadmill: Treadmill) -> None:
+    """Refuse a stated delay that is not the one with which the calibration was fitted."""
+    stated = treadmill.accelerometer_delay_s
+    for sensor in calibration.sensors if stated is not None else ():
+        if sensor.correction_s != stated:
+            raise ValueError(
+                f"the calibration was fitted with a delay of {1000 * sensor.correction_s:.2f} ms "
+                f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is {stated}; "
+                "leave it out, or fit again"
             )
 
 

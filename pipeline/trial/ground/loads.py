@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensation import InertiaModel
-from hbm.signals.resampling import resample
 from hbm.spatial import Array, read_only
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
 from pipeline.trial.ground.calibration_recording import setup_of
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
@@ -74,7 +73,9 @@ def plate_loads(
         readings = setup_of(recording, treadmill).low_pass(readings, clock)
         models = plate_models(recording, laboratory)
         for k, (plate, model) in enumerate(zip(plates, models, strict=True)):
-            felt = resample(clock, readings, plate.time + treadmill.accelerometer_delay_s)
+            felt = at_plate_times(
+                clock, readings, plate.time, treadmill, laboratory.calibration.sensors
+            )
             forces[k] = forces[k] - _predicted(model, felt) @ plate.rotation[2]
     return tuple(
         PlateLoad(plate.number, plate.time - plate_delay_s, force)

@@ -16,7 +16,7 @@ from hbm.notes import Note
 from hbm.signals.resampling import resample
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Plate, Recording
-from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, corrected_sensors
 from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import setup_of
@@ -126,8 +126,13 @@ def _without_inertia(
     clock, readings = accelerations(recording, treadmill)
     models = plate_models(recording, laboratory)
     setup = setup_of(recording, treadmill)
-    acceleration = resample(
-        clock, setup.low_pass(readings, clock), plate_time + treadmill.accelerometer_delay_s
+    assert laboratory.calibration is not None
+    acceleration = at_plate_times(
+        clock,
+        setup.low_pass(readings, clock),
+        plate_time,
+        treadmill,
+        laboratory.calibration.sensors,
     )
     compensated = []
     for plate, model in zip(plates, models, strict=True):
@@ -143,6 +148,7 @@ def _without_inertia(
             cutoff_hz=treadmill.cutoff_hz,
         )
     )
+    notes += corrected_sensors(laboratory.calibration.sensors)
     return compensated, notes
 
 
