@@ -95,7 +95,7 @@ def sensor_delays(
             break
     errors = np.hypot(np.sqrt(np.diag(covariance)) / rate, MODEL_ERROR_S)
     if not np.all(errors < MAX_SEPARATE_ERROR_S):
-        return (all_alike,) * count
+        return tuple(all_alike for _ in range(count))
     explained = model.explained(delays)
     return tuple(
         Delay(float(late / rate), float(error), explained)
@@ -124,7 +124,8 @@ class _LateSensors:
         x = np.column_stack([self._ahead(delays, 0), np.ones(len(self.inside))])
         gain = np.linalg.lstsq(x, self.wrench)[0]
         u, s, _ = np.linalg.svd(x, full_matrices=False)
-        return u[:, s > s[0] * len(x) * np.finfo(float).eps], gain, self.wrench - x @ gain
+        basis: Array = u[:, s > s[0] * len(x) * np.finfo(float).eps]
+        return basis, np.asarray(gain, float), self.wrench - x @ gain
 
     def misfit(self, delays: Array) -> float:
         """Give how little all channels have in common: the logarithm of their covariance's volume.

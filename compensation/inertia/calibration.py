@@ -152,6 +152,6 @@ def _plain(model: InertiaModel) -> dict[str, Any]:
 
 def _model(plain: dict[str, Any], old: bool) -> InertiaModel:
     known = {name: value for name, value in plain.items() if name != "warnings" or not old}
-    if not old and "correlation" not in plain:
-        raise KeyError("correlation")
+    for needed in () if old else ("correlation", "rms_slow"):
+        _ = plain[needed]
     return InertiaModel(**(known | {"setup": Setup(**plain["setup"])}))

@@ -6,7 +6,7 @@ recording of the empty, moving treadmill is enough to identify them.
 """
 
 from dataclasses import dataclass, field
-from typing import get_args
+from typing import Final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,9 @@ from compensation.inertia.plausibility import refuse_other_units
 from compensation.inputs import read_rate, read_table, refuse_gaps, refuse_unequal
 from hbm.signals.filtering import Method, low_pass
 from hbm.spatial import Array, read_only
+
+SLOW_HZ: Final = 6.0
+"""Cut-off of the Human Body Model, through which residuals pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +121,9 @@ class InertiaModel:
         How the signals were recorded; None where it was not stated.
     correlation
         Of the calibration's residual between components, (6, 6); by default none.
+    rms_slow
+        As `rms_compensated`, of what passes a low-pass of `SLOW_HZ` as residuals do; by default,
+        where the rate is unknown, `rms_compensated`.
 
     Examples
     --------
@@ -146,13 +152,17 @@ class InertiaModel:
     samples: int
     setup: Setup | None = None
     correlation: Array = field(default_factory=lambda: np.eye(6))
+    rms_slow: Array | None = None
 
     def __post_init__(self) -> None:
+        if self.rms_slow is None:
+            object.__setattr__(self, "rms_slow", self.rms_compensated)
         k = len(np.atleast_1d(self.gain)) - 1
         shapes = {
             "gain": (k + 1, 6),
             "covariance": (6, k + 1, k + 1),
-            **dict.fromkeys(("sigma", "r_squared", "rms_measured", "rms_compensated"), (6,)),
+            **dict.fromkeys(("sigma", "r_squared", "rms_measured"), (6,)),
+            **dict.fromkeys(("rms_compensated", "rms_slow"), (6,)),
             **dict.fromkeys(("acceleration_mean", "acceleration_low", "acceleration_high"), (k,)),
             "sensor_noise": (k,),
             "acceleration_covariance": (k, k),

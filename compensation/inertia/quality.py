@@ -17,9 +17,9 @@ and more (pitch of ± 10°, sway of 5 cm in 0.3 s); people on the boards shake a
 0.1 m/s²."""
 MAX_LEFT_N: Final = 9.0
 MAX_LEFT_NM: Final = 1.8
-"""RMS that compensation may leave. Peaks, three times the RMS, then stay below what Hicks et al.
-(2015) allow the residuals of an adult of 50 kg: 5 % of a peak force of 1.1 body weights, and 1 % of
-it times a height of the centre of mass of 1 m."""
+"""RMS below 6 Hz that compensation may leave. Peaks, three times the RMS, then stay below what
+Hicks et al. (2015) allow the residuals of an adult of 50 kg: 5 % of a peak force of 1.1 body
+weights, and 1 % of it times a height of the centre of mass of 1 m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +30,9 @@ class LeftOver:
     ----------
     component, unit
         "fx" … "mz" and "N" or "N·m".
-    excited, left, limit
-        Standard deviation before, RMS after, and the largest RMS that residuals allow.
+    excited, after, left, limit
+        Standard deviation before, RMS after, the part of it below 6 Hz, at which residuals are
+        filtered, and the largest part that they allow.
     r_squared
         Share of the variance that the accelerometers explain.
     """
@@ -39,6 +40,7 @@ class LeftOver:
     component: str
     unit: str
     excited: float
+    after: float
     left: float
     limit: float
     r_squared: float
@@ -65,10 +67,11 @@ def left_over(model: InertiaModel) -> tuple[LeftOver, ...]:
     limits = [(MAX_LEFT_N, "N")] * 3 + [(MAX_LEFT_NM, "N·m")] * 3
     rows = []
     for k, (limit, unit) in enumerate(limits):
-        left, r_squared = float(model.rms_compensated[k]), float(model.r_squared[k])
-        excited = left / np.sqrt(1 - r_squared) if r_squared < 1 else float(model.rms_measured[k])
+        after, r_squared = float(model.rms_compensated[k]), float(model.r_squared[k])
+        excited = after / np.sqrt(1 - r_squared) if r_squared < 1 else float(model.rms_measured[k])
         name = WRENCH_COMPONENTS[k]
-        rows.append(LeftOver(name, unit, float(excited), left, limit, r_squared))
+        slow = float(np.asarray(model.rms_slow)[k])
+        rows.append(LeftOver(name, unit, float(excited), after, slow, limit, r_squared))
     return tuple(rows)
 
 

@@ -109,7 +109,7 @@ def _fit_table(calibration: "Calibration") -> "Table":
     from compensation import left_over
 
     table = Table(title="The empty plates, before and after compensation (calibration recording)")
-    for name in ("plate", "component", "RMS", "after", "allowed", "R²", "verdict"):
+    for name in ("plate", "component", "RMS", "after", "< 6 Hz", "allowed", "R²", "verdict"):
         left = name in ("plate", "component", "verdict")
         table.add_column(name, justify="left" if left else "right")
     for name, model in calibration.plates.items():
@@ -118,6 +118,7 @@ def _fit_table(calibration: "Calibration") -> "Table":
                 name,
                 row.component,
                 f"{row.excited:.1f} {row.unit}",
+                f"{row.after:.2f} {row.unit}",
                 f"{row.left:.2f} {row.unit}",
                 f"{row.limit:g} {row.unit}",
                 f"{row.r_squared:.4f}",

@@ -42,11 +42,8 @@ def missing_file(folder: Path, where: str, name: str) -> list[str]:
 def treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
     """Check the treadmill of ``study.toml`` against the folder and the conditions."""
     treadmill, platform, faults = file.treadmill, file.treadmill.platform, []
-    if treadmill.calibration:
-        faults += missing_file(folder, "study.toml: treadmill.calibration", treadmill.calibration)
-    if treadmill.belt is not None:
-        where = "study.toml: treadmill.belt.calibration"
-        faults += missing_file(folder, where, treadmill.belt.calibration)
+    for key, name in treadmill.files.items():
+        faults += missing_file(folder, f"study.toml: treadmill.{key}", name)
     if platform is not None:
         where = "study.toml: treadmill.platform"
         markers = set(platform.markers)

@@ -211,6 +211,9 @@ class Belt(InputModel):
 class Treadmill(InputModel):
     """The machine: its accelerometers, its calibration, its belts, its platform.
 
+    ``check`` is an empty recording of another day, with which the calibration is compared. Without
+    ``accelerometer_delay_s`` the calibration estimates the accelerometers' delays.
+
     Examples
     --------
     >>> sensors = {"rear_left": ("Acc1.X", "Acc1.Y", "Acc1.Z")}
@@ -219,6 +222,7 @@ class Treadmill(InputModel):
     """
 
     calibration: Text | None = None
+    check: Text | None = None
     accelerometers: dict[Name, Channels] = Field(default_factory=dict)
     accelerometer_unit: Text | None = None
     accelerometer_delay_s: DelayS | None = None
@@ -226,6 +230,16 @@ class Treadmill(InputModel):
     cutoff_hz: CalibrationCutoffHz = 20.0
     belt: Belt | None = None
     platform: Platform | None = None
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Names of the files that are stated, by the key that states them."""
+        stated = {
+            "calibration": self.calibration,
+            "check": self.check,
+            "belt.calibration": self.belt.calibration if self.belt is not None else None,
+        }
+        return {key: name for key, name in stated.items() if name}
 
     @property
     def calibrated(self) -> bool:
@@ -259,6 +273,8 @@ class Treadmill(InputModel):
                 "accelerometers: is missing; a calibration has no effect without; name the three "
                 "channels of each sensor, as in the example of 'hbm init'"
             )
+        if self.check and not self.calibration:
+            raise ValueError("check: has no effect without a calibration to check")
         return self
 
 

@@ -8,6 +8,8 @@ from typing import Final, TypeVar
 import numpy as np
 
 from compensation import Calibration, check_calibration
+from compensation.inertia.quality import check_left_over
+from compensation.inertia.sensors import describe_sensors
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST_Q, support
 from hbm.engines.choice import choose_engine
@@ -25,6 +27,7 @@ from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES, gait_events
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.belts import read_belts
+from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.calibration_recording import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
@@ -163,7 +166,15 @@ def _check_calibration(study: Study, found: _Collector) -> Calibration | None:
     if calibration is not None:
         for plate, model in calibration.plates.items():
             found.notes(path.name, check_calibration(model, plate))
+            found.notes(path.name, check_left_over(model, plate))
+        found.notes(path.name, describe_sensors(calibration.sensors))
         found.remark(path.name, "calibration_of_plates", plates=tuple(calibration.plates))
+        if treadmill.check:
+            other = study.path(treadmill.check)
+            day = found.attempt(
+                other.name, lambda: read_check(other, calibration, treadmill, stated)
+            )
+            found.notes(other.name, day.notes if day is not None else ())
     return calibration
 
 

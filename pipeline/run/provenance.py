@@ -250,8 +250,5 @@ def input_digests(study: Study) -> dict[str, str]:
         if trial.exclude is None
         for name in trial.files
     }
-    if study.file.treadmill.calibration:
-        names.add(study.file.treadmill.calibration)
-    if study.file.treadmill.belt is not None:
-        names.add(study.file.treadmill.belt.calibration)
+    names |= {*study.file.treadmill.files.values()}
     return {name: file_digest(study.path(name)) for name in sorted(names)}

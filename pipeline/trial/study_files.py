@@ -11,6 +11,7 @@ from pipeline.config.study import Study
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.belts import read_belts
+from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.calibration_recording import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 
@@ -56,7 +57,10 @@ def read_study_laboratory(study: Study) -> Laboratory:
         calibration = read_calibration(study.path(treadmill.calibration), treadmill, stated)
     if treadmill.belt is not None:
         belts = read_belts(study.path(treadmill.belt.calibration), treadmill.belt, stated)
-    return Laboratory(treadmill, calibration, belts)
+    notes: tuple[Note, ...] = ()
+    if treadmill.check and calibration is not None:
+        notes = read_check(study.path(treadmill.check), calibration, treadmill, stated).notes
+    return Laboratory(treadmill, calibration, belts, notes)
 
 
 def with_unused_renames(recording: Recording, *others: Recording | None) -> Recording:

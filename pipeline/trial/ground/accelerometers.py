@@ -55,8 +55,8 @@ def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]
     if not sensors:
         raise ValueError(
             f"{recording.source.name}: no triaxial accelerometer among the analog channels "
-            f"({', '.join(names) or 'none'}); state them: --accelerometer rear=CHANNEL,CHANNEL,CHANNEL, "
-            "or treadmill.accelerometers in a study"
+            f"({', '.join(names) or 'none'}); state them: --accelerometer rear=CH1,CH2,CH3, or "
+            "treadmill.accelerometers in a study"
         )
     return sensors
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from compensation import BeltModel, Calibration, InertiaModel
+from hbm.notes import Note
 from hbm.signals.filtering import Method
 from pipeline.config.schema import Platform, Settings, Treadmill
 from pipeline.io.recording import Recording
@@ -15,6 +16,8 @@ from pipeline.trial.ground.calibration_recording import FILTER, read_calibration
 @dataclass(frozen=True, slots=True)
 class Laboratory:
     """The treadmill as stated, its calibration and its plates' belt models where there are any.
+
+    Its notes are what a recording of another day says about the calibration.
 
     Examples
     --------
@@ -27,6 +30,7 @@ class Laboratory:
     treadmill: Treadmill
     calibration: Calibration | None = None
     belts: tuple[BeltModel, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     def filters(self, settings: Settings) -> tuple[tuple[Method, float], ...]:
         """Give method and cut-off [Hz] of every low-pass between a recording and its residuals."""

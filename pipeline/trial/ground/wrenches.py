@@ -148,7 +148,7 @@ def _without_inertia(
             cutoff_hz=treadmill.cutoff_hz,
         )
     )
-    notes += corrected_sensors(laboratory.calibration.sensors)
+    notes += [*corrected_sensors(laboratory.calibration.sensors), *laboratory.notes]
     return compensated, notes
 
 
