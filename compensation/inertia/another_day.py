@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from compensation.alignment.delay import BLOCKS
 from compensation.alignment.sensor_delay import sensor_delays
-from compensation.inertia.changes import QUANTILE_95, plate_gains, sensor_change
+from compensation.inertia.changes import QUANTILE_95, likeliest, plate_gains, sensor_change
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import SLOW_HZ, InertiaModel
 from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM, refuse_unusable
@@ -142,12 +142,13 @@ def check_another_day(
     if by_plates > likely.explained and any(plate.matters for plate in scaled):
         notes = tuple(plate.note(recording) for plate in scaled if plate.matters)
         return DayCheck("plates", notes, zeros, by_plate)
-    if (kind := likely.kind) is not None:
+    if (found := likeliest(changes)) is not None:
         excess = float(np.sum((relative - relative.mean(axis=0)) ** 2)) - own_misfit
         if likely.explained < MIN_ONE_SENSOR * excess:
             note = Note.of("calibration_outdated", recording=recording)
             return DayCheck("outdated", (note,), zeros, by_plate)
-        return DayCheck(kind, (likely.note(kind, recording),), zeros, by_plate)
+        kind, note = found[0], found[1].note(found[0], recording)
+        return DayCheck(kind, (note,), zeros, by_plate)
     limit = np.tile(np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3), len(names))
     if np.any((left > limit) & (left > 2 * size)):
         return DayCheck(

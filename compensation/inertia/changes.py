@@ -1,7 +1,7 @@
 """What has changed since a calibration: one accelerometer, or the gain of a plate."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -24,6 +24,12 @@ DIFFERENCE_ERROR: Final = 0.005
 """Standard errors besides the noise's: vibration on an elastic base differs from signal to signal
 (virtual laboratory)."""
 Change = Literal["gain", "turned", "moved"]
+CODES: Final[dict[Change, str]] = {
+    "gain": "calibration_sensor_gain",
+    "turned": "calibration_sensor_turned",
+    "moved": "calibration_sensor_moved",
+}
+"""Of the notes that say so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +84,23 @@ class SensorChange:
         else:
             interval = QUANTILE_95 * self.difference_error
             values |= {"change": self.difference, "interval": interval}
-        return Note(f"calibration_sensor_{kind}", values)
+        return Note(CODES[kind], values)
+
+
+def likeliest(changes: Sequence[SensorChange]) -> tuple[Change, SensorChange] | None:
+    """Give what has changed in one of several sensors, and of which; None where nothing has.
+
+    Of those that explain nearly as much as the best, the simplest change counts. Two sensors of
+    which one was moved may explain the plates alike: then both are named.
+    """
+    best = max(change.explained for change in changes)
+    near = [(c.kind, c) for c in changes if c.explained >= MIN_EXPLAINED * best]
+    for kind in CODES:
+        alike = sorted((c for k, c in near if k == kind), key=lambda c: -c.explained)
+        if alike:
+            names = " or ".join(c.sensor for c in alike) if kind == "moved" else alike[0].sensor
+            return kind, replace(alike[0], sensor=names)
+    return None
 
 
 def sensor_change(sensor: str, readings: Array, gain: Array, error: Array) -> SensorChange:

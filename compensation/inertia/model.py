@@ -235,13 +235,15 @@ class InertiaModel:
         refuse_unequal(accelerations=predicted, wrench=wrench)
         return wrench - predicted
 
-    def uncertainty(self, accelerations: ArrayLike) -> Array:
+    def uncertainty(self, accelerations: ArrayLike, slow: bool = False) -> Array:
         """Give the standard deviation of a compensated wrench, sample by sample.
 
         Parameters
         ----------
         accelerations
             Readings of the accelerometers, low-passed as those of the fit, (N, k) [m/s²].
+        slow
+            Whether the wrench passes `SLOW_HZ` afterwards, which leaves less of the noise.
 
         Returns
         -------
@@ -252,7 +254,8 @@ class InertiaModel:
         """
         x = self._design(accelerations)
         of_gain = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], axis=1)
-        sigma: Array = np.sqrt(self.sigma**2 + of_gain)
+        noise = self.rms_slow if slow and self.rms_slow is not None else self.sigma
+        sigma: Array = np.sqrt(noise**2 + of_gain)
         return sigma
 
     def require(self, setup: Setup) -> None:

@@ -12,6 +12,7 @@ from compensation import (
     moment_error_of_pivot,
     to_lab,
 )
+from compensation.inertia.model import SLOW_HZ
 from hbm.notes import Note
 from hbm.signals.resampling import resample
 from hbm.spatial import Array, transform_wrench
@@ -22,6 +23,7 @@ from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import setup_of
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
+from pipeline.trial.ground.uncertainty import wrench_covariance
 
 ASSUMED_PIVOT_ERROR_M: Final = 0.01
 """Of a pivot that is measured by hand; its effect on the moments is noted."""
@@ -40,11 +42,15 @@ class Ground:
         The platform's pose at the markers' times; None where it stands still.
     notes
         How the wrenches were compensated and brought to the lab, and what is doubtful about that.
+    covariances
+        Per plate that of its compensated wrench due to the compensation alone, lab axes about the
+        lab origin, (T, 6, 6); empty without a calibration of the platform.
     """
 
     variants: Mapping[str, Sequence[Array]]
     pose: PlatformPose | None
     notes: tuple[Note, ...]
+    covariances: tuple[Array, ...] = ()
 
     @property
     def best(self) -> str:
@@ -53,7 +59,11 @@ class Ground:
 
 
 def ground_wrenches(
-    recording: Recording, laboratory: Laboratory, time: Array, plate_delay_s: float
+    recording: Recording,
+    laboratory: Laboratory,
+    time: Array,
+    plate_delay_s: float,
+    cutoff_hz: float = SLOW_HZ,
 ) -> Ground:
     """Bring every plate to the markers' times and into the lab, as measured and compensated.
 
@@ -67,6 +77,8 @@ def ground_wrenches(
         Marker times, (T,) [s].
     plate_delay_s
         How much later the plates are than the markers [s].
+    cutoff_hz
+        Of the filter that the wrenches pass next, which leaves less of their noise [Hz].
 
     Returns
     -------
@@ -88,9 +100,11 @@ def ground_wrenches(
     measured = [resample(p.time, p.wrench_in_plate, time + plate_delay_s) for p in plates]
     notes = [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
 
-    compensated = measured
+    compensated, acceleration = measured, None
     if laboratory.calibration is not None:
-        compensated, doubts = _without_inertia(recording, laboratory, time + plate_delay_s)
+        compensated, acceleration, doubts = _without_inertia(
+            recording, laboratory, time + plate_delay_s
+        )
         notes += doubts
     if laboratory.belts and treadmill.belt is not None:
         added = belt_wrenches(recording, laboratory.belts, treadmill.belt, time + plate_delay_s)
@@ -107,7 +121,14 @@ def ground_wrenches(
     if compensated is not measured:
         variants["compensated"] = compensated
     in_lab = {name: _in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
-    return Ground(in_lab, pose, tuple(notes))
+    covariances = []
+    if acceleration is not None:
+        models = plate_models(recording, laboratory)
+        covariances = [
+            wrench_covariance(model, acceleration, plate, pose, cutoff_hz)
+            for model, plate in zip(models, plates, strict=True)
+        ]
+    return Ground(in_lab, pose, tuple(notes), tuple(covariances))
 
 
 def _is_constant(plate: Plate) -> bool:
@@ -116,8 +137,10 @@ def _is_constant(plate: Plate) -> bool:
 
 def _without_inertia(
     recording: Recording, laboratory: Laboratory, plate_time: Array
-) -> tuple[list[Array], list[Note]]:
+) -> tuple[list[Array], Array, list[Note]]:
     """Subtract what the platform's motion adds to each plate; plate times (T,) are on their clock.
+
+    Gives the accelerations too, (T, k).
 
     Plates and accelerometers both pass the low-pass that both passed in the calibration: filtering
     only one of them would leave the part of the artefact that the filter takes from the other.
@@ -149,7 +172,7 @@ def _without_inertia(
         )
     )
     notes += [*corrected_sensors(laboratory.calibration.sensors), *laboratory.notes]
-    return compensated, notes
+    return compensated, acceleration, notes
 
 
 def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Array:
