@@ -145,7 +145,7 @@ def estimate_delay(
     shift = float(lag)
     for _ in range(MAX_STEPS):
         step, error, explained = _gauss_newton(spline, y, inside, shift)
-        shift = float(np.clip(shift + step, lag - 1, lag + 1))
+        shift = float(np.clip(shift + np.clip(step, -1, 1), -reach, reach))
         if abs(step) < STEP_TOLERANCE:
             break
     return Delay(shift / rate, error / rate, explained)

@@ -31,6 +31,13 @@ def fit(
         str | None, typer.Option(help="g or m/s²; default: as the file says.")
     ] = None,
     accelerometer: Accelerometers = None,
+    platform_markers: Annotated[
+        str, typer.Option(help="Markers on the platform: how plates and commands are timed.")
+    ] = "",
+    sway_channel: Annotated[str | None, typer.Option(help="Channel of the commanded sway.")] = None,
+    pitch_channel: Annotated[
+        str | None, typer.Option(help="Channel of the commanded pitch.")
+    ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import check_calibration, to_json
@@ -38,13 +45,14 @@ def fit(
     from compensation.inertia.sensors import describe_sensors
     from hbm.notes import warnings_first
     from pipeline.cli.terminal import note_line, plain_console, print_table
-    from pipeline.config.schema import RecordingRules, Treadmill
+    from pipeline.config.schema import Platform, RecordingRules, Treadmill
     from pipeline.config.validation import check_options
     from pipeline.io.units import acceleration_in_mps2
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
     from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
+    from pipeline.trial.ground.platform_delay import recording_delays
 
     console = plain_console()
     if out.is_dir():
@@ -62,8 +70,16 @@ def fit(
             "cutoff_hz": cutoff_hz,
         },
     )
+    commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
+    markers = tuple(filter(None, map(str.strip, platform_markers.split(","))))
+    if commands.channels and not markers:
+        raise ValueError("--sway-channel and --pitch-channel need --platform-markers")
+    with_markers = treadmill.model_copy(update={"platform": Platform(markers=markers)})
     try:
         calibration = fit_calibration(empty, treadmill)
+        timing = (
+            recording_delays(empty, with_markers, calibration.sensors, commands) if markers else ()
+        )
     except ValueError as error:
         text = str(error)
         if "unknown acceleration unit" in text:
@@ -91,6 +107,7 @@ def fit(
     notes = [
         *doubts,
         *describe_sensors(calibration.sensors),
+        *timing,
         *(n for plate, m in calibration.plates.items() for n in check_left_over(m, plate)),
     ]
     for note in warnings_first(notes):

@@ -23,6 +23,7 @@ from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import setup_of
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
+from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
 from pipeline.trial.ground.uncertainty import wrench_covariance
 
 ASSUMED_PIVOT_ERROR_M: Final = 0.01
@@ -124,6 +125,9 @@ def ground_wrenches(
     covariances = []
     if acceleration is not None:
         models = plate_models(recording, laboratory)
+        if pose is not None and treadmill.platform is not None and treadmill.platform.markers:
+            late = plate_marker_delay(pose, acceleration, recording.markers.rate_hz)
+            notes += plates_note(late, plate_delay_s)
         covariances = [
             wrench_covariance(model, acceleration, plate, pose, cutoff_hz)
             for model, plate in zip(models, plates, strict=True)

@@ -1,4 +1,4 @@
-"""The uncertainty of compensated plates, in the lab and at the pelvis, and what trials keep of it."""
+"""The uncertainty of compensated plates, in the lab and at the pelvis, and in results."""
 
 import numpy as np
 import pytest
