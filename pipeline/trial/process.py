@@ -357,7 +357,7 @@ def _uncertainty(ground: Ground, motion: Motion) -> CompensationUncertainty | No
     """Give what the compensation makes uncertain: plates and residuals."""
     if not ground.covariances:
         return None
-    plates = [standard_deviation([c], np.zeros((1, 3))) for c in ground.covariances]
+    plates = [np.sqrt(np.diagonal(c, axis1=1, axis2=2)) for c in ground.covariances]
     pelvis = standard_deviation(ground.covariances, motion.q[:, :3])
     return CompensationUncertainty(tuple(plates), pelvis)
 
