@@ -28,9 +28,10 @@ from pipeline.trial.gait.events import SIDES, gait_events
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.belts import read_belts
 from pipeline.trial.ground.calibration_check import read_check
-from pipeline.trial.ground.calibration_recording import read_calibration
+from pipeline.trial.ground.calibration_recording import read_calibration, read_empty
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
+from pipeline.trial.ground.rollers import roller_notes
 from pipeline.trial.study_files import labels_in_none, read_study_file
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.validity import settling_s
@@ -157,7 +158,10 @@ def _check_calibration(study: Study, found: _Collector) -> Calibration | None:
     belt = treadmill.belt
     if belt is not None:
         belts_path = study.path(belt.calibration)
-        found.attempt(belts_path.name, lambda: read_belts(belts_path, belt, stated))
+        models = found.attempt(belts_path.name, lambda: read_belts(belts_path, belt, stated))
+        if models is not None:
+            empty = read_empty(belts_path, stated)
+            found.notes(belts_path.name, roller_notes(empty, models, belt))
     if not treadmill.calibration:
         found.remark("study.toml", "calibration_not_stated")
         return None

@@ -111,7 +111,7 @@ def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
         )
     models = []
     for plate, (time, acceleration) in _accelerations(recording, belt):
-        pitch_moment = plate.wrench_in_plate[:, 3:] @ _side(plate)
+        pitch_moment = plate.wrench_in_plate[:, 3:] @ belt_side(plate)
         filtered = low_pass(pitch_moment, plate.rate_hz, belt.cutoff_hz, FILTER)
         moment = interpolate(plate.time, filtered, time)
         inside = (time > time[0] + FILTER_EDGE_S) & (time < time[-1] - FILTER_EDGE_S)
@@ -160,7 +160,7 @@ def belt_wrenches(
         models, _accelerations(recording, belt), strict=True
     ):
         moment = interpolate(model_time, model.predict(acceleration), time)
-        wrenches.append(np.hstack([np.zeros((len(time), 3)), moment[:, None] * _side(plate)]))
+        wrenches.append(np.hstack([np.zeros((len(time), 3)), moment[:, None] * belt_side(plate)]))
     return wrenches
 
 
@@ -186,7 +186,8 @@ def _fitted(
     return fit_belts(read_empty(path, stated), belt)
 
 
-def _side(plate: Plate) -> Array:
+def belt_side(plate: Plate) -> Array:
+    """Give the direction across a belt, about which its moment acts, in the plate's axes, (3,)."""
     return belt_axes(plate)[:, 1]
 
 
