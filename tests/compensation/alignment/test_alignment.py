@@ -33,6 +33,18 @@ def test_a_known_delay_between_sensors_and_plate_comes_back(
     assert found.explained > 0.99
 
 
+@pytest.mark.parametrize("delay_s", [0.003, -0.02, 0.0844])
+def test_the_delay_of_slow_motion_comes_back_too(delay_s):
+    """Whole samples of a turn in six seconds correlate alike over several of them."""
+    time = np.arange(0, 30, 0.01)
+
+    def seen(at):
+        return np.column_stack([np.sin(2 * np.pi * at / 6), np.sin(2 * np.pi * at / 7.3)])
+
+    found = estimate_delay(seen(time), 3 * seen(time - delay_s), 100)
+    assert found.seconds == pytest.approx(delay_s, abs=5e-5)
+
+
 @pytest.mark.slow
 def test_stated_uncertainty_of_a_delay_covers_its_error(laboratory):
     scores = []
