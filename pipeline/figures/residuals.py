@@ -71,7 +71,7 @@ def _over_time(result: TrialResult) -> Figure:
             if counts.any():
                 panel.set_ylim(*(1.2 * np.max(largest) * np.array([-1, 1])))
         if len(variants(result)) > 1:
-            panels[0].legend(frameon=False)
+            _draw_legend(figure, panels[0])
         what = "grey: left out" if counts.any() else "all frames are left out"
         figure.suptitle(f"{result.source.name}: pelvis residuals, {what}", fontsize=10)
     return figure
@@ -100,13 +100,19 @@ def _over_cycle(result: TrialResult) -> Figure:
         label_panels(panels)
         draw_part(panels, mean_part([result]))
         if len(variants(result)) > 1:
-            panels[0].legend(frameon=False)
+            _draw_legend(figure, panels[0])
         count = len(result.cycles[side])
         figure.suptitle(
             f"{result.source.name}: pelvis residuals, mean ± SD of {count} {side} gait cycles",
             fontsize=10,
         )
     return figure
+
+
+def _draw_legend(figure: Figure, panel: Axes) -> None:
+    """Name the curves of a panel below all of them."""
+    named = panel.get_legend_handles_labels()
+    figure.legend(*named, loc="outside lower center", ncols=len(named[1]), frameon=False)
 
 
 def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> None:
