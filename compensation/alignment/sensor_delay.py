@@ -23,6 +23,8 @@ SOUGHT_S: Final = np.arange(-0.03, 0.0301, 0.003)
 the fastest motion's period, so that one of them leads to the best."""
 SEARCHES: Final = 2
 """Rounds over all sensors; the delay of one changes what fits best of another."""
+SEARCHED: Final = 4
+"""Of the samples every which one is searched: their covariance needs no more."""
 MODEL_ERROR_S: Final = 0.00005
 """Standard error besides the noise's: a platform that vibrates on an elastic base, which no rigid
 motion explains, moves the estimate by up to this (virtual laboratory, 7 to 30 Hz)."""
@@ -107,15 +109,15 @@ class _LateSensors:
     """The linear model of wrenches (N, C) by sensors (N, 3 S), each read ahead by its delay."""
 
     def __init__(self, readings: Array, wrench: Array, reach: int) -> None:
-        self.spline = CubicSpline(np.arange(len(readings)), readings)
         self.sensors = [slice(3 * k, 3 * k + 3) for k in range(readings.shape[1] // 3)]
+        self.splines = [CubicSpline(np.arange(len(readings)), readings[:, s]) for s in self.sensors]
         self.inside = np.arange(reach + 1, len(readings) - reach - 1)
         self.wrench = wrench[self.inside]
 
-    def _ahead(self, delays: Array, derivative: int) -> Array:
+    def _ahead(self, delays: Array, derivative: int, every: int = 1) -> Array:
+        at = self.inside[::every]
         parts = [
-            self.spline(self.inside + late, derivative)[:, columns]
-            for late, columns in zip(delays, self.sensors, strict=True)
+            spline(at + late, derivative) for late, spline in zip(delays, self.splines, strict=True)
         ]
         return np.hstack(parts)
 
@@ -133,7 +135,7 @@ class _LateSensors:
         Sensors on one rigid body agree in what sway does to them, and together they predict the
         plates; a wrong delay spoils either.
         """
-        together = np.hstack([self._ahead(delays, 0), self.wrench])
+        together = np.hstack([self._ahead(delays, 0, SEARCHED), self.wrench[::SEARCHED]])
         variances = np.linalg.eigvalsh(np.cov(together, rowvar=False))
         return float(np.sum(np.log(np.maximum(variances, MIN_VARIANCE))))
 
