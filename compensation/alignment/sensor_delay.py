@@ -75,8 +75,8 @@ def sensor_delays(
     >>> felt = low_pass(rng.normal(size=(6000, 6)), 200.0, 5.0, "zero_phase")
     >>> plate = felt @ rng.normal(size=(6, 6)) + 0.001 * rng.normal(size=(6000, 6))
     >>> felt[:, 3:] = np.nan_to_num(undo_delay(felt[:, 3:], -0.005, 200.0))
-    >>> [f"{1000 * late.seconds + 0.0:.1f}" for late in sensor_delays(felt, plate, 200.0)]
-    ['0.0', '5.0']
+    >>> [round(1000 * late.seconds, 1) + 0.0 for late in sensor_delays(felt, plate, 200.0)]
+    [0.0, 5.0]
     """
     a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench")
     common = estimate_delay(a, w, rate_hz, longest_s)

@@ -63,6 +63,19 @@ def test_a_channel_stated_as_another_axis_than_in_the_calibration_is_refused(tmp
         read_calibration(stored, TREADMILL)
 
 
+def test_a_stated_delay_that_is_not_that_of_the_calibration_is_refused(tmp_path, calibration):
+    """The file decides; two delays would be two shifts."""
+    late = tuple(replace(s, delay_s=0.004, delay_error_s=0.0001) for s in calibration.sensors)
+    stored = tmp_path / "lab.json"
+    stored.write_text(to_json(replace(calibration, sensors=late)), encoding="utf-8")
+    read_calibration(stored, TREADMILL)
+    read_calibration(stored, TREADMILL.model_copy(update={"accelerometer_delay_s": 0.004}))
+    other = TREADMILL.model_copy(update={"accelerometer_delay_s": 0.0})
+    message = r"lab\.json: the calibration was fitted with a delay of 4\.00 ms .* leave it out"
+    with pytest.raises(ValueError, match=message):
+        read_calibration(stored, other)
+
+
 def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path, monkeypatch):
     fits = []
     real = calibration_recording.fit_calibration
