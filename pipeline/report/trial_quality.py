@@ -52,7 +52,7 @@ class Criterion:
     name
         Head of its column.
     checks
-        One, or one without and one with compensation.
+        One; one without and one with compensation; or one of forces and one of moments.
     """
 
     name: str
@@ -82,7 +82,7 @@ def trial_quality(trial: TrialSummary) -> tuple[Criterion, ...]:
             "Unsolved frames",
             (Check(str(unsolved), "check" if unsolved else "pass", f"of {trial.frames}"),),
         ),
-        Criterion("1σ of compensation", _compensation(trial)),
+        Criterion("1σ of IC, without model error", _compensation(trial)),
         Criterion("Locked", (Check(str(len(trial.locked)), "none"),)),
         Criterion("Peak force", _peaks(trial.thresholds, "force")),
         Criterion("Peak moment", _peaks(trial.thresholds, "moment")),
@@ -113,8 +113,7 @@ def _compensation(trial: TrialSummary) -> tuple[Check, ...]:
     largest = {unit: max(sd for sd, own in spread if own == unit) for _, unit in spread}
     if not largest:
         return (Check("–", "none"),)
-    value = ", ".join(f"{sd:.2f} {unit}" for unit, sd in largest.items())
-    return (Check(value, "none", "without model error"),)
+    return tuple(Check(f"{sd:.1f} {unit}", "none") for unit, sd in largest.items())
 
 
 def _marker_error(markers: Sequence[MarkerRow]) -> Check:
