@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from compensation.signals.protocol import (
         belt_signals,
         pitch_and_sway_signals,
-        validation_signals,
     )
     from compensation.signals.signal import (
         MachineLimits,
@@ -53,6 +52,7 @@ if TYPE_CHECKING:
         check_signal,
         resample_signal,
     )
+    from compensation.signals.validation import validation_signals
     from hbm.signals.filtering import low_pass
 
 _HOME = {
@@ -103,7 +103,7 @@ _HOME = {
     "to_lab": "compensation.platform.wrench",
     "belt_signals": "compensation.signals.protocol",
     "pitch_and_sway_signals": "compensation.signals.protocol",
-    "validation_signals": "compensation.signals.protocol",
+    "validation_signals": "compensation.signals.validation",
     "MachineLimits": "compensation.signals.signal",
     "Signal": "compensation.signals.signal",
     "Spectrum": "compensation.signals.signal",
