@@ -116,7 +116,6 @@ def _fit_table(calibration: "Calibration") -> "Table":
 
 
 def signals(
-    out: Annotated[Path, typer.Argument(help="Folder for the signals.")],
     kind: Annotated[str, typer.Option(help="pitch_sway, belt, validation or all of them.")] = "all",
     rate_hz: Annotated[float, typer.Option(min=100, max=10000, help="Samples per second.")] = 100.0,
     seed: Seed = 0,
@@ -128,9 +127,11 @@ def signals(
     pitch_deg_per_s2: Annotated[float, typer.Option(help="Largest pitch acceleration.")] = 600.0,
     belt_m_per_s: Annotated[float, typer.Option(help="Largest belt speed.")] = 6.0,
     belt_m_per_s2: Annotated[float, typer.Option(help="Largest belt acceleration.")] = 15.0,
+    out: Out = Path("signals"),
 ) -> None:
     """Write calibration and validation signals for the machine: CSV and figures."""
     from compensation import MachineLimits
+    from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
     from pipeline.cli.terminal import plain_console
 
@@ -153,8 +154,9 @@ def signals(
         console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
     console.print(
         "columns: sway to the left, pitch (positive lowers the front), speed of both belts; next: "
-        "record one with the treadmill empty and fit it (hbm calibration fit), or several and rank "
-        "them (hbm calibration rank)",
+        f"record one with the treadmill empty, {ADVISED_PLATFORM_SIGNAL} for pitch and sway or "
+        f"{ADVISED_BELT_SIGNAL} for the belts, and fit it (hbm calibration fit), or several and "
+        "rank them (hbm calibration rank)",
         soft_wrap=True,
     )
 
