@@ -122,7 +122,7 @@ def _platform_section(found: PlatformResults, out: Path) -> list[str]:
         "Best trial of every column (as Fig. F.7):",
         markdown(best),
         *_best_counts(best_trials(ranking), out),
-        *_effects_section(ranking, out),
+        *_effects_section(ranking.scores, out),
     ]
 
 
@@ -142,8 +142,8 @@ def _best_counts(best: pd.DataFrame, out: Path) -> list[str]:
     return ["How often each kind, speed and duration is the best (as in F.2.4):", markdown(counts)]
 
 
-def _effects_section(ranking: Ranking[Model], out: Path) -> list[str]:
-    tests, pairs = calibration_effects(ranking.scores)
+def _effects_section(scores: pd.DataFrame, out: Path) -> list[str]:
+    tests, pairs = calibration_effects(scores)
     if tests.empty:
         return [
             "Effects of kind, duration and speed are not tested: the trials' names do not state "
@@ -151,21 +151,26 @@ def _effects_section(ranking: Ranking[Model], out: Path) -> list[str]:
         ]
     write_csv(tests, out / "effects.csv")
     write_csv(pairs, out / "effect_pairs.csv")
-    f1, kinds = best_levels(pairs), ratios_to_random(pairs)
+    f1 = best_levels(pairs)
+    in_thesis = ", ".join(f"{ours} is {theirs}" for ours, theirs in THESIS_NAMES.items())
     write_csv(f1, out / "table_f1.csv")
-    section = [
+    return [
         "Effects on the remaining RMS (type III, main effects; Bonferroni between levels in "
         "effect_pairs.csv):",
         markdown(tests, 3),
         "Best speed [m/s] and duration [s] of each component (as Table F.1; in the thesis' frame, "
-        f"{', '.join(f'{ours} is {theirs}' for ours, theirs in THESIS_NAMES.items())}):",
+        f"{in_thesis}):",
         markdown(f1),
         *level_sentences(pairs),
+        *_kinds_section(pairs),
     ]
+
+
+def _kinds_section(pairs: pd.DataFrame) -> list[str]:
+    kinds = ratios_to_random(pairs)
     if kinds.empty:
-        return section
+        return []
     return [
-        *section,
         "Remaining RMS of each kind, by that of plain random motion (all: geometric mean):",
         markdown(kinds),
         square_sway_effect(ratio_to_random(pairs, "square_sway")),
