@@ -192,10 +192,11 @@ def _belt_signal(
 ) -> Signal:
     rng = np.random.default_rng((seed, 100 + index, duration))
     acceleration, reach = USED_SHARE * limits.belt_m_per_s2, limits.belt_m_per_s - mean
+    push = min(PULSE_MPS2, acceleration, USED_SHARE * reach / PULSE_S)
     parts = {
         "square": speeds(mean, (3.0, -3.0), HOLD_S, acceleration),
         "constant": speeds(mean, (-1.0, -0.3), CONSTANT_S, GENTLE_MPS2),
-        "perturbations": pulse(mean, min(PULSE_MPS2, acceleration), PULSE_S, PULSE_PERIOD_S),
+        "perturbations": pulse(mean, push, PULSE_S, PULSE_PERIOD_S),
     }
     added = _additions(kind, duration, parts, gap=np.full(samples(GAP_S), mean))
     sd = float(np.sqrt(BELT_VARIANCE[mean]))

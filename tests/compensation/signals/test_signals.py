@@ -63,7 +63,7 @@ def test_there_are_14_platform_12_belt_and_6_validation_signals(platform, belts)
     assert names == ["sway", "pitch", "running", "boarding", "belt", "belt_with_person"]
 
 
-@pytest.mark.parametrize("limits", [MachineLimits(), TIGHT])
+@pytest.mark.parametrize("limits", [MachineLimits(), TIGHT, MachineLimits(belt_m_per_s=3.2)])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_all_calibration_signals_respect_the_machine(limits, seed):
     signals = [
