@@ -13,10 +13,12 @@ if TYPE_CHECKING:
         rms_difference,
         rms_orthogonal,
     )
+    from compensation.accuracy.plate_calibration import PlateCalibration, PlateCalibrations
     from compensation.accuracy.weight import wrench_of_weight
+    from compensation.alignment.agreement import AgreedDelay, agreed_delay
     from compensation.alignment.delay import Delay, estimate_delay, undo_delay
     from compensation.alignment.force_delay import marker_plate_delay
-    from compensation.alignment.hammer import hammer_delay
+    from compensation.alignment.hammer import HammerImpact, hammer_delay, hammer_impacts
     from compensation.alignment.plate import PlateAlignment, fit_plate_alignment
     from compensation.belt.cutoff import cutoff_of_spline, spline_smoothing
     from compensation.belt.model import BeltModel, belt_acceleration, fit_belt
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
     from compensation.inertia.checks import check_calibration, check_trial
     from compensation.inertia.fit import fit_inertia, sensor_noise_of
     from compensation.inertia.model import InertiaModel, Setup
+    from compensation.inertia.quality import left_over, refuse_unusable
+    from compensation.inertia.sensors import Sensor, find_sensors
     from compensation.platform.markers import PoseFit, check_pose, fit_pose, neutral_markers
     from compensation.platform.pose import (
         PlatformPose,
@@ -43,7 +47,6 @@ if TYPE_CHECKING:
     from compensation.signals.protocol import (
         belt_signals,
         pitch_and_sway_signals,
-        validation_signals,
     )
     from compensation.signals.signal import (
         MachineLimits,
@@ -53,6 +56,7 @@ if TYPE_CHECKING:
         check_signal,
         resample_signal,
     )
+    from compensation.signals.validation import validation_signals
     from hbm.signals.filtering import low_pass
 
 _HOME = {
@@ -63,12 +67,18 @@ _HOME = {
     "mean_by_level": "compensation.accuracy.errors",
     "rms_difference": "compensation.accuracy.errors",
     "rms_orthogonal": "compensation.accuracy.errors",
+    "PlateCalibration": "compensation.accuracy.plate_calibration",
+    "PlateCalibrations": "compensation.accuracy.plate_calibration",
     "wrench_of_weight": "compensation.accuracy.weight",
+    "AgreedDelay": "compensation.alignment.agreement",
+    "agreed_delay": "compensation.alignment.agreement",
     "Delay": "compensation.alignment.delay",
     "estimate_delay": "compensation.alignment.delay",
     "undo_delay": "compensation.alignment.delay",
     "marker_plate_delay": "compensation.alignment.force_delay",
+    "HammerImpact": "compensation.alignment.hammer",
     "hammer_delay": "compensation.alignment.hammer",
+    "hammer_impacts": "compensation.alignment.hammer",
     "PlateAlignment": "compensation.alignment.plate",
     "fit_plate_alignment": "compensation.alignment.plate",
     "cutoff_of_spline": "compensation.belt.cutoff",
@@ -86,6 +96,10 @@ _HOME = {
     "fit_inertia": "compensation.inertia.fit",
     "sensor_noise_of": "compensation.inertia.fit",
     "InertiaModel": "compensation.inertia.model",
+    "left_over": "compensation.inertia.quality",
+    "refuse_unusable": "compensation.inertia.quality",
+    "Sensor": "compensation.inertia.sensors",
+    "find_sensors": "compensation.inertia.sensors",
     "Setup": "compensation.inertia.model",
     "PoseFit": "compensation.platform.markers",
     "check_pose": "compensation.platform.markers",
@@ -103,7 +117,7 @@ _HOME = {
     "to_lab": "compensation.platform.wrench",
     "belt_signals": "compensation.signals.protocol",
     "pitch_and_sway_signals": "compensation.signals.protocol",
-    "validation_signals": "compensation.signals.protocol",
+    "validation_signals": "compensation.signals.validation",
     "MachineLimits": "compensation.signals.signal",
     "Signal": "compensation.signals.signal",
     "Spectrum": "compensation.signals.signal",
@@ -115,21 +129,27 @@ _HOME = {
 """Public name -> the module that defines it."""
 
 __all__ = [
+    "AgreedDelay",
     "BeltModel",
     "Calibration",
     "Delay",
+    "HammerImpact",
     "InertiaModel",
     "Line",
     "Linearity",
     "MachineLimits",
     "PlateAlignment",
+    "PlateCalibration",
+    "PlateCalibrations",
     "PlatformPose",
     "PoseFit",
     "Roller",
+    "Sensor",
     "Setup",
     "Signal",
     "Spectrum",
     "acceleration_spectrum",
+    "agreed_delay",
     "belt_acceleration",
     "belt_signals",
     "center_of_pressure",
@@ -140,6 +160,7 @@ __all__ = [
     "commanded_pose",
     "cutoff_of_spline",
     "estimate_delay",
+    "find_sensors",
     "fit_belt",
     "fit_inertia",
     "fit_line_orthogonal",
@@ -149,7 +170,9 @@ __all__ = [
     "free_moment",
     "from_json",
     "hammer_delay",
+    "hammer_impacts",
     "interpolate_pose",
+    "left_over",
     "linearity",
     "low_pass",
     "marker_plate_delay",
@@ -159,6 +182,7 @@ __all__ = [
     "neutral_markers",
     "pitch_and_sway_signals",
     "pose_delay",
+    "refuse_unusable",
     "resample_signal",
     "rms_difference",
     "rms_orthogonal",

@@ -19,6 +19,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from compensation import fit_inertia, pitch_and_sway_signals, validation_signals
+from compensation.signals.protocol import ADVISED_PLATFORM_SIGNAL
 from pipeline.config.schema import Treadmill
 from pipeline.figures.style import COLOURS
 from pipeline.trial.ground.accelerometers import accelerations
@@ -78,12 +79,12 @@ for name, (_, _, wrench, _) in trials.items():
 # ## Fitting the model
 #
 # Inertial forces and weight are both linear in the accelerometer signals. One minute of random
-# motion of the empty treadmill, including some rapid sways, is therefore enough for a linear fit:
-# each of the six components is a weighted sum of six signals and a constant.
+# motion of the empty treadmill, with rapid moves and held positions, is therefore enough for a
+# linear fit: each of the six components is a weighted sum of six signals and a constant.
 
 # %%
 drawn = {signal.name: signal for signal in pitch_and_sway_signals(seed=1, belt_speed=3.0)}
-calibration = drawn["square_sway_60s_3mps"]
+calibration = drawn[ADVISED_PLATFORM_SIGNAL]
 _, acceleration, wrench, setup = record_empty(calibration, seed=2)
 model = fit_inertia(acceleration, wrench, setup)
 print("R² of the fit:", *(f"{c} {v:.4f}" for c, v in zip(components, model.r_squared, strict=True)))
@@ -108,13 +109,13 @@ for name, (_, _, wrench, _) in trials.items():
 # ## The picture
 #
 # Top: one sway, magnified. It takes less than half a second; at its start and end the empty plate
-# measures a lateral force of 400 N, half the body weight of a person. The centre of mass of the
-# belt assembly is low and in front, so there are moments too (Mx, Mz). Bottom: pitch, too slow for
-# noticeable inertia. The direction of the weight changes: Fx follows the angle, and Fz, which
-# depends only on the magnitude of the tilt, decreases twice per period.
+# measures a lateral force of 500 N, more than half the body weight of a person. The centre of mass
+# of the belt assembly is low and in front, so there are moments too (Mx, Mz). Bottom: pitch, too
+# slow for noticeable inertia. The direction of the weight changes: Fx follows the angle, and Fz,
+# which depends only on the magnitude of the tilt, decreases twice per period.
 #
 # After compensation (blue), about as much remains as the noise of the plate, with a slow drift that
-# accelerometers do not measure and, in Fz, about one newton that still follows the pitch.
+# accelerometers do not measure.
 
 # %%
 figure, panels = plt.subplots(2, 3, figsize=(11, 6), layout="constrained", sharex="row")

@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 import typer
 
+from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
 from pipeline.cli.app import app
+from pipeline.virtual_lab.protocol.walking_protocol import DEMO
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -137,6 +139,19 @@ def test_commands_and_options_in_the_readme_exist():
             command = command.commands[words.pop(0)]
         known = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in words if word.startswith("--")} <= known, line
+
+
+def test_one_calibration_signal_is_advised_everywhere():
+    """Where a text names a signal of the protocol as the one to use, it is the advised one."""
+    advised = {ADVISED_PLATFORM_SIGNAL, ADVISED_BELT_SIGNAL}
+    named = re.compile(r"\b(?:belt_)?[a-z]+(?:_[a-z]+)?_\d+s_\dmps\b")
+    pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / "notebooks").glob("*.py")]
+    found = {
+        page.name: set(named.findall(page.read_text(encoding="utf-8"))) - advised for page in pages
+    }
+    assert {name: names for name, names in found.items() if names} == {}
+    assert set(named.findall(README)) == advised
+    assert DEMO.calibration == ADVISED_PLATFORM_SIGNAL
 
 
 def test_files_that_the_readme_links_to_exist():

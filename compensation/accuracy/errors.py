@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import stdtrit
 
 from compensation.inputs import read_signal, read_table, refuse_constant, refuse_unequal
 from hbm.spatial import Array, read_only
@@ -143,6 +144,9 @@ class Linearity:
         The same by the full scale output [%].
     r_squared_first, r_squared_second
         Of the first- and second-order fit [1].
+    slope_error, degrees_of_freedom
+        Standard error of the slope [1], recordings counting as independent, and its degrees of
+        freedom.
 
     Examples
     --------
@@ -157,6 +161,13 @@ class Linearity:
     percent_of_full_scale: float
     r_squared_first: float
     r_squared_second: float
+    slope_error: float = float("nan")
+    degrees_of_freedom: int = 0
+
+    @property
+    def slope_uncertainty(self) -> float:
+        """Half of the 95 % confidence interval of the slope, by Student's t [1]."""
+        return float(stdtrit(self.degrees_of_freedom, 0.975) * self.slope_error)
 
 
 def linearity(known: ArrayLike, measured: ArrayLike, full_scale: float) -> Linearity:
@@ -203,16 +214,23 @@ def linearity(known: ArrayLike, measured: ArrayLike, full_scale: float) -> Linea
     if not full_scale > 0:
         raise ValueError(f"full_scale must be a positive load in N, got {full_scale}")
     first, second = (np.polynomial.Polynomial.fit(x, y, degree) for degree in (1, 2))
-    nonlinearity = 3 * float(np.std(y - first(x), ddof=1))
+    rest = y - first(x)
+    nonlinearity = 3 * float(np.std(rest, ddof=1))
+    freedom = len(x) - 2
+    variance = np.sum(rest**2) / freedom / np.sum((x - x.mean()) ** 2)
+    r_squared = [
+        1 - float(np.sum((y - fit(x)) ** 2) / np.sum((y - y.mean()) ** 2))
+        for fit in (first, second)
+    ]
     return Linearity(
         float(first.deriv()(0.0)),
         float(first(0.0)),
         nonlinearity,
         100 * nonlinearity / full_scale,
-        *(
-            1 - float(np.sum((y - fit(x)) ** 2) / np.sum((y - y.mean()) ** 2))
-            for fit in (first, second)
-        ),
+        r_squared_first=r_squared[0],
+        r_squared_second=r_squared[1],
+        slope_error=float(np.sqrt(variance)),
+        degrees_of_freedom=freedom,
     )
 
 

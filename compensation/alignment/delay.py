@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import correlate
+from scipy.special import stdtrit
 
 from compensation.inputs import (
     read_rate,
@@ -46,17 +47,19 @@ class Delay:
     seconds
         Positive where the second device is later [s].
     standard_error
-        Of the estimate [s]; a 95 % interval is ± 1.96 of it, with few impacts Student's t.
+        Of the estimate [s].
     explained
         Share of the late signal's variance that follows the reference [1]; NaN where the delay
         was not estimated by `estimate_delay`.
     differences
         Delays of the single impacts of a hammer, in their order [s]; else empty.
+    degrees_of_freedom
+        Of the standard error; few where it is from the scatter of a few impacts or recordings.
 
     Examples
     --------
     >>> delay = Delay(0.0072, standard_error=0.0002)
-    >>> f"{1000 * delay.seconds:.1f} ± {1000 * 1.96 * delay.standard_error:.1f} ms"
+    >>> f"{1000 * delay.seconds:.1f} ± {1000 * delay.uncertainty:.1f} ms"
     '7.2 ± 0.4 ms'
     """
 
@@ -64,6 +67,12 @@ class Delay:
     standard_error: float
     explained: float = float("nan")
     differences: tuple[float, ...] = ()
+    degrees_of_freedom: float = float("inf")
+
+    @property
+    def uncertainty(self) -> float:
+        """Half of the 95 % confidence interval, by Student's t [s]."""
+        return float(stdtrit(self.degrees_of_freedom, 0.975) * self.standard_error)
 
 
 def estimate_delay(
@@ -128,8 +137,8 @@ def estimate_delay(
             f"{len(x)} samples are too few to seek delays up to {longest_s} s at {given_rate} Hz; "
             f"give at least {fewest}"
         )
-    x, rate = _decimated(x, given_rate)
-    y, _ = _decimated(y, given_rate)
+    x, rate = decimated(x, given_rate)
+    y, _ = decimated(y, given_rate)
     reach = int(np.ceil(longest_s * rate))
 
     lag, explained = _best_lag(x, y, reach)
@@ -145,7 +154,7 @@ def estimate_delay(
     shift = float(lag)
     for _ in range(MAX_STEPS):
         step, error, explained = _gauss_newton(spline, y, inside, shift)
-        shift = float(np.clip(shift + step, lag - 1, lag + 1))
+        shift = float(np.clip(shift + np.clip(step, -1, 1), -reach, reach))
         if abs(step) < STEP_TOLERANCE:
             break
     return Delay(shift / rate, error / rate, explained)
@@ -211,8 +220,8 @@ def clustered_standard_error(clusterings: Sequence[Array], information: float) -
     return float(np.sqrt(variance) / information) if information > 0 else np.inf
 
 
-def _decimated(signal: Array, rate: float) -> tuple[Array, float]:
-    """Low-pass, decimate and standardise (N, C) samples; give the new rate too."""
+def decimated(signal: Array, rate: float) -> tuple[Array, float]:
+    """Low-pass, decimate and standardise (N, C) samples; give the new rate [Hz] too."""
     cutoff_hz = min(MAX_MOTION_HZ, rate / SAMPLES_PER_PERIOD)
     every = int(rate / (SAMPLES_PER_PERIOD * cutoff_hz))
     slow = low_pass(signal, rate, cutoff_hz, "zero_phase")[::every]

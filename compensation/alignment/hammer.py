@@ -29,11 +29,53 @@ MARGIN_S: Final = 0.001
 """Between a contact and the marker samples beside it, for the error of the delay so far."""
 MIN_SAMPLES: Final = 4
 """Of the marker on either side: one more than a parabola has coefficients."""
+MIN_FORCE_HZ: Final = 500.0
+"""Of the force: a contact lasts some milliseconds, and shorter ones would lie between samples."""
 REPETITIONS: Final = 4
 """Of the estimate, each with the delay of the one before to tell which samples are in contact."""
-
 NEWTON_STEPS: Final = 4
 """To where two parabolas meet that are nearly straight."""
+
+
+@dataclass(frozen=True, slots=True)
+class HammerImpact:
+    """An impact, as marker and plate show it.
+
+    Attributes
+    ----------
+    begin_s, end_s
+        Of the force, in the plate's time [s].
+    force_s
+        Centroid in time of the force, in the plate's time [s].
+    marker_s
+        When the marker's paths before and after the contact meet, in the cameras' time [s].
+    unknown_s
+        Standard error of `marker_s` for what is unknown of the hand's acceleration within the
+        contact [s].
+    path_before, path_after
+        The parabolas of the marker's height: coefficients of 1, t and t², (3,) [m, m/s, m/s²], t
+        from `marker_s`.
+
+    Examples
+    --------
+    >>> down, up = np.array([0.0, -2.0, -5.0]), np.array([0.0, 1.0, -5.0])
+    >>> impact = HammerImpact(1.002, 1.007, 1.0045, 1.0, 0.0, down, up)
+    >>> f"{1000 * impact.delay_s:.1f} ms"
+    '4.5 ms'
+    """
+
+    begin_s: float
+    end_s: float
+    force_s: float
+    marker_s: float
+    unknown_s: float
+    path_before: Array
+    path_after: Array
+
+    @property
+    def delay_s(self) -> float:
+        """By how much the plate is later than the marker [s]."""
+        return self.force_s - self.marker_s
 
 
 def hammer_delay(
@@ -67,7 +109,8 @@ def hammer_delay(
     Raises
     ------
     ValueError
-        Wrong shapes, no samples, gaps, times that do not increase, fewer than 3 impacts.
+        Wrong shapes, no samples, gaps, times that do not increase, a force at less than 500 Hz,
+        fewer than 3 impacts.
 
     Notes
     -----
@@ -101,28 +144,81 @@ def hammer_delay(
     >>> f"{hammer_delay(marker_time, height, force_time, force).seconds:.4f}"
     '0.0020'
     """
+    impacts = hammer_impacts(marker_time, marker_height, force_time, force, window_s)
+    found = [impact.delay_s for impact in impacts]
+    scatter = float(np.std(found, ddof=1) / np.sqrt(len(found)))
+    unknown = float(np.mean([impact.unknown_s for impact in impacts]))
+    return Delay(
+        float(np.mean(found)),
+        float(np.hypot(scatter, unknown)),
+        differences=tuple(found),
+        degrees_of_freedom=len(found) - 1,
+    )
+
+
+def hammer_impacts(
+    marker_time: ArrayLike,
+    marker_height: ArrayLike,
+    force_time: ArrayLike,
+    force: ArrayLike,
+    window_s: float = 0.1,
+) -> tuple[HammerImpact, ...]:
+    """Find the impacts of a hammer, each with its instants in marker and force.
+
+    Parameters
+    ----------
+    marker_time, marker_height, force_time, force, window_s
+        As of `hammer_delay`.
+
+    Returns
+    -------
+    tuple
+        At least three, in their order.
+
+    Raises
+    ------
+    ValueError
+        As `hammer_delay`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> marker_time, force_time = np.arange(0, 4, 0.01), np.arange(0, 4, 0.001)
+    >>> height = np.min([np.abs(marker_time - t - 0.002) for t in (1, 2, 3)], axis=0)
+    >>> force = np.random.default_rng(0).normal(size=len(force_time))
+    >>> for t in (1, 2, 3):
+    ...     force[1000 * t + 2 : 1000 * t + 7] += 800.0
+    >>> first, *_ = hammer_impacts(marker_time, height, force_time, force)
+    >>> f"{first.marker_s:.3f} {first.force_s:.3f}"
+    '1.002 1.004'
+    """
     t_m, height = _read_timed(marker_time, marker_height, "marker")
     t_f, load = _read_timed(force_time, force, "force")
-    impacts = _impacts(t_f, load)
-    turns = [(impact, _sharpest_turn(t_m, height, impact, window_s)) for impact in impacts]
-    found = [impact.centroid - turn for impact, turn in turns if turn is not None]
-    meetings: list[tuple[_Impact, _Meeting]] = []
+    if (rate_hz := 1 / float(np.median(np.diff(t_f)))) < MIN_FORCE_HZ:
+        raise ValueError(
+            f"a force at {rate_hz:.0f} Hz misses impacts between its samples, expected "
+            f"{MIN_FORCE_HZ:.0f} Hz at least; leave the impacts out, weights that a belt carries "
+            "back and forth show the delay too"
+        )
+    contacts = _contacts(t_f, load)
+    turns = [(contact, _sharpest_turn(t_m, height, contact, window_s)) for contact in contacts]
+    delays = _enough([contact.centroid - turn for contact, turn in turns if turn is not None])
+    found: list[HammerImpact] = []
     for _ in range(REPETITIONS):
-        if len(found) < MIN_IMPACTS:
-            raise ValueError(
-                f"{len(found)} impacts found in both marker and force, expected at least "
-                f"{MIN_IMPACTS}; is the force unfiltered and are both on one clock?"
-            )
-        delay = float(np.median(found))
-        meetings = [
-            (impact, meeting)
-            for impact in impacts
-            if (meeting := _meeting(t_m, height, impact, delay)) is not None
-        ]
-        found = [impact.centroid - meeting.time for impact, meeting in meetings]
-    scatter = float(np.std(found, ddof=1) / np.sqrt(len(found)))
-    unknown = float(np.mean([meeting.unknown_s for _, meeting in meetings]))
-    return Delay(float(np.mean(found)), float(np.hypot(scatter, unknown)), differences=tuple(found))
+        delay = float(np.median(delays))
+        each = (_impact(t_m, height, contact, delay) for contact in contacts)
+        found = [impact for impact in each if impact is not None]
+        delays = _enough([impact.delay_s for impact in found])
+    return tuple(found)
+
+
+def _enough(delays: list[float]) -> list[float]:
+    if len(delays) < MIN_IMPACTS:
+        raise ValueError(
+            f"{len(delays)} impacts found in both marker and force, expected at least "
+            f"{MIN_IMPACTS}; is the force unfiltered and are both on one clock?"
+        )
+    return delays
 
 
 def _read_timed(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Array, Array]:
@@ -135,7 +231,7 @@ def _read_timed(time: ArrayLike, values: ArrayLike, name: str) -> tuple[Array, A
 
 
 @dataclass(frozen=True, slots=True)
-class _Impact:
+class _Contact:
     """A contact in the force's time: begin, end, centroid, and when the next contact begins [s]."""
 
     begin: float
@@ -144,7 +240,7 @@ class _Impact:
     next: float
 
 
-def _impacts(time: Array, force: Array) -> list[_Impact]:
+def _contacts(time: Array, force: Array) -> list[_Contact]:
     """Find contacts that follow no other one closely."""
     load = force - float(np.median(force))
     spread = SD_PER_MAD * float(np.median(np.abs(load)))
@@ -152,22 +248,22 @@ def _impacts(time: Array, force: Array) -> list[_Impact]:
     first = np.flatnonzero(np.diff(time[out], prepend=-np.inf) > QUIET_S)
     parts = np.split(out, first)[1:]
     begins = np.array([time[part[0]] for part in parts])
-    impacts = []
+    contacts = []
     previous, following = np.insert(begins, 0, -np.inf)[:-1], np.append(begins, np.inf)[1:]
     for part, before, after in zip(parts, previous, following, strict=True):
         rows = slice(max(part[0] - 1, 0), part[-1] + 2)
         begin, end, impulse = float(time[part[0]]), float(time[part[-1]]), float(load[rows].sum())
         if begin - before > APART_S and end - begin < LONGEST_S and impulse > 0:
             centroid = float(np.sum(time[rows] * load[rows])) / impulse
-            impacts.append(_Impact(begin, end, centroid, float(after)))
-    return impacts
+            contacts.append(_Contact(begin, end, centroid, float(after)))
+    return contacts
 
 
-def _sharpest_turn(time: Array, height: Array, impact: _Impact, window_s: float) -> float | None:
+def _sharpest_turn(time: Array, height: Array, contact: _Contact, window_s: float) -> float | None:
     """Give when the marker turns most sharply upwards near an impact, None where it does not."""
     turn = np.zeros(len(time))
     turn[2:-2] = height[4:] - 2 * height[2:-2] + height[:-4]
-    near = np.flatnonzero(np.abs(time - impact.centroid) <= window_s)
+    near = np.flatnonzero(np.abs(time - contact.centroid) <= window_s)
     if not len(near):
         return None
     sharpest = int(near[np.argmax(turn[near])])
@@ -177,25 +273,14 @@ def _sharpest_turn(time: Array, height: Array, impact: _Impact, window_s: float)
     return float(time[sharpest])
 
 
-@dataclass(frozen=True, slots=True)
-class _Meeting:
-    """When the paths beside an impact meet [s].
-
-    Its standard error is for what is unknown of the hand's acceleration within the contact.
-    """
-
-    time: float
-    unknown_s: float
-
-
-def _meeting(time: Array, height: Array, impact: _Impact, delay_s: float) -> _Meeting | None:
-    """Find where the paths before and after an impact meet; None where they are too short."""
-    begin, end, next_begin = (t - delay_s for t in (impact.begin, impact.end, impact.next))
+def _impact(time: Array, height: Array, contact: _Contact, delay_s: float) -> HammerImpact | None:
+    """Find where the paths before and after a contact meet; None where they are too short."""
+    begin, end, next_begin = (t - delay_s for t in (contact.begin, contact.end, contact.next))
     down = (time < begin - MARGIN_S) & (time >= begin - FLIGHT_S)
     up = (time > end + MARGIN_S) & (time <= min(end + FLIGHT_S, next_begin - MARGIN_S))
     if min(np.count_nonzero(down), np.count_nonzero(up)) < MIN_SAMPLES:
         return None
-    middle = impact.centroid - delay_s
+    middle = contact.centroid - delay_s
     fall, rise = (
         Polynomial.fit(time[part] - middle, height[part], 2).convert() for part in (down, up)
     )
@@ -207,4 +292,14 @@ def _meeting(time: Array, height: Array, impact: _Impact, delay_s: float) -> _Me
     for _ in range(NEWTON_STEPS):
         meets -= float(apart(meets) / apart.deriv()(meets))
     unknown = abs(bend) * (end - begin) ** 2 / 8 / kink / np.sqrt(3)
-    return _Meeting(middle + meets, float(unknown))
+    return HammerImpact(
+        contact.begin,
+        contact.end,
+        contact.centroid,
+        middle + meets,
+        float(unknown),
+        *(
+            np.array([path(meets), path.deriv()(meets), path.deriv(2)(meets) / 2])
+            for path in (fall, rise)
+        ),
+    )

@@ -13,8 +13,9 @@ MAX_DISTANCE_M: Final = 20.0
 """Of a point from the origin; larger numbers are millimetres."""
 MIN_SPREAD_M: Final = 1e-9
 """Of the camera points about their mean; below it all places are one."""
-MAX_SPREAD_ERROR: Final = 0.1
-"""Share by which plate and camera points may spread differently; other units or order do."""
+MAX_SPREAD_ERROR: Final = 0.5
+"""Share by which plate and camera points may spread differently; other units do. A plate whose
+moments are a third too large is a bad plate, to be found as one."""
 MIRROR_MARGIN: Final = 1.001
 """By which mirrored points must fit better to be taken as mirrored; points on a line fit alike."""
 

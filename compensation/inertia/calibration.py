@@ -9,11 +9,14 @@ from typing import Any, Final
 import numpy as np
 
 from compensation.inertia.model import InertiaModel, Setup
+from compensation.inertia.sensors import Sensor
 
 FORMAT: Final = "hbm-residuals inertia calibration"
-VERSION: Final = 2
-UNNAMED_FILTER_VERSION: Final = 1
-"""Did not name its filter, which was always the zero-phase one, and stored warnings."""
+VERSION: Final = 3
+WITHOUT_SENSORS: Final = (1, 2)
+"""Versions without delays and gains of the accelerometers, which are then used as they are. The
+first one did not name its filter either, which was always the zero-phase one, and stored warnings.
+"""
 MAX_REASON: Final = 120
 """Characters of what is wrong, which names what the file holds."""
 
@@ -28,6 +31,9 @@ class Calibration:
         Plate name -> its model; every model has a setup.
     provenance
         Origin of the models, for people: recording, its hash, date, program version, …
+    sensors
+        The accelerometers with their delays and gains, which were undone before the fit and have
+        to be in every trial; empty where they were used as they are.
 
     Examples
     --------
@@ -43,6 +49,7 @@ class Calibration:
 
     plates: Mapping[str, InertiaModel]
     provenance: Mapping[str, str] = field(default_factory=dict)
+    sensors: tuple[Sensor, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.plates:
@@ -53,6 +60,8 @@ class Calibration:
                     f"plate {name}: the model does not state how it was recorded; "
                     "give fit_inertia a setup"
                 )
+            if self.sensors and model.sensors != tuple(sensor.name for sensor in self.sensors):
+                raise ValueError(f"plate {name}: its accelerometers are not those described")
         for name in ("plates", "provenance"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
@@ -75,6 +84,7 @@ def to_json(calibration: Calibration) -> str:
         "version": VERSION,
         "provenance": dict(calibration.provenance),
         "plates": {name: _plain(model) for name, model in calibration.plates.items()},
+        "sensors": [asdict(sensor) for sensor in calibration.sensors],
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
 
@@ -114,14 +124,17 @@ calibration'
         raise ValueError(f"the calibration is not JSON: {error}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
-    if document.get("version") not in (UNNAMED_FILTER_VERSION, VERSION):
+    version = document.get("version")
+    if version not in (*WITHOUT_SENSORS, VERSION):
         raise ValueError(
-            f"the calibration has version {document.get('version')}, this program reads "
-            f"versions {UNNAMED_FILTER_VERSION} and {VERSION}; fit it again"
+            f"the calibration has version {version}, this program reads versions 1 to {VERSION}; "
+            "fit it again"
         )
     try:
-        plates = {name: _model(plain) for name, plain in document["plates"].items()}
-        calibration = Calibration(plates, document["provenance"])
+        old = version in WITHOUT_SENSORS
+        plates = {name: _model(plain, old) for name, plain in document["plates"].items()}
+        sensors = () if old else tuple(Sensor(**plain) for plain in document["sensors"])
+        calibration = Calibration(plates, document["provenance"], sensors)
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         reason = str(error)[:MAX_REASON]
         raise ValueError(f"the calibration is damaged: {reason}; fit it again") from error
@@ -137,6 +150,8 @@ def _plain(model: InertiaModel) -> dict[str, Any]:
     return plain | {"setup": asdict(model.setup) if model.setup is not None else None}
 
 
-def _model(plain: dict[str, Any]) -> InertiaModel:
-    known = {name: value for name, value in plain.items() if name != "warnings"}  # version 1
+def _model(plain: dict[str, Any], old: bool) -> InertiaModel:
+    known = {name: value for name, value in plain.items() if name != "warnings" or not old}
+    for needed in () if old else ("correlation", "rms_slow"):
+        _ = plain[needed]
     return InertiaModel(**(known | {"setup": Setup(**plain["setup"])}))

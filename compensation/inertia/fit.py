@@ -6,13 +6,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inertia.model import InertiaModel, Setup, sensor_names
+from compensation.inertia.model import SLOW_HZ, InertiaModel, Setup, sensor_names
 from compensation.inertia.plausibility import (
     refuse_other_units,
     refuse_other_wrench_units,
     refuse_still_platform,
 )
 from compensation.inputs import read_table, refuse_constant, refuse_unequal
+from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array
 
 MIN_SAMPLES_PER_GAIN: Final = 10
@@ -159,6 +160,8 @@ def fit_inertia(
         sensor_noise=noise,
         samples=n,
         setup=setup,
+        correlation=_correlation(residual),
+        rms_slow=_rms_slow(residual, setup),
     )
 
 
@@ -202,6 +205,26 @@ def sensor_noise_of(accelerations: ArrayLike) -> float:
         )
     variance = np.linalg.eigvalsh(np.cov(a, rowvar=False))
     return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
+
+
+def _rms_slow(residual: Array, setup: Setup | None) -> Array | None:
+    """Give the RMS of what passes the filter of trials, (6,); None without a second of known rate.
+
+    The calibration's own filter passes vibration of the platform's base, which is not in residuals.
+    """
+    if setup is None or len(residual) < setup.rate_hz or setup.rate_hz < 4 * SLOW_HZ:
+        return None
+    slow = low_pass(residual, setup.rate_hz, SLOW_HZ, "zero_phase")
+    return np.asarray(np.sqrt(np.mean(slow**2, axis=0)))
+
+
+def _correlation(residual: Array) -> Array:
+    """Give the correlations between components, (6, 6); 0 with one that leaves nothing."""
+    size = np.sqrt(np.mean(residual**2, axis=0))
+    scaled = residual / np.where(size > 0, size, 1.0)
+    correlation = scaled.T @ scaled / len(scaled)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
 
 
 def _read_noise(sensor_noise: ArrayLike, channels: int) -> Array:

@@ -5,8 +5,8 @@ its weight and inertia too. Both are linear in what accelerometers on the platfo
 recording of the empty, moving treadmill is enough to identify them.
 """
 
-from dataclasses import dataclass
-from typing import get_args
+from dataclasses import dataclass, field
+from typing import Final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,9 @@ from compensation.inertia.plausibility import refuse_other_units
 from compensation.inputs import read_rate, read_table, refuse_gaps, refuse_unequal
 from hbm.signals.filtering import Method, low_pass
 from hbm.spatial import Array, read_only
+
+SLOW_HZ: Final = 6.0
+"""Cut-off of the Human Body Model, through which residuals pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +119,11 @@ class InertiaModel:
         Number of samples fitted.
     setup
         How the signals were recorded; None where it was not stated.
+    correlation
+        Of the calibration's residual between components, (6, 6); by default none.
+    rms_slow
+        As `rms_compensated`, of what passes a low-pass of `SLOW_HZ` as residuals do; by default,
+        where the rate is unknown, `rms_compensated`.
 
     Examples
     --------
@@ -143,16 +151,22 @@ class InertiaModel:
     sensor_noise: Array
     samples: int
     setup: Setup | None = None
+    correlation: Array = field(default_factory=lambda: np.eye(6))
+    rms_slow: Array | None = None
 
     def __post_init__(self) -> None:
+        if self.rms_slow is None:
+            object.__setattr__(self, "rms_slow", self.rms_compensated)
         k = len(np.atleast_1d(self.gain)) - 1
         shapes = {
             "gain": (k + 1, 6),
             "covariance": (6, k + 1, k + 1),
-            **dict.fromkeys(("sigma", "r_squared", "rms_measured", "rms_compensated"), (6,)),
+            **dict.fromkeys(("sigma", "r_squared", "rms_measured"), (6,)),
+            **dict.fromkeys(("rms_compensated", "rms_slow"), (6,)),
             **dict.fromkeys(("acceleration_mean", "acceleration_low", "acceleration_high"), (k,)),
             "sensor_noise": (k,),
             "acceleration_covariance": (k, k),
+            "correlation": (6, 6),
         }
         for name, shape in shapes.items():
             value = read_only(getattr(self, name))
@@ -221,13 +235,15 @@ class InertiaModel:
         refuse_unequal(accelerations=predicted, wrench=wrench)
         return wrench - predicted
 
-    def uncertainty(self, accelerations: ArrayLike) -> Array:
+    def uncertainty(self, accelerations: ArrayLike, slow: bool = False) -> Array:
         """Give the standard deviation of a compensated wrench, sample by sample.
 
         Parameters
         ----------
         accelerations
             Readings of the accelerometers, low-passed as those of the fit, (N, k) [m/s²].
+        slow
+            Whether the wrench passes `SLOW_HZ` afterwards, which leaves less of the noise.
 
         Returns
         -------
@@ -238,7 +254,8 @@ class InertiaModel:
         """
         x = self._design(accelerations)
         of_gain = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], axis=1)
-        sigma: Array = np.sqrt(self.sigma**2 + of_gain)
+        noise = self.rms_slow if slow and self.rms_slow is not None else self.sigma
+        sigma: Array = np.sqrt(noise**2 + of_gain)
         return sigma
 
     def require(self, setup: Setup) -> None:

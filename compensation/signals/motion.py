@@ -1,4 +1,4 @@
-"""What signals are made of: random motion, moves between positions, changes of speed.
+"""What signals are made of: random motion, moves between positions, changes of speed, pulses.
 
 Every part is sampled at `RATE_HZ`, begins and ends at rest, and stays within the given limits.
 """
@@ -12,9 +12,11 @@ from hbm.spatial import Array
 
 RATE_HZ: Final = 100.0
 """Of all signals: D-Flow commands the machine so."""
-MIN_PLATFORM_HZ: Final = 0.2
+MIN_SWAY_HZ: Final = 0.2
+MIN_PITCH_HZ: Final = 0.15
 MIN_BELT_HZ: Final = 0.4
-"""High-pass of random motion, chosen such that it fills its range."""
+"""High-pass of random motion, chosen such that it fills its range: in 300 s, random pitch comes
+within 6 % of it on either side (100 seeds)."""
 FADE_S: Final = 0.5
 """In which random motion begins and ends, chosen."""
 FILTER_SETTLING_S: Final = 20.0
@@ -38,10 +40,12 @@ def samples(duration_s: float) -> int:
     return round(duration_s * RATE_HZ)
 
 
-def random_position(rng: np.random.Generator, count: int, sd: float, most: Extent) -> Array:
-    """Draw (count,) positions from white acceleration of a standard deviation."""
+def random_position(
+    rng: np.random.Generator, count: int, sd: float, min_hz: float, most: Extent
+) -> Array:
+    """Draw (count,) positions from white acceleration of a standard deviation, without drift."""
     white = _white(rng, count, sd, most.acceleration)
-    x = _high_passed(np.cumsum(np.cumsum(white)) / RATE_HZ**2, MIN_PLATFORM_HZ)
+    x = _high_passed(np.cumsum(np.cumsum(white)) / RATE_HZ**2, min_hz)
     x = _soft_clipped(x, most.range) * fade(count, FADE_S)
     return _scaled_down(_scaled_down(x, 1, most.speed), 2, most.acceleration)
 
@@ -65,18 +69,21 @@ def positions(levels: tuple[float, ...], hold_s: float, most: Extent) -> Array:
 
 
 def move(distance: float, speed: float, acceleration: float) -> Array:
-    """Minimum-jerk move over a distance (Flash and Hogan 1985), without its first sample.
+    """Move over a distance, from rest to rest, as fast as the limits allow; no first sample.
 
-    Its duration is the shortest with at most this speed and acceleration, which peak at
-    15/8 distance/duration and 10/√3 distance/duration².
+    Constant acceleration, constant speed, and the same deceleration, all slowed down by the part of
+    a sample that the duration lacks.
     """
-    seconds = max(
-        15 / 8 * abs(distance) / speed, np.sqrt(10 / np.sqrt(3) * abs(distance) / acceleration)
-    )
-    count = int(np.ceil(seconds * RATE_HZ))
-    s = np.arange(1, count + 1) / count
-    position: Array = distance * s**3 * (10 - 15 * s + 6 * s**2)
-    return position
+    far = abs(distance)
+    fastest = min(speed, float(np.sqrt(far * acceleration)))
+    ramp_s = fastest / acceleration
+    seconds = far / fastest + ramp_s
+    count = int(np.ceil(seconds * RATE_HZ - ROUNDING_SAMPLES))
+    after = np.linspace(0, seconds, count + 1)[1:]
+    cruised = fastest * np.clip(after - ramp_s, 0, seconds - 2 * ramp_s)
+    begun, ended = np.minimum(after, ramp_s), np.clip(seconds - after, 0, ramp_s)
+    changing = acceleration / 2 * (begun**2 + ramp_s**2 - ended**2)
+    return np.asarray(np.sign(distance) * (cruised + changing))
 
 
 def speeds(mean: float, levels: tuple[float, ...], hold_s: float, acceleration: float) -> Array:
@@ -86,6 +93,13 @@ def speeds(mean: float, levels: tuple[float, ...], hold_s: float, acceleration: 
         parts += [ramp(at, level, acceleration), np.full(samples(hold_s), level)]
         at = level
     return np.concatenate(parts)
+
+
+def pulse(mean: float, acceleration: float, pulse_s: float, period_s: float) -> Array:
+    """Accelerate from the mean speed for a time, brake as fast, and wait for the period to end."""
+    there = ramp(mean, mean + acceleration * pulse_s, acceleration)
+    both = np.concatenate([there, ramp(there[-1], mean, acceleration)])
+    return np.pad(both, (0, samples(period_s) - len(both)), constant_values=mean)
 
 
 def ramp(start: float, stop: float, acceleration: float) -> Array:

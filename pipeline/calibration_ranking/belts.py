@@ -76,6 +76,33 @@ def rank_belts(
     return ranked(scores, np.stack(columns, axis=2), models)
 
 
+def taken_away(
+    model: BeltModel, empty: Sequence[BeltTrial], person: Sequence[BeltTrial]
+) -> pd.DataFrame:
+    """Give what a belt model takes away of the pitch moment, with nobody and with a person.
+
+    Parameters
+    ----------
+    model
+        The model.
+    empty, person
+        Trials with nobody on the belts, and with a person on the other belt.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row per trial: validation, person (yes or no), rms_raw and rms_after about their means
+        [N·m], reduction [%].
+    """
+    rows = []
+    for answer, trials in (("no", empty), ("yes", person)):
+        for trial in trials:
+            raw = float(np.std(trial.moment))
+            after = float(np.std(trial.moment - model.predict(trial.acceleration)))
+            rows.append((trial.name, answer, raw, after, 100 * (1 - after / raw)))
+    return pd.DataFrame(rows, columns=["validation", "person", "rms_raw", "rms_after", "reduction"])
+
+
 @dataclass(frozen=True, slots=True)
 class Interaction:
     """Response of the accelerometers to an accelerating belt.

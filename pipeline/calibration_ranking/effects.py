@@ -6,9 +6,12 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from pipeline.calibration_ranking.choice import SMALLEST_DIFFERENCE
 from pipeline.calibration_ranking.trials import factors
 from pipeline.statistics.factorial import anova, compare_levels
 
+ALPHA: Final = 0.05
+"""Level of significance, Bonferroni-corrected."""
 FACTORS: Final = ("speed_mps", "duration_s", "kind")
 REFERENCE: Final = "random"
 """Kind of trial that the others are compared with: plain random motion."""
@@ -28,13 +31,16 @@ def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFram
     anova
         component, effect, df, f, p, partial_eta_squared.
     pairs
-        component, factor, first, second, ratio of the RMS after compensation (first by second)
-        with ratio_low and ratio_high, p_bonferroni. Both empty where names state no levels.
+        component, factor, first, second; rms_first and rms_second, the marginal means of the RMS
+        after compensation [N, N·m], and difference, the first minus the second; their ratio with
+        ratio_low and ratio_high; p_bonferroni; verdict on the first: "no difference" below
+        `SMALLEST_DIFFERENCE`, else "less" or "more" where it is significant, else "undecided". Both
+        empty where names state no levels.
 
     Notes
     -----
     Type III, main effects. One observation is the logarithm of a trial's RMS after compensation in
-    one validation trial, which is a factor of the model too.
+    one validation trial, which is a factor of the model too; marginal means are geometric.
 
     Deviations from the original: it compared frames of the best trial at two speeds and durations
     (van de Loosdrecht 2018, F.2.4); frames are correlated and make every difference significant,
@@ -61,25 +67,55 @@ def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFram
     return _anova_columns(tables), _pair_columns(pairs)
 
 
+def best_levels(pairs: pd.DataFrame) -> pd.DataFrame:
+    """Give the best belt speed and duration per component, like the thesis' Table F.1.
+
+    Parameters
+    ----------
+    pairs
+        From `calibration_effects`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per factor of two levels: factor, and per component the level that leaves less, "any"
+        where they make no difference, or "undecided".
+    """
+    numbers = pairs[pairs["factor"].isin(["speed_mps", "duration_s"])]
+    two = numbers.groupby(["factor", "component"]).filter(lambda compared: len(compared) == 1)
+    best = np.select(
+        [two["verdict"] == "less", two["verdict"] == "more", two["verdict"] == "no difference"],
+        [two["first"].map("{:g}".format), two["second"].map("{:g}".format), "any"],
+        "undecided",
+    )
+    wide = two.assign(best=best).pivot(index="factor", columns="component", values="best")
+    return wide[list(dict.fromkeys(two["component"]))].reset_index()
+
+
 def ratio_to_random(pairs: pd.DataFrame, kind: str) -> pd.DataFrame:
     """Give per component the RMS left by one kind of trial, by that left by random motion.
 
     Returns
     -------
     pandas.DataFrame
-        component, ratio, ratio_low, ratio_high, p_bonferroni; below 1 the kind is better.
+        component, ratio, ratio_low, ratio_high, difference [N, N·m], p_bonferroni, verdict; below 1
+        the kind is better.
     """
-    if pairs.empty:
-        return pairs
     kinds = pairs[pairs["factor"] == "kind"]
+    if kinds.empty:
+        return kinds
     direct = kinds[kinds["first"].str.endswith(kind) & kinds["second"].str.endswith(REFERENCE)]
     reverse = kinds[kinds["second"].str.endswith(kind) & kinds["first"].str.endswith(REFERENCE)]
     inverse = reverse.assign(
         ratio=1 / reverse["ratio"],
         ratio_low=1 / reverse["ratio_high"],
         ratio_high=1 / reverse["ratio_low"],
+        difference=-reverse["difference"],
+        verdict=reverse["verdict"].replace({"less": "more", "more": "less"}),
     )
-    columns = ["component", "ratio", "ratio_low", "ratio_high", "p_bonferroni"]
+    columns = [
+        *("component", "ratio", "ratio_low", "ratio_high", "difference", "p_bonferroni", "verdict")
+    ]
     return pd.concat([direct, inverse])[columns].reset_index(drop=True)
 
 
@@ -105,9 +141,23 @@ def _anova_columns(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
 
 
 def _pair_columns(pairs: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    table = pd.concat(pairs, ignore_index=True)
-    names = {"ratio": "difference", "ratio_low": "ci_low", "ratio_high": "ci_high"}
-    for ratio, log in names.items():
-        table[ratio] = np.exp(table[log])
-    columns = ["component", "factor", "first", "second", *names, "p_bonferroni"]
-    return table[columns]
+    logs = pd.concat(pairs, ignore_index=True)
+    table = logs[["component", "factor", "first", "second"]].assign(
+        rms_first=np.exp(logs["mean_first"]),
+        rms_second=np.exp(logs["mean_second"]),
+        ratio=np.exp(logs["difference"]),
+        ratio_low=np.exp(logs["ci_low"]),
+        ratio_high=np.exp(logs["ci_high"]),
+        p_bonferroni=logs["p_bonferroni"],
+    )
+    table["difference"] = table["rms_first"] - table["rms_second"]
+    table["verdict"] = np.select(
+        [
+            table["difference"].abs() < SMALLEST_DIFFERENCE,
+            (table["p_bonferroni"] < ALPHA) & (table["difference"] < 0),
+            table["p_bonferroni"] < ALPHA,
+        ],
+        ["no difference", "less", "more"],
+        "undecided",
+    )
+    return table

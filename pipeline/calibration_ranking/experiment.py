@@ -36,14 +36,17 @@ class BeltResults:
     ----------
     ranking
         Of the calibration trials.
-    trials
-        Validation trials, then those with a person.
+    validation
+        Validation trials with nobody on the belts.
+    person
+        Those with a person on the other belt.
     interaction
         Response of the accelerometers in the first validation trial.
     """
 
     ranking: Ranking[BeltModel]
-    trials: tuple[BeltTrial, ...]
+    validation: tuple[BeltTrial, ...]
+    person: tuple[BeltTrial, ...]
     interaction: Interaction
 
 
@@ -63,7 +66,8 @@ def rank_recordings(
     Parameters
     ----------
     folder
-        With sub-folders calibration and validation, belt_calibration and belt_validation.
+        With sub-folders calibration and validation, belt_calibration and belt_validation, and
+        belt_person for trials with a person on the other belt.
     settings
         Plate, channels and filters.
     seed
@@ -103,7 +107,8 @@ def rank_recordings(
         return RankingResults(of_platform)
     of_belts = BeltResults(
         rank_belts(belts["belt_calibration"], belts["belt_validation"], seed=seed),
-        (*belts["belt_validation"], *belts["belt_person"]),
+        tuple(belts["belt_validation"]),
+        tuple(belts["belt_person"]),
         belt_interaction(belts["belt_validation"][0], model, seed=seed),
     )
     return RankingResults(of_platform, of_belts)

@@ -6,8 +6,11 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from pipeline.calibration_ranking.belts import Interaction
+from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+from pipeline.calibration_ranking.belts import taken_away
+from pipeline.calibration_ranking.choice import count_best, thesis_choice
 from pipeline.calibration_ranking.effects import (
+    best_levels,
     calibration_effects,
     ratio_to_random,
     ratios_to_random,
@@ -21,35 +24,18 @@ from pipeline.calibration_ranking.figures import (
 )
 from pipeline.calibration_ranking.ranking import Model, Ranking, best_trials
 from pipeline.calibration_ranking.trials import BELT_FILTER, RATE_HZ
+from pipeline.calibration_ranking.verdict import (
+    interaction_sentence,
+    level_sentences,
+    person_sentence,
+    recommendation,
+    square_sway_effect,
+)
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 
 THESIS_NAMES: Final = {"Fx": "Fz", "Fy": "Fx", "Fz": "Fy", "Mx": "Mz", "My": "Mx", "Mz": "My"}
 """Components in lab directions (x forward, y left, z up) -> the thesis' (x right, y up, z back)."""
-ALPHA: Final = 0.05
-"""Level of significance, Bonferroni-corrected."""
-
-
-def recommendation(ranking: Ranking[Model], purpose: str) -> str:
-    """Recommend a calibration trial in one sentence, with how certain that is."""
-    first = ranking.table.iloc[0]
-    columns = len(ranking.scores) // len(ranking.table)
-    others = [name for name in ranking.possibly_best if name != ranking.winner]
-    scores = ranking.scores.set_index(["trial", "validation", "component"])["rms_after"]
-    ratio = float(
-        np.exp(np.mean(np.log(scores[ranking.winner] / scores.groupby(level=[1, 2]).median())))
-    )
-    certainty = (
-        f"but {', '.join(others)} might be as good"
-        if others
-        else "and no other trial is likely to be better"
-    )
-    return (
-        f"Use {ranking.winner} for {purpose}: mean rank {first['mean_rank']:.1f} of "
-        f"{len(ranking.table)}, best in {first['firsts']:.0f} of {columns} columns and in "
-        f"{100 * first['wins']:.0f} % of the bootstrap's resamples, {certainty}; it leaves "
-        f"{ratio:.2f} times the RMS of the median trial."
-    )
 
 
 def table_2(ranking: Ranking[Model]) -> pd.DataFrame:
@@ -88,14 +74,15 @@ def write_results(found: RankingResults, out: Path) -> list[str]:
     Returns
     -------
     list[str]
-        The recommendations, one sentence each.
+        The recommendations, a paragraph each.
     """
     page, advice = ["# Which calibration trial?"], []
     if found.platform is not None:
-        advice.append(recommendation(found.platform.ranking, "pitch and sway"))
+        ranking = found.platform.ranking
+        advice.append(recommendation(ranking, "pitch and sway", ADVISED_PLATFORM_SIGNAL))
         page += ["## Pitch and sway", advice[-1], *_platform_section(found.platform, out)]
     if found.belts is not None:
-        advice.append(recommendation(found.belts.ranking, "the belts"))
+        advice.append(recommendation(found.belts.ranking, "the belts", ADVISED_BELT_SIGNAL))
         page += [
             "## Belts",
             advice[-1],
@@ -110,7 +97,8 @@ def write_results(found: RankingResults, out: Path) -> list[str]:
 def _platform_section(found: PlatformResults, out: Path) -> list[str]:
     ranking, validation = found.ranking, found.validation
     best, winners_scores = best_trials(ranking).reset_index(), table_2(ranking)
-    write_csv(ranking.table, out / "ranking.csv")
+    table = _with_choices(ranking)
+    write_csv(table, out / "ranking.csv")
     write_csv(ranking.scores, out / "scores.csv")
     write_csv(best, out / "best_trials.csv")
     write_csv(winners_scores, out / "table_2.csv")
@@ -130,51 +118,67 @@ def _platform_section(found: PlatformResults, out: Path) -> list[str]:
         f"({setup.filter_method}, as 'hbm calibration fit' does).",
         f"Agreement of the columns: Kendall's W = {w:.2f} (p = {p:.2g}; 1 means the same order "
         "in all).",
-        markdown(ranking.table),
-        "Best trial of every column:",
+        markdown(table),
+        "Best trial of every column (as Fig. F.7):",
         markdown(best),
-        *_effects_section(ranking, out),
+        *_best_counts(best_trials(ranking), out),
+        *_effects_section(ranking.scores, out),
     ]
 
 
-def _effects_section(ranking: Ranking[Model], out: Path) -> list[str]:
-    tests, pairs = calibration_effects(ranking.scores)
+def _with_choices(ranking: Ranking[Model]) -> pd.DataFrame:
+    """Give the table of a ranking with what each rule chooses."""
+    rules = {ranking.winner: ["mean rank"]}
+    rules.setdefault(thesis_choice(ranking.table), []).append("thesis' rule")
+    first_by = [" and ".join(rules.get(name, [])) for name in ranking.table["trial"]]
+    return ranking.table.assign(first_by=first_by)
+
+
+def _best_counts(best: pd.DataFrame, out: Path) -> list[str]:
+    counts = count_best(best)
+    if counts.empty:
+        return []
+    write_csv(counts, out / "best_counts.csv")
+    return ["How often each kind, speed and duration is the best (as in F.2.4):", markdown(counts)]
+
+
+def _effects_section(scores: pd.DataFrame, out: Path) -> list[str]:
+    tests, pairs = calibration_effects(scores)
     if tests.empty:
-        return ["The names do not state kind, duration and speed: their effects are not tested."]
+        return [
+            "Effects of kind, duration and speed are not tested: the trials' names do not state "
+            "them, or the trials are too few."
+        ]
     write_csv(tests, out / "effects.csv")
     write_csv(pairs, out / "effect_pairs.csv")
+    f1 = best_levels(pairs)
+    in_thesis = ", ".join(f"{ours} is {theirs}" for ours, theirs in THESIS_NAMES.items())
+    write_csv(f1, out / "table_f1.csv")
     return [
         "Effects on the remaining RMS (type III, main effects; Bonferroni between levels in "
         "effect_pairs.csv):",
         markdown(tests, 3),
+        "Best speed [m/s] and duration [s] of each component (as Table F.1; in the thesis' frame, "
+        f"{in_thesis}):",
+        markdown(f1),
+        *level_sentences(pairs),
+        *_kinds_section(pairs),
+    ]
+
+
+def _kinds_section(pairs: pd.DataFrame) -> list[str]:
+    kinds = ratios_to_random(pairs)
+    if kinds.empty:
+        return []
+    return [
         "Remaining RMS of each kind, by that of plain random motion (all: geometric mean):",
-        markdown(ratios_to_random(pairs)),
+        markdown(kinds),
         square_sway_effect(ratio_to_random(pairs, "square_sway")),
     ]
 
 
-def square_sway_effect(ratios: pd.DataFrame) -> str:
-    """State whether square waves of sway improve a calibration, and in which components."""
-    if ratios.empty:
-        return "Square waves of sway were not compared with random motion."
-    significant = ratios[ratios["p_bonferroni"] < ALPHA]
-    mean = float(np.exp(np.log(ratios["ratio"]).mean()))
-    less = list(significant["component"][significant["ratio"] < 1])
-    more = list(significant["component"][significant["ratio"] > 1])
-    if not less and not more:
-        difference = "no component differs significantly"
-    else:
-        difference = (
-            f"significantly less is left in {', '.join(less) or 'none'}, "
-            f"more in {', '.join(more) or 'none'}"
-        )
-    return (
-        f"Square waves of sway leave {mean:.2f} times the RMS of plain random motion: {difference}."
-    )
-
-
 def _belt_section(found: BeltResults, out: Path) -> list[str]:
-    ranking, trials = found.ranking, found.trials
+    ranking, trials = found.ranking, (*found.validation, *found.person)
     fitted = pd.DataFrame(
         [
             (name, m.r_squared, m.rms_measured, m.rms_compensated, m.rms_reduction)
@@ -182,7 +186,10 @@ def _belt_section(found: BeltResults, out: Path) -> list[str]:
         ],
         columns=["trial", "r_squared", "rms_raw", "rms_compensated", "rms_reduction_percent"],
     )
-    write_csv(ranking.table, out / "belt_ranking.csv")
+    person = taken_away(ranking.models[ranking.winner], found.validation, found.person)
+    table = _with_choices(ranking)
+    write_csv(table, out / "belt_ranking.csv")
+    write_csv(person, out / "belt_person.csv")
     write_csv(ranking.scores, out / "belt_scores.csv")
     write_csv(fitted, out / "belt_models.csv")
     for trial in trials:
@@ -193,7 +200,10 @@ def _belt_section(found: BeltResults, out: Path) -> list[str]:
         f"Smoothing splines through the belt's speed have their cut-off at {cutoffs} "
         f"({RATE_HZ / 2:g} Hz: nothing is smoothed); --belt-cutoff-hz sets that of the low-pass "
         f"({BELT_FILTER}, as in D-Flow).",
+        markdown(table),
         markdown(ranking.scores, 3),
+        person_sentence(person),
+        markdown(person),
         "Each model on its own calibration trial:",
         markdown(fitted, 3),
     ]
@@ -202,36 +212,12 @@ def _belt_section(found: BeltResults, out: Path) -> list[str]:
         return section
     write_csv(tests, out / "belt_effects.csv")
     write_csv(pairs, out / "belt_effect_pairs.csv")
-    return [*section, markdown(tests, 3)]
+    return [*section, markdown(tests, 3), *level_sentences(pairs)]
 
 
 def _interaction_section(found: BeltResults, out: Path) -> list[str]:
     interaction = found.interaction
     write_csv(interaction.table, out / "interaction.csv")
-    figure = interaction_figure(found.trials[0])
+    figure = interaction_figure(found.validation[0])
     save_figure(figure, out / "figures" / "interaction.png")
-    return [_interaction_sentence(interaction), markdown(interaction.table, 4)]
-
-
-def _interaction_sentence(interaction: Interaction) -> str:
-    table = interaction.table
-    level = ALPHA / len(table)
-    following, shaken = (table[table[p] < level] for p in ("p", "p_rms_ratio"))
-    if len(following):
-        text = f"{', '.join(following['channel'])} follow the belt's acceleration significantly"
-    else:
-        text = (
-            f"None of {', '.join(table['channel'])} follows the belt's acceleration significantly"
-        )
-    if len(shaken):
-        ratios = ", ".join(
-            f"{row.channel} {row.rms_ratio:.1f} times" for row in shaken.itertuples()
-        )
-        text += f"; while it accelerates, and half a second after, they vibrate more ({ratios})"
-    if np.isfinite(interaction.artefact).all():
-        force, moment = interaction.artefact[:3].max(), interaction.artefact[3:].max()
-        text += (
-            f"; compensation adds up to {force:.2f} N and {moment:.2f} N·m RMS due to the part "
-            "that follows"
-        )
-    return f"{text}."
+    return [interaction_sentence(interaction), markdown(interaction.table, 4)]

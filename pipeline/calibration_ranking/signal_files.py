@@ -54,7 +54,7 @@ def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> list[Signal
     elif kind == "belt":
         sets = [belt_signals(seed + n, v, limits) for n, v in enumerate((1.0, 2.0))]
     else:
-        sets = [validation_signals()]
+        sets = [validation_signals(seed)]
     return [signal for signals in sets for signal in signals]
 
 

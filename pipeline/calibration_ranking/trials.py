@@ -19,7 +19,11 @@ from hbm.spatial import Array, rotate_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
-from pipeline.trial.ground.accelerometers import accelerations, find_accelerometers
+from pipeline.trial.ground.accelerometers import (
+    accelerations,
+    find_accelerometers,
+    stated_accelerometers,
+)
 from pipeline.trial.ground.belts import belt_axes, belt_speed
 from pipeline.trial.ground.calibration_recording import read_empty
 
@@ -59,6 +63,8 @@ class RankingSettings:
         Low-pass of pitch moment and belt acceleration, `BELT_FILTER` [Hz].
     axes, units, plate_units
         How the files are to be read, as in `pipeline.io.stated.Stated`.
+    accelerometer
+        Sensors with their channels, such as "rear=ch14,ch15,ch16"; None finds them by name.
     """
 
     plate: int = 1
@@ -68,6 +74,7 @@ class RankingSettings:
     axes: str | None = None
     units: str | None = None
     plate_units: str | None = None
+    accelerometer: tuple[str, ...] | None = None
 
     @property
     def stated(self) -> Stated:
@@ -172,7 +179,7 @@ def platform_trial(recording: Recording, settings: RankingSettings) -> PlatformT
         If the plate or the accelerometers are missing, or the rate is not a multiple of 100 Hz.
     """
     name = recording.source.stem
-    sensors = find_accelerometers(recording)
+    sensors = stated_accelerometers(settings.accelerometer or ()) or find_accelerometers(recording)
     time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
     rate, step = _rate(time, name)
     wrench = _wrench(recording, settings.plate)
@@ -192,7 +199,7 @@ def belt_trial(recording: Recording, settings: RankingSettings) -> BeltTrial:
         If plate, accelerometers or belt speed are missing, or the rate is not a multiple of 100 Hz.
     """
     name = recording.source.stem
-    sensors = find_accelerometers(recording)
+    sensors = stated_accelerometers(settings.accelerometer or ()) or find_accelerometers(recording)
     time, readings = accelerations(recording, Treadmill(accelerometers=sensors))
     rate, step = _rate(time, name)
     cutoff = settings.belt_cutoff_hz

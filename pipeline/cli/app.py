@@ -12,7 +12,7 @@ from typing import Annotated, Final
 import typer
 from typer.exceptions import TyperException
 
-from pipeline.cli import doctor, results, simulate, study, treadmill, trial
+from pipeline.cli import calibration_check, doctor, results, simulate, study, treadmill, trial
 from pipeline.cli.options import USAGE
 from pipeline.cli.output import accept_any_letter, drop_output, print_error
 from pipeline.cli.stopping import Stopped
@@ -51,7 +51,7 @@ for command in (trial.residuals, trial.export, simulate.demo, study.init, study.
     app.command()(command)
 for command in (results.report, results.view, treadmill.plates, simulate.simulate, doctor.doctor):
     app.command()(command)
-for command in (treadmill.fit, treadmill.signals, treadmill.rank):
+for command in (treadmill.fit, calibration_check.check, treadmill.signals, treadmill.rank):
     calibration.command()(command)
 app.add_typer(calibration, name="calibration")
 

@@ -16,7 +16,7 @@ def export_trial(request: "TrialRequest", out: Path, frame: "Frame | None") -> P
     Parameters
     ----------
     request
-        The trial, with a calibration.
+        The trial, with a calibration of treadmill or plates.
     out
         Folder for the file, which keeps its name.
     frame
@@ -31,8 +31,11 @@ def export_trial(request: "TrialRequest", out: Path, frame: "Frame | None") -> P
     from pipeline.export.compensated_c3d import Calibrations, require_c3d, write_compensated
     from pipeline.run.one_trial import read_requested, requested_laboratory
 
-    if request.calibration is None:
-        raise ValueError("--c3d compensates the plates: name the --calibration of the treadmill")
+    if request.calibration is None and request.plate_calibration is None:
+        raise ValueError(
+            "--c3d compensates the plates: name the --calibration of the treadmill, or the "
+            "--plate-calibration"
+        )
     require_c3d(request.trial)
     calibrations = Calibrations(requested_laboratory(request), request.calibration)
     written = write_compensated(

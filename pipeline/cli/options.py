@@ -34,6 +34,18 @@ PlateUnits = Annotated[
     str | None,
     typer.Option(help="Units of the plates' forces and moments, e.g. N,Nmm; default: the file's."),
 ]
+Accelerometers = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--accelerometer",
+        help="SENSOR=X,Y,Z: its channels, such as rear=ch14,ch15,ch16; repeatable; default: by "
+        "name, such as Acc1.X.",
+    ),
+]
+PlateCorrectionFile = Annotated[
+    Path | None,
+    typer.Option(help="Calibration of the plates (hbm plates), if trials are to name it."),
+]
 StudyFolder = Annotated[Path, typer.Argument(help="Folder with study.toml and subject files.")]
 ResultsFolder = Annotated[Path, typer.Argument(help="Folder that hbm run wrote.")]
 

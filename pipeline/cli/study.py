@@ -90,13 +90,17 @@ def run(
 ) -> int:
     """Process a study; finished trials are skipped, failed ones listed with reasons."""
     from pipeline.cli.stopping import stoppable
-    from pipeline.cli.terminal import StepProgress, announcer, counted, plain_console
+    from pipeline.cli.terminal import StepProgress, announcer, counted, note_line, plain_console
     from pipeline.config.study import read_study
     from pipeline.run.run import plan, run_planned
+    from pipeline.trial.study_files import read_study_laboratory
 
     console, start = plain_console(), time.monotonic()
     loaded = read_study(study)
     planned = plan(loaded, out, subjects=subject, conditions=condition)
+    if loaded.file.treadmill.check:
+        for note in read_study_laboratory(loaded).notes:
+            console.print(note_line(note), soft_wrap=True)
     counts = {"done": 0, "kept": 0, "failed": 0}
     size = {job.target: max(job.size, 1) for job in planned}  # before a file may go
     size_done, to_do = 0, sum(size.values())

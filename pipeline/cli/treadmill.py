@@ -1,6 +1,7 @@
 """The treadmill on the command line: calibration (fit, signals, rank) and plates."""
 
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -8,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.options import Axes, Out, PlateUnits, Seed, Simulate, Units
+from pipeline.cli.options import (
+    Accelerometers,
+    Axes,
+    Out,
+    PlateCorrectionFile,
+    PlateUnits,
+    Seed,
+    Simulate,
+    Units,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,24 +39,40 @@ def fit(
     accelerometer_unit: Annotated[
         str | None, typer.Option(help="g or m/s²; default: as the file says.")
     ] = None,
+    accelerometer: Accelerometers = None,
+    platform_markers: Annotated[
+        str, typer.Option(help="Markers on the platform: how plates and commands are timed.")
+    ] = "",
+    sway_channel: Annotated[str | None, typer.Option(help="Channel of the commanded sway.")] = None,
+    pitch_channel: Annotated[
+        str | None, typer.Option(help="Channel of the commanded pitch.")
+    ] = None,
+    plate_calibration: PlateCorrectionFile = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
-    from compensation import Calibration, check_calibration, to_json
+    from compensation import check_calibration, to_json
+    from compensation.inertia.quality import check_left_over
+    from compensation.inertia.sensors import describe_sensors
+    from hbm.notes import warnings_first
     from pipeline.cli.terminal import note_line, plain_console, print_table
-    from pipeline.config.schema import RecordingRules, Treadmill
+    from pipeline.config.plate_correction import read_plate_correction
+    from pipeline.config.schema import Platform, RecordingRules, Treadmill
     from pipeline.config.validation import check_options
     from pipeline.io.units import acceleration_in_mps2
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
-    from pipeline.trial.ground.accelerometers import find_accelerometers
+    from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
     from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
+    from pipeline.trial.ground.platform_delay import recording_delays
 
     console = plain_console()
     if out.is_dir():
         raise ValueError(f"--out {out}: is a folder; name the file to write, such as lab.json")
     rules = {"axes": axes, "units": units, "plate_units": plate_units}
-    empty = read_empty(recording, check_options(RecordingRules, rules).stated())
-    sensors = find_accelerometers(empty)
+    plates = read_plate_correction(plate_calibration) if plate_calibration else None
+    stated = check_options(RecordingRules, rules).stated()
+    empty = read_empty(recording, stated, any_forward=plates is None)
+    sensors = stated_accelerometers(accelerometer or ()) or find_accelerometers(empty)
     if accelerometer_unit is not None:
         acceleration_in_mps2(accelerometer_unit)
     treadmill = check_options(
@@ -57,37 +83,55 @@ def fit(
             "cutoff_hz": cutoff_hz,
         },
     )
+    commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
+    markers = tuple(filter(None, map(str.strip, platform_markers.split(","))))
+    if commands.channels and not markers:
+        raise ValueError("--sway-channel and --pitch-channel need --platform-markers")
+    with_markers = treadmill.model_copy(update={"platform": Platform(markers=markers)})
     try:
-        calibration = fit_calibration(empty, treadmill)
+        calibration = fit_calibration(empty, treadmill, plates)
+        timing = (
+            recording_delays(empty, with_markers, calibration.sensors, commands) if markers else ()
+        )
     except ValueError as error:
         text = str(error)
         if "unknown acceleration unit" in text:
             text += "; if that is not their unit, use --accelerometer-unit g"
         raise ValueError(text if recording.name in text else f"{recording.name}: {text}") from error
     provenance = {
-        "recording": recording.name,
+        **calibration.provenance,
         "sha256": file_digest(recording),
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "program": f"hbm-residuals {version('hbm-residuals')}",
         "channels": json.dumps(sensors),
         "accelerometer_unit": accelerometer_unit or "",
     }
-    write_text(to_json(Calibration(calibration.plates, provenance)), out)
+    write_text(to_json(replace(calibration, provenance=provenance)), out)
     setup = next(iter(calibration.plates.values())).setup
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
+    print_table(_sensor_table(calibration), console)
     print_table(_fit_table(calibration), console)
     doubts = [
         note
         for plate, model in calibration.plates.items()
         for note in check_calibration(model, plate)
     ]
-    for note in doubts:
+    notes = [
+        *doubts,
+        *describe_sensors(calibration.sensors),
+        *timing,
+        *(n for plate, m in calibration.plates.items() for n in check_left_over(m, plate)),
+    ]
+    for note in warnings_first(notes):
         console.print(note_line(note), soft_wrap=True)
     if doubts:
         advice = "do not use it before that is explained"
     else:
-        advice = f"next: hbm residuals TRIAL --calibration {out} --platform-markers M1,M2,M3"
+        plates_too = f" --plate-calibration {plate_calibration}" if plate_calibration else ""
+        advice = (
+            f"next: hbm residuals TRIAL --calibration {out}{plates_too} --platform-markers M1,M2,M3"
+        )
     console.print(f"written to {out}; {advice}", soft_wrap=True)
 
 
@@ -95,28 +139,60 @@ def _fit_table(calibration: "Calibration") -> "Table":
     """Lay out how well a calibration explains its own recording."""
     from rich.table import Table
 
-    from hbm.spatial import WRENCH_COMPONENTS
+    from compensation import left_over
 
     table = Table(title="The empty plates, before and after compensation (calibration recording)")
-    for name in ("plate", "component", "RMS", "after", "less", "R²"):
-        table.add_column(name, justify="left" if name in ("plate", "component") else "right")
+    for name in ("plate", "component", "RMS", "after", "< 6 Hz", "allowed", "R²", "verdict"):
+        left = name in ("plate", "component", "verdict")
+        table.add_column(name, justify="left" if left else "right")
     for name, model in calibration.plates.items():
-        for k, component in enumerate(WRENCH_COMPONENTS):
-            unit = "N" if k < 3 else "N·m"
+        for row in left_over(model):
             table.add_row(
                 name,
-                component,
-                f"{model.rms_measured[k]:.1f} {unit}",
-                f"{model.rms_compensated[k]:.2f} {unit}",
-                f"{model.rms_reduction[k]:.1f} %",
-                f"{model.r_squared[k]:.4f}",
+                row.component,
+                f"{row.excited:.1f} {row.unit}",
+                f"{row.after:.2f} {row.unit}",
+                f"{row.left:.2f} {row.unit}",
+                f"{row.limit:g} {row.unit}",
+                f"{row.r_squared:.4f}",
+                row.verdict,
             )
-        table.caption = f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}"
+        table.caption = (
+            f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}; allowed: "
+            "peaks of what is left, 3 RMS, stay below the limits of Hicks et al. (2015) at 50 kg; "
+            "R² is low where a component hardly moved, without harm"
+        )
+    return table
+
+
+def _sensor_table(calibration: "Calibration") -> "Table":
+    """Lay out what a calibration found of its accelerometers, with 95 % intervals."""
+    from rich.table import Table
+
+    def interval(value: float, error: float | None, scale: float, form: str) -> str:
+        if error is None:
+            return "unknown"
+        return f"{scale * value:{form}} ± {1.96 * scale * error:{form}}"
+
+    table = Table(title="The accelerometers (95 % intervals)")
+    for name in ("accelerometer", "later than plates", "gain", "noise", "corrected"):
+        table.add_column(
+            name, justify="left" if name in ("accelerometer", "corrected") else "right"
+        )
+    for sensor in calibration.sensors:
+        done = ["delay"] * (sensor.correction_s != 0) + ["gain"] * (sensor.scale != 1)
+        noise = sensor.noise_mps2
+        table.add_row(
+            sensor.name,
+            interval(sensor.delay_s, sensor.delay_error_s, 1000, ".2f") + " ms",
+            interval(sensor.gain, sensor.gain_error, 1, ".3f"),
+            "unknown" if noise is None else f"{noise:.4f} m/s²",
+            ", ".join(done) or "nothing",
+        )
     return table
 
 
 def signals(
-    out: Annotated[Path, typer.Argument(help="Folder for the signals.")],
     kind: Annotated[str, typer.Option(help="pitch_sway, belt, validation or all of them.")] = "all",
     rate_hz: Annotated[float, typer.Option(min=100, max=10000, help="Samples per second.")] = 100.0,
     seed: Seed = 0,
@@ -128,9 +204,11 @@ def signals(
     pitch_deg_per_s2: Annotated[float, typer.Option(help="Largest pitch acceleration.")] = 600.0,
     belt_m_per_s: Annotated[float, typer.Option(help="Largest belt speed.")] = 6.0,
     belt_m_per_s2: Annotated[float, typer.Option(help="Largest belt acceleration.")] = 15.0,
+    out: Out = Path("signals"),
 ) -> None:
     """Write calibration and validation signals for the machine: CSV and figures."""
     from compensation import MachineLimits
+    from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
     from pipeline.cli.terminal import plain_console
 
@@ -153,8 +231,9 @@ def signals(
         console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
     console.print(
         "columns: sway to the left, pitch (positive lowers the front), speed of both belts; next: "
-        "record one with the treadmill empty and fit it (hbm calibration fit), or several and rank "
-        "them (hbm calibration rank)",
+        f"record one with the treadmill empty, {ADVISED_PLATFORM_SIGNAL} for pitch and sway or "
+        f"{ADVISED_BELT_SIGNAL} for the belts, and fit it (hbm calibration fit), or several and "
+        "rank them (hbm calibration rank)",
         soft_wrap=True,
     )
 
@@ -176,6 +255,7 @@ def rank(
     axes: Axes = None,
     units: Units = None,
     plate_units: PlateUnits = None,
+    accelerometer: Accelerometers = None,
     seed: Seed = 0,
     out: Out = Path("ranking"),
 ) -> None:
@@ -188,7 +268,14 @@ def rank(
 
     console = plain_console()
     settings = RankingSettings(
-        plate, cutoff_hz, belt_channel, belt_cutoff_hz, axes, units, plate_units
+        plate,
+        cutoff_hz,
+        belt_channel,
+        belt_cutoff_hz,
+        axes,
+        units,
+        plate_units,
+        tuple(accelerometer) if accelerometer else None,
     )
     if simulate:
         if folder.exists() and any(folder.rglob("*.c3d")):
@@ -209,12 +296,16 @@ def plates(
     seed: Seed = 0,
     out: Out = Path("plates"),
 ) -> None:
-    """Check force plates against known weights: fit for inverse dynamics or not, and why."""
-    from pipeline.cli.terminal import announcer, plain_console
+    """Check force plates against known weights: fit for inverse dynamics or not, and why.
+
+    Where a plate can be corrected, its calibration is written too.
+    """
+    from pipeline.cli.terminal import announcer, note_line, plain_console
     from pipeline.config.plate_study import read_plates_study
     from pipeline.plate_accuracy.accuracy import check_plates
     from pipeline.plate_accuracy.report import write_report
     from pipeline.plate_accuracy.verdict import describe
+    from pipeline.plate_accuracy.verdict_page import use_of_calibration
     from pipeline.virtual_lab.protocol.known_weights import THESIS_ERRORS, simulate_plates
 
     console = plain_console()
@@ -227,9 +318,15 @@ def plates(
     experiment = read_plates_study(study)
     announce(f"reading {len(experiment.file.weights)} recordings of known weights")
     found = check_plates(experiment)
-    verdict = write_report(found, out)
+    verdicts = write_report(found, out)
     for fault in found.faults:
         if fault.significant:
             console.print(f"- {describe(fault)}", soft_wrap=True)
-    console.print(verdict.sentence, soft_wrap=True)
+    for verdict in verdicts:
+        for note in verdict.notes:
+            console.print(note_line(note), soft_wrap=True)
+        console.print(verdict.sentence, soft_wrap=True)
+    advice = use_of_calibration(verdicts, out)
+    if advice is not None:
+        console.print(advice, soft_wrap=True)
     console.print(f"written to {out}: verdict.md, table_1, figures", soft_wrap=True)

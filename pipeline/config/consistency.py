@@ -6,6 +6,7 @@ from typing import Final
 
 from hbm.spelling import did_you_mean, listed, short
 from hbm.toml_text import Table
+from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import StudyFile, SubjectFile
 from pipeline.config.toml_file import read_segments
 from pipeline.io.input_file import is_file
@@ -42,11 +43,8 @@ def missing_file(folder: Path, where: str, name: str) -> list[str]:
 def treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
     """Check the treadmill of ``study.toml`` against the folder and the conditions."""
     treadmill, platform, faults = file.treadmill, file.treadmill.platform, []
-    if treadmill.calibration:
-        faults += missing_file(folder, "study.toml: treadmill.calibration", treadmill.calibration)
-    if treadmill.belt is not None:
-        where = "study.toml: treadmill.belt.calibration"
-        faults += missing_file(folder, where, treadmill.belt.calibration)
+    for key, name in treadmill.files.items():
+        faults += missing_file(folder, f"study.toml: treadmill.{key}", name)
     if platform is not None:
         where = "study.toml: treadmill.platform"
         markers = set(platform.markers)
@@ -66,6 +64,21 @@ def treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
                 "treadmill.platform, from whose motion the perturbations are detected"
             )
     return faults
+
+
+def plate_faults(folder: Path, file: StudyFile) -> list[str]:
+    """Check the calibration of the plates that ``study.toml`` names, and the delay beside it."""
+    name = file.plates.calibration
+    if name is None:
+        return []
+    where = "study.toml: plates.calibration"
+    if missing := missing_file(folder, where, name):
+        return missing
+    try:
+        read_plate_correction(folder / name).require_delay(file.settings.plate_delay_s)
+    except (ValueError, OSError) as error:
+        return [f"{where}: {error}"]
+    return []
 
 
 def body_faults(folder: Path, name: str, subject: SubjectFile, file: StudyFile | None) -> list[str]:

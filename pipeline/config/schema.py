@@ -129,7 +129,8 @@ class Settings(InputModel):
     marker_offset_m
         From the skin to a marker's centre; by default a marker of 14 mm on a base of 2 mm.
     plate_delay_s
-        Delay of the plates' time stamps relative to the markers'.
+        Delay of the plates' time stamps relative to the markers'; None for that of the plates'
+        calibration, or none.
     contact_threshold_n
         Vertical force above which a foot is on a plate.
     min_valid_share
@@ -154,7 +155,7 @@ class Settings(InputModel):
     marker_set: Text | None = None
     hip: Literal["harrington", "bell", "functional"] = "harrington"
     marker_offset_m: MarkerOffsetM = MARKER_OFFSET_M
-    plate_delay_s: DelayS = 0.0
+    plate_delay_s: DelayS | None = None
     contact_threshold_n: ForceThresholdN = 30.0
     min_valid_share: ShareOfCycle = 0.5
     events: EventMethod | None = None
@@ -211,6 +212,9 @@ class Belt(InputModel):
 class Treadmill(InputModel):
     """The machine: its accelerometers, its calibration, its belts, its platform.
 
+    ``check`` is an empty recording of another day, with which the calibration is compared. Without
+    ``accelerometer_delay_s`` the calibration estimates the accelerometers' delays.
+
     Examples
     --------
     >>> sensors = {"rear_left": ("Acc1.X", "Acc1.Y", "Acc1.Z")}
@@ -219,13 +223,24 @@ class Treadmill(InputModel):
     """
 
     calibration: Text | None = None
+    check: Text | None = None
     accelerometers: dict[Name, Channels] = Field(default_factory=dict)
     accelerometer_unit: Text | None = None
-    accelerometer_delay_s: DelayS = 0.0
+    accelerometer_delay_s: DelayS | None = None
     accelerometer_range_g: AccelerometerRangeG = 2.0
     cutoff_hz: CalibrationCutoffHz = 20.0
     belt: Belt | None = None
     platform: Platform | None = None
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Names of the files that are stated, by the key that states them."""
+        stated = {
+            "calibration": self.calibration,
+            "check": self.check,
+            "belt.calibration": self.belt.calibration if self.belt is not None else None,
+        }
+        return {key: name for key, name in stated.items() if name}
 
     @property
     def calibrated(self) -> bool:
@@ -259,7 +274,22 @@ class Treadmill(InputModel):
                 "accelerometers: is missing; a calibration has no effect without; name the three "
                 "channels of each sensor, as in the example of 'hbm init'"
             )
+        if self.check and not self.calibration:
+            raise ValueError("check: has no effect without a calibration to check")
         return self
+
+
+class Plates(InputModel):
+    """The force plates: the calibration that 'hbm plates' found with known weights."""
+
+    calibration: Text | None = None
+
+    @field_validator("calibration")
+    @classmethod
+    def _json(cls, name: str | None) -> str | None:
+        if name is not None and Path(name).suffix.lower() != ".json":
+            raise ValueError(f"must be a .json file, as 'hbm plates' writes it, got {name!r}")
+        return name
 
 
 class Condition(InputModel):
@@ -463,6 +493,7 @@ class StudyFile(RecordingRules):
 
     name: Annotated[str, AfterValidator(printable)] = "study"
     settings: Settings = Settings()
+    plates: Plates = Plates()
     treadmill: Treadmill = Treadmill()
     comparison: Comparison | None = None
     conditions: Annotated[dict[Name, Condition], Field(min_length=1)]

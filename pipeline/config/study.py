@@ -16,6 +16,7 @@ from hbm.toml_text import Table
 from pipeline.config.comparison import comparison_faults
 from pipeline.config.consistency import (
     body_faults,
+    plate_faults,
     result_name_faults,
     treadmill_faults,
     trial_faults,
@@ -131,6 +132,7 @@ def read_study(folder: str | Path) -> Study:
     if file is not None:
         marker_set = _own_marker_set(folder, file, faults)
         faults += treadmill_faults(folder, file)
+        faults += plate_faults(folder, file)
         faults += comparison_faults(file, subjects)
     if faults and (folder / SIMULATED).is_file() and not any(folder.glob("*.c3d")):
         raise StudyFaults([f"{folder}: no recordings yet; 'hbm simulate {folder}' writes them"])

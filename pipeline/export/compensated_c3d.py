@@ -9,6 +9,7 @@ from typing import Final, Literal
 import numpy as np
 
 from hbm.notes import Note
+from hbm.spatial import Array
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
 from pipeline.io.c3d.rewrite import rewrite_plates
@@ -17,6 +18,7 @@ from pipeline.io.read import file_format
 from pipeline.io.recording import Compensation, Recording
 from pipeline.run.job import describe_error, file_digest
 from pipeline.trial.ground.artefacts import plate_artefacts
+from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import moved_corners, platform_pose, pose_at, turned_to_lab
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
@@ -32,9 +34,9 @@ class Calibrations:
     Attributes
     ----------
     laboratory
-        The treadmill, with the calibration of its platform, its belts, or both.
+        The treadmill, with the calibration of its platform, its belts or its plates.
     platform, belts
-        The files of these calibrations.
+        The files of the first two.
     """
 
     laboratory: Laboratory
@@ -86,7 +88,7 @@ def write_compensated(
     target: Path,
     *,
     frame: Frame | None = None,
-    plate_delay_s: float = 0.0,
+    plate_delay_s: float | None = None,
 ) -> Written:
     """Write a trial's C3D file again with compensated plates.
 
@@ -104,7 +106,8 @@ def write_compensated(
         mean pose. "lab" expresses every wrench in the lab frame, sample by sample, about the centre
         of the plate's surface in neutral position; the corners stay.
     plate_delay_s
-        How much later the plates are than the markers, which show the platform's pose [s].
+        How much later the plates are than the markers, which show the platform's pose [s]; None
+        as their calibration states it.
 
     Returns
     -------
@@ -137,8 +140,16 @@ def write_compensated(
         raise ValueError(
             f"{recording.source.name}: would be written over the original; name another folder"
         )
-    artefacts, notes = plate_artefacts(recording, laboratory)
-    changes, corners = [-artefact for artefact in artefacts], []
+    corrected = with_corrected_plates(recording, laboratory.plates)
+    artefacts, doubts = plate_artefacts(corrected, laboratory)
+    notes = (*corrected.notes[len(recording.notes) :], *doubts)
+    corners: list[Array] = []
+    changes = [
+        after.wrench_in_plate - plate.wrench_in_plate - artefact
+        for plate, after, artefact in zip(
+            recording.plates, corrected.plates, artefacts, strict=True
+        )
+    ]
     if frame is not None:
         pose, pose_notes = platform_pose(
             recording, laboratory.treadmill.platform, recording.markers.time
@@ -152,10 +163,15 @@ def write_compensated(
         if frame == "plate":
             corners = [moved_corners(plate, pose) for plate in recording.plates]
         else:
-            pose = pose_at(recording, pose, recording.plates[0].time - plate_delay_s)
+            delays = plate_delays_s(recording.plates, laboratory.plates, plate_delay_s)
             changes = [
-                turned_to_lab(plate, plate.wrench_in_plate + change, pose) - plate.wrench_in_plate
-                for plate, change in zip(recording.plates, changes, strict=True)
+                turned_to_lab(
+                    plate,
+                    plate.wrench_in_plate + change,
+                    pose_at(recording, pose, plate.time - delay),
+                )
+                - plate.wrench_in_plate
+                for plate, change, delay in zip(recording.plates, changes, delays, strict=True)
             ]
     for plate, change in zip(recording.plates, changes, strict=True):
         change[~np.isfinite(plate.wrench_in_plate).all(axis=1)] = 0  # what is unknown stays so
@@ -166,6 +182,8 @@ def write_compensated(
         calibration_sha256=_digest(calibrations.platform),
         belts=_name(calibrations.belts),
         belts_sha256=_digest(calibrations.belts),
+        plate_calibration=_text(laboratory.plates.name) if laboratory.plates else "",
+        plate_calibration_sha256=laboratory.plates.sha256 if laboratory.plates else "",
         cutoff_hz=laboratory.treadmill.cutoff_hz if laboratory.calibration else None,
         frame=frame or "recorded",
     )
@@ -176,8 +194,12 @@ def write_compensated(
 
 
 def _name(calibration: Path | None) -> str:
+    return _text(calibration.name) if calibration else ""
+
+
+def _text(name: str) -> str:
     """Give a file's name as text that a C3D file can hold: what is no UTF-8 as "?"."""
-    return calibration.name.encode(errors="replace").decode() if calibration else ""
+    return name.encode(errors="replace").decode()
 
 
 def _digest(calibration: Path | None) -> str:
@@ -190,7 +212,7 @@ def write_compensated_study(study: Study, out: Path, frame: Frame | None) -> Ite
     Parameters
     ----------
     study
-        The study; its ``[treadmill]`` names a calibration.
+        The study; its ``[treadmill]`` or ``[plates]`` names a calibration.
     out
         Folder for the files, which keep their names relative to the study's folder.
     frame
@@ -210,10 +232,10 @@ def write_compensated_study(study: Study, out: Path, frame: Frame | None) -> Ite
     """
     treadmill = study.file.treadmill
     laboratory = read_study_laboratory(study)
-    if laboratory.calibration is None and not laboratory.belts:
+    if laboratory.calibration is None and not laboratory.belts and laboratory.plates is None:
         raise ValueError(
-            f"{study.folder}: study.toml names no calibration in [treadmill], so that there is "
-            "nothing to compensate its plates with"
+            f"{study.folder}: study.toml names no calibration in [treadmill] or [plates], so that "
+            "there is nothing to compensate its plates with"
         )
     calibrations = Calibrations(
         laboratory,

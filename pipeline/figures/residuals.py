@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from hbm.spatial import Array
 from pipeline.figures.style import COLOURS, STYLE, draw_band
-from pipeline.trial.gait.cycles import mean_and_sd
+from pipeline.trial.gait.cycles import mean_and_sd, normalise
 from pipeline.trial.residuals import (
     AXES,
     DIRECTIONS,
@@ -23,6 +24,8 @@ from pipeline.trial.summary import TrialSummary
 
 UNCOUNTED = "#BBBBBB"
 """Colour of frames that do not count, and of the part of the gait cycle that does."""
+UNCERTAINTY_HATCH = "//////"
+"""Of the uncertainty of the compensation, distinct from the spread between gait cycles."""
 PART_OPACITY = 0.4
 """Curves and their bands remain visible on it."""
 
@@ -59,13 +62,16 @@ def _over_time(result: TrialResult) -> Figure:
                 panel.plot(time, values[:, k], color=UNCOUNTED, lw=0.6)
                 inside = np.where(counts, values[:, k], np.nan)
                 panel.plot(time, inside, color=COLOURS[variant], lw=0.8, label=variant)
+                if variant == "compensated" and result.uncertainty is not None:
+                    spread = np.where(counts, result.uncertainty.residual[:, k], np.nan)
+                    _draw_uncertainty(panel, time, inside, spread)
         label_panels(panels, (float(time[0]), float(time[-1])), "time (s)")
         for k, panel in enumerate(panels):
             largest = [np.abs(reported(d.residual)[counts, k]) for d in variants(result).values()]
             if counts.any():
                 panel.set_ylim(*(1.2 * np.max(largest) * np.array([-1, 1])))
         if len(variants(result)) > 1:
-            panels[0].legend(frameon=False)
+            _draw_legend(figure, panels[0])
         what = "grey: left out" if counts.any() else "all frames are left out"
         figure.suptitle(f"{result.source.name}: pelvis residuals, {what}", fontsize=10)
     return figure
@@ -82,21 +88,45 @@ def _over_cycle(result: TrialResult) -> Figure:
         figure, panels = _panels()
         side = "right" if len(result.cycles.get("right", ())) else "left"
         for variant in variants(result):
-            curves = cycle_residuals(result, variant)[side]
+            curves, spans = cycle_residuals(result, variant)[side], result.cycles[side]
             mean, sd = mean_and_sd(curves)
             percent = np.linspace(0, 100, len(mean))
             for k, panel in enumerate(panels):
                 draw_band(panel, percent, mean[:, k], sd[:, k], COLOURS[variant], label=variant)
+                if variant == "compensated" and result.uncertainty is not None:
+                    own = normalise(result.motion.time, result.uncertainty.residual[:, [k]], spans)
+                    spread = np.sqrt(np.nanmean(own[..., 0] ** 2, axis=0))
+                    _draw_uncertainty(panel, percent, mean[:, k], spread)
         label_panels(panels)
         draw_part(panels, mean_part([result]))
         if len(variants(result)) > 1:
-            panels[0].legend(frameon=False)
+            _draw_legend(figure, panels[0])
         count = len(result.cycles[side])
         figure.suptitle(
             f"{result.source.name}: pelvis residuals, mean ± SD of {count} {side} gait cycles",
             fontsize=10,
         )
     return figure
+
+
+def _draw_legend(figure: Figure, panel: Axes) -> None:
+    """Name the curves of a panel below all of them."""
+    named = panel.get_legend_handles_labels()
+    figure.legend(*named, loc="outside lower center", ncols=len(named[1]), frameon=False)
+
+
+def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> None:
+    """Draw the band of one standard deviation that the compensation adds about a curve."""
+    panel.fill_between(
+        x,
+        middle - spread,
+        middle + spread,
+        facecolor="none",
+        edgecolor=COLOURS["compensated"],
+        hatch=UNCERTAINTY_HATCH,
+        lw=0,
+        label="compensation ± 1σ, without model error",
+    )
 
 
 def mean_part(trials: Iterable[TrialResult | TrialSummary]) -> tuple[float, float] | None:

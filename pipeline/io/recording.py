@@ -177,6 +177,8 @@ class Compensation:
         Name and SHA-256 of the calibration of the moving platform; empty without one.
     belts, belts_sha256
         The same of the calibration of the belts.
+    plate_calibration, plate_calibration_sha256
+        The same of the calibration of the plates themselves.
     cutoff_hz
         Cut-off of the calibration's low-pass [Hz]: up to it the compensation is valid.
     filter
@@ -192,6 +194,8 @@ class Compensation:
     calibration_sha256: str = ""
     belts: str = ""
     belts_sha256: str = ""
+    plate_calibration: str = ""
+    plate_calibration_sha256: str = ""
     cutoff_hz: float | None = None
     filter: str = "none"
     frame: PlateFrame = "recorded"

@@ -1,7 +1,7 @@
 """Experiment 1: errors of force plates under known weights, per condition."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -13,31 +13,32 @@ from compensation import (
     PlateAlignment,
     center_of_pressure,
     fit_line_orthogonal,
-    hammer_delay,
     linearity,
 )
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide, PlatesStudy
+from pipeline.plate_accuracy.condition_effects import (
+    NO_EFFECTS,
+    ConditionEffects,
+    condition_effects,
+)
 from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
+from pipeline.plate_accuracy.recordings import HammerTrace, read_hammer_delay
+from pipeline.plate_accuracy.response import PlateResponse, fit_response
 from pipeline.plate_accuracy.trials import (
     LOADED_SHARE,
     UNALIGNED,
     WeightTrial,
     align,
-    read_hammer,
     read_weight,
     static_places,
 )
-from pipeline.statistics.factorial import anova, box_cox, compare_levels
 
 QUANTITIES: Final = ("COPx", "COPy", *WRENCH_COMPONENTS)
 ZONES: Final = ("back", "middle", "front")
 """Thirds of the belt."""
 MIN_ZONE_SAMPLES: Final = 20
 """Of a recording in a third of the belt, 0.2 s: fewer give no error there."""
-FACTORS: Final = ("speed_mps", "position_m", "mass_kg")
-MIN_TRIALS_PER_LEVEL: Final = 3
-"""On average over all factors, for an analysis of variance."""
 MIN_MASSES: Final = 3
 MIN_LOADS: Final = 4
 """Different weights, and recordings, for a linearity."""
@@ -58,13 +59,12 @@ class PlateAccuracy:
         the conditions, RMSE by difference and orthogonal RMSE [m, N, N·m]. Lab axes.
     places
         Belt -> centres of pressure and markers of a weight at rest, (n, 2) [m] each.
-    alignments, delays, linearities
+    alignments, delays, hammer_traces, linearities, responses
         Belt -> result, where there are recordings for it.
     faults
         Single faults with their uncertainty.
-    tests, pairs
-        Box–Cox exponent and three-way analysis of variance per quantity; pairs of levels,
-        Bonferroni-corrected.
+    effects
+        Of the conditions on the errors.
     """
 
     study: PlatesStudy
@@ -73,15 +73,21 @@ class PlateAccuracy:
     places: dict[BeltSide, tuple[Array, Array]]
     alignments: dict[BeltSide, PlateAlignment]
     delays: dict[BeltSide, Delay]
+    hammer_traces: dict[BeltSide, HammerTrace]
     linearities: dict[BeltSide, Linearity]
+    responses: dict[BeltSide, PlateResponse]
     faults: tuple[FaultEstimate, ...]
-    tests: pd.DataFrame
-    pairs: pd.DataFrame
+    effects: ConditionEffects
 
     @property
     def reported_errors(self) -> pd.DataFrame:
         """Errors of the recordings with supports, or of all where none has supports."""
         return self.errors[self.errors["supports"] == self.errors["supports"].any()]
+
+    @property
+    def trials_in_use(self) -> tuple[WeightTrial, ...]:
+        """The recordings with supports, or all where none has supports."""
+        return _in_use(self.trials)
 
 
 def check_plates(study: PlatesStudy) -> PlateAccuracy:
@@ -107,6 +113,13 @@ def check_plates(study: PlatesStudy) -> PlateAccuracy:
     Source: van de Loosdrecht (2018), II.A and D.1–D.2: static calibration after Goldberg et al.
     (2009), RMSE by difference and by total least squares, linearity, delay by impacts of a hammer.
     """
+    found = examine_plates(study)
+    errors = trial_errors(found.trials)
+    return replace(found, errors=errors, effects=condition_effects(errors))
+
+
+def examine_plates(study: PlatesStudy) -> PlateAccuracy:
+    """Compare plates with known weights, without errors per recording and their statistics."""
     file = study.file
     belts: list[BeltSide] = [b for b in ("left", "right") if any(w.belt == b for w in file.weights)]
     found = {belt: static_places(study, belt) for belt in belts}
@@ -116,25 +129,39 @@ def check_plates(study: PlatesStudy) -> PlateAccuracy:
         read_weight(study, weight, alignments.get(weight.belt, UNALIGNED))
         for weight in file.weights
     )
-    delays: dict[BeltSide, Delay] = {
-        impacts.belt: hammer_delay(*read_hammer(study, impacts.file, impacts.belt))
-        for impacts in file.hammer
+    struck = {impacts.belt: read_hammer_delay(study, impacts) for impacts in file.hammer}
+    delays = {belt: delay for belt, (delay, _) in struck.items()}
+    linearities = {belt: _linearity(_in_use(trials), belt, file.full_scale_n) for belt in belts}
+    fitted = {
+        belt: fit_response(
+            [trial for trial in _in_use(trials) if trial.weight.belt == belt],
+            alignments.get(belt, UNALIGNED),
+            file.full_scale_n,
+            height_stated=file.height_stated,
+        )
+        for belt in belts
     }
-    linearities = {belt: _linearity(trials, belt, file.full_scale_n) for belt in belts}
-    errors = trial_errors(trials)
-    tests, pairs = condition_effects(errors)
+    responses = {belt: one for belt, one in fitted.items() if one is not None}
     return PlateAccuracy(
         study=study,
         trials=trials,
-        errors=errors,
+        errors=pd.DataFrame(),
         places=places,
         alignments=alignments,
         delays=delays,
+        hammer_traces={belt: trace for belt, (_, trace) in struck.items()},
         linearities={belt: one for belt, one in linearities.items() if one is not None},
-        faults=estimate_faults(trials, alignments, delays, file.full_scale_n),
-        tests=tests,
-        pairs=pairs,
+        responses=responses,
+        faults=estimate_faults(
+            trials, responses, alignments, delays, height_stated=file.height_stated
+        ),
+        effects=NO_EFFECTS,
     )
+
+
+def _in_use(trials: tuple[WeightTrial, ...]) -> tuple[WeightTrial, ...]:
+    supported = any(trial.weight.supports for trial in trials)
+    return tuple(trial for trial in trials if trial.weight.supports == supported)
 
 
 def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:
@@ -163,49 +190,6 @@ def quantities(wrench: Array) -> Array:
     """Give centre of pressure along and across [m], forces and moments [N, N·m], (T, 8)."""
     threshold = LOADED_SHARE * float(np.median(np.abs(wrench[:, 2])))
     return np.hstack([center_of_pressure(wrench, threshold)[:, :2], wrench])
-
-
-def condition_effects(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Test speed, position and weight on the orthogonal errors with supports.
-
-    Parameters
-    ----------
-    errors
-        As in `PlateAccuracy`.
-
-    Returns
-    -------
-    tests
-        quantity, exponent (Box–Cox λ), effect, df, f, p, partial_eta_squared.
-    pairs
-        quantity, factor, first, second, p_bonferroni. Empty where a factor has one level or there
-        are too few recordings.
-    """
-    whole = errors[errors["zone"] == "all"]
-    supported = whole[whole["supports"]] if whole["supports"].any() else whole
-    used = [f for f in FACTORS if supported[f].nunique() > 1]
-    tests, pairs = [], []
-    for quantity, part in supported.groupby("quantity", sort=False):
-        levels = sum(part[f].nunique() for f in used)
-        if not used or len(part) < MIN_TRIALS_PER_LEVEL * levels:
-            continue
-        sizes = part["orthogonal"].to_numpy()
-        transformed = box_cox(sizes / np.exp(np.log(sizes).mean()))  # λ is the same in any unit
-        data = part.assign(y=transformed.values)
-        table = anova(data, "y", used).query("effect != 'residual'")
-        tests.append(table.assign(quantity=quantity, exponent=transformed.exponent))
-        for factor in used:
-            compared = compare_levels(data, "y", used, factor)
-            pairs.append(compared.assign(quantity=quantity, factor=factor))
-    if not tests:
-        return pd.DataFrame(), pd.DataFrame()
-    columns = ["quantity", "exponent", "effect", "df", "f", "p", "partial_eta_squared"]
-    return (
-        pd.concat(tests, ignore_index=True)[columns],
-        pd.concat(pairs, ignore_index=True)[
-            ["quantity", "factor", "first", "second", "p_bonferroni"]
-        ],
-    )
 
 
 def mean_loads(trials: Sequence[WeightTrial], belt: BeltSide) -> tuple[Array, Array]:

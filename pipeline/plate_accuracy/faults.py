@@ -1,32 +1,35 @@
 """Single faults of a plate, each with its uncertainty: to correct, or to know of."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy import stats
-from scipy.interpolate import CubicSpline
 
 from compensation import Delay, PlateAlignment
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.plate_study import BeltSide
+from pipeline.plate_accuracy.response import (
+    FX,
+    FZ,
+    MX,
+    MY,
+    PlateResponse,
+    cameras_matrix,
+    standard_error,
+)
 from pipeline.plate_accuracy.trials import WeightTrial
 from pipeline.plate_accuracy.vibration import find_vibration
 
-FX, FZ, MX, MY, MZ = 0, 2, 3, 4, 5
-EXCITED: Final = (FX, FZ, MX, MY, MZ)
-"""Components that a weight on a belt excites; no lateral force acts on it."""
-EXCITED_BY_POSITION: Final = (MX, MZ)
-"""Of these, those that only weights at different distances from the belt's middle excite."""
-CONFOUNDED: Final = {(MX, FZ), (MY, FZ), (MX, MY), (MY, MX), (MY, FX)}
-"""Cross-talk that a rotated or shifted plate, or a misstated height of the weight, causes too."""
+LEFT_OUT: Final = {(MX, FZ), (MY, FZ), (MX, MY), (MY, MX)}
+"""Cross-talk that a rotated or shifted plate causes too: it counts as that, and in total errors."""
+OF_HEIGHT: Final = (MY, FX)
+"""Cross-talk that a misstated height of the weights causes too."""
 ALPHA: Final = 0.05
 """Level of significance of all faults of all plates together."""
-MIN_MASSES: Final = 3
-"""Of different size, to separate a curvature from a gain."""
-EDGE_S: Final = 1.0
-"""At either end of a recording, where filters at 2.4 Hz are inaccurate."""
+ALIGNMENT_STEP: Final = 1e-6
+"""Of angle [rad] and offset [m], for the derivative of what they do to a wrench."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +41,8 @@ class FaultEstimate:
     belt
         The plate.
     fault
-        "angle", "offset along", "delay", "curvature", "drift", "Fz in Fx", "vibration", ….
+        "angle", "offset along", "delay", "gain of Fz", "Fz in Fx", "zero of Fz", "curvature",
+        "drift", "vibration with supports", ….
     value, standard_error
         Estimate and its standard error.
     unit
@@ -69,9 +73,11 @@ class FaultEstimate:
 
 def estimate_faults(
     trials: Sequence[WeightTrial],
+    responses: Mapping[BeltSide, PlateResponse],
     alignments: Mapping[BeltSide, PlateAlignment],
     delays: Mapping[BeltSide, Delay],
-    full_scale_n: float,
+    *,
+    height_stated: bool,
 ) -> tuple[FaultEstimate, ...]:
     """Estimate all faults of all plates.
 
@@ -79,10 +85,11 @@ def estimate_faults(
     ----------
     trials
         Recordings of known weights.
-    alignments, delays
+    responses, alignments, delays
         Belt -> result.
-    full_scale_n
-        Load at which the curvature is stated [N].
+    height_stated
+        Whether the height of the weights is known; without, the moment about the lateral axis that
+        the force along the belt causes is not listed.
 
     Returns
     -------
@@ -93,17 +100,19 @@ def estimate_faults(
     for belt, alignment in alignments.items():
         singles += _alignment_faults(belt, alignment)
     for belt, delay in delays.items():
-        freedom = len(delay.differences) - 1
-        singles.append(
-            FaultEstimate(belt, "delay", delay.seconds, delay.standard_error, "s", freedom)
-        )
-    belts = tuple(dict.fromkeys(trial.weight.belt for trial in trials))
-    for belt in belts:
-        chosen = [trial for trial in trials if trial.weight.belt == belt]
-        singles += _regression_faults(belt, chosen, full_scale_n)
+        known = (delay.seconds, delay.standard_error, "s", delay.degrees_of_freedom)
+        singles.append(FaultEstimate(belt, "delay", *known))
+    centers = {trial.weight.belt: trial.center for trial in trials}
+    for belt, response in responses.items():
+        unsure = np.zeros((6, 6))
+        if belt in alignments:
+            unsure = _errors_of_alignment(response, alignments[belt], centers[belt])
+        left_out = LEFT_OUT if height_stated else LEFT_OUT | {OF_HEIGHT}
+        singles += _matrix_faults(belt, response, unsure, left_out)
+        singles += _other_faults(belt, response)
     vibrations = [
         estimate
-        for belt in belts
+        for belt in centers
         for supports in (True, False)
         if (estimate := _vibration_fault(belt, trials, supports)) is not None
     ]
@@ -117,6 +126,62 @@ def _alignment_faults(belt: BeltSide, alignment: PlateAlignment) -> list[FaultEs
     return [
         FaultEstimate(belt, name, float(value), float(error), unit, np.inf)
         for (name, unit), value, error in zip(names, values, errors, strict=True)
+    ]
+
+
+def _errors_of_alignment(
+    response: PlateResponse, alignment: PlateAlignment, center: Array
+) -> Array:
+    """Give what the uncertainty of the static calibration adds to that of the matrix, (6, 6)."""
+    changes = []
+    for step in ALIGNMENT_STEP * np.eye(3):
+        turned = replace(alignment, angle=alignment.angle + step[0])
+        moved = replace(turned, offset=alignment.offset + step[1:])
+        change = cameras_matrix(moved, center) - cameras_matrix(alignment, center)
+        changes.append(change / ALIGNMENT_STEP @ response.matrix[0])
+    variance = np.einsum("aij,ab,bij->ij", changes, alignment.covariance, changes)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _matrix_faults(
+    belt: BeltSide, response: PlateResponse, unsure: Array, left_out: Set[tuple[int, int]]
+) -> list[FaultEstimate]:
+    value = response.aligned[0] - np.eye(6)
+    error = np.hypot(standard_error(response.aligned), unsure)
+    return [
+        FaultEstimate(
+            belt,
+            _gain_or_crosstalk(c, true),
+            float(value[c, true]),
+            float(error[c, true]),
+            _unit(c, true),
+            response.degrees_of_freedom,
+        )
+        for c in range(len(WRENCH_COMPONENTS))
+        for true in response.examined
+        if (c, true) not in left_out
+    ]
+
+
+def _other_faults(belt: BeltSide, response: PlateResponse) -> list[FaultEstimate]:
+    entries = [
+        (f"zero of {name}", response.zero[:, c], "N·m" if c > FZ else "N")
+        for c, name in enumerate(WRENCH_COMPONENTS)
+    ]
+    entries.append(("drift", response.drift[:, FZ], "N/s"))
+    if np.isfinite(response.curvature[0, FZ]):
+        entries.append(("curvature", response.curvature[:, FZ], "N"))
+    entries.append(("delay in motion", response.delay_s, "s"))
+    return [
+        FaultEstimate(
+            belt,
+            fault,
+            float(values[0]),
+            float(standard_error(values)),
+            unit,
+            response.degrees_of_freedom,
+        )
+        for fault, values, unit in entries
     ]
 
 
@@ -147,68 +212,6 @@ def _tested(estimate: FaultEstimate, tests: int) -> FaultEstimate:
     )
 
 
-def _regression_faults(
-    belt: BeltSide, trials: Sequence[WeightTrial], full_scale_n: float
-) -> list[FaultEstimate]:
-    """Estimate cross-talk, gain, delay, curvature and drift by least squares over all recordings.
-
-    The plate's error is regressed on the true wrench, its rate of change (a delay), the squared
-    load (a curvature) and time (a drift), all at once; then once more after correcting the delay,
-    so that it biases no gain. Standard errors come from leaving out each recording in turn
-    (jackknife); their degrees of freedom are the recordings less the coefficients.
-    """
-    positions = len({trial.weight.position_m for trial in trials}) > 1
-    excited = [c for c in EXCITED if positions or c not in EXCITED_BY_POSITION]
-    curved = len({trial.weight.mass_kg for trial in trials}) >= MIN_MASSES
-    scale = full_scale_n if curved else None
-    rate = len(excited) + 2  # column of the rate of change
-    freedom = len(trials) - (rate + 1 + curved)
-    if freedom < 1:
-        return []
-    delay = _regress(trials, MY, excited, scale, 0.0)[0][rate]
-    result = []
-    for c in range(len(WRENCH_COMPONENTS)):
-        value, error = _regress(trials, c, excited, scale, delay)
-        entries = [
-            (_gain_or_crosstalk(c, true), at, _unit(c, true), 0.0)
-            for at, true in enumerate(excited, start=2)
-            if (c, true) not in CONFOUNDED
-        ]
-        if c == FZ:
-            entries.append(("drift", 1, "N/s", 0.0))
-        if c == FZ and curved:
-            entries.append(("curvature", -1, "N", 0.0))
-        if c == MY:
-            entries.append(("delay in motion", rate, "s", delay))
-        result += [
-            FaultEstimate(belt, fault, float(value[at] + known), float(error[at]), unit, freedom)
-            for fault, at, unit, known in entries
-        ]
-    return result
-
-
-def _regress(
-    trials: Sequence[WeightTrial],
-    component: int,
-    excited: Sequence[int],
-    full_scale_n: float | None,
-    delay_s: float,
-) -> tuple[Array, Array]:
-    """Coefficients and errors: constant, time, true wrench, its rate, the squared load."""
-    rows = []
-    for trial in trials:
-        spline = CubicSpline(trial.time, trial.slow_measured[:, component])
-        inside = (trial.time > trial.time[0] + EDGE_S) & (trial.time < trial.time[-1] - EDGE_S)
-        truth, time = trial.slow_truth, trial.time
-        columns = [np.ones(len(time)), time - time[0], *truth[:, excited].T]
-        columns.append(-np.gradient(truth[:, component], time))
-        if full_scale_n is not None:
-            columns.append((truth[:, FZ] / full_scale_n) ** 2)
-        error = spline(trial.time + delay_s) - truth[:, component]
-        rows.append((np.column_stack(columns)[inside], error[inside]))
-    return _clustered(rows)
-
-
 def _gain_or_crosstalk(measured: int, true: int) -> str:
     component = WRENCH_COMPONENTS[measured]
     return (
@@ -219,22 +222,3 @@ def _gain_or_crosstalk(measured: int, true: int) -> str:
 def _unit(measured: int, true: int) -> str:
     moment, force = measured > FZ, true < MX
     return "N·m/N" if moment and force else "1/m" if not moment and not force else "1"
-
-
-def _clustered(rows: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Least squares; standard errors from leaving out each cluster in turn (jackknife)."""
-    scale = np.sqrt(np.mean(np.vstack([x for x, _ in rows]) ** 2, axis=0))
-    scale[scale == 0] = 1
-    gram = np.array([(x / scale).T @ (x / scale) for x, _ in rows])
-    cross = np.array([(x / scale).T @ y for x, y in rows])
-    whole, total = gram.sum(axis=0), cross.sum(axis=0)
-    value = np.linalg.pinv(whole, hermitian=True) @ total
-    without = np.array(
-        [
-            np.linalg.pinv(whole - g, hermitian=True) @ (total - c)
-            for g, c in zip(gram, cross, strict=True)
-        ]
-    )
-    count = len(rows)
-    error = np.sqrt((count - 1) / count * np.sum((without - value) ** 2, axis=0))
-    return value / scale, error / scale

@@ -6,14 +6,16 @@ from typing import Final
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import welch
 
 from compensation import Delay, PlateAlignment
 from hbm.spatial import Array
-from pipeline.config.plate_study import BeltSide
+from pipeline.config.plate_study import BeltSide, WeightRecording
 from pipeline.figures.style import COLOURS, STYLE
-from pipeline.plate_accuracy.accuracy import mean_loads
+from pipeline.plate_accuracy.accuracy import mean_loads, quantities
+from pipeline.plate_accuracy.recordings import AROUND_S, HammerTrace
 from pipeline.plate_accuracy.trials import RATE_HZ, WeightTrial
 
 CONDITIONS: Final = {
@@ -22,6 +24,8 @@ CONDITIONS: Final = {
     "position_m": "start, from the belt's outer edge (m)",
 }
 """Column of the errors -> its name on an axis."""
+SHOWN_S: Final = 10.0
+"""Of a recording: thirty periods of a vibration of 3 Hz."""
 BAR_GROUP_WIDTH: Final = 0.8
 """Of the distance between levels, shared by the bars of a level."""
 SPECTRUM_WINDOW_S: Final = 5.0
@@ -94,32 +98,82 @@ def linearity_figure(trials: Sequence[WeightTrial]) -> Figure:
 
 
 def vibration_figure(trials: Sequence[WeightTrial]) -> Figure:
-    """Draw the spectrum of the centre of pressure minus the marker, by supports (Fig. F.1c)."""
+    """Draw the centre of pressure in time, minus the marker (Fig. F.1c), and a spectrum.
+
+    In time: where recordings are compared, of two recordings of equal conditions but for the
+    supports, if there are such. The spectrum is of the difference from the true centre of pressure.
+    """
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(6, 3.5), layout="constrained")
-        panel = figure.subplots()
-        for supports, colour in ((True, "compensated"), (False, "measured")):
+        figure = Figure(figsize=(6, 5), layout="constrained")
+        in_time, spectrum = figure.subplots(2, 1)
+        for trial in _alike(trials):
+            time = trial.time - trial.time[trial.used][0]
+            shown = (time >= 0) & (time <= SHOWN_S)
+            in_time.plot(
+                time[shown],
+                np.where(trial.used, _from_marker(trial), np.nan)[shown],
+                color=_colour(trial),
+                lw=0.8,
+                zorder=2 + trial.weight.supports,
+            )
+            weight = trial.weight
+        in_time.set_title(
+            f"{weight.belt}, {weight.profile} at {weight.speed_mps:g} m/s, {weight.mass_kg:g} kg, "
+            f"{weight.position_m:g} m from the edge",
+            loc="left",
+        )
+        for supports in (True, False):
             chosen = [t for t in trials if t.weight.supports == supports]
             if not chosen:
                 continue
             length = min(int(SPECTRUM_WINDOW_S * RATE_HZ), min(len(t.time) for t in chosen))
             spectra = []
             for trial in chosen:
-                difference = -(trial.measured[:, 4] - trial.truth[:, 4]) / trial.truth[:, 2].mean()
-                hz, density = welch(1000 * difference, RATE_HZ, nperseg=length)
+                hz, density = welch(_error(trial), RATE_HZ, nperseg=length)
                 spectra.append(density)
             inside = (hz > 0) & (hz <= MAX_SPECTRUM_HZ)
-            panel.semilogy(
+            spectrum.semilogy(
                 hz[inside],
                 np.mean(spectra, axis=0)[inside],
-                color=COLOURS[colour],
+                color=_colour(chosen[0]),
                 label="with supports" if supports else "without supports",
             )
-        panel.yaxis.set_major_formatter("{x:g}")
-        panel.set_xlabel("frequency (Hz)")
-        panel.set_ylabel("CoP along the belt (mm²/Hz)")
-        panel.legend(frameon=False)
+        in_time.set_xlabel("time (s)")
+        in_time.set_ylabel("CoP along the belt − marker (mm)")
+        spectrum.yaxis.set_major_formatter("{x:g}")
+        spectrum.set_xlabel("frequency (Hz), all recordings")
+        spectrum.set_ylabel("CoP error (mm²/Hz)")
+        spectrum.legend(frameon=False)
     return figure
+
+
+def _alike(trials: Sequence[WeightTrial]) -> list[WeightTrial]:
+    """Give recordings equal but for the supports; of several such, the median by spread."""
+    groups: dict[WeightRecording, list[WeightTrial]] = {}
+    for trial in trials:
+        conditions = trial.weight.model_copy(update={"file": "", "supports": True})
+        groups.setdefault(conditions, []).append(trial)
+    both = [g for g in groups.values() if len({t.weight.supports for t in g}) > 1]
+    ordered = sorted(
+        both or groups.values(),
+        key=lambda group: max(float(np.std(_from_marker(t)[t.used])) for t in group),
+    )
+    middle = ordered[len(ordered) // 2]
+    return list({trial.weight.supports: trial for trial in middle}.values())
+
+
+def _from_marker(trial: WeightTrial) -> Array:
+    """Give the measured centre of pressure along the belt minus the marker, (T,) [mm]."""
+    return np.asarray(1000 * (quantities(trial.measured) - trial.marker[:, :1])[:, 0])
+
+
+def _error(trial: WeightTrial) -> Array:
+    """Give the measured centre of pressure along the belt minus the true one, (T,) [mm]."""
+    return np.asarray(1000 * (quantities(trial.measured) - quantities(trial.truth))[:, 0])
+
+
+def _colour(trial: WeightTrial) -> str:
+    return COLOURS["compensated" if trial.weight.supports else "measured"]
 
 
 def static_figure(
@@ -166,3 +220,42 @@ def hammer_figure(delays: Mapping[BeltSide, Delay]) -> Figure | None:
         panel.set_ylabel("plate later than marker (ms)")
         panel.legend(frameon=False)
     return figure
+
+
+def hammer_trace_figure(traces: Mapping[BeltSide, HammerTrace]) -> Figure | None:
+    """Draw marker and force around one impact per belt, and the delay between them (Fig. F.1f)."""
+    if not traces:
+        return None
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(3 * len(traces) + 1, 4), layout="constrained")
+        panels = figure.subplots(2, len(traces), sharex=True, sharey="row", squeeze=False)
+        for (above, below), (belt, trace) in zip(panels.T, traces.items(), strict=True):
+            _draw_impact(above, below, trace)
+            above.set_title(f"{belt}: plate {1000 * trace.impact.delay_s:.1f} ms later", loc="left")
+            below.set_xlabel("time (ms)")
+        panels[0, 0].set_ylabel("marker (mm)")
+        panels[1, 0].set_ylabel("vertical force (N)")
+        lines = panels[0, 0].get_legend_handles_labels()
+        figure.legend(*lines, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _draw_impact(above: Axes, below: Axes, trace: HammerTrace) -> None:
+    """Draw the marker with its two paths, and the force with its centroid in time."""
+    impact, marker, plate = trace.impact, COLOURS["compensated"], COLOURS["measured"]
+    lowest = float(trace.height.min())
+    above.plot(
+        1000 * (trace.time - impact.marker_s), 1000 * (trace.height - lowest), "o", ms=3, c=marker
+    )
+    for path, end in ((impact.path_before, -AROUND_S), (impact.path_after, AROUND_S)):
+        since = np.linspace(0, end, 50)
+        height = np.polynomial.polynomial.polyval(since, path) - lowest
+        above.plot(1000 * since, 1000 * height, color=marker, lw=0.8)
+    below.plot(
+        1000 * (trace.force_time - impact.marker_s), trace.force, ".-", ms=3, lw=0.8, c=plate
+    )
+    for panel in (above, below):
+        panel.axvline(0, color=marker, lw=0.8, ls="--", label="paths of the marker meet")
+        panel.axvline(
+            1000 * impact.delay_s, color=plate, lw=0.8, ls="--", label="centroid of the force"
+        )

@@ -1,23 +1,33 @@
 """Experiment 1 on one page: verdict, faults, Table I."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pandas as pd
 
+from pipeline.config.plate_study import BeltSide
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
+from pipeline.plate_accuracy.condition_effects import LAB_NOTE, effects_section
+from pipeline.plate_accuracy.correction import DELAY_METHODS, chosen_delay
 from pipeline.plate_accuracy.figures import (
     error_figure,
     hammer_figure,
+    hammer_trace_figure,
     linearity_figure,
     static_figure,
     vibration_figure,
 )
 from pipeline.plate_accuracy.trials import THESIS_FILTER
-from pipeline.plate_accuracy.verdict import PlateVerdict, describe, judge, marker_noise
+from pipeline.plate_accuracy.verdict import PlateVerdict, describe, judge
+from pipeline.plate_accuracy.verdict_page import (
+    judged_table,
+    verdict_sections,
+    write_calibration,
+)
 
 COLUMNS: Final = {
     "COPx (mm)": ("COPy", 1000.0),
@@ -36,7 +46,6 @@ TABLE_NOTE: Final = (
     "Orthogonal errors (TLLS) with supports, where nothing else is stated and there are such "
     "recordings."
 )
-LAB_NOTE: Final = "Lab axes: x forward, y left, z up."
 
 
 def table_1(errors: pd.DataFrame) -> pd.DataFrame:
@@ -78,8 +87,8 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def write_report(found: PlateAccuracy, out: Path) -> PlateVerdict:
-    """Write tables, figures and ``verdict.md``.
+def write_report(found: PlateAccuracy, out: Path) -> tuple[PlateVerdict, ...]:
+    """Write tables, figures, ``verdict.md``, and ``plate_calibration.json`` where one is needed.
 
     Parameters
     ----------
@@ -90,17 +99,17 @@ def write_report(found: PlateAccuracy, out: Path) -> PlateVerdict:
 
     Returns
     -------
-    PlateVerdict
-        Whether the plates are fit for inverse dynamics.
+    tuple[PlateVerdict, ...]
+        Whether each plate is fit for inverse dynamics.
     """
     table = table_1(found.errors)
     write_csv(table, out / "table_1.csv")
     write_csv(found.errors, out / "errors.csv")
     write_csv(_fault_table(found), out / "faults.csv")
     write_text(f"{TABLE_NOTE}\n\n{markdown(table, 1)}\n", out / "table_1.md")
-    if len(found.tests):
-        write_csv(found.tests, out / "anova.csv")
-        write_csv(found.pairs, out / "pairs.csv")
+    if len(found.effects.tests):
+        write_csv(found.effects.tests, out / "anova.csv")
+        write_csv(found.effects.pairs, out / "pairs.csv")
     figures = {
         "error_by_place_and_speed": error_figure(found.errors, "zone", "speed_mps"),
         "error_by_position": error_figure(found.errors, "position_m", "belt"),
@@ -108,13 +117,16 @@ def write_report(found: PlateAccuracy, out: Path) -> PlateVerdict:
         "vibration": vibration_figure(found.trials),
         "static": static_figure(found.places, found.alignments),
         "delay": hammer_figure(found.delays),
+        "hammer_trace": hammer_trace_figure(found.hammer_traces),
     }
     for name, figure in figures.items():
         if figure is not None:
             save_figure(figure, out / "figures" / f"{name}.png")
-    verdict = judge(found)
-    write_text(_page(found, verdict), out / "verdict.md")
-    return verdict
+    verdicts = judge(found)
+    write_csv(judged_table(verdicts), out / "judged.csv")
+    write_text(_page(found, verdicts), out / "verdict.md")
+    write_calibration(found.study, verdicts, out)
+    return verdicts
 
 
 def _fault_table(found: PlateAccuracy) -> pd.DataFrame:
@@ -123,11 +135,10 @@ def _fault_table(found: PlateAccuracy) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def _page(found: PlateAccuracy, verdict: PlateVerdict) -> str:
-    lines = [f"# {found.study.file.name}", f"**{verdict.sentence}**"]
-    for title, items in (("Against", verdict.against), ("To correct", verdict.corrections)):
-        if items:
-            lines.append(f"## {title}\n\n" + _listed(items))
+def _page(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> str:
+    lines = [f"# {found.study.file.name}"]
+    lines += [f"**{verdict.sentence}**" for verdict in verdicts]
+    lines += verdict_sections(found, verdicts)
     significant = [describe(fault) for fault in found.faults if fault.significant]
     lines += [
         "## Faults that differ significantly from zero",
@@ -142,13 +153,7 @@ def _page(found: PlateAccuracy, verdict: PlateVerdict) -> str:
         TABLE_NOTE,
         markdown(table_1(found.errors), 1),
     ]
-    if len(found.tests):
-        lines += [
-            "## Effects of speed, position and weight",
-            f"{LAB_NOTE} Orthogonal errors after a Box–Cox transformation (exponent), analysis of "
-            "variance of type III, main effects; pairs of levels are in pairs.csv.",
-            markdown(found.tests, 3),
-        ]
+    lines += effects_section(found.effects)
     return "\n\n".join(lines) + "\n"
 
 
@@ -160,8 +165,9 @@ def _measurements(found: PlateAccuracy) -> list[str]:
         for belt, a in found.alignments.items()
     ]
     lines += [
-        f"{belt}: non-linearity {x.nonlinearity:.2f} N, {x.percent_of_full_scale:.2f} % of full "
-        f"scale; R² {x.r_squared_first:.5f}, of second order {x.r_squared_second:.5f}"
+        f"{belt}: slope of measured over known load {x.slope:.5f} ± {x.slope_uncertainty:.5f}; "
+        f"non-linearity {x.nonlinearity:.2f} N, {x.percent_of_full_scale:.2f} % of full scale; "
+        f"R² {x.r_squared_first:.5f}, of second order {x.r_squared_second:.5f}"
         for belt, x in found.linearities.items()
     ]
     lines += [
@@ -171,10 +177,16 @@ def _measurements(found: PlateAccuracy) -> list[str]:
         if fault.fault == "delay"
     ]
     belts = sorted({t.weight.belt for t in found.trials})
-    of_marker = marker_noise(found)
+    late = {belt: chosen_delay([f for f in found.faults if f.belt == belt]) for belt in belts}
     lines += [
-        f"{belt}: noise of the marker causes about {of_marker[belt, 'Fz']:.1f} N of each force "
-        "error"
+        f"{belt}: the delay {DELAY_METHODS[one.method]}, {1000 * one.delay.seconds:.2f} ± "
+        f"{1000 * one.delay.uncertainty:.2f} ms, is the one that is judged and corrected"
+        for belt, one in late.items()
+        if one is not None
+    ]
+    lines += [
+        f"{belt}: noise of the marker causes about {_marker_noise(found, belt):.1f} N of each "
+        "force error by difference in Table I"
         for belt in belts
     ]
     for belt in belts:
@@ -184,6 +196,15 @@ def _measurements(found: PlateAccuracy) -> list[str]:
             f"{belt}: noise above {found.study.file.cutoff_hz:g} Hz {forces} N and {moments} N·m"
         )
     return lines
+
+
+def _marker_noise(found: PlateAccuracy, belt: BeltSide) -> float:
+    """Give the force that noise of the marker seems to be [N].
+
+    The weight does not leave the belt, so the vertical acceleration of its marker is noise.
+    """
+    trials = [t for t in found.trials if t.weight.belt == belt]
+    return float(np.mean([np.std(t.truth[t.used, 2]) for t in trials]))
 
 
 def _listed(items: tuple[str, ...] | list[str]) -> str:

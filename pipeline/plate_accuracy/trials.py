@@ -13,10 +13,9 @@ from compensation import (
 )
 from hbm.signals.filtering import LowPassMethod, low_pass
 from hbm.signals.resampling import interpolate
-from hbm.spatial import Array, Mask, shift_wrench, transform_wrench
-from pipeline.config.plate_study import BeltSide, PlatesFile, PlatesStudy, WeightRecording
-from pipeline.io.c3d.read import read_c3d
-from pipeline.io.recording import Plate, Recording
+from hbm.spatial import GRAVITY_MPS2, Array, Mask, shift_wrench, transform_wrench
+from pipeline.config.plate_study import BeltSide, PlatesStudy, WeightRecording
+from pipeline.plate_accuracy.recordings import read_with_marker
 
 RATE_HZ: Final = 100.0
 """At which errors are compared: five times the cut-off."""
@@ -73,12 +72,17 @@ class WeightTrial:
         Wrenches of plate and weight, (T, 6) [N, N·m], low-passed at the study's cut-off.
     slow_marker, slow_measured, slow_truth
         The same, wrenches about the centre of the plate, low-passed at 2.4 Hz.
+    slow_noise
+        Standard deviation of what is noise of the slow marker in that truth, (6,) [N, N·m]: a force
+        along the belt like the vertical one that the marker seems to show, and its moment.
     used
         Samples that are compared, (T,): the middle half of the belt at constant speed, else all.
     noise
         Standard deviation of the plate above the cut-off, (6,) [N, N·m].
     belt_ends
         Ends of the belt along x [m].
+    center
+        Centre of the plate's surface in its file, (3,) [m].
     """
 
     weight: WeightRecording
@@ -89,9 +93,11 @@ class WeightTrial:
     slow_marker: Array
     slow_measured: Array
     slow_truth: Array
+    slow_noise: Array
     used: Mask
     noise: Array
     belt_ends: tuple[float, float]
+    center: Array
 
 
 def read_weight(
@@ -119,10 +125,10 @@ def read_weight(
         If marker or plate are missing, the marker has a gap, or the recording is too short.
     """
     file = study.file
-    _, plate, time, marker = _read(study, weight.file, weight.belt, file.marker)
+    plate, time, marker = read_with_marker(study, weight.file, weight.belt, file.marker)
     clock, rate = plate.time, plate.rate_hz
     seen = (clock >= time[0]) & (clock <= time[-1])
-    clock, raw = clock[seen], _to_cameras(plate.wrench[seen], alignment)
+    clock, raw = clock[seen], to_cameras(plate.wrench[seen], alignment)
     if len(clock) < MIN_DURATION_S * rate:
         raise ValueError(
             f"{weight.file}: {len(clock) / rate:.1f} s are too short, give "
@@ -145,7 +151,9 @@ def read_weight(
         used &= from_middle <= CONSTANT_SPEED_SHARE * (front - rear) / 2
     if np.count_nonzero(used) < MIN_USED_S * RATE_HZ:
         raise ValueError(f"{weight.file}: the weight was hardly in the middle half of the belt")
-    slow_truth = _without_lateral_noise(true_wrench(slow_place), slow_place[every], file)
+    slow_truth = true_wrench(slow_place)
+    weight_n = weight.mass_kg * GRAVITY_MPS2
+    slow_clean = _without_noise(slow_truth, slow_place[every], weight_n, file.center_height_m)
     return WeightTrial(
         weight=weight,
         time=clock[every],
@@ -154,10 +162,12 @@ def read_weight(
         truth=true_wrench(place),
         slow_marker=slow_place[every],
         slow_measured=shift_wrench(slow[every], plate.center),
-        slow_truth=shift_wrench(slow_truth, plate.center),
+        slow_truth=shift_wrench(slow_clean, plate.center),
+        slow_noise=np.std(slow_truth[used, 2]) * np.array([1, 0, 0, 0, file.center_height_m, 0]),
         used=used,
         noise=np.std(raw - filtered, axis=0),
         belt_ends=(rear, front),
+        center=plate.center,
     )
 
 
@@ -178,8 +188,8 @@ def static_places(study: PlatesStudy, belt: BeltSide) -> tuple[Array, Array] | N
     plate_points, camera_points = [], []
     names = [recording.file for recording in study.file.static if recording.belt == belt]
     for name in names:
-        recording, plate, time, marker = _read(study, name, belt, study.file.marker)
-        rate = recording.markers.rate_hz
+        plate, time, marker = read_with_marker(study, name, belt, study.file.marker)
+        rate = (len(time) - 1) / float(time[-1] - time[0])
         slow = low_pass(plate.wrench, plate.rate_hz, REST_CUTOFF_HZ, OWN_FILTER)
         wrench = interpolate(plate.time, slow, time)
         threshold = PLACED_SHARE * float(np.nanpercentile(wrench[:, 2], 90))
@@ -228,48 +238,17 @@ def align(plate_points: Array, camera_points: Array) -> PlateAlignment:
     return replace(alignment, covariance=off.T @ off * (count - 1) / count)
 
 
-def read_hammer(study: PlatesStudy, name: str, belt: BeltSide) -> tuple[Array, Array, Array, Array]:
-    """Give marker times, marker height, plate times and unfiltered vertical force of impacts."""
-    _, plate, time, marker = _read(study, name, belt, study.file.hammer_marker)
-    return time, marker[:, 2], plate.time, plate.wrench[:, 2]
+def _without_noise(wrench: Array, marker: Array, weight_n: float, height_m: float) -> Array:
+    """Remove the lateral and the varying vertical force of a true wrench: noise of the marker.
 
-
-def _read(
-    study: PlatesStudy, name: str, belt: BeltSide, label: str
-) -> tuple[Recording, Plate, Array, Array]:
-    """Give a recording, its plate, and times and positions of a marker while it is seen."""
-    file: PlatesFile = study.file
-    recording = read_c3d(study.folder / name, file.stated)
-    if label not in recording.markers.names:
-        present = ", ".join(recording.markers.names) or "none"
-        raise ValueError(f"{name}: no marker {label!r}; markers there: {present}")
-    number = file.plate_numbers.get(belt)
-    plate = next((p for p in recording.plates if p.number == number), None)
-    if plate is None:
-        raise ValueError(f"{name}: no plate {number} for the {belt} belt (plate_numbers)")
-    marker = recording.markers.position[:, recording.markers.names.index(label)]
-    seen = np.asarray(np.isfinite(marker).all(axis=1))
-    if not seen.any():
-        raise ValueError(f"{name}: marker {label!r} is never seen")
-    first, last = np.flatnonzero(seen)[[0, -1]]
-    if not seen[first : last + 1].all():
-        raise ValueError(f"{name}: marker {label!r} has a gap; fill the gap or cut it off first")
-    rows = slice(first, last + 1)
-    return recording, plate, recording.markers.time[rows], marker[rows]
-
-
-def _without_lateral_noise(wrench: Array, marker: Array, file: PlatesFile) -> Array:
-    """Remove the lateral force of a true wrench, which is noise of the marker.
-
-    The weight moves along the belt only. Multiplied by the distance along the belt, this noise
-    would be most of the moment about the vertical, and noise in a regressor biases its coefficient
-    towards zero.
+    The weight moves along the belt only, and does not leave it. Multiplied by the distance along
+    the belt, this noise would be most of the moments about the lateral and the vertical axis, and
+    noise in a regressor biases its coefficient towards zero.
     """
-    lateral = wrench[:, 1].copy()
-    wrench[:, 1] = 0
-    wrench[:, 3] += file.center_height_m * lateral
-    wrench[:, 5] -= marker[:, 0] * lateral
-    return wrench
+    noise = wrench[:, :3] - [0.0, 0.0, weight_n]
+    noise[:, 0] = 0
+    place = np.column_stack([marker[:, :2], np.full(len(marker), height_m)])
+    return np.asarray(wrench - np.hstack([noise, np.cross(place, noise)]))
 
 
 def _without_drift(time: Array, wrench: Array, empty: Mask) -> Array:
@@ -280,7 +259,8 @@ def _without_drift(time: Array, wrench: Array, empty: Mask) -> Array:
     return np.asarray(wrench - basis @ np.linalg.lstsq(basis[empty], wrench[empty])[0])
 
 
-def _to_cameras(wrench: Array, alignment: PlateAlignment) -> Array:
+def to_cameras(wrench: Array, alignment: PlateAlignment) -> Array:
+    """Bring a plate's wrenches about the lab origin to the cameras' frame, (T, 6) both."""
     rotation = np.eye(3)
     rotation[:2, :2] = alignment.rotation.T
     return transform_wrench(wrench, rotation, -rotation @ np.append(alignment.offset, 0.0))

@@ -1,158 +1,254 @@
-"""The verdict of experiment 1: whether the plates are accurate enough, and what to correct."""
+"""The verdict of experiment 1: whether each plate is accurate enough, and what to correct."""
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
+from compensation import PlateCalibration
+from hbm.notes import Note
+from pipeline.config.plate_study import BeltSide
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
+from pipeline.plate_accuracy.correction import delay_notes, plate_calibration
 from pipeline.plate_accuracy.faults import FaultEstimate
+from pipeline.plate_accuracy.judgement import (
+    DISPLAY_UNITS,
+    TOTAL,
+    Judged,
+    judge_faults,
+    judge_linearity,
+    judge_noise,
+    judge_totals,
+    rounded,
+)
+from pipeline.plate_accuracy.response import EXCITED, MIN_MASSES
+from pipeline.plate_accuracy.stance import stance_loads
 
-DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
-"""Unit of an estimate -> factor and unit in which people read it."""
+Verdict = Literal["fit", "fit after correction", "not fit", "cannot be told"]
+MAX_FAULTS: Final = 3
+MAX_TOTALS: Final = 2
+"""In the sentence of a verdict; verdict.md lists all."""
+MAX_MORE: Final = 10
+"""Times as many recordings are worth advising; where more are needed, the error is its limit."""
+COEFFICIENTS: Final = len(EXCITED) + 4
+"""Of a plate's response: with a constant, time, the delay and the curvature."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlateVerdict:
-    """Whether plates are fit for inverse dynamics.
+    """Whether a plate is fit for inverse dynamics.
 
     Attributes
     ----------
-    against
-        Errors beyond their limit that cannot be corrected, as sentences.
-    corrections
-        Errors beyond their limit that can be corrected, and how.
-    unexamined
-        What could not be examined on every plate, for lack of recordings.
+    belt
+        The plate.
+    judged
+        Every estimate and total error beside its limit.
+    corrected
+        Total errors after correction; empty where nothing is to be corrected.
+    to_record
+        What is missing for a verdict.
+    remarks
+        What else was not examined.
+    notes
+        Contradictions between methods.
+    calibration
+        The correction of the plate; None where nothing is to be corrected.
+    recordings
+        Of weights, on this plate.
+    with_supports
+        True where there are recordings with and without supports: the verdict is for use with them.
     """
 
-    against: tuple[str, ...]
-    corrections: tuple[str, ...]
-    unexamined: tuple[str, ...]
+    belt: BeltSide
+    judged: tuple[Judged, ...]
+    corrected: tuple[Judged, ...]
+    to_record: tuple[str, ...]
+    remarks: tuple[str, ...]
+    notes: tuple[Note, ...]
+    calibration: PlateCalibration | None
+    recordings: int
+    with_supports: bool
 
     @property
-    def fit(self) -> bool:
-        """True if every error beyond its limit can be corrected."""
-        return not self.against
+    def verdict(self) -> Verdict:
+        """The verdict: by what is beyond its limit first, then by what is not known."""
+        statuses = {one.status for one in self.judged}
+        if "beyond" in statuses:
+            left = {one.status for one in self._left}
+            return "not fit" if self.to_record or left != {"within"} else "fit after correction"
+        return "cannot be told" if self.to_record or "unclear" in statuses else "fit"
+
+    @property
+    def _left(self) -> tuple[Judged, ...]:
+        """What a correction leaves."""
+        return (*(one for one in self.judged if one.remedy == "none"), *self.corrected)
+
+    @property
+    def reasons(self) -> tuple[Judged, ...]:
+        """What the verdict is for: single faults, then total errors, the largest first."""
+        if self.verdict == "cannot be told":
+            found = [one for one in self.judged if one.status == "unclear"]
+        else:
+            found = [one for one in self.judged if one.status == "beyond"]
+        if self.verdict == "not fit":
+            found = [one for one in self._left if one.status == "beyond"] or found
+        return tuple(
+            sorted(found, key=lambda one: (one.name.startswith(TOTAL), -one.size / one.limit))
+        )
+
+    @property
+    def corrections(self) -> tuple[str, ...]:
+        """What to do about what can be corrected."""
+        lines = []
+        if self.calibration is not None:
+            lines.append("apply the plate's calibration (plate_calibration.json)")
+            if self.calibration.offset.any():
+                lines.append(
+                    "zero the plate before every recording: the calibration subtracts the zero "
+                    "that these recordings had"
+                )
+        return tuple(lines)
 
     @property
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        if not self.fit:
-            return f"Not fit for inverse dynamics: {'; '.join(self.against)}."
-        limited = ""
-        if self.unexamined:
-            limited = f", as far as was examined (not: {'; '.join(self.unexamined)})"
-        if self.corrections:
+        used = " with supports" if self.with_supports else ""
+        start, reasons = f"{self.belt} plate{used}: ", self._listed_reasons()
+        if self.verdict == "fit":
+            return f"{start}fit for inverse dynamics; lateral force was not examined."
+        missing = "; ".join([*self.to_record, *self._advice()])
+        if self.verdict == "fit after correction":
             needed = "; ".join(self.corrections)
-            return f"Fit for inverse dynamics{limited} once corrected: {needed}."
-        return f"Fit for inverse dynamics{limited}."
+            return (
+                f"{start}not fit for inverse dynamics as it is, fit after correction: {needed}. "
+                f"Found: {reasons}. Lateral force was not examined."
+            )
+        if self.verdict == "not fit":
+            final = any(one.status == "beyond" for one in self._left)
+            rest = "" if final else f" Whether a correction is enough cannot be told: {missing}."
+            return f"{start}not fit for inverse dynamics: {reasons}.{rest}"
+        known = f" Near a limit: {reasons}." if reasons else ""
+        return f"{start}whether it is fit for inverse dynamics cannot be told: {missing}.{known}"
+
+    def _listed_reasons(self) -> str:
+        """List the largest of the single faults and of the total errors."""
+        totals = [one for one in self.reasons if one.name.startswith(TOTAL)]
+        singles = [one for one in self.reasons if one not in totals]
+        listed = [one.sentence for one in (*singles[:MAX_FAULTS], *totals[:MAX_TOTALS])]
+        if more := len(self.reasons) - len(listed):
+            listed.append(f"and {more} more")
+        return "; ".join(listed)
+
+    def _advice(self) -> list[str]:
+        """Say how many recordings would decide what is unclear."""
+        everything = (*self.judged, *self.corrected)
+        unclear = [one for one in everything if one.status == "unclear"]
+        if not unclear:
+            return []
+        with np.errstate(divide="ignore"):
+            more = {
+                one.name: np.square((one.high - one.low) / 2 / np.abs(one.size - one.limit)) - 1
+                for one in unclear
+            }
+        name = max(more, key=lambda each: more[each])
+        if not more[name] < MAX_MORE:
+            return [f"{name} is so close to its limit that more recordings would hardly tell"]
+        number = max(math.ceil(more[name] * self.recordings), 1)
+        return [f"record about {number} more weights on this plate"]
 
 
-def judge(found: PlateAccuracy) -> PlateVerdict:
-    """Judge whether the plates are fit for inverse dynamics, by the study's limits."""
-    against, corrections = _judge_faults(found)
+def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
+    """Judge whether plates are fit for inverse dynamics, by the study's limits.
+
+    Parameters
+    ----------
+    found
+        The results.
+
+    Returns
+    -------
+    tuple[PlateVerdict, ...]
+        One per plate. Total errors are those at loads of a person of the stated mass: the linear
+        response and its curvature are extrapolated from the weights, with their uncertainty; what
+        neither describes at larger loads is not known.
+    """
+    belts = dict.fromkeys(trial.weight.belt for trial in found.trials)
+    return tuple(_judge_plate(found, belt) for belt in belts)
+
+
+def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
+    file = found.study.file
+    faults = [fault for fault in found.faults if fault.belt == belt]
+    supported = any(trial.weight.supports for trial in found.trials)
+    judged = judge_faults(faults, file.limits, file.full_scale_n, supported)
+    if belt in found.linearities:
+        judged += judge_linearity(found.linearities[belt], file.limits, file.full_scale_n)
+    response, corrected, calibration = found.responses.get(belt), [], None
+    if response is not None:
+        judged += judge_noise(response, file.limits)
+    if response is not None and response.complete:
+        loads = stance_loads(file.body_mass_kg)
+        judged = [*judge_totals(response, loads, file.limits), *judged]
+        if any(one.remedy == "calibration" and one.status != "within" for one in judged):
+            center = next(t.center for t in found.trials if t.weight.belt == belt)
+            number = file.plate_numbers[belt]
+            calibration = plate_calibration(number, center, response, faults)
+            corrected = judge_totals(response, loads, file.limits, calibration)
     return PlateVerdict(
-        (*against, *_nonlinear(found), *_inaccurate(found)), corrections, _unexamined(found)
+        belt,
+        tuple(judged),
+        tuple(corrected),
+        _to_record(found, belt),
+        _remarks(found, belt),
+        delay_notes(faults),
+        calibration,
+        len([trial for trial in found.trials_in_use if trial.weight.belt == belt]),
+        with_supports=len({trial.weight.supports for trial in found.trials}) > 1,
     )
 
 
-def _judge_faults(found: PlateAccuracy) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Give the faults beyond their limits: those that disqualify, and those to correct."""
-    limits = found.study.file.limits
-    against, corrections = [], []
-    supported = any(t.weight.supports for t in found.trials)
-    in_use = f"vibration {'with' if supported else 'without'} supports"
-    for fault in found.faults:
-        if not fault.significant:
-            continue
-        size, name = abs(fault.value), fault.fault
-        if (name == "angle" and size > limits.angle_deg) or (
-            name.startswith("offset") and size > limits.offset_m
-        ):
-            corrections.append(f"{describe(fault)}: align the {fault.belt} plate with the cameras")
-        elif name == "delay" and size > limits.delay_s:
-            corrections.append(
-                f"{describe(fault)}: state plate_delay_s = {fault.value:.4f} in study.toml"
-            )
-        elif name == in_use and size > limits.cop_m:
-            against.append(f"{describe(fault)}, more than {1000 * limits.cop_m:g} mm")
-        elif name.startswith("vibration") and size > limits.cop_m:
-            corrections.append(f"{describe(fault)}: measure with the supports")
-    return tuple(against), tuple(corrections)
+def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
+    """Give what has to be recorded before anything can be said of a person's load."""
+    trials = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
+    lines = []
+    masses = len({trial.weight.mass_kg for trial in trials})
+    if masses < MIN_MASSES:
+        lines.append(f"record {MIN_MASSES} different weights or more, there are {masses}")
+    if len({trial.weight.position_m for trial in trials}) < 2:
+        lines.append("record weights at two distances from the belt's middle or more")
+    if len(trials) <= COEFFICIENTS:
+        lines.append(f"record {COEFFICIENTS + 1} times or more, there are {len(trials)} recordings")
+    if all(trial.weight.profile == "constant" for trial in trials):
+        lines.append("record changing belt speeds (sine, square): only they exert a force along it")
+    return tuple(lines)
 
 
-def _nonlinear(found: PlateAccuracy) -> list[str]:
-    limit = found.study.file.limits.nonlinearity_percent
-    return [
-        f"{belt}: non-linearity {linearity.nonlinearity:.1f} N, "
-        f"{linearity.percent_of_full_scale:.1f} % of full scale, more than {limit:g} %"
-        for belt, linearity in found.linearities.items()
-        if linearity.percent_of_full_scale > limit
-    ]
-
-
-def _inaccurate(found: PlateAccuracy) -> list[str]:
-    """Name forces and centres of pressure whose error, without the marker's noise, is too large."""
-    limits, against = found.study.file.limits, []
-    errors = found.reported_errors
-    means = errors[errors["zone"] == "all"].groupby(["belt", "quantity"])["orthogonal"].mean()
-    noise = marker_noise(found)
-    for belt, quantity, value in means.reset_index().itertuples(index=False):
-        pressure = quantity.startswith("COP")
-        limit = limits.cop_m if pressure else limits.force_n
-        error = float(np.sqrt(max(value**2 - noise.get((belt, quantity), 0.0) ** 2, 0.0)))
-        if quantity[0] != "M" and error > limit:
-            shown = f"{1000 * error:.1f} mm" if pressure else f"{error:.1f} N"
-            allowed = f"{1000 * limit:g} mm" if pressure else f"{limit:g} N"
-            against.append(f"{belt}: {quantity} has an error of {shown} RMS, more than {allowed}")
-    return against
-
-
-def marker_noise(found: PlateAccuracy) -> dict[tuple[str, str], float]:
-    """Give the part of each orthogonal error that noise of the marker causes, per belt.
-
-    The weight does not leave the belt, so the vertical acceleration of its marker is noise; along
-    the belt the noise is taken as equal.
-    """
-    noise: dict[tuple[str, str], float] = {}
-    for belt in {t.weight.belt for t in found.trials}:
-        trials = [t for t in found.trials if t.weight.belt == belt]
-        force = float(np.mean([np.std(t.truth[t.used, 2]) for t in trials]))
-        lever = found.study.file.center_height_m
-        load = float(np.mean([np.mean(t.truth[t.used, 2]) for t in trials]))
-        noise[belt, "Fx"] = noise[belt, "Fz"] = noise[belt, "Fy"] = force
-        noise[belt, "COPx"] = noise[belt, "COPy"] = lever * force / load
-    return noise
+def _remarks(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
+    lines = ["lateral force: no weight on a belt exerts one"]
+    if not found.study.file.height_stated:
+        lines.append("the moment that a force along the belt causes: center_height_m is not stated")
+    if belt not in found.alignments:
+        lines.append(
+            "rotation and offset alone: no static recordings (they are in the total errors)"
+        )
+    if belt not in found.delays:
+        lines.append("delay by a hammer: no recordings of impacts")
+    return tuple(lines)
 
 
 def describe(fault: FaultEstimate) -> str:
     """State an estimate with its 95 % uncertainty."""
     scale, unit = DISPLAY_UNITS.get(fault.unit, (1.0, fault.unit))
     error = scale * fault.uncertainty
-    digits = max(1 - math.floor(math.log10(error)), 0) if error > 0 else 3
-    value = f"{scale * fault.value:.{digits}f}"
+    value = scale * fault.value
     if np.isfinite(error):
-        text = f"{fault.belt}: {fault.fault} {value} ± {error:.{digits}f} {unit}"
+        text = (
+            f"{fault.belt}: {fault.fault} {rounded(value, error)} ± {rounded(error, error)} {unit}"
+        )
     else:
-        text = f"{fault.belt}: {fault.fault} {value} {unit}, of unknown uncertainty"
+        text = f"{fault.belt}: {fault.fault} {value:.3f} {unit}, of unknown uncertainty"
     if np.isfinite(fault.frequency_hz):
         text += f" at {fault.frequency_hz:.2f} Hz in the centre of pressure along the belt"
     return text
-
-
-def _unexamined(found: PlateAccuracy) -> tuple[str, ...]:
-    belts = {t.weight.belt for t in found.trials}
-    missing = {
-        "alignment (static recordings)": belts - set(found.alignments),
-        "delay (hammer impacts)": belts - set(found.delays),
-        "linearity (three weights)": belts - set(found.linearities),
-        "cross-talk and drift (more recordings of weights)": belts
-        - {fault.belt for fault in found.faults if fault.fault == "drift"},
-    }
-    return tuple(
-        f"{examination} {' and '.join(sorted(without))}"
-        for examination, without in missing.items()
-        if without
-    )

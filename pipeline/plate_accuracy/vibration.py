@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 from scipy import stats
+from scipy.signal import czt
 
 from compensation import center_of_pressure
 from hbm.spatial import Array
@@ -116,6 +117,7 @@ def _amplitude(residual: _Residual, hz: float) -> float:
 
 
 def _power(time: Array, signal: Array, hz: Array) -> Array:
-    """Squared amplitude of the sine of every frequency in a signal."""
-    waves = np.exp(-2j * np.pi * np.outer(hz, time))
-    return np.asarray(np.abs(2 / len(signal) * (waves @ signal)) ** 2)
+    """Squared amplitude of the sine of every frequency, equally spaced, in a signal."""
+    turn = 2j * np.pi * (time[1] - time[0])
+    spectrum = czt(signal, len(hz), np.exp(-turn * (hz[1] - hz[0])), np.exp(turn * hz[0]))
+    return np.asarray(np.abs(2 / len(signal) * spectrum) ** 2)

@@ -1,7 +1,7 @@
 """The Methods section of a study, generated from its settings, with the works that it cites."""
 
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Final
 
@@ -55,6 +55,8 @@ EVENT_ORIGINS: Final = {
     "events_uncalibrated": MOTION,
 }
 """Note -> where gait events came from."""
+CORRECTIONS: Final = ("plates_corrected", "plate_delays_calibrated")
+"""Codes of the notes on what the plates' calibration changed."""
 SEXES: Final = {"male": "male", "female": "female", "unspecified": "of unspecified sex"}
 
 
@@ -209,14 +211,14 @@ def _engine(name: EngineName, version: str) -> str:
 
 
 def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
-    delays = {trial.settings.plate_delay_s for trial in trials}
+    delays = {trial.settings.plate_delay_s or 0.0 for trial in trials}
     lag = ""
     if delays != {0.0}:
         lag = f", taking into account a delay of {_each(f'{1000 * d:g}' for d in delays)} ms,"
     thresholds = _each(f"{t.settings.contact_threshold_n:g}" for t in trials)
     treadmill = study.file.treadmill if study else None
     text = (
-        f"Force plate wrenches were resampled to the marker times{lag}"
+        f"{_corrected_plates(trials)}Force plate wrenches were resampled to the marker times{lag}"
         f"{_platform_pose(treadmill)} and assigned to the foot in contact (threshold {thresholds} "
         "N). The pelvis residual is the wrench that has to act on the pelvis to satisfy the "
         "equations of motion; it is given about the midpoint of the hip joints in lab axes (x "
@@ -243,6 +245,27 @@ def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
         "to a recording of the empty, moving treadmill; plates and accelerometers of this "
         "recording and of each trial were low-pass filtered with zero phase (−3 dB at "
         f"{treadmill.cutoff_hz:g} Hz)."
+    )
+
+
+def _corrected_plates(trials: Sequence[TrialSummary]) -> str:
+    """Say by which calibrations the plates were corrected, and which delays these state."""
+    notes = [note.values for trial in trials for note in trial.notes if note.code in CORRECTIONS]
+    if not notes:
+        return ""
+    files = _each(str(values["calibration"]) for values in notes)
+    delays = {
+        f"{1000 * delay_s:.1f} ms (plate {plate})"
+        for values in notes
+        if isinstance(by_plate := values.get("delays_s"), Mapping)
+        for plate, delay_s in by_plate.items()
+    }
+    late = (
+        f" and brought forward by their delay behind the cameras, {_each(delays)}" if delays else ""
+    )
+    return (
+        "Force plate wrenches were corrected by a matrix and an offset per plate, found with known "
+        f"weights on the belts ({files}){late}. "
     )
 
 

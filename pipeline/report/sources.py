@@ -9,6 +9,7 @@ from pipeline.run.provenance import Provenance
 
 UNSTATED: Final = {
     "marker_set": "recognised from the files",
+    "plate_delay_s": "that of the plates' calibration, where there is one, else 0.0",
     "events": "the file's where it has some, else auto",
     "engine": "pinocchio where it can be imported, else kernels",
 }

@@ -52,7 +52,7 @@ class Criterion:
     name
         Head of its column.
     checks
-        One, or one without and one with compensation.
+        One; one without and one with compensation; or one of forces and one of moments.
     """
 
     name: str
@@ -82,6 +82,7 @@ def trial_quality(trial: TrialSummary) -> tuple[Criterion, ...]:
             "Unsolved frames",
             (Check(str(unsolved), "check" if unsolved else "pass", f"of {trial.frames}"),),
         ),
+        Criterion("1σ of IC, without model error", _compensation(trial)),
         Criterion("Locked", (Check(str(len(trial.locked)), "none"),)),
         Criterion("Peak force", _peaks(trial.thresholds, "force")),
         Criterion("Peak moment", _peaks(trial.thresholds, "moment")),
@@ -100,6 +101,19 @@ def _counted(trial: TrialSummary) -> Check:
         sides = ", ".join(f"{n} {side}" for side, n in counts.items())
         sides += f"; {trial.part.name}" if trial.part else ""
     return Check(value, "none", "; ".join(filter(None, (sides, share))))
+
+
+def _compensation(trial: TrialSummary) -> tuple[Check, ...]:
+    """Say how uncertain the compensation makes residuals, at most; nothing where none is known."""
+    spread = [
+        (row.compensation_sd, row.unit)
+        for row in headline_rows(trial.residuals)
+        if row.compensation_sd is not None
+    ]
+    largest = {unit: max(sd for sd, own in spread if own == unit) for _, unit in spread}
+    if not largest:
+        return (Check("–", "none"),)
+    return tuple(Check(f"{sd:.1f} {unit}", "none") for unit, sd in largest.items())
 
 
 def _marker_error(markers: Sequence[MarkerRow]) -> Check:

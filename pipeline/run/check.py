@@ -1,13 +1,15 @@
 """A study checked before it is processed: what a run will use, leave out or refuse."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, TypeVar
 
 import numpy as np
 
-from compensation import Calibration, check_calibration
+from compensation import check_calibration
+from compensation.inertia.quality import check_left_over
+from compensation.inertia.sensors import describe_sensors
 from hbm.body import Body
 from hbm.coordinates import COORDINATES, LAST_Q, support
 from hbm.engines.choice import choose_engine
@@ -25,10 +27,13 @@ from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES, gait_events
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.belts import read_belts
-from pipeline.trial.ground.calibration_recording import read_calibration
+from pipeline.trial.ground.calibration_check import read_check
+from pipeline.trial.ground.calibration_recording import read_calibration, read_empty
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
-from pipeline.trial.study_files import labels_in_none, read_study_file
+from pipeline.trial.ground.rollers import roller_notes
+from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_plates
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.validity import settling_s
 from pipeline.trial.weighing import body_mass, differing_masses
@@ -129,7 +134,7 @@ def check_study(study: Study) -> Findings:
     """
     found = _Collector()
     found.attempt("study.toml", lambda: choose_engine(study.file.settings.engine))
-    calibration = _check_calibration(study, found)
+    laboratory = _check_laboratory(study, found)
     trial_of: dict[Path, str] = {}
     for subject, person in study.subjects.items():
         for condition, trial in person.trials.items():
@@ -140,7 +145,7 @@ def check_study(study: Study) -> Findings:
                 other = trial_of.setdefault(study.path(trial.file).resolve(), name)
                 if other != name:
                     found.remark(name, "recording_used_twice", other=other)
-                found.add(_check_trial(study, condition, person, trial, calibration))
+                found.add(_check_trial(study, condition, person, trial, laboratory))
         without = tuple(name for name in study.file.conditions if name not in person.trials)
         if without:
             found.remark(subject, "conditions_without_trial", conditions=without)
@@ -149,22 +154,39 @@ def check_study(study: Study) -> Findings:
     return Findings(tuple(dict.fromkeys(found.faults)), tuple(dict.fromkeys(found.remarks)))
 
 
-def _check_calibration(study: Study, found: _Collector) -> Calibration | None:
+def _check_laboratory(study: Study, found: _Collector) -> Laboratory:
+    """Check the calibrations; give the treadmill with those of platform and plates."""
     treadmill, stated = study.file.treadmill, study.stated
+    plates = found.attempt("study.toml", lambda: read_study_plates(study))
     belt = treadmill.belt
     if belt is not None:
         belts_path = study.path(belt.calibration)
-        found.attempt(belts_path.name, lambda: read_belts(belts_path, belt, stated))
+        models = found.attempt(
+            belts_path.name, lambda: read_belts(belts_path, belt, stated, plates)
+        )
+        if models is not None:
+            empty = read_empty(belts_path, stated, any_forward=plates is None)
+            corrected = with_corrected_plates(empty, plates)
+            found.notes(belts_path.name, roller_notes(corrected, models, belt))
     if not treadmill.calibration:
         found.remark("study.toml", "calibration_not_stated")
-        return None
+        return Laboratory(treadmill, plates=plates)
     path = study.path(treadmill.calibration)
-    calibration = found.attempt(path.name, lambda: read_calibration(path, treadmill, stated))
+    calibration = found.attempt(
+        path.name, lambda: read_calibration(path, treadmill, stated, plates)
+    )
     if calibration is not None:
         for plate, model in calibration.plates.items():
             found.notes(path.name, check_calibration(model, plate))
+            found.notes(path.name, check_left_over(model, plate))
+        found.notes(path.name, describe_sensors(calibration.sensors))
         found.remark(path.name, "calibration_of_plates", plates=tuple(calibration.plates))
-    return calibration
+    laboratory = Laboratory(treadmill, calibration, plates=plates)
+    if calibration is not None and treadmill.check:
+        other = study.path(treadmill.check)
+        day = found.attempt(other.name, lambda: read_check(other, laboratory, stated))
+        found.notes(other.name, day.notes if day is not None else ())
+    return laboratory
 
 
 def _check_trial(
@@ -172,10 +194,9 @@ def _check_trial(
     condition: str,
     person: SubjectFile,
     trial: Trial,
-    calibration: Calibration | None,
+    laboratory: Laboratory,
 ) -> _Collector:
     """Check one trial: its beginning and, if that has a fault or contacts are stated, all of it."""
-    laboratory = Laboratory(study.file.treadmill, calibration)
     rule = study.file.conditions[condition]
     file, *_ = trial.files
     path = study.path(file)
@@ -186,7 +207,10 @@ def _check_trial(
         pose: Recording | None = preview.beginning
         static = person.static
         if static is not None:
-            pose = found.attempt(study.path(static).name, lambda: read_study_file(study, static))
+            pose = found.attempt(
+                study.path(static).name,
+                lambda: with_corrected_plates(read_study_file(study, static), laboratory.plates),
+            )
         _check_contents(preview, rule, found)
         _check_loads(trial, preview.beginning, study.file.settings, found)
         found.notes_of_files += [each.notes for each in (preview.beginning, pose) if each]
@@ -198,20 +222,27 @@ def _check_trial(
         _check_ground(preview.beginning, laboratory, rule, found)
         return found
 
+    def corrected(preview: Preview) -> Preview:
+        beginning = with_corrected_plates(preview.beginning, laboratory.plates)
+        return replace(preview, beginning=beginning)
+
     of_beginning, of_whole = _Collector(), _Collector()
     preview = of_beginning.attempt(
         path.name,
-        lambda: preview_recording(path, study.stated, forces, record=record),
+        lambda: corrected(preview_recording(path, study.stated, forces, record=record)),
     )
     if preview is not None:
         of_beginning = check(preview)
         if not of_beginning.faults and not trial.contacts:
             return of_beginning
-    recording = of_whole.attempt(path.name, lambda: read_study_file(study, file, trial))
-    if recording is None:
-        return of_whole
     missing = preview.missing if preview is not None else {}
-    return check(Preview(recording, len(recording.markers.time), missing))
+
+    def whole() -> Preview:
+        recording = read_study_file(study, file, trial)
+        return corrected(Preview(recording, len(recording.markers.time), missing))
+
+    preview = of_whole.attempt(path.name, whole)
+    return of_whole if preview is None else check(preview)
 
 
 def _check_contents(preview: Preview, rule: Condition, found: _Collector) -> None:

@@ -15,9 +15,9 @@ from hbm.markers import Markers
 from hbm.motion import Motion
 from hbm.spatial import Array, Mask
 from pipeline.io.recording import Event
-from pipeline.run.header import TrialHeader
+from pipeline.run.header import TrialHeader, plates_of
 from pipeline.trial.residuals import AXES, reported, variants
-from pipeline.trial.result import TrialResult
+from pipeline.trial.result import CompensationUncertainty, TrialResult
 from pipeline.trial.validity import Validity
 
 WRENCH: Final = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -40,6 +40,7 @@ class Frames:
     platform: PlatformPose | None
     ambiguous: Mask
     validity: Validity
+    uncertainty: CompensationUncertainty | None
 
 
 def frame_table(result: TrialResult) -> pa.Table:
@@ -62,7 +63,9 @@ def frame_table(result: TrialResult) -> pa.Table:
         ``converged``, ``observed.NAME``, ``gradient`` of the inverse kinematics; ``ambiguous``
         where the split of a plate between the feet is uncertain; ``valid.motion``,
         ``valid.plates`` and ``valid.settled``, all true where a residual counts
-        (`pipeline.trial.validity.Validity`).
+        (`pipeline.trial.validity.Validity`). With a calibration of the platform, one standard
+        deviation due to the compensation, without model error: ``uncertainty.residual.Fx`` … and
+        ``uncertainty.plate_1.fx`` …, lab axes about the lab origin [N, N·m].
     """
     motion, markers, pose = result.motion, result.markers, result.platform
     columns: dict[str, Column] = {"time_s": motion.time}
@@ -79,6 +82,10 @@ def frame_table(result: TrialResult) -> pa.Table:
     if pose is not None:
         both = np.hstack([pose.rotation.reshape(-1, 9), pose.position])
         columns |= _columns("platform", POSE, both)
+    if (spread := result.uncertainty) is not None:
+        columns |= _columns("uncertainty.residual", AXES, spread.residual)
+        for plate, values in zip(result.plates, spread.plates, strict=True):
+            columns |= _columns(f"uncertainty.plate_{plate.number}", WRENCH, values)
     for k, name in enumerate(markers.names):
         columns |= _columns(f"marker.{name}", "xyz", markers.position[:, k])
     columns |= _by_coordinate("observed", motion.observed)
@@ -140,6 +147,11 @@ def read_frames(table: pa.Table, header: TrialHeader, engine: EngineUsed) -> Fra
         dynamics[variant] = Dynamics(time, force, residual, force * motion.v, engine)
         ground[variant] = {foot: read(f"ground.{variant}.{foot}", WRENCH) for foot in feet}
     pose = read("platform", POSE) if header.platform_moves else None
+    uncertainty = None
+    if f"uncertainty.residual.{AXES[0]}" in table.column_names:
+        of_plates = [read(f"uncertainty.plate_{p.number}", WRENCH) for p in plates_of(header)]
+        residual = read("uncertainty.residual", AXES)
+        uncertainty = CompensationUncertainty(tuple(of_plates), residual)
     return Frames(
         markers=Markers(time, header.markers, position),
         motion=motion,
@@ -148,6 +160,7 @@ def read_frames(table: pa.Table, header: TrialHeader, engine: EngineUsed) -> Fra
         platform=None if pose is None else PlatformPose(pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]),
         ambiguous=table.column("ambiguous").to_numpy(),
         validity=Validity(**{name: table.column(f"valid.{name}").to_numpy() for name in MASKS}),
+        uncertainty=uncertainty,
     )
 
 

@@ -32,7 +32,8 @@ class Results:
         Results folder.
     residuals
         subject, condition, compensated, window, headline, axis, unit, rms, rms_of_cycles, mean, sd,
-        peak, rms_percent, n_cycles, valid_share.
+        peak, rms_percent, n_cycles, valid_share,
+        compensation_sd.
     cycles
         subject, condition, compensated, side, cycle (from 1 for each side), percent, axis, value:
         every sample of every gait cycle over 0–100 %; NaN where it does not count.

@@ -6,6 +6,7 @@ from pathlib import Path
 from hbm.kernels.native import kernels
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
 from hbm.spelling import short
+from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Platform, RecordingRules, Settings, Subject, Treadmill
 from pipeline.config.toml_file import read_segments
 from pipeline.config.validation import Model, Option, check_options
@@ -14,6 +15,7 @@ from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.run.request import TrialRequest
+from pipeline.trial.ground.accelerometers import stated_accelerometers
 from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.result import TrialResult
@@ -106,11 +108,17 @@ def _own_marker_set(name: str | None) -> MarkerSet | None:
 
 
 def requested_laboratory(request: TrialRequest) -> Laboratory:
-    """Read the treadmill that a request describes: its calibration and platform markers."""
+    """Read the treadmill that a request describes: calibrations and platform markers."""
     markers = tuple(filter(None, map(str.strip, request.platform_markers.split(","))))
+    file = request.plate_calibration
+    plates = read_plate_correction(file) if file is not None else None
     if request.calibration is not None:
-        return read_laboratory(request.calibration, markers)
-    return Laboratory(Treadmill(platform=Platform(markers=markers) if markers else None))
+        stated = stated_accelerometers(request.accelerometer)
+        return read_laboratory(request.calibration, markers, stated, plates)
+    if request.accelerometer:
+        raise ValueError("--accelerometer has no effect without --calibration")
+    platform = Platform(markers=markers) if markers else None
+    return Laboratory(Treadmill(platform=platform), plates=plates)
 
 
 def _checked(

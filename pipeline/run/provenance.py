@@ -9,7 +9,7 @@ from typing import Final, Literal, TypeVar
 from pydantic import TypeAdapter
 
 from hbm.engines.engine import EngineUsed
-from pipeline.config.schema import Comparison, Condition, Settings, Treadmill, Trial
+from pipeline.config.schema import Comparison, Condition, Plates, Settings, Treadmill, Trial
 from pipeline.config.study import Study
 from pipeline.run.job import file_digest, trial_key
 from pipeline.run.load import Results
@@ -66,8 +66,8 @@ class Provenance:
     Attributes
     ----------
     name
-        The study's name; None, as `conditions`, `comparison`, `treadmill` and `inputs`, without its
-        folder.
+        The study's name; None, as `conditions`, `comparison`, `plates`, `treadmill` and `inputs`,
+        without its folder.
     settings, versions
         Settings and package versions the trials were processed with, each once; more than one
         means that trials are not alike.
@@ -78,7 +78,7 @@ class Provenance:
         Python's and the packages' versions that made the report.
     program
         The program that made the report.
-    conditions, comparison, treadmill
+    conditions, comparison, plates, treadmill
         As stated.
     inputs
         File of the study -> its SHA-256.
@@ -94,6 +94,7 @@ class Provenance:
     program: Program
     conditions: Mapping[str, Condition] | None
     comparison: Comparison | None
+    plates: Plates | None
     treadmill: Treadmill | None
     inputs: Mapping[str, str] | None
     trials: tuple[TrialState, ...]
@@ -209,6 +210,7 @@ def provenance(results: Results, states: Sequence[TrialState], study: Study | No
         program=Program(program_digest(), git_commit()),
         conditions=study.file.conditions if study else None,
         comparison=study.file.comparison if study else None,
+        plates=study.file.plates if study else None,
         treadmill=study.file.treadmill if study else None,
         inputs=input_digests(study) if study else None,
         trials=tuple(states),
@@ -250,8 +252,7 @@ def input_digests(study: Study) -> dict[str, str]:
         if trial.exclude is None
         for name in trial.files
     }
-    if study.file.treadmill.calibration:
-        names.add(study.file.treadmill.calibration)
-    if study.file.treadmill.belt is not None:
-        names.add(study.file.treadmill.belt.calibration)
+    names |= {*study.file.treadmill.files.values()}
+    if study.file.plates.calibration:
+        names.add(study.file.plates.calibration)
     return {name: file_digest(study.path(name)) for name in sorted(names)}

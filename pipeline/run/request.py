@@ -70,8 +70,13 @@ class TrialRequest:
     filter: Annotated[str, Help("zero_phase, or realtime as in the lab.")] = "zero_phase"
     cutoff_hz: Annotated[float, Help("Cut-off frequency of the filter.")] = 6.0
     plate_delay_ms: Annotated[
-        float, Help("Delay of the plates relative to the markers.", min=-500, max=500)
-    ] = 0.0
+        float | None,
+        Help(
+            "Delay of the plates relative to the markers; default: their calibration's, or none.",
+            min=-500,
+            max=500,
+        ),
+    ] = None
     contact_threshold_n: Annotated[
         float, Help("Vertical force above which a foot is on a plate.")
     ] = 30.0
@@ -93,9 +98,18 @@ class TrialRequest:
         str | None,
         Help("Of the inverse dynamics: pinocchio or kernels; default: pinocchio where installed."),
     ] = None
+    plate_calibration: Annotated[
+        Path | None, Help("Calibration of the plates by known weights (hbm plates).")
+    ] = None
     calibration: Annotated[
         Path | None, Help("Calibration of the moving treadmill (hbm calibration fit).")
     ] = None
+    accelerometer: Annotated[
+        tuple[str, ...],
+        Help(
+            "SENSOR=X,Y,Z: channels of an accelerometer, if not as in the calibration; repeatable."
+        ),
+    ] = ()
     platform_markers: Annotated[
         str, Help("Markers on a moving platform, e.g. PLAT1,PLAT2,PLAT3.")
     ] = ""
@@ -118,6 +132,6 @@ class TrialRequest:
         return start, stop
 
     @property
-    def plate_delay_s(self) -> float:
-        """Delay of the plates relative to the markers [s]."""
-        return self.plate_delay_ms / 1000
+    def plate_delay_s(self) -> float | None:
+        """Delay of the plates relative to the markers [s]; None where it is not stated."""
+        return None if self.plate_delay_ms is None else self.plate_delay_ms / 1000

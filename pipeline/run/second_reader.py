@@ -18,9 +18,7 @@ PLACE = "second reader"
 def study_recordings(study: Study) -> tuple[Path, ...]:
     """Give every recording that a study uses: trials, poses, hip trials, calibrations."""
     treadmill = study.file.treadmill
-    names: list[str | None] = [treadmill.calibration]
-    if treadmill.belt is not None:
-        names.append(treadmill.belt.calibration)
+    names: list[str | None] = [*treadmill.files.values()]
     for person in study.subjects.values():
         names += [person.static, person.hip_trial]
         for trial in person.trials.values():

@@ -221,6 +221,7 @@ def _result(summary: TrialSummary, header: TrialHeader, frames: Frames) -> Trial
         overridden_segments=summary.overridden_segments,
         onsets=header.onsets,
         part=summary.part,
+        uncertainty=frames.uncertainty,
     )
 
 

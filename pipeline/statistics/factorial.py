@@ -190,6 +190,27 @@ def compare_levels(
     )
 
 
+def residuals(data: pd.DataFrame, response: str, factors: Sequence[str]) -> Array:
+    """Give what the main effects of `anova` leave unexplained, (n,), in the unit of the response.
+
+    Parameters
+    ----------
+    data, response, factors
+        As in `anova`.
+
+    Raises
+    ------
+    ValueError
+        As in `anova`.
+
+    Notes
+    -----
+    An analysis of variance assumes that these are normally distributed, not the response, whose
+    distribution has the effects in it.
+    """
+    return np.asarray(_fit(data, response, factors, interactions=False).resid)
+
+
 def _fit(
     data: pd.DataFrame, response: str, factors: Sequence[str], interactions: bool
 ) -> "RegressionResultsWrapper":

@@ -41,13 +41,15 @@ from pipeline.trial.gait.detection import TIMED_BY_PLATES, EventSources, detect_
 from pipeline.trial.gait.event_agreement import agreement_with_plates
 from pipeline.trial.gait.foot_motion_events import foot_motion
 from pipeline.trial.gait.perturbations import perturbation_onsets
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.loads import plate_loads
-from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.ground.uncertainty import standard_deviation, uncertainty_notes
+from pipeline.trial.ground.wrenches import Ground, ground_wrenches
 from pipeline.trial.marker_check import check_markers
 from pipeline.trial.motion_check import check_motion, known_frames, shown_frames
 from pipeline.trial.plate_check import check_plates
-from pipeline.trial.result import PlateSurface, TrialResult
+from pipeline.trial.result import CompensationUncertainty, PlateSurface, TrialResult
 from pipeline.trial.study_files import (
     naming_unused_renames,
     read_study_file,
@@ -130,8 +132,10 @@ def process_recording(
     >>> f"{result.body.mass:.1f} kg, {len(result.cycles['right'])} gait cycles"
     '74.6 kg, 3 gait cycles'
     """
-    pose = static or recording
+    laboratory = laboratory or Laboratory(Treadmill())
     _require_plates(recording)
+    recording = with_corrected_plates(recording, laboratory.plates)
+    pose = with_corrected_plates(static, laboratory.plates) if static else recording
     choose_engine(settings.engine)
     mass = body_mass(subject, pose, recording)
     body = subject_body(
@@ -149,8 +153,9 @@ def process_recording(
     )
     motion = filter_motion(unfiltered, cutoff=settings.cutoff_hz, method=settings.filter)
 
-    laboratory = laboratory or Laboratory(Treadmill())
-    ground = ground_wrenches(recording, laboratory, motion.time, settings.plate_delay_s)
+    ground = ground_wrenches(
+        recording, laboratory, motion.time, settings.plate_delay_s, settings.cutoff_hz
+    )
     best, feet = ground.variants[ground.best], feet_of(body, unfiltered)
     shared = {
         variant: share_between_feet(
@@ -202,6 +207,7 @@ def process_recording(
     part, part_notes = perturbed_part(rule, selected, onsets, time=motion.time, pose=ground.pose)
     span = counted_span(window, selected, motion.time, settling)
 
+    uncertainty = _uncertainty(ground, motion)
     total = np.sum([*wrenches[ground.best].values()], axis=0)
     residual = np.where(validity.counts[:, None], dynamics[ground.best].residual, np.nan)
     delay = plate_delay(total[:, :3], residual[:, :3], motion.time)
@@ -236,6 +242,7 @@ def process_recording(
         validity=validity,
         onsets=onsets,
         part=part,
+        uncertainty=uncertainty,
         delay_s=delay.delay_s,
         delay_uncertainty_s=delay.uncertainty_s,
         ambiguous=under_feet.ambiguous,
@@ -249,6 +256,7 @@ def process_recording(
             *outlier_notes,
             *check_motion(body, unfiltered, markers),
             *ground.notes,
+            *(uncertainty_notes(uncertainty.residual[validity.counts]) if uncertainty else ()),
             *check_plates(recording, best, mass.mass_kg),
             dynamics["measured"].engine.note,
             events_note,
@@ -345,6 +353,15 @@ def _require_plates(recording: Recording) -> None:
             f"{recording.source.name}: {recording.why_no_plates}; residuals need the ground "
             "reaction wrench (FORCE_PLATFORM group, or a second file with forces)"
         )
+
+
+def _uncertainty(ground: Ground, motion: Motion) -> CompensationUncertainty | None:
+    """Give what the compensation makes uncertain: plates and residuals."""
+    if not ground.covariances:
+        return None
+    plates = [np.sqrt(np.diagonal(c, axis1=1, axis2=2)) for c in ground.covariances]
+    pelvis = standard_deviation(ground.covariances, motion.q[:, :3])
+    return CompensationUncertainty(tuple(plates), pelvis)
 
 
 def _agreement(

@@ -58,6 +58,9 @@ class ResidualRow:
         cycles, there are rows of "cycle" too.
     valid_share
         Share of the frames in it that count: the pose is known and the plates carry the subject.
+    compensation_sd
+        RMS of one standard deviation of the residual due to the compensation, without model error;
+        None for the plates as measured, and where no platform was compensated.
     """
 
     subject: str
@@ -75,6 +78,7 @@ class ResidualRow:
     rms_percent: float
     n_cycles: int
     valid_share: float
+    compensation_sd: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -280,6 +284,9 @@ def _rows(result: TrialResult, condition: str, window: Window) -> list[ResidualR
         value = reported(dynamics.residual[counts])
         rms = np.sqrt(np.mean(value**2, axis=0))
         rms_of_cycles = _rms_of_cycles(result, name, window)
+        spread: list[float | None] = [None] * len(AXES)
+        if name == "compensated" and result.uncertainty is not None:
+            spread = np.sqrt(np.mean(result.uncertainty.residual[counts] ** 2, axis=0)).tolist()
         for k, axis in enumerate(AXES):
             row = ResidualRow(
                 subject=result.subject.id,
@@ -297,6 +304,7 @@ def _rows(result: TrialResult, condition: str, window: Window) -> list[ResidualR
                 rms_percent=float(rms[k] / scale[k]),
                 n_cycles=0 if result.span else sum(with_data),
                 valid_share=float(np.count_nonzero(counts) / np.count_nonzero(inside)),
+                compensation_sd=spread[k],
             )
             rows.append(row)
     return rows

@@ -79,6 +79,22 @@ class CyclePart:
 
 
 @dataclass(frozen=True, slots=True)
+class CompensationUncertainty:
+    """One standard deviation of compensated wrenches due to the compensation, without model error.
+
+    Attributes
+    ----------
+    plates
+        Per plate, in the order of the plates, lab axes about the lab origin, (T, 6) [N, N·m].
+    residual
+        Of the residuals with compensation, about the pelvis origin, (T, 6) [N, N·m].
+    """
+
+    plates: tuple[Array, ...]
+    residual: Array
+
+
+@dataclass(frozen=True, slots=True)
 class TrialResult:
     """Everything that is known of a trial once it has been processed.
 
@@ -133,6 +149,8 @@ class TrialResult:
         When the perturbations of a perturbed condition began, (P,) [s].
     part
         The part of the gait cycles that the condition asks for; None for all of them.
+    uncertainty
+        Of the compensation; None without a calibration of the platform.
 
     Examples
     --------
@@ -171,6 +189,7 @@ class TrialResult:
     overridden_segments: tuple[str, ...] = ()
     onsets: Array = field(default_factory=lambda: np.empty(0))
     part: CyclePart | None = None
+    uncertainty: CompensationUncertainty | None = None
 
     def __post_init__(self) -> None:
         frames = len(self.motion.time)

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 from compensation import BeltModel, Calibration
 from hbm.notes import Note
+from pipeline.config.plate_correction import PlateCorrection, read_plate_correction
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.belts import read_belts
+from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.calibration_recording import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 
@@ -42,21 +44,32 @@ def read_study_file(study: Study, name: str, trial: Trial | None = None) -> Reco
 
 
 def read_study_laboratory(study: Study) -> Laboratory:
-    """Read a study's treadmill with its calibrations, as far as they are stated.
+    """Read a study's treadmill and plates with their calibrations, as far as they are stated.
 
     Raises
     ------
     ValueError, OSError
-        If a calibration cannot be read or fitted.
+        If a calibration cannot be read or fitted, or was fitted to otherwise corrected plates.
     """
     treadmill, stated = study.file.treadmill, study.stated
+    plates = read_study_plates(study)
     calibration: Calibration | None = None
     belts: tuple[BeltModel, ...] = ()
     if treadmill.calibration:
-        calibration = read_calibration(study.path(treadmill.calibration), treadmill, stated)
+        calibration = read_calibration(study.path(treadmill.calibration), treadmill, stated, plates)
     if treadmill.belt is not None:
-        belts = read_belts(study.path(treadmill.belt.calibration), treadmill.belt, stated)
-    return Laboratory(treadmill, calibration, belts)
+        belts = read_belts(study.path(treadmill.belt.calibration), treadmill.belt, stated, plates)
+    laboratory = Laboratory(treadmill, calibration, belts, plates)
+    if not treadmill.check or calibration is None:
+        return laboratory
+    found = read_check(study.path(treadmill.check), laboratory, stated)
+    return replace(laboratory, notes=found.notes)
+
+
+def read_study_plates(study: Study) -> PlateCorrection | None:
+    """Read the calibration of a study's plates; None where none is stated."""
+    name = study.file.plates.calibration
+    return read_plate_correction(study.path(name)) if name else None
 
 
 def with_unused_renames(recording: Recording, *others: Recording | None) -> Recording:

@@ -24,7 +24,7 @@ from pipeline.trial.residuals import (
 from pipeline.trial.result import CyclePart, TrialResult
 from pipeline.trial.window import shortage
 
-FORMAT_VERSION: Final = 6
+FORMAT_VERSION: Final = 7
 """Of stored trials, summary and frames together; raised with every change of what they hold."""
 STRICT_JSON: Final = ConfigDict(strict=True, extra="forbid", ser_json_inf_nan="constants")
 """Nothing unknown, nothing of another type; NaN is written as such."""

@@ -16,6 +16,8 @@ TEXTS: Final = {
     "CALIBRATION_SHA256": "calibration_sha256",
     "BELTS": "belts",
     "BELTS_SHA256": "belts_sha256",
+    "PLATE_CALIBRATION": "plate_calibration",
+    "PLATE_CALIBRATION_SHA256": "plate_calibration_sha256",
     "FILTER": "filter",
     "FRAME": "frame",
 }

@@ -263,7 +263,9 @@ def _compensation_notes(done: Compensation | None) -> list[Note]:
         Note.of(
             "plates_compensated_before",
             software=done.software,
-            calibrations=tuple(filter(None, (done.calibration, done.belts))),
+            calibrations=tuple(
+                filter(None, (done.calibration, done.belts, done.plate_calibration))
+            ),
             frame="moving plates" if done.frame == "recorded" else "lab",
         )
     ]

@@ -1,11 +1,16 @@
 """Accelerometers on the platform: their channels in a recording, and what they read."""
 
 import re
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
+from compensation import Sensor
+from hbm.notes import Note
+from hbm.signals.resampling import resample
 from hbm.spatial import Array
+from hbm.spelling import short
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2
@@ -50,9 +55,46 @@ def find_accelerometers(recording: Recording) -> dict[str, tuple[str, str, str]]
     if not sensors:
         raise ValueError(
             f"{recording.source.name}: no triaxial accelerometer among the analog channels "
-            f"({', '.join(names) or 'none'}); name channels such as Acc1.X, Acc1.Y, Acc1.Z, or "
-            "state them in a study's treadmill.accelerometers"
+            f"({', '.join(names) or 'none'}); state them: --accelerometer rear=CH1,CH2,CH3, or "
+            "treadmill.accelerometers in a study"
         )
+    return sensors
+
+
+def stated_accelerometers(texts: Sequence[str]) -> dict[str, tuple[str, str, str]]:
+    """Read which channels are whose, as typed.
+
+    Parameters
+    ----------
+    texts
+        One per sensor: its name, and its x, y and z channel, whatever they are called.
+
+    Returns
+    -------
+    dict
+        Sensor name -> its three channels.
+
+    Raises
+    ------
+    ValueError
+        If a text is of another form, or names a sensor a second time.
+
+    Examples
+    --------
+    >>> stated_accelerometers(["rear=ch14,ch15,ch16"])
+    {'rear': ('ch14', 'ch15', 'ch16')}
+    """
+    sensors: dict[str, tuple[str, str, str]] = {}
+    for text in texts:
+        name, sign, channels = text.partition("=")
+        axes = [channel.strip() for channel in channels.split(",")]
+        if not (name.strip() and sign and len(axes) == 3 and all(axes)):
+            raise ValueError(
+                f"--accelerometer {short(text)}: expected a name and three channels, such as "
+                "rear=ch14,ch15,ch16"
+            )
+        if sensors.setdefault(name.strip(), (axes[0], axes[1], axes[2])) != tuple(axes):
+            raise ValueError(f"--accelerometer names {short(name.strip())} twice")
     return sensors
 
 
@@ -88,6 +130,55 @@ def accelerations(recording: Recording, treadmill: Treadmill) -> tuple[Array, Ar
         for name in names
     ]
     return channels[0][0], np.column_stack([values for _, values in channels])
+
+
+def at_plate_times(
+    clock: Array,
+    readings: Array,
+    plate_time: Array,
+    treadmill: Treadmill,
+    sensors: Sequence[Sensor] = (),
+) -> Array:
+    """Give what the accelerometers felt at the instants of a plate's samples.
+
+    Parameters
+    ----------
+    clock
+        Times of the readings, (N,) [s].
+    readings
+        Three columns per sensor, (N, k) [m/s²].
+    plate_time
+        (M,) [s].
+    treadmill
+        Its stated delay counts where the calibration describes no sensors.
+    sensors
+        The calibration's, of which delays and gains are undone.
+
+    Returns
+    -------
+    Array
+        (M, k) [m/s²]; NaN where unknown.
+    """
+    if not sensors:
+        return resample(clock, readings, plate_time + (treadmill.accelerometer_delay_s or 0.0))
+    delays, scale = [s.correction_s for s in sensors], [s.scale for s in sensors]
+    if len(set(delays)) == 1:
+        felt = resample(clock, readings, plate_time + delays[0])
+    else:
+        parts = np.split(readings, len(sensors), axis=1)
+        felt = np.hstack(
+            [resample(clock, p, plate_time + d) for p, d in zip(parts, delays, strict=True)]
+        )
+    return np.asarray(felt / np.repeat(scale, 3))
+
+
+def corrected_sensors(sensors: Sequence[Sensor]) -> tuple[Note, ...]:
+    """Say which delays and gains of a calibration's sensors are undone in a trial, if any are."""
+    if not any(sensor.correction_s or sensor.scale != 1 for sensor in sensors):
+        return ()
+    delays = {sensor.name: sensor.correction_s for sensor in sensors}
+    gains = {sensor.name: sensor.scale for sensor in sensors}
+    return (Note.of("accelerometers_corrected", delay_s=delays, gain=gains),)
 
 
 def _is_acceleration(unit: str) -> bool:

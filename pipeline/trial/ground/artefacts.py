@@ -11,11 +11,10 @@ import numpy as np
 
 from compensation import InertiaModel, check_calibration, check_trial
 from hbm.notes import Note
-from hbm.signals.resampling import resample
 from hbm.spatial import Array
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Plate, Recording
-from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.ends import hold_ends
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
@@ -58,11 +57,15 @@ def plate_artefacts(
         clock, readings = accelerations(recording, treadmill)
         models = plate_models(recording, laboratory)
         for artefact, plate, model in zip(artefacts, plates, models, strict=True):
-            felt = resample(clock, readings, plate.time + treadmill.accelerometer_delay_s)
+            felt = at_plate_times(
+                clock, readings, plate.time, treadmill, laboratory.calibration.sensors
+            )
             artefact += model.predict(_held(felt, recording, plate, "the acceleration", notes))
         notes += compensation_doubts(plates, models, readings, treadmill)
     if laboratory.belts and treadmill.belt is not None:
-        added = belt_wrenches(recording, laboratory.belts, treadmill.belt, plates[0].time)
+        added = belt_wrenches(
+            recording, laboratory.belts, treadmill.belt, [plate.time for plate in plates]
+        )
         for artefact, plate, wrench in zip(artefacts, plates, added, strict=True):
             artefact += _held(wrench, recording, plate, "the belts' acceleration", notes)
     return artefacts, tuple(notes)

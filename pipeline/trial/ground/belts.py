@@ -17,11 +17,13 @@ from compensation import BeltModel, belt_acceleration, fit_belt
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import interpolate
 from hbm.spatial import Array
+from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.units import length_in_m
 from pipeline.trial.ground.calibration_recording import FILTER, read_empty
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
 
 MODEL_RATE_HZ: Final = 100.0
 """The belt model's rate: belts accelerate below 10 Hz."""
@@ -111,7 +113,7 @@ def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
         )
     models = []
     for plate, (time, acceleration) in _accelerations(recording, belt):
-        pitch_moment = plate.wrench_in_plate[:, 3:] @ _side(plate)
+        pitch_moment = plate.wrench_in_plate[:, 3:] @ belt_side(plate)
         filtered = low_pass(pitch_moment, plate.rate_hz, belt.cutoff_hz, FILTER)
         moment = interpolate(plate.time, filtered, time)
         inside = (time > time[0] + FILTER_EDGE_S) & (time < time[-1] - FILTER_EDGE_S)
@@ -125,7 +127,7 @@ def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
 
 
 def belt_wrenches(
-    recording: Recording, models: Sequence[BeltModel], belt: Belt, time: Array
+    recording: Recording, models: Sequence[BeltModel], belt: Belt, times: Sequence[Array]
 ) -> list[Array]:
     """Give what accelerating belts add to each plate of a trial.
 
@@ -137,8 +139,8 @@ def belt_wrenches(
         One per plate.
     belt
         As stated.
-    time
-        When, on the plates' clock, (T,) [s].
+    times
+        Per plate when, on the plates' clock, (T,) [s].
 
     Returns
     -------
@@ -156,18 +158,20 @@ def belt_wrenches(
             f"has {len(models)}"
         )
     wrenches = []
-    for model, (plate, (model_time, acceleration)) in zip(
-        models, _accelerations(recording, belt), strict=True
+    for model, time, (plate, (model_time, acceleration)) in zip(
+        models, times, _accelerations(recording, belt), strict=True
     ):
         moment = interpolate(model_time, model.predict(acceleration), time)
-        wrenches.append(np.hstack([np.zeros((len(time), 3)), moment[:, None] * _side(plate)]))
+        wrenches.append(np.hstack([np.zeros((len(time), 3)), moment[:, None] * belt_side(plate)]))
     return wrenches
 
 
-def read_belts(path: Path, belt: Belt, stated: Stated) -> tuple[BeltModel, ...]:
+def read_belts(
+    path: Path, belt: Belt, stated: Stated, plates: PlateCorrection | None = None
+) -> tuple[BeltModel, ...]:
     """Fit the belt models to a recording of the empty treadmill; once in a process.
 
-    Parameters are those of `read_empty`, and the belts as stated.
+    Parameters are those of `read_empty`, the belts as stated, and the correction of the plates.
 
     Raises
     ------
@@ -175,18 +179,24 @@ def read_belts(path: Path, belt: Belt, stated: Stated) -> tuple[BeltModel, ...]:
         If the file cannot be read or used.
     """
     written = path.stat()
-    return _fitted(path, (written.st_mtime_ns, written.st_size), belt, stated)
+    return _fitted(path, (written.st_mtime_ns, written.st_size), belt, stated, plates)
 
 
 @lru_cache(maxsize=2)
 def _fitted(
-    path: Path, version: tuple[int, int], belt: Belt, stated: Stated
+    path: Path,
+    version: tuple[int, int],
+    belt: Belt,
+    stated: Stated,
+    plates: PlateCorrection | None,
 ) -> tuple[BeltModel, ...]:
     del version  # part of the key: a file written anew is fitted anew
-    return fit_belts(read_empty(path, stated), belt)
+    recording = read_empty(path, stated, any_forward=plates is None)
+    return fit_belts(with_corrected_plates(recording, plates), belt)
 
 
-def _side(plate: Plate) -> Array:
+def belt_side(plate: Plate) -> Array:
+    """Give the direction across a belt, about which its moment acts, in the plate's axes, (3,)."""
     return belt_axes(plate)[:, 1]
 
 

@@ -9,25 +9,42 @@ from typing import Final
 
 import numpy as np
 
-from compensation import Calibration, Setup, fit_inertia, from_json
+from compensation import (
+    Calibration,
+    Sensor,
+    Setup,
+    find_sensors,
+    fit_inertia,
+    from_json,
+    refuse_unusable,
+)
+from compensation.inertia.sensors import noise_for_fit
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
+from hbm.spatial import Array
+from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.input_file import read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
 
 FILTER: Final[Method] = "zero_phase"
 """A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
+PLATES_NAME: Final = "plate_calibration"
+PLATES_SHA256: Final = "plate_calibration_sha256"
+"""Keys of a calibration's provenance that name the correction of its plates."""
 AXES_BY_VERTICAL: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
 """One choice with each of the file's axes as the vertical one."""
 MIN_COSINE_LEVEL: Final = 0.7
 """Of the angle between a level plate's normal and the vertical, about 45°."""
 
 
-def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
+def fit_calibration(
+    recording: Recording, treadmill: Treadmill, plates: PlateCorrection | None = None
+) -> Calibration:
     """Fit what the empty plates of a moving treadmill measure to its accelerations.
 
     Parameters
@@ -36,11 +53,13 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
         The empty treadmill, moving.
     treadmill
         Names of its accelerometers' channels and the cut-off for the fit.
+    plates
+        The correction of its plates, which are corrected before the fit.
 
     Returns
     -------
     Calibration
-        One model per plate, named "plate 1", "plate 2", ….
+        One model per plate, named "plate 1", "plate 2", …. Its provenance names the correction.
 
     Raises
     ------
@@ -51,20 +70,84 @@ def fit_calibration(recording: Recording, treadmill: Treadmill) -> Calibration:
         raise ValueError(
             f"{recording.source.name}: the calibration needs plates: {recording.why_no_plates}"
         )
+    recording = with_corrected_plates(recording, plates)
     clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
     filtered = setup.low_pass(readings, clock)
+    wrenches = [setup.low_pass(p.wrench_in_plate, p.time) for p in recording.plates]
+    sensors = _sensors(recording, treadmill, clock, readings, filtered, wrenches)
     models = {}
-    for plate in recording.plates:
-        wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
-        measured = resample(clock, filtered, plate.time + treadmill.accelerometer_delay_s)
-        known = np.isfinite(measured).all(axis=1) & np.isfinite(wrench).all(axis=1)
-        models[f"plate {plate.number}"] = fit_inertia(measured[known], wrench[known], setup)
-    return Calibration(models, {"recording": recording.source.name})
+    for plate, wrench in zip(recording.plates, wrenches, strict=True):
+        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
+        known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
+        noise = noise_for_fit(sensors, felt[known])
+        models[f"plate {plate.number}"] = fit_inertia(felt[known], wrench[known], setup, noise)
+    refuse_unusable(models)
+    provenance = {"recording": recording.source.name}
+    if plates is not None:
+        provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
+    return Calibration(models, provenance, sensors)
+
+
+def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
+    """Refuse a calibration that was fitted to plates corrected otherwise than those of trials.
+
+    Raises
+    ------
+    ValueError
+        The correction of the one is not that of the others; the message says what to do.
+    """
+    known = calibration.provenance
+    fitted, wanted = known.get(PLATES_SHA256, ""), plates.sha256 if plates is not None else ""
+    if fitted == wanted:
+        return
+    used = f"to plates corrected by {known.get(PLATES_NAME)}" if fitted else "to uncorrected plates"
+    if plates is None:
+        advice = "name that file (plates.calibration in study.toml, --plate-calibration)"
+    else:
+        used += f", not by this {plates.name}" if fitted else f", but trials are by {plates.name}"
+        advice = "fit it again with 'hbm calibration fit --plate-calibration'"
+    raise ValueError(f"the treadmill's calibration was fitted {used}; {advice}")
+
+
+def _sensors(
+    recording: Recording,
+    treadmill: Treadmill,
+    clock: Array,
+    readings: Array,
+    filtered: Array,
+    wrenches: Sequence[Array],
+) -> tuple[Sensor, ...]:
+    """Find the sensors' delays against the plates, their gains and their noise."""
+    first, *_ = recording.plates
+    same_clock = [
+        wrench
+        for plate, wrench in zip(recording.plates, wrenches, strict=True)
+        if np.array_equal(plate.time, first.time)
+    ]
+    stated = treadmill.accelerometer_delay_s
+    felt = resample(clock, filtered, first.time + (stated or 0.0))
+    both = np.hstack([felt, *same_clock])
+    known = np.isfinite(both).all(axis=1)
+    complete = readings[np.isfinite(readings).all(axis=1)]
+    rate_hz = (len(clock) - 1) / float(clock[-1] - clock[0])
+    found = find_sensors(
+        felt[known],
+        both[known][:, felt.shape[1] :],
+        complete,
+        setup_of(recording, treadmill),
+        rate_hz,
+    )
+    if stated is None:
+        return found
+    return tuple(replace(sensor, delay_s=stated, delay_error_s=0.0) for sensor in found)
 
 
 def read_calibration(
-    path: Path, treadmill: Treadmill, stated: Stated | str | None = None
+    path: Path,
+    treadmill: Treadmill,
+    stated: Stated | str | None = None,
+    plates: PlateCorrection | None = None,
 ) -> Calibration:
     """Read a fitted calibration (JSON), or fit one to a recording of the empty treadmill (C3D).
 
@@ -76,6 +159,8 @@ def read_calibration(
         Names of the accelerometers' channels.
     stated
         How a recording is to be read, as for `read_empty`; a text states its axes alone.
+    plates
+        The correction of the plates of trials: those of a recording are corrected alike.
 
     Returns
     -------
@@ -85,7 +170,7 @@ def read_calibration(
     Raises
     ------
     ValueError, OSError
-        If the file cannot be read or used.
+        If the file cannot be read or used, or is a calibration of otherwise corrected plates.
 
     Examples
     --------
@@ -103,12 +188,15 @@ def read_calibration(
         try:
             calibration = from_json(read_text(path))
             _require_same_channels(calibration, treadmill)
+            _require_same_delay(calibration, treadmill)
+            require_same_plates(calibration, plates)
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error
         return calibration
     written = path.stat()
     channels = treadmill.model_dump_json(exclude={"platform"})
-    return _fitted(path, (written.st_mtime_ns, written.st_size), channels, as_stated(stated))
+    version = written.st_mtime_ns, written.st_size
+    return _fitted(path, version, channels, as_stated(stated), plates)
 
 
 def _require_same_channels(calibration: Calibration, treadmill: Treadmill) -> None:
@@ -125,6 +213,18 @@ def _require_same_channels(calibration: Calibration, treadmill: Treadmill) -> No
             )
 
 
+def _require_same_delay(calibration: Calibration, treadmill: Treadmill) -> None:
+    """Refuse a stated delay that is not the one with which the calibration was fitted."""
+    stated = treadmill.accelerometer_delay_s
+    for sensor in calibration.sensors if stated is not None else ():
+        if sensor.correction_s != stated:
+            raise ValueError(
+                f"the calibration was fitted with a delay of {1000 * sensor.correction_s:.2f} ms "
+                f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is {stated}; "
+                "leave it out, or fit again"
+            )
+
+
 def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
     return {
         channel: f"{axis} of {sensor}"
@@ -135,18 +235,22 @@ def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
 
 @lru_cache(maxsize=2)
 def _fitted(
-    path: Path, version: tuple[int, int], treadmill_json: str, stated: Stated
+    path: Path,
+    version: tuple[int, int],
+    treadmill_json: str,
+    stated: Stated,
+    plates: PlateCorrection | None,
 ) -> Calibration:
     """Fit what every trial of a study needs; a file of another ``version`` is fitted anew."""
-    recording = read_empty(path, stated)
+    recording = read_empty(path, stated, any_forward=plates is None)
     try:
-        return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json))
+        return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json), plates)
     except ValueError as error:
         text = str(error)
         raise ValueError(text if path.name in text else f"{path.name}: {text}") from error
 
 
-def read_empty(path: Path, stated: Stated) -> Recording:
+def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recording:
     """Read a recording of the empty treadmill.
 
     Parameters
@@ -157,6 +261,8 @@ def read_empty(path: Path, stated: Stated) -> Recording:
         How it is to be read; marker set and label prefix are those of a subject and do not count.
         Without axes, any directions are taken in which the plates lie level: nothing shows which
         way is forward, and a calibration in the plates' own axes does not need it.
+    any_forward
+        Whether that is so; a correction of its plates is in the lab's axes and does need it.
 
     Returns
     -------
@@ -168,7 +274,8 @@ def read_empty(path: Path, stated: Stated) -> Recording:
     ValueError, OSError
         If the file cannot be read, or what is to be calibrated is subtracted from its plates.
     """
-    recording = _read_with_any_axes(path, replace(stated, marker_set=None, label_prefix=None))
+    read = _read_with_any_axes if any_forward else read_as_stated
+    recording = read(path, replace(stated, marker_set=None, label_prefix=None))
     if recording.compensation is not None:
         raise ValueError(
             f"{path.name}: its plates are compensated, by {recording.compensation.software}; a "

@@ -1,19 +1,40 @@
 """A laboratory's treadmill: as stated, with its calibration."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from compensation import BeltModel, Calibration, InertiaModel
+from hbm.notes import Note
 from hbm.signals.filtering import Method
+from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Platform, Settings, Treadmill
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.calibration_recording import FILTER, read_calibration, setup_of
+from pipeline.trial.ground.calibration_recording import (
+    FILTER,
+    read_calibration,
+    require_same_plates,
+    setup_of,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Laboratory:
     """The treadmill as stated, its calibration and its plates' belt models where there are any.
+
+    Attributes
+    ----------
+    treadmill
+        As stated.
+    calibration
+        Of the moving platform.
+    belts
+        One model per plate.
+    plates
+        The correction of its plates, by which those of the calibration were corrected too.
+    notes
+        What a recording of another day says about the calibration.
 
     Examples
     --------
@@ -26,6 +47,12 @@ class Laboratory:
     treadmill: Treadmill
     calibration: Calibration | None = None
     belts: tuple[BeltModel, ...] = ()
+    plates: PlateCorrection | None = None
+    notes: tuple[Note, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.calibration is not None:
+            require_same_plates(self.calibration, self.plates)
 
     def filters(self, settings: Settings) -> tuple[tuple[Method, float], ...]:
         """Give method and cut-off [Hz] of every low-pass between a recording and its residuals."""
@@ -63,12 +90,28 @@ def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaMo
     wanted = [f"plate {plate.number}" for plate in recording.plates]
     if unknown := [plate for plate in wanted if plate not in known]:
         raise ValueError(f"{name}: the calibration has no {unknown[0]}; it has {', '.join(known)}")
+    _require_same_channels(recording, laboratory)
     for plate in wanted:
         try:
             known[plate].require(setup_of(recording, laboratory.treadmill))
         except ValueError as error:
             raise ValueError(f"{name}: {plate}: {error}") from error
     return [known[plate] for plate in wanted]
+
+
+def _require_same_channels(recording: Recording, laboratory: Laboratory) -> None:
+    """Refuse other channels than the calibration's where the recording has those."""
+    assert laboratory.calibration is not None
+    fitted = json.loads(laboratory.calibration.provenance.get("channels", "{}"))
+    present = recording.analog.names if recording.analog is not None else ()
+    for sensor, channels in laboratory.treadmill.accelerometers.items():
+        then = tuple(fitted.get(sensor, channels))
+        if then != channels and set(then) <= set(present):
+            raise ValueError(
+                f"{recording.source.name}: accelerometer {sensor} was {', '.join(then)} in the "
+                f"calibration, which this recording has too, but {', '.join(channels)} is stated; "
+                "trial and calibration need the same channels"
+            )
 
 
 def require_uncompensated(recording: Recording, laboratory: Laboratory) -> None:
@@ -102,7 +145,12 @@ def require_uncompensated(recording: Recording, laboratory: Laboratory) -> None:
         )
 
 
-def read_laboratory(file: Path, platform_markers: tuple[str, ...]) -> Laboratory:
+def read_laboratory(
+    file: Path,
+    platform_markers: tuple[str, ...],
+    accelerometers: Mapping[str, tuple[str, str, str]] | None = None,
+    plates: PlateCorrection | None = None,
+) -> Laboratory:
     """Give the laboratory that a calibration file describes.
 
     Parameters
@@ -111,23 +159,28 @@ def read_laboratory(file: Path, platform_markers: tuple[str, ...]) -> Laboratory
         JSON that `fit` wrote.
     platform_markers
         Markers on the platform; none for a treadmill that stands still.
+    accelerometers
+        Sensor -> its channels in the trials, where these are called otherwise than in the
+        calibration; by default as the calibration names them.
+    plates
+        The correction of its plates.
 
     Returns
     -------
     Laboratory
-        With the accelerometers' channels as the calibration names them.
+        With the accelerometers' channels.
 
     Raises
     ------
     ValueError
-        If the file is not such a calibration.
+        If the file is not such a calibration, or is one of otherwise corrected plates.
     """
     if file.suffix.lower() != ".json":
         raise ValueError(
             f"{file.name}: --calibration takes a fitted calibration; make one with "
             f"'hbm calibration fit {file.name} -o lab.json'"
         )
-    calibration = read_calibration(file, Treadmill())
+    calibration = read_calibration(file, Treadmill(), plates=plates)
     try:
         channels = json.loads(calibration.provenance["channels"])
     except (KeyError, ValueError) as error:
@@ -135,12 +188,17 @@ def read_laboratory(file: Path, platform_markers: tuple[str, ...]) -> Laboratory
             f"{file.name}: the calibration does not name its channels; fit it again with "
             "'hbm calibration fit'"
         ) from error
+    if accelerometers and set(accelerometers) != set(channels):
+        raise ValueError(
+            f"{file.name}: the calibration has the accelerometers {', '.join(channels)}, "
+            f"--accelerometer names {', '.join(accelerometers)}; name all of them and no others"
+        )
     cutoff_hz = next(iter(calibration.plates.values())).setup.cutoff_hz  # type: ignore[union-attr]
     platform = Platform(markers=platform_markers) if platform_markers else None
     treadmill = Treadmill(
-        accelerometers=channels,
+        accelerometers={s: (accelerometers or channels)[s] for s in channels},
         accelerometer_unit=calibration.provenance.get("accelerometer_unit") or None,
         cutoff_hz=cutoff_hz or 20.0,
         platform=platform,
     )
-    return Laboratory(treadmill, calibration)
+    return Laboratory(treadmill, calibration, plates=plates)

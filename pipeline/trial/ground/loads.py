@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from compensation import InertiaModel
-from hbm.signals.resampling import resample
 from hbm.spatial import Array, read_only
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
 from pipeline.trial.ground.calibration_recording import setup_of
+from pipeline.trial.ground.corrected_plates import plate_delays_s
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
 
@@ -42,18 +42,18 @@ class PlateLoad:
 
 
 def plate_loads(
-    recording: Recording, laboratory: Laboratory, plate_delay_s: float
+    recording: Recording, laboratory: Laboratory, plate_delay_s: float | None
 ) -> tuple[PlateLoad, ...]:
     """Give the load on every plate, without what the platform's motion adds where that is known.
 
     Parameters
     ----------
     recording
-        The trial.
+        The trial, its plates corrected.
     laboratory
         The treadmill with its calibration, if any.
     plate_delay_s
-        How much later the plates are than the markers [s].
+        How much later the plates are than the markers [s]; None as their calibration states it.
 
     Returns
     -------
@@ -74,11 +74,14 @@ def plate_loads(
         readings = setup_of(recording, treadmill).low_pass(readings, clock)
         models = plate_models(recording, laboratory)
         for k, (plate, model) in enumerate(zip(plates, models, strict=True)):
-            felt = resample(clock, readings, plate.time + treadmill.accelerometer_delay_s)
+            felt = at_plate_times(
+                clock, readings, plate.time, treadmill, laboratory.calibration.sensors
+            )
             forces[k] = forces[k] - _predicted(model, felt) @ plate.rotation[2]
+    delays = plate_delays_s(plates, laboratory.plates, plate_delay_s)
     return tuple(
-        PlateLoad(plate.number, plate.time - plate_delay_s, force)
-        for plate, force in zip(plates, forces, strict=True)
+        PlateLoad(plate.number, plate.time - delay, force)
+        for plate, delay, force in zip(plates, delays, forces, strict=True)
     )
 
 

@@ -12,16 +12,20 @@ from compensation import (
     moment_error_of_pivot,
     to_lab,
 )
+from compensation.inertia.model import SLOW_HZ
 from hbm.notes import Note
 from hbm.signals.resampling import resample
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Plate, Recording
-from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, corrected_sensors
 from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import setup_of
+from pipeline.trial.ground.corrected_plates import plate_delays_s
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
+from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
+from pipeline.trial.ground.uncertainty import wrench_covariance
 
 ASSUMED_PIVOT_ERROR_M: Final = 0.01
 """Of a pivot that is measured by hand; its effect on the moments is noted."""
@@ -40,11 +44,15 @@ class Ground:
         The platform's pose at the markers' times; None where it stands still.
     notes
         How the wrenches were compensated and brought to the lab, and what is doubtful about that.
+    covariances
+        Per plate that of its compensated wrench due to the compensation alone, lab axes about the
+        lab origin, (T, 6, 6); empty without a calibration of the platform.
     """
 
     variants: Mapping[str, Sequence[Array]]
     pose: PlatformPose | None
     notes: tuple[Note, ...]
+    covariances: tuple[Array, ...] = ()
 
     @property
     def best(self) -> str:
@@ -53,20 +61,26 @@ class Ground:
 
 
 def ground_wrenches(
-    recording: Recording, laboratory: Laboratory, time: Array, plate_delay_s: float
+    recording: Recording,
+    laboratory: Laboratory,
+    time: Array,
+    plate_delay_s: float | None,
+    cutoff_hz: float = SLOW_HZ,
 ) -> Ground:
     """Bring every plate to the markers' times and into the lab, as measured and compensated.
 
     Parameters
     ----------
     recording
-        The trial.
+        The trial, its plates corrected.
     laboratory
         The treadmill.
     time
         Marker times, (T,) [s].
     plate_delay_s
-        How much later the plates are than the markers [s].
+        How much later the plates are than the markers [s]; None as their calibration states it.
+    cutoff_hz
+        Of the filter that the wrenches pass next, which leaves less of their noise [Hz].
 
     Returns
     -------
@@ -80,20 +94,22 @@ def ground_wrenches(
     Raises
     ------
     ValueError
-        If the calibration does not fit the trial, a channel or platform marker is missing, or the
-        file's plates are compensated already.
+        If the calibration does not fit the trial, a channel or platform marker is missing, the
+        file's plates are compensated already, or two different delays are stated of a plate.
     """
     require_uncompensated(recording, laboratory)
     plates, treadmill = recording.plates, laboratory.treadmill
-    measured = [resample(p.time, p.wrench_in_plate, time + plate_delay_s) for p in plates]
+    delays_s = plate_delays_s(plates, laboratory.plates, plate_delay_s)
+    times = [time + delay for delay in delays_s]
+    measured = [resample(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)]
     notes = [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
 
-    compensated = measured
+    compensated, felt = measured, list[Array]()
     if laboratory.calibration is not None:
-        compensated, doubts = _without_inertia(recording, laboratory, time + plate_delay_s)
+        compensated, felt, doubts = _without_inertia(recording, laboratory, times)
         notes += doubts
     if laboratory.belts and treadmill.belt is not None:
-        added = belt_wrenches(recording, laboratory.belts, treadmill.belt, time + plate_delay_s)
+        added = belt_wrenches(recording, laboratory.belts, treadmill.belt, times)
         compensated = [w - belt for w, belt in zip(compensated, added, strict=True)]
         notes.append(Note.of("belts_compensated", channels=treadmill.belt.speed_channels))
 
@@ -107,7 +123,17 @@ def ground_wrenches(
     if compensated is not measured:
         variants["compensated"] = compensated
     in_lab = {name: _in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
-    return Ground(in_lab, pose, tuple(notes))
+    covariances = []
+    if felt:
+        models = plate_models(recording, laboratory)
+        if pose is not None and treadmill.platform is not None and treadmill.platform.markers:
+            late = plate_marker_delay(pose, felt[0], recording.markers.rate_hz)
+            notes += plates_note(late, delays_s[0])
+        covariances = [
+            wrench_covariance(model, acceleration, plate, pose, cutoff_hz)
+            for model, plate, acceleration in zip(models, plates, felt, strict=True)
+        ]
+    return Ground(in_lab, pose, tuple(notes), tuple(covariances))
 
 
 def _is_constant(plate: Plate) -> bool:
@@ -115,9 +141,11 @@ def _is_constant(plate: Plate) -> bool:
 
 
 def _without_inertia(
-    recording: Recording, laboratory: Laboratory, plate_time: Array
-) -> tuple[list[Array], list[Note]]:
-    """Subtract what the platform's motion adds to each plate; plate times (T,) are on their clock.
+    recording: Recording, laboratory: Laboratory, times: Sequence[Array]
+) -> tuple[list[Array], list[Array], list[Note]]:
+    """Subtract what the platform's motion adds to each plate; its times (T,) are on its clock.
+
+    Gives what the accelerometers felt at each plate's times too, (T, k).
 
     Plates and accelerometers both pass the low-pass that both passed in the calibration: filtering
     only one of them would leave the part of the artefact that the filter takes from the other.
@@ -126,13 +154,13 @@ def _without_inertia(
     clock, readings = accelerations(recording, treadmill)
     models = plate_models(recording, laboratory)
     setup = setup_of(recording, treadmill)
-    acceleration = resample(
-        clock, setup.low_pass(readings, clock), plate_time + treadmill.accelerometer_delay_s
-    )
+    assert laboratory.calibration is not None
+    sensors, filtered = laboratory.calibration.sensors, setup.low_pass(readings, clock)
+    felt = [at_plate_times(clock, filtered, time, treadmill, sensors) for time in times]
     compensated = []
-    for plate, model in zip(plates, models, strict=True):
+    for plate, model, time, acceleration in zip(plates, models, times, felt, strict=True):
         wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
-        wrench = resample(plate.time, wrench, plate_time)
+        wrench = resample(plate.time, wrench, time)
         compensated.append(_compensated(model, acceleration, wrench))
     notes = compensation_doubts(plates, models, readings, treadmill)
     notes.append(
@@ -143,7 +171,8 @@ def _without_inertia(
             cutoff_hz=treadmill.cutoff_hz,
         )
     )
-    return compensated, notes
+    notes += [*corrected_sensors(sensors), *laboratory.notes]
+    return compensated, felt, notes
 
 
 def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Array:

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import GRAVITY_MPS2, Array
+from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
 
 HEAD_KG: Final = 0.5
 """Mass of the hammer's head; assumed."""
@@ -15,6 +16,13 @@ FREE_S: Final = 0.2
 """How long the head moves freely after a blow, until the hand lifts it again."""
 LIFT_S: Final = 0.4
 """How long the hand lifts it; less than there is between blows."""
+
+BLOWS: Final = 15
+BLOW_INTERVAL_S: Final = 2.0
+BLOW_SPREAD_S: Final = 0.3
+HAMMER_S: Final = 33.0
+"""Blows with the hammer on a belt (the thesis' number), mean time between them, how far the time of
+a blow is from that, and duration of the recording; assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,3 +104,37 @@ def strike(blows: Blows) -> tuple[Array, Array, Array]:
         speed += step * (free + push / HEAD_KG)
         z += step * speed
     return time, height, np.where(time[:, None] < FREE_S, force, 0.0)
+
+
+def strike_belt(
+    shortest_s: float, longest_s: float, delay_s: float, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Strike a belt fifteen times, and hold the hammer above it in between.
+
+    Parameters
+    ----------
+    shortest_s, longest_s
+        Of the contacts [s].
+    delay_s
+        By how much the plate is later than the cameras [s].
+    rng
+        Source of the blows and their times.
+
+    Returns
+    -------
+    height
+        Of the head above the plate as cameras time it, at 1000 Hz, (N,) [m].
+    force
+        On the plate as the plate times it, at 1000 Hz, (N,) [N].
+    """
+    time = np.arange(round(HAMMER_S * ANALOG_HZ)) / ANALOG_HZ
+    spread = rng.uniform(-BLOW_SPREAD_S, BLOW_SPREAD_S, BLOWS)
+    since, height, force = strike(Blows.draw(BLOWS, shortest_s, longest_s, rng))
+    head, load = np.full(len(time), np.nan), np.zeros(len(time))
+    for k, blow in enumerate(BLOW_INTERVAL_S * np.arange(1, BLOWS + 1) + spread):
+        own = np.interp(time - blow, since, height[:, k], left=np.nan, right=np.nan)
+        head = np.where(np.isfinite(own), own, head)
+        late = time - blow - delay_s
+        load += np.interp(late, since, force[:, k], left=0.0, right=0.0)
+    held = np.isfinite(head)
+    return np.interp(time, time[held], head[held]), load

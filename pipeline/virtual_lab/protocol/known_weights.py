@@ -32,7 +32,7 @@ from pipeline.virtual_lab.machine.instruments.sampling import (
     SAMPLES_PER_FRAME,
     delayed,
 )
-from pipeline.virtual_lab.protocol.hammer import Blows, strike
+from pipeline.virtual_lab.protocol.hammer import strike_belt
 
 PLATES: Final = {"left": 0, "right": 1}
 
@@ -71,13 +71,8 @@ LIFT_M: Final = 0.3
 """How long the weight stands at a place and is on the way to the next, and how high it is lifted;
 assumed."""
 
-BLOWS: Final = 15
-BLOW_INTERVAL_S: Final = 2.0
-BLOW_SPREAD_S: Final = 0.3
 CONTACT_S: Final = (0.002, 0.006)
-HAMMER_S: Final = 33.0
-"""Blows with the hammer on each belt (the thesis' number), mean time between them, how far the time
-of a blow is from that, shortest and longest contact, and duration of the recording; assumed."""
+"""Shortest and longest contact of the hammer; assumed."""
 HAMMER_MARKER_M: Final = 0.25
 """Height of the marker above the head of the hammer."""
 
@@ -87,7 +82,7 @@ MOMENT_NOISE_M: Final = 0.2
 
 @dataclass(frozen=True, slots=True)
 class PlateErrors:
-    """What is wrong with both plates and their mounting.
+    """What is wrong with a plate and its mounting.
 
     Attributes
     ----------
@@ -104,6 +99,8 @@ class PlateErrors:
         Amplitude and frequency of the centre of pressure along the belt, without supports.
     drift_n_per_s
         Of the vertical force within a recording.
+    zero
+        What the unloaded plate measures, (6,) [N, N·m].
     noise_n
         White noise of the forces at 1000 Hz, SD; of the moments, a fifth as many N·m.
     """
@@ -116,6 +113,7 @@ class PlateErrors:
     vibration_m: float = 0.0
     vibration_hz: float = 3.0
     drift_n_per_s: float = 0.0
+    zero: tuple[float, ...] = (0.0,) * 6
     noise_n: float = 1.0
 
     @property
@@ -130,23 +128,26 @@ class PlateErrors:
         for (measured, true), share in self.cross_talk.items():
             gain[measured, true] += share
         drift = np.array([0.0, 0.0, self.drift_n_per_s, 0.0, 0.0, 0.0])
-        return ForcePlate(gain, self.curvature, FULL_SCALE_N, drift=drift, noise=self.noise)
+        zero = np.array(self.zero)
+        return ForcePlate(gain, self.curvature, FULL_SCALE_N, zero, drift, self.noise)
 
 
 THESIS_ERRORS: Final = PlateErrors(
     angle_rad=math.radians(0.19),
-    offset_m=(0.0015, -0.0018),
+    offset_m=(0.0018, -0.0015),
     delay_s=0.004,
     vibration_m=0.015,
     vibration_hz=3.0,
 )
 """What van de Loosdrecht (2018) found of the plates: rotation and offset by the static calibration,
-delay of the left belt, and a centre of pressure up to 3 cm wide where supports were missing."""
+delay of the left belt, and a centre of pressure up to 3 cm wide where supports were missing. Its
+offset of 1.5 mm in x and -1.8 mm in z is 1.5 mm to the right and 1.8 mm forward: its treadmill has
+x to the right, y up and z to the back, as in its Table I and in ``thesis.toml``."""
 
 
 @dataclass(frozen=True, slots=True)
 class _SetUp:
-    """Plates and cameras with their errors, and the source of their noise."""
+    """A plate and cameras with their errors, and the source of their noise."""
 
     errors: PlateErrors
     cameras: CameraFaults
@@ -169,7 +170,7 @@ class _SetUp:
 
 def simulate_plates(
     folder: Path,
-    errors: PlateErrors | None = None,
+    errors: PlateErrors | Mapping[str, PlateErrors] | None = None,
     *,
     seed: int = 0,
     speeds: Sequence[float] = SPEEDS_MPS,
@@ -187,7 +188,7 @@ def simulate_plates(
     folder
         To write to.
     errors
-        Of both plates; by default only noise.
+        Of both plates, or belt -> those of its plate; by default only noise.
     seed
         Seed of the noise.
     speeds, weights, positions, profiles, belts, supports
@@ -196,12 +197,13 @@ def simulate_plates(
     marker_noise_m
         White noise of the cameras at 100 Hz, SD [m].
     """
-    errors = errors or PlateErrors()
+    of_belt = errors if isinstance(errors, Mapping) else dict.fromkeys(belts, errors)
     cameras = CameraFaults(noise_m=marker_noise_m, gaps_per_minute=0.0)
-    lab = _SetUp(errors, cameras, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    labs = {belt: _SetUp(of_belt.get(belt) or PlateErrors(), cameras, rng) for belt in belts}
     lines = ['name = "virtual plates"', 'axes = "left,back,up"']
     lines += [f"center_height_m = {CENTER_HEIGHT_M}", f"full_scale_n = {FULL_SCALE_N}", ""]
-    for belt in belts:
+    for belt, lab in labs.items():
         _static(folder / f"static_{belt}.c3d", belt, lab)
         _hammer(folder / f"hammer_{belt}.c3d", belt, lab)
         for part in ("static", "hammer"):
@@ -210,7 +212,8 @@ def simulate_plates(
     for n, (belt, speed, profile, position, mass, supported) in enumerate(combinations):
         name = f"weight_{n + 1:03d}.c3d"
         lateral = (1 if belt == "left" else -1) * (PLATE_WIDTH_M - position)
-        vibration_m = (SUPPORTED_VIBRATION if supported else 1.0) * errors.vibration_m
+        lab = labs[belt]
+        vibration_m = (SUPPORTED_VIBRATION if supported else 1.0) * lab.errors.vibration_m
         _weight(
             folder / name, belt, lab, _path_of_marker(speed, profile, lateral), mass, vibration_m
         )
@@ -283,21 +286,11 @@ def _static(path: Path, belt: str, lab: _SetUp) -> None:
 
 def _hammer(path: Path, belt: str, lab: _SetUp) -> None:
     """Write blows with a hammer that carries a marker."""
-    time = np.arange(round(HAMMER_S * ANALOG_HZ)) / ANALOG_HZ
-    spread = lab.rng.uniform(-BLOW_SPREAD_S, BLOW_SPREAD_S, BLOWS)
-    since, height, force = strike(Blows.draw(BLOWS, *CONTACT_S, lab.rng))
-    head, load = np.full(len(time), np.nan), np.zeros(len(time))
-    for k, blow in enumerate(BLOW_INTERVAL_S * np.arange(1, BLOWS + 1) + spread):
-        own = np.interp(time - blow, since, height[:, k], left=np.nan, right=np.nan)
-        head = np.where(np.isfinite(own), own, head)
-        late = time - blow - lab.errors.delay_s
-        load += np.interp(late, since, force[:, k], left=0.0, right=0.0)
-    held = np.isfinite(head)
-    head = np.interp(time, time[held], head[held])
+    head, load = strike_belt(*CONTACT_S, lab.errors.delay_s, lab.rng)
     wrench = load[:, None] * np.eye(6)[2]
-    measured = ForcePlate(noise=lab.errors.noise).measure(wrench, time, lab.rng)
-    middle = np.full(len(time), _center(belt)[1])
-    place = np.column_stack([0 * time, middle, head + HAMMER_MARKER_M])
+    measured = ForcePlate(noise=lab.errors.noise).measure(wrench, _times(head), lab.rng)
+    middle = np.full(len(head), _center(belt)[1])
+    place = np.column_stack([0 * head, middle, head + HAMMER_MARKER_M])
     markers = lab.record_marker(place)
     _save(path, belt, "HAMMER", markers, shift_wrench(measured, _center(belt)))
 

@@ -1,7 +1,7 @@
 """Experiment 2 in the virtual laboratory: all calibration and validation recordings."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -20,9 +20,9 @@ from pipeline.virtual_lab.protocol.calibration_trial import (
     sample_times,
 )
 
-TRIALS: Final = 54
-"""28 calibration trials of the platform, 20 of the belts, 5 validation trials, and belt pulses with
-a person on the platform."""
+TRIALS: Final = 58
+"""28 calibration trials of the platform, 24 of the belts, and 6 validation trials, one of which is
+belt pulses with a person on the other belt."""
 PLATFORM_BELT_SPEEDS_MPS: Final = (0.0, 3.0)
 BELT_SPEEDS_MPS: Final = (1.0, 2.0)
 """Belt speeds of the calibration trials of the platform, and mean speeds of those of the belts: the
@@ -67,11 +67,11 @@ def planned_trials(seed: int) -> Iterator[PlannedTrial]:
     for n, speed in enumerate(BELT_SPEEDS_MPS):
         for signal in belt_signals(2 * seed + n, speed):
             yield PlannedTrial("belt_calibration", signal)
-    *platform, belt = validation_signals()
+    *platform, belt, with_person = validation_signals(seed)
     for signal in platform:
         yield PlannedTrial("validation", signal, BYSTANDERS[signal.name])
     yield PlannedTrial("belt_validation", belt)
-    yield PlannedTrial("belt_person", replace(belt, name="belt_with_person"), bystander.walking)
+    yield PlannedTrial("belt_person", with_person, bystander.walking)
 
 
 def recordings(

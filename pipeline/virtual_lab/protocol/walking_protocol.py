@@ -8,7 +8,11 @@ from typing import Annotated, Final, Literal
 import numpy as np
 from pydantic import Field
 
-from compensation.signals.protocol import DURATIONS_S, PLATFORM_KINDS
+from compensation.signals.protocol import (
+    ADVISED_PLATFORM_SIGNAL,
+    DURATIONS_S,
+    PLATFORM_KINDS,
+)
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
 from pipeline.config.schema import InputModel
@@ -119,9 +123,14 @@ class Protocol(InputModel):
 SHORT: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
 """Shorter trials of three subjects: enough of every condition to compare instruments."""
 
-DEMO: Final = Protocol(baseline_s=30.0, pitch_s=33.0, waits_s=(12.0, 12.0, 12.0, 12.0))
+DEMO: Final = Protocol(
+    baseline_s=30.0,
+    pitch_s=33.0,
+    waits_s=(12.0, 12.0, 12.0, 12.0),
+    calibration=ADVISED_PLATFORM_SIGNAL,
+)
 """All subjects, whom the statistics need, in a minute on two cores: two perturbations to each side,
-and one period of the pitch sine after the start of the belts."""
+one period of the pitch sine after the start of the belts, and the calibration that is advised."""
 
 
 class Setting(InputModel):

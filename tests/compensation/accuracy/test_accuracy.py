@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 from scipy.optimize import minimize
 
 from compensation import (
@@ -129,6 +130,15 @@ def test_linearity_agrees_with_the_normal_equations():
     np.testing.assert_allclose(
         [found.r_squared_first, found.r_squared_second], r_squared, rtol=1e-6
     )
+
+
+def test_the_interval_of_the_slope_is_that_of_linear_regression():
+    measured = 1.01 * LOADS + 3 * np.sin(np.arange(len(LOADS)))
+    found, theirs = linearity(LOADS, measured, 510), stats.linregress(LOADS, measured)
+    assert found.slope_error == pytest.approx(theirs.stderr, rel=1e-9)
+    width = stats.t.isf(0.025, len(LOADS) - 2) * theirs.stderr
+    assert found.slope_uncertainty == pytest.approx(width, rel=1e-9)
+    assert abs(found.slope - 1.01) < found.slope_uncertainty
 
 
 def test_a_straight_plate_has_no_nonlinearity_and_a_curved_one_needs_the_parabola():

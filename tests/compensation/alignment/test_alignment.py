@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from compensation.alignment.delay import estimate_delay, undo_delay
-from compensation.alignment.hammer import hammer_delay
+from compensation.alignment.hammer import hammer_delay, hammer_impacts
 from compensation.alignment.plate import PlateAlignment, fit_plate_alignment
 
 # Delays from motion -----------------------------------------------------------------------------
@@ -31,6 +31,18 @@ def test_a_known_delay_between_sensors_and_plate_comes_back(
     assert found.seconds == pytest.approx(delay_s, abs=5e-5)  # ten times better than asked for
     assert found.standard_error < 5e-5
     assert found.explained > 0.99
+
+
+@pytest.mark.parametrize("delay_s", [0.003, -0.02, 0.0844])
+def test_the_delay_of_slow_motion_comes_back_too(delay_s):
+    """Whole samples of a turn in six seconds correlate alike over several of them."""
+    time = np.arange(0, 30, 0.01)
+
+    def seen(at):
+        return np.column_stack([np.sin(2 * np.pi * at / 6), np.sin(2 * np.pi * at / 7.3)])
+
+    found = estimate_delay(seen(time), 3 * seen(time - delay_s), 100)
+    assert found.seconds == pytest.approx(delay_s, abs=5e-5)
 
 
 @pytest.mark.slow
@@ -161,6 +173,30 @@ def test_the_95_percent_interval_of_a_delay_by_a_hammer_holds_it_19_times_in_20(
         half = stats.t.isf(0.025, len(found.differences) - 1) * found.standard_error
         holds.append(abs(found.seconds - delay_s) < half)
     assert 90 <= sum(holds) <= 99
+
+
+def test_the_instants_of_every_impact_are_those_of_marker_and_force():
+    delay_s, contact_s = 0.006, 0.004
+    camera, height, plate, force = impacts(6, delay_s, contact_s)
+    found = hammer_impacts(camera, height, plate, force)
+    rng = np.random.default_rng(6)
+    struck = 2 + np.arange(15) * 1.5 + rng.uniform(0, 0.3, 15)
+    np.testing.assert_allclose(
+        [impact.marker_s for impact in found], struck + contact_s / 2, atol=5e-4
+    )
+    np.testing.assert_allclose(
+        [impact.force_s for impact in found], struck + contact_s / 2 + delay_s, atol=2e-4
+    )
+    for impact in found:
+        assert impact.path_before[0] == pytest.approx(impact.path_after[0], abs=1e-9)
+        assert impact.path_before[1] == pytest.approx(-2.5, abs=0.1)
+        assert impact.path_after[1] > 0
+
+
+def test_a_force_at_the_rate_of_the_cameras_is_refused():
+    camera, height, plate, force = impacts(1, 0.004)
+    with pytest.raises(ValueError, match="a force at 100 Hz misses impacts between its samples"):
+        hammer_delay(camera, height, plate[::10], force[::10])
 
 
 def test_a_bounce_is_no_impact_of_its_own_and_spoils_none():

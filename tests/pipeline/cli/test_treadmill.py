@@ -97,7 +97,7 @@ def test_a_unit_that_the_file_states_wrongly_can_be_stated(moving_study, fitted,
     assert '"accelerometer_unit": "g"' in out.read_text(encoding="utf-8")
 
 
-def test_a_calibration_with_someone_on_the_treadmill_is_not_recommended(
+def test_a_recording_with_someone_on_the_treadmill_is_refused_as_a_calibration(
     moving_study, tmp_path, capsys
 ):
     def stood_on(recording):
@@ -108,7 +108,10 @@ def test_a_calibration_with_someone_on_the_treadmill_is_not_recommended(
         )
 
     path = changed(moving_study, tmp_path / "person.c3d", plates=stood_on)
-    assert main(["calibration", "fit", str(path), "-o", str(tmp_path / "lab.json")]) == 0
-    out = " ".join(capsys.readouterr().out.split())
-    assert "someone stood on the treadmill" in out
-    assert "do not use it before that is explained" in out
+    out = tmp_path / "lab.json"
+    assert main(["calibration", "fit", str(path), "-o", str(out)]) == 2
+    line = capsys.readouterr().err
+    assert "was somebody on the boards?" in line
+    assert "record the empty treadmill while it follows a calibration signal" in line
+    assert line.count("\n") == 1
+    assert not out.exists()

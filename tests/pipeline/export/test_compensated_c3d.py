@@ -19,10 +19,14 @@ from pipeline.io.c3d.read import read_c3d
 from pipeline.run.check import check_study
 from pipeline.run.job import file_digest
 from pipeline.trial.ground.artefacts import plate_artefacts
+from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.platform import platform_pose, pose_at
 from pipeline.trial.process import process_recording, process_trial
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
+from tests.pipeline.wrong_plates import correction_of, wrongly_measured
 
 FRAMES = (None, "plate", "lab")
 RANGE_SHARE = 1e-6
@@ -120,6 +124,33 @@ def test_the_file_says_what_was_done(recordings, study, written):
         assert done.cutoff_hz == CUTOFF_HZ
         assert done.frame == (frame or "recorded")
         assert written[frame].verification.reader
+
+
+@pytest.mark.parametrize("compensate", [False, True])
+def test_a_copy_of_wrong_plates_holds_corrected_ones(original, study, compensate, tmp_path):
+    """Corrected first, then compensated by a calibration of plates corrected alike."""
+    wrong = lab.save(wrongly_measured(original), tmp_path / "wrong.c3d")
+    empty = read_c3d(study.path("empty.c3d"), "left,back,up")
+    treadmill, correction = study.file.treadmill, correction_of(original)
+    right, of_right, of_wrong = original, None, None
+    if compensate:
+        of_right = fit_calibration(empty, treadmill)
+        of_wrong = fit_calibration(wrongly_measured(empty), treadmill, correction)
+    artefacts, _ = plate_artefacts(right, Laboratory(treadmill, of_right))
+    calibrations = Calibrations(Laboratory(treadmill, of_wrong, plates=correction))
+    written = write_compensated(read_c3d(wrong), calibrations, tmp_path / "copy.c3d")
+    copy = read_c3d(written.path)
+    for plate, before, artefact in zip(copy.plates, right.plates, artefacts, strict=True):
+        error = np.abs(plate.wrench_in_plate - (before.wrench_in_plate - artefact))
+        assert (error < RANGE_SHARE * np.ptp(before.wrench_in_plate, axis=0)).all()
+    done = copy.compensation
+    assert (done.plate_calibration, done.plate_calibration_sha256) == (
+        correction.name,
+        correction.sha256,
+    )
+    assert "plates_corrected" in [note.code for note in written.notes]
+    with pytest.raises(ValueError, match=r"copy\.c3d: its plates are compensated or corrected al"):
+        with_corrected_plates(copy, correction)
 
 
 def residual_of(recording, study, *, platform):

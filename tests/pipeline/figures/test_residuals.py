@@ -7,6 +7,7 @@ import pytest
 
 from pipeline.figures.residuals import axis_label, residual_figure
 from pipeline.trial.residuals import AXES, cycle_residuals
+from pipeline.trial.result import CompensationUncertainty
 from tests.pipeline.fake_results import fake_trial
 
 
@@ -38,8 +39,25 @@ def test_cycles_of_the_left_foot_are_drawn_where_there_are_none_of_the_right(tri
 def test_a_trial_without_compensation_has_one_line_and_no_legend(trial):
     ground = {"measured": trial.ground["measured"]}
     figure = residual_figure(replace(trial, compensated=None, ground=ground))
-    assert figure.axes[0].get_legend() is None
+    assert figure.legends == []
     assert len(figure.axes[0].collections) == 1
+
+
+@pytest.mark.parametrize("span", [None, (0.0, 1.0)])
+def test_the_uncertainty_of_the_compensation_is_a_band_with_its_name(trial, span):
+    """Over gait cycles and over time; it holds no model error, and says so."""
+    frames = len(trial.motion.time)
+    spread = CompensationUncertainty((), np.tile(np.arange(1.0, 7.0), (frames, 1)))
+    figure = residual_figure(replace(trial, uncertainty=spread, span=span))
+    name = "compensation ± 1σ, without model error"
+    (legend,) = figure.legends
+    assert name in [text.get_text() for text in legend.get_texts()]
+    for k, panel in enumerate(figure.axes):
+        (band,) = [drawn for drawn in panel.collections if drawn.get_label() == name]
+        height = np.concatenate([path.vertices for path in band.get_paths()])[:, 1]
+        curve = line(panel, "compensated").get_ydata()
+        assert height.max() == pytest.approx(np.nanmax(curve) + k + 1)
+        assert height.min() == pytest.approx(np.nanmin(curve) - k - 1)
 
 
 def test_every_panel_names_axis_direction_and_unit(trial):

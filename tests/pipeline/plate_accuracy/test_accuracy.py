@@ -17,7 +17,7 @@ from pipeline.config.validation import StudyFaults
 from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.faults import FaultEstimate
 from pipeline.plate_accuracy.report import COLUMNS, table_1
-from pipeline.plate_accuracy.verdict import PlateVerdict, describe, judge
+from pipeline.plate_accuracy.verdict import describe, judge
 from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 
@@ -67,7 +67,10 @@ def estimate(found, fault):
 
 def test_a_faultless_plate_is_found_faultless(faultless):
     assert [one for one in faultless.faults if one.significant] == []
-    assert judge(faultless) == PlateVerdict((), (), ())
+    (verdict,) = judge(faultless)
+    assert verdict.verdict == "fit"
+    assert verdict.calibration is None
+    assert verdict.reasons == verdict.notes == ()
     assert faultless.linearities["left"].percent_of_full_scale < 0.2
 
 
@@ -137,17 +140,26 @@ def test_a_vibration_is_found_and_named_with_and_without_supports(shaking, tmp_p
     for one, truth in ((free, 0.03), (held, 0.0075)):
         assert one.frequency_hz == pytest.approx(3.2, abs=0.01)
         assert abs(one.value - truth) < 4 * one.standard_error + 0.01 * truth
-    verdict = judge(shaking)
-    assert not verdict.fit
-    against = [line for line in verdict.against if "vibration with supports" in line]
-    assert any("3.20 Hz" in line for line in against)
-    assert any("measure with the supports" in line for line in verdict.corrections)
+    (verdict,) = judge(shaking)
+    assert verdict.verdict == "not fit"
+    assert "vibration with supports" in {one.name for one in verdict.reasons}
+    assert verdict.sentence.startswith("left plate with supports: not fit for inverse dynamics")
+    assert "at 3.20 Hz in the centre of pressure" in describe(held)
 
 
-def test_a_delay_is_to_be_stated_and_a_rotated_plate_to_be_aligned(faulty):
-    corrections = judge(faulty).corrections
-    assert any("plate_delay_s = 0.006" in line for line in corrections)
-    assert any("align the left plate" in line for line in corrections)
+def test_the_calibration_takes_delay_and_rotation_away(faulty):
+    """The response to Fz of a plate that is turned and shifted is in its matrix."""
+    (verdict,) = judge(faulty)
+    calibration = verdict.calibration
+    assert calibration.delay_s == pytest.approx(0.006, abs=1e-4)
+    response = ERRORS.plate.gain.copy()
+    c, s = np.cos(ERRORS.angle_rad), np.sin(ERRORS.angle_rad)
+    along, across = np.array([[c, -s], [s, c]]) @ calibration.center[:2] + ERRORS.offset_m
+    x, y = along - calibration.center[0], across - calibration.center[1]
+    true = np.array([0.0, 0.0, 500.0, 0.0, 0.0, 0.0])
+    reported = response @ [0.0, 0.0, 500.0, 500.0 * y, -500.0 * x, 0.0]
+    off = np.abs(calibration.correct(reported) - true)
+    assert (off < 2.2 * calibration.standard_error @ np.abs(reported) + 0.1).all()
 
 
 def test_orthogonal_errors_leave_out_what_a_line_explains(faultless, faulty):
@@ -181,15 +193,16 @@ def test_one_command_leaves_table_figures_and_a_verdict(tmp_path, capsys):
     folder, out = tmp_path / "study", tmp_path / "out"
     simulate_plates(folder, **(FEW | {"speeds": (0.7, 1.0), "positions": (0.15, 0.35)}))
     assert main(["plates", str(folder), "--out", str(out)]) == 0
-    assert "Fit for inverse dynamics." in capsys.readouterr().out
+    assert "left plate: fit for inverse dynamics; lateral force" in capsys.readouterr().out
     page = (out / "verdict.md").read_text(encoding="utf-8")
     assert (
         "Faults that differ significantly from zero\n\nLab axes: x forward, y left, z up.\n\nNone."
         in page
     )
     assert len(pd.read_csv(out / "table_1.csv")) > 10
-    assert len(list((out / "figures").glob("*.png"))) == 6
-    assert {"speed_mps", "position_m", "mass_kg"} == set(pd.read_csv(out / "anova.csv")["effect"])
+    assert len(list((out / "figures").glob("*.png"))) == 7
+    tested = {"profile", "speed_mps", "position_m", "mass_kg", "zone"}
+    assert tested == set(pd.read_csv(out / "anova.csv")["effect"])
 
 
 def test_one_command_simulates_and_checks(tmp_path, monkeypatch, capsys):
@@ -215,9 +228,12 @@ def test_the_verdict_names_what_was_not_examined(tmp_path, capsys):
     path.write_text(kept, encoding="utf-8")
     assert main(["plates", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "Fit for inverse dynamics, as far as was examined (not: alignment" in said
-    for lacking in ("delay (hammer impacts) left", "linearity", "cross-talk and drift"):
+    assert "left plate: whether it is fit for inverse dynamics cannot be told" in said
+    for lacking in ("3 different weights or more", "two distances", "10 times or more"):
         assert lacking in said
+    page = (tmp_path / "out" / "verdict.md").read_text(encoding="utf-8")
+    for lacking in ("lateral force", "no static recordings", "no recordings of impacts"):
+        assert lacking in page
 
 
 def test_all_faults_of_the_file_are_reported_at_once(tmp_path):

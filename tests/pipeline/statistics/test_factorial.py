@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from pipeline.statistics.factorial import anova, box_cox, compare_levels
+from pipeline.statistics.factorial import anova, box_cox, compare_levels, residuals
 
 FIXTURES = Path(__file__).parents[1] / "fixtures" / "statistics"
 ORACLE = json.loads((FIXTURES / "oracle.json").read_text())
@@ -102,6 +102,32 @@ def test_two_groups_are_the_two_sample_t_test():
     (pair,) = compare_levels(data, "rms", ["duration_s"], "duration_s").to_dict("records")
     assert (pair["t"], pair["p_bonferroni"]) == pytest.approx(tuple(expected))
     assert anova(data, "rms", ["duration_s"])["p"][0] == pytest.approx(expected.pvalue)
+
+
+def test_a_factor_within_blocks_is_tested_as_in_a_randomised_block_design():
+    """Sums of squares by their definition; what blocks differ by is not in the error."""
+    rng = np.random.default_rng(2)
+    y = rng.normal(size=(9, 3)) + 100 * rng.normal(size=(9, 1)) + [0.0, 0.5, 1.0]
+    block, place = np.indices(y.shape).reshape(2, -1)
+    data = pd.DataFrame({"block": block, "place": place, "y": y.ravel()})
+    fitted = y.mean(axis=1, keepdims=True) + y.mean(axis=0) - y.mean()
+    error = np.sum((y - fitted) ** 2)
+    f = 9 * np.sum((y.mean(axis=0) - y.mean()) ** 2) / 2 / (error / 16)
+    found = anova(data, "y", ["block", "place"]).set_index("effect")
+    assert found["f"]["place"] == pytest.approx(f)
+    assert found["p"]["place"] == pytest.approx(stats.f.sf(f, 2, 16))
+    np.testing.assert_allclose(
+        residuals(data, "y", ["block", "place"]), (y - fitted).ravel(), atol=1e-10
+    )
+
+
+def test_two_places_within_blocks_are_the_paired_t_test():
+    rng = np.random.default_rng(3)
+    y = rng.normal(size=(12, 2)) + rng.normal(size=(12, 1))
+    block, place = np.indices(y.shape).reshape(2, -1)
+    data = pd.DataFrame({"block": block, "place": place, "y": y.ravel()})
+    found = anova(data, "y", ["block", "place"]).set_index("effect")
+    assert found["p"]["place"] == pytest.approx(stats.ttest_rel(y[:, 0], y[:, 1]).pvalue)
 
 
 def test_adding_a_constant_to_one_level_moves_only_its_marginal_mean(plates):

@@ -32,8 +32,9 @@ def pitching(walker):
 
 
 def delayed(laboratory, seconds):
-    treadmill = laboratory.treadmill.model_copy(update={"accelerometer_delay_s": seconds})
-    return replace(laboratory, treadmill=treadmill)
+    fitted = laboratory.calibration
+    late = tuple(replace(s, delay_s=seconds, delay_error_s=0.0) for s in fitted.sensors)
+    return replace(laboratory, calibration=replace(fitted, sensors=late))
 
 
 def test_after_the_low_pass_the_plates_are_those_that_were_compensated_after_it(

@@ -70,7 +70,7 @@ def folder(walker, tmp_path_factory):
     folder = tmp_path_factory.mktemp("belts")
     random, pulses = (
         resample_signal(signal, 1000.0).belt_speed
-        for signal in (belt_signals(1, 1.0)[0], validation_signals()[4])
+        for signal in (belt_signals(1, 1.0)[0], validation_signals()[5])
     )
     empty = lab.on_platform(lab.without_people(60.0), lab.still(60.0))
     walking = lab.on_platform(walker, lab.still(12.0), seed=1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from compensation import Calibration, check_calibration, to_json
+from compensation import Calibration, to_json
 from hbm.markers import Markers
 from hbm.notes import Note
 from pipeline.config.schema import Platform, Treadmill
@@ -63,6 +63,19 @@ def test_a_channel_stated_as_another_axis_than_in_the_calibration_is_refused(tmp
         read_calibration(stored, TREADMILL)
 
 
+def test_a_stated_delay_that_is_not_that_of_the_calibration_is_refused(tmp_path, calibration):
+    """The file decides; two delays would be two shifts."""
+    late = tuple(replace(s, delay_s=0.004, delay_error_s=0.0001) for s in calibration.sensors)
+    stored = tmp_path / "lab.json"
+    stored.write_text(to_json(replace(calibration, sensors=late)), encoding="utf-8")
+    read_calibration(stored, TREADMILL)
+    read_calibration(stored, TREADMILL.model_copy(update={"accelerometer_delay_s": 0.004}))
+    other = TREADMILL.model_copy(update={"accelerometer_delay_s": 0.0})
+    message = r"lab\.json: the calibration was fitted with a delay of 4\.00 ms .* leave it out"
+    with pytest.raises(ValueError, match=message):
+        read_calibration(stored, other)
+
+
 def test_a_calibration_recording_is_fitted_once_until_it_changes(tmp_path, monkeypatch):
     fits = []
     real = calibration_recording.fit_calibration
@@ -100,10 +113,21 @@ def test_a_calibration_that_cannot_be_read_is_refused_with_its_file_name(
         read_calibration(path, TREADMILL)
 
 
-def test_a_calibration_with_somebody_on_the_treadmill_is_noted(walker, tmp_path):
-    path = lab.save(lab.on_platform(walker, lab.shaken(12.0)), tmp_path / "walk.c3d")
-    model = read_calibration(path, TREADMILL).plates["plate 1"]
-    assert "calibration_loaded" in [n.code for n in check_calibration(model, "plate 1")]
+@pytest.mark.parametrize("motion", [lab.shaken(12.0), lab.still(12.0)])
+def test_a_recording_with_somebody_on_the_treadmill_is_no_calibration(walker, tmp_path, motion):
+    path = lab.save(lab.on_platform(walker, motion), tmp_path / "walk.c3d")
+    message = r"walk\.c3d: .*(somebody on the boards|hardly moved)"
+    with pytest.raises(ValueError, match=message):
+        read_calibration(path, TREADMILL)
+
+
+def test_a_platform_that_only_shakes_under_a_person_is_no_calibration(walker, tmp_path):
+    """Footfalls on an elastic base: some cm/s², which no command asked for."""
+    trembling = lab.shaken(12.0)
+    small = replace(trembling, sway=0.1 * trembling.sway, pitch=0.1 * trembling.pitch)
+    path = lab.save(lab.on_platform(lab.without_people(12.0), small), tmp_path / "small.c3d")
+    with pytest.raises(ValueError, match=r"moved too little .* expected 0.2 or more"):
+        read_calibration(path, TREADMILL)
 
 
 def test_a_recording_of_a_still_treadmill_is_no_calibration(tmp_path):

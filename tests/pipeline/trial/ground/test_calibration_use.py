@@ -1,15 +1,19 @@
 """A calibration made on the command line: what is refused before the fit, and noted in trials."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from pipeline.cli.app import main
 from tests.pipeline import lab
 
 
-def test_a_calibration_with_somebody_on_the_treadmill_is_noted_at_every_use(
-    walker, moving_study, tmp_path, capsys
-):
-    occupied = lab.save(lab.on_platform(walker, lab.shaken(12.0)), tmp_path / "occupied.c3d")
+def test_a_calibration_that_is_loaded_is_noted_at_every_use(moving_study, tmp_path, capsys):
+    empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
+    sack = np.array([0, 0, 300.0, 0, 0, 0])
+    loaded = [replace(p, wrench_in_plate=p.wrench_in_plate + sack) for p in empty.plates]
+    occupied = lab.save(replace(empty, plates=tuple(loaded)), tmp_path / "loaded.c3d")
     fitted = tmp_path / "lab.json"
     assert main(["calibration", "fit", str(occupied), "-o", str(fitted)]) == 0
     capsys.readouterr()

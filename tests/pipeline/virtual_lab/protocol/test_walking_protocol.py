@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
+from compensation import check_trial, low_pass, pitch_and_sway_signals
 from hbm.coordinates import INDEX
+from pipeline.config.schema import Treadmill
+from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine.actuators import move_platform
+from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
+from pipeline.virtual_lab.machine.treadmill import BeltRamp, TreadmillMotion
 from pipeline.virtual_lab.person.steps import StepParameters, schedule
 from pipeline.virtual_lab.protocol.instrumented_treadmill import (
     PULSE_CHANNEL,
@@ -12,13 +19,16 @@ from pipeline.virtual_lab.protocol.instrumented_treadmill import (
     record,
 )
 from pipeline.virtual_lab.protocol.walking_protocol import (
+    DEMO,
     ONSET_PHASE,
     PITCH_PERIOD_S,
     SWAY_M,
     Protocol,
     perturbations,
+    pitch_command,
     sway_command,
 )
+from pipeline.virtual_lab.protocol.walking_trial import run_signal
 from tests.pipeline.virtual_lab.conftest import SHORT
 
 THESIS_WAITS_S = (
@@ -122,3 +132,48 @@ def test_a_pulse_marks_the_onset_of_every_perturbation(walked):
     moved = np.abs(motion.platform.sway[0]) > 1e-5
     starts = motion.time[1:][moved[1:] & ~moved[:-1]]
     assert 0 < np.min(starts[:1] - rises[:1]) < 0.02
+
+
+@pytest.fixture(scope="module")
+def perturbed():
+    """The demo's treadmill with nobody on it, and its accelerometers in sway and in pitch."""
+    treadmill, rate_hz = make_treadmill(Faults(), 1), 1000.0
+    time = np.arange(0, DEMO.duration("pitch"), 1 / rate_hz)
+    sway = sway_command(np.array([12.0, 26.0]), np.array([1.0, -1.0]), time)
+    belt = BeltRamp(DEMO.speed_mps, DEMO.standing_s, DEMO.starting_s).speed(time)
+    commands = {"sway": (sway, 0 * time), "pitch": (0 * time, pitch_command(DEMO, time))}
+    trials = {}
+    for name, command in commands.items():
+        platform = move_platform(treadmill.machine, *command, rate_hz)
+        motion = TreadmillMotion(time, platform, belt, np.empty(0))
+        recording = record(treadmill, motion, None, name, np.random.default_rng(1))
+        trials[name] = filtered(recording)
+    return treadmill, trials
+
+
+TREADMILL = Treadmill(
+    accelerometers={name: tuple(f"{name}.{axis}" for axis in "XYZ") for name in SENSOR_NAMES[:2]}
+)
+
+
+def filtered(recording):
+    readings = accelerations(recording, TREADMILL)[1]
+    return low_pass(readings, 1000.0, TREADMILL.cutoff_hz, "zero_phase")
+
+
+def beyond(perturbed, signal):
+    """Conditions whose accelerations leave the range of a calibration with a signal."""
+    treadmill, trials = perturbed
+    recording = run_signal(treadmill, signal, np.random.default_rng(2))
+    model = fit_calibration(recording, TREADMILL).plates["plate 1"]
+    return [name for name, trial in trials.items() if check_trial(model, trial)]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_demos_calibration_covers_its_own_perturbations(perturbed, seed):
+    drawn = {signal.name: signal for signal in pitch_and_sway_signals(seed, 3.0)}
+    assert beyond(perturbed, drawn[DEMO.calibration]) == []
+
+
+def test_random_motion_for_a_minute_covers_neither(perturbed):
+    assert beyond(perturbed, pitch_and_sway_signals(1, 3.0)[0]) == ["sway", "pitch"]

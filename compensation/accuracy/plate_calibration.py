@@ -1,0 +1,325 @@
+"""What a force plate measures, corrected: a 6×6 matrix and an offset per plate, and their text."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hbm.spatial import WRENCH_COMPONENTS, Array, read_only, rotate_wrench, shift_wrench
+from hbm.spelling import listed, printable, shown
+
+FORMAT: Final = "hbm-residuals plate calibration"
+VERSION: Final = 1
+MAX_ENTRY: Final = 100.0
+"""Of a matrix: a plate whose loads are wrong by more is in another unit, or not connected."""
+MAX_CONDITION: Final = 1e4
+"""Of a matrix in N and N·m; one of a plate is near 1, beyond this it turns noise into loads."""
+MAX_OFFSET: Final = 1e5
+"""[N, N·m]; more than any plate of a treadmill can carry."""
+MAX_DISTANCE_M: Final = 20.0
+"""Of a plate from the lab's origin; larger numbers are millimetres."""
+MAX_DELAY_S: Final = 0.5
+"""Two devices of one laboratory disagree by some tens of milliseconds."""
+MAX_PLATE: Final = 99
+"""Highest number of a plate."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlateCalibration:
+    """The correction of one plate: ``matrix @ (measured - offset)``.
+
+    Wrenches are the action on the subject in lab axes (x forward, y left, z up) about ``center``,
+    with the platform in neutral; a plate that moves takes them with it.
+
+    Attributes
+    ----------
+    plate
+        The plate's number in its files, from 1.
+    matrix
+        From measured to true wrench, (6, 6) [1, 1/m, m].
+    offset
+        What the unloaded plate measures, (6,) [N, N·m].
+    standard_error
+        Of the matrix, (6, 6).
+    center
+        Centre of the plate's surface in the lab, as the calibration's recordings give it, (3,) [m].
+    examined
+        Components of the true wrench that varied in those recordings, of `WRENCH_COMPONENTS`: how
+        the plate responds to the others is unknown, and taken as right.
+    delay_s
+        How much later the plate is than the cameras [s]; None where it was not measured.
+
+    Examples
+    --------
+    A plate that shows 10 % too much in the vertical:
+
+    >>> tenth = np.diag([1, 1, 1 / 1.1, 1, 1, 1])
+    >>> plate = PlateCalibration(1, tenth, np.zeros(6), np.zeros((6, 6)), np.zeros(3), ("Fz",))
+    >>> print(plate.correct([[0, 0, 880, 0, 0, 0]])[0].round(6))
+    [  0.   0. 800.   0.   0.   0.]
+    """
+
+    plate: int
+    matrix: Array
+    offset: Array
+    standard_error: Array
+    center: Array
+    examined: tuple[str, ...]
+    delay_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.plate <= MAX_PLATE:
+            raise ValueError(f"plates are numbered from 1 to {MAX_PLATE}, got {shown(self.plate)}")
+        bounds = {
+            "matrix": ((6, 6), MAX_ENTRY),
+            "offset": ((6,), MAX_OFFSET),
+            "standard_error": ((6, 6), np.inf),
+            "center": ((3,), MAX_DISTANCE_M),
+        }
+        for name, (shape, largest) in bounds.items():
+            value = read_only(getattr(self, name))
+            where = f"plate {self.plate}: {name}"
+            if value.shape != shape:
+                raise ValueError(f"{where} must have shape {shape}, got {value.shape}")
+            if not np.isfinite(value).all():
+                raise ValueError(f"{where} holds values that are not numbers")
+            if (size := float(np.abs(value).max())) > largest:
+                raise ValueError(f"{where} holds {size:.3g}, expected {largest:g} at most")
+            object.__setattr__(self, name, value)
+        if (self.standard_error < 0).any():
+            raise ValueError(f"plate {self.plate}: standard_error is negative")
+        if not np.linalg.cond(self.matrix) < MAX_CONDITION:
+            raise ValueError(
+                f"plate {self.plate}: matrix is singular or nearly so: different loads would be "
+                "corrected to the same"
+            )
+        object.__setattr__(self, "examined", tuple(self.examined))
+        unknown = [name for name in self.examined if name not in WRENCH_COMPONENTS]
+        if unknown or len(set(self.examined)) < len(self.examined):
+            raise ValueError(
+                f"plate {self.plate}: examined must be different ones of "
+                f"{', '.join(WRENCH_COMPONENTS)}, got {listed(self.examined)}"
+            )
+        if self.delay_s is not None and not abs(self.delay_s) <= MAX_DELAY_S:
+            raise ValueError(
+                f"plate {self.plate}: delay_s must be within ±{MAX_DELAY_S} s, got {self.delay_s}"
+            )
+
+    @property
+    def unexamined(self) -> tuple[str, ...]:
+        """Components of the wrench that nothing excited."""
+        return tuple(name for name in WRENCH_COMPONENTS if name not in self.examined)
+
+    def correct(self, wrench: ArrayLike) -> Array:
+        """Correct wrenches in lab axes about `center`, (..., 6) [N, N·m]; gaps stay gaps."""
+        measured = np.asarray(wrench, float)
+        return np.asarray(measured + self._change(measured))
+
+    def correct_in_plate(self, wrench: ArrayLike, rotation: ArrayLike, center: ArrayLike) -> Array:
+        """Correct wrenches that are in the axes of a plate.
+
+        Parameters
+        ----------
+        wrench
+            Action on the subject in the plate's own axes about its origin, (..., 6) [N, N·m].
+        rotation
+            Orientation of the plate in the lab with the platform in neutral (columns: its axes),
+            (3, 3).
+        center
+            The plate's origin in the lab with the platform in neutral, (3,) [m]. Where it is not
+            the calibration's, wrenches are corrected about the calibration's.
+
+        Returns
+        -------
+        Array
+            The corrected wrenches in the same axes about the same point, (..., 6). A calibration
+            that changes nothing leaves every bit as it is.
+
+        Examples
+        --------
+        The same plate, whose own z points down:
+
+        >>> tenth = np.diag([1, 1, 1 / 1.1, 1, 1, 1])
+        >>> plate = PlateCalibration(1, tenth, np.zeros(6), np.zeros((6, 6)), np.zeros(3), ("Fz",))
+        >>> down = np.diag([1.0, -1.0, -1.0])
+        >>> print(plate.correct_in_plate([[0, 0, -880, 0, 0, 0]], down, np.zeros(3))[0].round(6))
+        [   0.    0. -800.    0.    0.    0.]
+        """
+        measured, rotation = np.asarray(wrench, float), np.asarray(rotation, float)
+        to_center = self.center - np.asarray(center, float)
+        change = self._change(shift_wrench(rotate_wrench(measured, rotation), to_center))
+        return np.asarray(measured + rotate_wrench(shift_wrench(change, -to_center), rotation.T))
+
+    def _change(self, measured: Array) -> Array:
+        """Give what the correction adds to wrenches; exactly zero where it changes nothing."""
+        change: Array = measured @ (self.matrix - np.eye(6)).T - self.matrix @ self.offset
+        return change
+
+
+@dataclass(frozen=True, slots=True)
+class PlateCalibrations:
+    """The corrections of a laboratory's plates.
+
+    Attributes
+    ----------
+    plates
+        One per plate, each of another number.
+    provenance
+        Origin, for people: study, its hash, date, program version, …
+
+    Examples
+    --------
+    >>> plate = PlateCalibration(
+    ...     2, np.eye(6), np.zeros(6), np.zeros((6, 6)), np.zeros(3), ("Fz",), delay_s=0.004
+    ... )
+    >>> read = from_json(to_json(PlateCalibrations((plate,), {"study": "plates"})))
+    >>> read.of(2).delay_s, read.of(1), read.provenance["study"]
+    (0.004, None, 'plates')
+    """
+
+    plates: tuple[PlateCalibration, ...]
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "plates", tuple(self.plates))
+        if not self.plates:
+            raise ValueError("it corrects no plate")
+        numbers = [one.plate for one in self.plates]
+        if twice := sorted({n for n in numbers if numbers.count(n) > 1}):
+            raise ValueError(f"plate {twice[0]} is there more than once")
+        for key, value in self.provenance.items():
+            if not isinstance(key, str) or not isinstance(value, str):
+                raise ValueError(f"provenance: {shown(key)} must be text, got {shown(value)}")
+        texts = {printable(key): printable(value) for key, value in self.provenance.items()}
+        object.__setattr__(self, "provenance", MappingProxyType(texts))
+
+    def of(self, plate: int) -> PlateCalibration | None:
+        """Give the correction of a plate by its number, None where there is none."""
+        return next((one for one in self.plates if one.plate == plate), None)
+
+
+def to_json(calibrations: PlateCalibrations) -> str:
+    """Write corrections as JSON text, from which `from_json` reads equal numbers.
+
+    Examples
+    --------
+    >>> plate = PlateCalibration(
+    ...     1, np.eye(6), np.zeros(6), np.zeros((6, 6)), np.zeros(3), ("Fz",)
+    ... )
+    >>> to_json(PlateCalibrations((plate,))).splitlines()[1]
+    ' "format": "hbm-residuals plate calibration",'
+    """
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "provenance": dict(calibrations.provenance),
+        "plates": [
+            {
+                "plate": one.plate,
+                "matrix": one.matrix.tolist(),
+                "offset": one.offset.tolist(),
+                "standard_error": one.standard_error.tolist(),
+                "center": one.center.tolist(),
+                "examined": list(one.examined),
+                "delay_s": one.delay_s,
+            }
+            for one in calibrations.plates
+        ],
+    }
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def from_json(text: str) -> PlateCalibrations:
+    """Read corrections from JSON text.
+
+    Parameters
+    ----------
+    text
+        Output of `to_json`.
+
+    Returns
+    -------
+    PlateCalibrations
+        The corrections and their provenance.
+
+    Raises
+    ------
+    ValueError
+        Not JSON, not a plate calibration, of another version, or damaged: one line.
+
+    Examples
+    --------
+    >>> from_json("{}")
+    Traceback (most recent call last):
+        ...
+    ValueError: not a plate calibration: its format should be 'hbm-residuals plate calibration'; \
+make one with 'hbm plates'
+    """
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"the plate calibration is not JSON: {printable(str(error))}") from error
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise ValueError(
+            f"not a plate calibration: its format should be {FORMAT!r}; make one with 'hbm plates'"
+        )
+    if document.get("version") != VERSION:
+        raise ValueError(
+            f"the plate calibration has version {shown(document.get('version'))}, this program "
+            f"reads version {VERSION}; make it again with 'hbm plates'"
+        )
+    try:
+        plates = document.get("plates")
+        if not isinstance(plates, list):
+            raise ValueError(f"plates must be a list, got {shown(plates)}")
+        provenance = document.get("provenance")
+        if not isinstance(provenance, dict):
+            raise ValueError(f"provenance must be a table, got {shown(provenance)}")
+        return PlateCalibrations(tuple(map(_plate, plates)), provenance)
+    except ValueError as error:
+        raise ValueError(
+            f"the plate calibration is damaged: {error}; make it again with 'hbm plates'"
+        ) from error
+
+
+def _plate(plain: Any) -> PlateCalibration:
+    keys = {"plate", "matrix", "offset", "standard_error", "center", "examined", "delay_s"}
+    if not isinstance(plain, dict) or plain.keys() != keys:
+        got = listed(plain) if isinstance(plain, dict) else shown(plain)
+        raise ValueError(f"a plate needs {', '.join(sorted(keys))}, got {got}")
+    plate, examined = plain["plate"], plain["examined"]
+    if type(plate) is not int:
+        raise ValueError(f"a plate's number must be a whole number, got {shown(plate)}")
+    if not isinstance(examined, list) or not all(isinstance(name, str) for name in examined):
+        raise ValueError(f"plate {shown(plate)}: examined must be a list, got {shown(examined)}")
+
+    def numbers(name: str, dimensions: int) -> Any:
+        return _numbers(plain[name], f"plate {shown(plate)}: {name}", dimensions)
+
+    return PlateCalibration(
+        plate,
+        numbers("matrix", 2),
+        numbers("offset", 1),
+        numbers("standard_error", 2),
+        numbers("center", 1),
+        tuple(examined),
+        None if plain["delay_s"] is None else numbers("delay_s", 0),
+    )
+
+
+def _numbers(value: Any, name: str, dimensions: int) -> Any:
+    """Give nested lists of numbers as floats; what JSON writes otherwise is no number."""
+    if dimensions and isinstance(value, list) and len(value) <= len(WRENCH_COMPONENTS):
+        rows = [_numbers(one, name, dimensions - 1) for one in value]
+        if dimensions == 1 or len({len(row) for row in rows}) == 1:
+            return rows
+    elif not dimensions and type(value) in (int, float):
+        try:
+            return float(value)
+        except OverflowError:
+            return np.inf
+    raise ValueError(f"{name}: expected numbers in a table of its shape, got {shown(value)}")

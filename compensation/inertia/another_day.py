@@ -1,0 +1,198 @@
+"""A calibration against a recording of another day: still valid, drifted, or a sensor changed."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from compensation.alignment.delay import BLOCKS
+from compensation.alignment.sensor_delay import sensor_delays
+from compensation.inertia.changes import QUANTILE_95, likeliest, plate_gains, sensor_change
+from compensation.inertia.fit import fit_inertia
+from compensation.inertia.model import SLOW_HZ, InertiaModel
+from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM, refuse_unusable
+from compensation.inputs import read_table
+from hbm.notes import Note
+from hbm.signals.filtering import low_pass
+from hbm.spatial import Array
+
+Verdict = Literal["valid", "drifted", "late", "gain", "turned", "moved", "plates", "outdated"]
+MAX_OFFSET_SHARE: Final = 1 / 3
+"""Of what compensation may leave, by which the zero of a plate may have changed: 3 N, 0.6 N·m."""
+MIN_DELAY_S: Final = 0.0003
+"""Of an accelerometer; less leaves a fraction of a newton of a sway."""
+MIN_ONE_SENSOR: Final = 0.5
+"""Share of what a new fit would explain that the change of one sensor must explain."""
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroChange:
+    """Change of the zero of one plate since the calibration, (6,) [N, N·m]."""
+
+    plate: str
+    change: Array
+    error: Array
+
+    @property
+    def significant(self) -> bool:
+        """Whether it matters and its 95 % interval leaves out 0, in any component."""
+        limit = MAX_OFFSET_SHARE * np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3)
+        size = np.abs(self.change)
+        return bool(np.any((size > limit) & (size > QUANTILE_95 * self.error)))
+
+
+@dataclass(frozen=True, slots=True)
+class DayCheck:
+    """What a recording of another day says about a calibration.
+
+    Attributes
+    ----------
+    verdict
+        "valid"; "drifted", the zero of a plate has changed; "late", "gain", "turned", "moved", an
+        accelerometer has; "plates", their gain has; "outdated", something else.
+    notes
+        The verdict in words, with 95 % intervals and what to do.
+    zeros
+        Change of the zero of every plate.
+    left
+        Plate -> RMS below 6 Hz that the calibration leaves of this recording about its mean, (6,)
+        [N, N·m].
+    """
+
+    verdict: Verdict
+    notes: tuple[Note, ...]
+    zeros: tuple[ZeroChange, ...]
+    left: Mapping[str, Array]
+
+
+def check_another_day(
+    plates: Mapping[str, InertiaModel],
+    accelerations: ArrayLike,
+    wrenches: Mapping[str, Array],
+    recording: str,
+) -> DayCheck:
+    """Compare a calibration with an empty recording of another day.
+
+    Parameters
+    ----------
+    plates
+        Plate -> its model, each with a setup.
+    accelerations
+        Of the recording, with the calibration's delays and gains undone, through the setup's
+        low-pass, (N, k) [m/s²].
+    wrenches
+        Plate -> wrench at the same instants, equally filtered, (N, 6) [N, N·m].
+    recording
+        Its name, for the notes.
+
+    Returns
+    -------
+    DayCheck
+        Verdict, and what it rests on.
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes or gaps; or a recording that cannot show it: a platform that hardly moves,
+        somebody on the boards.
+
+    Notes
+    -----
+    All signals pass 6 Hz, as residuals do. In order: the delays of the sensors against the plates
+    are estimated as in a calibration. Then for each sensor a linear transformation ``T`` (3, 3) of
+    its readings about their mean is fitted, with the gains as they are, that explains the plates
+    best; a multiple of one is a gain, a rotation a turn, anything else another place on the
+    platform. The sensor is the one whose transformation explains most. What is left in the mean is
+    the change of the zero. Errors are of a jackknife over 40 blocks.
+    """
+    a = read_table(accelerations, "accelerations")
+    names, rate = list(plates), _rate_hz(plates)
+    stacked = np.hstack([read_table(wrenches[name], name, 6) for name in names])
+    fitted = {name: fit_inertia(a, wrenches[name], plates[name].setup) for name in names}
+    refuse_unusable(fitted)
+    slow, slow_w = (low_pass(x, rate, SLOW_HZ, "zero_phase") for x in (a, stacked))
+    sensors = next(iter(plates.values())).sensors
+    gain = np.hstack([plates[name].gain for name in names])
+    size = np.hstack([np.maximum(np.asarray(plates[n].rms_slow), 1e-9) for n in names])
+    error = slow_w - slow @ gain[:-1] - gain[-1]
+    left = np.sqrt(np.mean((error - error.mean(axis=0)) ** 2, axis=0))
+    by_plate = {name: left[6 * k : 6 * k + 6] for k, name in enumerate(names)}
+    late = [
+        Note.of("calibration_sensor_late", sensor=sensor, change_s=d.seconds,
+                interval_s=QUANTILE_95 * d.standard_error, recording=recording)
+        for sensor, d in zip(sensors, sensor_delays(a, stacked, rate), strict=True)
+        if abs(d.seconds) > QUANTILE_95 * d.standard_error + MIN_DELAY_S
+    ]  # fmt: skip
+    zeros = _zero_changes(names, error)
+    if late:
+        return DayCheck("late", tuple(late), zeros, by_plate)
+    own = slow_w - slow @ np.hstack([fitted[n].gain[:-1] for n in names])
+    own_misfit = float(np.sum(((own - own.mean(axis=0)) / size) ** 2))
+    relative, weighted = error / size, gain[:-1] / size
+    scaled, by_plates = plate_gains(names, slow @ weighted, relative)
+    changes = [
+        sensor_change(sensor, part, weighted[3 * k : 3 * k + 3], relative)
+        for k, (sensor, part) in enumerate(
+            zip(sensors, np.split(slow, len(sensors), axis=1), strict=True)
+        )
+    ]
+    likely = max(changes, key=lambda change: change.explained)
+    if by_plates > likely.explained and any(plate.matters for plate in scaled):
+        notes = tuple(plate.note(recording) for plate in scaled if plate.matters)
+        return DayCheck("plates", notes, zeros, by_plate)
+    if (found := likeliest(changes)) is not None:
+        excess = float(np.sum((relative - relative.mean(axis=0)) ** 2)) - own_misfit
+        if likely.explained < MIN_ONE_SENSOR * excess:
+            note = Note.of("calibration_outdated", recording=recording)
+            return DayCheck("outdated", (note,), zeros, by_plate)
+        kind, note = found[0], found[1].note(found[0], recording)
+        return DayCheck(kind, (note,), zeros, by_plate)
+    limit = np.tile(np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3), len(names))
+    if np.any((left > limit) & (left > 2 * size)):
+        return DayCheck(
+            "outdated", (Note.of("calibration_outdated", recording=recording),), zeros, by_plate
+        )
+    drifted = [zero for zero in zeros if zero.significant]
+    if drifted:
+        notes = tuple(_drift_note(zero, recording) for zero in drifted)
+        return DayCheck("drifted", notes, zeros, by_plate)
+    valid = Note.of(
+        "calibration_still_valid",
+        recording=recording,
+        force_n=max(np.linalg.norm(z.change[:3]) for z in zeros),
+        moment_nm=max(np.linalg.norm(z.change[3:]) for z in zeros),
+        gain=likely.gain - 1,
+        interval=QUANTILE_95 * likely.gain_error,
+    )
+    return DayCheck("valid", (valid,), zeros, by_plate)
+
+
+def _zero_changes(names: list[str], error: Array) -> tuple[ZeroChange, ...]:
+    means = np.array([block.mean(axis=0) for block in np.array_split(error, BLOCKS)])
+    change, sd = error.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(BLOCKS)
+    return tuple(
+        ZeroChange(name, change[6 * k : 6 * k + 6], sd[6 * k : 6 * k + 6])
+        for k, name in enumerate(names)
+    )
+
+
+def _drift_note(zero: ZeroChange, recording: str) -> Note:
+    force, moment = np.argmax(np.abs(zero.change[:3])), 3 + np.argmax(np.abs(zero.change[3:]))
+    return Note.of(
+        "calibration_drifted",
+        plate=zero.plate,
+        recording=recording,
+        force_n=zero.change[force],
+        force_interval_n=QUANTILE_95 * zero.error[force],
+        moment_nm=zero.change[moment],
+        moment_interval_nm=QUANTILE_95 * zero.error[moment],
+    )
+
+
+def _rate_hz(plates: Mapping[str, InertiaModel]) -> float:
+    setup = next(iter(plates.values())).setup
+    if setup is None:
+        raise ValueError("the model does not state how it was recorded; fit it with a setup")
+    return setup.rate_hz

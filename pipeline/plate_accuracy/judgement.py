@@ -1,0 +1,202 @@
+"""Estimates and total errors beside their limits: within, beyond, or neither can be told."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from scipy import stats
+
+from compensation import Linearity, PlateCalibration
+from hbm.spatial import Array
+from pipeline.config.plate_study import AccuracyLimits
+from pipeline.plate_accuracy.correction import DELAY_FAULTS, chosen_delay
+from pipeline.plate_accuracy.faults import FaultEstimate
+from pipeline.plate_accuracy.response import PlateResponse, standard_error
+from pipeline.plate_accuracy.stance import QUANTITIES, total_errors
+
+DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "%")}
+"""Unit of an estimate -> factor and unit in which people read it."""
+TOTAL: Final = "total error"
+"""With which the names of total errors begin."""
+Remedy = Literal["calibration", "none"]
+Status = Literal["within", "beyond", "unclear"]
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """The size of an error with its 95 % confidence interval, beside its limit.
+
+    Attributes
+    ----------
+    name
+        "total error of Fz", "gain of Fz", "total error of Fz after correction", ….
+    size, low, high
+        Absolute value of the estimate, and its interval.
+    limit
+        Up to which it is accepted.
+    unit
+        Of all four.
+    remedy
+        What takes it away: the plate's calibration, or nothing.
+    """
+
+    name: str
+    size: float
+    low: float
+    high: float
+    limit: float
+    unit: str
+    remedy: Remedy
+
+    @property
+    def status(self) -> Status:
+        """Within its limit, beyond it, or unclear where the limit is inside the interval."""
+        if self.high <= self.limit:
+            return "within"
+        return "beyond" if self.low > self.limit else "unclear"
+
+    @property
+    def sentence(self) -> str:
+        """The estimate, its interval and its limit."""
+        scale, unit = DISPLAY_UNITS.get(self.unit, (1.0, self.unit))
+        width = scale * (self.high - self.low) / 2
+        size, low, high = (rounded(scale * x, width) for x in (self.size, self.low, self.high))
+        return f"{self.name} {size} {unit} ({low} to {high}; limit {scale * self.limit:g} {unit})"
+
+
+def judge_faults(
+    faults: Sequence[FaultEstimate], limits: AccuracyLimits, full_scale_n: float, supported: bool
+) -> list[Judged]:
+    """Judge the faults of a plate as it is used; of two delays, the one to correct by.
+
+    Parameters
+    ----------
+    faults
+        Of the plate.
+    limits
+        As stated.
+    full_scale_n
+        Load at which the curvature is stated [N].
+    supported
+        Whether the plate is used with supports.
+
+    Returns
+    -------
+    list[Judged]
+        In their order.
+    """
+    late = chosen_delay(faults)
+    used = None if late is None else DELAY_FAULTS[late.method]
+    judged = []
+    for fault in faults:
+        if fault.fault in DELAY_FAULTS.values() and fault.fault != used:
+            continue
+        vibration = fault.fault.startswith("vibration")
+        if vibration and fault.fault.endswith("with supports") != supported:
+            continue
+        lasting = vibration or fault.fault in ("drift", "curvature")
+        remedy: Remedy = "none" if lasting else "calibration"
+        limit = _limit(fault, limits, full_scale_n)
+        judged.append(
+            _judged(fault.fault, fault.value, fault.uncertainty, limit, fault.unit, remedy)
+        )
+    return judged
+
+
+def judge_linearity(
+    linearity: Linearity, limits: AccuracyLimits, full_scale_n: float
+) -> list[Judged]:
+    """Judge the slope of measured over known load as a gain, and the scatter about it."""
+    freedom = linearity.degrees_of_freedom
+    chance = np.array([0.025, 0.975])
+    low, high = linearity.nonlinearity * np.sqrt(freedom / stats.chi2.isf(chance, freedom))
+    limit = limits.nonlinearity_percent / 100 * full_scale_n
+    return [
+        _judged(
+            "slope of measured over known load less 1",
+            linearity.slope - 1,
+            linearity.slope_uncertainty,
+            limits.gain_percent / 100,
+            "1",
+            "calibration",
+        ),
+        Judged(
+            "non-linearity", linearity.nonlinearity, float(low), float(high), limit, "N", "none"
+        ),
+    ]
+
+
+def judge_noise(response: PlateResponse, limits: AccuracyLimits) -> list[Judged]:
+    """Judge what is left at random of forces and moments at any load."""
+    parts = (
+        ("forces", "N", limits.noise_n, slice(0, 3)),
+        ("moments", "N·m", limits.noise_nm, slice(3, 6)),
+    )
+    judged = []
+    for name, unit, limit, chosen in parts:
+        sizes = np.sqrt(np.maximum(response.scatter[:, 0, chosen].mean(axis=1), 0))
+        half = response.quantile * float(standard_error(sizes))
+        judged.append(_judged(f"noise of {name}", sizes[0], half, limit, unit, "none"))
+    return judged
+
+
+def judge_totals(
+    response: PlateResponse,
+    loads: Array,
+    limits: AccuracyLimits,
+    calibration: PlateCalibration | None = None,
+) -> list[Judged]:
+    """Judge the total errors over loads, as reported or after correction."""
+    found = total_errors(response, loads, calibration)
+    suffix = "" if calibration is None else " after correction"
+    remedy: Remedy = "calibration" if calibration is None else "none"
+    units = {"F": ("N", limits.force_n), "C": ("m", limits.cop_m), "M": ("N·m", limits.moment_nm)}
+    return [
+        Judged(
+            f"{TOTAL} of {name}{suffix}",
+            float(found.size[k]),
+            float(found.low[k]),
+            float(found.high[k]),
+            units[name[0]][1],
+            units[name[0]][0],
+            remedy,
+        )
+        for k, name in enumerate(QUANTITIES)
+    ]
+
+
+def rounded(value: float, uncertainty: float) -> str:
+    """Write a number with two digits of its uncertainty."""
+    if not 0 < uncertainty < np.inf:
+        return f"{value:.3g}"
+    return f"{value:.{max(1 - math.floor(math.log10(uncertainty)), 0)}f}"
+
+
+def _judged(
+    name: str, value: float, half: float, limit: float, unit: str, remedy: Remedy
+) -> Judged:
+    """Place the absolute value of an estimate ± half of its interval beside its limit."""
+    size = abs(float(value))
+    half = half if np.isfinite(half) else np.inf
+    return Judged(name, size, max(size - half, 0.0), size + half, limit, unit, remedy)
+
+
+def _limit(fault: FaultEstimate, limits: AccuracyLimits, full_scale_n: float) -> float:
+    name = fault.fault
+    single = {
+        "angle": limits.angle_deg,
+        "drift": limits.drift_n_per_s,
+        "curvature": limits.curvature_percent / 100 * full_scale_n,
+    }
+    if name in single:
+        return single[name]
+    by_beginning = {
+        "offset": limits.offset_m,
+        "delay": limits.delay_s,
+        "gain": limits.gain_percent / 100,
+        "zero": limits.zero_nm if fault.unit == "N·m" else limits.zero_n,
+        "vibration": limits.vibration_m,
+    }
+    return by_beginning.get(name.split()[0], limits.cross_talk_percent / 100)

@@ -1,0 +1,248 @@
+"""What a plate reports of a true wrench: a matrix, a zero, drift, curvature, delay and scatter."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy import stats
+from scipy.interpolate import CubicSpline
+
+from compensation import PlateAlignment
+from hbm.spatial import Array, Mask, shift_wrench
+from pipeline.plate_accuracy.trials import WeightTrial, to_cameras
+
+FX, FY, FZ, MX, MY, MZ = range(6)
+EXCITED: Final = (FX, FZ, MX, MY, MZ)
+"""Components that a weight on a belt excites; no lateral force acts on it."""
+EXCITED_BY_POSITION: Final = (MX, MZ)
+"""Of these, those that only weights at different distances from the belt's middle excite."""
+MIN_MASSES: Final = 3
+"""Of different size, to separate a curvature from a gain."""
+MIN_SHARE: Final = 0.01
+"""Of a variance, left where the marker's noise explains more than all of it."""
+MIN_SINES: Final = 4
+"""Recordings in which the weight moves in a sine, for the scatter from them alone."""
+EDGE_S: Final = 1.0
+"""At either end of a recording, where filters at 2.4 Hz are inaccurate."""
+DELAY_STEPS: Final = 2
+"""Of Newton's method: the regression is linear in the delay but for what it does to other terms."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlateResponse:
+    """What a plate reports, in lab axes about the centre of its surface, given the true wrench.
+
+    ``reported(t + delay) = matrix @ true(t) + zero + drift t + curvature (Fz / full scale)²``, and
+    scatter about it of variance ``scatter[0] + scatter[1] Fz²``.
+
+    Every array begins with K entries: from all n recordings, then without each of them in turn
+    (jackknife, K = n + 1), from which `standard_error` makes that of any function of them.
+
+    Attributes
+    ----------
+    matrix
+        From true to reported wrench, (K, 6, 6). Columns of components that were not examined are
+        those of a plate that is only turned and shifted, by its static calibration.
+    aligned
+        The same after static calibration, (K, 6, 6).
+    zero
+        Reported by the unloaded plate at the beginning of a recording, (K, 6) [N, N·m].
+    drift
+        (K, 6) [N/s, N·m/s].
+    curvature
+        At full scale, (K, 6) [N, N·m]; NaN where fewer than three masses were recorded.
+    delay_s
+        (K,) [s].
+    scatter
+        (K, 2, 6) [N², (N·m)²; 1, m²].
+    examined
+        Components of the true wrench that varied.
+    degrees_of_freedom
+        Recordings less coefficients.
+    full_scale_n
+        Load at which the curvature is stated [N].
+    """
+
+    matrix: Array
+    aligned: Array
+    zero: Array
+    drift: Array
+    curvature: Array
+    delay_s: Array
+    scatter: Array
+    examined: tuple[int, ...]
+    degrees_of_freedom: int
+    full_scale_n: float
+
+    @property
+    def complete(self) -> bool:
+        """True if nothing is unknown that the load of a person depends on, but lateral force."""
+        return self.examined == EXCITED and bool(np.isfinite(self.curvature).all())
+
+    @property
+    def quantile(self) -> float:
+        """Half the width of a 95 % confidence interval, in standard errors (Student's t)."""
+        return float(stats.t.isf(0.025, self.degrees_of_freedom))
+
+
+def standard_error(replicates: Array) -> Array:
+    """Give the jackknife's standard error of what was computed from (K, …) entries."""
+    count = len(replicates) - 1
+    off = replicates[1:] - replicates[0]
+    return np.asarray(np.sqrt((count - 1) / count * np.sum(off**2, axis=0)))
+
+
+def fit_response(
+    trials: Sequence[WeightTrial],
+    alignment: PlateAlignment,
+    full_scale_n: float,
+    *,
+    height_stated: bool,
+) -> PlateResponse | None:
+    """Find what a plate reports of the true wrenches of its recordings.
+
+    Parameters
+    ----------
+    trials
+        Recordings on one plate, as it is used.
+    alignment
+        Static calibration by which their wrenches were brought to the cameras' frame.
+    full_scale_n
+        Load at which the curvature is stated [N].
+    height_stated
+        Whether the height of the weights' centre of mass is known. A wrong height looks like a
+        moment about the lateral axis from the force along the belt, which is left out then.
+
+    Returns
+    -------
+    PlateResponse or None
+        None where there are too few recordings for the coefficients.
+
+    Notes
+    -----
+    Least squares over all recordings at 2.4 Hz. The regressors are a constant, time, the true
+    wrench, the rate of change of its largest moment (a delay) and the squared load, all at once.
+    Recordings, not samples, are independent: the jackknife leaves out one at a time (Efron and
+    Tibshirani 1993, chapter 11). The scatter is that of the wrench at the study's cut-off about
+    what these coefficients predict from the slow marker, less what the marker's noise adds to it.
+    """
+    positions = len({trial.weight.position_m for trial in trials}) > 1
+    masses = len({trial.weight.mass_kg for trial in trials})
+    excited = tuple(
+        c
+        for c in EXCITED
+        if (positions or c not in EXCITED_BY_POSITION) and (masses > 1 or c != FZ)
+    )
+    scale = full_scale_n if masses >= MIN_MASSES else None
+    rate = 2 + len(excited)
+    freedom = len(trials) - (rate + 1 + (scale is not None))
+    if freedom < 1:
+        return None
+    delay_s = np.zeros(len(trials) + 1)
+    for _ in range(DELAY_STEPS):
+        found = _regress(trials, excited, scale, delay_s[0])
+        gain = 1 + found[:, 2 + excited.index(MY), MY]
+        delay_s = delay_s[0] + found[:, rate, MY] / gain
+    aligned = np.tile(np.eye(6), (len(found), 1, 1))
+    aligned[:, :, excited] += found[:, 2:rate].swapaxes(1, 2)
+    in_use = aligned.copy()
+    if not height_stated:
+        in_use[:, MY, FX] = 0
+    as_read = np.linalg.inv(cameras_matrix(alignment, trials[0].center))
+    curvature = found[:, -1] if scale is not None else np.full((len(found), 6), np.nan)
+    return PlateResponse(
+        matrix=as_read @ in_use,
+        aligned=aligned,
+        zero=found[:, 0] @ as_read.T,
+        drift=found[:, 1] @ as_read.T,
+        curvature=curvature @ as_read.T,
+        delay_s=delay_s,
+        scatter=_scatter(trials, found, excited, scale, float(delay_s[0])),
+        examined=excited,
+        degrees_of_freedom=freedom,
+        full_scale_n=full_scale_n,
+    )
+
+
+def cameras_matrix(alignment: PlateAlignment, center: Array) -> Array:
+    """Give the matrix that brings a plate's wrench about its centre to the cameras' frame."""
+    at_origin = to_cameras(shift_wrench(np.eye(6), -center), alignment)
+    return np.asarray(shift_wrench(at_origin, center).T)
+
+
+def _regressors(trial: WeightTrial, excited: Sequence[int], scale: float | None) -> Array:
+    truth, time = trial.slow_truth, trial.time
+    columns = [np.ones(len(time)), time - time[0], *truth[:, excited].T]
+    columns.append(-np.gradient(truth[:, MY], time))
+    if scale is not None:
+        columns.append((truth[:, FZ] / scale) ** 2)
+    return np.column_stack(columns)
+
+
+def _inside(trial: WeightTrial) -> Mask:
+    return np.asarray(
+        (trial.time > trial.time[0] + EDGE_S) & (trial.time < trial.time[-1] - EDGE_S)
+    )
+
+
+def _regress(
+    trials: Sequence[WeightTrial], excited: Sequence[int], scale: float | None, delay_s: float
+) -> Array:
+    """Give the coefficients of all components, (K, coefficients, 6)."""
+    x, y = [], []
+    for trial in trials:
+        inside = _inside(trial)
+        at = trial.time[inside] + delay_s
+        measured = CubicSpline(trial.time, trial.slow_measured)(at)
+        x.append(_regressors(trial, excited, scale)[inside])
+        y.append(measured - trial.slow_truth[inside])
+    size = np.sqrt(np.mean(np.vstack(x) ** 2, axis=0))
+    size[size == 0] = 1
+    gram = np.array([(one / size).T @ (one / size) for one in x])
+    cross = np.array([(one / size).T @ other for one, other in zip(x, y, strict=True)])
+    grams = np.concatenate([gram.sum(0)[None], gram.sum(0) - gram])
+    crosses = np.concatenate([cross.sum(0)[None], cross.sum(0) - cross])
+    solved = np.linalg.pinv(grams, hermitian=True) @ crosses
+    return np.asarray(solved / size[:, None])
+
+
+def _scatter(
+    trials: Sequence[WeightTrial],
+    found: Array,
+    excited: Sequence[int],
+    scale: float | None,
+    delay_s: float,
+) -> Array:
+    """Give the variance about the response that every load has, and that growing with it.
+
+    Where enough weights move in sines, only those count: low-passed at 2.4 Hz, the truth of others
+    lacks much of what happens where the belt turns back.
+    """
+    sines = np.array([trial.weight.profile == "sine" for trial in trials])
+    counted = sines if np.count_nonzero(sines) >= MIN_SINES else np.ones(len(trials), bool)
+    variance, load = [], []
+    for trial in trials:
+        chosen = trial.used & _inside(trial)
+        chosen = chosen if chosen.any() else trial.used
+        x = _regressors(trial, excited, scale)
+        x[:, 2 + len(excited)] = 0
+        predicted = trial.slow_truth + x @ found[0]
+        late = CubicSpline(trial.time, predicted)(trial.time - delay_s)
+        rest = shift_wrench(trial.measured, trial.center) - late
+        square = np.mean(rest[chosen] ** 2, axis=0)
+        variance.append(np.maximum(square - trial.slow_noise**2, MIN_SHARE * square))
+        load.append(np.mean(trial.slow_truth[chosen, FZ]))
+    spread, basis = np.array(variance), np.column_stack([np.ones(len(load)), np.square(load)])
+    keep = [counted, *(counted & ~np.eye(len(trials), dtype=bool))]
+    return np.array(
+        [
+            np.column_stack(
+                [
+                    np.linalg.lstsq(basis[rows] / v[rows, None], np.ones(np.count_nonzero(rows)))[0]
+                    for v in spread.T
+                ]
+            )
+            for rows in keep
+        ]
+    )

@@ -1,0 +1,100 @@
+"""A calibration against an empty recording of another day."""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from compensation import from_json, to_json
+from compensation.inertia.another_day import DayCheck, check_another_day
+from pipeline.config.plate_correction import PlateCorrection
+from pipeline.config.schema import Treadmill
+from pipeline.io.recording import Recording
+from pipeline.io.stated import Stated
+from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
+from pipeline.trial.ground.calibration_recording import read_empty
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.laboratory import Laboratory, plate_models
+
+
+def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
+    """Compare a calibration with an empty recording of another day.
+
+    Parameters
+    ----------
+    recording
+        The empty treadmill, moving.
+    laboratory
+        With the calibration, the accelerometers' channels, and the correction of the plates.
+
+    Returns
+    -------
+    DayCheck
+        Whether the calibration is still valid, and what has changed.
+
+    Raises
+    ------
+    ValueError
+        If it was recorded with other plates, sensors or rates than the calibration, or shows
+        nothing: a platform at rest, somebody on the boards.
+    """
+    file = recording.source.name
+    if not recording.plates:
+        raise ValueError(f"{file}: the check needs plates: {recording.why_no_plates}")
+    recording = with_corrected_plates(recording, laboratory.plates)
+    models = plate_models(recording, laboratory)
+    treadmill, calibration = laboratory.treadmill, laboratory.calibration
+    assert calibration is not None
+    clock, readings = accelerations(recording, treadmill)
+    first, *others = recording.plates
+    if any(not np.array_equal(plate.time, first.time) for plate in others):
+        raise ValueError(f"{file}: its plates are sampled at different times")
+    setup = models[0].setup
+    assert setup is not None  # a calibration's models have one
+    felt = at_plate_times(
+        clock, setup.low_pass(readings, clock), first.time, treadmill, calibration.sensors
+    )
+    wrenches = [setup.low_pass(plate.wrench_in_plate, plate.time) for plate in recording.plates]
+    known = np.isfinite(np.hstack([felt, *wrenches])).all(axis=1)
+    names = [f"plate {plate.number}" for plate in recording.plates]
+    try:
+        return check_another_day(
+            dict(zip(names, models, strict=True)),
+            felt[known],
+            {name: w[known] for name, w in zip(names, wrenches, strict=True)},
+            file,
+        )
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from error
+
+
+def read_check(path: Path, laboratory: Laboratory, stated: Stated) -> DayCheck:
+    """Read a recording of another day and compare it with a calibration; once in a process.
+
+    Parameters, result and errors are those of `check_recording` and `read_empty`.
+    """
+    assert laboratory.calibration is not None
+    written = path.stat()
+    return _checked(
+        path,
+        (written.st_mtime_ns, written.st_size),
+        to_json(laboratory.calibration),
+        laboratory.treadmill.model_dump_json(exclude={"platform"}),
+        laboratory.plates,
+        stated,
+    )
+
+
+@lru_cache(maxsize=2)
+def _checked(
+    path: Path,
+    version: tuple[int, int],
+    calibration: str,
+    treadmill: str,
+    plates: PlateCorrection | None,
+    stated: Stated,
+) -> DayCheck:
+    del version  # part of the key: a file written anew is checked anew
+    channels = Treadmill.model_validate_json(treadmill)
+    laboratory = Laboratory(channels, from_json(calibration), plates=plates)
+    return check_recording(read_empty(path, stated, any_forward=plates is None), laboratory)

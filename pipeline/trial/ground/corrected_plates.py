@@ -1,0 +1,115 @@
+"""Plates corrected by their calibration, before anything else is computed from them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from hbm.notes import Note
+from pipeline.config.plate_correction import PlateCorrection
+from pipeline.io.recording import Plate, Recording
+
+MAX_SHIFT_M: Final = 0.1
+"""Between a plate's centre in a file and in its calibration: cameras set up anew move it by
+millimetres, the plate beside it is half a metre away."""
+
+
+def with_corrected_plates(recording: Recording, correction: PlateCorrection | None) -> Recording:
+    """Correct the plates of a recording.
+
+    Parameters
+    ----------
+    recording
+        A recording of any kind, its plates as measured.
+    correction
+        The calibration of the laboratory's plates; None changes nothing.
+
+    Returns
+    -------
+    Recording
+        With the corrected wrenches, each in its plate's own axes, and notes on what was corrected
+        and what was not. The plates' samples keep their times: `plate_delays_s` gives their delays.
+
+    Raises
+    ------
+    ValueError
+        If the file's plates are corrected or compensated already, or a plate is not where its
+        calibration has it.
+
+    Notes
+    -----
+    A plate that moves is corrected in its own frame, as it stands with the platform in neutral:
+    cells, amplifiers and their calibration move with it. The inertia of its belt assembly is a load
+    on the cells like any other, so that it is subtracted afterwards, by a model that was fitted to
+    equally corrected plates.
+    """
+    if correction is None or not recording.plates:
+        return recording
+    file, done = recording.source.name, recording.compensation
+    if done is not None:
+        raise ValueError(
+            f"{file}: its plates are compensated or corrected already, by {done.software}; leave "
+            f"{correction.name} out, or give the original recording"
+        )
+    plates = []
+    for plate in recording.plates:
+        one = correction.calibrations.of(plate.number)
+        if one is None:
+            plates.append(plate)
+            continue
+        apart_m = float(np.linalg.norm(plate.center - one.center))
+        if np.isfinite(plate.corners).all() and apart_m > MAX_SHIFT_M:
+            raise ValueError(
+                f"{file}: plate {plate.number} lies {apart_m:.2f} m from where {correction.name} "
+                "has it; are its plates numbered as in the recordings of the weights, and is the "
+                "lab's origin the same?"
+            )
+        wrench = one.correct_in_plate(plate.wrench_in_plate, plate.rotation, plate.center)
+        plates.append(replace(plate, wrench_in_plate=wrench))
+    notes = _notes(recording.plates, correction)
+    return replace(recording, plates=tuple(plates), notes=(*recording.notes, *notes))
+
+
+def plate_delays_s(
+    plates: Sequence[Plate], correction: PlateCorrection | None, stated_s: float | None
+) -> list[float]:
+    """Give how much later each plate is than the cameras [s].
+
+    Parameters
+    ----------
+    plates
+        The plates of a recording.
+    correction
+        The calibration of the laboratory's plates, which may state their delays.
+    stated_s
+        The delay that a person states of all plates; None where none is stated.
+
+    Raises
+    ------
+    ValueError
+        Both are stated and differ.
+    """
+    if correction is None:
+        return [stated_s or 0.0 for _ in plates]
+    return [correction.delay_s(plate.number, stated_s) for plate in plates]
+
+
+def _notes(plates: Sequence[Plate], correction: PlateCorrection) -> list[Note]:
+    name, numbers = correction.name, [plate.number for plate in plates]
+    found = [one for one in correction.calibrations.plates if one.plate in numbers]
+    notes = []
+    if found:
+        corrected = [str(one.plate) for one in found]
+        notes.append(Note.of("plates_corrected", plates=corrected, calibration=name))
+    known = {str(one.plate): one.delay_s for one in found if one.delay_s is not None}
+    if known:
+        notes.append(Note.of("plate_delays_calibrated", delays_s=known, calibration=name))
+    notes += [
+        Note.of("plate_response_unexamined", plate=one.plate, components=one.unexamined)
+        for one in found
+        if one.unexamined
+    ]
+    if missing := [str(n) for n in numbers if correction.calibrations.of(n) is None]:
+        notes.append(Note.of("plates_not_corrected", plates=missing, calibration=name))
+    return notes

@@ -1,0 +1,1 @@
+"""Campaign of force plates with known faults."""

@@ -1,0 +1,139 @@
+"""A calibration against an empty recording of another day, with one thing changed at a time."""
+
+import numpy as np
+import pytest
+
+from compensation.inertia.another_day import check_another_day
+from compensation.inertia.fit import fit_inertia
+from compensation.inertia.model import Setup
+from compensation.inertia.quality import left_over, refuse_unusable
+from hbm.spatial import rotation_about
+
+RATE_HZ = 100.0
+SETUP = Setup(("rear", "front"), rate_hz=RATE_HZ, cutoff_hz=20.0)
+FRONT = slice(3, 6)
+
+
+def record(lab, seed, **options):
+    trial = lab.random_trial(seed, noise=seed, cutoff_hz=20, duration=40, **options)
+    return trial.accelerations.copy(), trial.wrench.copy()
+
+
+@pytest.fixture(scope="module")
+def model(laboratory):
+    return fit_inertia(*record(laboratory(), 1), SETUP)
+
+
+def check(model, accelerations, wrench):
+    return check_another_day({"plate 1": model}, accelerations, {"plate 1": wrench}, "day2.c3d")
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_an_unchanged_laboratory_is_still_valid(laboratory, model, seed):
+    found = check(model, *record(laboratory(), seed))
+    assert found.verdict == "valid"
+    assert [note.code for note in found.notes] == ["calibration_still_valid"]
+    zero = found.zeros[0]
+    assert (np.abs(zero.change) < 0.6).all()
+
+
+@pytest.mark.parametrize("gain", [0.97, 1.01, 1.03])
+@pytest.mark.parametrize("seed", [2, 3])
+def test_the_gain_of_a_sensor_is_found_within_its_interval(laboratory, model, gain, seed):
+    accelerations, wrench = record(laboratory(), seed)
+    accelerations[:, FRONT] *= gain
+    found = check(model, accelerations, wrench)
+    assert found.verdict == "gain"
+    values = found.notes[0].values
+    assert values["sensor"] == "front"
+    assert abs(values["change"] - (gain - 1)) < values["interval"] < 0.01
+
+
+@pytest.mark.parametrize("degrees", [1.5, 5.0, 90.0])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_sensor_that_was_turned_is_found_with_its_angle(laboratory, model, degrees, axis):
+    accelerations, wrench = record(laboratory(), 2)
+    turn = rotation_about(np.eye(3)[axis], np.radians(degrees))
+    accelerations[:, FRONT] = accelerations[:, FRONT] @ turn.T
+    found = check(model, accelerations, wrench)
+    assert found.verdict == "turned"
+    values = found.notes[0].values
+    assert values["sensor"] == "front"
+    assert abs(values["angle_deg"] - degrees) < values["interval"] < 1
+
+
+@pytest.mark.parametrize(
+    ("shift", "named"),
+    [((0.1, 0, 0), "front"), ((-0.2, 0, 0), "front"), ((0, 0, 0.1), "rear or front")],
+)
+def test_a_sensor_at_another_place_was_moved(laboratory, model, shift, named):
+    """Of a change of height the plates do not show which sensor's it is."""
+    rear, front = laboratory().positions
+    moved = laboratory(positions=(rear, tuple(np.add(front, shift))))
+    found = check(model, *record(moved, 2))
+    assert found.verdict == "moved"
+    assert found.notes[0].values["sensor"] == named
+
+
+def test_a_sensor_that_is_later_than_it_was_is_found(laboratory, model):
+    accelerations, wrench = record(laboratory(), 2)
+    late, _ = record(laboratory(), 2, late_s=0.002)
+    accelerations[:, FRONT] = late[:, FRONT]
+    found = check(model, accelerations, wrench)
+    assert found.verdict == "late"
+    (note,) = found.notes
+    assert note.values["sensor"] == "front"
+    assert abs(note.values["change_s"] - 0.002) < note.values["interval_s"]
+
+
+@pytest.mark.parametrize("gain", [0.97, 1.03])
+def test_the_gain_of_a_plate_is_not_taken_for_that_of_a_sensor(laboratory, model, gain):
+    accelerations, wrench = record(laboratory(), 2)
+    found = check(model, accelerations, gain * wrench)
+    assert found.verdict == "plates"
+    values = found.notes[0].values
+    assert abs(values["change"] - (gain - 1)) < values["interval"]
+
+
+def test_a_plate_whose_zero_changed_has_drifted_by_that_much(laboratory, model):
+    accelerations, wrench = record(laboratory(), 2)
+    change = np.array([6.0, 0, -8.0, 0, 2.0, 0])
+    found = check(model, accelerations, wrench + change)
+    before = check(model, accelerations, wrench)
+    assert found.verdict == "drifted"
+    np.testing.assert_allclose(found.zeros[0].change - before.zeros[0].change, change, atol=1e-9)
+
+
+def test_half_a_newton_of_drift_is_no_reason_to_do_anything(laboratory, model):
+    accelerations, wrench = record(laboratory(), 2)
+    assert check(model, accelerations, wrench + 0.3).verdict == "valid"
+
+
+def test_what_no_single_sensor_explains_makes_a_calibration_outdated(laboratory, model, assemblies):
+    found = check(model, *record(laboratory(assembly=assemblies["right"]), 2))
+    assert found.verdict == "outdated"
+
+
+def test_a_still_platform_cannot_show_whether_a_calibration_is_valid(laboratory, model):
+    accelerations, wrench = record(laboratory(), 2)
+    mean = accelerations.mean(axis=0)
+    with pytest.raises(ValueError, match=r"moved too little .* expected 0.2"):
+        check(model, mean + 0.15 * (accelerations - mean), 0.15 * wrench)
+
+
+def test_a_component_that_hardly_moves_is_judged_by_what_is_left_not_by_its_r_squared(laboratory):
+    """Sway alone: the vertical force is noise, of which nothing is explained and little is left."""
+    a, w = record(laboratory(), 1)
+    w[:, 2] = np.random.default_rng(0).normal(0, 1, len(w))
+    row = left_over(fit_inertia(a, w, SETUP))[2]
+    assert row.r_squared < 0.05
+    assert row.verdict == "hardly moved"
+    refuse_unusable({"plate 1": fit_inertia(a, w, SETUP)})
+
+
+def test_vibration_above_the_filter_of_trials_does_not_count_as_left(laboratory):
+    a, w = record(laboratory(), 1)
+    vibration = 25 * np.sin(2 * np.pi * 17 * np.arange(len(w)) / RATE_HZ)
+    row = left_over(fit_inertia(a, w + vibration[:, None] * [0, 0, 1, 0, 0, 0], SETUP))[2]
+    assert row.after > 15
+    assert row.left < 2

@@ -1,0 +1,201 @@
+"""Which calibration trial to choose: by both rules, and not by thousandths of a newton."""
+
+from itertools import product
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from compensation import fit_belt
+from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+from pipeline.calibration_ranking.belts import taken_away
+from pipeline.calibration_ranking.choice import (
+    SMALLEST_DIFFERENCE,
+    as_good,
+    count_best,
+    thesis_choice,
+)
+from pipeline.calibration_ranking.effects import best_levels, calibration_effects
+from pipeline.calibration_ranking.ranking import best_trials, ranked
+from pipeline.calibration_ranking.trials import BeltTrial
+from pipeline.calibration_ranking.verdict import (
+    level_sentences,
+    person_sentence,
+    recommendation,
+    square_sway_effect,
+)
+
+COLUMNS = [(v, c) for v in ("boarding", "pitch", "running", "sway") for c in ("Fx", "My")]
+
+
+def ranking_of(left):
+    """Rank trials by what they leave of 100 N in each of some columns: name -> what is left."""
+    rows = [
+        (name, *COLUMNS[k], 100.0, value)
+        for name, values in left.items()
+        for k, value in enumerate(values)
+    ]
+    names = ["trial", "validation", "component", "rms_raw", "rms_after"]
+    resampled = np.array(list(left.values()))[None] / 100
+    return ranked(pd.DataFrame(rows, columns=names), resampled, {})
+
+
+def places(mean_ranks, firsts):
+    names = [f"trial {k}" for k in range(len(mean_ranks))]
+    return pd.DataFrame({"trial": names, "mean_rank": mean_ranks, "firsts": firsts})
+
+
+def test_the_thesis_takes_the_trial_that_is_foremost_in_both_tables():
+    """First in the ranking and best in most columns, like the thesis' square waves of sway."""
+    assert thesis_choice(places([4.5, 5.0, 9.0], [5, 2, 1])) == "trial 0"
+
+
+def test_the_two_rules_can_choose_different_trials():
+    """The lowest mean rank, never best in a column, against second place and most columns."""
+    table = places([4.5, 4.6, 5.5, 9.0], [0, 5, 2, 1])
+    assert table["trial"][table["mean_rank"].idxmin()] == "trial 0"
+    assert thesis_choice(table) == "trial 1"
+
+
+@given(st.lists(st.tuples(st.integers(1, 28), st.integers(0, 24)), min_size=1, max_size=28))
+def test_no_trial_is_ahead_of_the_thesis_choice_in_both_tables(rows):
+    table = places(*(np.array(column, dtype=float) for column in zip(*rows, strict=True)))
+    chosen = table.set_index("trial").loc[thesis_choice(table)]
+    ahead = (table["mean_rank"] < chosen["mean_rank"]) & (table["firsts"] > chosen["firsts"])
+    assert not ahead.any()
+
+
+def test_report_names_both_choices_and_the_place_of_the_advised_signal():
+    left = {
+        "steady": [2.0] * 8,
+        "mixed": [1.0] * 5 + [9.0] * 3,
+        "other": [9.0] * 5 + [1.0] * 3,
+        ADVISED_PLATFORM_SIGNAL: [3.0] * 7 + [3.5],
+    }
+    ranking = ranking_of(left)
+    text = recommendation(ranking, "pitch and sway", ADVISED_PLATFORM_SIGNAL)
+    assert "By mean rank the first is steady (mean rank 2.0 of 4, best in 0 of 8 columns)" in text
+    assert "by the thesis' rule (foremost in the ranking and among the best trials" in text
+    assert "of the columns) mixed (place 2, best in 5)." in text
+    assert f"{ADVISED_PLATFORM_SIGNAL}, is in place 4" in text
+    assert "at most 1.5 N·m more than the first (My in sway)" in text
+
+
+def test_thousandths_of_a_newton_make_no_difference_whatever_their_p():
+    """Every trial differs from every other in each of the columns, by thousandths."""
+    left = {f"trial {k}": [1 + 0.001 * k] * 8 for k in range(4)}
+    ranking = ranking_of(left)
+    assert ranking.table["wins"].iloc[0] == 1
+    assert as_good(ranking) == [f"trial {k}" for k in range(4)]
+    text = recommendation(ranking, "the belts", ADVISED_BELT_SIGNAL)
+    assert text.startswith("Any of the 4 trials will do for the belts")
+    assert "resamples" not in text
+
+
+def test_what_leaves_a_tenth_of_a_newton_more_anywhere_is_not_as_good():
+    left = {"a": [1.0] * 8, "b": [1.05] * 8, "c": [1.0] * 7 + [1 + 1.01 * SMALLEST_DIFFERENCE]}
+    assert as_good(ranking_of(left)) == ["a", "b"]
+    assert recommendation(ranking_of(left), "sway", "other").startswith(
+        "Use a for sway; b will do as well."
+    )
+
+
+def test_best_columns_are_counted_as_in_the_thesis():
+    """Fig. F.7 holds 3 m/s in 17 columns, 300 s in 16, and square waves of sway in 8."""
+    fig_f7 = [
+        *("square_pitch_300s_3mps", "constant_sway_300s_3mps", "random_60s_3mps"),
+        *("gaps_60s_3mps", "gaps_300s_3mps", "square_sway_300s_3mps"),
+        *("all_300s_3mps", "all_300s_0mps", "all_300s_3mps"),
+        *("square_sway_300s_3mps", "gaps_300s_0mps", "all_300s_0mps"),
+        *("square_pitch_300s_3mps", "square_sway_300s_3mps", "all_60s_3mps"),
+        *("square_sway_300s_3mps", "random_60s_0mps", "square_sway_300s_0mps"),
+        *("constant_sway_300s_3mps", "square_sway_60s_0mps", "all_60s_3mps"),
+        *("square_sway_300s_3mps", "all_60s_3mps", "square_sway_60s_0mps"),
+    ]
+    counts = count_best(pd.DataFrame(np.reshape(fig_f7, (4, 6)))).set_index(["factor", "level"])
+    columns = counts["columns"]
+    assert columns["speed_mps"].to_dict() == {"3": 17, "0": 7}
+    assert columns["duration_s"].to_dict() == {"300": 16, "60": 8}
+    assert columns["kind"]["square_sway"] == 8
+    assert columns["kind"]["all"] == 7
+    assert columns["kind"]["gaps"] == 3
+    assert count_best(best_trials(ranking_of({"monday": [1.0] * 8, "b": [2.0] * 8}))).empty
+
+
+def effects_of(left):
+    """Test effects where a trial leaves what a function of component, speed, duration gives."""
+    rng = np.random.default_rng(0)
+    rows = [
+        (f"{kind}_{s}s_{v}mps", validation, c, 100.0, left(c, v, s) * rng.lognormal(0, 0.001))
+        for kind, s, v, validation, c in product(
+            ("random", "square_sway", "gaps"), (60, 300), (0, 3), ("sway", "pitch"), ("Fx", "My")
+        )
+    ]
+    names = ["trial", "validation", "component", "rms_raw", "rms_after"]
+    return calibration_effects(pd.DataFrame(rows, columns=names))[1]
+
+
+def test_table_f1_states_the_better_level_and_any_where_it_does_not_matter():
+    """3 m/s leaves half in Fx; 60 s leaves 3 N·m less in My; all else differs by chance."""
+    table = best_levels(
+        effects_of(lambda c, v, s: (4 if v else 8) if c == "Fx" else (5 if s == 60 else 8))
+    ).set_index("factor")
+    assert table.loc["speed_mps"].to_dict() == {"Fx": "3", "My": "any"}
+    assert table.loc["duration_s"].to_dict() == {"Fx": "any", "My": "60"}
+
+
+def test_a_significant_difference_of_hundredths_is_no_difference():
+    pairs = effects_of(lambda _, v, s: 1.0 if v else 1.02)
+    speeds = pairs[pairs["factor"] == "speed_mps"]
+    assert (speeds["p_bonferroni"] < 1e-9).all()
+    assert (speeds["verdict"] == "no difference").all()
+    (speed, _) = level_sentences(pairs)
+    assert speed.startswith(
+        "Belt speed: 0 m/s or 3 m/s, any will do (the largest difference is 0.0"
+    )
+
+
+def test_a_large_difference_without_significance_is_undecided():
+    rng = np.random.default_rng(1)
+    pairs = effects_of(lambda *_: 50 * rng.lognormal(0, 0.5))
+    two = pairs[pairs["factor"] != "kind"]
+    assert (two["difference"].abs() > SMALLEST_DIFFERENCE).all()
+    assert set(two["verdict"]) == {"undecided"}
+    assert (best_levels(pairs)[["Fx", "My"]] == "undecided").all(axis=None)
+
+
+@pytest.mark.parametrize(
+    ("ratios", "said"),
+    [
+        ([("Fx", -0.03, "no difference")], "no difference in Fx"),
+        ([("Fx", -0.5, "less"), ("My", 0.2, "more")], "less is left in Fx; more is left in My"),
+    ],
+)
+def test_square_waves_of_sway_are_judged_per_component(ratios, said):
+    table = pd.DataFrame(ratios, columns=["component", "difference", "verdict"])
+    assert said in square_sway_effect(table.assign(ratio=0.9))
+
+
+def belt_trial(seed, name, person):
+    """A moment of 4 N·m per m/s² of the belt, and that of a person, who knows nothing of it."""
+    rng = np.random.default_rng(seed)
+    acceleration, moment = rng.normal(size=6000), rng.normal(size=6000)
+    nothing = np.empty((6000, 0))
+    return BeltTrial(name, acceleration, 4 * acceleration + person * moment, nothing, ())
+
+
+def test_a_person_leaves_as_much_of_the_moment_as_pythagoras_says():
+    """A person's 3 N·m beside the belt's 4 make 5 N·m, of which 3 remain: 40 % is taken away."""
+    calibration = belt_trial(1, "calibration", person=0)
+    model = fit_belt(calibration.acceleration, calibration.moment)
+    table = taken_away(model, [belt_trial(2, "belt", 0)], [belt_trial(3, "walk", 3)])
+    nobody, person = (table.set_index("person").loc[answer] for answer in ("no", "yes"))
+    assert nobody["reduction"] == pytest.approx(100, abs=0.1)
+    assert person["rms_raw"] == pytest.approx(5, rel=0.03)
+    assert person["rms_after"] == pytest.approx(3, rel=0.03)
+    assert person["reduction"] == pytest.approx(40, abs=1.5)
+    assert f"{person['reduction']:.0f} % with a person" in person_sentence(table)
+    empty = table[table["person"] == "no"]
+    assert "there is no recording with a person" in person_sentence(empty)

@@ -1,0 +1,124 @@
+"""What errors depend on is found, what they do not depend on is not, and assumptions are told."""
+
+from itertools import product
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.plate_accuracy.condition_effects import condition_effects, effects_section
+
+ZONES = ("back", "middle", "front")
+
+
+def errors(seed=0, *, scatter=0.1, belts=("left", "right"), times=lambda row: 1.0):
+    """Log-normal errors of a full design, each times what its conditions say."""
+    rng = np.random.default_rng(seed)
+    design = product(belts, ("sine", "square"), (0.3, 0.7, 1.0), (0.15, 0.35), (13.44, 45.08))
+    rows = []
+    for number, (belt, profile, speed, position, mass) in enumerate(design):
+        row = {
+            "file": f"weight_{number}.c3d",
+            "belt": belt,
+            "profile": profile,
+            "speed_mps": speed,
+            "position_m": position,
+            "mass_kg": mass,
+            "supports": True,
+            "quantity": "COPx",
+        }
+        recording = np.exp(scatter * rng.normal())
+        for zone in ("all", *ZONES):
+            own = recording * np.exp(scatter / 2 * rng.normal())
+            row["zone"] = zone
+            rows.append({**row, "orthogonal": 0.002 * own * times(row)})
+    return pd.DataFrame(rows)
+
+
+def significant(found):
+    return set(found.tests[found.tests["p"] < 0.001]["effect"])
+
+
+@pytest.mark.parametrize("factor", ["belt", "profile", "speed_mps", "position_m", "mass_kg"])
+def test_the_condition_that_errors_depend_on_is_found_and_no_other(factor):
+    worse = {"belt": "right", "profile": "sine", "speed_mps": 0.3, "position_m": 0.15}
+    level = worse.get(factor, 13.44)
+    found = condition_effects(errors(times=lambda row: 1.5 if row[factor] == level else 1.0))
+    assert significant(found) == {factor}
+
+
+def test_a_back_of_the_belt_that_is_worse_differs_from_middle_and_front_only():
+    """As in the thesis (III.A.2, Fig. 2)."""
+    found = condition_effects(errors(times=lambda row: 1.3 if row["zone"] == "back" else 1.0))
+    assert significant(found) == {"zone"}
+    pairs = found.pairs[found.pairs["factor"] == "zone"].set_index(["first", "second"])
+    p = pairs["p_bonferroni"]
+    assert p["back", "middle"] < 0.001
+    assert p["back", "front"] < 0.001
+    assert p["front", "middle"] > 0.05
+
+
+def test_thirds_are_compared_within_recordings_however_different_these_are():
+    """Recordings differ by ten times; a tenth between thirds would drown in that."""
+
+    def times(row):
+        return (1.1 if row["zone"] == "front" else 1.0) * (10 if row["speed_mps"] > 0.5 else 1)
+
+    assert "zone" in significant(condition_effects(errors(scatter=0.05, times=times)))
+
+
+def test_equal_thirds_differ_significantly_in_one_of_twenty():
+    each = [condition_effects(errors(seed, belts=("left",))).tests for seed in range(20)]
+    p = np.array([tests.set_index("effect")["p"]["zone"] for tests in each])
+    assert np.sum(p < 0.05) <= 4  # 5 or more: one in 390
+    assert 0.3 < np.mean(p) < 0.7
+
+
+def test_log_normal_errors_need_no_remark():
+    found = condition_effects(errors(seed=3))
+    assert found.remarks == ()
+    assert found.tests["exponent"].abs().max() < 2
+
+
+def test_an_exponent_out_of_the_ordinary_is_remarked_on():
+    """Errors like 2 to the power of -8 normal ones: λ = -8 makes them normal."""
+    data = errors(seed=3, scatter=0)
+    rng = np.random.default_rng(1)
+    data["orthogonal"] = 0.002 * (1 + 0.05 * rng.normal(size=len(data))) ** (-1 / 8)
+    remarks = condition_effects(data).remarks
+    assert any("whole recordings: Box–Cox exponent beyond ±2 of COPx (λ = -" in r for r in remarks)
+
+
+def test_residuals_that_are_not_normal_are_remarked_on():
+    """Two recordings in a row are off, up and down, which no power makes normal."""
+    data = errors(seed=4)
+    data.loc[data.index[:8], "orthogonal"] *= np.repeat([4.0, 0.25], 4)
+    remarks = " ".join(condition_effects(data).remarks)
+    assert (
+        "whole recordings: residuals differ from a normal distribution (Shapiro–Wilk): COPx (W = 0."
+        in (remarks)
+    )
+
+
+def test_conditions_that_changed_together_are_not_tested_and_this_is_said():
+    data = errors()
+    data = data[(data["belt"] == "left") == (data["profile"] == "sine")]
+    found = condition_effects(data)
+    assert any(r.startswith("COPx, whole recordings: not tested: an effect") for r in found.remarks)
+    assert set(found.tests["effect"]) == {"zone"}
+
+
+def test_too_few_recordings_are_not_tested_and_this_is_said():
+    few = errors().groupby("zone", sort=False).head(3)
+    found = condition_effects(few)
+    assert found.tests.empty
+    assert found.pairs.empty
+    assert [r.split(":")[0] for r in found.remarks] == ["whole recordings", "thirds of the belt"]
+    assert "too few recordings" in "\n".join(effects_section(found))
+
+
+def test_with_supports_only_recordings_with_supports_are_tested():
+    data = errors(times=lambda row: 1.5 if row["belt"] == "left" else 1.0)
+    without = data.assign(supports=False, orthogonal=0.002, file=data["file"] + "b")
+    both = condition_effects(pd.concat([data, without]))
+    pd.testing.assert_frame_equal(both.tests, condition_effects(data).tests)

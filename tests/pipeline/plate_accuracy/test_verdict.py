@@ -1,0 +1,201 @@
+"""A plate is fit only where its errors are small at a person's loads; else the reason is named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.spatial import GRAVITY_MPS2
+from pipeline.cli.app import main
+from pipeline.config.plate_correction import read_plate_correction
+from pipeline.config.plate_study import AccuracyLimits, read_plates_study
+from pipeline.config.validation import StudyFaults
+from pipeline.io.axes import parse_axes
+from pipeline.plate_accuracy.accuracy import examine_plates
+from pipeline.plate_accuracy.correction import delay_notes
+from pipeline.plate_accuracy.faults import FaultEstimate
+from pipeline.plate_accuracy.judgement import Judged
+from pipeline.plate_accuracy.verdict import judge
+from pipeline.virtual_lab.protocol.known_weights import (
+    THESIS_ERRORS,
+    PlateErrors,
+    simulate_plates,
+)
+
+DESIGN = {
+    "speeds": (0.7, 1.0),
+    "weights": (13.44, 22.56, 45.08),
+    "positions": (0.15, 0.35),
+    "belts": ("left",),
+    "supports": (True,),
+}
+BODY_N = 75.0 * GRAVITY_MPS2
+
+
+def examined(folder, errors=None, lines="", **changes):
+    """The study of one plate with given errors and further lines of plates.toml."""
+    simulate_plates(folder, errors, seed=5, **(DESIGN | changes))
+    path = folder / "plates.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("[[static]]", f"{lines}\n[[static]]", 1), encoding="utf-8")
+    return examine_plates(read_plates_study(folder))
+
+
+UP = BODY_N * np.sqrt(np.mean(np.square([1.2, 0.75, 1.2])))
+FORWARD = BODY_N * np.sqrt(np.mean(np.square([0.25, 0.0, 0.25])))
+"""Root mean square of a foot's force in braking, midstance and push-off [N]."""
+
+
+@pytest.mark.parametrize(
+    ("cross_talk", "fault", "size", "totals"),
+    [
+        ({(k, k): 0.1 for k in range(6)}, "gain of Fz", 0.1, {"Fz": 0.1 * UP}),
+        ({(0, 0): 0.3}, "gain of Fx", 0.3, {"Fx": 0.3 * FORWARD, "My": 0.3 * FORWARD}),
+        ({(0, 2): 0.05}, "Fz in Fx", 0.05, {"Fx": 0.05 * UP, "My": 0.05 * UP}),
+    ],
+    ids=["all gains 10 % too high", "Fx 30 % too high", "5 % of Fz in Fx"],
+)
+def test_a_bad_plate_is_never_fit_as_it_is_and_its_fault_is_named(
+    tmp_path, cross_talk, fault, size, totals
+):
+    """A force along the belt that is wrong is that moment about a point 1 m above it."""
+    (verdict,) = judge(examined(tmp_path, PlateErrors(cross_talk=cross_talk)))
+    assert verdict.verdict == "fit after correction"
+    assert verdict.sentence.startswith("left plate: not fit for inverse dynamics as it is")
+    first = verdict.reasons[0]
+    assert first.size == pytest.approx(size, rel=0.01)
+    assert f"Found: {first.name}" in verdict.sentence
+    assert "plate_calibration.json" in " ".join(verdict.corrections)
+    reasons = {one.name: one for one in verdict.reasons}
+    assert reasons[fault].size == pytest.approx(size, rel=0.01)
+    for name, total in totals.items():
+        assert reasons[f"total error of {name}"].size == pytest.approx(total, rel=0.01)
+    assert f"total error of {next(iter(totals))}" in verdict.sentence
+
+
+def test_what_no_calibration_takes_away_makes_a_plate_not_fit(tmp_path):
+    (verdict,) = judge(examined(tmp_path, PlateErrors(curvature=0.05)))
+    assert verdict.verdict == "not fit"
+    assert verdict.reasons[0].name == "curvature"
+    assert "total error of Fz after correction" in {one.name for one in verdict.reasons}
+    assert verdict.sentence.startswith("left plate: not fit for inverse dynamics: curvature 25.")
+
+
+def test_the_error_of_a_person_grows_from_that_of_the_weights(tmp_path):
+    """A curvature of 1 % at 510 N is 3 % of 1.2 body weights of 75 kg, and more of 110 kg."""
+    totals = []
+    for n, mass in enumerate((75.0, 110.0)):
+        found = examined(tmp_path / str(n), PlateErrors(curvature=0.01), f"body_mass_kg = {mass}")
+        (verdict,) = judge(found)
+        totals.append(next(one for one in verdict.judged if one.name == "total error of Fz"))
+        loads = mass * GRAVITY_MPS2 * np.array([1.2, 0.75, 1.2])
+        true = np.sqrt(np.mean((0.01 * loads**2 / 510) ** 2))
+        assert totals[-1].low < np.hypot(true, 0.2) < totals[-1].high
+    widths = [one.high - one.low for one in totals]
+    assert widths[1] > widths[0]
+
+
+def test_an_interval_that_holds_the_limit_tells_nothing_and_says_what_to_record(tmp_path):
+    found = examined(tmp_path, PlateErrors(cross_talk={(2, 2): 0.005}))
+    gain = next(one for one in found.faults if one.fault == "gain of Fz")
+    near = 100 * (gain.value - 0.3 * gain.uncertainty)
+    file = found.study.file.model_copy(update={"limits": AccuracyLimits(gain_percent=near)})
+    (verdict,) = judge(replace(found, study=replace(found.study, file=file)))
+    assert verdict.verdict == "cannot be told"
+    assert "gain of Fz" in {one.name for one in verdict.reasons}
+    assert "so close to its limit that more recordings would hardly tell" in verdict.sentence
+    near = 100 * (gain.value + 0.7 * gain.uncertainty)
+    file = found.study.file.model_copy(update={"limits": AccuracyLimits(gain_percent=near)})
+    (verdict,) = judge(replace(found, study=replace(found.study, file=file)))
+    assert "more weights on this plate" in verdict.sentence
+
+
+def test_a_plate_that_is_wrong_in_too_few_recordings_is_not_fit_and_may_not_be_correctable(
+    tmp_path,
+):
+    few = {"weights": (22.56, 45.08), "positions": (0.25,)}
+    (verdict,) = judge(examined(tmp_path, PlateErrors(cross_talk={(0, 2): 0.05}), **few))
+    assert verdict.verdict == "not fit"
+    assert "Fz in Fx" in verdict.sentence
+    assert "Whether a correction is enough cannot be told: record 3 different weights" in (
+        verdict.sentence
+    )
+
+
+def test_stated_limits_are_those_of_the_verdict(tmp_path):
+    (verdict,) = judge(examined(tmp_path, lines="[limits]\nnoise_n = 0.01\nmoment_nm = 3.0"))
+    assert verdict.verdict == "not fit"
+    assert [one.name for one in verdict.reasons] == ["noise of forces"]
+    limits = {one.name: one.limit for one in verdict.judged}
+    assert limits["total error of My"] == 3.0
+    path = tmp_path / "plates.toml"
+    path.write_text(path.read_text(encoding="utf-8").replace("noise_n", "nose_n"), encoding="utf-8")
+    with pytest.raises(StudyFaults, match="nose_n: unknown key"):
+        read_plates_study(tmp_path)
+
+
+def test_a_calibration_makes_a_load_right_that_it_has_not_seen(tmp_path, capsys):
+    """A step of a person on the simulated plate, by no weight: right within the interval."""
+    cross = {(0, 0): 0.08, (2, 2): -0.06, (0, 2): 0.02, (2, 0): 0.03, (4, 4): 0.05, (3, 2): 0.01}
+    errors = PlateErrors(
+        cross_talk=cross, zero=(4.0, 0.0, -8.0, 0.0, 3.0, 0.0), delay_s=0.005, noise_n=1.0
+    )
+    folder, out = tmp_path / "study", tmp_path / "out"
+    simulate_plates(folder, errors, seed=6, **DESIGN)
+    assert main(["plates", str(folder), "--out", str(out)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "not fit for inverse dynamics as it is, fit after correction" in said
+    assert "[plates] calibration =" in said
+    assert "--plate-calibration" in said
+    page = (out / "verdict.md").read_text(encoding="utf-8")
+    assert '[plates]\ncalibration = "plate_calibration.json"' in page
+
+    calibration = read_plate_correction(out / "plate_calibration.json").calibrations.of(1)
+    assert calibration.unexamined == ("Fy",)
+    assert calibration.delay_s == pytest.approx(0.005, abs=1e-4)
+    up, forward = BODY_N * np.array([1.2, 0.8]), BODY_N * np.array([-0.22, 0.1])
+    x, y = np.array([-0.3, 0.35]), np.array([0.08, -0.05])
+    step = np.column_stack([forward, 0 * up, up, y * up, -x * up, -y * forward])
+    still = replace(errors, noise_n=0.0).plate
+    measured = still.measure(step, np.zeros(2), np.random.default_rng(0))
+    off = np.abs(calibration.correct(measured) - step)
+    allowed = 2.2 * np.abs(measured) @ calibration.standard_error.T + 0.1  # and that of the zero
+    assert (off < allowed).all()
+    assert off[:, 2].max() < 1.0 < np.abs(measured - step)[:, 2].min()
+
+
+def test_a_perfect_plate_needs_no_calibration(tmp_path):
+    folder, out = tmp_path / "study", tmp_path / "out"
+    simulate_plates(folder, seed=7, **DESIGN)
+    assert main(["plates", str(folder), "--out", str(out)]) == 0
+    assert not (out / "plate_calibration.json").exists()
+
+
+@pytest.mark.slow
+def test_perfect_plates_with_the_design_of_the_thesis_are_fit(tmp_path):
+    simulate_plates(tmp_path, seed=8, supports=(True,))
+    found = examine_plates(read_plates_study(tmp_path))
+    assert [one.verdict for one in judge(found)] == ["fit", "fit"]
+
+
+def test_delays_that_contradict_each_other_are_a_warning():
+    hammer = FaultEstimate("left", "delay", 0.0015, 0.0001, "s", 14)
+    motion = FaultEstimate("left", "delay in motion", 0.0040, 0.00001, "s", 15)
+    (note,) = delay_notes([hammer, motion])
+    assert note.level == "warning"
+    assert "the one in motion is used" in str(note)
+    assert delay_notes([replace(hammer, value=0.0040), motion]) == ()
+    assert delay_notes([motion]) == ()
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "status"), [(0, 1, "within"), (0, 2, "unclear"), (1.5, 2, "beyond")]
+)
+def test_an_estimate_is_beyond_its_limit_only_with_all_of_its_interval(low, high, status):
+    assert Judged("gain", (low + high) / 2, low, high, 1.2, "1", "none").status == status
+
+
+def test_the_simulated_offset_is_that_of_the_thesis_in_its_own_axes():
+    """It states 1.5 mm in x and -1.8 mm in z, x to the right and z to the back."""
+    in_lab = parse_axes("right,up,back") @ [0.0015, 0.0, -0.0018]
+    np.testing.assert_allclose(THESIS_ERRORS.offset_m, in_lab[:2], atol=1e-12)

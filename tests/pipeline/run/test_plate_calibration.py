@@ -1,0 +1,203 @@
+"""A study that names the calibration of its plates: checked before, applied, named in results."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.config.study import read_study
+from pipeline.config.validation import StudyFaults
+from pipeline.io.c3d.read import read_c3d
+from pipeline.run.check import check_study
+from pipeline.run.job import file_digest
+from pipeline.run.provenance import input_digests
+from pipeline.run.run import plan
+from tests.pipeline import lab
+from tests.pipeline.wrong_plates import correction_of, write_correction, wrongly_measured
+
+AXES = "left,back,up"
+"""Of the files of the study; nothing in the empty treadmill's shows them."""
+NAMED = '[plates]\ncalibration = "plates.json"\n[treadmill]'
+
+
+@pytest.fixture
+def study(moving_study, tmp_path):
+    """A copy with one subject's pitch trial, whose plates a file corrects without changing them."""
+    folder = shutil.copytree(moving_study, tmp_path / "study")
+    for path in folder.glob("sub02*"):
+        path.unlink()
+    write_correction(folder / "plates.json", read_c3d(folder / "sub01_pitch.c3d"), change=False)
+    edit(folder / "study.toml", "[treadmill]", NAMED)
+    edit(folder / "study.toml", "name =", f'axes = "{AXES}"\nname =')
+    return folder
+
+
+def edit(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+def faults_of(folder):
+    with pytest.raises(StudyFaults) as caught:
+        read_study(folder)
+    return caught.value.faults
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda f: f.unlink(), "no file 'plates.json'"),
+        (lambda f: f.write_text("{}"), "plates.json: not a plate calibration: its format should"),
+        (lambda f: f.write_text(""), "plates.json: the plate calibration is not JSON"),
+        (lambda f: f.write_bytes(b"\xff"), "plates.json: 'utf-8' codec can't decode"),
+        (lambda f: edit(f, "1.0", "NaN"), "damaged: plate 1: matrix holds values that are not num"),
+    ],
+)
+def test_a_wrong_file_is_one_line_before_anything_is_read(study, spoil, message):
+    spoil(study / "plates.json")
+    (fault,) = faults_of(study)
+    assert fault.startswith("study.toml: plates.calibration: ")
+    assert message in fault
+    assert main(["check", str(study)]) == 2
+
+
+def test_a_file_that_is_no_json_is_refused_by_its_name(study):
+    edit(study / "study.toml", "plates.json", "plates.toml")
+    (fault,) = faults_of(study)
+    assert fault.startswith("study.toml: plates.calibration: must be a .json file")
+
+
+def test_a_stated_delay_that_differs_from_the_calibrations_is_one_line(study):
+    recording = read_c3d(study / "sub01_pitch.c3d")
+    write_correction(study / "plates.json", recording, delays=(0.004, 0.002))
+    edit(study / "study.toml", "[plates]", "[settings]\nplate_delay_s = 0.004\n[plates]")
+    (fault,) = faults_of(study)
+    assert "stated as 4 ms, but plates.json has 2.0 ms for plate 2; state one of them" in fault
+
+
+def test_a_check_says_what_is_corrected_and_what_is_not(study):
+    recording = read_c3d(study / "sub01_pitch.c3d")
+    write_correction(study / "plates.json", recording, (1,), delays=(0.004,))
+    found = check_study(read_study(study))
+    codes = [remark.note.code for remark in found.remarks if remark.place == "sub01_pitch.c3d"]
+    assert {"plates_corrected", "plate_delays_calibrated", "plates_not_corrected"} <= set(codes)
+    assert not found.faults
+
+
+def test_a_fitted_calibration_of_uncorrected_plates_is_a_fault_that_says_what_to_do(study):
+    fitted = ["calibration", "fit", str(study / "empty.c3d"), "-o", str(study / "lab.json")]
+    fitted += ["--axes", AXES]
+    assert main(fitted) == 0
+    edit(study / "study.toml", "empty.c3d", "lab.json")
+    for name, found in zip(lab.CHANNELS, ("Acc1", "A2"), strict=True):
+        edit(study / "study.toml", f"{name} =", f"{found} =")
+    (fault,) = check_study(read_study(study)).faults
+    assert "was fitted to uncorrected plates, but trials are by plates.json; fit it again" in str(
+        fault
+    )
+    assert main([*fitted, "--plate-calibration", str(study / "plates.json")]) == 0
+    assert not check_study(read_study(study)).faults
+
+
+def test_an_empty_treadmill_whose_forward_is_unknown_is_a_fault(study):
+    """Its own calibration needs no axes of the lab, the correction of its plates does."""
+    edit(study / "study.toml", f'axes = "{AXES}"', "")
+    faults = list(map(str, check_study(read_study(study)).faults))
+    assert len(faults) == 1
+    assert "empty.c3d: axes cannot be inferred" in faults[0]
+    assert "state the axes" in faults[0]
+
+
+def test_another_plate_calibration_outdates_every_result(study, tmp_path):
+    before = [job.key for job in plan(read_study(study), tmp_path / "results")]
+    document = json.loads((study / "plates.json").read_text(encoding="utf-8"))
+    document["provenance"] = {"study": "the same plates on another day"}
+    (study / "plates.json").write_text(json.dumps(document), encoding="utf-8")
+    after = [job.key for job in plan(read_study(study), tmp_path / "results")]
+    assert all(old != new for old, new in zip(before, after, strict=True))
+
+
+def test_results_name_the_calibration_of_the_plates(study, tmp_path):
+    recording = read_c3d(study / "sub01_pitch.c3d")
+    write_correction(study / "plates.json", recording, delays=(0.0, 0.002), change=False)
+    out = tmp_path / "results"
+    assert main(["run", str(study), "--condition", "pitch", "--out", str(out)]) == 0
+    assert main(["report", str(out)]) == 0
+    told = json.loads((out / "study.json").read_text(encoding="utf-8"))
+    assert told["plates"] == {"calibration": "plates.json"}
+    assert told["inputs"]["plates.json"] == file_digest(study / "plates.json")
+    assert input_digests(read_study(study))["plates.json"] == told["inputs"]["plates.json"]
+    page = " ".join((out / "report.html").read_text(encoding="utf-8").split())
+    assert re.search(r"corrected by a matrix and an offset per plate.*\(plates\.json\)", page)
+    assert "2.0 ms (plate 2)" in page
+
+
+def residuals(trial, out, *options):
+    command = ["residuals", str(trial), "--mass-kg", "75", "--out", str(out)]
+    code = main([*command, *map(str, options)])
+    return code, out / f"{trial.stem}_residuals.csv"
+
+
+def test_one_trial_of_wrong_plates_is_corrected_on_the_command_line(study, tmp_path, capsys):
+    """Platform and all; the calibration of the treadmill is fitted to plates corrected alike."""
+    right = study / "sub01_pitch.c3d"
+    recording, empty = read_c3d(right), read_c3d(study / "empty.c3d", AXES)
+    plates = write_correction(tmp_path / "plates.json", recording)
+    wrong = lab.save(wrongly_measured(recording), tmp_path / "sub01_pitch.c3d")
+    wrong_empty = lab.save(wrongly_measured(empty), tmp_path / "empty.c3d")
+    axes = ("--axes", AXES)
+    tables = []
+    for trial, of_empty, options in (
+        (right, study / "empty.c3d", ()),
+        (wrong, wrong_empty, ("--plate-calibration", str(plates))),
+    ):
+        out = tmp_path / f"out{len(options)}"
+        fitted = ["calibration", "fit", str(of_empty), "-o", str(out / "lab.json"), *options]
+        assert main([*fitted, *axes]) == 0
+        markers = ("--platform-markers", ",".join(lab.PLATFORM_MARKERS_M))
+        code, table = residuals(trial, out, "--calibration", out / "lab.json", *markers, *options)
+        assert code == 0
+        tables.append(pd.read_csv(table)["rms"])
+    np.testing.assert_allclose(tables[1], tables[0], rtol=1e-3)
+    assert "plates 1, 2 corrected by plates.json" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--plate-calibration", "nowhere.json"), "nowhere.json"),
+        (("--plate-calibration", "text.json"), "text.json: the plate calibration is not JSON"),
+        (
+            ("--plate-calibration", "late.json", "--plate-delay-ms", "4"),
+            "stated as 4 ms, but late.json has 2.0 ms for plate 2",
+        ),
+    ],
+)
+def test_what_cannot_be_applied_to_one_trial_is_one_line(
+    study, tmp_path, capsys, monkeypatch, options, message
+):
+    recording = read_c3d(study / "sub01_pitch.c3d")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "text.json").write_text("no")
+    write_correction(tmp_path / "late.json", recording, delays=(0.004, 0.002))
+    code, _ = residuals(study / "sub01_pitch.c3d", tmp_path / "out", *options)
+    assert code == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.strip().splitlines()[-1].startswith("hbm: error: ")
+
+
+def test_a_copy_with_corrected_plates_needs_no_calibration_of_the_treadmill(study, tmp_path):
+    trial = study / "sub01_pitch.c3d"
+    plates = write_correction(tmp_path / "plates.json", read_c3d(trial))
+    command = ["export", str(trial), "--c3d", "--out", str(tmp_path / "copies")]
+    assert main([*command, "--plate-calibration", str(plates)]) == 0
+    done = read_c3d(tmp_path / "copies" / trial.name).compensation
+    assert (done.calibration, done.plate_calibration) == ("", "plates.json")
+    assert done.plate_calibration_sha256 == file_digest(plates)
+    assert correction_of(read_c3d(trial)).calibrations.of(1) is not None

@@ -1,0 +1,220 @@
+"""Plates are corrected before anything is computed from them, and by one calibration throughout."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compensation.accuracy.plate_calibration import to_json
+from pipeline.config.plate_correction import read_plate_correction
+from pipeline.config.schema import Platform, Settings, Subject, Treadmill
+from pipeline.io.c3d.read import read_c3d
+from pipeline.io.recording import Compensation
+from pipeline.trial.ground.calibration_recording import fit_calibration, read_calibration
+from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.process import process_recording
+from tests.pipeline import lab
+from tests.pipeline.wrong_plates import correction_of, wrongly_measured
+
+TREADMILL = Treadmill(
+    accelerometers=lab.CHANNELS, platform=Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
+)
+PERSON = Subject(sex="male", mass_kg=74.6)
+
+
+def codes(recording):
+    return [note.code for note in recording.notes]
+
+
+def largest_difference(result, other):
+    """Of the residuals, as a share of the largest one."""
+    return {
+        variant: np.nanmax(np.abs(dynamics.residual - getattr(other, variant).residual))
+        / np.nanmax(np.abs(dynamics.residual))
+        for variant in ("measured", "compensated")
+        if (dynamics := getattr(result, variant)) is not None
+    }
+
+
+@pytest.fixture(scope="module")
+def pitched(walker):
+    return lab.on_platform(walker, lab.pitching(12.0))
+
+
+@pytest.fixture(scope="module")
+def empty():
+    return lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
+
+
+def test_without_a_calibration_the_recording_stays_the_same(walker):
+    assert with_corrected_plates(walker, None) is walker
+
+
+def test_a_calibration_that_changes_nothing_changes_no_bit(walker):
+    same = correction_of(walker, change=False)
+    for plate, after in zip(walker.plates, with_corrected_plates(walker, same).plates, strict=True):
+        np.testing.assert_array_equal(after.wrench_in_plate, plate.wrench_in_plate)
+
+
+@pytest.mark.parametrize(
+    "file", ["treadmill_hbm2/treadmill_events.c3d", "plug_in_gait/Movement_trial.c3d"]
+)
+def test_a_calibration_that_changes_nothing_changes_no_bit_of_a_real_trial(shared_data, file):
+    recording = read_c3d(shared_data / file)
+    same = correction_of(recording, change=False)
+    after = with_corrected_plates(recording, same).plates
+    for plate, corrected in zip(recording.plates, after, strict=True):
+        np.testing.assert_array_equal(corrected.wrench_in_plate, plate.wrench_in_plate)
+
+
+def test_wrong_plates_corrected_give_the_residuals_of_right_ones(walker):
+    right = process_recording(walker, PERSON, Settings())
+    laboratory = Laboratory(Treadmill(), plates=correction_of(walker))
+    wrong = wrongly_measured(walker)
+    corrected = process_recording(wrong, PERSON, Settings(), laboratory=laboratory)
+    assert largest_difference(corrected, right)["measured"] < 1e-9
+    uncorrected = process_recording(wrong, PERSON, Settings())
+    assert largest_difference(uncorrected, right)["measured"] > 0.01
+    assert "plates_corrected" in codes(corrected)
+
+
+def test_on_a_moving_platform_too_where_its_calibration_is_of_plates_corrected_alike(
+    pitched, empty
+):
+    """The plates move, their errors with them; correction comes before compensation."""
+    right = process_recording(
+        pitched,
+        PERSON,
+        Settings(),
+        laboratory=Laboratory(TREADMILL, fit_calibration(empty, TREADMILL)),
+    )
+    correction = correction_of(pitched)
+    calibration = fit_calibration(wrongly_measured(empty), TREADMILL, correction)
+    corrected = process_recording(
+        wrongly_measured(pitched),
+        PERSON,
+        Settings(),
+        laboratory=Laboratory(TREADMILL, calibration, plates=correction),
+    )
+    assert max(largest_difference(corrected, right).values()) < 1e-9
+
+
+def test_a_subject_is_weighed_by_corrected_plates(walker):
+    """Offsets and gains of 4 % would be some kilograms."""
+    laboratory = Laboratory(Treadmill(), plates=correction_of(walker))
+    wrong = wrongly_measured(walker)
+    weighed = process_recording(wrong, Subject(sex="male"), Settings(), laboratory=laboratory)
+    assert weighed.body.mass == pytest.approx(74.6, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("fitted_with", "used", "message"),
+    [
+        (None, "lab.json", "to uncorrected plates, but trials are by lab.json; fit it again with"),
+        ("lab.json", None, "to plates corrected by lab.json; name that file"),
+        ("lab.json", "new.json", "corrected by lab.json, not by this new.json; fit it again with"),
+    ],
+)
+def test_a_calibration_of_otherwise_corrected_plates_is_refused(empty, fitted_with, used, message):
+    of = {name: correction_of(empty, name=name) for name in ("lab.json", "new.json")}
+    calibration = fit_calibration(empty, TREADMILL, of.get(fitted_with))
+    with pytest.raises(ValueError, match=message):
+        Laboratory(TREADMILL, calibration, plates=of.get(used))
+
+
+def test_a_calibration_fitted_in_passing_is_of_corrected_plates(moving_study):
+    """A study may name the recording of the empty treadmill itself."""
+    path = moving_study / "empty.c3d"
+    correction = correction_of(read_c3d(path, "left,back,up"))
+    raw = read_calibration(path, TREADMILL, "left,back,up")
+    corrected = read_calibration(path, TREADMILL, "left,back,up", correction)
+    assert corrected.provenance["plate_calibration"] == "lab.json"
+    for plate in ("plate 1", "plate 2"):
+        assert np.abs(corrected.plates[plate].gain / raw.plates[plate].gain - 1).max() > 0.01
+
+
+def test_plates_that_the_calibration_does_not_have_stay_as_they_are_with_a_warning(walker):
+    corrected = with_corrected_plates(walker, correction_of(walker, (1,), delays=(None,)))
+    np.testing.assert_array_equal(
+        corrected.plates[1].wrench_in_plate, walker.plates[1].wrench_in_plate
+    )
+    assert np.any(corrected.plates[0].wrench_in_plate != walker.plates[0].wrench_in_plate)
+    (note,) = [note for note in corrected.notes if note.level == "warning"]
+    assert note.code == "plates_not_corrected"
+    assert note.values["plates"] == ("2",)
+
+
+def test_plates_numbered_the_other_way_round_are_refused(walker):
+    other_way = tuple(replace(plate, number=3 - plate.number) for plate in reversed(walker.plates))
+    with pytest.raises(ValueError, match=r"plate 1 lies 0\.50 m from where lab\.json has it"):
+        with_corrected_plates(replace(walker, plates=other_way), correction_of(walker))
+
+
+def test_plates_whose_place_is_unknown_are_corrected_about_their_calibrations_centre(walker):
+    """As in D-Flow's files, whose wrenches are about the lab's origin."""
+    about_origin = tuple(
+        type(plate).at_origin(plate.number, plate.time, plate.wrench)
+        for plate in wrongly_measured(walker).plates
+    )
+    corrected = with_corrected_plates(replace(walker, plates=about_origin), correction_of(walker))
+    for plate, right in zip(corrected.plates, walker.plates, strict=True):
+        np.testing.assert_allclose(plate.wrench, right.wrench, atol=1e-9)
+
+
+def test_plates_that_are_compensated_already_are_not_corrected_a_second_time(walker):
+    done = replace(walker, compensation=Compensation("hbm-residuals 1.0", (1, 2)))
+    with pytest.raises(
+        ValueError, match=r"compensated or corrected already, by hbm-residuals 1\.0"
+    ):
+        with_corrected_plates(done, correction_of(walker))
+
+
+def test_each_plate_has_its_own_delay(walker):
+    """As in the thesis, 4 ms on the left and 2 ms on the right."""
+    correction = correction_of(walker, change=False, delays=(0.004, 0.002))
+    late = tuple(
+        replace(plate, time=plate.time + delay)
+        for plate, delay in zip(walker.plates, (0.004, 0.002), strict=True)
+    )
+    right = process_recording(walker, PERSON, Settings())
+    delayed = process_recording(
+        replace(walker, plates=late),
+        PERSON,
+        Settings(),
+        laboratory=Laboratory(Treadmill(), plates=correction),
+    )
+    assert largest_difference(delayed, right)["measured"] < 1e-9
+    assert "plate_delays_calibrated" in codes(delayed)
+
+
+@pytest.mark.parametrize(("stated_s", "expected"), [(None, [0.004, 0.0]), (0.004, [0.004, 0.004])])
+def test_a_plate_whose_delay_was_not_measured_has_the_stated_one_or_none(
+    walker, stated_s, expected
+):
+    correction = correction_of(walker, delays=(0.004, None))
+    assert plate_delays_s(walker.plates, correction, stated_s) == expected
+
+
+def test_two_different_delays_of_a_plate_are_refused(walker):
+    correction = correction_of(walker, delays=(0.004, 0.002))
+    with pytest.raises(ValueError, match=r"stated as 4 ms, but lab.json has 2.0 ms for plate 2"):
+        plate_delays_s(walker.plates, correction, 0.004)
+
+
+def test_a_file_with_other_content_is_another_calibration(walker, tmp_path):
+    path = tmp_path / "lab.json"
+    path.write_text(to_json(correction_of(walker).calibrations), encoding="utf-8")
+    first = read_plate_correction(path)
+    assert read_plate_correction(path) == first
+    changed = json.loads(path.read_text(encoding="utf-8")) | {"provenance": {"study": "later"}}
+    path.write_text(json.dumps(changed), encoding="utf-8")
+    assert read_plate_correction(path) != first
+
+
+def test_a_file_that_is_no_plate_calibration_is_named(tmp_path):
+    path = tmp_path / "lab.json"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match=r"^lab.json: "):
+        read_plate_correction(path)

@@ -1,0 +1,67 @@
+"""Plates and commands against the platform's markers, by the platform's own motion."""
+
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.config.schema import Platform, Treadmill
+from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.platform_delay import recording_delays
+from pipeline.trial.ground.wrenches import ground_wrenches
+from tests.pipeline import lab
+
+MARKERS = tuple(lab.PLATFORM_MARKERS_M)
+TREADMILL = Treadmill(accelerometers=lab.CHANNELS, platform=Platform(markers=MARKERS))
+COMMANDS = Platform(sway_channel="Sway", pitch_channel="Pitch")
+
+
+def empty(seed, motion=None, **delays):
+    return lab.on_platform(
+        lab.without_people(20.0), motion or lab.shaken(20.0, seed), seed=seed, **delays
+    )
+
+
+@pytest.mark.parametrize("late_s", [0.003, -0.0125])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_platforms_own_motion_times_plates_and_commands(late_s, seed):
+    recording = empty(
+        seed, plate_delay_s=late_s, accelerometer_delay_s=late_s, command_delay_s=-0.02
+    )
+    plates, command = recording_delays(recording, TREADMILL, (), COMMANDS)
+    assert abs(plates.values["delay_s"] - late_s) < plates.values["interval_s"] < 0.001
+    assert abs(command.values["delay_s"] - 0.02) < command.values["interval_s"] < 0.001
+    assert command.values["stated_s"] == pytest.approx(-0.02, abs=0.001)
+
+
+def test_a_slow_pitch_is_timed_as_well_as_a_fast_one():
+    """Whole samples correlate alike over several of them; only the slope tells."""
+    recording = empty(1, lab.pitching(20.0), command_delay_s=-0.02)
+    *_, command = recording_delays(recording, TREADMILL, (), COMMANDS)
+    assert abs(command.values["delay_s"] - 0.02) < 0.0005
+
+
+def test_a_trial_on_a_moving_platform_says_how_late_its_plates_are():
+    laboratory = Laboratory(TREADMILL, fit_calibration(empty(1), TREADMILL))
+    late = {"plate_delay_s": 0.004, "accelerometer_delay_s": 0.004}
+    for motion, codes in (
+        (lab.shaken(20.0, 5), ["platform_plates_delay"]),
+        (lab.still(20.0), []),
+    ):
+        trial = empty(5, motion, **late)
+        notes = ground_wrenches(trial, laboratory, trial.markers.time, 0.004).notes
+        found = [note for note in notes if note.code == "platform_plates_delay"]
+        assert [note.code for note in found] == codes
+        for note in found:
+            assert abs(note.values["delay_s"] - 0.004) < note.values["interval_s"]
+
+
+def test_a_calibration_recording_with_markers_says_how_it_is_timed(tmp_path, capsys):
+    path = lab.save(empty(1, command_delay_s=-0.02), tmp_path / "empty.c3d")
+    command = ["calibration", "fit", str(path), "-o", str(tmp_path / "lab.json")]
+    channels = ["--sway-channel", "Sway", "--pitch-channel", "Pitch"]
+    assert main([*command, *channels, "--platform-markers", ",".join(MARKERS)]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "later than the channels Sway, Pitch" in printed
+    assert "[platform_plates_delay]" in printed
+    assert main([*command, *channels]) == 2
+    assert "need --platform-markers" in capsys.readouterr().err

@@ -1,0 +1,95 @@
+"""The uncertainty of compensated plates, in the lab and at the pelvis, and in results."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hbm.spatial import rotation_about, transform_wrench
+from pipeline.config.schema import Platform, Treadmill
+from pipeline.run.frames import frame_table
+from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.uncertainty import moved, standard_deviation
+from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.residuals import residual_rows
+from tests.pipeline import lab
+
+TREADMILL = Treadmill(
+    accelerometers=lab.CHANNELS, platform=Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
+)
+
+
+def covariance(seed):
+    factor = np.random.default_rng(seed).normal(size=(6, 6)) * [3, 2, 5, 0.5, 1, 0.2]
+    return factor.T @ factor
+
+
+@settings(deadline=None, max_examples=20)
+@given(seed=st.integers(0, 10_000), angle=st.floats(-3, 3), lever=st.floats(-2, 2))
+def test_a_covariance_moves_as_the_wrenches_that_have_it(seed, angle, lever):
+    """A linear map of samples has the covariance that the map gives theirs."""
+    rng = np.random.default_rng(seed)
+    samples = rng.normal(size=(500, 6)) @ np.linalg.cholesky(covariance(seed)).T
+    rotation, point = rotation_about(np.array([0.6, 0.0, 0.8]), angle), np.array([0.3, lever, -1])
+    expected = np.cov(transform_wrench(samples, rotation, point), rowvar=False)
+    found = moved(np.cov(samples, rowvar=False)[None], rotation[None], point[None])[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+def test_plates_count_as_independent():
+    both = standard_deviation([covariance(1)[None], covariance(2)[None]], np.zeros((1, 3)))
+    alone = [standard_deviation([covariance(k)[None]], np.zeros((1, 3))) for k in (1, 2)]
+    np.testing.assert_allclose(both, np.hypot(*alone))
+
+
+def test_a_force_that_is_uncertain_makes_moments_about_a_far_point_uncertain():
+    sideways = np.zeros((1, 6, 6))
+    sideways[0, 1, 1] = 4.0
+    found = standard_deviation([sideways], np.array([[0.0, 0.0, 1.0]]))
+    np.testing.assert_allclose(found, [[0, 2, 0, 2, 0, 0]])
+
+
+@pytest.mark.parametrize("motion", [lab.pitching(20.0), lab.shaken(20.0, seed=3)])
+def test_what_compensation_leaves_of_an_empty_treadmill_is_as_uncertain_as_stated(motion):
+    """The plates' own noise, so that the only error is the compensation's."""
+    empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
+    laboratory = Laboratory(TREADMILL, fit_calibration(empty, TREADMILL))
+    trial = lab.on_platform(lab.without_people(20.0), motion, seed=5)
+    ground = ground_wrenches(trial, laboratory, trial.markers.time, 0.0)
+    setup = laboratory.calibration.plates["plate 1"].setup
+    for wrench, spread in zip(ground.variants["compensated"], ground.covariances, strict=True):
+        slow = setup.__class__(("a",), 100.0, 6.0).low_pass(wrench, trial.markers.time)
+        stated = standard_deviation([spread], np.zeros((1, 3)))
+        ratio = np.sqrt(np.mean(slow[100:-100] ** 2, axis=0) / np.mean(stated**2, axis=0))
+        assert (ratio > 0.6).all()
+        assert (ratio < 1.4).all()
+
+
+def test_trials_keep_the_uncertainty_of_every_frame_and_its_rms(processed):
+    spread = processed.uncertainty
+    assert spread.residual.shape == (len(processed.motion.time), 6)
+    table = frame_table(processed)
+    np.testing.assert_array_equal(
+        table.column("uncertainty.residual.Fz").to_numpy(), spread.residual[:, 2]
+    )
+    assert "uncertainty.plate_2.mx" in table.column_names
+    rows = residual_rows(processed, "pitch")
+    assert all(row.compensation_sd is None for row in rows if not row.compensated)
+    counted = processed.validity.counts
+    expected = np.sqrt(np.mean(spread.residual[counted] ** 2, axis=0))
+    stated = [row.compensation_sd for row in rows if row.compensated]
+    np.testing.assert_allclose(stated, expected, rtol=0.3)
+    (note,) = [note for note in processed.notes if note.code == "compensation_uncertainty"]
+    assert "without model error" in note.text
+
+
+def test_residuals_are_more_uncertain_about_the_pelvis_than_one_plate_about_its_own_centre(
+    processed,
+):
+    """Force noise of both plates times a lever of a metre."""
+    spread = processed.uncertainty
+    one = np.nanmean(spread.plates[0], axis=0)
+    pelvis = np.nanmean(spread.residual, axis=0)
+    assert (pelvis[:3] >= one[:3]).all()
+    assert pelvis[4] > 0.9 * one[0]

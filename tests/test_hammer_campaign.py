@@ -1,0 +1,54 @@
+"""A short campaign of the hammer, and that the long one can fail."""
+
+from dataclasses import replace
+
+import pytest
+
+from tests.campaign.hammer import Draw, draw, page, share, unmet
+
+
+@pytest.fixture(scope="module")
+def draws():
+    return [draw(seed) for seed in range(5)]
+
+
+def test_five_delays_are_found_within_three_tenths_of_a_millisecond(draws):
+    assert all(one.answered and one.close for one in draws)
+    assert sum(one.covered for one in draws) >= 3  # 2 or fewer: one in 860
+
+
+def test_draws_differ_in_contact_and_delay_and_come_back_by_their_seed(draws):
+    assert len({one.contact_s for one in draws}) == len({one.delay_s for one in draws}) == 5
+    assert draw(3) == draws[3]
+
+
+GOOD = [Draw(0.003, 0.004, 0.004, 0.0001)] * 95 + [Draw(0.003, 0.004, 0.0042, 0.0001)] * 5
+
+
+def test_a_campaign_that_does_what_is_demanded_misses_nothing():
+    assert unmet(GOOD) == []
+    assert "All of it is met." in page(GOOD)
+
+
+@pytest.mark.parametrize(
+    ("change", "goal"),
+    [
+        ({"found_s": 0.0045, "uncertainty_s": 0.001}, "within 0.3 ms"),
+        ({"found_s": float("nan")}, "answered in 80 %"),
+        ({"uncertainty_s": 1e-9, "found_s": 0.00401}, "93 to 97 %"),
+    ],
+)
+def test_a_quarter_of_wrong_estimates_misses_its_goal(change, goal):
+    spoiled = [replace(one, **change) for one in GOOD[:25]] + GOOD[25:]
+    assert any(goal in missed for missed in unmet(spoiled))
+    assert goal in page(spoiled)
+
+
+def test_intervals_that_are_too_wide_are_no_good_intervals():
+    wide = [replace(one, uncertainty_s=0.01) for one in GOOD]
+    assert unmet(wide) == ["the 95 % interval holds 93 to 97 %"]
+
+
+def test_a_share_comes_with_its_uncertainty():
+    assert share([True] * 95 + [False] * 5) == "95.0 % (88.8 to 97.8)"
+    assert share([]) == "–"
