@@ -149,7 +149,7 @@ class PlateVerdict:
             return []
         with np.errstate(divide="ignore"):
             more = {
-                one.name: np.square((one.high - one.low) / 2 / np.abs(one.size - one.limit)) - 1
+                one.name: np.square((one.high - one.size) / np.abs(one.size - one.limit)) - 1
                 for one in unclear
             }
         name = max(more, key=lambda each: more[each])
@@ -222,13 +222,16 @@ def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
         lines.append(f"record {COEFFICIENTS + 1} times or more, there are {len(trials)} recordings")
     if all(trial.weight.profile == "constant" for trial in trials):
         lines.append("record changing belt speeds (sine, square): only they exert a force along it")
+    if not found.study.file.height_stated:
+        lines.append(
+            "state center_height_m: without it, the moment that a force along the belt causes "
+            "cannot be examined"
+        )
     return tuple(lines)
 
 
 def _remarks(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
     lines = ["lateral force: no weight on a belt exerts one"]
-    if not found.study.file.height_stated:
-        lines.append("the moment that a force along the belt causes: center_height_m is not stated")
     if belt not in found.alignments:
         lines.append(
             "rotation and offset alone: no static recordings (they are in the total errors)"

@@ -8,7 +8,7 @@ import pytest
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.cli.app import main
 from pipeline.config.plate_correction import read_plate_correction
-from pipeline.config.plate_study import AccuracyLimits, read_plates_study
+from pipeline.config.plate_study import AccuracyLimits, PlatesFile, read_plates_study
 from pipeline.config.validation import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.plate_accuracy.accuracy import examine_plates
@@ -120,6 +120,22 @@ def test_a_plate_that_is_wrong_in_too_few_recordings_is_not_fit_and_may_not_be_c
     assert "Whether a correction is enough cannot be told: record 3 different weights" in (
         verdict.sentence
     )
+
+
+def unstated(found):
+    """The same study, the height of the weights' centre of mass not stated."""
+    stated = dict(found.study.file)
+    kept = found.study.file.model_fields_set - {"center_height_m"}
+    file = PlatesFile(**{name: stated[name] for name in kept})
+    return replace(found, study=replace(found.study, file=file))
+
+
+def test_without_the_height_of_the_weights_no_plate_is_fit_but_a_bad_one_is_not_fit(tmp_path):
+    (verdict,) = judge(unstated(examined(tmp_path / "perfect")))
+    assert verdict.verdict == "cannot be told"
+    assert "cannot be told: state center_height_m" in verdict.sentence
+    (verdict,) = judge(unstated(examined(tmp_path / "bad", PlateErrors(curvature=0.05))))
+    assert verdict.verdict == "not fit"
 
 
 def test_stated_limits_are_those_of_the_verdict(tmp_path):
