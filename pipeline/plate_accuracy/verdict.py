@@ -181,8 +181,8 @@ def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
 def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
     file = found.study.file
     faults = [fault for fault in found.faults if fault.belt == belt]
-    supported = any(trial.weight.supports for trial in found.trials)
-    judged = judge_faults(faults, file.limits, file.full_scale_n, supported)
+    used = {trial.weight.supports for trial in found.trials if trial.weight.belt == belt}
+    judged = judge_faults(faults, file.limits, file.full_scale_n, any(used))
     if belt in found.linearities:
         judged += judge_linearity(found.linearities[belt], file.limits, file.full_scale_n)
     response, corrected, calibration = found.responses.get(belt), [], None
@@ -205,7 +205,7 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         delay_notes(faults),
         calibration,
         len([trial for trial in found.trials_in_use if trial.weight.belt == belt]),
-        with_supports=len({trial.weight.supports for trial in found.trials}) > 1,
+        with_supports=len(used) > 1,
     )
 
 
