@@ -20,6 +20,7 @@ DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "
 """Unit of an estimate -> factor and unit in which people read it."""
 TOTAL: Final = "total error"
 """With which the names of total errors begin."""
+MAX_DECIMALS: Final = 6
 Remedy = Literal["calibration", "none"]
 Status = Literal["within", "beyond", "unclear"]
 
@@ -168,10 +169,10 @@ def judge_totals(
 
 
 def rounded(value: float, uncertainty: float) -> str:
-    """Write a number with two digits of its uncertainty."""
+    """Write a number with two digits of its uncertainty, at most six decimals."""
     if not 0 < uncertainty < np.inf:
         return f"{value:.3g}"
-    return f"{value:.{max(1 - math.floor(math.log10(uncertainty)), 0)}f}"
+    return f"{value:.{min(max(1 - math.floor(math.log10(uncertainty)), 0), MAX_DECIMALS)}f}"
 
 
 def _judged(

@@ -8,6 +8,7 @@ import numpy as np
 
 from compensation import PlateCalibration
 from hbm.notes import Note
+from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.config.plate_study import BeltSide
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
 from pipeline.plate_accuracy.correction import delay_notes, plate_calibration
@@ -54,11 +55,14 @@ class PlateVerdict:
     notes
         Contradictions between methods.
     calibration
-        The correction of the plate; None where nothing is to be corrected.
+        The correction of the plate; None where nothing is to be corrected, and where none is
+        known that leaves no total error both beyond its limit and larger than without it.
     recordings
         Of weights, on this plate.
     with_supports
         True where there are recordings with and without supports: the verdict is for use with them.
+    constant
+        Components, in the plate's own axes, that never changed in any recording.
     """
 
     belt: BeltSide
@@ -70,14 +74,18 @@ class PlateVerdict:
     calibration: PlateCalibration | None
     recordings: int
     with_supports: bool
+    constant: tuple[str, ...]
 
     @property
     def verdict(self) -> Verdict:
         """The verdict: by what is beyond its limit first, then by what is not known."""
         statuses = {one.status for one in self.judged}
+        if self.constant:
+            return "not fit"
         if "beyond" in statuses:
-            left = {one.status for one in self._left}
-            return "not fit" if self.to_record or left != {"within"} else "fit after correction"
+            enough = {one.status for one in self._left} == {"within"}
+            known = self.calibration is not None and not self.to_record
+            return "fit after correction" if enough and known else "not fit"
         return "cannot be told" if self.to_record or "unclear" in statuses else "fit"
 
     @property
@@ -92,17 +100,19 @@ class PlateVerdict:
             found = [one for one in self.judged if one.status == "unclear"]
         else:
             found = [one for one in self.judged if one.status == "beyond"]
-        if self.verdict == "not fit":
-            found = [one for one in self._left if one.status == "beyond"] or found
+        left = [one for one in self._left if one.status == "beyond"]
+        if self.verdict == "not fit" and left:
+            by_themselves = self.calibration is not None or any(one in left for one in found)
+            found = left if by_themselves else [*found, *left]
         return tuple(
             sorted(found, key=lambda one: (one.name.startswith(TOTAL), -one.size / one.limit))
         )
 
     @property
     def corrections(self) -> tuple[str, ...]:
-        """What to do about what can be corrected."""
+        """What to do about what can be corrected; nothing makes a plate fit that is not."""
         lines = []
-        if self.calibration is not None:
+        if self.calibration is not None and self.verdict != "not fit":
             lines.append("apply the plate's calibration (plate_calibration.json)")
             if self.calibration.offset.any():
                 lines.append(
@@ -126,18 +136,31 @@ class PlateVerdict:
                 f"Found: {reasons}. Lateral force was not examined."
             )
         if self.verdict == "not fit":
-            final = any(one.status == "beyond" for one in self._left)
-            rest = "" if final else f" Whether a correction is enough cannot be told: {missing}."
+            rest = (
+                "" if self._final else f" Whether a correction is enough cannot be told: {missing}."
+            )
             return f"{start}not fit for inverse dynamics: {reasons}.{rest}"
         known = f" Near a limit: {reasons}." if reasons else ""
         return f"{start}whether it is fit for inverse dynamics cannot be told: {missing}.{known}"
+
+    @property
+    def _final(self) -> bool:
+        """True if no recording can show that a correction of the plate is enough."""
+        beyond = any(one.status == "beyond" for one in self._left)
+        examined = any(one.name.startswith(TOTAL) for one in self.judged)
+        return bool(self.constant) or beyond or (examined and not self.corrected)
 
     def _listed_reasons(self) -> str:
         """List the largest of the single faults and of the total errors."""
         totals = [one for one in self.reasons if one.name.startswith(TOTAL)]
         singles = [one for one in self.reasons if one not in totals]
-        listed = [one.sentence for one in (*singles[:MAX_FAULTS], *totals[:MAX_TOTALS])]
-        if more := len(self.reasons) - len(listed):
+        listed = [
+            f"{name} in the plate's own axes never changed under any weight: it is not connected "
+            "or was not recorded"
+            for name in self.constant
+        ]
+        listed += [one.sentence for one in (*singles[:MAX_FAULTS], *totals[:MAX_TOTALS])]
+        if more := len(singles[MAX_FAULTS:]) + len(totals[MAX_TOTALS:]):
             listed.append(f"and {more} more")
         return "; ".join(listed)
 
@@ -190,12 +213,21 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         judged += judge_noise(response, file.limits)
     if response is not None and response.complete:
         loads = stance_loads(file.body_mass_kg)
-        judged = [*judge_totals(response, loads, file.limits), *judged]
+        totals = judge_totals(response, loads, file.limits)
+        judged = [*totals, *judged]
         if any(one.remedy == "calibration" and one.status != "within" for one in judged):
             center = next(t.center for t in found.trials if t.weight.belt == belt)
             number = file.plate_numbers[belt]
             calibration = plate_calibration(number, center, response, faults)
-            corrected = judge_totals(response, loads, file.limits, calibration)
+            if calibration is not None:
+                corrected = judge_totals(response, loads, file.limits, calibration)
+            if any(
+                after.size > max(after.limit, before.size)
+                for before, after in zip(totals, corrected, strict=False)
+            ):
+                calibration = None
+    own = [trial for trial in found.trials if trial.weight.belt == belt]
+    constant = np.all([trial.constant for trial in own], axis=0)
     return PlateVerdict(
         belt,
         tuple(judged),
@@ -206,6 +238,7 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         calibration,
         len([trial for trial in found.trials_in_use if trial.weight.belt == belt]),
         with_supports=len(used) > 1,
+        constant=tuple(name for name, one in zip(WRENCH_COMPONENTS, constant, strict=True) if one),
     )
 
 

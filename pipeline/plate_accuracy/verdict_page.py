@@ -42,8 +42,17 @@ def verdict_sections(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> 
             lines.append(_listed([f"{note.level}: {note} [{note.code}]" for note in verdict.notes]))
         if verdict.corrections:
             lines.append("To correct:\n\n" + _listed(verdict.corrections))
+        elif verdict.calibration is not None:
+            lines.append(
+                f"{CALIBRATION} holds a correction of this plate, which is not known to be enough."
+            )
+        elif verdict.corrected:
+            lines.append(
+                "No calibration of this plate is written: with it, a total error would be beyond "
+                "its limit and larger than without it."
+            )
         lines.append("Not examined:\n\n" + _listed((*verdict.to_record, *verdict.remarks)))
-    if any(verdict.calibration is not None for verdict in verdicts):
+    if any(verdict.corrections for verdict in verdicts):
         lines.append(
             f"The calibration is in {CALIBRATION}; study.toml names it:\n\n"
             f'```toml\n[plates]\ncalibration = "{CALIBRATION}"\n```'
@@ -81,8 +90,8 @@ def write_calibration(study: PlatesStudy, verdicts: Sequence[PlateVerdict], out:
 
 
 def use_of_calibration(verdicts: Sequence[PlateVerdict], out: Path) -> str | None:
-    """Say how to use the calibration that was written; None where there is none."""
-    if all(one.calibration is None for one in verdicts):
+    """Say how to use the calibration that was written; None where no plate is to be corrected."""
+    if not any(one.corrections for one in verdicts):
         return None
     return (
         f'to correct trials, in study.toml: [plates] calibration = "{out / CALIBRATION}"; '

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.spatial import GRAVITY_MPS2
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.cli.app import main
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.plate_study import AccuracyLimits, PlatesFile, read_plates_study
@@ -13,15 +13,21 @@ from pipeline.config.validation import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.plate_accuracy.accuracy import examine_plates
 from pipeline.plate_accuracy.correction import delay_notes
-from pipeline.plate_accuracy.faults import FaultEstimate
+from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
 from pipeline.plate_accuracy.judgement import Judged
+from pipeline.plate_accuracy.response import fit_response
+from pipeline.plate_accuracy.trials import UNALIGNED
 from pipeline.plate_accuracy.verdict import judge
+from pipeline.plate_accuracy.verdict_page import use_of_calibration
+from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import (
     THESIS_ERRORS,
     PlateErrors,
     simulate_plates,
 )
 
+ONE = {"speeds": (1.0,), "weights": (22.56,), "positions": (0.25,)}
+"""Two recordings, sine and square."""
 DESIGN = {
     "speeds": (0.7, 1.0),
     "weights": (13.44, 22.56, 45.08),
@@ -79,6 +85,80 @@ def test_what_no_calibration_takes_away_makes_a_plate_not_fit(tmp_path):
     assert verdict.reasons[0].name == "curvature"
     assert "total error of Fz after correction" in {one.name for one in verdict.reasons}
     assert verdict.sentence.startswith("left plate: not fit for inverse dynamics: curvature 25.")
+
+
+def test_a_calibration_that_would_make_a_total_error_too_large_is_not_written(tmp_path):
+    """Too high a gain and a negative curvature are nearly right at the load of a person."""
+    errors = PlateErrors(cross_talk={(2, 2): 0.014}, curvature=-0.008)
+    (verdict,) = judge(examined(tmp_path, errors))
+    sizes = {one.name: one.size for one in (*verdict.judged, *verdict.corrected)}
+    assert sizes["total error of Fz"] < 7.5 < sizes["total error of Fz after correction"]
+    assert verdict.verdict == "not fit"
+    assert verdict.calibration is None
+    assert "gain of Fz 1.4" in verdict.sentence
+
+
+def test_no_correction_is_advised_for_a_plate_that_it_does_not_make_fit(tmp_path):
+    errors = PlateErrors(cross_talk={(2, 2): 0.1}, drift_n_per_s=0.3)
+    (verdict,) = judge(examined(tmp_path, errors))
+    assert verdict.verdict == "not fit"
+    assert verdict.calibration is not None
+    assert verdict.corrections == ()
+    assert use_of_calibration([verdict], tmp_path) is None
+
+
+def dead(found, component):
+    """The same recordings of a plate of which one channel was not recorded, and its response."""
+    trials = []
+    for trial in found.trials:
+        measured, slow = trial.measured.copy(), trial.slow_measured.copy()
+        measured[:, component] = slow[:, component] = 0.0
+        constant = np.arange(6) == component
+        trials.append(replace(trial, measured=measured, slow_measured=slow, constant=constant))
+    response = fit_response(trials, UNALIGNED, 510.0, height_stated=True)
+    faults = estimate_faults(trials, {"left": response}, {}, {}, height_stated=True)
+    return replace(found, trials=tuple(trials), responses={"left": response}, faults=faults)
+
+
+@pytest.fixture(scope="module")
+def perfect(tmp_path_factory):
+    return examined(tmp_path_factory.mktemp("perfect"))
+
+
+@pytest.mark.parametrize("component", [0, 1, 3, 5], ids=["Fx", "Fy", "Mx", "Mz"])
+def test_a_plate_of_which_a_channel_is_dead_is_not_fit_and_has_no_calibration(perfect, component):
+    (verdict,) = judge(dead(perfect, component))
+    name = WRENCH_COMPONENTS[component]
+    assert verdict.verdict == "not fit"
+    assert verdict.calibration is None
+    assert f"{name} in the plate's own axes never changed" in verdict.sentence
+    beyond = {one.name: one.size for one in verdict.judged if one.status == "beyond"}
+    if component != 1:  # no weight exerts a lateral force: it has no gain
+        assert beyond[f"gain of {name}"] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_channel_that_shows_the_same_in_every_sample_is_found_when_it_is_read(
+    tmp_path, monkeypatch
+):
+    measure = known_weights._SetUp.measure
+
+    def without_fy(self, wrench, belt):
+        return measure(self, wrench, belt) * [1, 0, 1, 1, 1, 1]
+
+    assert not any(trial.constant.any() for trial in examined(tmp_path / "whole", **ONE).trials)
+    monkeypatch.setattr(known_weights._SetUp, "measure", without_fy)
+    (verdict,) = judge(examined(tmp_path / "dead", **ONE))
+    assert verdict.verdict == "not fit"
+    assert "in the plate's own axes never changed" in verdict.sentence
+
+
+def test_a_wide_interval_that_ends_at_zero_asks_for_as_many_recordings_as_its_upper_half(perfect):
+    """0.2 + 1.5 is to become 0.2 + 0.8: (1.5 / 0.8)² − 1 = 2.5 times the 24 recordings more."""
+    (verdict,) = judge(perfect)
+    wide = Judged("Mz in My", 0.2, 0.0, 1.7, 1.0, "1", "calibration")
+    unclear = replace(verdict, judged=(wide,))
+    assert unclear.verdict == "cannot be told"
+    assert "record about 61 more weights on this plate" in unclear.sentence
 
 
 def test_the_error_of_a_person_grows_from_that_of_the_weights(tmp_path):
