@@ -41,6 +41,8 @@ class Judged:
         Of all four.
     remedy
         What takes it away: the plate's calibration, or nothing.
+    alike
+        A misstatement of the weights that would look the same; empty where none is known.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Judged:
     limit: float
     unit: str
     remedy: Remedy
+    alike: str = ""
 
     @property
     def status(self) -> Status:
@@ -60,11 +63,13 @@ class Judged:
 
     @property
     def sentence(self) -> str:
-        """The estimate, its interval and its limit."""
+        """The estimate, its interval, its limit, and what would look the same."""
         scale, unit = DISPLAY_UNITS.get(self.unit, (1.0, self.unit))
         width = scale * (self.high - self.low) / 2
         size, low, high = (rounded(scale * x, width) for x in (self.size, self.low, self.high))
-        return f"{self.name} {size} {unit} ({low} to {high}; limit {scale * self.limit:g} {unit})"
+        alike = f"; {self.alike} would look the same" if self.alike else ""
+        limit = f"{scale * self.limit:g} {unit}"
+        return f"{self.name} {size} {unit} ({low} to {high}; limit {limit}{alike})"
 
 
 def judge_faults(

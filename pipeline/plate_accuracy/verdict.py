@@ -1,14 +1,14 @@
 """The verdict of experiment 1: whether each plate is accurate enough, and what to correct."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
 
 from compensation import PlateCalibration
 from hbm.notes import Note
-from hbm.spatial import WRENCH_COMPONENTS
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.plate_study import BeltSide
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
 from pipeline.plate_accuracy.correction import delay_notes, plate_calibration
@@ -24,6 +24,7 @@ from pipeline.plate_accuracy.judgement import (
     rounded,
 )
 from pipeline.plate_accuracy.response import EXCITED, MIN_MASSES
+from pipeline.plate_accuracy.second_causes import second_causes
 from pipeline.plate_accuracy.stance import stance_loads
 
 Verdict = Literal["fit", "fit after correction", "not fit", "cannot be told"]
@@ -61,6 +62,8 @@ class PlateVerdict:
         Of weights, on this plate.
     with_supports
         True where there are recordings with and without supports: the verdict is for use with them.
+    largest_n
+        Heaviest of these weights [N].
     constant
         Components, in the plate's own axes, that never changed in any recording.
     """
@@ -74,6 +77,7 @@ class PlateVerdict:
     calibration: PlateCalibration | None
     recordings: int
     with_supports: bool
+    largest_n: float
     constant: tuple[str, ...]
 
     @property
@@ -126,14 +130,18 @@ class PlateVerdict:
         """The verdict in one sentence."""
         used = " with supports" if self.with_supports else ""
         start, reasons = f"{self.belt} plate{used}: ", self._listed_reasons()
+        unknown = (
+            "lateral force was not examined, and loads above the largest recorded one "
+            f"({self.largest_n:.0f} N) are extrapolated"
+        )
         if self.verdict == "fit":
-            return f"{start}fit for inverse dynamics; lateral force was not examined."
+            return f"{start}fit for inverse dynamics; {unknown}."
         missing = "; ".join([*self.to_record, *self._advice()])
         if self.verdict == "fit after correction":
             needed = "; ".join(self.corrections)
             return (
                 f"{start}not fit for inverse dynamics as it is, fit after correction: {needed}. "
-                f"Found: {reasons}. Lateral force was not examined."
+                f"Found: {reasons}. {unknown[0].upper()}{unknown[1:]}."
             )
         if self.verdict == "not fit":
             rest = (
@@ -227,17 +235,20 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
             ):
                 calibration = None
     own = [trial for trial in found.trials if trial.weight.belt == belt]
+    in_use = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
+    alike = second_causes(faults, in_use, file.full_scale_n)
     constant = np.all([trial.constant for trial in own], axis=0)
     return PlateVerdict(
         belt,
-        tuple(judged),
+        tuple(replace(one, alike=alike.get(one.name, "")) for one in judged),
         tuple(corrected),
         _to_record(found, belt),
         _remarks(found, belt),
         delay_notes(faults),
         calibration,
-        len([trial for trial in found.trials_in_use if trial.weight.belt == belt]),
+        len(in_use),
         with_supports=len(used) > 1,
+        largest_n=GRAVITY_MPS2 * max(trial.weight.mass_kg for trial in in_use),
         constant=tuple(name for name, one in zip(WRENCH_COMPONENTS, constant, strict=True) if one),
     )
 

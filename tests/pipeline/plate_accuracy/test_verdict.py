@@ -18,7 +18,7 @@ from pipeline.plate_accuracy.judgement import Judged
 from pipeline.plate_accuracy.response import fit_response
 from pipeline.plate_accuracy.trials import UNALIGNED
 from pipeline.plate_accuracy.verdict import judge
-from pipeline.plate_accuracy.verdict_page import use_of_calibration
+from pipeline.plate_accuracy.verdict_page import use_of_calibration, verdict_sections
 from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import (
     THESIS_ERRORS,
@@ -150,6 +150,34 @@ def test_a_channel_that_shows_the_same_in_every_sample_is_found_when_it_is_read(
     (verdict,) = judge(examined(tmp_path / "dead", **ONE))
     assert verdict.verdict == "not fit"
     assert "in the plate's own axes never changed" in verdict.sentence
+
+
+def restated(folder, old, new):
+    """A perfect plate, one line of its plates.toml wrong."""
+    simulate_plates(folder, seed=5, **DESIGN)
+    path = folder / "plates.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    return judge(examine_plates(read_plates_study(folder)))[0]
+
+
+def test_a_mass_that_is_misstated_is_named_beside_the_curvature_that_it_looks_like(tmp_path):
+    """22.56 kg, stated 45 g too low, look like a curvature of 6 N at 510 N."""
+    verdict = restated(tmp_path / "mass", "mass_kg = 22.56", "mass_kg = 22.515")
+    assert "22.515 kg misstated by 0.045 kg would look the same" in verdict.sentence
+    page = "\n".join(verdict_sections(examined(tmp_path / "page"), [verdict]))
+    assert "curvature: 22.515 kg misstated by 0.045 kg would look the same" in page
+    assert "gain of Fz: all masses misstated by 1.3 %, or" in page
+
+
+def test_a_height_that_is_misstated_is_named_beside_the_cross_talk_that_it_looks_like(tmp_path):
+    verdict = restated(tmp_path, "center_height_m = 0.15", "center_height_m = 0.165")
+    assert "center_height_m wrong by 15 mm would look the same" in verdict.sentence
+
+
+def test_the_verdict_names_the_load_beyond_which_it_is_extrapolated(perfect):
+    (verdict,) = judge(perfect)
+    assert f"above the largest recorded one ({45.08 * GRAVITY_MPS2:.0f} N)" in verdict.sentence
 
 
 def test_a_wide_interval_that_ends_at_zero_asks_for_as_many_recordings_as_its_upper_half(perfect):
