@@ -205,8 +205,11 @@ def signals(
     belt_m_per_s: Annotated[float, typer.Option(help="Largest belt speed.")] = 6.0,
     belt_m_per_s2: Annotated[float, typer.Option(help="Largest belt acceleration.")] = 15.0,
     out: Out = Path("signals"),
-) -> None:
-    """Write calibration and validation signals for the machine: CSV and figures."""
+) -> int:
+    """Write the calibration and validation signals that the machine can do: CSV and figures.
+
+    Exit code 1 if an advised signal is beyond the machine.
+    """
     from compensation import MachineLimits
     from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
@@ -225,10 +228,28 @@ def signals(
         belt_m_per_s2,
     )
     console = plain_console()
-    for name in KINDS if kind == "all" else (kind,):
-        drawn = protocol_signals(name, seed, limits)
-        written = write_signals(drawn, out / name, rate_hz, limits)
+    kinds = KINDS if kind == "all" else (kind,)
+    drawn = {name: protocol_signals(name, seed, limits) for name in kinds}
+    if not any(signals.possible for signals in drawn.values()):
+        raise ValueError(f"the machine can do none of these: {drawn[kinds[0]].beyond[0]}")
+    for name, signals in drawn.items():
+        written = write_signals(signals.possible, out / name, rate_hz, limits)
         console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
+        for line in signals.beyond:
+            console.print(f"not written, beyond the machine: {name} {line}", soft_wrap=True)
+    to_begin_with = {"pitch_sway": ADVISED_PLATFORM_SIGNAL, "belt": ADVISED_BELT_SIGNAL}
+    lacking = [
+        advised
+        for name, advised in to_begin_with.items()
+        if name in drawn and advised not in {s.name for s in drawn[name].possible}
+    ]
+    if lacking:
+        console.print(
+            f"the machine cannot do {' and '.join(lacking)}, which is advised: record others of "
+            "those written, and rank them (hbm calibration rank)",
+            soft_wrap=True,
+        )
+        return 1
     console.print(
         "columns: sway to the left, pitch (positive lowers the front), speed of both belts; next: "
         f"record one with the treadmill empty, {ADVISED_PLATFORM_SIGNAL} for pitch and sway or "
@@ -236,6 +257,7 @@ def signals(
         "rank them (hbm calibration rank)",
         soft_wrap=True,
     )
+    return 0
 
 
 def rank(
