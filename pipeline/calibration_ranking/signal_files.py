@@ -74,9 +74,9 @@ def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> ProtocolSig
         Those for pitch and sway with the belts at 0 and 3 m/s, those for the belts about 1 and
         2 m/s, or the validation signals.
     """
-    if kind == "validation":
-        drawn, beyond = list(validation_signals(seed)), []
-    else:
+    drawn: Iterable[Signal] = validation_signals(seed)
+    beyond: list[str] = []
+    if kind != "validation":
         drawn, beyond = _calibration_signals(kind, seed, limits)
     notes = [check_signal(signal, limits) for signal in drawn]
     possible = tuple(s for s, exceeded in zip(drawn, notes, strict=True) if not exceeded)
