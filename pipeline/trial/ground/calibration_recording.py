@@ -18,6 +18,7 @@ from compensation import (
     from_json,
     refuse_unusable,
 )
+from compensation.inertia.fit import residual_correlation
 from compensation.inertia.sensors import noise_for_fit
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
@@ -76,17 +77,31 @@ def fit_calibration(
     filtered = setup.low_pass(readings, clock)
     wrenches = [setup.low_pass(p.wrench_in_plate, p.time) for p in recording.plates]
     sensors = _sensors(recording, treadmill, clock, readings, filtered, wrenches)
-    models = {}
+    models, left = {}, []
     for plate, wrench in zip(recording.plates, wrenches, strict=True):
         felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
         known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
         noise = noise_for_fit(sensors, felt[known])
-        models[f"plate {plate.number}"] = fit_inertia(felt[known], wrench[known], setup, noise)
+        model = fit_inertia(felt[known], wrench[known], setup, noise)
+        models[f"plate {plate.number}"] = model
+        left.append(np.full(wrench.shape, np.nan))
+        left[-1][known] = model.compensate(felt[known], wrench[known])
     refuse_unusable(models)
     provenance = {"recording": recording.source.name}
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
-    return Calibration(models, provenance, sensors)
+    return Calibration(models, provenance, sensors, _joint_correlation(recording, left, setup))
+
+
+def _joint_correlation(
+    recording: Recording, left: Sequence[Array], setup: Setup
+) -> Array | None:
+    """Give the correlation of what is left of all plates; None where their clocks differ."""
+    first, *others = recording.plates
+    if not all(np.array_equal(plate.time, first.time) for plate in others):
+        return None
+    together = np.hstack(left)
+    return residual_correlation(together[np.isfinite(together).all(axis=1)], setup)
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
