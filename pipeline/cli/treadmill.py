@@ -62,7 +62,11 @@ def fit(
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
-    from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
+    from pipeline.trial.ground.calibration_recording import (
+        fit_calibration,
+        plates_timed_apart,
+        read_empty,
+    )
     from pipeline.trial.ground.platform_delay import recording_delays
 
     console = plain_console()
@@ -121,6 +125,7 @@ def fit(
         *doubts,
         *describe_sensors(calibration.sensors),
         *timing,
+        *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *(n for plate, m in calibration.plates.items() for n in check_left_over(m, plate)),
     ]
     for note in warnings_first(notes):

@@ -21,7 +21,7 @@ from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, 
 from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import setup_of
-from pipeline.trial.ground.corrected_plates import plate_delays_s
+from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
@@ -168,7 +168,10 @@ def _without_inertia(
     setup = setup_of(recording, treadmill)
     assert laboratory.calibration is not None
     sensors, filtered = laboratory.calibration.sensors, setup.low_pass(readings, clock)
-    felt = [at_plate_times(clock, filtered, time, treadmill, sensors) for time in times]
+    felt = [
+        at_plate_times(clock, filtered, time - late_s, treadmill, sensors)
+        for time, late_s in zip(times, relative_delays_s(plates, laboratory.plates), strict=True)
+    ]
     compensated = []
     for plate, model, time, acceleration in zip(plates, models, times, felt, strict=True):
         wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
