@@ -67,6 +67,7 @@ def fit(
         plates_timed_apart,
         read_empty,
     )
+    from pipeline.trial.ground.corrected_plates import with_corrected_plates
     from pipeline.trial.ground.platform_delay import recording_delays
 
     console = plain_console()
@@ -121,16 +122,18 @@ def fit(
         for plate, model in calibration.plates.items()
         for note in check_calibration(model, plate)
     ]
+    poor = [n for plate, m in calibration.plates.items() for n in check_left_over(m, plate)]
     notes = [
         *doubts,
+        *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
         *describe_sensors(calibration.sensors),
         *timing,
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
-        *(n for plate, m in calibration.plates.items() for n in check_left_over(m, plate)),
+        *poor,
     ]
     for note in warnings_first(notes):
         console.print(note_line(note), soft_wrap=True)
-    if doubts:
+    if doubts or poor:
         advice = "do not use it before that is explained"
     else:
         plates_too = f" --plate-calibration {plate_calibration}" if plate_calibration else ""

@@ -26,7 +26,7 @@ from hbm.notes import Note
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
 from hbm.spatial import Array
-from pipeline.config.plate_correction import PlateCorrection
+from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.input_file import read_text
 from pipeline.io.read import read_as_stated
@@ -283,12 +283,12 @@ def _require_same_channels(calibration: Calibration, treadmill: Treadmill) -> No
 def _require_same_delay(calibration: Calibration, treadmill: Treadmill) -> None:
     """Refuse a stated delay that is not the one with which the calibration was fitted."""
     stated = treadmill.accelerometer_delay_s
-    for sensor in calibration.sensors if stated is not None else ():
-        if sensor.correction_s != stated:
+    for sensor in calibration.sensors:
+        if stated is not None and abs(sensor.correction_s - stated) > SAME_DELAY_S:
             raise ValueError(
                 f"the calibration was fitted with a delay of {1000 * sensor.correction_s:.2f} ms "
-                f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is {stated}; "
-                "leave it out, or fit again"
+                f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is "
+                f"{1000 * stated:.2f} ms; leave it out, or fit again"
             )
 
 

@@ -265,13 +265,18 @@ def test_two_different_delays_of_a_plate_are_refused(walker):
         plate_delays_s(walker.plates, correction, 0.004)
 
 
-def test_a_file_with_other_content_is_another_calibration(walker, tmp_path):
+def test_a_file_with_other_corrections_is_another_calibration_one_made_anew_is_not(
+    walker, tmp_path
+):
     path = tmp_path / "lab.json"
     path.write_text(to_json(correction_of(walker).calibrations), encoding="utf-8")
     first = read_plate_correction(path)
     assert read_plate_correction(path) == first
-    changed = json.loads(path.read_text(encoding="utf-8")) | {"provenance": {"study": "later"}}
-    path.write_text(json.dumps(changed), encoding="utf-8")
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(plain | {"provenance": {"made": "later"}}), encoding="utf-8")
+    assert read_plate_correction(path) == first
+    plain["plates"][0]["offset"][2] += 1
+    path.write_text(json.dumps(plain), encoding="utf-8")
     assert read_plate_correction(path) != first
 
 
