@@ -25,6 +25,11 @@ MIN_DELAY_S: Final = 0.0003
 """Of an accelerometer; less leaves a fraction of a newton of a sway."""
 MIN_ONE_SENSOR: Final = 0.5
 """Share of what a new fit would explain that the change of one sensor must explain."""
+MIN_PLATES: Final = 0.8
+"""The same of gains of plates, which have more numbers; another assembly looks like 0.7 of it."""
+MIN_AS_GOOD: Final = 0.99
+"""Share of what gains of plates explain from which on one gain or turn of a sensor is likelier: it
+needs one number or three, the plates one for each component."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,11 +144,16 @@ def check_another_day(
         )
     ]
     likely = max(changes, key=lambda change: change.explained)
-    if by_plates > likely.explained and any(plate.matters for plate in scaled):
-        notes = tuple(plate.note(recording) for plate in scaled if plate.matters)
+    found = likeliest(changes)
+    excess = float(np.sum((relative - relative.mean(axis=0)) ** 2)) - own_misfit
+    simpler = found is not None and found[0] != "moved"
+    if MIN_AS_GOOD * by_plates > likely.explained or (by_plates > likely.explained and not simpler):
+        if by_plates < MIN_PLATES * excess:
+            note = Note.of("calibration_outdated", recording=recording)
+            return DayCheck("outdated", (note,), zeros, by_plate)
+        notes = tuple(plate.note(recording) for plate in scaled)
         return DayCheck("plates", notes, zeros, by_plate)
-    if (found := likeliest(changes)) is not None:
-        excess = float(np.sum((relative - relative.mean(axis=0)) ** 2)) - own_misfit
+    if found is not None:
         if likely.explained < MIN_ONE_SENSOR * excess:
             note = Note.of("calibration_outdated", recording=recording)
             return DayCheck("outdated", (note,), zeros, by_plate)

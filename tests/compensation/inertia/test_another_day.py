@@ -7,7 +7,7 @@ from compensation.inertia.another_day import check_another_day
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import Setup
 from compensation.inertia.quality import left_over, refuse_unusable
-from hbm.spatial import rotation_about
+from hbm.spatial import WRENCH_COMPONENTS, rotation_about
 
 RATE_HZ = 100.0
 SETUP = Setup(("rear", "front"), rate_hz=RATE_HZ, cutoff_hz=20.0)
@@ -93,6 +93,31 @@ def test_the_gain_of_a_plate_is_not_taken_for_that_of_a_sensor(laboratory, model
     assert found.verdict == "plates"
     values = found.notes[0].values
     assert abs(values["change"] - (gain - 1)) < values["interval"]
+
+
+@pytest.mark.parametrize("gain", [0.92, 1.02])
+@pytest.mark.parametrize("component", range(6))
+def test_the_gain_of_one_component_is_found_and_named(laboratory, model, component, gain):
+    accelerations, wrench = record(laboratory(), 2)
+    wrench[:, component] *= gain
+    found = check(model, accelerations, wrench)
+    assert found.verdict == "plates"
+    (note,) = found.notes
+    name = WRENCH_COMPONENTS[component]
+    assert note.code == "calibration_plate_component_gain"
+    assert list(note.values["change"]) == [name]
+    assert abs(note.values["change"][name] - (gain - 1)) < note.values["interval"][name] < 0.01
+
+
+def test_a_component_whose_motion_is_in_its_noise_shows_no_change_of_its_gain(laboratory):
+    days = []
+    for seed, gain in ((1, 1.0), (2, 1.08)):
+        accelerations, wrench = record(laboratory(), seed)
+        noise = np.random.default_rng(seed).normal(0, 20, len(wrench))
+        wrench[:, 2] = 0.02 * gain * wrench[:, 2] + noise
+        days.append((accelerations, wrench))
+    found = check(fit_inertia(*days[0], SETUP), *days[1])
+    assert found.verdict == "valid"
 
 
 def test_a_plate_whose_zero_changed_has_drifted_by_that_much(laboratory, model):
