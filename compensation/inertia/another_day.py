@@ -1,6 +1,6 @@
 """A calibration against a recording of another day: still valid, drifted, or a sensor changed."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -12,7 +12,7 @@ from compensation.alignment.sensor_delay import sensor_delays
 from compensation.inertia.changes import QUANTILE_95, likeliest, plate_gains, sensor_change
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import SLOW_HZ, InertiaModel
-from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM, refuse_unusable
+from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM, check_left_over, refuse_unusable
 from compensation.inputs import read_table
 from hbm.notes import Note
 from hbm.signals.filtering import low_pass
@@ -58,7 +58,8 @@ class DayCheck:
         "valid"; "drifted", the zero of a plate has changed; "late", "gain", "turned", "moved", an
         accelerometer has; "plates", their gain has; "outdated", something else.
     notes
-        The verdict in words, with 95 % intervals and what to do.
+        The verdict in words, with 95 % intervals and what to do; with "valid" also of which
+        components the calibration itself leaves more than residuals allow.
     zeros
         Change of the zero of every plate.
     left
@@ -77,6 +78,7 @@ def check_another_day(
     accelerations: ArrayLike,
     wrenches: Mapping[str, Array],
     recording: str,
+    without_delay: Collection[str] = (),
 ) -> DayCheck:
     """Compare a calibration with an empty recording of another day.
 
@@ -91,6 +93,9 @@ def check_another_day(
         Plate -> wrench at the same instants, equally filtered, (N, 6) [N, N·m].
     recording
         Its name, for the notes.
+    without_delay
+        Sensors of which the calibration did not estimate the delay: it was stated, or the file is
+        of an earlier version. That they are late now shows no change.
 
     Returns
     -------
@@ -125,11 +130,18 @@ def check_another_day(
     left = np.sqrt(np.mean((error - error.mean(axis=0)) ** 2, axis=0))
     by_plate = {name: left[6 * k : 6 * k + 6] for k, name in enumerate(names)}
     late = [
-        Note.of("calibration_sensor_late", sensor=sensor, change_s=d.seconds,
-                interval_s=QUANTILE_95 * d.standard_error, recording=recording)
+        Note.of(
+            "calibration_delay_uncorrected"
+            if sensor in without_delay
+            else "calibration_sensor_late",
+            sensor=sensor,
+            change_s=d.seconds,
+            interval_s=QUANTILE_95 * d.standard_error,
+            recording=recording,
+        )
         for sensor, d in zip(sensors, sensor_delays(a, stacked, rate), strict=True)
         if abs(d.seconds) > QUANTILE_95 * d.standard_error + MIN_DELAY_S
-    ]  # fmt: skip
+    ]
     zeros = _zero_changes(names, error)
     if late:
         return DayCheck("late", tuple(late), zeros, by_plate)
@@ -176,7 +188,8 @@ def check_another_day(
         gain=likely.gain - 1,
         interval=QUANTILE_95 * likely.gain_error,
     )
-    return DayCheck("valid", (valid,), zeros, by_plate)
+    of_itself = (note for name in names for note in check_left_over(plates[name], name))
+    return DayCheck("valid", (valid, *of_itself), zeros, by_plate)
 
 
 def _zero_changes(names: list[str], error: Array) -> tuple[ZeroChange, ...]:

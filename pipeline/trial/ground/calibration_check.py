@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compensation import from_json, to_json
+from compensation import Sensor, from_json, to_json
 from compensation.inertia.another_day import DayCheck, check_another_day
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
@@ -63,9 +63,15 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
             felt[known],
             {name: w[known] for name, w in zip(names, wrenches, strict=True)},
             file,
+            _without_delay(calibration.sensors, models[0].sensors),
         )
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
+
+
+def _without_delay(sensors: tuple[Sensor, ...], names: tuple[str, ...]) -> tuple[str, ...]:
+    """Give the sensors of which a calibration states a delay, or none, and did not estimate it."""
+    return tuple(s.name for s in sensors if not s.delay_error_s) if sensors else names
 
 
 def read_check(path: Path, laboratory: Laboratory, stated: Stated) -> DayCheck:

@@ -86,6 +86,26 @@ def test_a_sensor_that_is_later_than_it_was_is_found(laboratory, model):
     assert abs(note.values["change_s"] - 0.002) < note.values["interval_s"]
 
 
+def test_a_delay_that_was_never_estimated_is_no_change_since_the_calibration(laboratory):
+    accelerations, wrench = record(laboratory(), 1)
+    accelerations[:, FRONT] = record(laboratory(), 1, late_s=0.003)[0][:, FRONT]
+    model = fit_inertia(accelerations, wrench, SETUP)
+    plates = {"plate 1": model}, accelerations, {"plate 1": wrench}, "empty.c3d"
+    (note,) = check_another_day(*plates, without_delay=("rear", "front")).notes
+    assert note.code == "calibration_delay_uncorrected"
+    assert note.values["sensor"] == "front"
+    assert "fit it again" in note.text
+
+
+def test_a_valid_calibration_that_leaves_too_much_says_so(laboratory):
+    slow = 20 * np.sin(2 * np.pi * 2.3 * np.arange(4000) / RATE_HZ)[:, None] * [0, 0, 1, 0, 0, 0]
+    days = [(a, w + slow[: len(w)]) for a, w in (record(laboratory(), seed) for seed in (1, 2))]
+    found = check(fit_inertia(*days[0], SETUP), *days[1])
+    assert found.verdict == "valid"
+    _, left = found.notes
+    assert (left.code, left.values["component"]) == ("calibration_leaves_much", "Fz")
+
+
 @pytest.mark.parametrize("gain", [0.97, 1.03])
 def test_the_gain_of_a_plate_is_not_taken_for_that_of_a_sensor(laboratory, model, gain):
     accelerations, wrench = record(laboratory(), 2)
