@@ -9,7 +9,13 @@ from numpy.typing import ArrayLike
 
 from compensation.alignment.delay import BLOCKS
 from compensation.alignment.sensor_delay import sensor_delays
-from compensation.inertia.changes import QUANTILE_95, likeliest, plate_gains, sensor_change
+from compensation.inertia.changes import (
+    QUANTILE_95,
+    likeliest,
+    plate_gains,
+    sensor_change,
+    sensor_offset,
+)
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import SLOW_HZ, InertiaModel
 from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM, check_left_over, refuse_unusable
@@ -18,7 +24,9 @@ from hbm.notes import Note
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 
-Verdict = Literal["valid", "drifted", "late", "gain", "turned", "moved", "plates", "outdated"]
+Verdict = Literal[
+    "valid", "drifted", "offset", "late", "gain", "turned", "moved", "plates", "outdated"
+]
 MAX_OFFSET_SHARE: Final = 1 / 3
 """Of what compensation may leave, by which the zero of a plate may have changed: 3 N, 0.6 N·m."""
 MIN_DELAY_S: Final = 0.0003
@@ -55,8 +63,8 @@ class DayCheck:
     Attributes
     ----------
     verdict
-        "valid"; "drifted", the zero of a plate has changed; "late", "gain", "turned", "moved", an
-        accelerometer has; "plates", their gain has; "outdated", something else.
+        "valid"; "drifted", the zero of a plate has changed; "offset", "late", "gain", "turned",
+        "moved", an accelerometer has; "plates", their gain has; "outdated", something else.
     notes
         The verdict in words, with 95 % intervals and what to do; with "valid" also of which
         components the calibration itself leaves more than residuals allow.
@@ -115,7 +123,8 @@ def check_another_day(
     its readings about their mean is fitted, with the gains as they are, that explains the plates
     best; a multiple of one is a gain, a rotation a turn, anything else another place on the
     platform. The sensor is the one whose transformation explains most. What is left in the mean is
-    the change of the zero. Errors are of a jackknife over 40 blocks.
+    the change of the zero, or of a sensor's offset where that sensor's mean reading has changed by
+    what explains it. Errors are of a jackknife over 40 blocks.
     """
     a = read_table(accelerations, "accelerations")
     names, rate = list(plates), _rate_hz(plates)
@@ -178,6 +187,20 @@ def check_another_day(
         )
     drifted = [zero for zero in zeros if zero.significant]
     if drifted:
+        limits = np.tile(np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3), len(names))
+        change = a.mean(axis=0) - next(iter(plates.values())).acceleration_mean
+        of_sensors = np.split(gain[:-1] / limits, len(sensors))
+        found_offset = sensor_offset(change, of_sensors, error.mean(axis=0) / limits)
+        if found_offset is not None:
+            sensor, offset = found_offset
+            axes = dict(zip("xyz", offset, strict=True))
+            note = Note.of(
+                "calibration_sensor_offset",
+                sensor=sensors[sensor],
+                change_mps2=axes,
+                recording=recording,
+            )
+            return DayCheck("offset", (note,), zeros, by_plate)
         notes = tuple(_drift_note(zero, recording) for zero in drifted)
         return DayCheck("drifted", notes, zeros, by_plate)
     valid = Note.of(

@@ -260,3 +260,32 @@ def _factor(right: Array, normal: Array) -> tuple[Array, Array]:
     noise = np.sqrt(np.var(drawn, axis=0) * (len(right) - 1))
     change: Array = right.sum(axis=0) / np.maximum(normal.sum(axis=0), least)
     return change, np.hypot(noise, GAIN_ERROR)
+
+
+def sensor_offset(
+    readings: Array, gains: Sequence[Array], zeros: Array
+) -> tuple[int, Array] | None:
+    """Find the sensor whose offset, not the plates' zero, has changed.
+
+    Parameters
+    ----------
+    readings
+        Change of the sensors' mean readings since the calibration, (3 S,) [m/s²].
+    gains
+        The calibration's for each sensor, (3, C).
+    zeros
+        Change of the plates' zeros in the same units, (C,).
+
+    Returns
+    -------
+    sensor, offset
+        Its number, and its offset's change (3,) [m/s²]; None where no sensor's offset explains the
+        zeros, or its mean reading has not changed by about as much.
+    """
+    for k, gain in enumerate(gains):
+        offset = -np.linalg.lstsq(gain.T, zeros)[0]
+        left = np.sum((zeros + offset @ gain) ** 2)
+        unlike = np.linalg.norm(readings[3 * k : 3 * k + 3] - offset)
+        if left < (1 - MIN_EXPLAINED) * np.sum(zeros**2) and unlike < np.linalg.norm(offset) / 2:
+            return k, np.asarray(offset)
+    return None

@@ -149,6 +149,20 @@ def test_a_plate_whose_zero_changed_has_drifted_by_that_much(laboratory, model):
     np.testing.assert_allclose(found.zeros[0].change - before.zeros[0].change, change, atol=1e-9)
 
 
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sensor", range(2))
+def test_the_offset_of_a_sensor_is_not_taken_for_the_zero_of_a_plate(
+    laboratory, model, sensor, axis
+):
+    accelerations, wrench = record(laboratory(), 2)
+    accelerations[:, 3 * sensor + axis] += 0.3
+    found = check(model, accelerations, wrench)
+    assert found.verdict == "offset"
+    (note,) = found.notes
+    assert note.values["sensor"] == ("rear", "front")[sensor]
+    assert abs(note.values["change_mps2"]["xyz"[axis]] - 0.3) < 0.1
+
+
 def test_half_a_newton_of_drift_is_no_reason_to_do_anything(laboratory, model):
     accelerations, wrench = record(laboratory(), 2)
     assert check(model, accelerations, wrench + 0.3).verdict == "valid"
