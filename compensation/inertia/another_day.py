@@ -25,7 +25,16 @@ from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 
 Verdict = Literal[
-    "valid", "drifted", "offset", "late", "gain", "turned", "moved", "plates", "outdated"
+    "valid",
+    "drifted",
+    "offset",
+    "late",
+    "gain",
+    "turned",
+    "moved",
+    "plates",
+    "outdated",
+    "faulty",
 ]
 MAX_OFFSET_SHARE: Final = 1 / 3
 """Of what compensation may leave, by which the zero of a plate may have changed: 3 N, 0.6 N·m."""
@@ -64,7 +73,8 @@ class DayCheck:
     ----------
     verdict
         "valid"; "drifted", the zero of a plate has changed; "offset", "late", "gain", "turned",
-        "moved", an accelerometer has; "plates", their gain has; "outdated", something else.
+        "moved", an accelerometer has; "plates", their gain has; "outdated", something else;
+        "faulty", the accelerometers' readings cannot be compared: then there are no zeros.
     notes
         The verdict in words, with 95 % intervals and what to do; with "valid" also of which
         components the calibration itself leaves more than residuals allow.

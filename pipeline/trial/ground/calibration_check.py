@@ -2,11 +2,14 @@
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from compensation import Sensor, from_json, to_json
+from compensation import InertiaModel, Sensor, check_trial, from_json, to_json
 from compensation.inertia.another_day import DayCheck, check_another_day
+from hbm.notes import Note
+from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
@@ -15,6 +18,15 @@ from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
 from pipeline.trial.ground.calibration_recording import read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
+
+FAULTS: Final = (
+    "accelerometer_silent",
+    "accelerometer_constant",
+    "accelerometer_clipped",
+    "accelerometer_inverted",
+    "accelerometers_swapped",
+)
+"""Notes of trials after which nothing else is worth comparing; turned sensors are measured."""
 
 
 def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
@@ -46,6 +58,8 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
     treadmill, calibration = laboratory.treadmill, laboratory.calibration
     assert calibration is not None
     clock, readings = accelerations(recording, treadmill)
+    if faults := _faults(models[0], readings, treadmill):
+        return DayCheck("faulty", faults, (), {})
     first, *others = recording.plates
     if any(not np.array_equal(plate.time, first.time) for plate in others):
         raise ValueError(f"{file}: its plates are sampled at different times")
@@ -67,6 +81,13 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
         )
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
+
+
+def _faults(model: InertiaModel, readings: Array, treadmill: Treadmill) -> tuple[Note, ...]:
+    """Give what checks of trials find of the readings (N, k) that makes any comparison useless."""
+    known = readings[np.isfinite(readings).all(axis=1)]
+    found = check_trial(model, known, treadmill.accelerometer_range_g)
+    return tuple(note for note in found if note.code in FAULTS)
 
 
 def _without_delay(sensors: tuple[Sensor, ...], names: tuple[str, ...]) -> tuple[str, ...]:
