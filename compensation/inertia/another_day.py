@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final, Literal
 
 import numpy as np
@@ -16,6 +17,7 @@ from compensation.inertia.changes import (
     sensor_change,
     sensor_offset,
 )
+from compensation.inertia.checks import MIN_IMPROVEMENT
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import SLOW_HZ, InertiaModel
 from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM, check_left_over, refuse_unusable
@@ -74,7 +76,7 @@ class DayCheck:
     verdict
         "valid"; "drifted", the zero of a plate has changed; "offset", "late", "gain", "turned",
         "moved", an accelerometer has; "plates", their gain has; "outdated", something else;
-        "faulty", the accelerometers' readings cannot be compared: then there are no zeros.
+        "faulty", accelerometers or plates cannot be compared: then there are no zeros.
     notes
         The verdict in words, with 95 % intervals and what to do; with "valid" also of which
         components the calibration itself leaves more than residuals allow.
@@ -148,6 +150,9 @@ def check_another_day(
     error = slow_w - slow @ gain[:-1] - gain[-1]
     left = np.sqrt(np.mean((error - error.mean(axis=0)) ** 2, axis=0))
     by_plate = {name: left[6 * k : 6 * k + 6] for k, name in enumerate(names)}
+    if swapped := _swapped(names, slow_w, slow @ gain[:-1] + gain[-1], size):
+        note = Note.of("calibration_plates_swapped", recording=recording, plates=swapped)
+        return DayCheck("faulty", (note,), (), {})
     late = [
         Note.of(
             "calibration_delay_uncorrected"
@@ -223,6 +228,21 @@ def check_another_day(
     )
     of_itself = (note for name in names for note in check_left_over(plates[name], name))
     return DayCheck("valid", (valid, *of_itself), zeros, by_plate)
+
+
+def _swapped(names: list[str], measured: Array, predicted: Array, size: Array) -> tuple[str, ...]:
+    """Give two plates that fit a calibration much better in each other's place; else none."""
+
+    def misfit(first: int, second: int) -> float:
+        order = list(range(len(names)))
+        order[first], order[second] = second, first
+        columns = np.concatenate([np.arange(6 * k, 6 * k + 6) for k in order])
+        return float(np.sum(np.var((measured[:, columns] - predicted) / size, axis=0)))
+
+    pairs = list(combinations(range(len(names)), 2))
+    best = min(pairs, key=lambda pair: misfit(*pair), default=(0, 0))
+    better = misfit(*best) < misfit(0, 0) / MIN_IMPROVEMENT
+    return tuple(names[k] for k in best) if better else ()
 
 
 def _zero_changes(names: list[str], error: Array) -> tuple[ZeroChange, ...]:

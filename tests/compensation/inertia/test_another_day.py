@@ -163,6 +163,21 @@ def test_the_offset_of_a_sensor_is_not_taken_for_the_zero_of_a_plate(
     assert abs(note.values["change_mps2"]["xyz"[axis]] - 0.3) < 0.1
 
 
+def test_swapped_plates_are_told_from_a_calibration_that_no_longer_holds(laboratory, assemblies):
+    days = []
+    for seed in (1, 2):
+        accelerations, left = record(laboratory(), seed)
+        _, right = record(laboratory(assembly=assemblies["right"]), seed)
+        days.append((accelerations, left, right))
+    (a, left, right), (a2, left2, right2) = days
+    models = {"plate 1": fit_inertia(a, left, SETUP), "plate 2": fit_inertia(a, right, SETUP)}
+    as_was = check_another_day(models, a2, {"plate 1": left2, "plate 2": right2}, "day2.c3d")
+    assert as_was.verdict == "valid"
+    swapped = check_another_day(models, a2, {"plate 1": right2, "plate 2": left2}, "day2.c3d")
+    assert [note.code for note in swapped.notes] == ["calibration_plates_swapped"]
+    assert swapped.notes[0].values["plates"] == ("plate 1", "plate 2")
+
+
 def test_half_a_newton_of_drift_is_no_reason_to_do_anything(laboratory, model):
     accelerations, wrench = record(laboratory(), 2)
     assert check(model, accelerations, wrench + 0.3).verdict == "valid"
