@@ -150,6 +150,7 @@ def test_one_calibration_signal_is_advised_everywhere():
         page.name: set(named.findall(page.read_text(encoding="utf-8"))) - advised for page in pages
     }
     assert {name: names for name, names in found.items() if names} == {}
+    assert ADVISED_PLATFORM_SIGNAL in (ROOT / "docs/calibration.md").read_text(encoding="utf-8")
     assert set(named.findall(README)) == advised
     assert DEMO.calibration == ADVISED_PLATFORM_SIGNAL
 

@@ -1,7 +1,8 @@
 """A calibration against a recording of another day: still valid, drifted, or a sensor changed."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final, Literal
 
 import numpy as np
@@ -9,22 +10,45 @@ from numpy.typing import ArrayLike
 
 from compensation.alignment.delay import BLOCKS
 from compensation.alignment.sensor_delay import sensor_delays
-from compensation.inertia.changes import QUANTILE_95, likeliest, plate_gains, sensor_change
+from compensation.inertia.changes import (
+    QUANTILE_95,
+    likeliest,
+    plate_gains,
+    sensor_change,
+    sensor_offset,
+)
+from compensation.inertia.checks import MIN_IMPROVEMENT
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import SLOW_HZ, InertiaModel
-from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM, refuse_unusable
+from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM, check_left_over, refuse_unusable
 from compensation.inputs import read_table
 from hbm.notes import Note
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 
-Verdict = Literal["valid", "drifted", "late", "gain", "turned", "moved", "plates", "outdated"]
+Verdict = Literal[
+    "valid",
+    "drifted",
+    "offset",
+    "late",
+    "gain",
+    "turned",
+    "moved",
+    "plates",
+    "outdated",
+    "faulty",
+]
 MAX_OFFSET_SHARE: Final = 1 / 3
 """Of what compensation may leave, by which the zero of a plate may have changed: 3 N, 0.6 N·m."""
 MIN_DELAY_S: Final = 0.0003
 """Of an accelerometer; less leaves a fraction of a newton of a sway."""
 MIN_ONE_SENSOR: Final = 0.5
 """Share of what a new fit would explain that the change of one sensor must explain."""
+MIN_PLATES: Final = 0.8
+"""The same of gains of plates, which have more numbers; another assembly looks like 0.7 of it."""
+MIN_AS_GOOD: Final = 0.99
+"""Share of what gains of plates explain from which on one gain or turn of a sensor is likelier: it
+needs one number or three, the plates one for each component."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +74,12 @@ class DayCheck:
     Attributes
     ----------
     verdict
-        "valid"; "drifted", the zero of a plate has changed; "late", "gain", "turned", "moved", an
-        accelerometer has; "plates", their gain has; "outdated", something else.
+        "valid"; "drifted", the zero of a plate has changed; "offset", "late", "gain", "turned",
+        "moved", an accelerometer has; "plates", their gain has; "outdated", something else;
+        "faulty", accelerometers or plates cannot be compared: then there are no zeros.
     notes
-        The verdict in words, with 95 % intervals and what to do.
+        The verdict in words, with 95 % intervals and what to do; with "valid" also of which
+        components the calibration itself leaves more than residuals allow.
     zeros
         Change of the zero of every plate.
     left
@@ -72,6 +98,7 @@ def check_another_day(
     accelerations: ArrayLike,
     wrenches: Mapping[str, Array],
     recording: str,
+    without_delay: Collection[str] = (),
 ) -> DayCheck:
     """Compare a calibration with an empty recording of another day.
 
@@ -86,6 +113,9 @@ def check_another_day(
         Plate -> wrench at the same instants, equally filtered, (N, 6) [N, N·m].
     recording
         Its name, for the notes.
+    without_delay
+        Sensors of which the calibration did not estimate the delay: it was stated, or the file is
+        of an earlier version. That they are late now shows no change.
 
     Returns
     -------
@@ -105,7 +135,8 @@ def check_another_day(
     its readings about their mean is fitted, with the gains as they are, that explains the plates
     best; a multiple of one is a gain, a rotation a turn, anything else another place on the
     platform. The sensor is the one whose transformation explains most. What is left in the mean is
-    the change of the zero. Errors are of a jackknife over 40 blocks.
+    the change of the zero, or of a sensor's offset where that sensor's mean reading has changed by
+    what explains it. Errors are of a jackknife over 40 blocks.
     """
     a = read_table(accelerations, "accelerations")
     names, rate = list(plates), _rate_hz(plates)
@@ -119,12 +150,22 @@ def check_another_day(
     error = slow_w - slow @ gain[:-1] - gain[-1]
     left = np.sqrt(np.mean((error - error.mean(axis=0)) ** 2, axis=0))
     by_plate = {name: left[6 * k : 6 * k + 6] for k, name in enumerate(names)}
+    if swapped := _swapped(names, slow_w, slow @ gain[:-1] + gain[-1], size):
+        note = Note.of("calibration_plates_swapped", recording=recording, plates=swapped)
+        return DayCheck("faulty", (note,), (), {})
     late = [
-        Note.of("calibration_sensor_late", sensor=sensor, change_s=d.seconds,
-                interval_s=QUANTILE_95 * d.standard_error, recording=recording)
+        Note.of(
+            "calibration_delay_uncorrected"
+            if sensor in without_delay
+            else "calibration_sensor_late",
+            sensor=sensor,
+            change_s=d.seconds,
+            interval_s=QUANTILE_95 * d.standard_error,
+            recording=recording,
+        )
         for sensor, d in zip(sensors, sensor_delays(a, stacked, rate), strict=True)
         if abs(d.seconds) > QUANTILE_95 * d.standard_error + MIN_DELAY_S
-    ]  # fmt: skip
+    ]
     zeros = _zero_changes(names, error)
     if late:
         return DayCheck("late", tuple(late), zeros, by_plate)
@@ -139,11 +180,16 @@ def check_another_day(
         )
     ]
     likely = max(changes, key=lambda change: change.explained)
-    if by_plates > likely.explained and any(plate.matters for plate in scaled):
-        notes = tuple(plate.note(recording) for plate in scaled if plate.matters)
+    found = likeliest(changes)
+    excess = float(np.sum((relative - relative.mean(axis=0)) ** 2)) - own_misfit
+    simpler = found is not None and found[0] != "moved"
+    if MIN_AS_GOOD * by_plates > likely.explained or (by_plates > likely.explained and not simpler):
+        if by_plates < MIN_PLATES * excess:
+            note = Note.of("calibration_outdated", recording=recording)
+            return DayCheck("outdated", (note,), zeros, by_plate)
+        notes = tuple(plate.note(recording) for plate in scaled)
         return DayCheck("plates", notes, zeros, by_plate)
-    if (found := likeliest(changes)) is not None:
-        excess = float(np.sum((relative - relative.mean(axis=0)) ** 2)) - own_misfit
+    if found is not None:
         if likely.explained < MIN_ONE_SENSOR * excess:
             note = Note.of("calibration_outdated", recording=recording)
             return DayCheck("outdated", (note,), zeros, by_plate)
@@ -156,6 +202,20 @@ def check_another_day(
         )
     drifted = [zero for zero in zeros if zero.significant]
     if drifted:
+        limits = np.tile(np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3), len(names))
+        change = a.mean(axis=0) - next(iter(plates.values())).acceleration_mean
+        of_sensors = np.split(gain[:-1] / limits, len(sensors))
+        found_offset = sensor_offset(change, of_sensors, error.mean(axis=0) / limits)
+        if found_offset is not None:
+            sensor, offset = found_offset
+            axes = dict(zip("xyz", offset, strict=True))
+            note = Note.of(
+                "calibration_sensor_offset",
+                sensor=sensors[sensor],
+                change_mps2=axes,
+                recording=recording,
+            )
+            return DayCheck("offset", (note,), zeros, by_plate)
         notes = tuple(_drift_note(zero, recording) for zero in drifted)
         return DayCheck("drifted", notes, zeros, by_plate)
     valid = Note.of(
@@ -166,7 +226,23 @@ def check_another_day(
         gain=likely.gain - 1,
         interval=QUANTILE_95 * likely.gain_error,
     )
-    return DayCheck("valid", (valid,), zeros, by_plate)
+    of_itself = (note for name in names for note in check_left_over(plates[name], name))
+    return DayCheck("valid", (valid, *of_itself), zeros, by_plate)
+
+
+def _swapped(names: list[str], measured: Array, predicted: Array, size: Array) -> tuple[str, ...]:
+    """Give two plates that fit a calibration much better in each other's place; else none."""
+
+    def misfit(first: int, second: int) -> float:
+        order = list(range(len(names)))
+        order[first], order[second] = second, first
+        columns = np.concatenate([np.arange(6 * k, 6 * k + 6) for k in order])
+        return float(np.sum(np.var((measured[:, columns] - predicted) / size, axis=0)))
+
+    pairs = list(combinations(range(len(names)), 2))
+    best = min(pairs, key=lambda pair: misfit(*pair), default=(0, 0))
+    better = misfit(*best) < misfit(0, 0) / MIN_IMPROVEMENT
+    return tuple(names[k] for k in best) if better else ()
 
 
 def _zero_changes(names: list[str], error: Array) -> tuple[ZeroChange, ...]:

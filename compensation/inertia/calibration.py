@@ -1,20 +1,24 @@
 """A treadmill's calibration as text: one inertia model per plate, and its provenance."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from compensation.inertia.model import InertiaModel, Setup
 from compensation.inertia.sensors import Sensor
+from compensation.inputs import refuse_gaps
+from hbm.spatial import Array, read_only
 
 FORMAT: Final = "hbm-residuals inertia calibration"
 VERSION: Final = 3
 WITHOUT_SENSORS: Final = (1, 2)
-"""Versions without delays and gains of the accelerometers, which are then used as they are. The
+"""Versions without delays and gains of the accelerometers, which are then used as they are, and
+without the correlation of plates. The
 first one did not name its filter either, which was always the zero-phase one, and stored warnings.
 """
 MAX_REASON: Final = 120
@@ -34,6 +38,9 @@ class Calibration:
     sensors
         The accelerometers with their delays and gains, which were undone before the fit and have
         to be in every trial; empty where they were used as they are.
+    correlation
+        Of what is left below 6 Hz between the components of all plates, in the order of `plates`,
+        (6 P, 6 P); None where it is unknown: the plates then count as independent.
 
     Examples
     --------
@@ -50,6 +57,7 @@ class Calibration:
     plates: Mapping[str, InertiaModel]
     provenance: Mapping[str, str] = field(default_factory=dict)
     sensors: tuple[Sensor, ...] = ()
+    correlation: Array | None = None
 
     def __post_init__(self) -> None:
         if not self.plates:
@@ -64,6 +72,23 @@ class Calibration:
                 raise ValueError(f"plate {name}: its accelerometers are not those described")
         for name in ("plates", "provenance"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        if self.correlation is None:
+            return
+        correlation, size = read_only(self.correlation), 6 * len(self.plates)
+        if correlation.shape != (size, size):
+            raise ValueError(
+                f"calibration: correlation must have shape {(size, size)}, got {correlation.shape}"
+            )
+        refuse_gaps(correlation, "calibration: correlation")
+        object.__setattr__(self, "correlation", correlation)
+
+    def correlation_of(self, plates: Sequence[str]) -> Array:
+        """Give the correlation of what is left of some plates, (6 P, 6 P), in their order."""
+        if self.correlation is None:
+            return np.asarray(block_diag(*(self.plates[name].correlation for name in plates)))
+        order = list(self.plates)
+        at = np.concatenate([6 * order.index(name) + np.arange(6) for name in plates])
+        return np.asarray(self.correlation[np.ix_(at, at)])
 
 
 def to_json(calibration: Calibration) -> str:
@@ -85,6 +110,9 @@ def to_json(calibration: Calibration) -> str:
         "provenance": dict(calibration.provenance),
         "plates": {name: _plain(model) for name, model in calibration.plates.items()},
         "sensors": [asdict(sensor) for sensor in calibration.sensors],
+        "correlation": calibration.correlation.tolist()
+        if calibration.correlation is not None
+        else None,
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
 
@@ -134,7 +162,8 @@ calibration'
         old = version in WITHOUT_SENSORS
         plates = {name: _model(plain, old) for name, plain in document["plates"].items()}
         sensors = () if old else tuple(Sensor(**plain) for plain in document["sensors"])
-        calibration = Calibration(plates, document["provenance"], sensors)
+        correlation = None if old else document["correlation"]
+        calibration = Calibration(plates, document["provenance"], sensors, correlation)
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         reason = str(error)[:MAX_REASON]
         raise ValueError(f"the calibration is damaged: {reason}; fit it again") from error

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compensation.alignment.delay import BLOCKS
 from hbm.notes import Note, NoteValue
-from hbm.spatial import Array, fit_rotation
+from hbm.spatial import WRENCH_COMPONENTS, Array, fit_rotation
 
 QUANTILE_95: Final = 1.96
 MIN_GAIN_CHANGE: Final = 0.005
@@ -164,25 +165,52 @@ def _transformation(normal: Array, right: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class PlateGain:
-    """Change of the gain of one plate, and its standard error."""
+    """Change of the gain of one plate since a calibration, and of each of its components.
+
+    Attributes
+    ----------
+    plate
+        Its name.
+    change, error
+        One change for all components, and its standard error.
+    changes, errors
+        One for each component, (6,). What hardly moved has a large error.
+    """
 
     plate: str
     change: float
     error: float
+    changes: Array
+    errors: Array
 
     @property
-    def matters(self) -> bool:
-        """Whether it is more than a calibration tolerates, beyond its 95 % interval."""
-        return abs(self.change) > MIN_GAIN_CHANGE + QUANTILE_95 * self.error
+    def significant(self) -> NDArray[np.bool_]:
+        """Which components changed more than a calibration tolerates, beyond the interval, (6,)."""
+        beyond = np.abs(self.changes) - QUANTILE_95 * self.errors
+        return np.asarray(beyond > MIN_GAIN_CHANGE)
+
+    @property
+    def alike(self) -> bool:
+        """Whether all components have changed alike."""
+        spread = np.abs(self.changes - self.change) - QUANTILE_95 * self.errors
+        return bool(abs(self.change) > MIN_GAIN_CHANGE and np.all(spread < MIN_GAIN_CHANGE / 2))
 
     def note(self, recording: str) -> Note:
-        """Say by how much the gain has changed, by a recording."""
-        interval = QUANTILE_95 * self.error
+        """Say by how much the gain has changed, of all components or of some, by a recording."""
+        if self.alike:
+            return Note.of(
+                "calibration_plate_gain",
+                plate=self.plate,
+                change=self.change,
+                interval=QUANTILE_95 * self.error,
+                recording=recording,
+            )
+        found = [k for k in range(6) if self.significant[k]]
         return Note.of(
-            "calibration_plate_gain",
+            "calibration_plate_component_gain",
             plate=self.plate,
-            change=self.change,
-            interval=interval,
+            change={WRENCH_COMPONENTS[k]: self.changes[k] for k in found},
+            interval={WRENCH_COMPONENTS[k]: QUANTILE_95 * self.errors[k] for k in found},
             recording=recording,
         )
 
@@ -190,7 +218,7 @@ class PlateGain:
 def plate_gains(
     plates: Sequence[str], predicted: Array, error: Array
 ) -> tuple[tuple[PlateGain, ...], float]:
-    """Find the change of every plate's gain that explains most of a prediction's error.
+    """Find the change of every component's gain that explains most of a prediction's error.
 
     Parameters
     ----------
@@ -203,12 +231,11 @@ def plate_gains(
     Returns
     -------
     gains
-        One per plate.
+        One per plate, of those of which any component has changed significantly.
     explained
-        By how much all of them together reduce the weighted squares.
+        By how much the significant ones together reduce the weighted squares.
     """
     p, e = (x - x.mean(axis=0) for x in (predicted, error))
-
     cross, square = (
         np.array([block.sum(axis=0) for block in np.array_split(product, BLOCKS)])
         for product in (p * e, p**2)
@@ -216,10 +243,49 @@ def plate_gains(
     found, explained = [], 0.0
     for k, plate in enumerate(plates):
         own = slice(6 * k, 6 * k + 6)
-        right, normal = cross[:, own].sum(axis=1), square[:, own].sum(axis=1)
-        change = float(right.sum() / normal.sum())
-        drawn = (right.sum() - right) / (normal.sum() - normal)
-        noise = float(np.sqrt(np.var(drawn) * (BLOCKS - 1)))
-        found.append(PlateGain(plate, change, float(np.hypot(noise, GAIN_ERROR))))
-        explained += change * float(right.sum())
+        right, normal = cross[:, own], square[:, own]
+        changes, errors = _factor(right, normal)
+        change, of_all = _factor(right.sum(axis=1), normal.sum(axis=1))
+        gain = PlateGain(plate, float(change), float(of_all), changes, errors)
+        if gain.significant.any():
+            found.append(gain)
+            explained += float((changes * right.sum(axis=0))[gain.significant].sum())
     return tuple(found), explained
+
+
+def _factor(right: Array, normal: Array) -> tuple[Array, Array]:
+    """Give ``Σ right / Σ normal`` over blocks, and its standard error by a jackknife over them."""
+    least = np.finfo(float).tiny
+    drawn = (right.sum(axis=0) - right) / np.maximum(normal.sum(axis=0) - normal, least)
+    noise = np.sqrt(np.var(drawn, axis=0) * (len(right) - 1))
+    change: Array = right.sum(axis=0) / np.maximum(normal.sum(axis=0), least)
+    return change, np.hypot(noise, GAIN_ERROR)
+
+
+def sensor_offset(
+    readings: Array, gains: Sequence[Array], zeros: Array
+) -> tuple[int, Array] | None:
+    """Find the sensor whose offset, not the plates' zero, has changed.
+
+    Parameters
+    ----------
+    readings
+        Change of the sensors' mean readings since the calibration, (3 S,) [m/s²].
+    gains
+        The calibration's for each sensor, (3, C).
+    zeros
+        Change of the plates' zeros in the same units, (C,).
+
+    Returns
+    -------
+    sensor, offset
+        Its number, and its offset's change (3,) [m/s²]; None where no sensor's offset explains the
+        zeros, or its mean reading has not changed by about as much.
+    """
+    for k, gain in enumerate(gains):
+        offset = -np.linalg.lstsq(gain.T, zeros)[0]
+        left = np.sum((zeros + offset @ gain) ** 2)
+        unlike = np.linalg.norm(readings[3 * k : 3 * k + 3] - offset)
+        if left < (1 - MIN_EXPLAINED) * np.sum(zeros**2) and unlike < np.linalg.norm(offset) / 2:
+            return k, np.asarray(offset)
+    return None

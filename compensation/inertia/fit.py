@@ -144,6 +144,7 @@ def fit_inertia(
     bread = to_gain / np.append(s**2 - noisy, n)
 
     sigma = np.sqrt(np.sum(residual**2, axis=0) / (n - rank - 1))
+    slow = _slow(residual, setup)
     return InertiaModel(
         gain=gain,
         covariance=bread @ meat @ bread.T,
@@ -160,8 +161,8 @@ def fit_inertia(
         sensor_noise=noise,
         samples=n,
         setup=setup,
-        correlation=_correlation(residual),
-        rms_slow=_rms_slow(residual, setup),
+        correlation=_correlation(residual if slow is None else slow),
+        rms_slow=None if slow is None else np.sqrt(np.mean(slow**2, axis=0)),
     )
 
 
@@ -207,19 +208,56 @@ def sensor_noise_of(accelerations: ArrayLike) -> float:
     return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
 
 
-def _rms_slow(residual: Array, setup: Setup | None) -> Array | None:
-    """Give the RMS of what passes the filter of trials, (6,); None without a second of known rate.
+def residual_correlation(residual: ArrayLike, setup: Setup | None = None) -> Array:
+    """Give the correlations of what calibrations leave, of several plates side by side.
+
+    Parameters
+    ----------
+    residual
+        At common instants, (N, C) [N, N·m].
+    setup
+        How it was recorded; None where that is unknown.
+
+    Returns
+    -------
+    Array
+        (C, C), below 6 Hz where a second of known rate is given; 0 with a channel of which nothing
+        is left.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, no samples or gaps.
+
+    Notes
+    -----
+    Plates are compensated by the same accelerometers, whose noise is in all of them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> noise = np.random.default_rng(0).normal(size=1000)
+    >>> residual_correlation(np.column_stack([noise, -2 * noise]))
+    array([[ 1., -1.],
+           [-1.,  1.]])
+    """
+    left = read_table(residual, "residual")
+    slow = _slow(left, setup)
+    return _correlation(left if slow is None else slow)
+
+
+def _slow(residual: Array, setup: Setup | None) -> Array | None:
+    """Give what passes the filter of trials, (N, C); None without a second of known rate.
 
     The calibration's own filter passes vibration of the platform's base, which is not in residuals.
     """
     if setup is None or len(residual) < setup.rate_hz or setup.rate_hz < 4 * SLOW_HZ:
         return None
-    slow = low_pass(residual, setup.rate_hz, SLOW_HZ, "zero_phase")
-    return np.asarray(np.sqrt(np.mean(slow**2, axis=0)))
+    return low_pass(residual, setup.rate_hz, SLOW_HZ, "zero_phase")
 
 
 def _correlation(residual: Array) -> Array:
-    """Give the correlations between components, (6, 6); 0 with one that leaves nothing."""
+    """Give the correlations between channels, (C, C); 0 with one that leaves nothing."""
     size = np.sqrt(np.mean(residual**2, axis=0))
     scaled = residual / np.where(size > 0, size, 1.0)
     correlation = scaled.T @ scaled / len(scaled)

@@ -120,7 +120,8 @@ class InertiaModel:
     setup
         How the signals were recorded; None where it was not stated.
     correlation
-        Of the calibration's residual between components, (6, 6); by default none.
+        Of the calibration's residual between components, (6, 6), below `SLOW_HZ` where its rate is
+        known; by default none.
     rms_slow
         As `rms_compensated`, of what passes a low-pass of `SLOW_HZ` as residuals do; by default,
         where the rate is unknown, `rms_compensated`.

@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from compensation.signals.motion import (
+    FADE_S,
     MIN_PITCH_HZ,
     MIN_SWAY_HZ,
     RATE_HZ,
@@ -51,6 +52,8 @@ ADVISED_BELT_SIGNAL: Final = "belt_perturbations_60s_1mps"
 """The kind and duration that the thesis found best (III.B.2), at one of its two mean speeds; in
 simulated experiments any signal will do."""
 DURATIONS_S: Final = (60, 300)
+PLATFORM_BELT_MPS: Final = (0.0, 3.0)
+"""Belt speeds of the signals for pitch and sway."""
 BELT_VARIANCE: Final = {1.0: 25.0, 2.0: 2000.0}
 """Mean speed [m/s] -> variance of the acceleration [m²/s⁴]."""
 
@@ -99,6 +102,11 @@ def pitch_and_sway_signals(
         ``<kind>_<duration>s_<speed>mps``. In the long ones, and in those with gaps, the added parts
         are included in the duration; in the short ones they extend it.
 
+    Raises
+    ------
+    ValueError
+        As `platform_signal`.
+
     Examples
     --------
     >>> signal = pitch_and_sway_signals(seed=1, belt_speed=3.0)[1]
@@ -107,9 +115,9 @@ def pitch_and_sway_signals(
     """
     limits = limits or MachineLimits()
     return tuple(
-        _platform_signal(i, kind, duration, seed, belt_speed, limits)
+        platform_signal(kind, duration, seed, belt_speed, limits)
         for duration in DURATIONS_S
-        for i, kind in enumerate(PLATFORM_KINDS)
+        for kind in PLATFORM_KINDS
     )
 
 
@@ -137,27 +145,33 @@ def belt_signals(
     Raises
     ------
     ValueError
-        Another mean speed.
+        As `belt_signal`.
 
     Examples
     --------
     >>> len(belt_signals(seed=1, mean_speed=2.0))
     12
     """
-    if mean_speed not in BELT_VARIANCE:
-        raise ValueError(f"mean_speed must be one of {list(BELT_VARIANCE)} m/s, got {mean_speed}")
     limits = limits or MachineLimits()
     return tuple(
-        _belt_signal(i, kind, duration, seed, mean_speed, limits)
+        belt_signal(kind, duration, seed, mean_speed, limits)
         for duration in DURATIONS_S
-        for i, kind in enumerate(BELT_KINDS)
+        for kind in BELT_KINDS
     )
 
 
-def _platform_signal(
-    index: int, kind: str, duration: int, seed: int, belt_speed: float, limits: MachineLimits
+def platform_signal(
+    kind: str, duration: int, seed: int, belt_speed: float, limits: MachineLimits
 ) -> Signal:
-    rng = np.random.default_rng((seed, index, duration))
+    """Draw one of `pitch_and_sway_signals`, given its kind and duration [s].
+
+    Raises
+    ------
+    ValueError
+        If the machine is so slow that the added parts leave no random motion in the duration.
+    """
+    name = f"{kind}_{duration}s_{belt_speed:g}mps"
+    rng = np.random.default_rng((seed, PLATFORM_KINDS.index(kind), duration))
     sway = Extent(USED_SHARE * limits.sway_m, limits.sway_m_per_s, limits.sway_m_per_s2)
     degrees = (USED_SHARE * limits.pitch_deg, limits.pitch_deg_per_s, limits.pitch_deg_per_s2)
     pitch = Extent(*(float(np.radians(value)) for value in degrees))
@@ -179,19 +193,32 @@ def _platform_signal(
                 random_position(rng, count, np.radians(PITCH_SD_DEGPS2), MIN_PITCH_HZ, pitch),
             ]
         )
-        for count in _stretches(kind, duration, added)
+        for count in _stretches(name, kind, duration, added)
     ]
     sway_signal, pitch_signal = _interleaved(random, added).T
     belt = np.full(len(sway_signal), float(belt_speed))
-    name = f"{kind}_{duration}s_{belt_speed:g}mps"
     return Signal(name, RATE_HZ, sway_signal, pitch_signal, belt)
 
 
-def _belt_signal(
-    index: int, kind: str, duration: int, seed: int, mean: float, limits: MachineLimits
-) -> Signal:
-    rng = np.random.default_rng((seed, 100 + index, duration))
+def belt_signal(kind: str, duration: int, seed: int, mean: float, limits: MachineLimits) -> Signal:
+    """Draw one of `belt_signals`, given its kind, duration [s] and mean speed [m/s].
+
+    Raises
+    ------
+    ValueError
+        If the mean speed is not of the protocol, or the machine's belts cannot exceed it, or
+        accelerate so slowly that the added parts leave no random motion in the duration.
+    """
+    if mean not in BELT_VARIANCE:
+        raise ValueError(f"mean_speed must be one of {list(BELT_VARIANCE)} m/s, got {mean}")
+    name = f"belt_{kind}_{duration}s_{mean:g}mps"
     acceleration, reach = USED_SHARE * limits.belt_m_per_s2, limits.belt_m_per_s - mean
+    if reach <= 0:
+        raise ValueError(
+            f"{name}: belt_m_per_s must exceed its mean speed of {mean:g}, "
+            f"the machine allows {limits.belt_m_per_s:g}"
+        )
+    rng = np.random.default_rng((seed, 100 + BELT_KINDS.index(kind), duration))
     push = min(PULSE_MPS2, acceleration, USED_SHARE * reach / PULSE_S)
     parts = {
         "square": speeds(mean, (3.0, -3.0), HOLD_S, acceleration),
@@ -202,12 +229,12 @@ def _belt_signal(
     sd = float(np.sqrt(BELT_VARIANCE[mean]))
     random = [
         mean + random_speed(rng, count, sd, reach, acceleration)
-        for count in _stretches(kind, duration, added)
+        for count in _stretches(name, kind, duration, added)
     ]
     start, stop = ramp(0.0, mean, GENTLE_MPS2), ramp(mean, 0.0, GENTLE_MPS2)
     speed = np.concatenate([[0.0], start, _interleaved(random, added), stop])
     rest = np.zeros(len(speed))
-    return Signal(f"belt_{kind}_{duration}s_{mean:g}mps", RATE_HZ, rest, rest, speed)
+    return Signal(name, RATE_HZ, rest, rest, speed)
 
 
 def _additions(kind: str, duration: int, parts: dict[str, Array], gap: Array) -> list[Array]:
@@ -221,11 +248,16 @@ def _additions(kind: str, duration: int, parts: dict[str, Array], gap: Array) ->
     return [parts[kind]] * REPEATS
 
 
-def _stretches(kind: str, duration: int, added: list[Array]) -> list[int]:
-    """Count the samples of each stretch of random motion."""
+def _stretches(name: str, kind: str, duration: int, added: list[Array]) -> list[int]:
+    """Count the samples of each stretch of random motion, which begins and ends gradually."""
     count = samples(duration)
     if kind == "gaps" or duration == max(DURATIONS_S):
         count -= sum(map(len, added))
+    if count < samples(2 * FADE_S) * (len(added) + 1):
+        raise ValueError(
+            f"{name}: its moves take {sum(map(len, added)) / RATE_HZ:.0f} of {duration} s, the "
+            "machine's speed or acceleration allows no less"
+        )
     edges = np.linspace(0, count, len(added) + 2).astype(int)
     return [int(n) for n in np.diff(edges)]
 

@@ -80,8 +80,12 @@ def excess(ranking: Ranking[Model], name: str) -> pd.Series:
 def as_good(ranking: Ranking[Model]) -> list[str]:
     """Name the trials that leave as much as the winner in every column, the winner first.
 
-    They leave less than `SMALLEST_DIFFERENCE` more than it, or less than it.
+    They leave less than `SMALLEST_DIFFERENCE` more than it, or less than it, and so do the upper
+    ends of the 95 % intervals of that.
     """
+    most = ranking.scores.groupby("trial")["excess_high"].max()
     return [
-        name for name in ranking.table["trial"] if excess(ranking, name).max() < SMALLEST_DIFFERENCE
+        name
+        for name in ranking.table["trial"]
+        if max(excess(ranking, name).max(), most[name]) < SMALLEST_DIFFERENCE
     ]

@@ -32,15 +32,19 @@ def calibration_effects(scores: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFram
         component, effect, df, f, p, partial_eta_squared.
     pairs
         component, factor, first, second; rms_first and rms_second, the marginal means of the RMS
-        after compensation [N, N·m], and difference, the first minus the second; their ratio with
-        ratio_low and ratio_high; p_bonferroni; verdict on the first: "no difference" below
-        `SMALLEST_DIFFERENCE`, else "less" or "more" where it is significant, else "undecided". Both
-        empty where names state no levels.
+        after compensation [N, N·m]; difference, the first minus the second, with difference_low
+        and difference_high; their ratio with ratio_low and ratio_high; p_bonferroni; verdict on
+        the first: "no difference" where the interval of the difference lies within
+        ± `SMALLEST_DIFFERENCE`, or the difference is significant and smaller than that, else
+        "less" or "more" where it is significant, else "undecided". Both empty where names state no
+        levels. Intervals hold together at 95 % (Bonferroni).
 
     Notes
     -----
     Type III, main effects. One observation is the logarithm of a trial's RMS after compensation in
-    one validation trial, which is a factor of the model too; marginal means are geometric.
+    one validation trial, which is a factor of the model too; marginal means are geometric. The
+    interval of the difference is that of the ratio at the geometric mean of both levels, g:
+    g (√ratio − 1/√ratio).
 
     Deviations from the original: it compared frames of the best trial at two speeds and durations
     (van de Loosdrecht 2018, F.2.4); frames are correlated and make every difference significant,
@@ -79,7 +83,7 @@ def best_levels(pairs: pd.DataFrame) -> pd.DataFrame:
     -------
     pandas.DataFrame
         A row per factor of two levels: factor, and per component the level that leaves less, "any"
-        where they make no difference, or "undecided".
+        where they make no difference, or "undecided" where that is not known.
     """
     numbers = pairs[pairs["factor"].isin(["speed_mps", "duration_s"])]
     two = numbers.groupby(["factor", "component"]).filter(lambda compared: len(compared) == 1)
@@ -98,8 +102,8 @@ def ratio_to_random(pairs: pd.DataFrame, kind: str) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        component, ratio, ratio_low, ratio_high, difference [N, N·m], p_bonferroni, verdict; below 1
-        the kind is better.
+        component, ratio, ratio_low, ratio_high, difference, difference_low, difference_high
+        [N, N·m], p_bonferroni, verdict; below 1 the kind is better.
     """
     kinds = pairs[pairs["factor"] == "kind"]
     if kinds.empty:
@@ -111,10 +115,13 @@ def ratio_to_random(pairs: pd.DataFrame, kind: str) -> pd.DataFrame:
         ratio_low=1 / reverse["ratio_high"],
         ratio_high=1 / reverse["ratio_low"],
         difference=-reverse["difference"],
+        difference_low=-reverse["difference_high"],
+        difference_high=-reverse["difference_low"],
         verdict=reverse["verdict"].replace({"less": "more", "more": "less"}),
     )
     columns = [
-        *("component", "ratio", "ratio_low", "ratio_high", "difference", "p_bonferroni", "verdict")
+        *("component", "ratio", "ratio_low", "ratio_high"),
+        *("difference", "difference_low", "difference_high", "p_bonferroni", "verdict"),
     ]
     return pd.concat([direct, inverse])[columns].reset_index(drop=True)
 
@@ -150,12 +157,18 @@ def _pair_columns(pairs: Sequence[pd.DataFrame]) -> pd.DataFrame:
         ratio_high=np.exp(logs["ci_high"]),
         p_bonferroni=logs["p_bonferroni"],
     )
-    table["difference"] = table["rms_first"] - table["rms_second"]
+    level = np.sqrt(table["rms_first"] * table["rms_second"])
+    for name, log_ratio in (("", "difference"), ("_low", "ci_low"), ("_high", "ci_high")):
+        table[f"difference{name}"] = 2 * level * np.sinh(logs[log_ratio] / 2)
+    significant = table["p_bonferroni"] < ALPHA
+    small = table["difference"].abs() < SMALLEST_DIFFERENCE
+    ends = table[["difference_low", "difference_high"]].abs()
+    within = (ends < SMALLEST_DIFFERENCE).all(axis=1)
     table["verdict"] = np.select(
         [
-            table["difference"].abs() < SMALLEST_DIFFERENCE,
-            (table["p_bonferroni"] < ALPHA) & (table["difference"] < 0),
-            table["p_bonferroni"] < ALPHA,
+            within | (significant & small),
+            significant & (table["difference"] < 0),
+            significant,
         ],
         ["no difference", "less", "more"],
         "undecided",

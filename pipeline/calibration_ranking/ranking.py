@@ -40,7 +40,8 @@ class Ranking(Generic[Model]):
         rank_high (95 % of its resampled mean ranks).
     scores
         One row per calibration trial, validation trial and component: rms_raw, rms_after [N, N·m],
-        reduction [%], rank.
+        excess_high (upper end of the 95 % interval of what it leaves more than the winner, from
+        the resamples) [N, N·m], reduction [%], rank.
     concordance
         Kendall's W of the columns and its p; NaN for one column.
     models
@@ -130,7 +131,8 @@ def ranked(scores: pd.DataFrame, resampled: Array, models: Mapping[str, Model]) 
     Parameters
     ----------
     scores
-        As in `Ranking`, without reduction and rank; trials in the same order in each column.
+        As in `Ranking`, without excess_high, reduction and rank; trials in the same order in each
+        column.
     resampled
         RMS after compensation by RMS raw in every resample, (resamples, trials, columns).
     models
@@ -159,6 +161,10 @@ def ranked(scores: pd.DataFrame, resampled: Array, models: Mapping[str, Model]) 
         }
     )
     table = table.sort_values(["mean_rank", "firsts"], ascending=[True, False], ignore_index=True)
+    winner = list(means.index).index(table["trial"].iloc[0])
+    high = np.percentile(resampled - resampled[:, winner : winner + 1], 97.5, axis=0)
+    row, column = means.index.get_indexer(pd.Index(scores["trial"])), columns.ngroup().to_numpy()
+    scores.insert(5, "excess_high", high[row, column] * scores["rms_raw"])
     wide = scores.pivot(index=["validation", "component"], columns="trial", values="reduction")
     agreement = (np.nan, np.nan)
     if wide.shape[0] > 1 and wide.shape[1] > 2:

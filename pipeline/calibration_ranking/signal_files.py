@@ -1,6 +1,8 @@
 """Signals for the machine as files: the motion as CSV, motion and spectra as a figure."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Final
 
@@ -12,11 +14,18 @@ from compensation import (
     MachineLimits,
     Signal,
     acceleration_spectrum,
-    belt_signals,
     check_signal,
-    pitch_and_sway_signals,
     resample_signal,
     validation_signals,
+)
+from compensation.signals.protocol import (
+    BELT_KINDS,
+    BELT_VARIANCE,
+    DURATIONS_S,
+    PLATFORM_BELT_MPS,
+    PLATFORM_KINDS,
+    belt_signal,
+    platform_signal,
 )
 from pipeline.figures.style import COLOURS, DPI, STYLE
 from pipeline.io.write import whole_file
@@ -31,7 +40,23 @@ ROUNDING: Final = 1e-12
 """Power below this is the rounding of a channel at rest."""
 
 
-def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> list[Signal]:
+@dataclass(frozen=True, slots=True)
+class ProtocolSignals:
+    """What a machine can do of the protocol.
+
+    Attributes
+    ----------
+    possible
+        The signals within its limits.
+    beyond
+        A line for each of the others: its name, and the limits that it exceeds.
+    """
+
+    possible: tuple[Signal, ...]
+    beyond: tuple[str, ...]
+
+
+def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> ProtocolSignals:
     """Make the protocol's signals of one kind, each at every belt speed of the protocol.
 
     Parameters
@@ -45,17 +70,37 @@ def protocol_signals(kind: str, seed: int, limits: MachineLimits) -> list[Signal
 
     Returns
     -------
-    list of Signal
+    ProtocolSignals
         Those for pitch and sway with the belts at 0 and 3 m/s, those for the belts about 1 and
         2 m/s, or the validation signals.
     """
-    if kind == "pitch_sway":
-        sets = [pitch_and_sway_signals(seed + n, v, limits) for n, v in enumerate((0.0, 3.0))]
-    elif kind == "belt":
-        sets = [belt_signals(seed + n, v, limits) for n, v in enumerate((1.0, 2.0))]
-    else:
-        sets = [validation_signals(seed)]
-    return [signal for signals in sets for signal in signals]
+    drawn: Iterable[Signal] = validation_signals(seed)
+    beyond: list[str] = []
+    if kind != "validation":
+        drawn, beyond = _calibration_signals(kind, seed, limits)
+    notes = [check_signal(signal, limits) for signal in drawn]
+    possible = tuple(s for s, exceeded in zip(drawn, notes, strict=True) if not exceeded)
+    beyond += ["; ".join(map(str, exceeded)) for exceeded in notes if exceeded]
+    return ProtocolSignals(possible, tuple(beyond))
+
+
+def _calibration_signals(
+    kind: str, seed: int, limits: MachineLimits
+) -> tuple[list[Signal], list[str]]:
+    """Draw the signals of a kind, and say which cannot be drawn."""
+    draw, kinds, belt_speeds = (
+        (platform_signal, PLATFORM_KINDS, PLATFORM_BELT_MPS)
+        if kind == "pitch_sway"
+        else (belt_signal, BELT_KINDS, tuple(BELT_VARIANCE))
+    )
+    drawn, beyond = [], []
+    for n, speed in enumerate(belt_speeds):
+        for duration, name in product(DURATIONS_S, kinds):
+            try:
+                drawn.append(draw(name, duration, seed + n, speed, limits))
+            except ValueError as error:
+                beyond.append(str(error))
+    return drawn, beyond
 
 
 def write_signals(
@@ -66,13 +111,13 @@ def write_signals(
     Parameters
     ----------
     signals
-        Commanded motion of the machine.
+        Commanded motion, within the machine's limits.
     folder
         Folder for ``<name>.csv`` and ``<name>.png``; created where it does not exist.
     rate_hz
         Samples per second in the files [Hz].
     limits
-        Of the machine.
+        Of the machine, for the figures.
 
     Returns
     -------
@@ -82,17 +127,12 @@ def write_signals(
     Raises
     ------
     ValueError
-        If a signal exceeds the machine's limits, or the rate is below the signals'; nothing is
-        written then.
+        If the rate is below a signal's.
     OSError
         If a file cannot be written.
     """
-    resampled = [resample_signal(signal, rate_hz) for signal in signals]
-    beyond = [str(note) for signal in resampled for note in check_signal(signal, limits)]
-    if beyond:
-        raise ValueError(f"the machine cannot do this: {'; '.join(beyond)}")
     written = []
-    for signal in resampled:
+    for signal in (resample_signal(signal, rate_hz) for signal in signals):
         table = folder / f"{signal.name}.csv"
         write_signal(signal, table)
         with mpl.rc_context(STYLE), whole_file(table.with_suffix(".png")) as temporary:

@@ -35,7 +35,8 @@ def recommendation(ranking: Ranking[Model], purpose: str, advised: str) -> str:
     if len(good) == len(ranking.table):
         use = (
             f"Any of the {len(good)} trials will do for {purpose}: none leaves "
-            f"{SMALLEST_DIFFERENCE:g} N or N·m more than {first} in any column."
+            f"{SMALLEST_DIFFERENCE:g} N or N·m more than {first} in any column, by the bootstrap's "
+            "95 % intervals."
         )
     else:
         as_well = f"; {', '.join(others)} will do as well" if others else ""
@@ -89,9 +90,9 @@ def _advice(ranking: Ranking[Model], advised: str) -> str:
     validation, component = more.index[-1]
     largest, unit = more.iloc[-1], "N" if component.startswith("F") else "N·m"
     most = (
-        f"at most {largest:.1f} {unit} more than the first ({component} in {validation})"
-        if largest >= SMALLEST_DIFFERENCE
-        else "as much as the first"
+        "as much as the first"
+        if advised in as_good(ranking)
+        else f"at most {largest:.3g} {unit} more than the first ({component} in {validation})"
     )
     return (
         f"The signal that is advised for any machine, {advised}, is in place "
@@ -154,12 +155,15 @@ def square_sway_effect(ratios: pd.DataFrame) -> str:
 
 
 def _largest(rows: pd.DataFrame) -> str:
-    """State the largest of some differences, and what the smallest is that matters."""
+    """State the largest of some differences, its interval, and the smallest that matters."""
     row = rows.iloc[int(np.argmax(np.abs(rows["difference"])))]
+    ends = row["difference_low"], row["difference_high"]
+    low, high = ends if row["difference"] >= 0 else (-ends[1], -ends[0])
     unit = "N" if row["component"].startswith("F") else "N·m"
     return (
-        f"the largest difference is {abs(row['difference']):.2g} {unit}, in {row['component']}; "
-        f"none below {SMALLEST_DIFFERENCE:g} counts"
+        f"the largest difference is {abs(row['difference']):.2g} {unit} "
+        f"({low:.2g} to {high:.2g}), in {row['component']}; none below {SMALLEST_DIFFERENCE:g} "
+        "counts"
     )
 
 

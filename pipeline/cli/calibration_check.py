@@ -39,7 +39,8 @@ def check(
     stated, console = check_options(RecordingRules, rules).stated(), plain_console()
     empty = read_empty(recording, stated, any_forward=plates is None)
     found = check_recording(empty, laboratory)
-    print_table(_table(found, recording.name), console)
+    if found.zeros:
+        print_table(_table(found, recording.name), console)
     for note in found.notes:
         console.print(note_line(note), soft_wrap=True)
     return 0 if found.verdict == "valid" else 1

@@ -62,7 +62,12 @@ def fit(
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
-    from pipeline.trial.ground.calibration_recording import fit_calibration, read_empty
+    from pipeline.trial.ground.calibration_recording import (
+        fit_calibration,
+        plates_timed_apart,
+        read_empty,
+    )
+    from pipeline.trial.ground.corrected_plates import with_corrected_plates
     from pipeline.trial.ground.platform_delay import recording_delays
 
     console = plain_console()
@@ -117,15 +122,18 @@ def fit(
         for plate, model in calibration.plates.items()
         for note in check_calibration(model, plate)
     ]
+    poor = [n for plate, m in calibration.plates.items() for n in check_left_over(m, plate)]
     notes = [
         *doubts,
+        *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
         *describe_sensors(calibration.sensors),
         *timing,
-        *(n for plate, m in calibration.plates.items() for n in check_left_over(m, plate)),
+        *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
+        *poor,
     ]
     for note in warnings_first(notes):
         console.print(note_line(note), soft_wrap=True)
-    if doubts:
+    if doubts or poor:
         advice = "do not use it before that is explained"
     else:
         plates_too = f" --plate-calibration {plate_calibration}" if plate_calibration else ""
@@ -205,8 +213,11 @@ def signals(
     belt_m_per_s: Annotated[float, typer.Option(help="Largest belt speed.")] = 6.0,
     belt_m_per_s2: Annotated[float, typer.Option(help="Largest belt acceleration.")] = 15.0,
     out: Out = Path("signals"),
-) -> None:
-    """Write calibration and validation signals for the machine: CSV and figures."""
+) -> int:
+    """Write the calibration and validation signals that the machine can do: CSV and figures.
+
+    Exit code 1 if an advised signal is beyond the machine.
+    """
     from compensation import MachineLimits
     from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
     from pipeline.calibration_ranking.signal_files import KINDS, protocol_signals, write_signals
@@ -225,10 +236,28 @@ def signals(
         belt_m_per_s2,
     )
     console = plain_console()
-    for name in KINDS if kind == "all" else (kind,):
-        drawn = protocol_signals(name, seed, limits)
-        written = write_signals(drawn, out / name, rate_hz, limits)
+    kinds = KINDS if kind == "all" else (kind,)
+    drawn = {name: protocol_signals(name, seed, limits) for name in kinds}
+    if not any(signals.possible for signals in drawn.values()):
+        raise ValueError(f"the machine can do none of these: {drawn[kinds[0]].beyond[0]}")
+    for name, signals in drawn.items():
+        written = write_signals(signals.possible, out / name, rate_hz, limits)
         console.print(f"{len(written)} signals at {rate_hz:g} Hz in {out / name}", soft_wrap=True)
+        for line in signals.beyond:
+            console.print(f"not written, beyond the machine: {name} {line}", soft_wrap=True)
+    to_begin_with = {"pitch_sway": ADVISED_PLATFORM_SIGNAL, "belt": ADVISED_BELT_SIGNAL}
+    lacking = [
+        advised
+        for name, advised in to_begin_with.items()
+        if name in drawn and advised not in {s.name for s in drawn[name].possible}
+    ]
+    if lacking:
+        console.print(
+            f"the machine cannot do {' and '.join(lacking)}, which is advised: record others of "
+            "those written, and rank them (hbm calibration rank)",
+            soft_wrap=True,
+        )
+        return 1
     console.print(
         "columns: sway to the left, pitch (positive lowers the front), speed of both belts; next: "
         f"record one with the treadmill empty, {ADVISED_PLATFORM_SIGNAL} for pitch and sway or "
@@ -236,6 +265,7 @@ def signals(
         "rank them (hbm calibration rank)",
         soft_wrap=True,
     )
+    return 0
 
 
 def rank(

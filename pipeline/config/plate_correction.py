@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from compensation.accuracy.plate_calibration import PlateCalibrations, from_json
+from compensation.accuracy.plate_calibration import PlateCalibrations, from_json, to_json
 from pipeline.io.input_file import naming, open_file
 
 SAME_DELAY_S: Final = 1e-4
@@ -21,7 +21,7 @@ class PlateCorrection:
     name
         The file's name.
     sha256
-        Of its content; equal ones are equal corrections.
+        Of its corrections without their provenance: one made anew from the same is equal.
     calibrations
         The corrections.
 
@@ -93,6 +93,6 @@ def read_plate_correction(path: Path) -> PlateCorrection:
         It cannot be read, or is no plate calibration; one line that names it.
     """
     with naming(path), open_file(path) as file:
-        content = file.read()
-        calibrations = from_json(content.decode("utf-8-sig"))
-    return PlateCorrection(path.name, hashlib.sha256(content).hexdigest(), calibrations)
+        calibrations = from_json(file.read().decode("utf-8-sig"))
+    corrections = to_json(PlateCalibrations(calibrations.plates)).encode()
+    return PlateCorrection(path.name, hashlib.sha256(corrections).hexdigest(), calibrations)

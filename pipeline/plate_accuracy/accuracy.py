@@ -86,7 +86,7 @@ class PlateAccuracy:
 
     @property
     def trials_in_use(self) -> tuple[WeightTrial, ...]:
-        """The recordings with supports, or all where none has supports."""
+        """Of every plate, the recordings with supports, or all where none has supports."""
         return _in_use(self.trials)
 
 
@@ -160,8 +160,8 @@ def examine_plates(study: PlatesStudy) -> PlateAccuracy:
 
 
 def _in_use(trials: tuple[WeightTrial, ...]) -> tuple[WeightTrial, ...]:
-    supported = any(trial.weight.supports for trial in trials)
-    return tuple(trial for trial in trials if trial.weight.supports == supported)
+    supported = {trial.weight.belt for trial in trials if trial.weight.supports}
+    return tuple(t for t in trials if t.weight.supports == (t.weight.belt in supported))
 
 
 def trial_errors(trials: Sequence[WeightTrial]) -> pd.DataFrame:

@@ -18,7 +18,7 @@ DELAY_METHODS: Final = {"motion": "in motion", "hammer": "by the hammer"}
 
 def plate_calibration(
     number: int, center: Array, response: PlateResponse, faults: Sequence[FaultEstimate]
-) -> PlateCalibration:
+) -> PlateCalibration | None:
     """Give the correction of a plate: the inverse of its response, with the jackknife's error.
 
     Parameters
@@ -34,26 +34,30 @@ def plate_calibration(
 
     Returns
     -------
-    PlateCalibration
+    PlateCalibration or None
         A lateral force, which no weight exerts, is only turned and shifted with the plate. What
-        grows with the squared load, time or at random is left.
+        grows with the squared load, time or at random is left. None where no calibration turns
+        what the plate reports into the true wrench: a channel is dead, or the axes are wrong.
     """
-    inverse: Array = np.asarray(np.linalg.inv(response.matrix), float)
     found = {fault.fault for fault in faults if fault.significant}
     zero = np.where(
         [f"zero of {name}" in found for name in WRENCH_COMPONENTS], response.zero[0], 0.0
     )
     late = chosen_delay(faults)
     corrected = late is not None and DELAY_FAULTS[late.method] in found
-    return PlateCalibration(
-        number,
-        inverse[0],
-        zero,
-        standard_error(inverse),
-        center,
-        tuple(WRENCH_COMPONENTS[c] for c in response.examined),
-        late.delay.seconds if late is not None and corrected else 0.0,
-    )
+    try:
+        inverse: Array = np.asarray(np.linalg.inv(response.matrix), float)
+        return PlateCalibration(
+            number,
+            inverse[0],
+            zero,
+            standard_error(inverse),
+            center,
+            tuple(WRENCH_COMPONENTS[c] for c in response.examined),
+            late.delay.seconds if late is not None and corrected else 0.0,
+        )
+    except ValueError:  # singular, or nothing that a plate can be
+        return None
 
 
 def chosen_delay(faults: Sequence[FaultEstimate]) -> AgreedDelay | None:

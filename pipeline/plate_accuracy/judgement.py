@@ -20,6 +20,7 @@ DISPLAY_UNITS: Final = {"m": (1000.0, "mm"), "s": (1000.0, "ms"), "1": (100.0, "
 """Unit of an estimate -> factor and unit in which people read it."""
 TOTAL: Final = "total error"
 """With which the names of total errors begin."""
+MAX_DECIMALS: Final = 6
 Remedy = Literal["calibration", "none"]
 Status = Literal["within", "beyond", "unclear"]
 
@@ -40,6 +41,8 @@ class Judged:
         Of all four.
     remedy
         What takes it away: the plate's calibration, or nothing.
+    alike
+        A misstatement of the weights that would look the same; empty where none is known.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Judged:
     limit: float
     unit: str
     remedy: Remedy
+    alike: str = ""
 
     @property
     def status(self) -> Status:
@@ -59,11 +63,13 @@ class Judged:
 
     @property
     def sentence(self) -> str:
-        """The estimate, its interval and its limit."""
+        """The estimate, its interval, its limit, and what would look the same."""
         scale, unit = DISPLAY_UNITS.get(self.unit, (1.0, self.unit))
         width = scale * (self.high - self.low) / 2
         size, low, high = (rounded(scale * x, width) for x in (self.size, self.low, self.high))
-        return f"{self.name} {size} {unit} ({low} to {high}; limit {scale * self.limit:g} {unit})"
+        alike = f"; {self.alike} would look the same" if self.alike else ""
+        limit = f"{scale * self.limit:g} {unit}"
+        return f"{self.name} {size} {unit} ({low} to {high}; limit {limit}{alike})"
 
 
 def judge_faults(
@@ -168,10 +174,10 @@ def judge_totals(
 
 
 def rounded(value: float, uncertainty: float) -> str:
-    """Write a number with two digits of its uncertainty."""
+    """Write a number with two digits of its uncertainty, at most six decimals."""
     if not 0 < uncertainty < np.inf:
         return f"{value:.3g}"
-    return f"{value:.{max(1 - math.floor(math.log10(uncertainty)), 0)}f}"
+    return f"{value:.{min(max(1 - math.floor(math.log10(uncertainty)), 0), MAX_DECIMALS)}f}"
 
 
 def _judged(

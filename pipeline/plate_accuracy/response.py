@@ -21,6 +21,8 @@ MIN_MASSES: Final = 3
 """Of different size, to separate a curvature from a gain."""
 MIN_SHARE: Final = 0.01
 """Of a variance, left where the marker's noise explains more than all of it."""
+MIN_VARIANCE: Final = 1e-12
+"""[N², (N·m)²]; of a channel that is not connected it is zero."""
 MIN_SINES: Final = 4
 """Recordings in which the weight moves in a sine, for the scatter from them alone."""
 EDGE_S: Final = 1.0
@@ -231,7 +233,8 @@ def _scatter(
         late = CubicSpline(trial.time, predicted)(trial.time - delay_s)
         rest = shift_wrench(trial.measured, trial.center) - late
         square = np.mean(rest[chosen] ** 2, axis=0)
-        variance.append(np.maximum(square - trial.slow_noise**2, MIN_SHARE * square))
+        least = np.maximum(MIN_SHARE * square, MIN_VARIANCE)
+        variance.append(np.maximum(square - trial.slow_noise**2, least))
         load.append(np.mean(trial.slow_truth[chosen, FZ]))
     spread, basis = np.array(variance), np.column_stack([np.ones(len(load)), np.square(load)])
     keep = [counted, *(counted & ~np.eye(len(trials), dtype=bool))]

@@ -52,6 +52,9 @@ MIN_EMPTY_SHARE: Final = 0.1
 MIN_PLACES: Final = 3
 """For a rotation and an offset with an uncertainty."""
 
+ROUNDING: Final = 1e-12
+"""Of the largest load, by which a constant component may differ after a change of axes."""
+
 UNALIGNED: Final = PlateAlignment(0.0, np.zeros(2), np.zeros((3, 3)), np.nan, np.nan)
 """Of a plate without static recordings: its position is taken from the file."""
 
@@ -83,6 +86,8 @@ class WeightTrial:
         Ends of the belt along x [m].
     center
         Centre of the plate's surface in its file, (3,) [m].
+    constant
+        Components in the plate's own axes that are the same in every sample, (6,).
     """
 
     weight: WeightRecording
@@ -98,6 +103,7 @@ class WeightTrial:
     noise: Array
     belt_ends: tuple[float, float]
     center: Array
+    constant: Mask
 
 
 def read_weight(
@@ -168,6 +174,7 @@ def read_weight(
         noise=np.std(raw - filtered, axis=0),
         belt_ends=(rear, front),
         center=plate.center,
+        constant=_constant(plate.wrench_in_plate[seen]),
     )
 
 
@@ -236,6 +243,11 @@ def align(plate_points: Array, camera_points: Array) -> PlateAlignment:
         ]
     )
     return replace(alignment, covariance=off.T @ off * (count - 1) / count)
+
+
+def _constant(wrench: Array) -> Mask:
+    """Find components that never change; the largest load bounds what rounding makes of them."""
+    return np.asarray(np.ptp(wrench, axis=0) <= ROUNDING * np.abs(wrench).max())
 
 
 def _without_noise(wrench: Array, marker: Array, weight_n: float, height_m: float) -> Array:

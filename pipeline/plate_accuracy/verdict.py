@@ -1,13 +1,14 @@
 """The verdict of experiment 1: whether each plate is accurate enough, and what to correct."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
 
 from compensation import PlateCalibration
 from hbm.notes import Note
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.config.plate_study import BeltSide
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
 from pipeline.plate_accuracy.correction import delay_notes, plate_calibration
@@ -23,6 +24,7 @@ from pipeline.plate_accuracy.judgement import (
     rounded,
 )
 from pipeline.plate_accuracy.response import EXCITED, MIN_MASSES
+from pipeline.plate_accuracy.second_causes import second_causes
 from pipeline.plate_accuracy.stance import stance_loads
 
 Verdict = Literal["fit", "fit after correction", "not fit", "cannot be told"]
@@ -54,11 +56,16 @@ class PlateVerdict:
     notes
         Contradictions between methods.
     calibration
-        The correction of the plate; None where nothing is to be corrected.
+        The correction of the plate; None where nothing is to be corrected, and where none is
+        known that leaves no total error both beyond its limit and larger than without it.
     recordings
         Of weights, on this plate.
     with_supports
         True where there are recordings with and without supports: the verdict is for use with them.
+    largest_n
+        Heaviest of these weights [N].
+    constant
+        Components, in the plate's own axes, that never changed in any recording.
     """
 
     belt: BeltSide
@@ -70,14 +77,19 @@ class PlateVerdict:
     calibration: PlateCalibration | None
     recordings: int
     with_supports: bool
+    largest_n: float
+    constant: tuple[str, ...]
 
     @property
     def verdict(self) -> Verdict:
         """The verdict: by what is beyond its limit first, then by what is not known."""
         statuses = {one.status for one in self.judged}
+        if self.constant:
+            return "not fit"
         if "beyond" in statuses:
-            left = {one.status for one in self._left}
-            return "not fit" if self.to_record or left != {"within"} else "fit after correction"
+            enough = {one.status for one in self._left} == {"within"}
+            known = self.calibration is not None and not self.to_record
+            return "fit after correction" if enough and known else "not fit"
         return "cannot be told" if self.to_record or "unclear" in statuses else "fit"
 
     @property
@@ -92,17 +104,19 @@ class PlateVerdict:
             found = [one for one in self.judged if one.status == "unclear"]
         else:
             found = [one for one in self.judged if one.status == "beyond"]
-        if self.verdict == "not fit":
-            found = [one for one in self._left if one.status == "beyond"] or found
+        left = [one for one in self._left if one.status == "beyond"]
+        if self.verdict == "not fit" and left:
+            by_themselves = self.calibration is not None or any(one in left for one in found)
+            found = left if by_themselves else [*found, *left]
         return tuple(
             sorted(found, key=lambda one: (one.name.startswith(TOTAL), -one.size / one.limit))
         )
 
     @property
     def corrections(self) -> tuple[str, ...]:
-        """What to do about what can be corrected."""
+        """What to do about what can be corrected; nothing makes a plate fit that is not."""
         lines = []
-        if self.calibration is not None:
+        if self.calibration is not None and self.verdict != "not fit":
             lines.append("apply the plate's calibration (plate_calibration.json)")
             if self.calibration.offset.any():
                 lines.append(
@@ -116,28 +130,45 @@ class PlateVerdict:
         """The verdict in one sentence."""
         used = " with supports" if self.with_supports else ""
         start, reasons = f"{self.belt} plate{used}: ", self._listed_reasons()
+        unknown = (
+            "lateral force was not examined, and loads above the largest recorded one "
+            f"({self.largest_n:.0f} N) are extrapolated"
+        )
         if self.verdict == "fit":
-            return f"{start}fit for inverse dynamics; lateral force was not examined."
+            return f"{start}fit for inverse dynamics; {unknown}."
         missing = "; ".join([*self.to_record, *self._advice()])
         if self.verdict == "fit after correction":
             needed = "; ".join(self.corrections)
             return (
                 f"{start}not fit for inverse dynamics as it is, fit after correction: {needed}. "
-                f"Found: {reasons}. Lateral force was not examined."
+                f"Found: {reasons}. {unknown[0].upper()}{unknown[1:]}."
             )
         if self.verdict == "not fit":
-            final = any(one.status == "beyond" for one in self._left)
-            rest = "" if final else f" Whether a correction is enough cannot be told: {missing}."
+            rest = (
+                "" if self._final else f" Whether a correction is enough cannot be told: {missing}."
+            )
             return f"{start}not fit for inverse dynamics: {reasons}.{rest}"
         known = f" Near a limit: {reasons}." if reasons else ""
         return f"{start}whether it is fit for inverse dynamics cannot be told: {missing}.{known}"
+
+    @property
+    def _final(self) -> bool:
+        """True if no recording can show that a correction of the plate is enough."""
+        beyond = any(one.status == "beyond" for one in self._left)
+        examined = any(one.name.startswith(TOTAL) for one in self.judged)
+        return bool(self.constant) or beyond or (examined and not self.corrected)
 
     def _listed_reasons(self) -> str:
         """List the largest of the single faults and of the total errors."""
         totals = [one for one in self.reasons if one.name.startswith(TOTAL)]
         singles = [one for one in self.reasons if one not in totals]
-        listed = [one.sentence for one in (*singles[:MAX_FAULTS], *totals[:MAX_TOTALS])]
-        if more := len(self.reasons) - len(listed):
+        listed = [
+            f"{name} in the plate's own axes never changed under any weight: it is not connected "
+            "or was not recorded"
+            for name in self.constant
+        ]
+        listed += [one.sentence for one in (*singles[:MAX_FAULTS], *totals[:MAX_TOTALS])]
+        if more := len(singles[MAX_FAULTS:]) + len(totals[MAX_TOTALS:]):
             listed.append(f"and {more} more")
         return "; ".join(listed)
 
@@ -149,7 +180,7 @@ class PlateVerdict:
             return []
         with np.errstate(divide="ignore"):
             more = {
-                one.name: np.square((one.high - one.low) / 2 / np.abs(one.size - one.limit)) - 1
+                one.name: np.square((one.high - one.size) / np.abs(one.size - one.limit)) - 1
                 for one in unclear
             }
         name = max(more, key=lambda each: more[each])
@@ -181,8 +212,8 @@ def judge(found: PlateAccuracy) -> tuple[PlateVerdict, ...]:
 def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
     file = found.study.file
     faults = [fault for fault in found.faults if fault.belt == belt]
-    supported = any(trial.weight.supports for trial in found.trials)
-    judged = judge_faults(faults, file.limits, file.full_scale_n, supported)
+    used = {trial.weight.supports for trial in found.trials if trial.weight.belt == belt}
+    judged = judge_faults(faults, file.limits, file.full_scale_n, any(used))
     if belt in found.linearities:
         judged += judge_linearity(found.linearities[belt], file.limits, file.full_scale_n)
     response, corrected, calibration = found.responses.get(belt), [], None
@@ -190,22 +221,35 @@ def _judge_plate(found: PlateAccuracy, belt: BeltSide) -> PlateVerdict:
         judged += judge_noise(response, file.limits)
     if response is not None and response.complete:
         loads = stance_loads(file.body_mass_kg)
-        judged = [*judge_totals(response, loads, file.limits), *judged]
+        totals = judge_totals(response, loads, file.limits)
+        judged = [*totals, *judged]
         if any(one.remedy == "calibration" and one.status != "within" for one in judged):
             center = next(t.center for t in found.trials if t.weight.belt == belt)
             number = file.plate_numbers[belt]
             calibration = plate_calibration(number, center, response, faults)
-            corrected = judge_totals(response, loads, file.limits, calibration)
+            if calibration is not None:
+                corrected = judge_totals(response, loads, file.limits, calibration)
+            if any(
+                after.size > max(after.limit, before.size)
+                for before, after in zip(totals, corrected, strict=False)
+            ):
+                calibration = None
+    own = [trial for trial in found.trials if trial.weight.belt == belt]
+    in_use = [trial for trial in found.trials_in_use if trial.weight.belt == belt]
+    alike = second_causes(faults, in_use, file.full_scale_n)
+    constant = np.all([trial.constant for trial in own], axis=0)
     return PlateVerdict(
         belt,
-        tuple(judged),
+        tuple(replace(one, alike=alike.get(one.name, "")) for one in judged),
         tuple(corrected),
         _to_record(found, belt),
         _remarks(found, belt),
         delay_notes(faults),
         calibration,
-        len([trial for trial in found.trials_in_use if trial.weight.belt == belt]),
-        with_supports=len({trial.weight.supports for trial in found.trials}) > 1,
+        len(in_use),
+        with_supports=len(used) > 1,
+        largest_n=GRAVITY_MPS2 * max(trial.weight.mass_kg for trial in in_use),
+        constant=tuple(name for name, one in zip(WRENCH_COMPONENTS, constant, strict=True) if one),
     )
 
 
@@ -222,13 +266,16 @@ def _to_record(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
         lines.append(f"record {COEFFICIENTS + 1} times or more, there are {len(trials)} recordings")
     if all(trial.weight.profile == "constant" for trial in trials):
         lines.append("record changing belt speeds (sine, square): only they exert a force along it")
+    if not found.study.file.height_stated:
+        lines.append(
+            "state center_height_m: without it, the moment that a force along the belt causes "
+            "cannot be examined"
+        )
     return tuple(lines)
 
 
 def _remarks(found: PlateAccuracy, belt: BeltSide) -> tuple[str, ...]:
     lines = ["lateral force: no weight on a belt exerts one"]
-    if not found.study.file.height_stated:
-        lines.append("the moment that a force along the belt causes: center_height_m is not stated")
     if belt not in found.alignments:
         lines.append(
             "rotation and offset alone: no static recordings (they are in the total errors)"

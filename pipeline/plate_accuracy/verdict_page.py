@@ -10,6 +10,7 @@ import pandas as pd
 
 from compensation import PlateCalibrations
 from compensation.accuracy.plate_calibration import to_json
+from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.plate_study import FILE, PlatesStudy
 from pipeline.io.write import markdown, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
@@ -23,10 +24,11 @@ TOTAL_NOTE: Final = (
     "1.2, forward ± 0.25, lateral ± 0.05 body weights; centre of pressure up to 0.4 m along and "
     "0.1 m across from the middle of the plate) of a person of {mass:g} kg; moments about a centre "
     "of mass 1 m above the belt. They hold the plate's response to the true wrench, zero, a minute "
-    "of drift, and scatter. The weights were {lightest:g} to {heaviest:g} kg: the straight and the "
-    "squared part of the response are extrapolated, and their uncertainty with them; any other "
-    "deviation at larger loads is not known. Errors of the stated masses, of the marker's place "
-    "above a weight's centre and of center_height_m are not in the intervals."
+    "of drift, and scatter. The weights were {lightest:g} to {heaviest:g} kg: at loads above the "
+    "largest recorded one ({largest:.0f} N), the straight and the squared part of the response are "
+    "extrapolated, and their uncertainty with them; any other deviation there is not known. Errors "
+    "of the stated masses, of the marker's place above a weight's centre and of center_height_m "
+    "are not in the intervals."
 )
 
 
@@ -40,17 +42,35 @@ def verdict_sections(found: PlateAccuracy, verdicts: Sequence[PlateVerdict]) -> 
         ]
         if verdict.notes:
             lines.append(_listed([f"{note.level}: {note} [{note.code}]" for note in verdict.notes]))
+        alike = [one for one in verdict.judged if one.alike and one.status != "within"]
+        if alike:
+            lines.append(
+                "Weigh the masses and measure center_height_m before the plate is blamed:\n\n"
+                + _listed([f"{one.name}: {one.alike} would look the same" for one in alike])
+            )
         if verdict.corrections:
             lines.append("To correct:\n\n" + _listed(verdict.corrections))
+        elif verdict.calibration is not None:
+            lines.append(
+                f"{CALIBRATION} holds a correction of this plate, which is not known to be enough."
+            )
+        elif verdict.corrected:
+            lines.append(
+                "No calibration of this plate is written: with it, a total error would be beyond "
+                "its limit and larger than without it."
+            )
         lines.append("Not examined:\n\n" + _listed((*verdict.to_record, *verdict.remarks)))
-    if any(verdict.calibration is not None for verdict in verdicts):
+    if any(verdict.corrections for verdict in verdicts):
         lines.append(
             f"The calibration is in {CALIBRATION}; study.toml names it:\n\n"
             f'```toml\n[plates]\ncalibration = "{CALIBRATION}"\n```'
         )
     masses = [trial.weight.mass_kg for trial in found.trials]
     note = TOTAL_NOTE.format(
-        mass=found.study.file.body_mass_kg, lightest=min(masses), heaviest=max(masses)
+        mass=found.study.file.body_mass_kg,
+        lightest=min(masses),
+        heaviest=max(masses),
+        largest=GRAVITY_MPS2 * max(masses),
     )
     return [*lines, note]
 
@@ -81,8 +101,8 @@ def write_calibration(study: PlatesStudy, verdicts: Sequence[PlateVerdict], out:
 
 
 def use_of_calibration(verdicts: Sequence[PlateVerdict], out: Path) -> str | None:
-    """Say how to use the calibration that was written; None where there is none."""
-    if all(one.calibration is None for one in verdicts):
+    """Say how to use the calibration that was written; None where no plate is to be corrected."""
+    if not any(one.corrections for one in verdicts):
         return None
     return (
         f'to correct trials, in study.toml: [plates] calibration = "{out / CALIBRATION}"; '

@@ -62,7 +62,8 @@ def find_vibration(trials: Sequence[WeightTrial]) -> Vibration | None:
     -------
     Vibration or None
         None where no line from 0.5 to 15 Hz exceeds its surroundings significantly (1 % over all
-        frequencies), or with fewer than two recordings.
+        frequencies), with fewer than two recordings, or where a true load is at times so small
+        that it has no centre of pressure (the marker's noise exceeds a weight's acceleration).
 
     Notes
     -----
@@ -75,6 +76,8 @@ def find_vibration(trials: Sequence[WeightTrial]) -> Vibration | None:
     residuals = [_residual(trial) for trial in trials]
     hz = np.arange(MIN_HZ, MAX_HZ, STEP_HZ)
     power = np.mean([_power(r.time, r.value, hz) for r in residuals], axis=0)
+    if not np.isfinite(power).all():
+        return None
     floor = np.array(
         [np.median(power[max(k - NEIGHBOURS, 0) : k + NEIGHBOURS + 1]) for k in range(len(hz))]
     )

@@ -357,10 +357,10 @@ def _require_plates(recording: Recording) -> None:
 
 def _uncertainty(ground: Ground, motion: Motion) -> CompensationUncertainty | None:
     """Give what the compensation makes uncertain: plates and residuals."""
-    if not ground.covariances:
+    if ground.covariance is None:
         return None
     plates = [np.sqrt(np.diagonal(c, axis1=1, axis2=2)) for c in ground.covariances]
-    pelvis = standard_deviation(ground.covariances, motion.q[:, :3])
+    pelvis = standard_deviation(ground.covariance, motion.q[:, :3])
     return CompensationUncertainty(tuple(plates), pelvis)
 
 

@@ -16,6 +16,7 @@ from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
 from pipeline.trial.ground.belts import belt_wrenches
+from pipeline.trial.ground.corrected_plates import relative_delays_s
 from pipeline.trial.ground.ends import hold_ends
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
@@ -56,9 +57,10 @@ def plate_artefacts(
     if laboratory.calibration is not None:
         clock, readings = accelerations(recording, treadmill)
         models = plate_models(recording, laboratory)
-        for artefact, plate, model in zip(artefacts, plates, models, strict=True):
+        delays_s = relative_delays_s(plates, laboratory.plates)
+        for artefact, plate, model, late_s in zip(artefacts, plates, models, delays_s, strict=True):
             felt = at_plate_times(
-                clock, readings, plate.time, treadmill, laboratory.calibration.sensors
+                clock, readings, plate.time - late_s, treadmill, laboratory.calibration.sensors
             )
             artefact += model.predict(_held(felt, recording, plate, "the acceleration", notes))
         notes += compensation_doubts(plates, models, readings, treadmill)

@@ -2,19 +2,31 @@
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from compensation import from_json, to_json
+from compensation import InertiaModel, Sensor, check_trial, from_json, to_json
 from compensation.inertia.another_day import DayCheck, check_another_day
+from hbm.notes import Note
+from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
-from pipeline.trial.ground.calibration_recording import read_empty
+from pipeline.trial.ground.calibration_recording import read_empty, wrenches_in_time
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
+
+FAULTS: Final = (
+    "accelerometer_silent",
+    "accelerometer_constant",
+    "accelerometer_clipped",
+    "accelerometer_inverted",
+    "accelerometers_swapped",
+)
+"""Notes of trials after which nothing else is worth comparing; turned sensors are measured."""
 
 
 def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
@@ -46,6 +58,8 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
     treadmill, calibration = laboratory.treadmill, laboratory.calibration
     assert calibration is not None
     clock, readings = accelerations(recording, treadmill)
+    if faults := _faults(models[0], readings, treadmill):
+        return DayCheck("faulty", faults, (), {})
     first, *others = recording.plates
     if any(not np.array_equal(plate.time, first.time) for plate in others):
         raise ValueError(f"{file}: its plates are sampled at different times")
@@ -54,7 +68,7 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
     felt = at_plate_times(
         clock, setup.low_pass(readings, clock), first.time, treadmill, calibration.sensors
     )
-    wrenches = [setup.low_pass(plate.wrench_in_plate, plate.time) for plate in recording.plates]
+    wrenches = wrenches_in_time(recording, setup, laboratory.plates)
     known = np.isfinite(np.hstack([felt, *wrenches])).all(axis=1)
     names = [f"plate {plate.number}" for plate in recording.plates]
     try:
@@ -63,9 +77,22 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
             felt[known],
             {name: w[known] for name, w in zip(names, wrenches, strict=True)},
             file,
+            _without_delay(calibration.sensors, models[0].sensors),
         )
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
+
+
+def _faults(model: InertiaModel, readings: Array, treadmill: Treadmill) -> tuple[Note, ...]:
+    """Give what checks of trials find of the readings (N, k) that makes any comparison useless."""
+    known = readings[np.isfinite(readings).all(axis=1)]
+    found = check_trial(model, known, treadmill.accelerometer_range_g)
+    return tuple(note for note in found if note.code in FAULTS)
+
+
+def _without_delay(sensors: tuple[Sensor, ...], names: tuple[str, ...]) -> tuple[str, ...]:
+    """Give the sensors of which a calibration states a delay, or none, and did not estimate it."""
+    return tuple(s.name for s in sensors if not s.delay_error_s) if sensors else names
 
 
 def read_check(path: Path, laboratory: Laboratory, stated: Stated) -> DayCheck:

@@ -13,23 +13,27 @@ from compensation import (
     Calibration,
     Sensor,
     Setup,
+    estimate_delay,
     find_sensors,
     fit_inertia,
     from_json,
     refuse_unusable,
 )
-from compensation.inertia.sensors import noise_for_fit
+from compensation.alignment.sensor_delay import MODEL_ERROR_S
+from compensation.inertia.fit import residual_correlation
+from compensation.inertia.sensors import QUANTILE_95, noise_for_fit
+from hbm.notes import Note
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
 from hbm.spatial import Array
-from pipeline.config.plate_correction import PlateCorrection
+from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.input_file import read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
-from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.corrected_plates import relative_delays_s, with_corrected_plates
 
 FILTER: Final[Method] = "zero_phase"
 """A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
@@ -38,6 +42,8 @@ PLATES_SHA256: Final = "plate_calibration_sha256"
 """Keys of a calibration's provenance that name the correction of its plates."""
 AXES_BY_VERTICAL: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
 """One choice with each of the file's axes as the vertical one."""
+MIN_APART_S: Final = 0.0005
+"""Between two plates: a tenth of a delay that matters, of 5 ms."""
 MIN_COSINE_LEVEL: Final = 0.7
 """Of the angle between a level plate's normal and the vertical, about 45°."""
 
@@ -54,12 +60,14 @@ def fit_calibration(
     treadmill
         Names of its accelerometers' channels and the cut-off for the fit.
     plates
-        The correction of its plates, which are corrected before the fit.
+        The correction of its plates, which are corrected before the fit, and brought to the first
+        one's clock where it states their delays.
 
     Returns
     -------
     Calibration
-        One model per plate, named "plate 1", "plate 2", …. Its provenance names the correction.
+        One model per plate, named "plate 1", "plate 2", …. Its sensors' delays are against the
+        first plate. Its provenance names the correction.
 
     Raises
     ------
@@ -74,19 +82,82 @@ def fit_calibration(
     clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
     filtered = setup.low_pass(readings, clock)
-    wrenches = [setup.low_pass(p.wrench_in_plate, p.time) for p in recording.plates]
+    wrenches = wrenches_in_time(recording, setup, plates)
     sensors = _sensors(recording, treadmill, clock, readings, filtered, wrenches)
-    models = {}
+    models, left = {}, []
     for plate, wrench in zip(recording.plates, wrenches, strict=True):
         felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
         known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
         noise = noise_for_fit(sensors, felt[known])
-        models[f"plate {plate.number}"] = fit_inertia(felt[known], wrench[known], setup, noise)
+        model = fit_inertia(felt[known], wrench[known], setup, noise)
+        models[f"plate {plate.number}"] = model
+        left.append(np.full(wrench.shape, np.nan))
+        left[-1][known] = model.compensate(felt[known], wrench[known])
     refuse_unusable(models)
     provenance = {"recording": recording.source.name}
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
-    return Calibration(models, provenance, sensors)
+    return Calibration(models, provenance, sensors, _joint_correlation(recording, left, setup))
+
+
+def plates_timed_apart(
+    recording: Recording,
+    treadmill: Treadmill,
+    sensors: tuple[Sensor, ...],
+    plates: PlateCorrection | None = None,
+) -> tuple[Note, ...]:
+    """Warn of plates that are later or earlier than the first, as the accelerometers show.
+
+    Parameters are those of `fit_calibration`, and the sensors that it found; what the correction
+    states of the plates' delays is taken into account.
+    """
+    recording = with_corrected_plates(recording, plates)
+    clock, readings = accelerations(recording, treadmill)
+    setup = setup_of(recording, treadmill)
+    filtered = setup.low_pass(readings, clock)
+    late = []
+    for plate, wrench in zip(
+        recording.plates, wrenches_in_time(recording, setup, plates), strict=True
+    ):
+        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
+        known = np.isfinite(np.hstack([felt, wrench])).all(axis=1)
+        try:
+            late.append(estimate_delay(felt[known], wrench[known], setup.rate_hz))
+        except ValueError:
+            return ()
+    notes = []
+    for plate, one in zip(recording.plates[1:], late[1:], strict=True):
+        apart_s = one.seconds - late[0].seconds
+        errors_s = (one.standard_error, late[0].standard_error, MODEL_ERROR_S, MODEL_ERROR_S)
+        interval_s = QUANTILE_95 * float(np.linalg.norm(errors_s))
+        if abs(apart_s) > max(interval_s, MIN_APART_S):
+            notes.append(
+                Note.of(
+                    "plates_timed_apart", plate=plate.number, delay_s=apart_s, interval_s=interval_s
+                )
+            )
+    return tuple(notes)
+
+
+def wrenches_in_time(
+    recording: Recording, setup: Setup, correction: PlateCorrection | None
+) -> list[Array]:
+    """Give the low-passed plates (N, 6), each read ahead by how much later it is than the first."""
+    late = relative_delays_s(recording.plates, correction)
+    wrenches = [setup.low_pass(plate.wrench_in_plate, plate.time) for plate in recording.plates]
+    return [
+        wrench if late_s == 0 else resample(plate.time, wrench, plate.time + late_s)
+        for plate, wrench, late_s in zip(recording.plates, wrenches, late, strict=True)
+    ]
+
+
+def _joint_correlation(recording: Recording, left: Sequence[Array], setup: Setup) -> Array | None:
+    """Give the correlation of what is left of all plates; None where their clocks differ."""
+    first, *others = recording.plates
+    if not all(np.array_equal(plate.time, first.time) for plate in others):
+        return None
+    together = np.hstack(left)
+    return residual_correlation(together[np.isfinite(together).all(axis=1)], setup)
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
@@ -216,12 +287,12 @@ def _require_same_channels(calibration: Calibration, treadmill: Treadmill) -> No
 def _require_same_delay(calibration: Calibration, treadmill: Treadmill) -> None:
     """Refuse a stated delay that is not the one with which the calibration was fitted."""
     stated = treadmill.accelerometer_delay_s
-    for sensor in calibration.sensors if stated is not None else ():
-        if sensor.correction_s != stated:
+    for sensor in calibration.sensors:
+        if stated is not None and abs(sensor.correction_s - stated) > SAME_DELAY_S:
             raise ValueError(
                 f"the calibration was fitted with a delay of {1000 * sensor.correction_s:.2f} ms "
-                f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is {stated}; "
-                "leave it out, or fit again"
+                f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is "
+                f"{1000 * stated:.2f} ms; leave it out, or fit again"
             )
 
 

@@ -95,6 +95,17 @@ def plate_delays_s(
     return [correction.delay_s(plate.number, stated_s) for plate in plates]
 
 
+def relative_delays_s(plates: Sequence[Plate], correction: PlateCorrection | None) -> list[float]:
+    """Give how much later each plate is than the first, as their calibration states it [s].
+
+    A plate whose delay it does not state is as late as the cameras. What is stated beside it, of
+    all plates alike, does not count here: a calibration of accelerometers and the trials that use
+    it have to be timed alike.
+    """
+    first, *others = plate_delays_s(plates, correction, None)
+    return [0.0, *(delay - first for delay in others)]
+
+
 def _notes(plates: Sequence[Plate], correction: PlateCorrection) -> list[Note]:
     name, numbers = correction.name, [plate.number for plate in plates]
     found = [one for one in correction.calibrations.plates if one.plate in numbers]

@@ -16,6 +16,9 @@ from pipeline.trial.ground.platform import platform_pose
 QUANTILE_95: Final = 1.96
 MAX_ERROR_S: Final = 0.002
 """Standard error above which a delay is not worth stating."""
+MIN_BEYOND_S: Final = 0.001
+"""Beyond its interval, from which a delay that is not stated matters: most filters of instruments
+are later by more."""
 
 
 def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay | None:
@@ -51,13 +54,30 @@ def plate_marker_delay(pose: PlatformPose, felt: Array, rate_hz: float) -> Delay
     return Delay(-late.seconds, late.standard_error, late.explained)
 
 
-def plates_note(late: Delay | None, stated_s: float = 0.0) -> tuple[Note, ...]:
-    """Say how much later plates are than the platform's markers; nothing where unknown."""
+def plates_note(late: Delay | None, stated_s: float | None = None) -> tuple[Note, ...]:
+    """Say how much later plates are than the platform's markers; nothing where unknown.
+
+    Parameters
+    ----------
+    late
+        By how much they are later than is taken into account.
+    stated_s
+        What is taken into account; None where the recording is no trial, and nothing can be.
+    """
     if late is None:
         return ()
     interval_s = QUANTILE_95 * late.standard_error
-    delay_s = stated_s + late.seconds
-    return (Note.of("platform_plates_delay", delay_s=delay_s, interval_s=interval_s),)
+    if stated_s is None:
+        return (Note.of("platform_plates_delay", delay_s=late.seconds, interval_s=interval_s),)
+    beyond = abs(late.seconds) > interval_s + MIN_BEYOND_S
+    return (
+        Note.of(
+            "platform_plates_delay_differs" if beyond else "platform_plates_delay_stated",
+            delay_s=stated_s + late.seconds,
+            interval_s=interval_s,
+            stated_s=stated_s,
+        ),
+    )
 
 
 def recording_delays(

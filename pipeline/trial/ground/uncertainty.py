@@ -20,14 +20,14 @@ FORCE: Final = slice(0, 3)
 MOMENT: Final = slice(3, 6)
 
 
-def wrench_covariance(
+def wrench_spread(
     model: InertiaModel,
     acceleration: Array,
     plate: Plate,
     pose: PlatformPose | None,
     cutoff_hz: float,
 ) -> Array:
-    """Give the covariance of a plate's compensated wrench in the lab.
+    """Give what one standard deviation of each component of a plate is in the lab.
 
     Parameters
     ----------
@@ -46,17 +46,35 @@ def wrench_covariance(
     Returns
     -------
     Array
-        In lab axes about the lab origin, (T, 6, 6) [N², N²·m, N²·m²]; NaN where the acceleration or
-        the pose is unknown.
+        One column per component of the plate's compensated wrench, in lab axes about the lab
+        origin, (T, 6, 6) [N, N·m]; NaN where the acceleration or the pose is unknown.
     """
     known = np.isfinite(acceleration).all(axis=1)
     sd = np.full((len(acceleration), 6), np.nan)
     if known.any():
         sd[known] = model.uncertainty(acceleration[known], slow=cutoff_hz <= SLOW_HZ)
-    covariance = sd[:, :, None] * sd[:, None, :] * model.correlation
     rotation = plate.rotation[None] if pose is None else pose.rotation @ plate.rotation
     center = plate.center[None] if pose is None else pose.to_lab(plate.center)
-    return moved(covariance, rotation, center)
+    return np.asarray(_change(rotation, center) * sd[:, None, :])
+
+
+def sum_covariance(spreads: Sequence[Array], correlation: Array) -> Array:
+    """Give the covariance of the sum of some plates' wrenches.
+
+    Parameters
+    ----------
+    spreads
+        Of each plate, as `wrench_spread` gives them, (T, 6, 6).
+    correlation
+        Between all of their components, (6 P, 6 P).
+
+    Returns
+    -------
+    Array
+        In lab axes about the lab origin, (T, 6, 6) [N², N²·m, N²·m²].
+    """
+    all_plates = np.concatenate(spreads, axis=2)
+    return np.asarray(all_plates @ correlation @ np.swapaxes(all_plates, 1, 2))
 
 
 def moved(covariance: Array, rotation: Array, point: Array) -> Array:
@@ -76,19 +94,17 @@ def moved(covariance: Array, rotation: Array, point: Array) -> Array:
     Array
         (T, 6, 6).
     """
-    change = np.zeros((max(len(rotation), len(point)), 6, 6))
-    change[:, :3, :3] = change[:, 3:, 3:] = rotation
-    change[:, 3:, :3] = np.cross(point[:, :, None], rotation, axis=1)
+    change = _change(rotation, point)
     return np.asarray(change @ covariance @ np.swapaxes(change, 1, 2))
 
 
-def standard_deviation(covariances: Sequence[Array], point: Array) -> Array:
-    """Give one standard deviation of a sum of independent wrenches about a point.
+def standard_deviation(covariance: Array, point: Array) -> Array:
+    """Give one standard deviation of a wrench about a point.
 
     Parameters
     ----------
-    covariances
-        Of each, in lab axes about the lab origin, (T, 6, 6).
+    covariance
+        Of the wrench in lab axes about the lab origin, (T, 6, 6).
     point
         In the lab, (T, 3) or (1, 3) [m].
 
@@ -97,8 +113,8 @@ def standard_deviation(covariances: Sequence[Array], point: Array) -> Array:
     Array
         (T, 6) [N, N·m].
     """
-    total = moved(np.sum(covariances, axis=0), np.eye(3)[None], -point)
-    return np.asarray(np.sqrt(np.diagonal(total, axis1=1, axis2=2)))
+    there = moved(covariance, np.eye(3)[None], -point)
+    return np.asarray(np.sqrt(np.diagonal(there, axis1=1, axis2=2)))
 
 
 def uncertainty_notes(residual_sd: Array) -> tuple[Note, ...]:
@@ -108,3 +124,11 @@ def uncertainty_notes(residual_sd: Array) -> tuple[Note, ...]:
     rms = dict(zip(WRENCH_COMPONENTS, np.sqrt(np.mean(residual_sd**2, axis=0)), strict=True))
     force, moment = ({c: rms[c] for c in WRENCH_COMPONENTS[part]} for part in (FORCE, MOMENT))
     return (Note.of("compensation_uncertainty", force_n=force, moment_nm=moment),)
+
+
+def _change(rotation: Array, point: Array) -> Array:
+    """Give what brings wrenches to other axes and another point of reference, (T, 6, 6)."""
+    change = np.zeros((max(len(rotation), len(point)), 6, 6))
+    change[:, :3, :3] = change[:, 3:, 3:] = rotation
+    change[:, 3:, :3] = np.cross(point[:, :, None], rotation, axis=1)
+    return change

@@ -21,11 +21,11 @@ from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, 
 from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.calibration_recording import setup_of
-from pipeline.trial.ground.corrected_plates import plate_delays_s
+from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
-from pipeline.trial.ground.uncertainty import wrench_covariance
+from pipeline.trial.ground.uncertainty import sum_covariance, wrench_spread
 
 ASSUMED_PIVOT_ERROR_M: Final = 0.01
 """Of a pivot that is measured by hand; its effect on the moments is noted."""
@@ -47,12 +47,15 @@ class Ground:
     covariances
         Per plate that of its compensated wrench due to the compensation alone, lab axes about the
         lab origin, (T, 6, 6); empty without a calibration of the platform.
+    covariance
+        As `covariances`, of the sum of all plates; None without a calibration of the platform.
     """
 
     variants: Mapping[str, Sequence[Array]]
     pose: PlatformPose | None
     notes: tuple[Note, ...]
     covariances: tuple[Array, ...] = ()
+    covariance: Array | None = None
 
     @property
     def best(self) -> str:
@@ -123,17 +126,26 @@ def ground_wrenches(
     if compensated is not measured:
         variants["compensated"] = compensated
     in_lab = {name: _in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
-    covariances = []
+    covariances, covariance = list[Array](), None
     if felt:
+        assert laboratory.calibration is not None
         models = plate_models(recording, laboratory)
         if pose is not None and treadmill.platform is not None and treadmill.platform.markers:
             late = plate_marker_delay(pose, felt[0], recording.markers.rate_hz)
             notes += plates_note(late, delays_s[0])
-        covariances = [
-            wrench_covariance(model, acceleration, plate, pose, cutoff_hz)
+        spreads = [
+            wrench_spread(model, acceleration, plate, pose, cutoff_hz)
             for model, plate, acceleration in zip(models, plates, felt, strict=True)
         ]
-    return Ground(in_lab, pose, tuple(notes), tuple(covariances))
+        joint = laboratory.calibration.correlation_of([f"plate {p.number}" for p in plates])
+        covariance = sum_covariance(spreads, joint)
+        covariances = [
+            sum_covariance([spread], joint[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
+            for k, spread in enumerate(spreads)
+        ]
+        if laboratory.calibration.correlation is None and len(plates) > 1:
+            notes.append(Note.of("plates_taken_as_independent"))
+    return Ground(in_lab, pose, tuple(notes), tuple(covariances), covariance)
 
 
 def _is_constant(plate: Plate) -> bool:
@@ -156,7 +168,10 @@ def _without_inertia(
     setup = setup_of(recording, treadmill)
     assert laboratory.calibration is not None
     sensors, filtered = laboratory.calibration.sensors, setup.low_pass(readings, clock)
-    felt = [at_plate_times(clock, filtered, time, treadmill, sensors) for time in times]
+    felt = [
+        at_plate_times(clock, filtered, time - late_s, treadmill, sensors)
+        for time, late_s in zip(times, relative_delays_s(plates, laboratory.plates), strict=True)
+    ]
     compensated = []
     for plate, model, time, acceleration in zip(plates, models, times, felt, strict=True):
         wrench = setup.low_pass(plate.wrench_in_plate, plate.time)

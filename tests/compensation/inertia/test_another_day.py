@@ -7,7 +7,7 @@ from compensation.inertia.another_day import check_another_day
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import Setup
 from compensation.inertia.quality import left_over, refuse_unusable
-from hbm.spatial import rotation_about
+from hbm.spatial import WRENCH_COMPONENTS, rotation_about
 
 RATE_HZ = 100.0
 SETUP = Setup(("rear", "front"), rate_hz=RATE_HZ, cutoff_hz=20.0)
@@ -86,6 +86,26 @@ def test_a_sensor_that_is_later_than_it_was_is_found(laboratory, model):
     assert abs(note.values["change_s"] - 0.002) < note.values["interval_s"]
 
 
+def test_a_delay_that_was_never_estimated_is_no_change_since_the_calibration(laboratory):
+    accelerations, wrench = record(laboratory(), 1)
+    accelerations[:, FRONT] = record(laboratory(), 1, late_s=0.003)[0][:, FRONT]
+    model = fit_inertia(accelerations, wrench, SETUP)
+    plates = {"plate 1": model}, accelerations, {"plate 1": wrench}, "empty.c3d"
+    (note,) = check_another_day(*plates, without_delay=("rear", "front")).notes
+    assert note.code == "calibration_delay_uncorrected"
+    assert note.values["sensor"] == "front"
+    assert "fit it again" in note.text
+
+
+def test_a_valid_calibration_that_leaves_too_much_says_so(laboratory):
+    slow = 20 * np.sin(2 * np.pi * 2.3 * np.arange(4000) / RATE_HZ)[:, None] * [0, 0, 1, 0, 0, 0]
+    days = [(a, w + slow[: len(w)]) for a, w in (record(laboratory(), seed) for seed in (1, 2))]
+    found = check(fit_inertia(*days[0], SETUP), *days[1])
+    assert found.verdict == "valid"
+    _, left = found.notes
+    assert (left.code, left.values["component"]) == ("calibration_leaves_much", "Fz")
+
+
 @pytest.mark.parametrize("gain", [0.97, 1.03])
 def test_the_gain_of_a_plate_is_not_taken_for_that_of_a_sensor(laboratory, model, gain):
     accelerations, wrench = record(laboratory(), 2)
@@ -95,6 +115,31 @@ def test_the_gain_of_a_plate_is_not_taken_for_that_of_a_sensor(laboratory, model
     assert abs(values["change"] - (gain - 1)) < values["interval"]
 
 
+@pytest.mark.parametrize("gain", [0.92, 1.02])
+@pytest.mark.parametrize("component", range(6))
+def test_the_gain_of_one_component_is_found_and_named(laboratory, model, component, gain):
+    accelerations, wrench = record(laboratory(), 2)
+    wrench[:, component] *= gain
+    found = check(model, accelerations, wrench)
+    assert found.verdict == "plates"
+    (note,) = found.notes
+    name = WRENCH_COMPONENTS[component]
+    assert note.code == "calibration_plate_component_gain"
+    assert list(note.values["change"]) == [name]
+    assert abs(note.values["change"][name] - (gain - 1)) < note.values["interval"][name] < 0.01
+
+
+def test_a_component_whose_motion_is_in_its_noise_shows_no_change_of_its_gain(laboratory):
+    days = []
+    for seed, gain in ((1, 1.0), (2, 1.08)):
+        accelerations, wrench = record(laboratory(), seed)
+        noise = np.random.default_rng(seed).normal(0, 20, len(wrench))
+        wrench[:, 2] = 0.02 * gain * wrench[:, 2] + noise
+        days.append((accelerations, wrench))
+    found = check(fit_inertia(*days[0], SETUP), *days[1])
+    assert found.verdict == "valid"
+
+
 def test_a_plate_whose_zero_changed_has_drifted_by_that_much(laboratory, model):
     accelerations, wrench = record(laboratory(), 2)
     change = np.array([6.0, 0, -8.0, 0, 2.0, 0])
@@ -102,6 +147,35 @@ def test_a_plate_whose_zero_changed_has_drifted_by_that_much(laboratory, model):
     before = check(model, accelerations, wrench)
     assert found.verdict == "drifted"
     np.testing.assert_allclose(found.zeros[0].change - before.zeros[0].change, change, atol=1e-9)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sensor", range(2))
+def test_the_offset_of_a_sensor_is_not_taken_for_the_zero_of_a_plate(
+    laboratory, model, sensor, axis
+):
+    accelerations, wrench = record(laboratory(), 2)
+    accelerations[:, 3 * sensor + axis] += 0.3
+    found = check(model, accelerations, wrench)
+    assert found.verdict == "offset"
+    (note,) = found.notes
+    assert note.values["sensor"] == ("rear", "front")[sensor]
+    assert abs(note.values["change_mps2"]["xyz"[axis]] - 0.3) < 0.1
+
+
+def test_swapped_plates_are_told_from_a_calibration_that_no_longer_holds(laboratory, assemblies):
+    days = []
+    for seed in (1, 2):
+        accelerations, left = record(laboratory(), seed)
+        _, right = record(laboratory(assembly=assemblies["right"]), seed)
+        days.append((accelerations, left, right))
+    (a, left, right), (a2, left2, right2) = days
+    models = {"plate 1": fit_inertia(a, left, SETUP), "plate 2": fit_inertia(a, right, SETUP)}
+    as_was = check_another_day(models, a2, {"plate 1": left2, "plate 2": right2}, "day2.c3d")
+    assert as_was.verdict == "valid"
+    swapped = check_another_day(models, a2, {"plate 1": right2, "plate 2": left2}, "day2.c3d")
+    assert [note.code for note in swapped.notes] == ["calibration_plates_swapped"]
+    assert swapped.notes[0].values["plates"] == ("plate 1", "plate 2")
 
 
 def test_half_a_newton_of_drift_is_no_reason_to_do_anything(laboratory, model):

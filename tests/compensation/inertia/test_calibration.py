@@ -86,6 +86,21 @@ def test_a_filter_that_is_none_of_the_methods_is_refused():
         replace(SETUP, filter_method="double_pass")
 
 
+def test_the_correlation_of_plates_survives_the_file_and_is_given_in_any_order(calibration):
+    """Files without it, of older versions, have plates that are independent of each other."""
+    joint = np.corrcoef(np.random.default_rng(0).normal(size=(12, 50)))
+    read = from_json(to_json(replace(calibration, correlation=joint)))
+    np.testing.assert_array_equal(read.correlation, joint)
+    exchanged = np.roll(joint, 6, axis=(0, 1))
+    np.testing.assert_array_equal(read.correlation_of(["right", "left"]), exchanged)
+    np.testing.assert_array_equal(read.correlation_of(["right"]), joint[6:, 6:])
+    independent = from_json(to_json(calibration)).correlation_of(["left", "right"])
+    assert not independent[:6, 6:].any()
+    np.testing.assert_array_equal(independent[6:, 6:], calibration.plates["right"].correlation)
+    with pytest.raises(ValueError, match=r"correlation must have shape \(12, 12\), got \(6, 6\)"):
+        replace(calibration, correlation=joint[:6, :6])
+
+
 def damaged(text, **changes):
     document = json.loads(text)
     document["plates"]["left"] |= changes

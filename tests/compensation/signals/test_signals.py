@@ -358,6 +358,7 @@ def test_thesis_calibration_without_noise_is_exact(laboratory, platform, validat
     ("call", "message"),
     [
         (lambda s: belt_signals(1, 3.0), "mean_speed must be one of"),
+        (lambda s: belt_signals(1, 2.0, MachineLimits(belt_m_per_s=2)), "must exceed its mean"),
         (lambda s: resample_signal(s, 50), "decimating it to 50"),
         (lambda s: resample_signal(s, 0), "rate_hz must be a positive"),
         (lambda s: replace(s, sway=s.sway[:, None]), "sway must have shape"),

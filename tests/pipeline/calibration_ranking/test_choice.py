@@ -124,11 +124,11 @@ def test_best_columns_are_counted_as_in_the_thesis():
     assert count_best(best_trials(ranking_of({"monday": [1.0] * 8, "b": [2.0] * 8}))).empty
 
 
-def effects_of(left):
+def effects_of(left, noise=0.001, seed=0):
     """Test effects where a trial leaves what a function of component, speed, duration gives."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     rows = [
-        (f"{kind}_{s}s_{v}mps", validation, c, 100.0, left(c, v, s) * rng.lognormal(0, 0.001))
+        (f"{kind}_{s}s_{v}mps", validation, c, 100.0, left(c, v, s) * rng.lognormal(0, noise))
         for kind, s, v, validation, c in product(
             ("random", "square_sway", "gaps"), (60, 300), (0, 3), ("sway", "pitch"), ("Fx", "My")
         )
@@ -166,6 +166,49 @@ def test_a_large_difference_without_significance_is_undecided():
     assert (best_levels(pairs)[["Fx", "My"]] == "undecided").all(axis=None)
 
 
+def test_a_small_difference_with_a_wide_interval_is_undecided():
+    """Scores of 5 N that scatter by half of it show nothing to 0.1 N, however small the mean."""
+    pairs = pd.concat([effects_of(lambda *_: 5.0, noise=0.5, seed=seed) for seed in range(40)])
+    small = pairs[pairs["difference"].abs() < SMALLEST_DIFFERENCE]
+    assert len(small) > 10
+    assert set(small["verdict"]) == {"undecided"}
+    (one, *_) = level_sentences(effects_of(lambda *_: 5.0, noise=0.5))
+    assert "any will do" not in one
+
+
+def test_the_same_small_difference_without_scatter_is_no_difference():
+    pairs = effects_of(lambda *_: 5.0)
+    assert (pairs["verdict"] == "no difference").all()
+    assert (pairs["difference_low"] > -SMALLEST_DIFFERENCE).all()
+    assert (pairs["difference_high"] < SMALLEST_DIFFERENCE).all()
+    assert all("any will do" in sentence for sentence in level_sentences(pairs))
+
+
+def test_the_interval_of_a_difference_contains_it_and_agrees_with_the_ratio():
+    pairs = effects_of(lambda _, v, s: 4.0 if v else 6.0, noise=0.1)
+    np.testing.assert_allclose(pairs["difference"], pairs["rms_first"] - pairs["rms_second"])
+    assert (pairs["difference_low"] < pairs["difference"]).all()
+    assert (pairs["difference"] < pairs["difference_high"]).all()
+    for end in ("low", "high"):
+        np.testing.assert_array_equal(pairs[f"difference_{end}"] > 0, pairs[f"ratio_{end}"] > 1)
+
+
+def test_a_trial_is_as_good_only_where_the_resamples_agree():
+    """Two trials of 1 N each, of which one is between 0.5 N better and 0.5 N worse."""
+    scores = pd.DataFrame(
+        [(name, "sway", "Fx", 100.0, 1.0) for name in ("a", "b", "c")],
+        columns=["trial", "validation", "component", "rms_raw", "rms_after"],
+    )
+    scatter = np.linspace(-0.005, 0.005, 1001)
+    resampled = 0.01 + np.column_stack([0 * scatter, scatter, 0.01 * scatter])[..., None]
+    ranking = ranked(scores, resampled, {})
+    assert ranking.scores["excess_high"].tolist() == pytest.approx([0, 0.475, 0.00475])
+    assert as_good(ranking) == ["a", "c"]
+    text = recommendation(ranking, "the belts", "b")
+    assert text.startswith("Use a for the belts; c will do as well.")
+    assert "leaves as much as the first" not in text
+
+
 @pytest.mark.parametrize(
     ("ratios", "said"),
     [
@@ -175,6 +218,7 @@ def test_a_large_difference_without_significance_is_undecided():
 )
 def test_square_waves_of_sway_are_judged_per_component(ratios, said):
     table = pd.DataFrame(ratios, columns=["component", "difference", "verdict"])
+    table = table.assign(difference_low=-1.0, difference_high=1.0)
     assert said in square_sway_effect(table.assign(ratio=0.9))
 
 

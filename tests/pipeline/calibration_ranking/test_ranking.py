@@ -291,8 +291,11 @@ def test_signals_are_written_by_kind_and_within_the_limits(tmp_path, capsys):
     assert ADVISED_PLATFORM_SIGNAL in advised
     assert ADVISED_BELT_SIGNAL in advised
     assert len(list((tmp_path / "validation").glob("*.csv"))) == 6
-    assert main([*command, "validation", "--belt-m-per-s", "1"]) == 2
-    assert "the machine cannot do this" in capsys.readouterr().err
+    few = tmp_path / "few"
+    slow = ["calibration", "signals", "--out", str(few), "--kind", "validation"]
+    assert main([*slow, "--belt-m-per-s", "1"]) == 0
+    assert "validation running: belt_m_per_s reaches 2.5" in capsys.readouterr().out
+    assert [path.name for path in few.rglob("*.csv")] == ["boarding.csv"]
     assert main([*command, "sway"]) == 2
 
 

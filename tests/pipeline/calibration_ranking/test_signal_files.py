@@ -1,7 +1,11 @@
 """Signals reach the machine as files that hold what was computed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from compensation import (
     MachineLimits,
@@ -11,7 +15,14 @@ from compensation import (
     resample_signal,
     validation_signals,
 )
-from pipeline.calibration_ranking.signal_files import signal_figure, write_signals
+from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+from pipeline.calibration_ranking import signal_files
+from pipeline.calibration_ranking.signal_files import (
+    protocol_signals,
+    signal_figure,
+    write_signals,
+)
+from pipeline.cli.app import main
 
 
 def test_files_hold_the_signal_at_the_rate_asked_for(tmp_path):
@@ -28,13 +39,91 @@ def test_files_hold_the_signal_at_the_rate_asked_for(tmp_path):
     assert path.with_suffix(".png").stat().st_size > 10_000
 
 
-def test_a_signal_beyond_the_machine_is_not_written(tmp_path):
-    slow = MachineLimits(sway_m_per_s=0.1)
-    with pytest.raises(
-        ValueError, match=r"cannot do this: .*square_sway_60s_3mps: sway_m_per_s reaches"
-    ):
-        write_signals(pitch_and_sway_signals(1, 3.0)[:2], tmp_path, 100.0, slow)
-    assert list(tmp_path.iterdir()) == []
+def names(signals):
+    return {signal.name for signal in signals.possible}
+
+
+def test_signals_that_a_machine_cannot_do_are_named_with_their_limit():
+    """Belts up to 2.5 m/s: no squares of ± 3 m/s, alone or in all variations, and all else."""
+    found = protocol_signals("belt", 1, MachineLimits(belt_m_per_s=2.5, belt_m_per_s2=3))
+    assert len(found.possible) == 16
+    assert not any("square" in name or "_all_" in name for name in names(found))
+    assert ADVISED_BELT_SIGNAL in names(found)
+    assert len(found.beyond) == 8
+    assert all("belt_m_per_s reaches 3, the machine allows 2.5" in line for line in found.beyond)
+
+
+@pytest.mark.parametrize("fastest", [1.5, 2.0])
+def test_belts_that_cannot_exceed_a_mean_speed_do_the_signals_of_the_other(fastest):
+    found = protocol_signals("belt", 1, MachineLimits(belt_m_per_s=fastest))
+    assert len(found.possible) == 8
+    assert all(name.endswith("_1mps") for name in names(found))
+    line = f"belt_m_per_s must exceed its mean speed of 2, the machine allows {fastest:g}"
+    assert sum(line in beyond for beyond in found.beyond) == 12
+
+
+def test_moves_that_take_longer_than_the_signal_are_named():
+    """From one end to the other at 1 mm/s takes 95 s, in a signal of 300 s that does it often."""
+    found = protocol_signals("pitch_sway", 1, MachineLimits(sway_m_per_s=0.001))
+    assert "random_300s_3mps" in names(found)
+    assert "square_sway_300s_3mps" not in names(found)
+    assert any(line.startswith("square_sway_300s_3mps: its moves take") for line in found.beyond)
+
+
+@given(
+    kind=st.sampled_from(["pitch_sway", "belt"]),
+    slow=st.sampled_from(list(MachineLimits.__dataclass_fields__)),
+    share=st.floats(0.02, 1),
+)
+@settings(max_examples=6, deadline=None)
+def test_every_signal_of_the_protocol_is_either_possible_or_named(kind, slow, share):
+    limits = MachineLimits()
+    found = protocol_signals(kind, 0, replace(limits, **{slow: share * getattr(limits, slow)}))
+    every = names(protocol_signals(kind, 0, limits))
+    beyond = [line.split(":")[0] for line in found.beyond]
+    assert sorted([*names(found), *beyond]) == sorted(every)
+
+
+@pytest.fixture
+def written(monkeypatch):
+    """The names that a command would write, without drawing figures."""
+    asked = {}
+
+    def remember(signals, folder, rate_hz, limits):
+        asked[folder.name] = [signal.name for signal in signals]
+        return asked[folder.name]
+
+    monkeypatch.setattr(signal_files, "write_signals", remember)
+    return asked
+
+
+def test_a_validation_signal_beyond_the_machine_does_not_keep_the_rest_back(written, capsys):
+    assert main(["calibration", "signals", "--pitch-deg", "5"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert (
+        "beyond the machine: validation pitch: pitch_deg reaches 10, the machine allows 5" in said
+    )
+    assert {kind: len(signals) for kind, signals in written.items()} == {
+        **{"pitch_sway": 28, "belt": 24, "validation": 5}
+    }
+    assert "next: record one" in said
+
+
+def test_an_advised_signal_beyond_the_machine_is_said_in_one_line(written, capsys):
+    command = ["calibration", "signals", "--kind", "pitch_sway", "--belt-m-per-s", "2"]
+    assert main(command) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"the machine cannot do {ADVISED_PLATFORM_SIGNAL}, which is advised" in said
+    assert "next: record one" not in said
+    assert len(written["pitch_sway"]) == 14
+
+
+def test_a_machine_that_can_do_nothing_gives_one_clear_line(written, capsys):
+    command = ["calibration", "signals", "--kind", "belt", "--belt-m-per-s", "1"]
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert "the machine can do none of these: belt_random_60s_1mps: belt_m_per_s must" in said
+    assert written == {}
 
 
 @pytest.mark.parametrize(

@@ -130,11 +130,27 @@ def turned(values):
     values[:, rear] = values[:, rear] @ rotation_about(np.array([0.0, 0, 1]), np.radians(4)).T
 
 
+def inverted(values):
+    values[:, SENSORS["rear_left"]] *= -1
+
+
+def dead(values):
+    values[:, SENSORS["rear_left"]] = 0.0
+
+
+def exchanged(values):
+    one, other = SENSORS.values()
+    values[:, one], values[:, other] = values[:, other].copy(), values[:, one].copy()
+
+
 @pytest.mark.parametrize(
     ("change", "code", "said"),
     [
         (lambda values: None, 0, "the calibration is still valid by day2.c3d"),
         (turned, 1, "accelerometer rear_left was turned by 4.0 ±"),
+        (inverted, 1, "rear_left is turned by 180° since the calibration: it is upside down"),
+        (dead, 1, "rear_left reads a median of 0 m/s²"),
+        (exchanged, 1, "look swapped: exchanged, they match the calibration"),
     ],
 )
 def test_a_recording_of_another_day_says_whether_a_calibration_is_valid(

@@ -18,6 +18,7 @@ from pipeline.plate_accuracy.accuracy import check_plates
 from pipeline.plate_accuracy.faults import FaultEstimate
 from pipeline.plate_accuracy.report import COLUMNS, table_1
 from pipeline.plate_accuracy.verdict import describe, judge
+from pipeline.plate_accuracy.vibration import find_vibration
 from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import PlateErrors, simulate_plates
 
@@ -145,6 +146,24 @@ def test_a_vibration_is_found_and_named_with_and_without_supports(shaking, tmp_p
     assert "vibration with supports" in {one.name for one in verdict.reasons}
     assert verdict.sentence.startswith("left plate with supports: not fit for inverse dynamics")
     assert "at 3.20 Hz in the centre of pressure" in describe(held)
+
+
+def test_every_plate_is_judged_by_its_own_recordings_with_supports(shaking):
+    """The right plate has recordings without supports only, the left plate has both."""
+    free = [t for t in shaking.trials if not t.weight.supports]
+    other = [replace(t, weight=t.weight.model_copy(update={"belt": "right"})) for t in free]
+    left, right = judge(replace(shaking, trials=(*shaking.trials, *other)))
+    assert (left.recordings, left.with_supports) == (24, True)
+    assert (right.recordings, right.with_supports) == (24, False)
+    assert "vibration without supports" not in {one.name for one in left.judged}
+
+
+def test_where_a_true_load_has_no_centre_of_pressure_no_vibration_is_found(shaking):
+    held = [t for t in shaking.trials if t.weight.supports]
+    assert find_vibration(held) is not None
+    unloaded = held[0].truth.copy()
+    unloaded[len(unloaded) // 2, 2] = 0.0
+    assert find_vibration([replace(held[0], truth=unloaded), *held[1:]]) is None
 
 
 def test_the_calibration_takes_delay_and_rotation_away(faulty):

@@ -5,23 +5,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.spatial import GRAVITY_MPS2
+from hbm.spatial import GRAVITY_MPS2, WRENCH_COMPONENTS
 from pipeline.cli.app import main
 from pipeline.config.plate_correction import read_plate_correction
-from pipeline.config.plate_study import AccuracyLimits, read_plates_study
+from pipeline.config.plate_study import AccuracyLimits, PlatesFile, read_plates_study
 from pipeline.config.validation import StudyFaults
 from pipeline.io.axes import parse_axes
 from pipeline.plate_accuracy.accuracy import examine_plates
 from pipeline.plate_accuracy.correction import delay_notes
-from pipeline.plate_accuracy.faults import FaultEstimate
+from pipeline.plate_accuracy.faults import FaultEstimate, estimate_faults
 from pipeline.plate_accuracy.judgement import Judged
+from pipeline.plate_accuracy.response import fit_response
+from pipeline.plate_accuracy.trials import UNALIGNED
 from pipeline.plate_accuracy.verdict import judge
+from pipeline.plate_accuracy.verdict_page import use_of_calibration, verdict_sections
+from pipeline.virtual_lab.protocol import known_weights
 from pipeline.virtual_lab.protocol.known_weights import (
     THESIS_ERRORS,
     PlateErrors,
     simulate_plates,
 )
 
+ONE = {"speeds": (1.0,), "weights": (22.56,), "positions": (0.25,)}
+"""Two recordings, sine and square."""
 DESIGN = {
     "speeds": (0.7, 1.0),
     "weights": (13.44, 22.56, 45.08),
@@ -81,6 +87,108 @@ def test_what_no_calibration_takes_away_makes_a_plate_not_fit(tmp_path):
     assert verdict.sentence.startswith("left plate: not fit for inverse dynamics: curvature 25.")
 
 
+def test_a_calibration_that_would_make_a_total_error_too_large_is_not_written(tmp_path):
+    """Too high a gain and a negative curvature are nearly right at the load of a person."""
+    errors = PlateErrors(cross_talk={(2, 2): 0.014}, curvature=-0.008)
+    (verdict,) = judge(examined(tmp_path, errors))
+    sizes = {one.name: one.size for one in (*verdict.judged, *verdict.corrected)}
+    assert sizes["total error of Fz"] < 7.5 < sizes["total error of Fz after correction"]
+    assert verdict.verdict == "not fit"
+    assert verdict.calibration is None
+    assert "gain of Fz 1.4" in verdict.sentence
+
+
+def test_no_correction_is_advised_for_a_plate_that_it_does_not_make_fit(tmp_path):
+    errors = PlateErrors(cross_talk={(2, 2): 0.1}, drift_n_per_s=0.3)
+    (verdict,) = judge(examined(tmp_path, errors))
+    assert verdict.verdict == "not fit"
+    assert verdict.calibration is not None
+    assert verdict.corrections == ()
+    assert use_of_calibration([verdict], tmp_path) is None
+
+
+def dead(found, component):
+    """The same recordings of a plate of which one channel was not recorded, and its response."""
+    trials = []
+    for trial in found.trials:
+        measured, slow = trial.measured.copy(), trial.slow_measured.copy()
+        measured[:, component] = slow[:, component] = 0.0
+        constant = np.arange(6) == component
+        trials.append(replace(trial, measured=measured, slow_measured=slow, constant=constant))
+    response = fit_response(trials, UNALIGNED, 510.0, height_stated=True)
+    faults = estimate_faults(trials, {"left": response}, {}, {}, height_stated=True)
+    return replace(found, trials=tuple(trials), responses={"left": response}, faults=faults)
+
+
+@pytest.fixture(scope="module")
+def perfect(tmp_path_factory):
+    return examined(tmp_path_factory.mktemp("perfect"))
+
+
+@pytest.mark.parametrize("component", [0, 1, 3, 5], ids=["Fx", "Fy", "Mx", "Mz"])
+def test_a_plate_of_which_a_channel_is_dead_is_not_fit_and_has_no_calibration(perfect, component):
+    (verdict,) = judge(dead(perfect, component))
+    name = WRENCH_COMPONENTS[component]
+    assert verdict.verdict == "not fit"
+    assert verdict.calibration is None
+    assert f"{name} in the plate's own axes never changed" in verdict.sentence
+    beyond = {one.name: one.size for one in verdict.judged if one.status == "beyond"}
+    if component != 1:  # no weight exerts a lateral force: it has no gain
+        assert beyond[f"gain of {name}"] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_channel_that_shows_the_same_in_every_sample_is_found_when_it_is_read(
+    tmp_path, monkeypatch
+):
+    measure = known_weights._SetUp.measure
+
+    def without_fy(self, wrench, belt):
+        return measure(self, wrench, belt) * [1, 0, 1, 1, 1, 1]
+
+    assert not any(trial.constant.any() for trial in examined(tmp_path / "whole", **ONE).trials)
+    monkeypatch.setattr(known_weights._SetUp, "measure", without_fy)
+    (verdict,) = judge(examined(tmp_path / "dead", **ONE))
+    assert verdict.verdict == "not fit"
+    assert "in the plate's own axes never changed" in verdict.sentence
+
+
+def restated(folder, old, new):
+    """A perfect plate, one line of its plates.toml wrong."""
+    simulate_plates(folder, seed=5, **DESIGN)
+    path = folder / "plates.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    return judge(examine_plates(read_plates_study(folder)))[0]
+
+
+def test_a_mass_that_is_misstated_is_named_beside_the_curvature_that_it_looks_like(tmp_path):
+    """22.56 kg, stated 45 g too low, look like a curvature of 6 N at 510 N."""
+    verdict = restated(tmp_path / "mass", "mass_kg = 22.56", "mass_kg = 22.515")
+    assert "22.515 kg misstated by 0.045 kg would look the same" in verdict.sentence
+    page = "\n".join(verdict_sections(examined(tmp_path / "page"), [verdict]))
+    assert "curvature: 22.515 kg misstated by 0.045 kg would look the same" in page
+    assert "gain of Fz: all masses misstated by 1.3 %, or" in page
+
+
+def test_a_height_that_is_misstated_is_named_beside_the_cross_talk_that_it_looks_like(tmp_path):
+    verdict = restated(tmp_path, "center_height_m = 0.15", "center_height_m = 0.165")
+    assert "center_height_m wrong by 15 mm would look the same" in verdict.sentence
+
+
+def test_the_verdict_names_the_load_beyond_which_it_is_extrapolated(perfect):
+    (verdict,) = judge(perfect)
+    assert f"above the largest recorded one ({45.08 * GRAVITY_MPS2:.0f} N)" in verdict.sentence
+
+
+def test_a_wide_interval_that_ends_at_zero_asks_for_as_many_recordings_as_its_upper_half(perfect):
+    """0.2 + 1.5 is to become 0.2 + 0.8: (1.5 / 0.8)² − 1 = 2.5 times the 24 recordings more."""
+    (verdict,) = judge(perfect)
+    wide = Judged("Mz in My", 0.2, 0.0, 1.7, 1.0, "1", "calibration")
+    unclear = replace(verdict, judged=(wide,))
+    assert unclear.verdict == "cannot be told"
+    assert "record about 61 more weights on this plate" in unclear.sentence
+
+
 def test_the_error_of_a_person_grows_from_that_of_the_weights(tmp_path):
     """A curvature of 1 % at 510 N is 3 % of 1.2 body weights of 75 kg, and more of 110 kg."""
     totals = []
@@ -120,6 +228,22 @@ def test_a_plate_that_is_wrong_in_too_few_recordings_is_not_fit_and_may_not_be_c
     assert "Whether a correction is enough cannot be told: record 3 different weights" in (
         verdict.sentence
     )
+
+
+def unstated(found):
+    """The same study, the height of the weights' centre of mass not stated."""
+    stated = dict(found.study.file)
+    kept = found.study.file.model_fields_set - {"center_height_m"}
+    file = PlatesFile(**{name: stated[name] for name in kept})
+    return replace(found, study=replace(found.study, file=file))
+
+
+def test_without_the_height_of_the_weights_no_plate_is_fit_but_a_bad_one_is_not_fit(tmp_path):
+    (verdict,) = judge(unstated(examined(tmp_path / "perfect")))
+    assert verdict.verdict == "cannot be told"
+    assert "cannot be told: state center_height_m" in verdict.sentence
+    (verdict,) = judge(unstated(examined(tmp_path / "bad", PlateErrors(curvature=0.05))))
+    assert verdict.verdict == "not fit"
 
 
 def test_stated_limits_are_those_of_the_verdict(tmp_path):

@@ -70,8 +70,9 @@ def test_a_stated_delay_that_is_not_that_of_the_calibration_is_refused(tmp_path,
     stored.write_text(to_json(replace(calibration, sensors=late)), encoding="utf-8")
     read_calibration(stored, TREADMILL)
     read_calibration(stored, TREADMILL.model_copy(update={"accelerometer_delay_s": 0.004}))
-    other = TREADMILL.model_copy(update={"accelerometer_delay_s": 0.0})
-    message = r"lab\.json: the calibration was fitted with a delay of 4\.00 ms .* leave it out"
+    read_calibration(stored, TREADMILL.model_copy(update={"accelerometer_delay_s": 0.00405}))
+    other = TREADMILL.model_copy(update={"accelerometer_delay_s": 0.0042})
+    message = r"lab\.json: .* fitted with a delay of 4\.00 ms .* is 4\.20 ms; leave it out"
     with pytest.raises(ValueError, match=message):
         read_calibration(stored, other)
 

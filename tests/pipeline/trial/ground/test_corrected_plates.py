@@ -6,14 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from compensation import estimate_delay
 from compensation.accuracy.plate_calibration import to_json
+from hbm.signals.filtering import low_pass
 from pipeline.config.plate_correction import read_plate_correction
 from pipeline.config.schema import Platform, Settings, Subject, Treadmill
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.recording import Compensation
-from pipeline.trial.ground.calibration_recording import fit_calibration, read_calibration
+from pipeline.trial.ground.artefacts import plate_artefacts
+from pipeline.trial.ground.calibration_recording import (
+    fit_calibration,
+    plates_timed_apart,
+    read_calibration,
+)
 from pipeline.trial.ground.corrected_plates import plate_delays_s, with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.process import process_recording
 from tests.pipeline import lab
 from tests.pipeline.wrong_plates import correction_of, wrongly_measured
@@ -99,6 +107,60 @@ def test_on_a_moving_platform_too_where_its_calibration_is_of_plates_corrected_a
         laboratory=Laboratory(TREADMILL, calibration, plates=correction),
     )
     assert max(largest_difference(corrected, right).values()) < 1e-9
+
+
+def thesis_delays(motion, duration_s=20.0, seed=0):
+    """As in the thesis, 4 ms on the left and 2 ms on the right; accelerometers are 5 ms late."""
+    one, two = (
+        lab.on_platform(
+            lab.without_people(duration_s),
+            motion,
+            plate_delay_s=late,
+            accelerometer_delay_s=0.005,
+            seed=seed,
+        )
+        for late in (0.004, 0.002)
+    )
+    return replace(one, plates=(one.plates[0], two.plates[1]))
+
+
+def left_of_second_plate(calibration, correction):
+    """Of another recording of the empty treadmill, below 6 Hz, RMS (6,)."""
+    trial = thesis_delays(lab.shaken(20.0, seed=3), seed=3)
+    laboratory = Laboratory(TREADMILL, calibration, plates=correction)
+    trial = with_corrected_plates(trial, correction)
+    ground = ground_wrenches(trial, laboratory, trial.markers.time, None)
+    slow = low_pass(ground.variants["compensated"][1], trial.markers.time, 6.0, "zero_phase")
+    return np.sqrt(np.mean(slow[100:-100] ** 2, axis=0))
+
+
+def test_a_calibration_is_fitted_to_plates_of_one_clock():
+    """No delay of a sensor would serve two plates that are timed differently."""
+    recording = thesis_delays(lab.shaken(20.0))
+    known = correction_of(recording, change=False, delays=(0.004, 0.002))
+    calibration = fit_calibration(recording, TREADMILL, known)
+    for sensor in calibration.sensors:
+        assert sensor.delay_s == pytest.approx(0.001, abs=2.5 * sensor.delay_error_s)
+    assert plates_timed_apart(recording, TREADMILL, calibration.sensors, known) == ()
+    left = left_of_second_plate(calibration, known)
+
+    unknown = correction_of(recording, change=False)
+    unaware = fit_calibration(recording, TREADMILL, unknown)
+    (note,) = plates_timed_apart(recording, TREADMILL, unaware.sensors, unknown)
+    assert note.values["plate"] == 2
+    assert note.values["delay_s"] == pytest.approx(-0.002, abs=note.values["interval_s"])
+    assert left_of_second_plate(unaware, unknown)[:3].max() > 1.3 * left[:3].max()
+
+
+def test_artefacts_are_of_the_plates_own_clocks():
+    """What copies of C3D files subtract from each plate as it was recorded."""
+    recording = thesis_delays(lab.shaken(20.0))
+    known = correction_of(recording, change=False, delays=(0.004, 0.002))
+    calibration = fit_calibration(recording, TREADMILL, known)
+    artefacts, _ = plate_artefacts(recording, Laboratory(TREADMILL, calibration, plates=known))
+    for artefact, plate in zip(artefacts, recording.plates, strict=True):
+        late = estimate_delay(artefact, plate.wrench_in_plate, 1000.0)
+        assert late.seconds == pytest.approx(0, abs=3e-4)
 
 
 def test_a_subject_is_weighed_by_corrected_plates(walker):
@@ -203,13 +265,18 @@ def test_two_different_delays_of_a_plate_are_refused(walker):
         plate_delays_s(walker.plates, correction, 0.004)
 
 
-def test_a_file_with_other_content_is_another_calibration(walker, tmp_path):
+def test_a_file_with_other_corrections_is_another_calibration_one_made_anew_is_not(
+    walker, tmp_path
+):
     path = tmp_path / "lab.json"
     path.write_text(to_json(correction_of(walker).calibrations), encoding="utf-8")
     first = read_plate_correction(path)
     assert read_plate_correction(path) == first
-    changed = json.loads(path.read_text(encoding="utf-8")) | {"provenance": {"study": "later"}}
-    path.write_text(json.dumps(changed), encoding="utf-8")
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(plain | {"provenance": {"made": "later"}}), encoding="utf-8")
+    assert read_plate_correction(path) == first
+    plain["plates"][0]["offset"][2] += 1
+    path.write_text(json.dumps(plain), encoding="utf-8")
     assert read_plate_correction(path) != first
 
 

@@ -40,19 +40,21 @@ def test_a_slow_pitch_is_timed_as_well_as_a_fast_one():
     assert abs(command.values["delay_s"] - 0.02) < 0.0005
 
 
-def test_a_trial_on_a_moving_platform_says_how_late_its_plates_are():
+def test_a_trial_on_a_moving_platform_says_how_late_its_plates_are_and_what_of_it_is_stated():
     laboratory = Laboratory(TREADMILL, fit_calibration(empty(1), TREADMILL))
     late = {"plate_delay_s": 0.004, "accelerometer_delay_s": 0.004}
-    for motion, codes in (
-        (lab.shaken(20.0, 5), ["platform_plates_delay"]),
-        (lab.still(20.0), []),
+    for motion, stated_s, codes in (
+        (lab.shaken(20.0, 5), 0.004, ["platform_plates_delay_stated"]),
+        (lab.shaken(20.0, 5), None, ["platform_plates_delay_differs"]),
+        (lab.still(20.0), 0.004, []),
     ):
         trial = empty(5, motion, **late)
-        notes = ground_wrenches(trial, laboratory, trial.markers.time, 0.004).notes
-        found = [note for note in notes if note.code == "platform_plates_delay"]
+        notes = ground_wrenches(trial, laboratory, trial.markers.time, stated_s).notes
+        found = [note for note in notes if note.code.startswith("platform_plates_delay")]
         assert [note.code for note in found] == codes
         for note in found:
             assert abs(note.values["delay_s"] - 0.004) < note.values["interval_s"]
+            assert note.values["stated_s"] == (stated_s or 0.0)
 
 
 def test_a_calibration_recording_with_markers_says_how_it_is_timed(tmp_path, capsys):
