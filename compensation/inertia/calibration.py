@@ -18,8 +18,8 @@ FORMAT: Final = "hbm-residuals inertia calibration"
 VERSION: Final = 3
 WITHOUT_SENSORS: Final = (1, 2)
 """Versions without delays and gains of the accelerometers, which are then used as they are, and
-without the correlation of plates. The
-first one did not name its filter either, which was always the zero-phase one, and stored warnings.
+without the correlation of plates. The first one did not name its filter either, which was always
+the zero-phase one, and stored warnings.
 """
 MAX_REASON: Final = 120
 """Characters of what is wrong, which names what the file holds."""

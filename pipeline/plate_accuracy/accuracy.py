@@ -80,11 +80,6 @@ class PlateAccuracy:
     effects: ConditionEffects
 
     @property
-    def reported_errors(self) -> pd.DataFrame:
-        """Errors of the recordings with supports, or of all where none has supports."""
-        return self.errors[self.errors["supports"] == self.errors["supports"].any()]
-
-    @property
     def trials_in_use(self) -> tuple[WeightTrial, ...]:
         """Of every plate, the recordings with supports, or all where none has supports."""
         return _in_use(self.trials)

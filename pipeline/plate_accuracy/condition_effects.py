@@ -64,6 +64,11 @@ class _Analysis:
     tested: Sequence[str]
 
 
+def reported_errors(errors: pd.DataFrame) -> pd.DataFrame:
+    """Give the errors of the recordings with supports, or of all where none has supports."""
+    return errors[errors["supports"] == errors["supports"].any()]
+
+
 def condition_effects(errors: pd.DataFrame) -> ConditionEffects:
     """Test what the orthogonal errors depend on, in the recordings with supports if there are any.
 
@@ -88,7 +93,7 @@ def condition_effects(errors: pd.DataFrame) -> ConditionEffects:
     leaves belt and profile in the error, and does not state whether the transformed data were
     normal.
     """
-    supported = errors[errors["supports"] == errors["supports"].any()]
+    supported = reported_errors(errors)
     tests, pairs, remarks = [], [], []
     for label, analyses in (
         ("whole recordings", list(_of_recordings(supported))),

@@ -15,6 +15,7 @@ from hbm.spatial import Array
 from pipeline.config.plate_study import BeltSide, WeightRecording
 from pipeline.figures.style import COLOURS, STYLE
 from pipeline.plate_accuracy.accuracy import mean_loads, quantities
+from pipeline.plate_accuracy.condition_effects import reported_errors
 from pipeline.plate_accuracy.recordings import AROUND_S, HammerTrace
 from pipeline.plate_accuracy.trials import RATE_HZ, WeightTrial
 
@@ -44,8 +45,8 @@ def error_figure(errors: pd.DataFrame, along: str, group: str) -> Figure:
     along, group
         Columns: on the axis, and side by side.
     """
-    reported = errors["supports"] == errors["supports"].any()
-    part = errors[(errors["quantity"] == "COPx") & reported]
+    part = reported_errors(errors)
+    part = part[part["quantity"] == "COPx"]
     part = part[(part["zone"] == "all") == (along != "zone")]
     levels = list(dict.fromkeys(part[along])) if along == "zone" else sorted(part[along].unique())
     groups = sorted(part[group].unique())

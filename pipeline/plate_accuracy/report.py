@@ -11,7 +11,7 @@ from pipeline.config.plate_study import BeltSide
 from pipeline.figures.style import save_figure
 from pipeline.io.write import markdown, write_csv, write_text
 from pipeline.plate_accuracy.accuracy import PlateAccuracy
-from pipeline.plate_accuracy.condition_effects import LAB_NOTE, effects_section
+from pipeline.plate_accuracy.condition_effects import LAB_NOTE, effects_section, reported_errors
 from pipeline.plate_accuracy.correction import DELAY_METHODS, chosen_delay
 from pipeline.plate_accuracy.figures import (
     error_figure,
@@ -69,9 +69,8 @@ def table_1(errors: pd.DataFrame) -> pd.DataFrame:
             part = whole[whole["supports"] == supports]
             if len(part):
                 rows.append(_row(f"{label} - {words}", part, way))
-    reported = whole["supports"].any()
-    chosen = whole[whole["supports"] == reported]
-    zones = errors[(errors["zone"] != "all") & (errors["supports"] == reported)]
+    reported = reported_errors(errors)
+    chosen, zones = (reported[(reported["zone"] == "all") == entire] for entire in (True, False))
     for part, factor, form in (
         (chosen, "speed_mps", "speed = {:g} m/s"),
         (chosen, "position_m", "startpos = {:g} m"),
