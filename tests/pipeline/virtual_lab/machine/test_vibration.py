@@ -67,7 +67,7 @@ def test_the_stiffer_it_is_the_nearer_it_is_to_rigid(moving):
     motion, _ = moving
     loads = smooth_loads(motion.sway.shape[1])
     rigid, off = response(None, motion, loads), []
-    for flexibility in (1e-2, 1e-3, 1e-4):
+    for flexibility in (1e-1, 1e-2, 1e-3):
         found = response(make_structure(flexibility=flexibility), motion, loads)
         off.append(
             [
@@ -76,7 +76,7 @@ def test_the_stiffer_it_is_the_nearer_it_is_to_rigid(moving):
                 np.abs(found.frame).max(),
             ]
         )
-    np.testing.assert_allclose(np.divide(off[1], off[0]), 0.1, rtol=0.35)
+    np.testing.assert_allclose(np.divide(off[1], off[0]), 0.1, rtol=0.3)
     np.testing.assert_allclose(np.divide(off[2], off[1]), 0.1, rtol=0.05)
 
 
@@ -107,7 +107,7 @@ def test_a_tilted_plate_feels_its_weight_along_itself(at_rest):
 
 def test_the_modes_agree_with_a_direct_integration_in_time():
     """Newton's law for masses, springs and dampers as they are, by an adaptive Runge-Kutta."""
-    time = np.arange(600) / RATE_HZ
+    time = np.arange(250) / RATE_HZ
     motion = move_platform(
         Machine(), 0.02 * np.sin(20 * time) ** 2, 0.01 * np.sin(15 * time) ** 2, RATE_HZ
     )
