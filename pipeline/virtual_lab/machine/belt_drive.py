@@ -106,20 +106,19 @@ def run_belt(
     def at(values: Array, when: Array = time) -> Array:
         return np.interp(when, inside, values)
 
-    speed = at(solved.idler)
+    speed = at(solved.belt)
+    angles, noise, channel = rng.spawn(3)
     travel = np.cumsum(solved.roller) / INTERNAL_HZ
-    angles, noise = rng.spawn(2)
     forward, upward, unbalance = _unbalance(drive, at(solved.roller), at(travel), angles)
+    motor_kg = drive.motor_kg / drive.motor_turns
     momentum = drive.roller_radius_m * (
-        drive.roller_kg * solved.roller_acceleration
-        + drive.idler_kg * solved.idler_acceleration
-        + drive.motor_kg / drive.motor_turns * solved.motor_acceleration
+        (drive.roller_kg + motor_kg) * solved.roller_acceleration
+        + drive.idler_kg * solved.belt_acceleration
     )
-    held = np.floor(np.maximum(time - drive.report_delay_s, 0) * drive.report_hz + 1e-9)
     return BeltMotion(
         speed,
-        at(solved.idler_acceleration),
-        at(solved.motor, held / drive.report_hz),
+        at(solved.belt_acceleration),
+        _reported(drive, solved.roller, inside, time, channel),
         unbalance - at(momentum) + _rumble(drive, speed, rate_hz, noise),
         forward,
         upward,
@@ -127,44 +126,51 @@ def run_belt(
     )
 
 
+def _reported(
+    d: BeltDrive, speed: Array, inside: Array, time: Array, rng: np.random.Generator
+) -> Array:
+    """Give the driving roller's speed as the drive reports it, (N,) [m/s]."""
+    keep = np.exp(-1 / (INTERNAL_HZ * max(d.report_lag_s, 1e-9)))
+    smooth, _ = lfilter([1 - keep], [1, -keep], speed, zi=[keep * speed[0]])
+    number = np.floor(time * d.report_hz + 1e-9).astype(int)
+    late = d.report_delay_s + d.report_jitter_s * rng.normal(size=number[-1] + 1)
+    return np.interp(number / d.report_hz - late[number], inside, smooth)
+
+
 @dataclass(frozen=True, slots=True)
 class _Solution:
-    """Speeds of motor, driving roller and the rest [m/s], accelerations, and motor force [N]."""
+    """Speeds of driving roller and belt [m/s], motor force [N], and accelerations [m/s²]."""
 
-    motor: Array
     roller: Array
-    idler: Array
+    belt: Array
     force: Array
-    motor_acceleration: Array
     roller_acceleration: Array
-    idler_acceleration: Array
+    belt_acceleration: Array
 
 
 def _matrices(d: BeltDrive) -> tuple[Array, Array]:
-    """Give the linear system, (7, 7) and (7, 5).
+    """Give the linear system, (5, 5) and (5, 5).
 
-    States: speeds of motor, driving roller, idler with belt; forces of transmission, belt and
-    motor; the controller's integral. Inputs: command, friction of the motor and the driving roller,
-    friction of the belt, slip speed, and what the limit takes from the motor's force.
+    States: speeds of the motor with the driving roller and of the belt with the other roller; belt
+    and motor force; the controller's integral. Inputs: command, friction of the motor's side and of
+    the belt, slip speed, and what the limit takes from the motor's force.
     """
-    m, r, i = d.motor_kg, d.roller_kg, d.idler_kg
-    k, c, kb, cb = d.transmission
+    m, i = d.driving_kg, d.idler_kg
+    k, c = d.belt_stiffness
     kp, ki, lag = *d.gains, d.torque_lag_s
     A = np.array(
         [
-            [-c / m, c / m, 0, -1 / m, 0, 1 / m, 0],
-            [c / r, -(c + cb) / r, cb / r, 1 / r, -1 / r, 0, 0],
-            [0, cb / i, -cb / i, 0, 1 / i, 0, 0],
-            [k, -k, 0, 0, 0, 0, 0],
-            [0, kb, -kb, 0, 0, 0, 0],
-            [-kp / lag, 0, 0, 0, 0, -1 / lag, ki / lag],
-            [-1, 0, 0, 0, 0, 0, 0],
+            [-c / m, c / m, -1 / m, 1 / m, 0],
+            [c / i, -c / i, 1 / i, 0, 0],
+            [k, -k, 0, 0, 0],
+            [-kp / lag, 0, 0, -1 / lag, ki / lag],
+            [-1, 0, 0, 0, 0],
         ]
     )
-    B = np.zeros((7, 5))
-    B[0, 1], B[2, 2], B[4, 3] = -1 / m, -1 / i, -kb
-    B[5, 0], B[6, 0] = kp / lag, 1
-    B[5, 4], B[6, 4] = -1 / lag, -1 / kp
+    B = np.zeros((5, 5))
+    B[0, 1], B[1, 2], B[2, 3] = -1 / m, -1 / i, -k
+    B[3, 0], B[4, 0] = kp / lag, 1
+    B[3, 4], B[4, 4] = -1 / lag, -1 / kp
     return A, B
 
 
@@ -178,20 +184,20 @@ def _solve(d: BeltDrive, command: Array, weight: Array, push: Array) -> _Solutio
     steepest = np.array([d.static_n, d.board_friction * weight.max(initial=0.0)]) / d.smooth_mps
     bearing, board = steepest / 2
     A[0, 0] += bearing * B[0, 1]
-    A[2, 2] += board * B[2, 2]
+    A[1, 1] += board * B[1, 2]
     inputs = np.zeros((5, len(command)))
     inputs[0] = command
-    states = np.zeros((7, len(command)))
-    states[:3] = command
+    states = np.zeros((5, len(command)))
+    states[:2] = command
     kp, ki = d.gains
     for _ in range(MAX_ITERATIONS):
-        wanted = kp * (command - states[0]) + ki * states[6]
+        wanted = kp * (command - states[0]) + ki * states[4]
         new = np.stack(
             [
                 command,
                 d.bearing_friction(states[0]) - bearing * states[0],
-                d.board_force(states[2], weight) + push - board * states[2],
-                d.creep(states[1], states[4]),
+                d.board_force(states[1], weight) + push - board * states[1],
+                d.creep(states[0], states[2]),
                 wanted - np.clip(wanted, -d.max_force_n, d.max_force_n),
             ]
         )
@@ -205,8 +211,8 @@ def _solve(d: BeltDrive, command: Array, weight: Array, push: Array) -> _Solutio
             f"belt drive: no solution within {MAX_ITERATIONS} iterations, friction still changes "
             f"by {change.max():.3g} N; the command asks for more than {d.max_force_n:g} N"
         )
-    rates = A[:3] @ states + B[:3] @ inputs
-    return _Solution(states[0], states[1], states[2], states[5], *rates)
+    rates = A[:2] @ states + B[:2] @ inputs
+    return _Solution(states[0], states[1], states[3], *rates)
 
 
 def _respond(A: Array, B: Array, inputs: Array) -> Array:

@@ -1,16 +1,17 @@
 """Parameters of a belt's drive: identified on recordings, or assumed; each with its interval."""
 
 import tomllib
-from dataclasses import dataclass, fields
-from functools import cache
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from hbm.spatial import Array
 
 PARAMETERS_TOML: Final = Path(__file__).with_name("belt_parameters.toml")
+Row = dict[str, Any]
 
 
 class RotatingLine(NamedTuple):
@@ -45,8 +46,6 @@ class BeltDrive:
         Turns of the motor per turn of the roller, in the same sense.
     idler_share
         Share of belt and not driven roller in the inertia of rollers and belt.
-    coupling_hz, coupling_damping
-        Mode of rollers and belt on the transmission, with the motor held.
     belt_hz, belt_damping
         Mode of the other roller on the elastic belt, with the driving roller held.
     stretch_n
@@ -70,8 +69,9 @@ class BeltDrive:
         Distance of the rollers before and behind the platform's origin, and their height [m].
     rumble_nm_per_sqrt_hz
         Density of the broad-band pitch moment of a running belt [N·m/√Hz].
-    report_hz, report_delay_s
-        How often the drive reports its speed, and how much later than the load cells.
+    report_hz, report_lag_s, report_delay_s, report_jitter_s
+        How often the drive reports the speed of its roller, the time constant of its low-pass, and
+        how much later than the load cells, on average and from one report to the next (SD).
     lines
         Other turning parts that are out of balance.
     """
@@ -81,8 +81,6 @@ class BeltDrive:
     motor_kg: float
     motor_turns: float
     idler_share: float
-    coupling_hz: float
-    coupling_damping: float
     belt_hz: float
     belt_damping: float
     stretch_n: float
@@ -101,7 +99,9 @@ class BeltDrive:
     roller_height_m: float
     rumble_nm_per_sqrt_hz: float
     report_hz: float
+    report_lag_s: float
     report_delay_s: float
+    report_jitter_s: float
     lines: tuple[RotatingLine, ...] = ()
 
     @property
@@ -125,12 +125,15 @@ class BeltDrive:
         return self.turning_kg - self.idler_kg
 
     @property
-    def transmission(self) -> tuple[float, float, float, float]:
-        """Stiffness and damping of the transmission and of the belt [N/m, N·s/m]."""
-        whole, belt = 2 * np.pi * self.coupling_hz, 2 * np.pi * self.belt_hz
-        k, kb = self.turning_kg * whole**2, self.idler_kg * belt**2
-        c = 2 * self.coupling_damping * self.turning_kg * whole
-        return k, c, kb, 2 * self.belt_damping * self.idler_kg * belt
+    def driving_kg(self) -> float:
+        """Inertia of motor and driving roller."""
+        return self.motor_kg + self.turning_kg - self.idler_kg
+
+    @property
+    def belt_stiffness(self) -> tuple[float, float]:
+        """Stiffness and damping of the belt between its rollers [N/m, N·s/m]."""
+        omega = 2 * np.pi * self.belt_hz
+        return self.idler_kg * omega**2, 2 * self.belt_damping * self.idler_kg * omega
 
     @property
     def gains(self) -> tuple[float, float]:
@@ -162,8 +165,7 @@ def identified_drive() -> BeltDrive:
     >>> f"roller of {200 * identified_drive().roller_radius_m:.0f} cm diameter"
     'roller of 20 cm diameter'
     """
-    table = _table()
-    return _drive({name: row["value"] for name, row in table.items()})
+    return _drive(lambda row: row["value"])
 
 
 def scattered_drive(rng: np.random.Generator) -> BeltDrive:
@@ -179,19 +181,10 @@ def scattered_drive(rng: np.random.Generator) -> BeltDrive:
     BeltDrive
         Equal generators give equal drives.
     """
-    return _drive({name: rng.uniform(row["low"], row["high"]) for name, row in _table().items()})
+    return _drive(lambda row: rng.uniform(row["low"], row["high"]))
 
 
-def _drive(values: dict[str, float]) -> BeltDrive:
-    own = {f.name: values[f.name] for f in fields(BeltDrive) if f.name in values}
-    lines = [RotatingLine(turns, values[f"line_{turns:g}_kg"]) for turns in _line_turns(values)]
-    return BeltDrive(**own, lines=tuple(lines))
-
-
-def _line_turns(values: dict[str, float]) -> list[float]:
-    return [float(name.split("_")[1]) for name in values if name.startswith("line_")]
-
-
-@cache
-def _table() -> dict[str, dict[str, float]]:
-    return tomllib.loads(PARAMETERS_TOML.read_text(encoding="utf-8"))
+def _drive(choose: Callable[[Row], float]) -> BeltDrive:
+    table = tomllib.loads(PARAMETERS_TOML.read_text(encoding="utf-8"))
+    lines = [RotatingLine(x["turns_per_m"], choose(x["moment_kg"])) for x in table.pop("lines")]
+    return BeltDrive(**{name: choose(row) for name, row in table.items()}, lines=tuple(lines))
