@@ -45,15 +45,13 @@ class MachineFaults(InputModel):
 
     ``flexibility`` multiplies what the structure yields (`pipeline.virtual_lab.machine.structure`):
     0 makes it rigid. ``people_shake`` multiplies the forces of people on it where they make it
-    vibrate; what the plates carry of them stays. A roller of each belt is out of balance by
-    ``unbalance_kg_per_m``, its force by the square of the belt speed; assumed. ``assembly_kg`` is
-    the mass of each belt assembly, which the thesis states; its inertia changes in proportion.
+    vibrate; what the plates carry of them stays. ``assembly_kg`` is the mass of each belt assembly,
+    which the thesis states; its inertia changes in proportion.
     ``sway_hz`` and ``pitch_hz`` are the bandwidths of the platform's actuators.
     """
 
     flexibility: Size = 1.0
     people_shake: Size = 1.0
-    unbalance_kg_per_m: Size = 0.2
     assembly_kg: Positive = 150.0
     sway_hz: Positive = 7.0
     pitch_hz: Positive = 3.0
@@ -151,9 +149,21 @@ class AccelerometerFaults(InputModel):
     delay_s: Delay = 0.004
 
 
-class BeltSpeedFaults(InputModel):
-    """Faults of the belts' speed channels; the noise is assumed."""
+class BeltFaults(InputModel):
+    """How the belts are driven, and faults of their speed channels.
 
+    ``drive`` is "motor", as identified on recordings of a real one
+    (`pipeline.virtual_lab.machine.belt_drive`), or "linear", which follows its command and answers
+    to its acceleration by the second-order response that compensation fits. ``roughness``
+    multiplies what was found of a motor's broad-band moment, its rotating parts out of balance and
+    the uneven instants of its reports. ``unbalance_kg_per_m`` is the force of an unbalanced roller
+    by the square of the belt speed, about that identified. ``noise_mps`` of the speed channels is
+    assumed; ``delay_s`` adds to what the motor's reports are late.
+    """
+
+    drive: Literal["motor", "linear"] = "motor"
+    roughness: Size = 1.0
+    unbalance_kg_per_m: Size = 0.3
     noise_mps: Size = 0.005
     delay_s: Delay = 0.0
 
@@ -185,14 +195,14 @@ class Faults(InputModel):
     cameras: CameraFaults = CameraFaults()
     plates: PlateFaults = PlateFaults()
     accelerometers: AccelerometerFaults = AccelerometerFaults()
-    belts: BeltSpeedFaults = BeltSpeedFaults()
+    belts: BeltFaults = BeltFaults()
     platform: PlatformFaults = PlatformFaults()
 
     @classmethod
     def none(cls) -> "Faults":
         """Give the faults of a perfect laboratory: none."""
         return cls(
-            machine=MachineFaults(flexibility=0, people_shake=0, unbalance_kg_per_m=0),
+            machine=MachineFaults(flexibility=0, people_shake=0),
             clocks=ClockFaults(rate_ppm=0, jitter_s=0, stream_jitter_s=0, doubled_per_minute=0),
             body=BodyFaults(joint_scale=0, axis_deg=0, mass_share=0, center_m=0, gyration_share=0),
             cameras=CameraFaults(noise_m=0, skin_scale=0, gaps_per_minute=0),
@@ -220,6 +230,6 @@ class Faults(InputModel):
                 bits=0,
                 delay_s=0,
             ),
-            belts=BeltSpeedFaults(noise_mps=0),
+            belts=BeltFaults(drive="linear", roughness=0, unbalance_kg_per_m=0, noise_mps=0),
             platform=PlatformFaults(marker_noise_m=0, gaps_per_minute=0),
         )

@@ -94,7 +94,7 @@ def residual_of(
     Array
         Lab axes about mid-hip, at the markers' times, (T, 6) [N, N·m].
     """
-    response = undergo(treadmill, motion, person_loads(walk, motion.time))
+    response = undergo(treadmill, motion, rng.spawn(1)[0], person_loads(walk, motion.time))
     recording = record(treadmill, motion, walk, "trial.c3d", rng, response)
     time, person = recording.markers.time, walk.subject.person
     body: Body = walk.subject.body

@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 
 from hbm.spatial import Array
 from pipeline.virtual_lab.machine.artefacts import inertial_wrench, weight_of
+from pipeline.virtual_lab.machine.belt_drive import BeltMotion
 from pipeline.virtual_lab.machine.platform import (
     TERMS,
     PlatformMotion,
@@ -91,12 +92,15 @@ class Response:
         (F, 9) [m, rad]; `frame_shape` gives the displacement of a place.
     people
         The load of people that is part of ``plates``; None for nobody.
+    belts
+        The left and the right belt, where they are known.
     """
 
     plates: Pair
     sensors: tuple[Array, ...]
     frame: Array
     people: Pair | None = None
+    belts: tuple[BeltMotion, ...] = ()
 
     @property
     def artefacts(self) -> Pair:

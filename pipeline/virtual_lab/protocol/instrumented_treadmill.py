@@ -96,16 +96,18 @@ def record(
         Markers of person and platform at 100 Hz; plates, accelerometers, belt speeds, platform
         channels and pulses at 1000 Hz. No gait events: finding them is part of the processing.
     """
+    of_motion, of_plates, of_sensors, of_belts, of_platform, of_pulse, of_rim, of_person = (
+        rng.spawn(8)
+    )
     if response is None:
         people = None if walk is None else person_loads(walk, motion.time)
-        response = undergo(treadmill, motion, people)
-    of_plates, of_sensors, of_belts, of_platform, of_pulse, of_rim, of_person = rng.spawn(7)
+        response = undergo(treadmill, motion, of_motion, people)
     markers = measure_platform(treadmill, motion, response, of_rim)
     if walk is not None:
         markers = _with_person(markers, walk, treadmill.faults.cameras, of_person)
     channels = [
         measure_accelerations(treadmill, motion, response, of_sensors),
-        measure_belts(treadmill, motion, BELT_CHANNELS, of_belts),
+        measure_belts(treadmill, motion, response, BELT_CHANNELS, of_belts),
         measure_pose(treadmill, motion, of_platform),
         measure_pulses(motion, of_pulse),
     ]
