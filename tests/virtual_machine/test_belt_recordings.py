@@ -44,7 +44,7 @@ def process(recording: BeltRecording) -> Processed:
     roller = fit_roller(left, recording.speed, RATE_HZ, CUTOFF_HZ)
     without = left - roller.predict(recording.speed, RATE_HZ)
     inner = slice(EDGE, -EDGE)
-    power = np.abs(np.fft.rfft(left[inner])) ** 2
+    power = np.abs(np.fft.rfft(left[inner] - left[inner].mean())) ** 2
     hz = np.fft.rfftfreq(len(left[inner]), 1 / RATE_HZ)
     bands = [power[(hz >= low) & (hz < low + 1)].sum() for low in range(10)]
     return Processed(

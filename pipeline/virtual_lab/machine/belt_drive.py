@@ -150,7 +150,7 @@ def _reported(
     smooth, _ = lfilter([1 - keep], [1, -keep], speed, zi=[keep * speed[0]])
     number = np.floor(time * d.report_hz + 1e-9).astype(int)
     late = d.report_delay_s + d.report_jitter_s * rng.normal(size=number[-1] + 1)
-    return np.interp(number / d.report_hz - late[number], inside, smooth)
+    return np.asarray(np.interp(number / d.report_hz - late[number], inside, smooth))
 
 
 @dataclass(frozen=True, slots=True)
