@@ -33,6 +33,10 @@ SPEED_NOISE_MPS: Final = 0.005
 """White, at 1000 Hz: those of the virtual laboratory."""
 EDGE: Final = 100
 """Samples of the filter's settling at both ends."""
+BELT_PULSES: Final = 4
+"""Of the validation signals: nobody on the treadmill."""
+REPEATS: Final = 5
+"""Of the pulses, in which the rollers begin at other angles."""
 FIRST_SEED: Final = 100
 
 
@@ -45,10 +49,10 @@ class BeltTrial(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """R² of every calibration signal and of the advised one, and RMS [N·m], on the pulses."""
+    """R² of every calibration signal, of the advised one on repeated pulses, and RMS [N·m]."""
 
     r_squared: Array
-    advised: float
+    repeated: Array
     raw: float
     left: float
     left_without_roller: float
@@ -72,45 +76,44 @@ def record(drive: BeltDrive, signal: Signal, seed: int, *, ideal: bool) -> BeltT
 def judge(drive: BeltDrive, seed: int, *, ideal: bool) -> Judged:
     """Fit all calibration signals of a drive, and judge them on the pulses."""
     signals = [s for n, v in enumerate(MEAN_SPEEDS_MPS) for s in belt_signals(2 * seed + n, v)]
-    pulses = record(drive, validation_signals(seed)[4], seed, ideal=ideal)
-    variance = np.var(pulses.moment)
+    validation = validation_signals(seed)[BELT_PULSES]
+    pulses = [record(drive, validation, 100 * seed + n, ideal=ideal) for n in range(REPEATS)]
     scores = {}
-    for number, signal in enumerate(signals, start=1):
+    for number, signal in enumerate(signals, start=REPEATS):
         trial = record(drive, signal, 100 * seed + number, ideal=ideal)
         model = fit_belt(trial.acceleration, trial.moment)
-        error = pulses.moment - model.predict(pulses.acceleration)
-        scores[signal.name] = float(1 - np.var(error) / variance), error
-    advised, error = scores[ADVISED_BELT_SIGNAL]
-    roller = fit_roller(error, pulses.speed, MODEL_HZ, CUTOFF_HZ)
-    without = error - roller.predict(pulses.speed, MODEL_HZ)
-    r_squared = np.array([score for score, _ in scores.values()])
-    return Judged(
-        r_squared, advised, float(variance**0.5), float(error.std()), float(without.std())
-    )
+        errors = [p.moment - model.predict(p.acceleration) for p in pulses]
+        r_squared = [1 - np.var(e) / np.var(p.moment) for e, p in zip(errors, pulses, strict=True)]
+        scores[signal.name] = np.array(r_squared), errors
+    advised, errors = scores[ADVISED_BELT_SIGNAL]
+    without = [
+        e - fit_roller(e, p.speed, MODEL_HZ, CUTOFF_HZ).predict(p.speed, MODEL_HZ)
+        for e, p in zip(errors, pulses, strict=True)
+    ]
+    raw, left, rest = (float(np.std(x)) for x in ([p.moment for p in pulses], errors, without))
+    return Judged(np.array([score[0] for score, _ in scores.values()]), advised, raw, left, rest)
 
 
 def main(drives: int) -> None:
     """Print a table with one row per drive."""
-    print(
-        "| drive | raw | R² % of 24 signals | R² % advised | left | without roller | ideal left |"
-    )
+    print("| drive | raw | R² % of 24 signals | of 5 repeats | left | no roller | ideal left |")
     print("|---|---|---|---|---|---|---|")
     rows = []
     for seed in range(FIRST_SEED, FIRST_SEED + drives):
         drive = scattered_drive(np.random.default_rng(seed))
         quiet = replace(drive, unbalance_kg_per_m=0.0, lines=(), rumble_nm_per_sqrt_hz=0.0)
         real, ideal = judge(drive, seed, ideal=False), judge(quiet, seed, ideal=True)
-        low, high = 100 * real.r_squared.min(), 100 * real.r_squared.max()
-        rows.append((100 * real.advised, real.left, real.left_without_roller, ideal.left))
-        print(
-            f"| {seed - FIRST_SEED + 1} | {real.raw:.2f} | {low:.2f} to {high:.2f} "
-            f"| {100 * real.advised:.2f} | {real.left:.2f} | {real.left_without_roller:.2f} "
-            f"| {ideal.left:.2f} |",
-            flush=True,
+        signals, repeats = (
+            f"{100 * r.min():.2f} to {100 * r.max():.2f}" for r in (real.r_squared, real.repeated)
         )
+        sizes = (real.left, real.left_without_roller, ideal.left)
+        rows.append((100 * real.repeated.mean(), *sizes))
+        cells = " | ".join(f"{size:.2f}" for size in sizes)
+        number = seed - FIRST_SEED + 1
+        print(f"| {number} | {real.raw:.2f} | {signals} | {repeats} | {cells} |", flush=True)
     mean, sd = np.mean(rows, axis=0), np.std(rows, axis=0, ddof=1)
-    cells = (f"{m:.2f} ± {s:.2f}" for m, s in zip(mean, sd, strict=True))
-    print("| mean ± SD | | |", " | ".join(cells), "|")
+    cells = " | ".join(f"{m:.2f} ± {s:.2f}" for m, s in zip(mean, sd, strict=True))
+    print(f"| mean ± SD | | | {cells} |")
 
 
 if __name__ == "__main__":
