@@ -7,7 +7,6 @@ from typing import Final
 import numpy as np
 
 from hbm.markers import Markers
-from hbm.poses import marker_positions
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.recording import Analog, Metadata, Plate, Recording
 from pipeline.io.units import acceleration_in_mps2
@@ -34,7 +33,7 @@ from pipeline.virtual_lab.machine.instruments.sampling import (
 )
 from pipeline.virtual_lab.machine.platform import specific_force
 from pipeline.virtual_lab.machine.treadmill import Machine, TreadmillMotion
-from pipeline.virtual_lab.person.dynamics import segment_poses
+from pipeline.virtual_lab.person.body.kinematics import marker_positions, segment_poses
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
 from pipeline.virtual_lab.person.soft_tissue import displace_markers
 from pipeline.virtual_lab.person.walk import Walk
@@ -194,10 +193,10 @@ def _markers(
     platform = measure_markers(np.stack(rim, axis=1), rim_faults, rng, FRAME_HZ)
     if walk is None:
         return Markers(frames, tuple(PLATFORM_MARKERS_M), platform)
-    body, cameras = walk.subject.body, treadmill.faults.cameras
-    q = walk.motion.at(frames)
+    body, cameras = walk.subject.skeleton, treadmill.faults.cameras
+    q = walk.motion.at(frames).T
     segments = list(dict.fromkeys(body.marker_segment))
-    poses = segment_poses(walk.subject, q, segments)
+    poses = segment_poses(body, q, segments)
     orientation = {s: R for s, (R, _) in zip(segments, poses, strict=True)}
     phase = walk.placement.phase("right", np.maximum(frames, walk.placement.steps.contact[0]))
     on_skin = displace_markers(
@@ -252,5 +251,5 @@ def _metadata(walk: Walk) -> Metadata:
         subject=person.name,
         mass_kg=person.mass_kg,
         height_m=person.height_m,
-        marker_set=walk.subject.body.marker_set.name,
+        marker_set=walk.subject.marker_set,
     )
