@@ -56,4 +56,4 @@ def t_pose_markers(subject: VirtualSubject) -> Array:
     """Give a person's markers in the T-pose, (M, 3) [m]."""
     still = np.zeros(1)
     q = subject.extra_joints.extend(subject.t_pose[:, None], still, still)
-    return marker_positions(subject.skeleton, q)[0]
+    return np.asarray(marker_positions(subject.skeleton, q)[0])

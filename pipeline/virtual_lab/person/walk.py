@@ -196,7 +196,7 @@ def _height(subject: VirtualSubject, q: Array) -> float:
 def _center(subject: VirtualSubject, q: Array) -> Array:
     still = np.zeros(1)
     full = subject.extra_joints.extend(q[:, None], still, still)
-    return center_of_mass(subject.skeleton, full)[0]
+    return np.asarray(center_of_mass(subject.skeleton, full)[0])
 
 
 def _differentiated(values: Array) -> tuple[Array, Array, Array]:

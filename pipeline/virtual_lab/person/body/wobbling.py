@@ -67,9 +67,9 @@ class Oscillator:
     def __init__(self, wobbling: WobblingMass, rate_hz: float) -> None:
         self.mass = wobbling
         self._omega = 2 * np.pi * wobbling.frequency_hz
-        denominator = [1.0, 2 * wobbling.damping * self._omega, self._omega**2]
+        denominator = np.array([1.0, 2 * wobbling.damping * self._omega, self._omega**2])
         self._filters = [
-            cont2discrete((numerator, denominator), 1 / rate_hz, method="foh")[:2]
+            cont2discrete((np.array(numerator), denominator), 1 / rate_hz, method="foh")[:2]
             for numerator in ([1.0], [1.0, 0.0])
         ]
         self._states = [np.zeros((3, 2)), np.zeros((3, 2))]
@@ -96,10 +96,8 @@ class Oscillator:
             wrench[3 + i] += away[j] * force[k] - away[k] * force[j]
 
     def _step(self, k: int, drive: Array) -> Array:
-        numerator, denominator = self._filters[k]
-        out, self._states[k] = lfilter(
-            np.ravel(numerator), denominator, drive, axis=1, zi=self._states[k]
-        )
+        numerator, denominator = (np.ravel(row) for row in self._filters[k])
+        out, self._states[k] = lfilter(numerator, denominator, drive, axis=1, zi=self._states[k])
         return np.asarray(out)
 
 
@@ -121,4 +119,4 @@ def draw_wobbling_masses(
 
 def _turned(rotation: Array, vectors: Array) -> Array:
     """Apply rotations (3, 3, T) to vectors (3, T)."""
-    return np.einsum("ijt,jt->it", rotation, vectors)
+    return np.asarray(np.einsum("ijt,jt->it", rotation, vectors))

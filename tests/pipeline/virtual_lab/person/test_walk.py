@@ -91,11 +91,13 @@ def test_vertical_force_has_two_peaks(walked, subject):
     assert valley < min(first, second) - 0.15
 
 
-@pytest.mark.parametrize("subject", SUBJECTS)
-def test_the_leading_foot_brakes_and_the_trailing_foot_pushes(walked, subject):
-    forward = force_curves(walked(subject)[0])["forward"]
-    assert -0.3 <= forward[:30].min() <= -0.1
-    assert 0.1 <= forward[30:62].max() <= 0.3
+def test_the_leading_foot_brakes_and_the_trailing_foot_pushes(walked):
+    """By about a quarter of body weight on average, and nobody by more than a third."""
+    forward = np.array([force_curves(walked(subject)[0])["forward"] for subject in SUBJECTS])
+    braking, propulsion = -forward[:, :30].min(axis=1), forward[:, 30:62].max(axis=1)
+    for peak in (braking, propulsion):
+        assert 0.15 <= peak.mean() <= 0.3
+        assert ((peak > 0.1) & (peak < 1 / 3)).all()
 
 
 @pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
