@@ -10,10 +10,10 @@ from pydantic import Field, field_validator
 from hbm.spatial import Array
 from hbm.toml_text import Table
 from pipeline.config.consistency import missing_file
+from pipeline.config.input_model import InputModel
 from pipeline.config.schema import (
     AxesText,
     CoordinateM,
-    InputModel,
     LengthUnit,
     PlateUnitsText,
     Text,
