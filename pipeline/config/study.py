@@ -7,7 +7,6 @@ folder is a subject. File names in them are relative to the folder.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from hbm.coordinates import SEGMENTS
 from hbm.markers import MarkerSet, marker_sets, read_marker_set
@@ -22,13 +21,11 @@ from pipeline.config.consistency import (
     trial_faults,
 )
 from pipeline.config.schema import Condition, StudyFile, SubjectFile
+from pipeline.config.simulated import SIMULATED
 from pipeline.config.toml_file import check_table, read_table
 from pipeline.config.validation import StudyFaults
 from pipeline.io.input_file import is_file, read_text
 from pipeline.io.stated import Stated
-
-SIMULATED: Final = "truth/setting.toml"
-"""What a simulated study was simulated with, relative to its folder."""
 
 
 @dataclass(frozen=True, slots=True)
