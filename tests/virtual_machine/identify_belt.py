@@ -94,7 +94,10 @@ def fit(recording: BeltRecording, lines: Lines, base: BeltDrive) -> Fit:
     target = features(speed, moment)
     rng = np.random.default_rng(0)
     blocks = np.array_split(np.arange(len(speed)), BLOCKS)
-    drawn = [np.concatenate([blocks[b] for b in rng.integers(0, BLOCKS, BLOCKS)]) for _ in range(RESAMPLES)]
+    drawn = [
+        np.concatenate([blocks[b] for b in rng.integers(0, BLOCKS, BLOCKS)])
+        for _ in range(RESAMPLES)
+    ]
     resampled = np.array([np.concatenate(features(speed[k], moment[k])) for k in drawn])
     sd = np.hypot(resampled.std(axis=0), MODEL_ERROR)
     start, low, high = np.array([*FITTED.values(), COMMAND_SD]).T
@@ -165,7 +168,12 @@ def line_row(lines: Lines, number: int) -> dict[str, float]:
     a = lines.amplitudes[number]
     half = NORMAL_95 * a.std() / np.sqrt(len(a))
     turns = float(lines.turns_per_m[number])
-    return {"turns_per_m": turns, "value": a.mean(), "low": a.mean() - half, "high": a.mean() + half}
+    return {
+        "turns_per_m": turns,
+        "value": a.mean(),
+        "low": a.mean() - half,
+        "high": a.mean() + half,
+    }
 
 
 def toml_text(table: dict) -> str:
