@@ -25,14 +25,34 @@ MAX_REPLAY_FRAMES: Final = 20
 """`MAX_DELAY_S` in frames of the cameras."""
 
 
+MAX_SHOE_KG: Final = 2.0
+MAX_SOLE_M: Final = 0.1
+"""Of a shoe: more than the heaviest boots."""
+
+
 class BodyFaults(InputModel):
-    """How the true body differs from what markers and de Leva's table suggest.
+    """How the true body differs from what markers and the Human Body Model suggest.
 
     ``joint_scale`` multiplies the standard deviations of the joint centres; ``axis_deg`` tilts the
     joint axes; masses and radii of gyration differ by a share of themselves, centres of mass by a
-    distance. Sources are given in `pipeline.virtual_lab.person.body_variation`.
+    distance (`pipeline.virtual_lab.person.body.variation`).
+
+    What follows is not in that model, and absent with ``same_body``: segment inertias of another
+    table; a joint in the middle of the trunk and knees that are no hinges
+    (`pipeline.virtual_lab.person.body.extra_joints`), ankle axes that differ, wobbling masses
+    (`pipeline.virtual_lab.person.body.wobbling`), each with a scale of its published size; shoes,
+    of a mass each, and of a sole that yields under body weight.
     """
 
+    same_body: bool = False
+    inertias: Literal["dumas", "de_leva"] = "dumas"
+    spine_scale: Size = 1.0
+    knee_scale: Size = 1.0
+    ankle_scale: Size = 1.0
+    wobble_scale: Size = 1.0
+    shoe_kg: Annotated[float, Field(ge=0, le=MAX_SHOE_KG)] = 0.3
+    sole_m: Annotated[float, Field(ge=0, le=MAX_SOLE_M)] = 0.025
+    sole_yield_m: Annotated[float, Field(ge=0, le=MAX_SOLE_M)] = 0.004
     joint_scale: Size = 1.0
     axis_deg: Size = 3.0
     mass_share: Size = 0.06
@@ -204,7 +224,14 @@ class Faults(InputModel):
         return cls(
             machine=MachineFaults(flexibility=0, people_shake=0),
             clocks=ClockFaults(rate_ppm=0, jitter_s=0, stream_jitter_s=0, doubled_per_minute=0),
-            body=BodyFaults(joint_scale=0, axis_deg=0, mass_share=0, center_m=0, gyration_share=0),
+            body=BodyFaults(
+                same_body=True,
+                joint_scale=0,
+                axis_deg=0,
+                mass_share=0,
+                center_m=0,
+                gyration_share=0,
+            ),
             cameras=CameraFaults(noise_m=0, skin_scale=0, gaps_per_minute=0),
             plates=PlateFaults(
                 force_noise_n=0,

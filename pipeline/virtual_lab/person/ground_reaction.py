@@ -8,7 +8,6 @@ import numpy as np
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Event
 from pipeline.virtual_lab.person.balance import pressure_on_platform
-from pipeline.virtual_lab.person.dynamics import ground_wrench
 from pipeline.virtual_lab.person.sole import SIDES
 from pipeline.virtual_lab.person.walk import Walk
 
@@ -19,7 +18,7 @@ EVENT_CHUNK_S: Final = 60.0
 """How finely the force is evaluated, and how much of it at a time, to bound memory."""
 
 
-def foot_wrenches(walk: Walk, time: Array, jobs: int = 1) -> dict[str, Array]:
+def foot_wrenches(walk: Walk, time: Array) -> dict[str, Array]:
     """Give the wrench on each foot.
 
     Parameters
@@ -28,8 +27,6 @@ def foot_wrenches(walk: Walk, time: Array, jobs: int = 1) -> dict[str, Array]:
         The walk.
     time
         When, (T,) [s].
-    jobs
-        Number of threads.
 
     Returns
     -------
@@ -45,7 +42,7 @@ def foot_wrenches(walk: Walk, time: Array, jobs: int = 1) -> dict[str, Array]:
     pressure, so that the leading foot brakes and the trailing foot pushes; the free moment is
     shared in proportion to the weight.
     """
-    total = ground_wrench(walk.subject, walk.motion, time, jobs)
+    total = walk.ground.at(time)
     pose = walk.platform.pose(time)
     to_platform = np.swapaxes(pose.rotation, 1, 2)
     origin = (to_platform @ pose.position[..., None])[..., 0]

@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 
 from hbm.markers import Markers
-from hbm.poses import marker_positions
 from hbm.spatial import Array
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.virtual_lab.faults import CameraFaults
@@ -32,7 +31,7 @@ from pipeline.virtual_lab.machine.readings import (
 )
 from pipeline.virtual_lab.machine.treadmill import TreadmillMotion
 from pipeline.virtual_lab.machine.vibration import Pair, Response
-from pipeline.virtual_lab.person.dynamics import segment_poses
+from pipeline.virtual_lab.person.body.kinematics import marker_positions, segment_poses
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
 from pipeline.virtual_lab.person.soft_tissue import displace_markers
 from pipeline.virtual_lab.person.walk import Walk
@@ -125,11 +124,11 @@ def _with_person(
     platform: Markers, walk: Walk, cameras: CameraFaults, rng: np.random.Generator
 ) -> Markers:
     """Add the markers on a person before those on the platform."""
-    frames, body = platform.time, walk.subject.body
+    frames, body = platform.time, walk.subject.skeleton
     of_skin, of_cameras = rng.spawn(2)
-    q = walk.motion.at(frames)
+    q = walk.motion.at(frames).T
     segments = list(dict.fromkeys(body.marker_segment))
-    poses = segment_poses(walk.subject, q, segments)
+    poses = segment_poses(body, q, segments)
     orientation = {s: R for s, (R, _) in zip(segments, poses, strict=True)}
     phase = walk.placement.phase("right", np.maximum(frames, walk.placement.steps.contact[0]))
     on_skin = displace_markers(
@@ -155,5 +154,5 @@ def _metadata(walk: Walk) -> Metadata:
         subject=person.name,
         mass_kg=person.mass_kg,
         height_m=person.height_m,
-        marker_set=walk.subject.body.marker_set.name,
+        marker_set=walk.subject.marker_set,
     )

@@ -64,6 +64,7 @@ def study_subject(setting: Setting, number: int) -> VirtualSubject:
         individuality=protocol.individuality,
         variability=protocol.variability,
         faults=setting.faults.body,
+        forward_m=protocol.place_forward_m,
         rng=np.random.default_rng((setting.seed, number)),
     )
 

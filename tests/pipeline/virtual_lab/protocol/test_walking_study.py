@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 
 from hbm.coordinates import COORDINATES
+from hbm.markers import marker_sets
 from hbm.signals.filtering import low_pass
 from hbm.signals.resampling import resample
 from pipeline.config.study import read_study
@@ -164,7 +165,7 @@ def test_all_markers_of_the_set_and_of_the_platform_are_recorded(marker_set, cou
     walk, motion = run_walk(setting, treadmill.machine, subject, 0, "baseline")
     names = record(treadmill, motion, walk, "x.c3d", np.random.default_rng(0)).markers.names
     assert set(PLATFORM_MARKERS_M) <= set(names)
-    assert names[:-5] == tuple(subject.body.marker_set.segment)
+    assert names[:-5] == tuple(marker_sets()[subject.marker_set].segment)
     assert len(names) == count + len(PLATFORM_MARKERS_M)
 
 
