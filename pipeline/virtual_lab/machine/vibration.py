@@ -64,15 +64,14 @@ class Loads:
     @property
     def shaking(self) -> list[Array]:
         """What makes the structure vibrate: on the left and the right plate, and on the frame."""
-        left, right = self.drives
+        on_plates = list(self.drives)
         if self.people is not None and self.people_shake > 0:
-            left, right = (
-                drive + self.people_shake * person
-                for drive, person in zip(self.drives, self.people, strict=True)
-            )
+            share = self.people_shake
+            people = [load if share == 1 else share * load for load in self.people]
+            on_plates = [drive + load for drive, load in zip(on_plates, people, strict=True)]
         if self.on_frame is None:
-            return [left, right]
-        return [left, right, self.people_shake * self.on_frame]
+            return on_plates
+        return [*on_plates, self.people_shake * self.on_frame]
 
 
 @dataclass(frozen=True, slots=True)
