@@ -92,7 +92,8 @@ def _extrapolated(time: Array, position: Array) -> Array:
     column = np.arange(seen.shape[1])
     earlier = np.where(before > 0, last[before - 1, column], -1)
     known = (earlier >= 0) & (time[:, None] - time[earlier] <= MAX_GAP_S)
-    moved = position[before, column] - position[earlier, column]
-    share = (time[:, None] - time[before]) / np.where(known, time[before] - time[earlier], 1.0)
-    reached = position[before, column] + share[..., None] * moved
-    return np.where(known[..., None], reached, np.nan)
+    share = (time[:, None] - time[before]) / np.where(known, time[before] - time[earlier], np.nan)
+    points = position.reshape(-1, 3)
+    start = points.take(before * len(column) + column, axis=0)
+    moved = start - points.take(earlier * len(column) + column, axis=0)
+    return np.asarray(start + share[..., None] * moved)
