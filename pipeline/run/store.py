@@ -65,13 +65,13 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> Tr
         file.write_table(table)
         stored = {SUMMARY: summary.to_json(), HEADER: header_of(result).to_json()}
         file.add_key_value_metadata(stored | {DIGEST: NO_DIGEST})
-    content = with_digest(sink.getvalue().to_pybytes())
+    content = with_digest(sink.getvalue())
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
     return summary
 
 
-def with_digest(content: bytes) -> bytearray:
+def with_digest(content: bytes | pa.Buffer) -> bytearray:
     """Give a stored trial with the SHA-256 of all its bytes but those of the digest itself."""
     digested = bytearray(content)
     place = digested.rindex(DIGEST_START) + len(DIGEST_START)
