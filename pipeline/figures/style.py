@@ -63,9 +63,11 @@ def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure as PNG and SVG, each completely or not at all."""
     bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
     figure.dpi = DPI
+    raster: Any = FigureCanvasAgg(figure)
     with mpl.rc_context(STYLE):  # savefig() would draw each format twice, once for its layout
         with whole_file(Path(f"{bare}.png")) as temporary:
-            FigureCanvasAgg(figure).print_png(temporary)
+            raster.print_png(temporary)
         figure.set_layout_engine("none")  # the same layout in both files
+        vector: Any = FigureCanvasSVG(figure)
         with whole_file(Path(f"{bare}.svg")) as temporary:
-            FigureCanvasSVG(figure).print_svg(temporary, metadata={"Date": None})
+            vector.print_svg(temporary, metadata={"Date": None})

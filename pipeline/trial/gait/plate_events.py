@@ -1,5 +1,6 @@
 """Gait events where a plate carries one foot alone, timed at the plate's own samples."""
 
+from bisect import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -121,6 +122,10 @@ def _landings(
     def total(plates: frozenset[int]) -> PlateLoad:
         return _total([load for load in loads if load.number in plates])
 
+    @cache
+    def stops(plates: frozenset[int]) -> list[int]:
+        return sorted(hold.stop for hold in holds if hold.plate in plates)
+
     found = []
     for foot in FEET:
         for stance in _stances([hold for hold in holds if hold.foot == foot]):
@@ -129,8 +134,8 @@ def _landings(
             if not all(hold.lands for hold in onto):
                 continue
             plates = frozenset(hold.plate for hold in onto)
-            before = [h.stop - 1 for h in holds if h.plate in plates and h.stop <= start]
-            free_s = time[max(before)] + MARGIN_S if before else time[0]
+            before = stops(plates)[: bisect(stops(plates), start)]
+            free_s = time[before[-1] - 1] + MARGIN_S if before else time[0]
             at = _crossing(total(plates), free_s, time[start], time[stop - 1], weight_n)
             found += [] if at is None else [(foot, at)]
     return found
