@@ -25,10 +25,18 @@ def read_only(value: ArrayLike) -> Array: ...
 @overload
 def read_only(value: ArrayLike, dtype: type[bool]) -> Mask: ...
 def read_only(value: ArrayLike, dtype: type[float] = float) -> Array | Mask:
-    """Give a copy of an array that cannot be changed, of floats by default."""
+    """Give an array that cannot be changed, of floats by default: a copy, unless it cannot yet."""
+    if isinstance(value, np.ndarray) and value.dtype == dtype and _is_read_only(value):
+        return value
     copy = np.array(value, dtype)
     copy.setflags(write=False)
     return copy
+
+
+def _is_read_only(value: NDArray[np.generic]) -> bool:
+    """Whether neither an array nor the one whose memory it is a part of can be changed."""
+    owner = value if value.base is None else value.base
+    return isinstance(owner, np.ndarray) and not (value.flags.writeable or owner.flags.writeable)
 
 
 def shift_wrench(wrench: ArrayLike, to: ArrayLike) -> Array:

@@ -85,14 +85,11 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
 
 def _extrapolated(time: Array, position: Array) -> Array:
     """Give where each marker (T, K, 3) would be by its last two positions; NaN where unknown."""
-    frames = np.arange(len(time))
-    seen = np.isfinite(position[..., 0])
-    last = np.maximum.accumulate(np.where(seen, frames[:, None], -1), axis=0)
-    before = np.concatenate([np.full((1, seen.shape[1]), -1), last[:-1]])
-    column = np.arange(seen.shape[1])
-    earlier = np.where(before > 0, last[before - 1, column], -1)
-    known = (earlier >= 0) & (time[:, None] - time[earlier] <= MAX_GAP_S)
-    moved = position[before, column] - position[earlier, column]
-    share = (time[:, None] - time[before]) / np.where(known, time[before] - time[earlier], 1.0)
-    reached = position[before, column] + share[..., None] * moved
-    return np.where(known[..., None], reached, np.nan)
+    expected = np.full(position.shape, np.nan)
+    for k in range(position.shape[1]):
+        frames = np.flatnonzero(np.isfinite(position[:, k, 0]))
+        at, seen = time[frames], position[frames, k]
+        share = (at[2:] - at[1:-1]) / (at[1:-1] - at[:-2])
+        share[at[2:] - at[:-2] > MAX_GAP_S] = np.nan
+        expected[frames[2:], k] = seen[1:-1] + share[:, None] * (seen[1:-1] - seen[:-2])
+    return expected

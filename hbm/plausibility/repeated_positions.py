@@ -144,7 +144,8 @@ def _repeated(position: Array) -> tuple[Mask, Mask]:
     """Give which positions (T, K, 3) are known, and which equal those of the frame before."""
     seen = np.isfinite(position[..., 0])
     repeated = np.zeros(seen.shape, bool)
-    repeated[1:] = (position[1:] == position[:-1]).all(axis=-1)
+    x, y, z = np.moveaxis(position[1:] == position[:-1], -1, 0)
+    repeated[1:] = x & y & z
     return seen, repeated
 
 

@@ -4,9 +4,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 from scipy.signal import firwin, kaiserord, oaconvolve
 
+from hbm.signals.cubic_spline import cubic_spline
 from hbm.signals.samples import (
     blocks_without_gaps,
     extended,
@@ -107,8 +107,8 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
     for rows, sharing in blocks_without_gaps(columns, MIN_SPLINE_SAMPLES):
         first, last = time[rows][[0, -1]]
         inside = (wanted >= first - rounding) & (wanted <= last + rounding)
-        spline = make_interp_spline(time[rows], columns[rows, sharing])
-        result[np.ix_(inside, sharing)] = spline(wanted[inside])
+        found = cubic_spline(time[rows], columns[rows, sharing], wanted[inside])
+        result[np.ix_(inside, sharing)] = found
     return result.reshape(*at.shape, *values.shape[1:])
 
 

@@ -5,6 +5,8 @@ from typing import Any, Final
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from hbm.spatial import Array
@@ -60,8 +62,12 @@ def draw_band(
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure as PNG and SVG, each completely or not at all."""
     bare = path.with_suffix("") if path.suffix in (".png", ".svg") else path
-    with mpl.rc_context(STYLE):
-        for suffix, metadata in ((".png", None), (".svg", {"Date": None})):
-            with whole_file(Path(f"{bare}{suffix}")) as temporary:
-                figure.savefig(temporary, format=suffix[1:], dpi=DPI, metadata=metadata)
-            figure.set_layout_engine("none")  # the same layout in both files
+    figure.dpi = DPI
+    raster: Any = FigureCanvasAgg(figure)
+    with mpl.rc_context(STYLE):  # savefig() would draw each format twice, once for its layout
+        with whole_file(Path(f"{bare}.png")) as temporary:
+            raster.print_png(temporary)
+        figure.set_layout_engine("none")  # the same layout in both files
+        vector: Any = FigureCanvasSVG(figure)
+        with whole_file(Path(f"{bare}.svg")) as temporary:
+            vector.print_svg(temporary, metadata={"Date": None})

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from hbm.notes import Note
 from hbm.signals.samples import stretches
@@ -203,24 +204,27 @@ def load_jumps(
     every = common_tenths(time)
     load = np.stack([tenths(force, time, *every) for force in vertical.values()])
     place, wide = tenths(position, time, *every), 2 * STEADY_TENTHS + 1
+    if load.shape[1] < wide:
+        return ()
+    windows = sliding_window_view(load, wide, axis=1)
+    before, after = windows[..., :STEADY_TENTHS], windows[..., -STEADY_TENTHS:]
+    change = after.mean(axis=-1) - before.mean(axis=-1)
+    jump_n = np.abs(change.sum(axis=0))
+    spread_n = [np.ptp(each.sum(axis=0), axis=-1) for each in (before, after)]
+    steady = np.max(spread_n, axis=0) < MAX_LOAD_SPREAD * weight_n
     largest_n = MIN_LOAD_JUMP * weight_n
     notes: tuple[Note, ...] = ()
-    for start in range(load.shape[1] - wide + 1):
-        window = load[:, start : start + wide]
-        before, after = window[:, :STEADY_TENTHS], window[:, -STEADY_TENTHS:]
-        spread_n = max(np.ptp(before.sum(axis=0)), np.ptp(after.sum(axis=0)))
-        change = after.mean(axis=1) - before.mean(axis=1)
-        jumps = abs(change.sum()) > largest_n and spread_n < MAX_LOAD_SPREAD * weight_n
-        if jumps and median_extent(place[start : start + wide]) < MAX_STILL_EXTENT_M:
-            largest_n = abs(change.sum())
+    for start in np.flatnonzero(steady & (jump_n > largest_n)):
+        still = median_extent(place[start : start + wide]) < MAX_STILL_EXTENT_M
+        if still and jump_n[start] > largest_n:
+            largest_n = jump_n[start]
+            by_plate = zip(vertical, change[:, start], strict=True)
             note = Note.of(
                 "load_jumps",
-                plates=[
-                    p for p, each in zip(vertical, change, strict=True) if 2 * abs(each) > largest_n
-                ],
+                plates=[plate for plate, each in by_plate if 2 * abs(each) > largest_n],
                 at_s=time[0] + TENTH_S * (start + wide / 2),
-                before_n=before.sum(axis=0).mean(),
-                after_n=after.sum(axis=0).mean(),
+                before_n=before[:, start].sum(axis=0).mean(),
+                after_n=after[:, start].sum(axis=0).mean(),
             )
             notes = (note,)
     return notes

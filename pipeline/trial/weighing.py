@@ -220,8 +220,8 @@ def carried_mass(
         Mean vertical force by gravity, over those cycles of either side in which the plates carry
         the subject throughout: over whole cycles a body gains no vertical speed. None without any.
     """
-    frames = [(time >= start) & (time < stop) for spans in cycles.values() for start, stop in spans]
-    carried = [vertical[inside] for inside in frames if inside.any() and valid[inside].all()]
+    edges = [np.searchsorted(time, span) for spans in cycles.values() for span in spans]
+    carried = [vertical[a:b] for a, b in edges if a < b and valid[a:b].all()]
     return float(np.concatenate(carried).mean()) / GRAVITY_MPS2 if carried else None
 
 

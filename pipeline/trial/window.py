@@ -199,7 +199,8 @@ def frames_within(time: Array, cycles: Mapping[str, Array], span: Span | None) -
     """Give whether each time, (T,), is in the span or, without one, in a gait cycle."""
     inside = np.zeros(len(time), bool)
     for start, stop in [span] if span else np.concatenate([*cycles.values(), np.empty((0, 2))]):
-        inside |= (time >= start) & (time < stop)
+        if start < stop:  # neither is NaN
+            inside[slice(*np.searchsorted(time, (start, stop)))] = True
     return inside
 
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.spatial import Array, shift_wrench
 from hbm.spelling import short
 from pipeline.io.c3d.parameters import Parameters
 from pipeline.io.stated import Stated
@@ -109,8 +109,7 @@ class PlateLayout:
             return _from_centre_of_pressure(values)
         if self.kind == 3:
             return _from_eight_sensors(values, self.origin)
-        values[:, 3:] += np.cross(values[:, :3], self.origin)
-        return values
+        return shift_wrench(values, self.origin)
 
 
 def plate_layouts(

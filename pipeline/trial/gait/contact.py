@@ -290,7 +290,7 @@ class _Plate:
 
     def contacts(self, number: int, foot_index: Array) -> list[Contact]:
         """List the contacts with their feet; one that is mostly uncertain is so throughout."""
-        found = []
+        found, nearest = [], self.distance.min(axis=1)
         for start, stop in self.stretches:
             if self.time[stop - 1] - self.time[start] < MIN_STANCE_S:
                 continue
@@ -299,7 +299,7 @@ class _Plate:
             doubtful = np.mean(self.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE
             feet = tuple(FEET[k] for k in own[first])
             changes = tuple(int(start + k) for k in first[1:])
-            nearest_m = float(np.median(self.distance[start:stop].min(axis=1)))
+            nearest_m = float(np.median(nearest[start:stop]))
             contact = Contact(number, start, stop, feet, bool(doubtful), nearest_m, changes)
             found.append(contact)
             if doubtful:

@@ -52,9 +52,10 @@ def gait_cycles(events: Iterable[Event], side: str) -> tuple[Array, tuple[Note, 
     within = {kind: event_times(events, *kind) for kind in expected}
     accepted: list[bool] = []
     rejected: list[Note] = []
+    typical = np.median(duration) if len(duration) else np.nan
     for start, stop in spans:
         cycle = {"side": side, "start_s": start, "stop_s": stop}
-        ratio = (stop - start) / np.median(duration)
+        ratio = (stop - start) / typical
         if not MIN_DURATION <= ratio <= MAX_DURATION:
             rejected.append(Note.of("cycle_duration", **cycle, ratio=ratio))
             accepted.append(False)
@@ -99,16 +100,17 @@ def cut_cycles(
     """
     cycles: dict[str, Array] = {}
     rejected: list[Note] = []
+    masks = validity.plates, validity.counts
     for side in SIDES:
         spans, reasons = gait_cycles(events, side)
         rejected += reasons
         accepted = []
         for start, stop in spans:
-            inside = (time >= start) & (time < stop)
+            inside = slice(*np.searchsorted(time, (start, stop)))
             cycle = {"side": side, "start_s": start, "stop_s": stop}
             carried, counted = (
-                float(np.mean(mask[inside])) if inside.any() else 0.0
-                for mask in (validity.plates, validity.counts)
+                float(np.mean(mask[inside])) if inside.stop > inside.start else 0.0
+                for mask in masks
             )
             reason = None
             if start < time[0] or stop > time[-1]:

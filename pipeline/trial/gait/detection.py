@@ -187,11 +187,8 @@ def combined_events(
 
 def _corrected(times: Array, known: Array, offset: Array) -> Array:
     """Move times (E,) by the median offset of the nearest of those (K,) whose offset is known."""
-    moved = times.copy()
-    for k, time in enumerate(times):
-        nearest = np.argsort(np.abs(known - time), kind="stable")[:NEAREST]
-        moved[k] += np.median(offset[nearest])
-    return moved
+    nearest = [np.argsort(np.abs(known - time), kind="stable")[:NEAREST] for time in times]
+    return np.asarray(times + [float(np.median(offset[near])) for near in nearest])
 
 
 def _of_plates(sources: EventSources) -> tuple[Event, ...]:

@@ -108,7 +108,7 @@ def foot_motion_events(motion: FootMotion) -> tuple[Event, ...]:
     ball rises above `OFF_SHARE` of it. Belts may so differ from each other, change their speed, or
     stand still, and the platform may move.
     """
-    time, events = motion.time, []
+    time, back, events = motion.time, -motion.time[::-1], []
     pelvis = butterworth(motion.pelvis, time, TURN_CUTOFF_HZ, "zero_phase")
     for side, ankle, ball in zip(SIDES, motion.ankles.T, motion.balls.T, strict=True):
         ahead = _turns(time, ankle - motion.pelvis)
@@ -126,7 +126,7 @@ def foot_motion_events(motion: FootMotion) -> tuple[Event, ...]:
         strike = ankle_speed - ground - STRIKE_SHARE * walking
         off = ball_speed - ground - OFF_SHARE * walking
         strikes = (_falls_through(time, strike, k) for k in ahead)
-        offs = (_falls_through(-time[::-1], off[::-1], len(time) - 1 - k) for k in behind)
+        offs = (_falls_through(back, off[::-1], len(time) - 1 - k) for k in behind)
         events += [Event(t, "foot_strike", side) for t in strikes if t is not None]
         events += [Event(-t, "foot_off", side) for t in offs if t is not None]
     return in_order(events)

@@ -1,7 +1,9 @@
 """Gait events where a plate carries one foot alone, timed at the plate's own samples."""
 
+from bisect import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -115,6 +117,15 @@ def _landings(
     holds: Sequence[_Hold], loads: Sequence[PlateLoad], time: Array, weight_n: float
 ) -> list[tuple[Foot, float]]:
     """Find when feet come to plates that are free; backwards in time, when they leave them."""
+
+    @cache
+    def total(plates: frozenset[int]) -> PlateLoad:
+        return _total([load for load in loads if load.number in plates])
+
+    @cache
+    def stops(plates: frozenset[int]) -> list[int]:
+        return sorted(hold.stop for hold in holds if hold.plate in plates)
+
     found = []
     for foot in FEET:
         for stance in _stances([hold for hold in holds if hold.foot == foot]):
@@ -122,11 +133,10 @@ def _landings(
             onto = [h for h in stance if time[h.start] - time[start] < TOGETHER_S]
             if not all(hold.lands for hold in onto):
                 continue
-            plates = {hold.plate for hold in onto}
-            before = [h.stop - 1 for h in holds if h.plate in plates and h.stop <= start]
-            free_s = time[max(before)] + MARGIN_S if before else time[0]
-            total = _total([load for load in loads if load.number in plates])
-            at = _crossing(total, free_s, time[start], time[stop - 1], weight_n)
+            plates = frozenset(hold.plate for hold in onto)
+            before = stops(plates)[: bisect(stops(plates), start)]
+            free_s = time[before[-1] - 1] + MARGIN_S if before else time[0]
+            at = _crossing(total(plates), free_s, time[start], time[stop - 1], weight_n)
             found += [] if at is None else [(foot, at)]
     return found
 
@@ -145,6 +155,8 @@ def _stances(holds: Sequence[_Hold]) -> list[list[_Hold]]:
 def _total(loads: Sequence[PlateLoad]) -> PlateLoad:
     """Add the loads of plates, at the samples of the first one."""
     first, *others = loads
+    if not others:
+        return first
     added = [np.interp(first.time, p.time, p.force, np.nan, np.nan) for p in others]
     return PlateLoad(first.number, first.time, first.force + np.sum(added, axis=0))
 
@@ -157,9 +169,9 @@ def _crossing(
     None where the level without load is unknown, or what follows is no step.
     """
     time, since = load.time, max(free_s, start_s - LEVEL_S - MARGIN_S)
-    at_rest = load.force[(time >= since) & (time <= start_s - MARGIN_S)]
-    at_rest = at_rest[np.isfinite(at_rest)]
-    if len(at_rest) * np.median(np.diff(time)) < MIN_LEVEL_S or stop_s - start_s < MIN_STANCE_S:
+    before = slice(np.searchsorted(time, since), np.searchsorted(time, start_s - MARGIN_S, "right"))
+    at_rest = load.force[before][np.isfinite(load.force[before])]
+    if len(at_rest) * load.step_s < MIN_LEVEL_S or stop_s - start_s < MIN_STANCE_S:
         return None
     first, last = np.searchsorted(time, [start_s - MARGIN_S, stop_s])
     above = load.force[first:last] - np.median(at_rest)

@@ -1,6 +1,6 @@
 """How heavily each plate is loaded, at the plates' own samples: what gait events are timed by."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -25,11 +25,14 @@ class PlateLoad:
         Of its samples, on the markers' clock, (N,) [s].
     force
         Normal to its surface, on the subject, (N,) [N]; NaN where unknown.
+    step_s
+        Median time from one sample to the next.
     """
 
     number: int
     time: Array
     force: Array
+    step_s: float = field(init=False)
 
     def __post_init__(self) -> None:
         for name in ("time", "force"):
@@ -39,6 +42,7 @@ class PlateLoad:
                 f"plate {self.number}: force {self.force.shape} does not fit the times "
                 f"{self.time.shape}"
             )
+        object.__setattr__(self, "step_s", float(np.median(np.diff(self.time))))
 
 
 def plate_loads(
