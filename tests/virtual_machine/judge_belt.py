@@ -3,9 +3,10 @@
 Run as ``python -m tests.virtual_machine.judge_belt [DRIVES]``. Every drive is drawn within the
 intervals of its parameters, follows the 24 calibration signals of the belts and the validation
 pulses, and is processed as `hbm calibration rank` does: 10 Hz, 100 Hz, the second-order model of
-every calibration signal judged on the pulses. What is left is printed, also for the same drive
-with nothing out of balance, without rumble and with ideal instruments: then only the model's
-family is wrong.
+every calibration signal judged on the pulses. What is left is printed [N·m]; "no roller" is without
+the roller that `fit_roller` finds, and "ideal left" of the same drive with nothing out of balance,
+without rumble and with ideal instruments: then only the model's family is wrong, and the channel of
+the speed.
 """
 
 import sys
@@ -76,6 +77,8 @@ def record(drive: BeltDrive, signal: Signal, seed: int, *, ideal: bool) -> BeltT
 def judge(drive: BeltDrive, seed: int, *, ideal: bool) -> Judged:
     """Fit all calibration signals of a drive, and judge them on the pulses."""
     signals = [s for n, v in enumerate(MEAN_SPEEDS_MPS) for s in belt_signals(2 * seed + n, v)]
+    if ideal:
+        signals = [signal for signal in signals if signal.name == ADVISED_BELT_SIGNAL]
     validation = validation_signals(seed)[BELT_PULSES]
     pulses = [record(drive, validation, 100 * seed + n, ideal=ideal) for n in range(REPEATS)]
     scores = {}
