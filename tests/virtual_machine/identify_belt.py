@@ -176,17 +176,12 @@ def unbalance(amplitudes: list[Array]) -> dict[str, float]:
     return {"value": force, "low": force * 2 / 3, "high": force * 4 / 3}
 
 
-def line_row(lines: Lines, number: int) -> dict[str, float]:
+def line_row(lines: Lines, number: int) -> dict:
     """Give a line's turns and amplitude with its interval."""
     a = lines.amplitudes[number]
     half = NORMAL_95 * a.std() / np.sqrt(len(a))
-    turns = float(lines.turns_per_m[number])
-    return {
-        "turns_per_m": turns,
-        "value": a.mean(),
-        "low": a.mean() - half,
-        "high": a.mean() + half,
-    }
+    interval = {"value": a.mean(), "low": a.mean() - half, "high": a.mean() + half}
+    return {"turns_per_m": lines.turns_per_m[number], "moment_kg": interval}
 
 
 def toml_text(table: dict) -> str:
@@ -196,13 +191,12 @@ def toml_text(table: dict) -> str:
         cells = [
             f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {float(f'{v:.5g}')!r}"
             for k, v in values.items()
-            if k != "turns_per_m"
         ]
         return "{ " + ", ".join(cells) + " }"
 
     single = [f"{name} = {row(values)}" for name, values in table.items() if name != "lines"]
     several = [
-        f"[[lines]]\nturns_per_m = {line['turns_per_m']:.4f}\nmoment_kg = {row(line)}\n"
+        f"[[lines]]\nturns_per_m = {line['turns_per_m']:.4f}\nmoment_kg = {row(line['moment_kg'])}\n"
         for line in table["lines"]
     ]
     return HEADER + "\n".join(single) + "\n\n" + "\n".join(several)
