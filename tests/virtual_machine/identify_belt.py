@@ -196,7 +196,8 @@ def toml_text(table: dict) -> str:
 
     single = [f"{name} = {row(values)}" for name, values in table.items() if name != "lines"]
     several = [
-        f"[[lines]]\nturns_per_m = {line['turns_per_m']:.4f}\nmoment_kg = {row(line['moment_kg'])}\n"
+        f"[[lines]]\nturns_per_m = {line['turns_per_m']:.4f}\n"
+        f"moment_kg = {row(line['moment_kg'])}\n"
         for line in table["lines"]
     ]
     return HEADER + "\n".join(single) + "\n\n" + "\n".join(several)

@@ -169,6 +169,11 @@ def test_a_short_lack_of_force_delays_the_belt_and_it_arrives():
     assert weak.speed[-1] == pytest.approx(1.3, abs=0.001)
 
 
+def test_a_motor_heavier_than_everything_that_turns_gets_one_clear_error():
+    with pytest.raises(ValueError, match="beside a motor of 200 kg; expected more than 0"):
+        replace(QUIET, motor_kg=200.0)
+
+
 def test_drawn_drives_lie_within_the_intervals_about_the_identified_one():
     drives = [scattered_drive(np.random.default_rng(seed)) for seed in range(10)]
     rows = tomllib.loads(PARAMETERS_TOML.read_text(encoding="utf-8"))
