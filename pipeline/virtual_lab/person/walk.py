@@ -28,6 +28,7 @@ from pipeline.virtual_lab.person.body.wobbling import Oscillator
 from pipeline.virtual_lab.person.foot_placement import FootPlacement
 from pipeline.virtual_lab.person.gait_pattern import STEP_M, foothold, posture, size_of
 from pipeline.virtual_lab.person.leg_ik import solve_legs
+from pipeline.virtual_lab.person.load_sharing import left_wrench
 from pipeline.virtual_lab.person.sole_path import sole_targets
 from pipeline.virtual_lab.person.stance import STANCE
 from pipeline.virtual_lab.person.steps import (
@@ -43,7 +44,7 @@ ARMS_DOWN: Final = 0.48, 0.35
 """When lowering the arms begins, and how long it takes, as shares of the time before walking."""
 SMOOTHING_HZ: Final = 6.0
 """Cut-off frequency to which joint motion is smoothed: that of walking is below it."""
-CORRECTIONS: Final = 6
+CORRECTIONS: Final = 5
 """Iterations of legs and balance; chosen, enough for the pressure to stay under the feet."""
 LEG_ITERATIONS: Final = 10, 2
 """Iterations of the legs' inverse kinematics at most: in the first correction, which starts from
@@ -59,6 +60,9 @@ the legs show how high it can be, and in the others."""
 LOWERING_SD: Final = 0.0
 """By how many standard deviations of that height the pelvis is lower than on average in it; chosen:
 with more, knees are too bent at initial contact."""
+GAIN: Final = 1.2
+"""Of the correction: a little more than the error, because the arms and the trunk, which stay behind,
+make the body less sensitive than the point mass by which it is corrected; chosen."""
 MAX_ERROR_M: Final = 0.2
 """Larger errors of the centre of pressure are corrected as if they were that large."""
 SETTLE_S: Final = 0.5
@@ -87,6 +91,8 @@ class Walk:
     ground
         The wrench of the ground, from the person's true mechanics, 6 columns [N, N·m]; lab axes
         about the lab origin.
+    left
+        The part of it on the left foot, in the same form.
     placement
         Where the feet were.
     platform
@@ -96,6 +102,7 @@ class Walk:
     subject: VirtualSubject
     motion: Trajectory
     ground: Trajectory
+    left: Trajectory
     placement: FootPlacement
     platform: PlatformTrajectory
 
@@ -164,13 +171,17 @@ def simulate_walk(
         error = np.clip(np.nan_to_num(error), -MAX_ERROR_M, MAX_ERROR_M)
         error[-int(RATE_HZ * FREE_END_S) :] = 0.0
         error *= smooth_step((time - steps.contact[0]) / SETTLE_S)[:, None]
-        reference[:2] += balanced(error, height).T
-    motion = fit_trajectory(full.T, RATE_HZ)
-    return Walk(subject, motion, ground_trajectory(subject, motion), placement, platform)
+        reference[:2] += GAIN * balanced(error, height).T
+    return _loaded(subject, fit_trajectory(full.T, RATE_HZ), placement, platform)
 
 
-def ground_trajectory(subject: VirtualSubject, motion: Trajectory) -> Trajectory:
-    """Give the wrench of the ground that a motion of 55 columns requires, at any time."""
+def _loaded(
+    subject: VirtualSubject,
+    motion: Trajectory,
+    placement: FootPlacement,
+    platform: PlatformTrajectory,
+) -> Walk:
+    """Add the ground's wrenches to a motion."""
     rate_hz = FORCES_PER_FRAME * motion.rate_hz
     oscillators = _oscillators(subject, rate_hz)
     parts = []
@@ -181,7 +192,13 @@ def ground_trajectory(subject: VirtualSubject, motion: Trajectory) -> Trajectory
             for k in range(3)
         )
         parts.append(ground_wrench(subject.skeleton, (value, rate, second), oscillators))
-    return fit_trajectory(np.concatenate(parts), rate_hz, motion.start)
+    total = np.concatenate(parts)
+    time = motion.start + np.arange(len(total)) / rate_hz
+    left = left_wrench(
+        total, placement, platform.pose(time), time, float(subject.standing[INDEX["PelvisZ"]])
+    )
+    ground, left_only = (fit_trajectory(wrench, rate_hz, motion.start) for wrench in (total, left))
+    return Walk(subject, motion, ground, left_only, placement, platform)
 
 
 def _oscillators(subject: VirtualSubject, rate_hz: float) -> list[Oscillator]:
