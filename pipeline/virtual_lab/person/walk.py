@@ -61,8 +61,8 @@ LOWERING_SD: Final = 0.0
 """By how many standard deviations of that height the pelvis is lower than on average in it; chosen:
 with more, knees are too bent at initial contact."""
 GAIN: Final = 1.2
-"""Of the correction: a little more than the error, because the arms and the trunk, which stay behind,
-make the body less sensitive than the point mass by which it is corrected; chosen."""
+"""Of the correction: a little more than the error, as the body answers less than the point mass by
+which it is corrected; chosen."""
 MAX_ERROR_M: Final = 0.2
 """Larger errors of the centre of pressure are corrected as if they were that large."""
 SETTLE_S: Final = 0.5
