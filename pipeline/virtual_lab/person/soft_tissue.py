@@ -91,10 +91,9 @@ def displace_markers(
     """
     displaced = position.copy()
     for name in dict.fromkeys(segment):
-        side, _, part = (
-            name.partition("_") if name.startswith(("left", "right")) else ("", "", name)
-        )
-        drivers = _standardised([side[:1].upper() + n for n in DRIVERS[part]], q, walking)
+        part = name.removeprefix("left_").removeprefix("right_")
+        letter = "" if part == name else name[0].upper()
+        drivers = _standardised([letter + n for n in DRIVERS[part]], q, walking)
         size = faults.skin_scale * SKIN_RMS_M[part] / np.sqrt(3)
         common = rng.normal(size=(3, len(drivers)))
         turn = np.moveaxis(rotation[name], 0, 2)

@@ -67,6 +67,9 @@ MAX_ERROR_M: Final = 0.2
 """Larger errors of the centre of pressure are corrected as if they were that large."""
 SETTLE_S: Final = 0.5
 """Time from the first step on in which the correction of balance begins."""
+BEYOND_S: Final = 1.0
+"""How much longer than the trial a walk is computed, as its last tenths of a second depend on what
+follows."""
 FREE_END_S: Final = 1 / 6
 """At the end of a walk balance is not corrected: what follows is unknown."""
 WANDER_S: Final = 0.3
@@ -133,9 +136,9 @@ def simulate_walk(
     Returns
     -------
     Walk
-        Coordinates and foot placement.
+        Motion, ground forces and foot placement; a second longer than the trial.
     """
-    time = np.arange(round(duration * RATE_HZ) + 1) / RATE_HZ
+    time = np.arange(round((duration + BEYOND_S) * RATE_HZ) + 1) / RATE_HZ
     placement = _place(subject, steps, belt, platform, rng)
     pose, skeleton = platform.pose(time), subject.skeleton
     reference = _pattern(subject, placement, platform.slope(time), time, rng)
