@@ -114,11 +114,10 @@ def truth_table(trial: WalkingTrial) -> pd.DataFrame:
     pd.DataFrame
         At the markers' times: ``time``; the 46 coordinates [rad, m], the trunk's those of the
         lumbar joint; ``left_fx`` to ``right_mz``, the wrenches on the feet, lab axes about the lab
-        origin; ``artefact_1_fx`` to
-        ``artefact_2_mz``, what the plates' load cells carry of the treadmill itself (all that they
-        carry, less the person's load), in the moving platform's frame about its origin;
-        ``residual_fx`` to ``residual_mz``, the residual of the equations of motion about mid-hip;
-        ``sway`` [m] and ``pitch`` [rad] of the platform.
+        origin; ``artefact_1_fx`` to ``artefact_2_mz``, what the plates' load cells carry of the
+        treadmill itself (all that they carry, less the person's load), in the moving platform's
+        frame about its origin; ``residual_fx`` to ``residual_mz``, the residual of the equations of
+        motion about mid-hip; ``sway`` [m] and ``pitch`` [rad] of the platform.
     """
     motion, walk = trial.motion, trial.walk
     time = motion.time[::SAMPLES_PER_FRAME]
