@@ -13,6 +13,7 @@ from hbm.spatial import Array
 from pipeline.virtual_lab.machine.belt_parameters import RotatingLine, identified_drive
 from tests.virtual_machine.belt_features import features, segments
 from tests.virtual_machine.belt_recording import (
+    COMMAND_SD_MPS2,
     RATE_HZ,
     BeltRecording,
     read_recording,
@@ -20,8 +21,6 @@ from tests.virtual_machine.belt_recording import (
 )
 
 CUTOFF_HZ = 6.0
-COMMAND_SD_MPS2 = 4.74
-"""Of the commanded acceleration, as identified."""
 EDGE = 200
 
 

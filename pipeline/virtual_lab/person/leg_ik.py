@@ -53,6 +53,10 @@ class SoleTarget:
     position: Array
     weight: Array
 
+    def frames(self, part: slice) -> "SoleTarget":
+        """Give the target in some frames."""
+        return SoleTarget(self.sole, self.rotation[part], self.position[part], self.weight[part])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Points:

@@ -18,16 +18,17 @@ from pipeline.virtual_lab.machine.platform import PlatformTrajectory
 from pipeline.virtual_lab.machine.treadmill import BeltRamp
 from pipeline.virtual_lab.person.balance import (
     RATE_HZ,
+    Plan,
     balanced,
     in_lab,
-    pressure_on_platform,
+    keep_balance,
     surface_height,
 )
 from pipeline.virtual_lab.person.body.momentum import center_of_mass, ground_wrench
-from pipeline.virtual_lab.person.body.wobbling import Oscillator
+from pipeline.virtual_lab.person.body.wobbling import oscillators_of
 from pipeline.virtual_lab.person.foot_placement import FootPlacement
 from pipeline.virtual_lab.person.gait_pattern import STEP_M, foothold, posture, size_of
-from pipeline.virtual_lab.person.leg_ik import solve_legs
+from pipeline.virtual_lab.person.load_sharing import left_wrench
 from pipeline.virtual_lab.person.sole_path import sole_targets
 from pipeline.virtual_lab.person.stance import STANCE
 from pipeline.virtual_lab.person.steps import (
@@ -41,30 +42,16 @@ from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth
 
 ARMS_DOWN: Final = 0.48, 0.35
 """When lowering the arms begins, and how long it takes, as shares of the time before walking."""
-SMOOTHING_HZ: Final = 6.0
-"""Cut-off frequency to which joint motion is smoothed: that of walking is below it."""
-CORRECTIONS: Final = 6
-"""Iterations of legs and balance; chosen, enough for the pressure to stay under the feet."""
-LEG_ITERATIONS: Final = 10, 2
-"""Iterations of the legs' inverse kinematics at most: in the first correction, which starts from
-the gait pattern, and in the others, which start from the solution before."""
 FORCES_PER_FRAME: Final = 2
 """Ground forces per sample of the motion: at 200 Hz, between which they are interpolated. The
 motion has nothing above 30 Hz."""
 BLOCK_KNOTS: Final = 4096
 """Samples of the motion whose forces are computed at a time, to bound memory."""
-HEIGHT_WEIGHTS: Final = 0.1, 1.0
-"""Weight of the pelvis' height in the legs' inverse kinematics, in the first iteration, in which
-the legs show how high it can be, and in the others."""
-LOWERING_SD: Final = 0.0
-"""By how many standard deviations of that height the pelvis is lower than on average in it; chosen:
-with more, knees are too bent at initial contact."""
-MAX_ERROR_M: Final = 0.2
-"""Larger errors of the centre of pressure are corrected as if they were that large."""
 SETTLE_S: Final = 0.5
 """Time from the first step on in which the correction of balance begins."""
-FREE_END_S: Final = 1 / 6
-"""At the end of a walk balance is not corrected: what follows is unknown."""
+BEYOND_S: Final = 1.0
+"""How much longer than the trial a walk is computed, as its last tenths of a second depend on what
+follows."""
 WANDER_S: Final = 0.3
 """Time constant of slow variations of the joint angles; assumed."""
 MIN_KNEE_RAD: Final = 0.08
@@ -87,6 +74,8 @@ class Walk:
     ground
         The wrench of the ground, from the person's true mechanics, 6 columns [N, N·m]; lab axes
         about the lab origin.
+    left
+        The part of it on the left foot, in the same form.
     placement
         Where the feet were.
     platform
@@ -96,6 +85,7 @@ class Walk:
     subject: VirtualSubject
     motion: Trajectory
     ground: Trajectory
+    left: Trajectory
     placement: FootPlacement
     platform: PlatformTrajectory
 
@@ -126,53 +116,51 @@ def simulate_walk(
     Returns
     -------
     Walk
-        Coordinates and foot placement.
+        Motion, ground forces and foot placement; a second longer than the trial.
     """
-    time = np.arange(round(duration * RATE_HZ) + 1) / RATE_HZ
+    time = np.arange(round((duration + BEYOND_S) * RATE_HZ) + 1) / RATE_HZ
     placement = _place(subject, steps, belt, platform, rng)
-    pose, skeleton = platform.pose(time), subject.skeleton
+    pose = platform.pose(time)
     reference = _pattern(subject, placement, platform.slope(time), time, rng)
     height = _height(subject, subject.standing)
     extent = placement.extent(time)
-    walking, steady = np.minimum(extent, 1.0), extent > STEADY_SHARE * extent[-1]
+    walking = np.minimum(extent, 1.0)
     phase = placement.phase("right", time)
 
     def extended(q: Array) -> Array:
         return subject.extra_joints.extend(q, phase, walking)
 
-    ahead = center_of_mass(skeleton, extended(reference.T))[:, :2] - reference[:, :2]
+    ahead = center_of_mass(subject.skeleton, extended(reference.T))[:, :2] - reference[:, :2]
     placement = _shifted_pressure(placement, reference, ahead, pose, height, time)
     intended = in_lab(placement.total_pressure(time), pose)[:, :2]
     reference[:, :2] = balanced(intended, height) - ahead
     reference[:, 2] += surface_height(pose, subject.standing[:2])
 
     targets = sole_targets(subject, placement, extended(reference.T), pose, time)
-    reference = np.ascontiguousarray(reference.T)
-    q = full = reference
-    for correction in range(CORRECTIONS):
-        later = min(correction, 1)
-        weight, iterations = HEIGHT_WEIGHTS[later], LEG_ITERATIONS[later]
-        q = solve_legs(skeleton, subject.extra_joints, reference, targets, q, weight, iterations)
-        if correction == 0:
-            change = (q - reference)[2, steady]
-            reference[2] += walking * (change.mean() - LOWERING_SD * change.std())
-        full = extended(_smooth(q))
-        if correction == CORRECTIONS - 1:
-            break
-        wrench = ground_wrench(skeleton, _differentiated(full), _oscillators(subject, RATE_HZ))
-        error = intended - in_lab(pressure_on_platform(wrench, pose), pose)[:, :2]
-        error = np.clip(np.nan_to_num(error), -MAX_ERROR_M, MAX_ERROR_M)
-        error[-int(RATE_HZ * FREE_END_S) :] = 0.0
-        error *= smooth_step((time - steps.contact[0]) / SETTLE_S)[:, None]
-        reference[:2] += balanced(error, height).T
-    motion = fit_trajectory(full.T, RATE_HZ)
-    return Walk(subject, motion, ground_trajectory(subject, motion), placement, platform)
+    plan = Plan(
+        subject,
+        targets,
+        intended,
+        height,
+        pose,
+        phase,
+        walking,
+        extent > STEADY_SHARE * extent[-1],
+        smooth_step((time - steps.contact[0]) / SETTLE_S),
+    )
+    q = keep_balance(plan, np.ascontiguousarray(reference.T), time)
+    return _loaded(subject, fit_trajectory(q.T, RATE_HZ), placement, platform)
 
 
-def ground_trajectory(subject: VirtualSubject, motion: Trajectory) -> Trajectory:
-    """Give the wrench of the ground that a motion of 55 columns requires, at any time."""
+def _loaded(
+    subject: VirtualSubject,
+    motion: Trajectory,
+    placement: FootPlacement,
+    platform: PlatformTrajectory,
+) -> Walk:
+    """Add the ground's wrenches to a motion."""
     rate_hz = FORCES_PER_FRAME * motion.rate_hz
-    oscillators = _oscillators(subject, rate_hz)
+    oscillators = oscillators_of(subject.wobbling, rate_hz)
     parts = []
     knots = round(motion.duration * motion.rate_hz) + 1
     for first in range(0, knots, BLOCK_KNOTS):
@@ -181,11 +169,13 @@ def ground_trajectory(subject: VirtualSubject, motion: Trajectory) -> Trajectory
             for k in range(3)
         )
         parts.append(ground_wrench(subject.skeleton, (value, rate, second), oscillators))
-    return fit_trajectory(np.concatenate(parts), rate_hz, motion.start)
-
-
-def _oscillators(subject: VirtualSubject, rate_hz: float) -> list[Oscillator]:
-    return [Oscillator(mass, rate_hz) for mass in subject.wobbling]
+    total = np.concatenate(parts)
+    time = motion.start + np.arange(len(total)) / rate_hz
+    left = left_wrench(
+        total, placement, platform.pose(time), time, float(subject.standing[INDEX["PelvisZ"]])
+    )
+    ground, left_only = (fit_trajectory(wrench, rate_hz, motion.start) for wrench in (total, left))
+    return Walk(subject, motion, ground, left_only, placement, platform)
 
 
 def _height(subject: VirtualSubject, q: Array) -> float:
@@ -197,16 +187,6 @@ def _center(subject: VirtualSubject, q: Array) -> Array:
     still = np.zeros(1)
     full = subject.extra_joints.extend(q[:, None], still, still)
     return np.asarray(center_of_mass(subject.skeleton, full)[0])
-
-
-def _differentiated(values: Array) -> tuple[Array, Array, Array]:
-    """Give values (C, T) at `RATE_HZ` with their first and second derivatives, to fourth order."""
-    padded = np.pad(values, ((0, 0), (2, 2)), mode="edge")
-    near = padded[:, 3:-1], padded[:, 1:-3]
-    far = padded[:, 4:], padded[:, :-4]
-    rate = (8 * (near[0] - near[1]) - (far[0] - far[1])) * (RATE_HZ / 12)
-    second = (16 * (near[0] + near[1]) - (far[0] + far[1]) - 30 * values) * (RATE_HZ**2 / 12)
-    return values, rate, second
 
 
 def _place(
@@ -279,9 +259,3 @@ def _shifted_pressure(
     pelvis = balanced(pressure, height) - ahead
     shift = float(np.mean((reference[:, 0] - pelvis[:, 0])[steady]))
     return replace(placement, pressure_shift=shift)
-
-
-def _smooth(q: Array) -> Array:
-    """Smooth by a Gaussian whose amplitude response is 1/√2 at `SMOOTHING_HZ`, (C, T)."""
-    sigma = np.sqrt(np.log(2) / 2) / (2 * np.pi * SMOOTHING_HZ) * RATE_HZ
-    return np.asarray(gaussian_filter1d(q, sigma, axis=1, mode="nearest"))

@@ -130,15 +130,10 @@ def _with_person(
     segments = list(dict.fromkeys(body.marker_segment))
     poses = segment_poses(body, q, segments)
     orientation = {s: R for s, (R, _) in zip(segments, poses, strict=True)}
-    phase = walk.placement.phase("right", np.maximum(frames, walk.placement.steps.contact[0]))
+    walking = np.minimum(walk.placement.extent(frames), 1.0)
+    bones = marker_positions(body, q)
     on_skin = displace_markers(
-        marker_positions(body, q),
-        body.marker_segment,
-        orientation,
-        phase,
-        cameras,
-        of_skin,
-        FRAME_HZ,
+        bones, body.marker_segment, orientation, q, walking, cameras, of_skin, FRAME_HZ
     )
     person = measure_markers(on_skin, cameras, of_cameras, FRAME_HZ)
     return Markers(

@@ -1,6 +1,6 @@
 """Wobbling masses: soft tissue that oscillates against the bones, and what the ground feels."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -99,6 +99,11 @@ class Oscillator:
         numerator, denominator = (np.ravel(row) for row in self._filters[k])
         out, self._states[k] = lfilter(numerator, denominator, drive, axis=1, zi=self._states[k])
         return np.asarray(out)
+
+
+def oscillators_of(masses: Iterable[WobblingMass], rate_hz: float) -> list[Oscillator]:
+    """Give oscillators at rest for the masses."""
+    return [Oscillator(mass, rate_hz) for mass in masses]
 
 
 def draw_wobbling_masses(
