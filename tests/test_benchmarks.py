@@ -16,6 +16,7 @@ from tests.benchmarks import commands, events, report
 from tests.benchmarks.accuracy import check_optimum, force_error, kinematic_error
 from tests.benchmarks.comparison import COMPILED, MACHINE, implementations
 from tests.benchmarks.scaling import LEGS, on_segments, solved_share
+from tests.benchmarks.study import Cost, Version, show
 from tests.benchmarks.trial import export_trial, write_trial
 from tests.benchmarks.walker import walk, with_dropouts, with_random_gaps
 from tests.synthetic import synthetic_body
@@ -159,3 +160,10 @@ def test_without_gaitkit_its_events_are_left_out_and_the_reason_is_given(monkeyp
     found, reason = events.gaitkit_events([tmp_path / "walk.c3d"])
     assert found == {}
     assert "left out: ImportError: none here" in reason
+
+
+def test_a_study_is_compared_with_the_former_version_pair_by_pair(capsys, tmp_path):
+    former = [Cost(wall=100, user=80, system=20), Cost(wall=400, user=90, system=10)]
+    ours = [Cost(wall=50, user=40, system=10), Cost(wall=100, user=20, system=5)]
+    show("run", [Version("old", tmp_path), Version("new", tmp_path)], [former, ours])
+    assert "of the former one's 0.38 wall, 0.38 CPU" in capsys.readouterr().out
