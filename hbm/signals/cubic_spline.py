@@ -43,7 +43,7 @@ def cubic_spline(time: Array, samples: Array, at: Array) -> Array:
     (Unser, Aldroubi and Eden 1993, IEEE Trans Signal Process 41:821). Solutions differ by multiples
     of the filter's response from either end; these are set so that the third derivative is
     continuous at the second sample and the last but one. It is the spline that SciPy's general
-    solver gives, but for rounding, in a fifth of the time.
+    solver gives, but for rounding, in a third of the time.
 
     Examples
     --------
