@@ -70,7 +70,7 @@ def test_the_stiffer_it_is_the_nearer_it_is_to_rigid(moving):
     motion, _ = moving
     loads = smooth_loads(motion.sway.shape[1])
     rigid, off = response(None, motion, loads), []
-    for flexibility in (0.3, 0.1, 0.03):
+    for flexibility in (0.1, 0.05, 0.025):
         found = response(make_structure(elasticity=SOFT, flexibility=flexibility), motion, loads)
         off.append(
             [
@@ -79,7 +79,7 @@ def test_the_stiffer_it_is_the_nearer_it_is_to_rigid(moving):
                 np.abs(found.frame).max(),
             ]
         )
-    np.testing.assert_allclose(np.divide(off[1:], off[:-1]), [[1 / 3], [0.3]], rtol=0.35)
+    np.testing.assert_allclose(np.divide(off[1:], off[:-1]), 0.5, rtol=0.2)
 
 
 def test_a_constant_load_is_carried_exactly_by_its_own_plate(at_rest):
