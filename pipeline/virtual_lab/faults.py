@@ -117,7 +117,9 @@ class PlateFaults(InputModel):
     6 Hz: the zero wanders by ``wander_n``. It moves by ``zero_shift_n`` from trial to trial, and by
     ``drift_n_per_min`` within one. ``cross_talk`` is that of each component in each other [1];
     ``curvature`` that of the vertical force as a share of full scale there, assumed, of the size
-    that makers state. ``bits`` are those of the converter over the range; 0 is a perfect one.
+    that makers state. ``alias_n`` is interference of the motors from above half the sampling rate,
+    which no filter keeps away; assumed. ``bits`` are those of the converter over the range; 0 is a
+    perfect one.
 
     ``delay_s`` is in the range of what the thesis found of its plates, 2 to 4 ms; the right plate
     is later than the left by ``right_later_s``. Both plates see the cameras' points turned about
@@ -134,6 +136,7 @@ class PlateFaults(InputModel):
     offset_n: Size = 2.0
     zero_shift_n: Size = 0.5
     drift_n_per_min: Size = 0.3
+    alias_n: Size = 0.1
     bits: Bits = 16
     delay_s: Delay = 0.003
     right_later_s: Delay = -0.001
@@ -153,7 +156,7 @@ class AccelerometerFaults(InputModel):
     The thesis has two, with a range of 2 g. ``cross_axis`` is what a channel shows of the other two
     axes beside ``misalignment_deg`` of the sensor, ``curvature`` its departure from a straight line
     at the end of the range as a share of that, both assumed, of the size that makers state. They
-    are 1 ms later than the left plate; assumed. ``bits`` as of the plates.
+    are 1 ms later than the left plate; assumed. ``alias_mps2`` and ``bits`` are as of the plates.
     """
 
     sensors: Literal[1, 2, 3, 4] = 2
@@ -164,6 +167,7 @@ class AccelerometerFaults(InputModel):
     curvature: Size = 0.002
     offset_mps2: Size = 0.05
     drift_mps2_per_min: Size = 0.001
+    alias_mps2: Size = 0.002
     range_g: Annotated[float, Field(gt=0)] = 2.0
     bits: Bits = 16
     delay_s: Delay = 0.004
@@ -242,6 +246,7 @@ class Faults(InputModel):
                 offset_n=0,
                 zero_shift_n=0,
                 drift_n_per_min=0,
+                alias_n=0,
                 bits=0,
                 delay_s=0,
                 right_later_s=0,
@@ -254,6 +259,7 @@ class Faults(InputModel):
                 curvature=0,
                 offset_mps2=0,
                 drift_mps2_per_min=0,
+                alias_mps2=0,
                 bits=0,
                 delay_s=0,
             ),

@@ -21,8 +21,8 @@ MIN_COMMAND_HZ: Final = 0.4
 """Below which the recorded speeds hold nothing."""
 REPORT_HZ: Final = 50.0
 """Update rate of the recorded speeds: they come in pairs, equal or interpolated."""
-PLATE_DELAY_S: Final = 0.003
-"""Of the load cells' channels; 2 and 4 ms (van de Loosdrecht 2018)."""
+COMMAND_SD_MPS2: Final = 4.74
+"""Of the commanded acceleration, as identified on the first recording."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,9 +41,9 @@ class PlatformMotion:
         """The platform's true pose."""
         return commanded_pose(self.sway[0], self.pitch[0], self.pivot)
 
-    def at_rest(self) -> "PlatformMotion":
-        """Give the same platform at rest in neutral for as many samples."""
-        return PlatformMotion(0 * self.sway, 0 * self.pitch, self.pivot)
+    def every(self, step: int) -> "PlatformMotion":
+        """Give every ``step``-th sample."""
+        return PlatformMotion(self.sway[:, ::step], self.pitch[:, ::step], self.pivot)
 
 
 def specific_force(motion: PlatformMotion, point: Array) -> Array:

@@ -108,20 +108,14 @@ def measure_platform(
 ) -> Markers:
     """Record the markers on the platform."""
     step = round(motion.rate_hz / FRAME_HZ)
-    pose, faults = motion.platform.pose, treadmill.faults.platform
-    rotation, position = pose.rotation[::step], pose.position[::step]
-    places = [
-        position + (rotation @ (place + _displacement(response, place))[..., None])[..., 0]
-        for place in map(np.array, PLATFORM_MARKERS_M.values())
-    ]
+    pose, faults = motion.platform.every(step).pose, treadmill.faults.platform
+    places = []
+    for place in map(np.array, PLATFORM_MARKERS_M.values()):
+        moved = place + response.frame @ frame_shape(place)[:3].T
+        places.append(pose.position + (pose.rotation @ moved[..., None])[..., 0])
     cameras = CameraFaults(noise_m=faults.marker_noise_m, gaps_per_minute=faults.gaps_per_minute)
     measured = measure_markers(np.stack(places, axis=1), cameras, rng, FRAME_HZ)
     return Markers(motion.time[::step], tuple(PLATFORM_MARKERS_M), measured)
-
-
-def _displacement(response: Response, place: Array) -> Array:
-    """Give how far a place of the frame is from where a rigid platform would have it, (F, 3)."""
-    return np.asarray(response.frame @ frame_shape(place)[:3].T)
 
 
 def _pose_delay(faults: PlatformFaults, rng: np.random.Generator) -> float:

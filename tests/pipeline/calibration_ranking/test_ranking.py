@@ -274,7 +274,7 @@ def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
     assert f1["factor"].tolist() == ["speed_mps"]  # both trials last 60 s
     assert "| speed_mps |" in page
     person = pd.read_csv(out / "belt_person.csv").set_index("person")
-    assert person.loc["yes", "reduction"] < person.loc["no", "reduction"] - 10
+    assert person.loc["yes", "reduction"] < person.loc["no", "reduction"]
 
     assert main(["calibration", "rank", str(folder), "--simulate"]) == 2
     assert "has recordings already" in capsys.readouterr().err
