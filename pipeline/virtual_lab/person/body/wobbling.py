@@ -11,7 +11,7 @@ from hbm.segments import Inertia
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.virtual_lab.faults import BodyFaults
 from pipeline.virtual_lab.person.body.kinematics import Frame
-from pipeline.virtual_lab.person.body.same_body import SIDES
+from pipeline.virtual_lab.person.body.posture import SIDES
 from pipeline.virtual_lab.person.body.variation import drawn
 
 TISSUE: Final = {
