@@ -41,7 +41,7 @@ def test_only_legs_and_the_height_of_the_pelvis_are_moved():
         side: SoleTarget(
             sole,
             np.tile(np.eye(3), (FRAMES, 1, 1)),
-            np.tile(sole.standing + [0.02, 0.0, 0.03], (FRAMES, 1)),
+            np.tile(sole.standing + np.array([0.02, 0.0, 0.03]), (FRAMES, 1)),
             np.ones((FRAMES, 4)),
         )
         for side, sole in subject.soles.items()
