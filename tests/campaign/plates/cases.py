@@ -17,6 +17,7 @@ from pipeline.plate_accuracy.judgement import TOTAL
 from pipeline.plate_accuracy.stance import QUANTITIES, stance_loads
 from pipeline.plate_accuracy.verdict import Verdict, judge
 from pipeline.virtual_lab.machine.instruments.force_plate import PLATE_CENTERS_M
+from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
 from pipeline.virtual_lab.protocol.known_weights import (
     FULL_SCALE_N,
     PLATES,
@@ -39,7 +40,8 @@ SIZES: Final = (0.1, 0.5, 0.9, 1.1, 3.0)
 PERFECT: Final = 50
 STANDARD_STUDIES: Final = 3
 """Studies of two plates without a fault, of either design."""
-MINUTE_S: Final = np.linspace(0.0, 60.0, 301)
+RATE_HZ: Final = 5.0
+MINUTE_S: Final = np.arange(301) / RATE_HZ
 """Over which the true error of a person's load is averaged."""
 LIMITS: Final = AccuracyLimits()
 BODY_MASS_KG: Final = 75.0
@@ -294,7 +296,8 @@ def true_totals(errors: PlateErrors, belt: str) -> Array:
     pressure and moment as they are defined, less the truth.
     """
     rng = np.random.default_rng(0)
-    plate = replace(errors, noise_n=errors.noise_n * NOISE_SHARE).plate
+    per_sample = float(np.sqrt(ANALOG_HZ / RATE_HZ))
+    plate = replace(errors, noise_n=errors.noise_n * NOISE_SHARE * per_sample).plate
     c, s = np.cos(errors.angle_rad), np.sin(errors.angle_rad)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     center = PLATE_CENTERS_M[PLATES[belt]]
@@ -306,7 +309,7 @@ def true_totals(errors: PlateErrors, belt: str) -> Array:
         moment[:, 1] -= load[2] * shaken * np.sin(2 * np.pi * errors.vibration_hz * MINUTE_S)
         turned = force @ turn.T
         carried = np.hstack([turned, moment @ turn.T + np.cross(moved, turned)])
-        got = plate.measure(carried, MINUTE_S, rng)
+        got = plate.measure(carried, RATE_HZ, rng)
         place = np.array([-load[4] / load[2], load[3] / load[2], 1.0])
         above = got[:, 3:] - np.cross(place, got[:, :3])
         pressure = np.column_stack([-got[:, 4] / got[:, 2], got[:, 3] / got[:, 2]]) - place[:2]

@@ -281,7 +281,7 @@ def test_a_calibration_makes_a_load_right_that_it_has_not_seen(tmp_path, capsys)
     x, y = np.array([-0.3, 0.35]), np.array([0.08, -0.05])
     step = np.column_stack([forward, 0 * up, up, y * up, -x * up, -y * forward])
     still = replace(errors, noise_n=0.0).plate
-    measured = still.measure(step, np.zeros(2), np.random.default_rng(0))
+    measured = still.measure(step, 1000.0, np.random.default_rng(0))
     off = np.abs(calibration.correct(measured) - step)
     allowed = 2.2 * np.abs(measured) @ calibration.standard_error.T + 0.1  # and that of the zero
     assert (off < allowed).all()
