@@ -76,8 +76,8 @@ def test_cases_have_different_names_and_include_every_calibration_signal():
 
 
 def test_an_unknown_case_is_refused_and_the_nearest_is_suggested():
-    with pytest.raises(ValueError, match=r"no case 'soft tissue artefacts'.*soft tissue artefact"):
-        ablation(SMALL, names=("soft tissue artefacts",))
+    with pytest.raises(ValueError, match=r"no case 'soft tissue skin'.*soft tissue: skin"):
+        ablation(SMALL, names=("soft tissue skin",))
 
 
 @pytest.mark.slow
