@@ -10,17 +10,20 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from compensation.inertia.model import InertiaModel, Setup
+from compensation.inertia.model_error import ModelError
 from compensation.inertia.sensors import Sensor
 from compensation.inputs import refuse_gaps
 from hbm.spatial import Array, read_only
 
 FORMAT: Final = "hbm-residuals inertia calibration"
-VERSION: Final = 3
+VERSION: Final = 4
 WITHOUT_SENSORS: Final = (1, 2)
 """Versions without delays and gains of the accelerometers, which are then used as they are, and
 without the correlation of plates. The first one did not name its filter either, which was always
 the zero-phase one, and stored warnings.
 """
+WITHOUT_MODEL_ERROR: Final = (*WITHOUT_SENSORS, 3)
+"""Versions whose models know of noise alone."""
 MAX_REASON: Final = 120
 """Characters of what is wrong, which names what the file holds."""
 
@@ -153,14 +156,14 @@ calibration'
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
     version = document.get("version")
-    if version not in (*WITHOUT_SENSORS, VERSION):
+    if version not in (*WITHOUT_MODEL_ERROR, VERSION):
         raise ValueError(
             f"the calibration has version {version}, this program reads versions 1 to {VERSION}; "
             "fit it again"
         )
     try:
         old = version in WITHOUT_SENSORS
-        plates = {name: _model(plain, old) for name, plain in document["plates"].items()}
+        plates = {name: _model(plain, version) for name, plain in document["plates"].items()}
         sensors = () if old else tuple(Sensor(**plain) for plain in document["sensors"])
         correlation = None if old else document["correlation"]
         calibration = Calibration(plates, document["provenance"], sensors, correlation)
@@ -174,13 +177,24 @@ calibration'
 
 
 def _plain(model: InertiaModel) -> dict[str, Any]:
-    values = ((f.name, getattr(model, f.name)) for f in fields(model) if f.name != "setup")
-    plain = {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
-    return plain | {"setup": asdict(model.setup) if model.setup is not None else None}
+    plain = _arrays_as_lists(model, without=("setup", "model_error"))
+    return plain | {
+        "setup": asdict(model.setup) if model.setup is not None else None,
+        "model_error": _arrays_as_lists(model.model_error) if model.model_error else None,
+    }
 
 
-def _model(plain: dict[str, Any], old: bool) -> InertiaModel:
+def _arrays_as_lists(part: InertiaModel | ModelError, without: Sequence[str] = ()) -> dict[str, Any]:
+    values = ((f.name, getattr(part, f.name)) for f in fields(part) if f.name not in without)
+    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
+
+
+def _model(plain: dict[str, Any], version: int) -> InertiaModel:
+    old = version in WITHOUT_SENSORS
     known = {name: value for name, value in plain.items() if name != "warnings" or not old}
     for needed in () if old else ("correlation", "rms_slow"):
         _ = plain[needed]
-    return InertiaModel(**(known | {"setup": Setup(**plain["setup"])}))
+    known["setup"] = Setup(**plain["setup"])
+    if version not in WITHOUT_MODEL_ERROR:
+        known["model_error"] = ModelError(**plain["model_error"])
+    return InertiaModel(**known)

@@ -20,7 +20,7 @@ from compensation import (
     refuse_unusable,
 )
 from compensation.alignment.sensor_delay import MODEL_ERROR_S
-from compensation.inertia.fit import residual_correlation
+from compensation.inertia.residual import residual_correlation
 from compensation.inertia.sensors import QUANTILE_95, noise_for_fit
 from hbm.notes import Note
 from hbm.signals.filtering import Method
