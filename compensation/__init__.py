@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from compensation.belt.roller import Roller, fit_roller
     from compensation.inertia.calibration import Calibration, from_json, to_json
     from compensation.inertia.checks import check_calibration, check_trial
-    from compensation.inertia.fit import fit_inertia, sensor_noise_of
+    from compensation.inertia.fit import fit_inertia, fit_trials, sensor_noise_of
     from compensation.inertia.model import InertiaModel, Setup
     from compensation.inertia.quality import left_over, refuse_unusable
     from compensation.inertia.sensors import Sensor, find_sensors
@@ -94,6 +94,7 @@ _HOME = {
     "check_calibration": "compensation.inertia.checks",
     "check_trial": "compensation.inertia.checks",
     "fit_inertia": "compensation.inertia.fit",
+    "fit_trials": "compensation.inertia.fit",
     "sensor_noise_of": "compensation.inertia.fit",
     "InertiaModel": "compensation.inertia.model",
     "left_over": "compensation.inertia.quality",
@@ -163,6 +164,7 @@ __all__ = [
     "find_sensors",
     "fit_belt",
     "fit_inertia",
+    "fit_trials",
     "fit_line_orthogonal",
     "fit_plate_alignment",
     "fit_pose",

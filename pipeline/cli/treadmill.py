@@ -48,6 +48,13 @@ def fit(
         str | None, typer.Option(help="Channel of the commanded pitch.")
     ] = None,
     plate_calibration: PlateCorrectionFile = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--beside",
+            help="People on the treadmill beside a plate that stays empty: fitted too; repeatable.",
+        ),
+    ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import check_calibration, to_json
@@ -63,6 +70,7 @@ def fit(
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
     from pipeline.trial.ground.calibration_recording import (
+        BESIDE,
         fit_calibration,
         plates_timed_apart,
         read_empty,
@@ -94,7 +102,8 @@ def fit(
         raise ValueError("--sway-channel and --pitch-channel need --platform-markers")
     with_markers = treadmill.model_copy(update={"platform": Platform(markers=markers)})
     try:
-        calibration = fit_calibration(empty, treadmill, plates)
+        others = [read_empty(path, stated, any_forward=plates is None) for path in beside or ()]
+        calibration = fit_calibration(empty, treadmill, plates, others)
         timing = (
             recording_delays(empty, with_markers, calibration.sensors, commands) if markers else ()
         )
@@ -115,6 +124,8 @@ def fit(
     setup = next(iter(calibration.plates.values())).setup
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
+    if BESIDE in provenance:
+        console.print(f"fitted too: {provenance[BESIDE]}", soft_wrap=True)
     print_table(_sensor_table(calibration), console)
     print_table(_fit_table(calibration), console)
     doubts = [

@@ -11,15 +11,18 @@ import numpy as np
 
 from compensation import (
     Calibration,
+    InertiaModel,
     Sensor,
     Setup,
     estimate_delay,
     find_sensors,
     fit_inertia,
+    fit_trials,
     from_json,
     refuse_unusable,
 )
 from compensation.alignment.sensor_delay import MODEL_ERROR_S
+from compensation.inertia.checks import MIN_LOAD_N
 from compensation.inertia.residual import residual_correlation
 from compensation.inertia.sensors import QUANTILE_95, noise_for_fit
 from hbm.notes import Note
@@ -37,6 +40,11 @@ from pipeline.trial.ground.corrected_plates import relative_delays_s, with_corre
 
 FILTER: Final[Method] = "zero_phase"
 """A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
+BESIDE: Final = "beside"
+"""Key of a calibration's provenance that names the recordings of people beside empty plates."""
+LOAD_S: Final = 2.0
+"""Over which the vertical force of a plate is averaged to see whether somebody is on it: longer
+than a stride, so that steps count as well as standing."""
 PLATES_NAME: Final = "plate_calibration"
 PLATES_SHA256: Final = "plate_calibration_sha256"
 """Keys of a calibration's provenance that name the correction of its plates."""
@@ -49,7 +57,10 @@ MIN_COSINE_LEVEL: Final = 0.7
 
 
 def fit_calibration(
-    recording: Recording, treadmill: Treadmill, plates: PlateCorrection | None = None
+    recording: Recording,
+    treadmill: Treadmill,
+    plates: PlateCorrection | None = None,
+    beside: Sequence[Recording] = (),
 ) -> Calibration:
     """Fit what the empty plates of a moving treadmill measure to its accelerations.
 
@@ -62,17 +73,21 @@ def fit_calibration(
     plates
         The correction of its plates, which are corrected before the fit, and brought to the first
         one's clock where it states their delays.
+    beside
+        Recordings in which people are on the treadmill, but not on every plate. Plates that stay
+        empty are fitted to them too.
 
     Returns
     -------
     Calibration
         One model per plate, named "plate 1", "plate 2", …. Its sensors' delays are against the
-        first plate. Its provenance names the correction.
+        first plate. Its provenance names the correction, and which plates were empty in what.
 
     Raises
     ------
     ValueError
-        If there are no plates or accelerometers, or the fit is not possible.
+        If there are no plates or accelerometers, the fit is not possible, or somebody was on a
+        plate for a part of a recording, or on all plates.
     """
     if not recording.plates:
         raise ValueError(
@@ -84,20 +99,91 @@ def fit_calibration(
     filtered = setup.low_pass(readings, clock)
     wrenches = wrenches_in_time(recording, setup, plates)
     sensors = _sensors(recording, treadmill, clock, readings, filtered, wrenches)
-    models, left = {}, []
-    for plate, wrench in zip(recording.plates, wrenches, strict=True):
-        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
-        known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
-        noise = noise_for_fit(sensors, felt[known])
-        model = fit_inertia(felt[known], wrench[known], setup, noise)
-        models[f"plate {plate.number}"] = model
-        left.append(np.full(wrench.shape, np.nan))
-        left[-1][known] = model.compensate(felt[known], wrench[known])
+    trials = _trials(recording, treadmill, sensors, plates)
+    noises = {name: noise_for_fit(sensors, felt) for name, (felt, _) in trials.items()}
+    models = {n: fit_inertia(*trial, setup, noises[n]) for n, trial in trials.items()}
     refuse_unusable(models)
     provenance = {"recording": recording.source.name}
+    if beside:
+        others = {
+            one.source.name: _empty_plates(
+                _trials(with_corrected_plates(one, plates), treadmill, sensors, plates),
+                models,
+                setup_of(one, treadmill),
+                one.source.name,
+            )
+            for one in beside
+        }
+        models = {
+            name: fit_trials(
+                [trial, *(found[name] for found in others.values() if name in found)],
+                setup,
+                noises[name],
+            )
+            for name, trial in trials.items()
+        }
+        provenance[BESIDE] = "; ".join(
+            f"{source}: {', '.join(found)} empty" for source, found in others.items()
+        )
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
-    return Calibration(models, provenance, sensors, _joint_correlation(recording, left, setup))
+    joint = _joint_correlation(recording, treadmill, sensors, wrenches, models)
+    return Calibration(models, provenance, sensors, joint)
+
+
+def _trials(
+    recording: Recording,
+    treadmill: Treadmill,
+    sensors: tuple[Sensor, ...],
+    correction: PlateCorrection | None,
+) -> dict[str, tuple[Array, Array]]:
+    """Give what was felt, (N, k), and the wrench, (N, 6), of every plate, where both are known."""
+    clock, readings = accelerations(recording, treadmill)
+    setup = setup_of(recording, treadmill)
+    filtered = setup.low_pass(readings, clock)
+    found = {}
+    for plate, wrench in zip(
+        recording.plates, wrenches_in_time(recording, setup, correction), strict=True
+    ):
+        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
+        known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
+        found[f"plate {plate.number}"] = felt[known], wrench[known]
+    return found
+
+
+def _empty_plates(
+    trials: Mapping[str, tuple[Array, Array]],
+    models: Mapping[str, InertiaModel],
+    setup: Setup,
+    source: str,
+) -> dict[str, tuple[Array, Array]]:
+    """Give the plates that nobody was on; a ValueError where somebody was for a while."""
+    empty = {}
+    for name, (felt, wrench) in trials.items():
+        if name not in models:
+            continue
+        try:
+            models[name].require(setup)
+        except ValueError as error:
+            raise ValueError(f"{source}: {error}") from error
+        force = models[name].compensate(felt, wrench)[:, 2]
+        count = round(LOAD_S * setup.rate_hz)
+        means = [part.mean() for part in np.array_split(force, max(len(force) // count, 1))]
+        carried = np.abs(means) > MIN_LOAD_N
+        if not carried.any():
+            empty[name] = felt, wrench
+        elif not carried.all():
+            raise ValueError(
+                f"{source}: somebody was on {name} in {100 * carried.mean():.0f} % of the "
+                f"recording (more than {MIN_LOAD_N:g} N on average over {LOAD_S:g} s); record "
+                "people who stay on the other plate or on the boards all the time"
+            )
+    if not empty:
+        raise ValueError(
+            f"{source}: somebody was on every plate; a recording beside the empty plate leaves one "
+            "plate empty"
+        )
+    return empty
 
 
 def plates_timed_apart(
@@ -151,13 +237,25 @@ def wrenches_in_time(
     ]
 
 
-def _joint_correlation(recording: Recording, left: Sequence[Array], setup: Setup) -> Array | None:
+def _joint_correlation(
+    recording: Recording,
+    treadmill: Treadmill,
+    sensors: tuple[Sensor, ...],
+    wrenches: Sequence[Array],
+    models: Mapping[str, InertiaModel],
+) -> Array | None:
     """Give the correlation of what is left of all plates; None where their clocks differ."""
     first, *others = recording.plates
     if not all(np.array_equal(plate.time, first.time) for plate in others):
         return None
-    together = np.hstack(left)
-    return residual_correlation(together[np.isfinite(together).all(axis=1)], setup)
+    setup = setup_of(recording, treadmill)
+    clock, readings = accelerations(recording, treadmill)
+    felt = at_plate_times(clock, setup.low_pass(readings, clock), first.time, treadmill, sensors)
+    known = np.isfinite(np.hstack([felt, *wrenches])).all(axis=1)
+    left = np.hstack(
+        [m.compensate(felt[known], w[known]) for m, w in zip(models.values(), wrenches, strict=True)]
+    )
+    return residual_correlation(left - left.mean(axis=0), setup)
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
