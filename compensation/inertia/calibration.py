@@ -184,7 +184,9 @@ def _plain(model: InertiaModel) -> dict[str, Any]:
     }
 
 
-def _arrays_as_lists(part: InertiaModel | ModelError, without: Sequence[str] = ()) -> dict[str, Any]:
+def _arrays_as_lists(
+    part: InertiaModel | ModelError, without: Sequence[str] = ()
+) -> dict[str, Any]:
     values = ((f.name, getattr(part, f.name)) for f in fields(part) if f.name not in without)
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
 

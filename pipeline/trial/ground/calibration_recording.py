@@ -13,7 +13,6 @@ from compensation import (
     Calibration,
     InertiaModel,
     Sensor,
-    Setup,
     estimate_delay,
     find_sensors,
     fit_inertia,
@@ -22,11 +21,9 @@ from compensation import (
     refuse_unusable,
 )
 from compensation.alignment.sensor_delay import MODEL_ERROR_S
-from compensation.inertia.checks import MIN_LOAD_N
 from compensation.inertia.residual import residual_correlation
 from compensation.inertia.sensors import QUANTILE_95, noise_for_fit
 from hbm.notes import Note
-from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
 from hbm.spatial import Array
 from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
@@ -36,15 +33,16 @@ from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
-from pipeline.trial.ground.corrected_plates import relative_delays_s, with_corrected_plates
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.empty_plates import (
+    empty_plates,
+    setup_of,
+    signals_of_plates,
+    wrenches_in_time,
+)
 
-FILTER: Final[Method] = "zero_phase"
-"""A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
 BESIDE: Final = "beside"
 """Key of a calibration's provenance that names the recordings of people beside empty plates."""
-LOAD_S: Final = 2.0
-"""Over which the vertical force of a plate is averaged to see whether somebody is on it: longer
-than a stride, so that steps count as well as standing."""
 PLATES_NAME: Final = "plate_calibration"
 PLATES_SHA256: Final = "plate_calibration_sha256"
 """Keys of a calibration's provenance that name the correction of its plates."""
@@ -99,15 +97,15 @@ def fit_calibration(
     filtered = setup.low_pass(readings, clock)
     wrenches = wrenches_in_time(recording, setup, plates)
     sensors = _sensors(recording, treadmill, clock, readings, filtered, wrenches)
-    trials = _trials(recording, treadmill, sensors, plates)
+    trials = signals_of_plates(recording, treadmill, sensors, plates)
     noises = {name: noise_for_fit(sensors, felt) for name, (felt, _) in trials.items()}
     models = {n: fit_inertia(*trial, setup, noises[n]) for n, trial in trials.items()}
     refuse_unusable(models)
     provenance = {"recording": recording.source.name}
     if beside:
         others = {
-            one.source.name: _empty_plates(
-                _trials(with_corrected_plates(one, plates), treadmill, sensors, plates),
+            one.source.name: empty_plates(
+                signals_of_plates(with_corrected_plates(one, plates), treadmill, sensors, plates),
                 models,
                 setup_of(one, treadmill),
                 one.source.name,
@@ -129,61 +127,6 @@ def fit_calibration(
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
     joint = _joint_correlation(recording, treadmill, sensors, wrenches, models)
     return Calibration(models, provenance, sensors, joint)
-
-
-def _trials(
-    recording: Recording,
-    treadmill: Treadmill,
-    sensors: tuple[Sensor, ...],
-    correction: PlateCorrection | None,
-) -> dict[str, tuple[Array, Array]]:
-    """Give what was felt, (N, k), and the wrench, (N, 6), of every plate, where both are known."""
-    clock, readings = accelerations(recording, treadmill)
-    setup = setup_of(recording, treadmill)
-    filtered = setup.low_pass(readings, clock)
-    found = {}
-    for plate, wrench in zip(
-        recording.plates, wrenches_in_time(recording, setup, correction), strict=True
-    ):
-        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
-        known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
-        found[f"plate {plate.number}"] = felt[known], wrench[known]
-    return found
-
-
-def _empty_plates(
-    trials: Mapping[str, tuple[Array, Array]],
-    models: Mapping[str, InertiaModel],
-    setup: Setup,
-    source: str,
-) -> dict[str, tuple[Array, Array]]:
-    """Give the plates that nobody was on; a ValueError where somebody was for a while."""
-    empty = {}
-    for name, (felt, wrench) in trials.items():
-        if name not in models:
-            continue
-        try:
-            models[name].require(setup)
-        except ValueError as error:
-            raise ValueError(f"{source}: {error}") from error
-        force = models[name].compensate(felt, wrench)[:, 2]
-        count = round(LOAD_S * setup.rate_hz)
-        means = [part.mean() for part in np.array_split(force, max(len(force) // count, 1))]
-        carried = np.abs(means) > MIN_LOAD_N
-        if not carried.any():
-            empty[name] = felt, wrench
-        elif not carried.all():
-            raise ValueError(
-                f"{source}: somebody was on {name} in {100 * carried.mean():.0f} % of the "
-                f"recording (more than {MIN_LOAD_N:g} N on average over {LOAD_S:g} s); record "
-                "people who stay on the other plate or on the boards all the time"
-            )
-    if not empty:
-        raise ValueError(
-            f"{source}: somebody was on every plate; a recording beside the empty plate leaves one "
-            "plate empty"
-        )
-    return empty
 
 
 def plates_timed_apart(
@@ -225,18 +168,6 @@ def plates_timed_apart(
     return tuple(notes)
 
 
-def wrenches_in_time(
-    recording: Recording, setup: Setup, correction: PlateCorrection | None
-) -> list[Array]:
-    """Give the low-passed plates (N, 6), each read ahead by how much later it is than the first."""
-    late = relative_delays_s(recording.plates, correction)
-    wrenches = [setup.low_pass(plate.wrench_in_plate, plate.time) for plate in recording.plates]
-    return [
-        wrench if late_s == 0 else resample(plate.time, wrench, plate.time + late_s)
-        for plate, wrench, late_s in zip(recording.plates, wrenches, late, strict=True)
-    ]
-
-
 def _joint_correlation(
     recording: Recording,
     treadmill: Treadmill,
@@ -253,7 +184,10 @@ def _joint_correlation(
     felt = at_plate_times(clock, setup.low_pass(readings, clock), first.time, treadmill, sensors)
     known = np.isfinite(np.hstack([felt, *wrenches])).all(axis=1)
     left = np.hstack(
-        [m.compensate(felt[known], w[known]) for m, w in zip(models.values(), wrenches, strict=True)]
+        [
+            m.compensate(felt[known], w[known])
+            for m, w in zip(models.values(), wrenches, strict=True)
+        ]
     )
     return residual_correlation(left - left.mean(axis=0), setup)
 
@@ -465,11 +399,3 @@ def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
             if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):
                 return recording
         raise first
-
-
-def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
-    """Give how a recording's plates and accelerometers were recorded and are to be filtered."""
-    rate = float(1 / np.median(np.diff(recording.plates[0].time)))
-    return Setup(
-        tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz, filter_method=FILTER
-    )

@@ -12,11 +12,10 @@ from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Platform, Settings, Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.calibration_recording import (
-    FILTER,
     read_calibration,
     require_same_plates,
-    setup_of,
 )
+from pipeline.trial.ground.empty_plates import FILTER, setup_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,8 @@ from compensation import InertiaModel
 from hbm.spatial import Array, read_only
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
-from pipeline.trial.ground.calibration_recording import setup_of
 from pipeline.trial.ground.corrected_plates import plate_delays_s
+from pipeline.trial.ground.empty_plates import setup_of
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
 

@@ -20,8 +20,8 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, corrected_sensors
 from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
-from pipeline.trial.ground.calibration_recording import setup_of
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
+from pipeline.trial.ground.empty_plates import setup_of
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note

@@ -1,0 +1,98 @@
+"""The signals to which a plate's calibration is fitted, and which plates stayed empty."""
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from compensation import InertiaModel, Sensor, Setup
+from compensation.inertia.checks import MIN_LOAD_N
+from hbm.signals.filtering import Method
+from hbm.signals.resampling import resample
+from hbm.spatial import Array
+from pipeline.config.plate_correction import PlateCorrection
+from pipeline.config.schema import Treadmill
+from pipeline.io.recording import Recording
+from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
+from pipeline.trial.ground.corrected_plates import relative_delays_s
+
+FILTER: Final[Method] = "zero_phase"
+"""A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
+LOAD_S: Final = 2.0
+"""Over which the vertical force of a plate is averaged to see whether somebody is on it: longer
+than a stride, so that steps count as well as standing."""
+
+
+def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
+    """Give how a recording's plates and accelerometers were recorded and are to be filtered."""
+    rate = float(1 / np.median(np.diff(recording.plates[0].time)))
+    return Setup(
+        tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz, filter_method=FILTER
+    )
+
+
+def wrenches_in_time(
+    recording: Recording, setup: Setup, correction: PlateCorrection | None
+) -> list[Array]:
+    """Give the low-passed plates (N, 6), each read ahead by how much later it is than the first."""
+    late = relative_delays_s(recording.plates, correction)
+    wrenches = [setup.low_pass(plate.wrench_in_plate, plate.time) for plate in recording.plates]
+    return [
+        wrench if late_s == 0 else resample(plate.time, wrench, plate.time + late_s)
+        for plate, wrench, late_s in zip(recording.plates, wrenches, late, strict=True)
+    ]
+
+
+def signals_of_plates(
+    recording: Recording,
+    treadmill: Treadmill,
+    sensors: tuple[Sensor, ...],
+    correction: PlateCorrection | None,
+) -> dict[str, tuple[Array, Array]]:
+    """Give what was felt, (N, k), and the wrench, (N, 6), of every plate, where both are known."""
+    clock, readings = accelerations(recording, treadmill)
+    setup = setup_of(recording, treadmill)
+    filtered = setup.low_pass(readings, clock)
+    found = {}
+    for plate, wrench in zip(
+        recording.plates, wrenches_in_time(recording, setup, correction), strict=True
+    ):
+        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
+        known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
+        found[f"plate {plate.number}"] = felt[known], wrench[known]
+    return found
+
+
+def empty_plates(
+    trials: Mapping[str, tuple[Array, Array]],
+    models: Mapping[str, InertiaModel],
+    setup: Setup,
+    source: str,
+) -> dict[str, tuple[Array, Array]]:
+    """Give the plates that nobody was on; a ValueError where somebody was for a while."""
+    empty = {}
+    for name, (felt, wrench) in trials.items():
+        if name not in models:
+            continue
+        try:
+            models[name].require(setup)
+        except ValueError as error:
+            raise ValueError(f"{source}: {error}") from error
+        force = models[name].compensate(felt, wrench)[:, 2]
+        count = round(LOAD_S * setup.rate_hz)
+        means = [part.mean() for part in np.array_split(force, max(len(force) // count, 1))]
+        carried = np.abs(means) > MIN_LOAD_N
+        if not carried.any():
+            empty[name] = felt, wrench
+        elif not carried.all():
+            raise ValueError(
+                f"{source}: somebody was on {name} in {100 * carried.mean():.0f} % of the "
+                f"recording (more than {MIN_LOAD_N:g} N on average over {LOAD_S:g} s); record "
+                "people who stay on the other plate or on the boards all the time"
+            )
+    if not empty:
+        raise ValueError(
+            f"{source}: somebody was on every plate; a recording beside the empty plate leaves one "
+            "plate empty"
+        )
+    return empty
