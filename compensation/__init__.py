@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from compensation.belt.roller import Roller, fit_roller
     from compensation.inertia.calibration import Calibration, from_json, to_json
     from compensation.inertia.checks import check_calibration, check_trial
+    from compensation.inertia.dynamic import dynamic_channels, fit_dynamic
     from compensation.inertia.fit import fit_inertia, sensor_noise_of
     from compensation.inertia.model import InertiaModel, Setup
     from compensation.inertia.quality import left_over, refuse_unusable
@@ -93,6 +94,8 @@ _HOME = {
     "to_json": "compensation.inertia.calibration",
     "check_calibration": "compensation.inertia.checks",
     "check_trial": "compensation.inertia.checks",
+    "dynamic_channels": "compensation.inertia.dynamic",
+    "fit_dynamic": "compensation.inertia.dynamic",
     "fit_inertia": "compensation.inertia.fit",
     "sensor_noise_of": "compensation.inertia.fit",
     "InertiaModel": "compensation.inertia.model",
@@ -159,9 +162,11 @@ __all__ = [
     "check_trial",
     "commanded_pose",
     "cutoff_of_spline",
+    "dynamic_channels",
     "estimate_delay",
     "find_sensors",
     "fit_belt",
+    "fit_dynamic",
     "fit_inertia",
     "fit_line_orthogonal",
     "fit_plate_alignment",

@@ -48,6 +48,13 @@ def fit(
         str | None, typer.Option(help="Channel of the commanded pitch.")
     ] = None,
     plate_calibration: PlateCorrectionFile = None,
+    model: Annotated[
+        str, typer.Option(help="static, dynamic, or auto: dynamic where clearly and safely better.")
+    ] = "auto",
+    check: Annotated[
+        list[Path] | None,
+        typer.Option(help="Another recording by which the models are compared too (repeatable)."),
+    ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import check_calibration, to_json
@@ -86,15 +93,17 @@ def fit(
             "accelerometers": sensors,
             "accelerometer_unit": accelerometer_unit,
             "cutoff_hz": cutoff_hz,
+            "inertia_model": model,
         },
     )
+    others = [read_empty(path, stated, any_forward=plates is None) for path in check or ()]
     commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
     markers = tuple(filter(None, map(str.strip, platform_markers.split(","))))
     if commands.channels and not markers:
         raise ValueError("--sway-channel and --pitch-channel need --platform-markers")
     with_markers = treadmill.model_copy(update={"platform": Platform(markers=markers)})
     try:
-        calibration = fit_calibration(empty, treadmill, plates)
+        calibration = fit_calibration(empty, treadmill, plates, others)
         timing = (
             recording_delays(empty, with_markers, calibration.sensors, commands) if markers else ()
         )
@@ -119,14 +128,15 @@ def fit(
     print_table(_fit_table(calibration), console)
     doubts = [
         note
-        for plate, model in calibration.plates.items()
-        for note in check_calibration(model, plate)
+        for plate, fitted in calibration.in_use.items()
+        for note in check_calibration(fitted, plate)
     ]
-    poor = [n for plate, m in calibration.plates.items() for n in check_left_over(m, plate)]
+    poor = [n for plate, m in calibration.in_use.items() for n in check_left_over(m, plate)]
     notes = [
         *doubts,
         *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
         *describe_sensors(calibration.sensors),
+        *([calibration.choice.note] if calibration.choice is not None else []),
         *timing,
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *poor,
@@ -153,7 +163,7 @@ def _fit_table(calibration: "Calibration") -> "Table":
     for name in ("plate", "component", "RMS", "after", "< 6 Hz", "allowed", "R²", "verdict"):
         left = name in ("plate", "component", "verdict")
         table.add_column(name, justify="left" if left else "right")
-    for name, model in calibration.plates.items():
+    for name, model in calibration.in_use.items():
         for row in left_over(model):
             table.add_row(
                 name,
@@ -166,8 +176,9 @@ def _fit_table(calibration: "Calibration") -> "Table":
                 row.verdict,
             )
         table.caption = (
-            f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}; allowed: "
-            "peaks of what is left, 3 RMS, stay below the limits of Hicks et al. (2015) at 50 kg; "
+            f"rank {model.rank} of {1 + len(model.acceleration_mean)}, condition "
+            f"{model.condition:.0f}; allowed: peaks of what is left, 3 RMS, stay below the "
+            "limits of Hicks et al. (2015) at 50 kg; "
             "R² is low where a component hardly moved, without harm"
         )
     return table

@@ -213,7 +213,8 @@ class Treadmill(InputModel):
     """The machine: its accelerometers, its calibration, its belts, its platform.
 
     ``check`` is an empty recording of another day, with which the calibration is compared. Without
-    ``accelerometer_delay_s`` the calibration estimates the accelerometers' delays.
+    ``accelerometer_delay_s`` the calibration estimates the accelerometers' delays. Without
+    ``inertia_model`` = "static" or "dynamic" it chooses the better one (docs/calibration.md).
 
     Examples
     --------
@@ -229,6 +230,7 @@ class Treadmill(InputModel):
     accelerometer_delay_s: DelayS | None = None
     accelerometer_range_g: AccelerometerRangeG = 2.0
     cutoff_hz: CalibrationCutoffHz = 20.0
+    inertia_model: Literal["auto", "static", "dynamic"] = "auto"
     belt: Belt | None = None
     platform: Platform | None = None
 

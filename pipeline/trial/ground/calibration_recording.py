@@ -11,6 +11,7 @@ import numpy as np
 
 from compensation import (
     Calibration,
+    InertiaModel,
     Sensor,
     Setup,
     estimate_delay,
@@ -20,10 +21,11 @@ from compensation import (
     refuse_unusable,
 )
 from compensation.alignment.sensor_delay import MODEL_ERROR_S
+from compensation.inertia.choice import EmptyPlate, choose
+from compensation.inertia.dynamic import LAGS_S
 from compensation.inertia.fit import residual_correlation
 from compensation.inertia.sensors import QUANTILE_95, noise_for_fit
 from hbm.notes import Note
-from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
 from hbm.spatial import Array
 from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
@@ -32,11 +34,14 @@ from pipeline.io.input_file import read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
-from pipeline.trial.ground.corrected_plates import relative_delays_s, with_corrected_plates
+from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.empty_plates import (
+    empty_plates,
+    setup_of,
+    wrenches_in_time,
+)
 
-FILTER: Final[Method] = "zero_phase"
-"""A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
 PLATES_NAME: Final = "plate_calibration"
 PLATES_SHA256: Final = "plate_calibration_sha256"
 """Keys of a calibration's provenance that name the correction of its plates."""
@@ -49,7 +54,10 @@ MIN_COSINE_LEVEL: Final = 0.7
 
 
 def fit_calibration(
-    recording: Recording, treadmill: Treadmill, plates: PlateCorrection | None = None
+    recording: Recording,
+    treadmill: Treadmill,
+    plates: PlateCorrection | None = None,
+    checks: Sequence[Recording] = (),
 ) -> Calibration:
     """Fit what the empty plates of a moving treadmill measure to its accelerations.
 
@@ -62,12 +70,16 @@ def fit_calibration(
     plates
         The correction of its plates, which are corrected before the fit, and brought to the first
         one's clock where it states their delays.
+    checks
+        Other recordings of the moving treadmill, by whose empty plates static and dynamic model are
+        compared too.
 
     Returns
     -------
     Calibration
-        One model per plate, named "plate 1", "plate 2", …. Its sensors' delays are against the
-        first plate. Its provenance names the correction.
+        One model per plate, named "plate 1", "plate 2", …, and dynamic ones where they are stated
+        or chosen. Its sensors' delays are against the first plate. Its provenance names the
+        correction.
 
     Raises
     ------
@@ -79,25 +91,43 @@ def fit_calibration(
             f"{recording.source.name}: the calibration needs plates: {recording.why_no_plates}"
         )
     recording = with_corrected_plates(recording, plates)
-    clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
-    filtered = setup.low_pass(readings, clock)
-    wrenches = wrenches_in_time(recording, setup, plates)
-    sensors = _sensors(recording, treadmill, clock, readings, filtered, wrenches)
-    models, left = {}, []
-    for plate, wrench in zip(recording.plates, wrenches, strict=True):
-        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
-        known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
-        noise = noise_for_fit(sensors, felt[known])
-        model = fit_inertia(felt[known], wrench[known], setup, noise)
-        models[f"plate {plate.number}"] = model
-        left.append(np.full(wrench.shape, np.nan))
-        left[-1][known] = model.compensate(felt[known], wrench[known])
-    refuse_unusable(models)
+    sensors = _sensors(recording, treadmill, plates)
+    samples = empty_plates(recording, treadmill, sensors, plates, LAGS_S)
+    k, static = 3 * len(treadmill.accelerometers), {}
+    for plate in samples:
+        felt, wrench = plate.felt[plate.known, :k], plate.wrench[plate.known]
+        static[plate.name] = fit_inertia(felt, wrench, setup, noise_for_fit(sensors, felt))
+    refuse_unusable(static)
+    others = {
+        check.source.name: _samples_of_check(check, treadmill, sensors, setup, plates)
+        for check in checks
+    }
+    stated = treadmill.inertia_model
+    choice, dynamic = choose(recording.source.name, samples, static, others, stated)
     provenance = {"recording": recording.source.name}
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
-    return Calibration(models, provenance, sensors, _joint_correlation(recording, left, setup))
+    correlation = _joint_correlation(recording, samples, dynamic or static)
+    return Calibration(static, provenance, sensors, correlation, dynamic, choice)
+
+
+def _samples_of_check(
+    recording: Recording,
+    treadmill: Treadmill,
+    sensors: Sequence[Sensor],
+    setup: Setup,
+    correction: PlateCorrection | None,
+) -> list[EmptyPlate]:
+    """Give the samples of a recording by which models are compared; recorded as the calibration."""
+    recording = with_corrected_plates(recording, correction)
+    if setup_of(recording, treadmill) != setup:
+        raise ValueError(
+            f"{recording.source.name}: its plates are sampled at "
+            f"{setup_of(recording, treadmill).rate_hz:g} Hz, those of the calibration at "
+            f"{setup.rate_hz:g} Hz"
+        )
+    return empty_plates(recording, treadmill, sensors, correction, LAGS_S)
 
 
 def plates_timed_apart(
@@ -112,17 +142,11 @@ def plates_timed_apart(
     states of the plates' delays is taken into account.
     """
     recording = with_corrected_plates(recording, plates)
-    clock, readings = accelerations(recording, treadmill)
-    setup = setup_of(recording, treadmill)
-    filtered = setup.low_pass(readings, clock)
     late = []
-    for plate, wrench in zip(
-        recording.plates, wrenches_in_time(recording, setup, plates), strict=True
-    ):
-        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
-        known = np.isfinite(np.hstack([felt, wrench])).all(axis=1)
+    for empty in empty_plates(recording, treadmill, sensors, plates):
+        felt, wrench = empty.felt[empty.known], empty.wrench[empty.known]
         try:
-            late.append(estimate_delay(felt[known], wrench[known], setup.rate_hz))
+            late.append(estimate_delay(felt, wrench, setup_of(recording, treadmill).rate_hz))
         except ValueError:
             return ()
     notes = []
@@ -139,25 +163,20 @@ def plates_timed_apart(
     return tuple(notes)
 
 
-def wrenches_in_time(
-    recording: Recording, setup: Setup, correction: PlateCorrection | None
-) -> list[Array]:
-    """Give the low-passed plates (N, 6), each read ahead by how much later it is than the first."""
-    late = relative_delays_s(recording.plates, correction)
-    wrenches = [setup.low_pass(plate.wrench_in_plate, plate.time) for plate in recording.plates]
-    return [
-        wrench if late_s == 0 else resample(plate.time, wrench, plate.time + late_s)
-        for plate, wrench, late_s in zip(recording.plates, wrenches, late, strict=True)
-    ]
-
-
-def _joint_correlation(recording: Recording, left: Sequence[Array], setup: Setup) -> Array | None:
+def _joint_correlation(
+    recording: Recording, samples: Sequence[EmptyPlate], models: Mapping[str, InertiaModel]
+) -> Array | None:
     """Give the correlation of what is left of all plates; None where their clocks differ."""
     first, *others = recording.plates
     if not all(np.array_equal(plate.time, first.time) for plate in others):
         return None
-    together = np.hstack(left)
-    return residual_correlation(together[np.isfinite(together).all(axis=1)], setup)
+    known = np.all([plate.known for plate in samples], axis=0)
+    left = []
+    for plate in samples:
+        model = models[plate.name]
+        felt = plate.felt[known, : len(model.gain) - 1]
+        left.append(model.compensate(felt, plate.wrench[known]))
+    return residual_correlation(np.hstack(left), models[samples[0].name].setup)
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
@@ -182,14 +201,13 @@ def require_same_plates(calibration: Calibration, plates: PlateCorrection | None
 
 
 def _sensors(
-    recording: Recording,
-    treadmill: Treadmill,
-    clock: Array,
-    readings: Array,
-    filtered: Array,
-    wrenches: Sequence[Array],
+    recording: Recording, treadmill: Treadmill, correction: PlateCorrection | None
 ) -> tuple[Sensor, ...]:
     """Find the sensors' delays against the plates, their gains and their noise."""
+    clock, readings = accelerations(recording, treadmill)
+    setup = setup_of(recording, treadmill)
+    filtered = setup.low_pass(readings, clock)
+    wrenches = wrenches_in_time(recording, setup, correction)
     first, *_ = recording.plates
     same_clock = [
         wrench
@@ -206,7 +224,7 @@ def _sensors(
         felt[known],
         both[known][:, felt.shape[1] :],
         complete,
-        setup_of(recording, treadmill),
+        setup,
         rate_hz,
     )
     if stated is None:
@@ -260,6 +278,7 @@ def read_calibration(
             calibration = from_json(read_text(path))
             _require_same_channels(calibration, treadmill)
             _require_same_delay(calibration, treadmill)
+            _require_stated_model(calibration, treadmill)
             require_same_plates(calibration, plates)
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error
@@ -294,6 +313,16 @@ def _require_same_delay(calibration: Calibration, treadmill: Treadmill) -> None:
                 f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is "
                 f"{1000 * stated:.2f} ms; leave it out, or fit again"
             )
+
+
+def _require_stated_model(calibration: Calibration, treadmill: Treadmill) -> None:
+    """Refuse a stated model that is not the one of the calibration."""
+    fitted, stated = "dynamic" if calibration.dynamic else "static", treadmill.inertia_model
+    if stated not in ("auto", fitted):
+        raise ValueError(
+            f"the calibration is of a {fitted} model, but treadmill.inertia_model is {stated!r}; "
+            f"leave it out, or fit it again with --model {stated}"
+        )
 
 
 def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
@@ -367,11 +396,3 @@ def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
             if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):
                 return recording
         raise first
-
-
-def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
-    """Give how a recording's plates and accelerometers were recorded and are to be filtered."""
-    rate = float(1 / np.median(np.diff(recording.plates[0].time)))
-    return Setup(
-        tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz, filter_method=FILTER
-    )

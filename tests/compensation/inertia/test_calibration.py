@@ -113,7 +113,7 @@ def damaged(text, **changes):
         (lambda text: text[:100], "not JSON"),
         (lambda text: "[1, 2]", "not a calibration"),
         (lambda text: "{}", "not a calibration"),
-        (lambda text: text.replace('"version": 3', '"version": 9'), "version 9"),
+        (lambda text: text.replace('"version": 4', '"version": 9'), "version 9"),
         (lambda text: text.replace('"provenance"', '"origin"'), "damaged: 'provenance'"),
         (lambda text: text.replace('"sigma"', '"sugma"'), "damaged"),
         (lambda text: damaged(text, gain=[[1.0] * 6]), "inertia model"),
