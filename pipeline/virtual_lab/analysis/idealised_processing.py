@@ -15,16 +15,18 @@ from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
 from pipeline.virtual_lab.machine.instruments.force_plate import misplaced
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME, delayed
 from pipeline.virtual_lab.machine.treadmill import TreadmillMotion
+from pipeline.virtual_lab.machine.vibration import Response
 from pipeline.virtual_lab.person.walk import Walk
 from pipeline.virtual_lab.protocol.instrumented_treadmill import (
     PITCH_CHANNEL,
     SWAY_CHANNEL,
     InstrumentedTreadmill,
+    person_loads,
     record,
+    undergo,
 )
 
 FIT_CUTOFF_HZ: Final = 20.0
@@ -92,7 +94,8 @@ def residual_of(
     Array
         Lab axes about mid-hip, at the markers' times, (T, 6) [N, N·m].
     """
-    recording = record(treadmill, motion, walk, "trial.c3d", rng)
+    response = undergo(treadmill, motion, person_loads(walk, motion.time))
+    recording = record(treadmill, motion, walk, "trial.c3d", rng, response)
     time, person = recording.markers.time, walk.subject.person
     body: Body = walk.subject.body
     if case.body_from_markers:
@@ -108,7 +111,7 @@ def residual_of(
         solve_ik(body, recording.markers), cutoff=case.cutoff_hz, method=case.method
     )
     pose = _pose(case, motion, recording)
-    plates = _without_treadmill(case, treadmill, motion, recording, models)
+    plates = _without_treadmill(case, treadmill, response, recording, models)
     ground = {
         f"{side}_foot": butterworth(to_lab(wrench, pose), time, case.cutoff_hz, case.method).value
         for side, wrench in zip(("left", "right"), plates, strict=True)
@@ -144,7 +147,7 @@ def _pose(case: Case, motion: TreadmillMotion, recording: Recording) -> Platform
 def _without_treadmill(
     case: Case,
     treadmill: InstrumentedTreadmill,
-    motion: TreadmillMotion,
+    response: Response,
     recording: Recording,
     models: tuple[InertiaModel, ...],
 ) -> list[Array]:
@@ -157,7 +160,7 @@ def _without_treadmill(
         own = [m.compensate(acceleration, wrench) for m, wrench in zip(models, own, strict=True)]
     elif case.removal == "known":
         faults = case.faults.plates
-        known = treadmill_wrenches(treadmill.machine, motion)
+        known = response.artefacts
         for k, plate in enumerate(recording.plates):
             late = misplaced(delayed(known[k], faults.delays_s[k], plate.time), faults)
             own[k] -= resample(plate.time, shift_wrench(late, plate.center), time)

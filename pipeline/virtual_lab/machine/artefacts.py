@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from hbm.spatial import GRAVITY_MPS2, Array
-from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
-from pipeline.virtual_lab.machine.platform import PlatformMotion, specific_force
+from hbm.spatial import GRAVITY_MPS2, Array, skew
+from pipeline.virtual_lab.machine.platform import felt_by_terms
 from pipeline.virtual_lab.machine.treadmill import Assembly, Machine, TreadmillMotion
 
 LEFTWARD: Final = np.array([0.0, 1.0, 0.0])
@@ -23,29 +22,34 @@ ROLLER_PLACE_M: Final = (0.9, 0.25, -0.1)
 roller radius and the belt's support below its surface."""
 
 
-def assembly_wrench(motion: PlatformMotion, assembly: Assembly) -> Array:
-    """Give what the load cells measure of their own belt assembly, tared at rest in neutral.
+def inertial_wrench(assembly: Assembly, pivot: Array) -> Array:
+    """Give what the load cells of a rigid platform measure of their own belt assembly.
 
     Parameters
     ----------
-    motion
-        Of the platform.
     assembly
         On the cells.
+    pivot
+        A point of the pitch axis in the platform frame, (3,) [m].
 
     Returns
     -------
     Array
-        In the platform frame about its origin, with the sign of an action on a person standing
-        there, (N, 6) [N, N·m].
+        By `motion_terms`, tared at rest in neutral, in the platform frame about its origin, with
+        the sign of an action on a person standing there, (6, 5) [N, N·m per term].
     """
-    center, tensor = np.array(assembly.center), np.array(assembly.tensor)
-    force = assembly.mass * specific_force(motion, center)
-    force[:, 2] -= assembly.mass * GRAVITY_MPS2
-    column = tensor @ LEFTWARD
-    _, rate, acceleration = motion.pitch
-    moment = acceleration[:, None] * column + (rate**2)[:, None] * np.cross(LEFTWARD, column)
-    return np.hstack([force, np.cross(center, force) + moment])
+    force = assembly.mass * felt_by_terms(np.array(assembly.center), pivot)
+    moment = skew(assembly.center) @ force
+    column = np.array(assembly.tensor) @ LEFTWARD
+    moment[:, 1] += column
+    moment[:, 2] += np.cross(LEFTWARD, column)
+    return np.vstack([force, moment])
+
+
+def weight_of(assembly: Assembly) -> Array:
+    """Give what the cells of an assembly carry at rest in neutral, about the origin, (6,)."""
+    force = np.array([0.0, 0.0, assembly.mass * GRAVITY_MPS2])
+    return np.concatenate([force, np.cross(assembly.center, force)])
 
 
 def belt_moment(machine: Machine, belt_acceleration: Array, rate_hz: float) -> Array:
@@ -77,9 +81,9 @@ def belt_moment(machine: Machine, belt_acceleration: Array, rate_hz: float) -> A
 
 
 def roller_wrench(
-    speed: Array, rate_hz: float, unbalance_kg_per_m: float, start_rad: float
+    speed: Array, rate_hz: float, unbalance_kg_per_m: float, start_rad: float, side: int = 1
 ) -> Array:
-    """Give the wrench of an unbalanced front roller on the left plate.
+    """Give the wrench of an unbalanced front roller on its plate.
 
     Parameters
     ----------
@@ -91,6 +95,8 @@ def roller_wrench(
         Force of the unbalanced roller by the square of the belt speed [N per (m/s)²].
     start_rad
         The roller's angle at the first sample [rad].
+    side
+        1 of the left belt, -1 of the right.
 
     Returns
     -------
@@ -99,27 +105,37 @@ def roller_wrench(
     """
     angle = start_rad + 2 * np.pi * np.cumsum(speed) / rate_hz / ROLLER_CIRCUMFERENCE_M
     pull = unbalance_kg_per_m * speed**2
-    force = np.column_stack([pull * np.cos(angle), 0 * pull, pull * np.sin(angle)])
-    return np.hstack([force, np.cross(ROLLER_PLACE_M, force)])
+    x, y, z = ROLLER_PLACE_M
+    fore, up = pull * np.cos(angle), pull * np.sin(angle)
+    return np.column_stack([fore, 0 * pull, up, side * y * up, z * fore - x * up, -side * y * fore])
 
 
-def treadmill_wrenches(machine: Machine, motion: TreadmillMotion) -> list[Array]:
-    """Give what each plate's load cells carry of the treadmill itself.
+def drive_wrenches(
+    machine: Machine, motion: TreadmillMotion, unbalance_kg_per_m: float, rate_hz: float
+) -> tuple[Array, Array]:
+    """Give what belts, rollers and motors add to what each plate has to carry.
 
     Parameters
     ----------
     machine
-        Belt assemblies, and the response to belt acceleration.
+        The response to belt acceleration.
     motion
-        Of platform and belts, at `ANALOG_HZ`.
+        Of the belts, and the rollers' angles.
+    unbalance_kg_per_m
+        As of `roller_wrench`.
+    rate_hz
+        Sampling rate [Hz].
 
     Returns
     -------
-    list of Array
+    tuple of Array
         Left and right plate, in the platform frame about its origin, (N, 6) each [N, N·m].
     """
-    pitch_moment = belt_moment(machine, np.gradient(motion.belt, 1 / ANALOG_HZ), ANALOG_HZ)
-    wrenches = [assembly_wrench(motion.platform, assembly) for assembly in machine.assemblies]
+    pitch_moment = belt_moment(machine, np.gradient(motion.belt, 1 / rate_hz), rate_hz)
+    wrenches = [
+        roller_wrench(motion.belt, rate_hz, unbalance_kg_per_m, start, side)
+        for start, side in zip(motion.roller_start_rad, (1, -1), strict=True)
+    ]
     for wrench in wrenches:
         wrench[:, 4] += pitch_moment
-    return wrenches
+    return wrenches[0], wrenches[1]

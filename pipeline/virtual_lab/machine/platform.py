@@ -12,6 +12,8 @@ from compensation.platform.pose import PlatformPose, commanded_pose
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory
 
+TERMS: Final = 5
+"""Number of `motion_terms`."""
 STATIONARY_KNOTS: Final = 20
 """Enough samples for a spline; a platform that does not move needs no more, however long it is."""
 
@@ -63,11 +65,25 @@ def specific_force(motion: PlatformMotion, point: Array) -> Array:
     -----
     With ``d`` from the pitch axis to the point: ``φ̈ ŷ×d − φ̇² (d − (d·ŷ) ŷ) + ÿ ŷ − Rᵀ g``.
     """
+    felt = motion_terms(motion) @ felt_by_terms(point, motion.pivot).T
+    felt[:, 2] += GRAVITY_MPS2
+    return np.asarray(felt)
+
+
+def motion_terms(motion: PlatformMotion) -> Array:
+    """Give what the specific force of every point is linear in, (N, 5) [m/s², 1/s²].
+
+    ``ÿ, φ̈, φ̇², g sin φ, g (1 − cos φ)``: all zero at rest in neutral.
+    """
     (_, _, sway_acceleration), (angle, rate, acceleration) = motion.sway, motion.pitch
-    d = np.asarray(point, float) - motion.pivot
-    x = acceleration * d[2] - rate**2 * d[0] - GRAVITY_MPS2 * np.sin(angle)
-    z = -acceleration * d[0] - rate**2 * d[2] + GRAVITY_MPS2 * np.cos(angle)
-    return np.column_stack([x, sway_acceleration, z])
+    falling = GRAVITY_MPS2 * np.sin(angle), 2 * GRAVITY_MPS2 * np.sin(angle / 2) ** 2
+    return np.column_stack([sway_acceleration, acceleration, rate**2, *falling])
+
+
+def felt_by_terms(point: Array, pivot: Array) -> Array:
+    """Give a point's specific force, less that at rest in neutral, by `motion_terms`, (3, 5)."""
+    x, _, z = np.asarray(point, float) - pivot
+    return np.array([[0, z, -x, -1, 0], [1, 0, 0, 0, 0], [0, -x, -z, 0, -1]])
 
 
 @dataclass(frozen=True, slots=True)

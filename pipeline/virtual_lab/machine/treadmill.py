@@ -7,6 +7,7 @@ import numpy as np
 
 from compensation import MachineLimits
 from hbm.spatial import Array
+from pipeline.virtual_lab.faults import MachineFaults
 from pipeline.virtual_lab.machine.platform import PlatformMotion
 from pipeline.virtual_lab.trajectories import smooth_step
 
@@ -27,7 +28,12 @@ class Assembly:
 
     mass: float
     center: tuple[float, float, float]
-    tensor: tuple[tuple[float, float, float], ...]
+    tensor: tuple[tuple[float, ...], ...]
+
+    def weighing(self, mass: float) -> "Assembly":
+        """Give an assembly of another mass [kg], distributed as this one's."""
+        x, y, z = (mass / self.mass * np.array(self.tensor)).tolist()
+        return Assembly(mass, self.center, (tuple(x), tuple(y), tuple(z)))
 
 
 LEFT_ASSEMBLY: Final = Assembly(
@@ -77,6 +83,18 @@ class Machine:
     belt_moment_kg_m: float = 4.0
 
 
+def make_machine(faults: MachineFaults) -> Machine:
+    """Give the treadmill whose mechanical properties a setting states."""
+    return Machine(
+        assemblies=(
+            LEFT_ASSEMBLY.weighing(faults.assembly_kg),
+            RIGHT_ASSEMBLY.weighing(faults.assembly_kg),
+        ),
+        sway_hz=faults.sway_hz,
+        pitch_hz=faults.pitch_hz,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class BeltRamp:
     """Belt speed that rises smoothly from rest and then stays constant.
@@ -112,16 +130,24 @@ class TreadmillMotion:
     Attributes
     ----------
     time
-        (N,) [s], at 1000 Hz.
+        (N,) [s], at 1000 Hz in recordings with a person.
     platform
         The platform's true motion at these times.
     belt
         Speed of both belts, (N,) [m/s].
     onsets
         When perturbations start, (P,) [s].
+    roller_start_rad
+        Angles of the left and the right belt's unbalanced roller at the first sample [rad].
     """
 
     time: Array
     platform: PlatformMotion
     belt: Array
     onsets: Array
+    roller_start_rad: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def rate_hz(self) -> float:
+        """Sampling rate [Hz]."""
+        return round(1 / float(self.time[1] - self.time[0]), 6)

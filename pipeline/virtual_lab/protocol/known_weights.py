@@ -165,7 +165,7 @@ class _SetUp:
         c, s = np.cos(errors.angle_rad), np.sin(errors.angle_rad)
         rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
         aligned = transform_wrench(late, rotation, np.array([*errors.offset_m, 0.0]))
-        return errors.plate.measure(shift_wrench(aligned, _center(belt)), time, self.rng)
+        return errors.plate.measure(shift_wrench(aligned, _center(belt)), ANALOG_HZ, self.rng)
 
 
 def simulate_plates(
@@ -288,7 +288,7 @@ def _hammer(path: Path, belt: str, lab: _SetUp) -> None:
     """Write blows with a hammer that carries a marker."""
     head, load = strike_belt(*CONTACT_S, lab.errors.delay_s, lab.rng)
     wrench = load[:, None] * np.eye(6)[2]
-    measured = ForcePlate(noise=lab.errors.noise).measure(wrench, _times(head), lab.rng)
+    measured = ForcePlate(noise=lab.errors.noise).measure(wrench, ANALOG_HZ, lab.rng)
     middle = np.full(len(head), _center(belt)[1])
     place = np.column_stack([0 * head, middle, head + HAMMER_MARKER_M])
     markers = lab.record_marker(place)

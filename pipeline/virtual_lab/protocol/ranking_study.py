@@ -11,14 +11,11 @@ from compensation import Signal, belt_signals, pitch_and_sway_signals, validatio
 from hbm.spatial import Array
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
+from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
-from pipeline.virtual_lab.machine.treadmill import Machine
 from pipeline.virtual_lab.person import bystander
-from pipeline.virtual_lab.protocol.calibration_trial import (
-    Imperfections,
-    record_signal_trial,
-    sample_times,
-)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 
 TRIALS: Final = 58
 """28 calibration trials of the platform, 24 of the belts, and 6 validation trials, one of which is
@@ -38,6 +35,8 @@ BYSTANDERS: Final[dict[str, LoadPattern]] = {
     "boarding": bystander.stepping_on_boards,
 }
 """Validation trial -> what the person on the platform beside the empty plate does."""
+BESIDE_THE_BELTS: Final = (bystander.stepping_on_boards,)
+"""Who is on the frame and not on the right belt."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,19 +77,18 @@ def recordings(
     seed: int,
     *,
     rate_hz: float = ANALOG_HZ,
-    machine: Machine | None = None,
-    imperfections: Imperfections | None = None,
+    faults: Faults | None = None,
 ) -> Iterator[tuple[str, Recording]]:
     """Record the trials of the experiment.
 
     Parameters
     ----------
     seed
-        Seed of signals, people and noise.
+        Seed of signals, people, instruments and noise.
     rate_hz
         Sampling rate of the analog channels [Hz].
-    machine, imperfections
-        By default those of `Machine` and `Imperfections`.
+    faults
+        Of the laboratory; by default `Faults`.
 
     Yields
     ------
@@ -98,19 +96,22 @@ def recordings(
         Sub-folder of the experiment and recording.
     """
     rng = np.random.default_rng((seed, TRIAL_STREAM))
+    treadmill = make_treadmill(faults or Faults(), seed)
     for trial in planned_trials(seed):
-        load: Array | None = None
+        on_belt: Array | None = None
+        on_frame: Array | None = None
         if trial.load is not None:
             load = trial.load(sample_times(trial.signal, rate_hz), rng)
+            on_belt, on_frame = (None, load) if trial.load in BESIDE_THE_BELTS else (load, None)
         yield (
             trial.folder,
             record_signal_trial(
                 trial.signal,
                 seed=int(rng.integers(2**31)),
                 rate_hz=rate_hz,
-                machine=machine,
-                imperfections=imperfections,
-                load=load,
+                treadmill=treadmill,
+                load=on_belt,
+                on_frame=on_frame,
             ),
         )
 

@@ -109,7 +109,7 @@ def simulate_trial(
     plate = ForcePlate(noise=plate_noise_n * np.repeat([1.0, MOMENT_NOISE_M], 3))
     wrenches = plate_wrenches(walk, foot_wrenches(walk, time), time)
     plates = [
-        recorded_plate(number, time, shift_wrench(plate.measure(wrench, time, rng), center))
+        recorded_plate(number, time, shift_wrench(plate.measure(wrench, ANALOG_HZ, rng), center))
         for number, (wrench, center) in enumerate(zip(wrenches, PLATE_CENTERS_M, strict=True), 1)
     ]
     write_c3d(

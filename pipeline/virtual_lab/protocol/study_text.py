@@ -4,14 +4,14 @@ from typing import Final
 
 from pipeline.config.study import SIMULATED
 from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
-from pipeline.virtual_lab.machine.treadmill import Machine
-from pipeline.virtual_lab.person.subject import Person
-from pipeline.virtual_lab.protocol.instrumented_treadmill import (
+from pipeline.virtual_lab.machine.readings import (
     PITCH_CHANNEL,
     PLATFORM_MARKERS_M,
     PULSE_CHANNEL,
     SWAY_CHANNEL,
 )
+from pipeline.virtual_lab.machine.treadmill import Machine
+from pipeline.virtual_lab.person.subject import Person
 from pipeline.virtual_lab.protocol.setting_file import setting_toml
 from pipeline.virtual_lab.protocol.walking_protocol import (
     PERSONS,

@@ -15,9 +15,7 @@ from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, whole_file, write_csv, write_text
 from pipeline.run.processes import in_processes
-from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
 from pipeline.virtual_lab.machine.instruments.sampling import SAMPLES_PER_FRAME
-from pipeline.virtual_lab.machine.treadmill import Machine
 from pipeline.virtual_lab.person.ground_reaction import foot_events, foot_wrenches
 from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol.study_folder import missing_files, study_files, trial_names
@@ -105,24 +103,23 @@ def write_recording(path: Path, recording: Recording) -> None:
     )
 
 
-def truth_table(trial: WalkingTrial, machine: Machine) -> pd.DataFrame:
+def truth_table(trial: WalkingTrial) -> pd.DataFrame:
     """Give what really happened, frame by frame.
 
     Parameters
     ----------
     trial
         The trial.
-    machine
-        The treadmill it was on.
 
     Returns
     -------
     pd.DataFrame
         At the markers' times: ``time``; the 46 coordinates [rad, m]; ``left_fx`` to ``right_mz``,
         the wrenches on the feet, lab axes about the lab origin; ``artefact_1_fx`` to
-        ``artefact_2_mz``, what the plates' load cells carry of the treadmill itself, in the moving
-        platform's frame about its origin; ``residual_fx`` to ``residual_mz``, the residual of the
-        equations of motion about mid-hip; ``sway`` [m] and ``pitch`` [rad] of the platform.
+        ``artefact_2_mz``, what the plates' load cells carry of the treadmill itself (all that they
+        carry, less the person's load), in the moving platform's frame about its origin;
+        ``residual_fx`` to ``residual_mz``, the residual of the equations of motion about mid-hip;
+        ``sway`` [m] and ``pitch`` [rad] of the platform.
     """
     motion, walk = trial.motion, trial.walk
     time = motion.time[::SAMPLES_PER_FRAME]
@@ -131,7 +128,7 @@ def truth_table(trial: WalkingTrial, machine: Machine) -> pd.DataFrame:
     columns: dict[str, Array] = {"time": time} | dict(zip(COORDINATES, q.T, strict=True))
     for side, wrench in feet.items():
         columns |= _named(side, wrench)
-    for number, wrench in enumerate(treadmill_wrenches(machine, motion), start=1):
+    for number, wrench in enumerate(trial.response.artefacts, start=1):
         columns |= _named(f"artefact_{number}", wrench[::SAMPLES_PER_FRAME])
     state = [walk.motion.at(time, k) for k in range(3)]
     body = walk.subject.body
@@ -184,7 +181,7 @@ def _write_trial(
         write_recording(folder / recording, trial.recording)
     if truth in wanted:
         with whole_file(folder / truth) as temporary:
-            truth_table(trial, treadmill.machine).to_parquet(temporary, index=False)
+            truth_table(trial).to_parquet(temporary, index=False)
     if events in wanted:
         write_csv(event_table(trial), folder / events)
     return recording

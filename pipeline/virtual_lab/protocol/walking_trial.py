@@ -11,10 +11,17 @@ from pipeline.virtual_lab.machine.actuators import drive_belt, move_platform
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.machine.platform import platform_trajectory
 from pipeline.virtual_lab.machine.treadmill import BeltRamp, Machine, TreadmillMotion
+from pipeline.virtual_lab.machine.vibration import Response
 from pipeline.virtual_lab.person.steps import schedule
 from pipeline.virtual_lab.person.subject import VirtualSubject, make_subject
 from pipeline.virtual_lab.person.walk import Walk, simulate_walk
-from pipeline.virtual_lab.protocol.instrumented_treadmill import InstrumentedTreadmill, record
+from pipeline.virtual_lab.protocol.calibration_trial import roller_angles
+from pipeline.virtual_lab.protocol.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    person_loads,
+    record,
+    undergo,
+)
 from pipeline.virtual_lab.protocol.walking_protocol import (
     CONDITIONS,
     PERSONS,
@@ -37,12 +44,15 @@ class WalkingTrial:
         How the person moved.
     motion
         How the treadmill moved.
+    response
+        What the instruments underwent.
     recording
-        What the instruments recorded.
+        What they recorded of it.
     """
 
     walk: Walk
     motion: TreadmillMotion
+    response: Response
     recording: Recording
 
 
@@ -87,7 +97,9 @@ def run_trial(
     walk, motion = run_walk(setting, treadmill.machine, subject, number, condition)
     name = recording_name(subject.person, condition)
     noise = np.random.default_rng((setting.seed, number, CONDITIONS.index(condition), 1))
-    return WalkingTrial(walk, motion, record(treadmill, motion, walk, name, noise))
+    response = undergo(treadmill, motion, person_loads(walk, motion.time))
+    recording = record(treadmill, motion, walk, name, noise, response)
+    return WalkingTrial(walk, motion, response, recording)
 
 
 def run_walk(
@@ -111,7 +123,9 @@ def run_walk(
     pitch = pitch_command(protocol, time) if condition == "pitch" else np.zeros(len(time))
     platform = move_platform(machine, sway_command(onsets, directions, time), pitch, ANALOG_HZ)
     belt = BeltRamp(protocol.speed_mps, protocol.standing_s, protocol.starting_s)
-    motion = TreadmillMotion(time, platform, belt.speed(time), onsets)
+    motion = TreadmillMotion(
+        time, platform, belt.speed(time), onsets, roller_angles(rng.spawn(1)[0])
+    )
     trajectory = platform_trajectory(platform, ANALOG_HZ)
     return simulate_walk(subject, steps, belt, trajectory, duration, rng), motion
 
@@ -148,7 +162,8 @@ def run_signal(
     )
     platform = move_platform(treadmill.machine, sway, pitch, ANALOG_HZ)
     speed = drive_belt(treadmill.machine, belt_speed, ANALOG_HZ)
-    motion = TreadmillMotion(np.arange(len(sway)) / ANALOG_HZ, platform, speed, np.empty(0))
+    time = np.arange(len(sway)) / ANALOG_HZ
+    motion = TreadmillMotion(time, platform, speed, np.empty(0), roller_angles(rng.spawn(1)[0]))
     return record(treadmill, motion, None, f"{signal.name}.c3d", rng)
 
 

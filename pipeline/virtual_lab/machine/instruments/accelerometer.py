@@ -1,12 +1,19 @@
 """Triaxial accelerometers on the platform: where they are, and what they report."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
 from pipeline.virtual_lab.faults import AccelerometerFaults
+from pipeline.virtual_lab.machine.instruments.sampling import (
+    Clock,
+    add_noise,
+    noise_sd_at,
+    quantised,
+)
 
 PLACES_M: Final = {
     "rear_left": (-0.90, 0.62, -0.20),
@@ -30,31 +37,54 @@ class Accelerometer:
     place
         In the platform frame, (3,) [m].
     sensitivity
-        Reading = sensitivity @ specific force + offset, (3, 3); holds gains and misaligned axes.
+        Reading = sensitivity @ specific force + offset, (3, 3); holds gains, misaligned axes, and
+        what each channel shows of the other two axes.
     offset
         (3,) [m/s²].
     noise
-        Standard deviation of white noise from sample to sample [m/s²].
+        Standard deviation of white noise from sample to sample at `ANALOG_HZ` [m/s²].
     limit
         Where it clips [m/s²].
+    curvature
+        Reading too large by this share of ``limit`` there, growing with its square, (3,).
+    drift
+        Change of the offset, (3,) [m/s² per s].
+    bits
+        Of its converter over ``limit`` either way; 0 for a perfect one.
+    clock
+        When it samples.
     """
 
     name: str
     place: Array
-    sensitivity: Array
-    offset: Array
-    noise: float
-    limit: float
+    sensitivity: Array = field(default_factory=lambda: np.eye(3))
+    offset: Array = field(default_factory=lambda: np.zeros(3))
+    noise: float = 0.0
+    limit: float = np.inf
+    curvature: Array = field(default_factory=lambda: np.zeros(3))
+    drift: Array = field(default_factory=lambda: np.zeros(3))
+    bits: int = 0
+    clock: Clock = field(default_factory=Clock)
 
-    def measure(self, specific_force: Array, rng: np.random.Generator) -> Array:
-        """Report the specific force at its place, (N, 3) [m/s²], by its three channels."""
-        measured = specific_force @ self.sensitivity.T + self.offset
-        noisy = measured + self.noise * rng.normal(size=measured.shape)
-        return np.clip(noisy, -self.limit, self.limit)
+    def measure(self, specific_force: Array, rate_hz: float, rng: np.random.Generator) -> Array:
+        """Report the specific force at its place, (N, 3) [m/s²], by its three channels.
+
+        White noise keeps its density at any sampling rate; the drift counts from the first sample.
+        """
+        (of_clock,) = rng.spawn(1)
+        measured = self.clock.sample(specific_force, rate_hz, of_clock) @ self.sensitivity.T
+        if self.curvature.any():
+            measured += self.curvature / self.limit * measured**2
+        measured += self.offset
+        if self.drift.any():
+            measured += (np.arange(len(measured)) / rate_hz)[:, None] * self.drift
+        add_noise(measured, noise_sd_at(self.noise, rate_hz), rng)
+        np.clip(measured, -self.limit, self.limit, out=measured)
+        return quantised(measured, self.limit, self.bits)
 
 
 def make_accelerometers(
-    faults: AccelerometerFaults, rng: np.random.Generator
+    faults: AccelerometerFaults, rng: np.random.Generator, clocks: Sequence[Clock] = ()
 ) -> tuple[Accelerometer, ...]:
     """Draw the accelerometers of a laboratory.
 
@@ -64,27 +94,36 @@ def make_accelerometers(
         How many there are, and the standard deviations of their errors.
     rng
         Source of chance.
+    clocks
+        When each samples; by default late by the stated delay.
 
     Returns
     -------
     tuple of Accelerometer
         In the order of `PLACES_M`.
     """
+    clocks = clocks or [Clock(faults.delay_s)] * faults.sensors
     sensors = []
-    for name, place in list(PLACES_M.items())[: faults.sensors]:
+    for (name, place), clock in zip(PLACES_M.items(), clocks, strict=False):
         axis = rng.normal(size=3)
         misalignment = rotation_about(
             axis / np.linalg.norm(axis), np.radians(faults.misalignment_deg) * rng.normal()
         )
         gain = np.diag(1 + faults.gain_share * rng.normal(size=3))
+        offset = faults.offset_mps2 * rng.normal(size=3)
+        others = faults.cross_axis * rng.normal(size=(3, 3)) * (1 - np.eye(3))
         sensors.append(
             Accelerometer(
                 name,
                 np.array(place),
-                sensitivity=gain @ misalignment,
-                offset=faults.offset_mps2 * rng.normal(size=3),
+                sensitivity=(gain + others) @ misalignment,
+                offset=offset,
                 noise=faults.noise_mps2,
                 limit=faults.range_g * GRAVITY_MPS2,
+                curvature=faults.curvature * rng.normal(size=3),
+                drift=faults.drift_mps2_per_min / 60 * rng.normal(size=3),
+                bits=faults.bits,
+                clock=clock,
             )
         )
     return tuple(sensors)

@@ -8,6 +8,13 @@ import numpy as np
 from hbm.spatial import Array, rotation_about, transform_wrench
 from pipeline.io.recording import Plate
 from pipeline.virtual_lab.faults import PlateFaults
+from pipeline.virtual_lab.machine.instruments.sampling import (
+    Clock,
+    add_noise,
+    noise_sd_at,
+    quantised,
+    wander,
+)
 
 PLATE_LENGTH_M: Final = 1.8
 PLATE_WIDTH_M: Final = 0.5
@@ -17,6 +24,11 @@ PLATE_CENTERS_M: Final = np.array([[0.0, PLATE_WIDTH_M / 2, 0.0], [0.0, -PLATE_W
 MOMENT_ARM_M: Final = 1 / 3
 """By which errors drawn for forces are multiplied to give those of moments [N·m per N]: about how
 far the load cells are from the centre of a plate."""
+
+
+FULL_SCALE_N: Final = 4000.0
+"""Range of a plate's forces, either way; of its moments, by `MOMENT_ARM_M`; assumed."""
+ERROR_SCALE: Final = np.array([1.0, 1.0, 1.0, *[MOMENT_ARM_M] * 3])
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +48,15 @@ class ForcePlate:
     drift
         Change of the zero, (6,) [N/s, N·m/s].
     noise
-        Standard deviation of white noise from sample to sample, (6,) [N, N·m].
+        Standard deviation of white noise from sample to sample at `ANALOG_HZ`, (6,) [N, N·m].
+    wander
+        Standard deviation of a zero that wanders, (6,) [N, N·m].
+    zero_shift
+        Standard deviation of the zero from recording to recording, (6,) [N, N·m].
+    bits
+        Of its converter over `FULL_SCALE_N` either way; 0 for a perfect one.
+    clock
+        When it samples.
     """
 
     gain: Array = field(default_factory=lambda: np.eye(6))
@@ -45,16 +65,20 @@ class ForcePlate:
     offset: Array = field(default_factory=lambda: np.zeros(6))
     drift: Array = field(default_factory=lambda: np.zeros(6))
     noise: Array = field(default_factory=lambda: np.zeros(6))
+    wander: Array = field(default_factory=lambda: np.zeros(6))
+    zero_shift: Array = field(default_factory=lambda: np.zeros(6))
+    bits: int = 0
+    clock: Clock = field(default_factory=Clock)
 
-    def measure(self, wrench: Array, time: Array, rng: np.random.Generator) -> Array:
+    def measure(self, wrench: Array, rate_hz: float, rng: np.random.Generator) -> Array:
         """Report true wrenches.
 
         Parameters
         ----------
         wrench
-            True wrenches at the instants at which the plate samples, (N, 6) [N, N·m].
-        time
-            Times of the samples, from which the drift counts, (N,) [s].
+            What the load cells carry, (N, 6) [N, N·m].
+        rate_hz
+            Sampling rate [Hz]. White noise keeps its density at any.
         rng
             Source of the noise.
 
@@ -63,13 +87,23 @@ class ForcePlate:
         Array
             (N, 6) [N, N·m], about the same point.
         """
-        measured = wrench @ self.gain.T
-        measured[:, 2] += self.curvature * measured[:, 2] ** 2 / self.full_scale_n
-        measured = measured + self.offset + time[:, None] * self.drift
-        return np.asarray(measured + rng.normal(size=wrench.shape) * self.noise)
+        of_clock, of_zero, of_wander = rng.spawn(3)
+        time = np.arange(len(wrench)) / rate_hz
+        measured = self.clock.sample(wrench, rate_hz, of_clock) @ self.gain.T
+        if self.curvature:
+            measured[:, 2] += self.curvature * measured[:, 2] ** 2 / self.full_scale_n
+        zero = self.offset + self.zero_shift * of_zero.standard_normal(6)
+        if zero.any() or self.drift.any():
+            measured += zero + time[:, None] * self.drift
+        if self.wander.any():
+            measured += wander(time, 6, of_wander) * self.wander
+        add_noise(measured, noise_sd_at(self.noise, rate_hz), rng)
+        return quantised(measured, FULL_SCALE_N * ERROR_SCALE, self.bits)
 
 
-def make_force_plate(faults: PlateFaults, rng: np.random.Generator) -> ForcePlate:
+def make_force_plate(
+    faults: PlateFaults, rng: np.random.Generator, clock: Clock | None = None
+) -> ForcePlate:
     """Draw a plate's errors.
 
     Parameters
@@ -78,19 +112,26 @@ def make_force_plate(faults: PlateFaults, rng: np.random.Generator) -> ForcePlat
         Their standard deviations.
     rng
         Source of chance.
+    clock
+        When it samples; by default late by the left plate's delay.
 
     Returns
     -------
     ForcePlate
         Errors of moments are a third of those of forces, in N·m and N (`MOMENT_ARM_M`).
     """
-    scale = np.array([1.0, 1.0, 1.0, *[MOMENT_ARM_M] * 3])
-    gain = np.eye(6) + faults.cross_talk * rng.normal(size=(6, 6)) * scale[:, None]
+    gain = np.eye(6) + faults.cross_talk * rng.normal(size=(6, 6)) * ERROR_SCALE[:, None]
     return ForcePlate(
         gain=gain,
-        offset=faults.offset_n * rng.normal(size=6) * scale,
-        drift=faults.drift_n_per_min / 60 * rng.normal(size=6) * scale,
+        curvature=faults.curvature * rng.normal(),
+        full_scale_n=FULL_SCALE_N,
+        offset=faults.offset_n * rng.normal(size=6) * ERROR_SCALE,
+        drift=faults.drift_n_per_min / 60 * rng.normal(size=6) * ERROR_SCALE,
         noise=np.repeat([faults.force_noise_n, faults.moment_noise_nm], 3),
+        wander=faults.wander_n * ERROR_SCALE,
+        zero_shift=faults.zero_shift_n * ERROR_SCALE,
+        bits=faults.bits,
+        clock=clock or Clock(faults.delay_s),
     )
 
 

@@ -1,0 +1,155 @@
+"""What the treadmill's instruments record of a trial."""
+
+from typing import Final
+
+import numpy as np
+
+from hbm.markers import Markers
+from hbm.spatial import Array, shift_wrench
+from pipeline.io.recording import Plate
+from pipeline.io.units import acceleration_in_mps2
+from pipeline.virtual_lab.faults import CameraFaults, ClockFaults, PlatformFaults
+from pipeline.virtual_lab.machine.instrumented_treadmill import InstrumentedTreadmill
+from pipeline.virtual_lab.machine.instruments.cameras import measure_markers
+from pipeline.virtual_lab.machine.instruments.force_plate import (
+    PLATE_CENTERS_M,
+    misplaced,
+    recorded_plate,
+)
+from pipeline.virtual_lab.machine.instruments.sampling import FRAME_HZ, add_noise, noise_sd_at
+from pipeline.virtual_lab.machine.instruments.stream import BeltSpeedSensor, Stream
+from pipeline.virtual_lab.machine.structure import frame_shape
+from pipeline.virtual_lab.machine.treadmill import TreadmillMotion
+from pipeline.virtual_lab.machine.vibration import Response
+
+PLATFORM_MARKERS_M: Final = {
+    "ROT_REF": (1.10, 0.72, 0.06),
+    "ROT_C1": (1.10, -0.72, 0.02),
+    "ROT_C2": (-1.10, -0.72, 0.08),
+    "ROT_C3": (-1.10, 0.72, 0.02),
+    "ROT_C4": (0.35, 0.76, 0.05),
+}
+"""Markers on the platform's rim, in its frame; assumed, not all in one plane and not symmetric."""
+BELT_CHANNELS: Final = ("Belt.Left", "Belt.Right")
+SWAY_CHANNEL: Final = "Platform.Sway"
+PITCH_CHANNEL: Final = "Platform.Pitch"
+PULSE_CHANNEL: Final = "Perturbation"
+PULSE_V: Final = 5.0
+"""Height of the pulse that marks the onset of a perturbation: a logic level."""
+PULSE_S: Final = 0.02
+PULSE_NOISE_V: Final = 0.01
+"""Duration of the pulse, and noise on its channel; assumed."""
+Channels = tuple[tuple[str, ...], tuple[str, ...], Array]
+"""Names, units and values, (N, C), of analog channels."""
+
+
+def measure_plates(
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    response: Response,
+    rng: np.random.Generator,
+) -> tuple[Plate, ...]:
+    """Record what the plates' load cells carry."""
+    faults = treadmill.faults.plates
+    measured = [
+        plate.measure(misplaced(wrench, faults), motion.rate_hz, own)
+        for plate, wrench, own in zip(treadmill.plates, response.plates, rng.spawn(2), strict=True)
+    ]
+    return tuple(
+        recorded_plate(number, motion.time, shift_wrench(wrench, center))
+        for number, (wrench, center) in enumerate(
+            zip(measured, PLATE_CENTERS_M, strict=True), start=1
+        )
+    )
+
+
+def measure_accelerations(
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    response: Response,
+    rng: np.random.Generator,
+) -> Channels:
+    """Record the accelerometers, in g."""
+    readings = [
+        sensor.measure(felt, motion.rate_hz, own)
+        for sensor, felt, own in zip(
+            treadmill.sensors, response.sensors, rng.spawn(len(treadmill.sensors)), strict=True
+        )
+    ]
+    names = tuple(f"{sensor.name}.{axis}" for sensor in treadmill.sensors for axis in "XYZ")
+    return names, ("g",) * len(names), np.hstack(readings) / acceleration_in_mps2("g")
+
+
+def measure_belts(
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    names: tuple[str, ...],
+    rng: np.random.Generator,
+) -> Channels:
+    """Record the belt speed by as many channels as there are names."""
+    faults, rate_hz = treadmill.faults.belts, motion.rate_hz
+    stream = _stream(treadmill.faults.clocks, faults.delay_s, held=True)
+    sensor = BeltSpeedSensor(float(noise_sd_at(faults.noise_mps, rate_hz)), stream)
+    columns = [sensor.measure(motion.belt, rate_hz, own) for own in rng.spawn(len(names))]
+    return names, ("m/s",) * len(names), np.column_stack(columns)
+
+
+def measure_platform(
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    response: Response,
+    rng: np.random.Generator,
+) -> Markers:
+    """Record the markers on the platform."""
+    step = round(motion.rate_hz / FRAME_HZ)
+    pose, faults = motion.platform.pose, treadmill.faults.platform
+    rotation, position = pose.rotation[::step], pose.position[::step]
+    places = [
+        position + (rotation @ (place + _displacement(response, place))[..., None])[..., 0]
+        for place in map(np.array, PLATFORM_MARKERS_M.values())
+    ]
+    cameras = CameraFaults(noise_m=faults.marker_noise_m, gaps_per_minute=faults.gaps_per_minute)
+    measured = measure_markers(np.stack(places, axis=1), cameras, rng, FRAME_HZ)
+    return Markers(motion.time[::step], tuple(PLATFORM_MARKERS_M), measured)
+
+
+def _displacement(response: Response, place: Array) -> Array:
+    """Give how far a place of the frame is from where a rigid platform would have it, (F, 3)."""
+    return np.asarray(response.frame @ frame_shape(place)[:3].T)
+
+
+def _pose_delay(faults: PlatformFaults, rng: np.random.Generator) -> float:
+    """Draw how late the platform's channels are in one recording [s]."""
+    if faults.replay_frames == 0:
+        return faults.delay_s
+    frames = rng.integers(-faults.replay_frames, faults.replay_frames, endpoint=True)
+    return faults.delay_s + float(frames) / FRAME_HZ
+
+
+def measure_pose(
+    treadmill: InstrumentedTreadmill, motion: TreadmillMotion, rng: np.random.Generator
+) -> Channels:
+    """Record sway and pitch as the platform's controller reports them."""
+    of_delay, of_stream = rng.spawn(2)
+    sway_mm, pitch_deg = 1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])
+    true = np.column_stack([sway_mm, pitch_deg])
+    delay_s = _pose_delay(treadmill.faults.platform, of_delay)
+    stream = _stream(treadmill.faults.clocks, delay_s, held=False)
+    return (
+        (SWAY_CHANNEL, PITCH_CHANNEL),
+        ("mm", "deg"),
+        stream.sample(true, motion.rate_hz, of_stream),
+    )
+
+
+def measure_pulses(motion: TreadmillMotion, rng: np.random.Generator) -> Channels:
+    """Record the pulses that mark the onsets of perturbations."""
+    time, pulse = motion.time, np.zeros((len(motion.time), 1))
+    for onset in motion.onsets:
+        pulse[(time >= onset) & (time < onset + PULSE_S)] += PULSE_V
+    add_noise(pulse, PULSE_NOISE_V, rng)
+    return (PULSE_CHANNEL,), ("V",), pulse
+
+
+def _stream(clocks: ClockFaults, delay_s: float, *, held: bool) -> Stream:
+    return Stream(delay_s, clocks.stream_jitter_s, clocks.doubled_per_minute, held)
