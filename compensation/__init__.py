@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from compensation.inertia.calibration import Calibration, from_json, to_json
     from compensation.inertia.checks import check_calibration, check_trial
     from compensation.inertia.dynamic import dynamic_channels, fit_dynamic
-    from compensation.inertia.fit import fit_inertia, sensor_noise_of
+    from compensation.inertia.fit import fit_inertia, fit_trials, sensor_noise_of
     from compensation.inertia.model import InertiaModel, Setup
     from compensation.inertia.quality import left_over, refuse_unusable
     from compensation.inertia.sensors import Sensor, find_sensors
@@ -97,6 +97,7 @@ _HOME = {
     "dynamic_channels": "compensation.inertia.dynamic",
     "fit_dynamic": "compensation.inertia.dynamic",
     "fit_inertia": "compensation.inertia.fit",
+    "fit_trials": "compensation.inertia.fit",
     "sensor_noise_of": "compensation.inertia.fit",
     "InertiaModel": "compensation.inertia.model",
     "left_over": "compensation.inertia.quality",
@@ -172,6 +173,7 @@ __all__ = [
     "fit_plate_alignment",
     "fit_pose",
     "fit_roller",
+    "fit_trials",
     "free_moment",
     "from_json",
     "hammer_delay",

@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 
 from compensation.inertia.choice import Choice
 from compensation.inertia.model import InertiaModel, Setup
+from compensation.inertia.model_error import ModelError
 from compensation.inertia.sensors import Sensor
 from compensation.inputs import refuse_gaps
 from hbm.spatial import Array, read_only
@@ -22,8 +23,8 @@ WITHOUT_SENSORS: Final = (1, 2)
 without the correlation of plates. The first one did not name its filter either, which was always
 the zero-phase one, and stored warnings.
 """
-WITHOUT_CHOICE: Final = (*WITHOUT_SENSORS, 3)
-"""Versions of static models alone."""
+WITHOUT_MODEL_ERROR: Final = (*WITHOUT_SENSORS, 3)
+"""Versions of static models alone, which know of noise alone."""
 MAX_REASON: Final = 120
 """Characters of what is wrong, which names what the file holds."""
 
@@ -171,17 +172,17 @@ calibration'
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
     version = document.get("version")
-    if version not in (*WITHOUT_SENSORS, VERSION):
+    if version not in (*WITHOUT_MODEL_ERROR, VERSION):
         raise ValueError(
             f"the calibration has version {version}, this program reads versions 1 to {VERSION}; "
             "fit it again"
         )
     try:
         old = version in WITHOUT_SENSORS
-        plates = {name: _model(plain, old) for name, plain in document["plates"].items()}
+        plates = {name: _model(plain, version) for name, plain in document["plates"].items()}
         sensors = () if old else tuple(Sensor(**plain) for plain in document["sensors"])
         correlation = None if old else document["correlation"]
-        dynamic, choice = ({}, None) if version in WITHOUT_CHOICE else _chosen(document)
+        dynamic, choice = ({}, None) if version in WITHOUT_MODEL_ERROR else _chosen(document)
         calibration = Calibration(
             plates, document["provenance"], sensors, correlation, dynamic, choice
         )
@@ -195,19 +196,32 @@ calibration'
 
 
 def _plain(model: InertiaModel) -> dict[str, Any]:
-    values = ((f.name, getattr(model, f.name)) for f in fields(model) if f.name != "setup")
-    plain = {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
-    return plain | {"setup": asdict(model.setup) if model.setup is not None else None}
+    plain = _arrays_as_lists(model, without=("setup", "model_error"))
+    return plain | {
+        "setup": asdict(model.setup) if model.setup is not None else None,
+        "model_error": _arrays_as_lists(model.model_error) if model.model_error else None,
+    }
 
 
 def _chosen(document: dict[str, Any]) -> tuple[dict[str, InertiaModel], Choice | None]:
-    dynamic = {name: _model(plain, old=False) for name, plain in document["dynamic"].items()}
+    dynamic = {name: _model(plain, VERSION) for name, plain in document["dynamic"].items()}
     choice = document["choice"]
     return dynamic, None if choice is None else Choice(**choice)
 
 
-def _model(plain: dict[str, Any], old: bool) -> InertiaModel:
+def _arrays_as_lists(
+    part: InertiaModel | ModelError, without: Sequence[str] = ()
+) -> dict[str, Any]:
+    values = ((f.name, getattr(part, f.name)) for f in fields(part) if f.name not in without)
+    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
+
+
+def _model(plain: dict[str, Any], version: int) -> InertiaModel:
+    old = version in WITHOUT_SENSORS
     known = {name: value for name, value in plain.items() if name != "warnings" or not old}
     for needed in () if old else ("correlation", "rms_slow"):
         _ = plain[needed]
-    return InertiaModel(**(known | {"setup": Setup(**plain["setup"])}))
+    known["setup"] = Setup(**plain["setup"])
+    if version not in WITHOUT_MODEL_ERROR:
+        known["model_error"] = ModelError(**plain["model_error"])
+    return InertiaModel(**known)

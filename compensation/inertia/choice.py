@@ -7,7 +7,6 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inertia.checks import MAX_UNEXPLAINED_N
 from compensation.inertia.dynamic import fit_dynamic, left_of_held_out
 from compensation.inertia.fit import MIN_SAMPLES_PER_GAIN
 from compensation.inertia.model import SLOW_HZ, InertiaModel, Setup
@@ -18,42 +17,20 @@ from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array, read_only
 
 Kind = Literal["static", "dynamic"]
+Samples = Mapping[str, tuple[Array, Array]]
+"""Plate -> what was felt, (N, K) [m/s²], and its wrench, (N, 6) [N, N·m], both without gaps."""
 ALLOWED: Final = np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3)
 MAX_SHARE: Final = 0.8
 """Of what the static model leaves, that a dynamic one may leave to be chosen: less is no clear gain
 for four times as many numbers."""
+MAX_SHARE_OF_OTHERS: Final = 0.9
+"""The same where recordings were not fitted at all: of other motion they are stronger evidence."""
 MAX_WORSE: Final = 1.1
 """Factor by which it may be worse in any component of any recording."""
 STATED: Final = "as stated; by itself the program takes the {model} one ({reason})"
 TOO_SHORT: Final = "the recording is too short to judge a dynamic one"
 NEGLIGIBLE_SHARE: Final = 0.1
 """Of what residuals allow: whether a component is left less than this does not count."""
-
-
-@dataclass(frozen=True, slots=True)
-class EmptyPlate:
-    """Samples of an empty plate, and what the accelerometers felt at each.
-
-    Attributes
-    ----------
-    name
-        Of the plate.
-    felt
-        Readings and, for a dynamic model, their differences as `dynamic_channels` gives them,
-        (N, K) [m/s²].
-    wrench
-        In the plate's frame, (N, 6) [N, N·m]. Both low-passed alike, NaN where unknown.
-    """
-
-    name: str
-    felt: Array
-    wrench: Array
-
-    @property
-    def known(self) -> Array:
-        """Of which samples both are known, (N,)."""
-        both = np.isfinite(self.felt).all(axis=1) & np.isfinite(self.wrench).all(axis=1)
-        return np.asarray(both)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,72 +137,75 @@ def rms_left(left: ArrayLike, rate_hz: float) -> Array:
 
 
 def choose(
-    recording: str,
-    plates: Sequence[EmptyPlate],
+    trials: Mapping[str, Samples],
     static: Mapping[str, InertiaModel],
-    checks: Mapping[str, Sequence[EmptyPlate]] | None = None,
+    checks: Mapping[str, Samples] | None = None,
     stated: Literal["auto"] | Kind = "auto",
 ) -> tuple[Choice, dict[str, InertiaModel]]:
     """Choose the model of a calibration by held-out samples, or take the stated one, and say why.
 
     Parameters
     ----------
-    recording
-        Name of the calibration recording.
-    plates
-        Its samples, with the differences for `LAGS_S`.
+    trials
+        Recording -> the samples of its empty plates, with the differences for `LAGS_S`: what the
+        models are fitted to. The first one has all plates.
     static
         Plate -> the static model that was fitted to them, with a setup.
     checks
-        Name -> the samples of another recording, recorded alike; plates on which somebody is are
-        left out.
+        Recording -> the same of recordings that are not fitted.
     stated
         A model that is to be taken; "auto" for the better one.
 
     Returns
     -------
     choice
-        As `choose_model`, by six parts of the calibration recording, each held out of the fit to
-        the others, and by the other recordings.
+        As `choose_model`, by ten parts of each recording, each held out of the fit to all others,
+        and by the recordings that are not fitted.
     models
         Plate -> its dynamic model; empty where the static ones are chosen.
 
     Raises
     ------
     ValueError
-        A dynamic model is stated of which the recording is too short, or none of another
-        recording's plates is empty or known.
+        A dynamic model is stated of which the recording is too short.
     """
-    if stated != "dynamic" and any(_is_short(plate) for plate in plates):
+    first = next(iter(trials.values()))
+    if stated != "dynamic" and any(_is_short(felt) for felt, _ in first.values()):
         return Choice("static", TOO_SHORT), {}
-    dynamic = {}
-    for plate in plates:
-        setup = _setup(static[plate.name])
-        dynamic[plate.name] = fit_dynamic(plate.felt[plate.known], plate.wrench[plate.known], setup)
-    own = Comparison.of(
-        f"held-out parts of {recording}", [_held_out(plate, static[plate.name]) for plate in plates]
-    )
-    others = [_on(name, samples, static, dynamic) for name, samples in (checks or {}).items()]
-    best = choose_model([own, *others])
+    dynamic, left = {}, dict[str, list[tuple[Array, Array]]]()
+    for name, model in static.items():
+        of_plate = {source: plates[name] for source, plates in trials.items() if name in plates}
+        setup, k = _setup(model), 3 * len(model.sensors)
+        dynamic[name] = fit_dynamic(list(of_plate.values()), setup)
+        simple = left_of_held_out([(felt[:, :k], wrench) for felt, wrench in of_plate.values()], k)
+        better = left_of_held_out(list(of_plate.values()), k)
+        for source, *errors in zip(of_plate, simple, better, strict=True):
+            both = [rms_left(error, setup.rate_hz) for error in errors]
+            left.setdefault(source, []).append((both[0], both[1]))
+    own = [Comparison.of(f"held-out parts of {source}", found) for source, found in left.items()]
+    others = [_on(source, plates, static, dynamic) for source, plates in (checks or {}).items()]
+    best = choose_model(own, others)
     if stated != "auto" and stated != best.model:
         best = Choice(stated, STATED.format(model=best.model, reason=best.reason))
     return best, dynamic if best.model == "dynamic" else {}
 
 
-def choose_model(comparisons: Sequence[Comparison]) -> Choice:
+def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -> Choice:
     """Choose between the static and the dynamic model of a calibration.
 
     Parameters
     ----------
-    comparisons
-        Of the calibration's own parts first, then of other recordings.
+    own
+        Of held-out parts of the recordings that the models are fitted to.
+    others
+        Of other recordings.
 
     Returns
     -------
     Choice
-        Dynamic where it leaves at most 0.8 of the calibration's own parts, no more than the static
-        one of any other recording, and in none more than 1.1 times as much of any component. Else
-        static.
+        Static, unless the dynamic model leaves at most 0.8 of what the static one leaves on average
+        over the recordings, or 0.9 where some were not fitted at all; no more of any recording;
+        and of no component of any recording more than 1.1 times as much.
 
     Raises
     ------
@@ -240,19 +220,19 @@ def choose_model(comparisons: Sequence[Comparison]) -> Choice:
     >>> choose_model([Comparison("empty.c3d", 6 * left, 5.5 * left)]).model
     'static'
     """
-    if not comparisons:
+    comparisons = [*own, *others]
+    if not own:
         raise ValueError("nothing to compare the models by")
-    own, *others = comparisons
-    for comparison in comparisons:
-        if comparison.worse:
-            components = ", ".join(comparison.worse)
-            return Choice("static", f"{comparison.in_words()}, clearly more of {components}")
-    if own.share > MAX_SHARE:
-        return Choice("static", f"{own.in_words()}: no clear gain")
-    for comparison in others:
-        if comparison.share > 1:
-            return Choice("static", f"{comparison.in_words()}: no gain")
-    return Choice("dynamic", "; ".join(one.in_words() for one in comparisons))
+    for one in comparisons:
+        if one.worse:
+            return Choice("static", f"{one.in_words()}, clearly more of {', '.join(one.worse)}")
+        if one.share > 1:
+            return Choice("static", f"{one.in_words()}: no gain")
+    reason = "; ".join(one.in_words() for one in comparisons)
+    clear = MAX_SHARE_OF_OTHERS if others else MAX_SHARE
+    if np.mean([one.share for one in comparisons]) > clear:
+        return Choice("static", f"{reason}: no clear gain")
+    return Choice("dynamic", reason)
 
 
 def _size(left: Array) -> float:
@@ -260,42 +240,25 @@ def _size(left: Array) -> float:
     return float(np.sqrt(np.mean((left[:, 0] / ALLOWED) ** 2)))
 
 
-def _held_out(plate: EmptyPlate, static: InertiaModel) -> tuple[Array, Array]:
-    """Give what both models leave of parts of a recording that are held out of their fit."""
-    felt, wrench, k = plate.felt[plate.known], plate.wrench[plate.known], 3 * len(static.sensors)
-    simple, better = (left_of_held_out(x, wrench, k) for x in (felt[:, :k], felt))
-    rate_hz = _setup(static).rate_hz
-    return rms_left(simple, rate_hz), rms_left(better, rate_hz)
-
-
 def _on(
-    name: str,
-    plates: Sequence[EmptyPlate],
+    source: str,
+    plates: Samples,
     static: Mapping[str, InertiaModel],
     dynamic: Mapping[str, InertiaModel],
 ) -> Comparison:
-    """Compare both models on another recording, by its plates that are empty."""
+    """Compare both models on a recording that was not fitted."""
     left = []
-    for plate in plates:
-        if plate.name not in static:
-            raise ValueError(f"{name}: the calibration has no {plate.name}")
-        felt, wrench, model = plate.felt[plate.known], plate.wrench[plate.known], static[plate.name]
+    for name, (felt, wrench) in plates.items():
+        model = static[name]
         simple = model.compensate(felt[:, : 3 * len(model.sensors)], wrench)
-        if np.linalg.norm(simple[:, :3].std(axis=0)) < MAX_UNEXPLAINED_N:
-            better = dynamic[plate.name].compensate(felt, wrench)
-            rate_hz = _setup(model).rate_hz
-            left.append((rms_left(simple, rate_hz), rms_left(better, rate_hz)))
-    if not left:
-        raise ValueError(
-            f"{name}: none of its plates is empty: the calibration leaves more than "
-            f"{MAX_UNEXPLAINED_N:.0f} N of each; record a moving platform with at least one plate "
-            "that nobody touches"
-        )
-    return Comparison.of(name, left)
+        better = dynamic[name].compensate(felt, wrench)
+        rate_hz = _setup(model).rate_hz
+        left.append((rms_left(simple, rate_hz), rms_left(better, rate_hz)))
+    return Comparison.of(source, left)
 
 
-def _is_short(plate: EmptyPlate) -> bool:
-    return bool(plate.known.sum() < MIN_SAMPLES_PER_GAIN * (plate.felt.shape[1] + 1))
+def _is_short(felt: Array) -> bool:
+    return bool(len(felt) < MIN_SAMPLES_PER_GAIN * (felt.shape[1] + 1))
 
 
 def _setup(model: InertiaModel) -> Setup:

@@ -7,26 +7,33 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inertia.fit import BLOCKS, MIN_SAMPLES_PER_GAIN, fit_inertia, residual_correlation
-from compensation.inertia.model import SLOW_HZ, InertiaModel, Setup
+from compensation.inertia.fit import BLOCKS, MIN_SAMPLES_PER_GAIN, fit_trials
+from compensation.inertia.model import InertiaModel, Setup
+from compensation.inertia.residual import (
+    HELD_OUT_PARTS,
+    correlation_of,
+    model_error_of,
+    slow_part,
+    zero_of_trials,
+)
 from compensation.inputs import read_rate, read_table, refuse_unequal
-from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
 
 LAGS_S: Final = (0.01, 0.02, 0.04)
 """Of the second differences: short against the periods that pass 20 Hz, up to a tenth of a second
 of motion in all. Longer ones hardly leave less in the virtual laboratory, and one accelerometer
 then takes slow pitch for fast."""
-DIFFERENCE_SD_MPS2: Final = 0.1
-"""By which a difference must vary before its gain follows the recording: a tenth of what a
-calibration signal excites, ten times the noise of an accelerometer after the filter. Directions
-that the calibration hardly excites keep the gains of the static model."""
-
-PARTS: Final = 6
-"""Of a calibration recording, each judged by a fit to the others: ten seconds in a minute."""
+DIFFERENCE_SD_MPS2: Final = (0.03, 0.03, 0.1)
+"""By which a difference must vary before its gain follows the recording, with one accelerometer,
+two, and three or more: a tenth and less of what a calibration signal excites. Three that are not in
+line show the platform's motion by themselves, and the differences have to account for bending
+alone; with fewer they also stand in for rotation that is not shown, but comes with vibration.
+Directions that the calibration hardly excites keep the gains of the static model. Judged in
+docs/inertia_models.md."""
 RCOND: Final = 1e-12
 """Variance of a combination of channels, by that of the largest, below which it is constant: two
 sensors on a rigid platform sway alike."""
+Trial = tuple[ArrayLike, ArrayLike]
 
 
 def dynamic_channels(
@@ -82,31 +89,34 @@ def dynamic_channels(
 
 
 def fit_dynamic(
-    channels: ArrayLike, wrench: ArrayLike, setup: Setup, lags_s: Sequence[float] = LAGS_S
+    trials: Sequence[Trial],
+    setup: Setup,
+    lags_s: Sequence[float] = LAGS_S,
+    zero_sd: ArrayLike | None = None,
 ) -> InertiaModel:
     """Fit the wrench of a moving, empty plate to accelerations at, before and after each instant.
 
     Parameters
     ----------
-    channels
-        Readings and differences, as `dynamic_channels` gives them, (N, k (1 + lags)) [m/s²].
-    wrench
-        Wrench measured by the empty plate at the same instants, equally filtered, in the moving
-        plate frame about its origin, (N, 6) [N, N·m].
+    trials
+        Of each recording the readings and differences, as `dynamic_channels` gives them,
+        (N, k (1 + lags)) [m/s²], and the wrench (N, 6) [N, N·m] as for `fit_trials`.
     setup
-        How both were recorded.
+        How all were recorded.
     lags_s
         Lags of the differences [s].
+    zero_sd
+        As for `fit_trials`.
 
     Returns
     -------
     InertiaModel
-        With `lags_s`; all else as `fit_inertia` gives it.
+        With `lags_s`; all else as `fit_trials` gives it.
 
     Raises
     ------
     ValueError
-        As `fit_inertia`; also where the signals pass a real-time filter, in which nothing is known
+        As `fit_trials`; also where the signals pass a real-time filter, in which nothing is known
         of the instants to come.
 
     Notes
@@ -123,7 +133,7 @@ def fit_dynamic(
     Examples
     --------
     A belt assembly of 150 kg on load cells, whose resonance at 40 Hz the accelerometer does not
-    show, in motion of 8 Hz:
+    show:
 
     >>> import numpy as np
     >>> time = np.arange(0, 20, 0.01)
@@ -132,15 +142,15 @@ def fit_dynamic(
     >>> cells = felt - np.gradient(np.gradient(felt, time, axis=0), time, axis=0) / (80 * np.pi)**2
     >>> wrench = cells @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
     >>> setup = Setup(("rear",), rate_hz=100.0, cutoff_hz=20.0)
-    >>> channels = dynamic_channels(felt, 100.0)
-    >>> dynamic, static = fit_dynamic(channels, wrench, setup), fit_inertia(felt, wrench, setup)
+    >>> dynamic = fit_dynamic([(dynamic_channels(felt, 100.0), wrench)], setup)
+    >>> static = fit_trials([(felt, wrench)], setup)
     >>> bool(dynamic.sigma[1] < 0.2 * static.sigma[1])
     True
     """
-    x, w = read_table(channels, "channels"), read_table(wrench, "wrench", 6)
-    refuse_unequal(channels=x, wrench=w)
     refuse_real_time(setup)
-    (n, count), k = x.shape, 3 * len(setup.sensors)
+    k = 3 * len(setup.sensors)
+    read = _read(trials)
+    count, n = read[0][0].shape[1], sum(len(x) for x, _ in read)
     if count != k * (1 + len(lags_s)):
         raise ValueError(
             f"channels: {count}, expected {k * (1 + len(lags_s))}: the readings of "
@@ -151,29 +161,36 @@ def fit_dynamic(
             f"{n} samples are too few to fit {count + 1} gains per component; "
             f"give at least {MIN_SAMPLES_PER_GAIN * (count + 1)}, better a minute of motion"
         )
-    static = fit_inertia(x[:, :k], w, setup)
-    mean = x.mean(axis=0)
-    design = np.column_stack([x - mean, np.ones(n)])
+    static = fit_trials([(x[:, :k], w) for x, w in read], setup, zero_sd=zero_sd)
+    felt_mean, wrench_mean = (np.array([t[side].mean(axis=0) for t in read]) for side in (0, 1))
+    design = np.vstack([x - m for (x, _), m in zip(read, felt_mean, strict=True)])
+    about = np.vstack([w - m for (_, w), m in zip(read, wrench_mean, strict=True)])
     inverse = _inverse(design.T @ design, n, k)
-    slopes = inverse @ (design.T @ w)
-    residual = w - design @ slopes
-    about_zero = np.eye(count + 1)
-    about_zero[-1, :-1] = -mean
-    gain, bread = about_zero @ slopes, about_zero @ inverse
+    slopes = inverse @ (design.T @ about)
+    residual, zeros = about - design @ slopes, wrench_mean - felt_mean @ slopes
 
+    counts = [len(x) for x, _ in read]
+    share_of_one = np.repeat(n / (len(read) * np.array(counts)), counts)
     blocks = pairwise(np.linspace(0, n, min(BLOCKS, n) + 1).astype(int))
-    scores = np.stack([design[i:j].T @ residual[i:j] for i, j in blocks])
+    with_offset = np.column_stack([design, share_of_one])
+    scores = np.stack([with_offset[i:j].T @ residual[i:j] for i, j in blocks])
     scores -= scores.mean(axis=0)
     meat = np.einsum("brc,bsc->crs", scores, scores) * len(scores) / (len(scores) - 1)
-    known_rate = n >= setup.rate_hz >= 4 * SLOW_HZ
-    slow = low_pass(residual, setup.rate_hz, SLOW_HZ, "zero_phase") if known_rate else residual
+    bread = np.zeros((count + 1, count + 1))
+    bread[:-1, :-1], bread[-1, -1] = inverse, 1 / n
+    bread[-1, :-1] = -felt_mean.mean(axis=0) @ inverse
+
+    ends = np.cumsum(counts)[:-1]
+    slow = [part for x in np.split(residual, ends) if (part := slow_part(x, setup)) is not None]
+    all_slow = np.vstack(slow) if len(slow) == len(read) else residual
+    unseen = left_of_held_out(read, k)
     return InertiaModel(
-        gain=gain,
+        gain=np.vstack([slopes, zeros.mean(axis=0)]),
         covariance=bread @ meat @ bread.T,
-        sigma=np.sqrt(np.sum(residual**2, axis=0) / (n - count - 1)),
+        sigma=np.sqrt(np.sum(residual**2, axis=0) / (n - count - len(read))),
         rank=static.rank,
         condition=static.condition,
-        r_squared=1 - np.var(residual, axis=0) / np.var(w, axis=0),
+        r_squared=1 - np.sum(residual**2, axis=0) / np.sum(about**2, axis=0),
         rms_measured=static.rms_measured,
         rms_compensated=np.sqrt(np.mean(residual**2, axis=0)),
         acceleration_mean=static.acceleration_mean,
@@ -183,29 +200,31 @@ def fit_dynamic(
         sensor_noise=static.sensor_noise,
         samples=n,
         setup=setup,
-        correlation=residual_correlation(residual, setup),
-        rms_slow=np.sqrt(np.mean(slow**2, axis=0)),
+        correlation=correlation_of(all_slow),
+        rms_slow=np.sqrt(np.mean(all_slow**2, axis=0)),
+        model_error=model_error_of(
+            [x[:, :k] for x, _ in read], unseen, setup, zero_of_trials(zeros, zero_sd)
+        ),
         lags_s=tuple(lags_s),
     )
 
 
-def left_of_held_out(channels: ArrayLike, wrench: ArrayLike, readings: int) -> Array:
-    """Give what models leave of parts of a recording to which they were not fitted.
+def left_of_held_out(trials: Sequence[Trial], readings: int) -> list[Array]:
+    """Give what models leave of parts of recordings to which they were not fitted.
 
     Parameters
     ----------
-    channels
-        Readings first, then differences if any, (N, K) [m/s²].
-    wrench
-        Wrench of the empty plate at the same instants, (N, 6) [N, N·m].
+    trials
+        Of each recording the channels (N, K) [m/s²], readings first, then differences if any, and
+        the wrench (N, 6) [N, N·m].
     readings
         How many of the channels are readings, whose gains have no penalty.
 
     Returns
     -------
-    Array
-        The recording is cut into six parts, and each is compensated by a model fitted to the other
-        five, (N, 6) [N, N·m].
+    list of Array
+        Of each recording, about its own zero, (N, 6) [N, N·m]. Each is cut into ten parts, and each
+        part is compensated by a model fitted to all others.
 
     Raises
     ------
@@ -216,33 +235,46 @@ def left_of_held_out(channels: ArrayLike, wrench: ArrayLike, readings: int) -> A
     --------
     >>> felt = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
     >>> wrench = felt @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
-    >>> bool(np.abs(left_of_held_out(felt, wrench, 3)).max() < 1e-6)
+    >>> bool(np.abs(left_of_held_out([(felt, wrench)], 3)).max() < 1e-6)
     True
     """
-    x, w = read_table(channels, "channels"), read_table(wrench, "wrench", 6)
-    refuse_unequal(channels=x, wrench=w)
-    design = np.column_stack([x - x.mean(axis=0), np.ones(len(x))])
-    parts = np.array_split(design, PARTS), np.array_split(w, PARTS)
-    grams = np.stack([a.T @ a for a in parts[0]])
-    crosses = np.stack([a.T @ b for a, b in zip(*parts, strict=True)])
-    left = []
-    for a, b, gram, cross in zip(*parts, grams, crosses, strict=True):
-        inverse = _inverse(grams.sum(axis=0) - gram, len(x) - len(a), readings)
-        left.append(b - a @ (inverse @ (crosses.sum(axis=0) - cross)))
-    return np.concatenate(left)
+    about = [(x - x.mean(axis=0), w - w.mean(axis=0)) for x, w in _read(trials)]
+    count = sum(len(x) for x, _ in about)
+    gram = np.sum([x.T @ x for x, _ in about], axis=0)
+    cross = np.sum([x.T @ w for x, w in about], axis=0)
+    found = []
+    for x, w in about:
+        left = []
+        for a, b in zip(*(np.array_split(side, HELD_OUT_PARTS) for side in (x, w)), strict=True):
+            inverse = _inverse(gram - a.T @ a, count - len(a), readings)
+            left.append(b - a @ (inverse @ (cross - a.T @ b)))
+        found.append(np.concatenate(left))
+    return found
 
 
 def refuse_real_time(setup: Setup) -> None:
     """Raise a ValueError where signals are filtered in real time: differences look ahead."""
     if setup.cutoff_hz is not None and setup.filter_method == "realtime":
         raise ValueError(
-            "a dynamic model needs the accelerations of the next 0.04 s, which a real-time filter "
-            "does not know; use the static model, or filter with zero_phase"
+            f"a dynamic model needs the accelerations of the next {max(LAGS_S):g} s, which a "
+            "real-time filter does not know; use the static model, or filter with zero_phase"
         )
 
 
+def _read(trials: Sequence[Trial]) -> list[tuple[Array, Array]]:
+    if not trials:
+        raise ValueError("a fit needs at least one recording")
+    read = [(read_table(x, "channels"), read_table(w, "wrench", 6)) for x, w in trials]
+    if len({x.shape[1] for x, _ in read}) > 1:
+        raise ValueError(f"recordings differ in channels: {[x.shape[1] for x, _ in read]}")
+    for x, w in read:
+        refuse_unequal(channels=x, wrench=w)
+    return read
+
+
 def _inverse(gram: Array, samples: int, readings: int) -> Array:
-    """Invert the normal equations of readings, differences and a constant, the last, (K + 1)²."""
+    """Invert the normal equations of readings and differences about their means, (K, K)."""
+    sensors = min(readings // 3, len(DIFFERENCE_SD_MPS2))
     penalty = np.zeros(len(gram))
-    penalty[readings:-1] = samples * DIFFERENCE_SD_MPS2**2
+    penalty[readings:] = samples * DIFFERENCE_SD_MPS2[sensors - 1] ** 2
     return np.asarray(np.linalg.pinv(gram + np.diag(penalty), RCOND, hermitian=True))

@@ -11,6 +11,7 @@ from typing import Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from compensation.inertia.model_error import ModelError
 from compensation.inertia.plausibility import refuse_other_units
 from compensation.inputs import read_rate, read_table, refuse_gaps, refuse_unequal
 from hbm.signals.filtering import Method, low_pass
@@ -126,6 +127,8 @@ class InertiaModel:
     rms_slow
         As `rms_compensated`, of what passes a low-pass of `SLOW_HZ` as residuals do; by default,
         where the rate is unknown, `rms_compensated`.
+    model_error
+        What the model leaves besides noise, and the plate's zero; None of files of versions 1 to 3.
     lags_s
         Of a dynamic model: its accelerations are those of `dynamic_channels` for these lags, the
         readings first, (N, K). Empty for a static one, of which K = k [s].
@@ -158,6 +161,7 @@ class InertiaModel:
     setup: Setup | None = None
     correlation: Array = field(default_factory=lambda: np.eye(6))
     rms_slow: Array | None = None
+    model_error: ModelError | None = None
     lags_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -244,28 +248,47 @@ class InertiaModel:
         refuse_unequal(accelerations=predicted, wrench=wrench)
         return wrench - predicted
 
-    def uncertainty(self, accelerations: ArrayLike, slow: bool = False) -> Array:
+    def uncertainty(
+        self,
+        accelerations: ArrayLike,
+        slow: bool = False,
+        rate_hz: float | None = None,
+        zero: bool = True,
+    ) -> Array:
         """Give the standard deviation of a compensated wrench, sample by sample.
 
         Parameters
         ----------
         accelerations
-            Readings of the accelerometers, low-passed as those of the fit, (N, K) [m/s²].
+            Readings of the accelerometers over a trial, low-passed as those of the fit, (N, K)
+            [m/s²]; NaN where unknown.
         slow
             Whether the wrench passes `SLOW_HZ` afterwards, which leaves less of the noise.
+        rate_hz
+            Of the readings [Hz]; None for the setup's.
+        zero
+            Whether the plate's zero counts, which is the same in all samples of a trial.
 
         Returns
         -------
         Array
-            One standard deviation, (N, 6) [N, N·m]: noise of plate and accelerometers as left
-            over in the calibration, and the uncertainty of the gain at these accelerations. A
-            95 % interval is ± 1.96 of it.
+            One standard deviation, (N, 6) [N, N·m]; a 95 % interval is ± 1.96 of it. It holds the
+            noise of plate and accelerometers, what the model does not explain of a motion like
+            this (`ModelError`), the uncertainty of the gains at these readings, and the plate's
+            zero. Without `model_error` it is noise and gains alone. NaN where the readings are.
         """
-        x = self._design(accelerations)
-        of_gain = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], axis=1)
-        noise = self.rms_slow if slow and self.rms_slow is not None else self.sigma
-        sigma: Array = np.sqrt(noise**2 + of_gain)
-        return sigma
+        a = np.asarray(accelerations, float)
+        known = np.isfinite(a).all(axis=1)
+        variance = np.full((len(a), 6), np.nan)
+        if known.any():
+            x = self._design(a[known])
+            variance[known] = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], 1)
+        if self.model_error is None:
+            noise = self.rms_slow if slow and self.rms_slow is not None else self.sigma
+            return np.asarray(np.sqrt(variance + noise**2))
+        rate = rate_hz or (self.setup.rate_hz if self.setup is not None else 1.0)
+        variance += self.model_error.variance(a[:, : len(self.sensor_noise)], rate, slow)
+        return np.asarray(np.sqrt(variance + (self.model_error.zero**2 if zero else 0.0)))
 
     def require(self, setup: Setup) -> None:
         """Refuse signals that were not recorded as the calibration was.

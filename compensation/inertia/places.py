@@ -1,6 +1,7 @@
 """Where accelerometers show most of a platform's motion."""
 
 from itertools import combinations
+from math import comb
 from typing import Final
 
 import numpy as np
@@ -51,21 +52,20 @@ def best_places(candidates_m: ArrayLike, count: int) -> tuple[int, ...]:
     --------
     >>> corners = [(x, y, z) for x in (-0.9, 0.0, 0.9) for y in (-0.6, 0.6) for z in (-0.3, -0.1)]
     >>> [corners[k] for k in best_places(corners, 2)]
-    [(-0.9, -0.6, -0.3), (0.9, 0.6, -0.1)]
+    [(-0.9, -0.6, -0.3), (0.9, 0.6, -0.3)]
     """
     places = read_table(candidates_m, "candidates_m", 3)
     if not 1 <= count <= len(places):
         raise ValueError(f"{count} accelerometers for {len(places)} places: give more places")
-    found, largest, tried = tuple(range(count)), -np.inf, 0
+    if comb(len(places), count) > MAX_COMBINATIONS:
+        raise ValueError(
+            f"{count} of {len(places)} places are more than {MAX_COMBINATIONS} combinations; "
+            "give fewer places"
+        )
+    found, largest = tuple(range(count)), -np.inf
     scaled = [_felt_by_motion(place) for place in places - places.mean(axis=0)]
     single = np.stack([design.T @ design for design in scaled]) / ERROR_MPS2**2
     for chosen in combinations(range(len(places)), count):
-        tried += 1
-        if tried > MAX_COMBINATIONS:
-            raise ValueError(
-                f"{count} of {len(places)} places are more than {MAX_COMBINATIONS} combinations; "
-                "give fewer places"
-            )
         _, size = np.linalg.slogdet(np.eye(12) + single[list(chosen)].sum(axis=0))
         if size > largest + 1e-9:
             found, largest = chosen, float(size)

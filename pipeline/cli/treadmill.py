@@ -48,12 +48,19 @@ def fit(
         str | None, typer.Option(help="Channel of the commanded pitch.")
     ] = None,
     plate_calibration: PlateCorrectionFile = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--beside",
+            help="People on the treadmill beside a plate that stays empty: fitted too; repeatable.",
+        ),
+    ] = None,
     model: Annotated[
         str, typer.Option(help="static, dynamic, or auto: dynamic where clearly and safely better.")
     ] = "auto",
     check: Annotated[
         list[Path] | None,
-        typer.Option(help="Another recording by which the models are compared too (repeatable)."),
+        typer.Option("--check", help="As --beside, only to compare both models by; repeatable."),
     ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
@@ -70,6 +77,7 @@ def fit(
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
     from pipeline.trial.ground.calibration_recording import (
+        BESIDE,
         fit_calibration,
         plates_timed_apart,
         read_empty,
@@ -96,14 +104,17 @@ def fit(
             "inertia_model": model,
         },
     )
-    others = [read_empty(path, stated, any_forward=plates is None) for path in check or ()]
     commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
     markers = tuple(filter(None, map(str.strip, platform_markers.split(","))))
     if commands.channels and not markers:
         raise ValueError("--sway-channel and --pitch-channel need --platform-markers")
     with_markers = treadmill.model_copy(update={"platform": Platform(markers=markers)})
     try:
-        calibration = fit_calibration(empty, treadmill, plates, others)
+        fitted_too, compared = (
+            [read_empty(path, stated, any_forward=plates is None) for path in paths or ()]
+            for paths in (beside, check)
+        )
+        calibration = fit_calibration(empty, treadmill, plates, fitted_too, compared)
         timing = (
             recording_delays(empty, with_markers, calibration.sensors, commands) if markers else ()
         )
@@ -124,6 +135,8 @@ def fit(
     setup = next(iter(calibration.plates.values())).setup
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
+    if BESIDE in provenance:
+        console.print(f"fitted too: {provenance[BESIDE]}", soft_wrap=True)
     print_table(_sensor_table(calibration), console)
     print_table(_fit_table(calibration), console)
     doubts = [

@@ -9,8 +9,6 @@ from typing import Annotated, Final, Literal, get_args
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    ConfigDict,
     Field,
     field_validator,
     model_validator,
@@ -22,6 +20,7 @@ from hbm.markers import MarkerSet
 from hbm.segments import Sex
 from hbm.signals.filtering import Method
 from hbm.spelling import printable
+from pipeline.config.input_model import InputModel
 from pipeline.config.window import Interval, Window
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import PlateUnits, Stated
@@ -103,12 +102,6 @@ AnkleWidthM = Annotated[float, Field(ge=0.03, le=0.2)]
 Covariate = Literal["height_m", "mass_kg", "sex", "age_years"]
 COVARIATES: Final[tuple[Covariate, ...]] = get_args(Covariate)
 AccelerometerRangeG = Annotated[float, Field(gt=0, le=200)]
-
-
-class InputModel(BaseModel):
-    """Base of everything that a user types: immutable; unknown keys and other types are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 EventMethod = Literal["file", "zeni", "plates", "auto"]

@@ -8,7 +8,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from pipeline.config.schema import InputModel
+from pipeline.config.input_model import InputModel
 
 Size = Annotated[float, Field(ge=0)]
 Positive = Annotated[float, Field(gt=0)]

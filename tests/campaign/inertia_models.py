@@ -5,8 +5,6 @@
 chosen, leaves clearly more than the static one.
 """
 
-import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,23 +13,26 @@ from typing import Final
 import numpy as np
 
 from compensation import Signal, fit_dynamic, pitch_and_sway_signals, validation_signals
-from compensation.inertia.choice import EmptyPlate, rms_left
+from compensation.inertia.choice import rms_left
 from compensation.inertia.dynamic import LAGS_S
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import find_accelerometers
 from pipeline.trial.ground.calibration_recording import fit_calibration
-from pipeline.trial.ground.empty_plates import empty_plates
+from pipeline.trial.ground.empty_plates import plate_samples
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.instrumented_treadmill import InstrumentedTreadmill, make_treadmill
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    make_treadmill,
+)
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS, LoadPattern
 
 PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "inertia_models.md"
 RATE_HZ: Final = 200.0
-EDGE_S: Final = 1.0
-"""Left out at both ends of a recording, where low-passes are inaccurate."""
+EDGE: Final = 200
+"""Samples left out at both ends of a recording, where low-passes are inaccurate: a second."""
 SENSORS: Final = (1, 2, 3, 4)
 CALIBRATIONS: Final[dict[str, tuple[str, LoadPattern | None]]] = {
     "empty, 60 s": ("all_60s_3mps", None),
@@ -113,12 +114,13 @@ def judge(seed: int, calibrations: Sequence[str] = tuple(CALIBRATIONS)) -> Itera
             calibration = fit_calibration(recording, stated)
             assert calibration.choice is not None
             (static,) = calibration.plates.values()
-            (own,) = empty_plates(recording, stated, calibration.sensors, None, LAGS_S)
+            sensors = calibration.sensors
+            (own,) = plate_samples(recording, stated, sensors, None, LAGS_S).values()
             assert static.setup is not None
-            dynamic = fit_dynamic(own.felt[own.known], own.wrench[own.known], static.setup)
+            dynamic = fit_dynamic([own], static.setup)
             for trial, other in trials.items():
-                (plate,) = empty_plates(other, stated, calibration.sensors, None, LAGS_S)
-                felt, wrench = inside(plate)
+                (samples,) = plate_samples(other, stated, sensors, None, LAGS_S).values()
+                felt, wrench = (x[EDGE:-EDGE] for x in samples)
                 left = (
                     wrench,
                     static.compensate(felt[:, : 3 * count], wrench),
@@ -126,11 +128,6 @@ def judge(seed: int, calibrations: Sequence[str] = tuple(CALIBRATIONS)) -> Itera
                 )
                 sizes = [rms_left(error, RATE_HZ) for error in left]
                 yield Judged(seed, name, count, calibration.choice.model, trial, *sizes)
-
-
-def inside(plate: EmptyPlate) -> tuple[np.ndarray, np.ndarray]:
-    edge = round(EDGE_S * RATE_HZ)
-    return plate.felt[edge:-edge], plate.wrench[edge:-edge]
 
 
 def norms(left: Sequence[np.ndarray], band: int) -> tuple[float, float]:

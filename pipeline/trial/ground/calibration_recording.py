@@ -13,17 +13,17 @@ from compensation import (
     Calibration,
     InertiaModel,
     Sensor,
-    Setup,
     estimate_delay,
     find_sensors,
     fit_inertia,
+    fit_trials,
     from_json,
     refuse_unusable,
 )
 from compensation.alignment.sensor_delay import MODEL_ERROR_S
-from compensation.inertia.choice import EmptyPlate, choose
+from compensation.inertia.choice import choose
 from compensation.inertia.dynamic import LAGS_S
-from compensation.inertia.fit import residual_correlation
+from compensation.inertia.residual import residual_correlation
 from compensation.inertia.sensors import QUANTILE_95, noise_for_fit
 from hbm.notes import Note
 from hbm.signals.resampling import resample
@@ -38,10 +38,13 @@ from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.empty_plates import (
     empty_plates,
+    plate_samples,
     setup_of,
     wrenches_in_time,
 )
 
+BESIDE: Final = "beside"
+"""Key of a calibration's provenance that names the recordings of people beside empty plates."""
 PLATES_NAME: Final = "plate_calibration"
 PLATES_SHA256: Final = "plate_calibration_sha256"
 """Keys of a calibration's provenance that name the correction of its plates."""
@@ -57,6 +60,7 @@ def fit_calibration(
     recording: Recording,
     treadmill: Treadmill,
     plates: PlateCorrection | None = None,
+    beside: Sequence[Recording] = (),
     checks: Sequence[Recording] = (),
 ) -> Calibration:
     """Fit what the empty plates of a moving treadmill measure to its accelerations.
@@ -70,21 +74,24 @@ def fit_calibration(
     plates
         The correction of its plates, which are corrected before the fit, and brought to the first
         one's clock where it states their delays.
+    beside
+        Recordings in which people are on the treadmill, but not on every plate. Plates that stay
+        empty are fitted to them too.
     checks
-        Other recordings of the moving treadmill, by whose empty plates static and dynamic model are
-        compared too.
+        The same, by whose empty plates static and dynamic model are compared; they are not fitted.
 
     Returns
     -------
     Calibration
         One model per plate, named "plate 1", "plate 2", …, and dynamic ones where they are stated
         or chosen. Its sensors' delays are against the first plate. Its provenance names the
-        correction.
+        correction, and which plates were empty in what.
 
     Raises
     ------
     ValueError
-        If there are no plates or accelerometers, or the fit is not possible.
+        If there are no plates or accelerometers, the fit is not possible, or somebody was on a
+        plate for a part of a recording, or on all plates.
     """
     if not recording.plates:
         raise ValueError(
@@ -93,41 +100,41 @@ def fit_calibration(
     recording = with_corrected_plates(recording, plates)
     setup = setup_of(recording, treadmill)
     sensors = _sensors(recording, treadmill, plates)
-    samples = empty_plates(recording, treadmill, sensors, plates, LAGS_S)
-    k, static = 3 * len(treadmill.accelerometers), {}
-    for plate in samples:
-        felt, wrench = plate.felt[plate.known, :k], plate.wrench[plate.known]
-        static[plate.name] = fit_inertia(felt, wrench, setup, noise_for_fit(sensors, felt))
-    refuse_unusable(static)
-    others = {
-        check.source.name: _samples_of_check(check, treadmill, sensors, setup, plates)
-        for check in checks
+    k = 3 * len(treadmill.accelerometers)
+    trials = {recording.source.name: plate_samples(recording, treadmill, sensors, plates, LAGS_S)}
+    own = trials[recording.source.name]
+    noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in own.items()}
+    static = {
+        name: fit_inertia(felt[:, :k], wrench, setup, noises[name])
+        for name, (felt, wrench) in own.items()
     }
-    stated = treadmill.inertia_model
-    choice, dynamic = choose(recording.source.name, samples, static, others, stated)
+    refuse_unusable(static)
     provenance = {"recording": recording.source.name}
+    found, compared = (
+        {
+            one.source.name: empty_plates(one, treadmill, sensors, plates, static, LAGS_S)
+            for one in recordings
+        }
+        for recordings in (beside, checks)
+    )
+    if found:
+        trials |= found
+        static = {
+            name: fit_trials(
+                [(t[name][0][:, :k], t[name][1]) for t in trials.values() if name in t],
+                setup,
+                noises[name],
+            )
+            for name in own
+        }
+        provenance[BESIDE] = "; ".join(
+            f"{source}: {', '.join(empty)} empty" for source, empty in found.items()
+        )
+    choice, dynamic = choose(trials, static, compared, treadmill.inertia_model)
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
-    correlation = _joint_correlation(recording, samples, dynamic or static)
-    return Calibration(static, provenance, sensors, correlation, dynamic, choice)
-
-
-def _samples_of_check(
-    recording: Recording,
-    treadmill: Treadmill,
-    sensors: Sequence[Sensor],
-    setup: Setup,
-    correction: PlateCorrection | None,
-) -> list[EmptyPlate]:
-    """Give the samples of a recording by which models are compared; recorded as the calibration."""
-    recording = with_corrected_plates(recording, correction)
-    if setup_of(recording, treadmill) != setup:
-        raise ValueError(
-            f"{recording.source.name}: its plates are sampled at "
-            f"{setup_of(recording, treadmill).rate_hz:g} Hz, those of the calibration at "
-            f"{setup.rate_hz:g} Hz"
-        )
-    return empty_plates(recording, treadmill, sensors, correction, LAGS_S)
+    joint = _joint_correlation(recording, own, dynamic or static)
+    return Calibration(static, provenance, sensors, joint, dynamic, choice)
 
 
 def plates_timed_apart(
@@ -142,11 +149,10 @@ def plates_timed_apart(
     states of the plates' delays is taken into account.
     """
     recording = with_corrected_plates(recording, plates)
-    late = []
-    for empty in empty_plates(recording, treadmill, sensors, plates):
-        felt, wrench = empty.felt[empty.known], empty.wrench[empty.known]
+    late, rate_hz = [], setup_of(recording, treadmill).rate_hz
+    for felt, wrench in plate_samples(recording, treadmill, sensors, plates).values():
         try:
-            late.append(estimate_delay(felt, wrench, setup_of(recording, treadmill).rate_hz))
+            late.append(estimate_delay(felt, wrench, rate_hz))
         except ValueError:
             return ()
     notes = []
@@ -164,19 +170,20 @@ def plates_timed_apart(
 
 
 def _joint_correlation(
-    recording: Recording, samples: Sequence[EmptyPlate], models: Mapping[str, InertiaModel]
+    recording: Recording,
+    samples: Mapping[str, tuple[Array, Array]],
+    models: Mapping[str, InertiaModel],
 ) -> Array | None:
     """Give the correlation of what is left of all plates; None where their clocks differ."""
     first, *others = recording.plates
     if not all(np.array_equal(plate.time, first.time) for plate in others):
         return None
-    known = np.all([plate.known for plate in samples], axis=0)
-    left = []
-    for plate in samples:
-        model = models[plate.name]
-        felt = plate.felt[known, : len(model.gain) - 1]
-        left.append(model.compensate(felt, plate.wrench[known]))
-    return residual_correlation(np.hstack(left), models[samples[0].name].setup)
+    if len({len(wrench) for _, wrench in samples.values()}) > 1:
+        return None
+    left = np.hstack(
+        [models[n].compensate(a[:, : len(models[n].gain) - 1], w) for n, (a, w) in samples.items()]
+    )
+    return residual_correlation(left - left.mean(axis=0), next(iter(models.values())).setup)
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:

@@ -135,7 +135,7 @@ def ground_wrenches(
             late = plate_marker_delay(pose, readings, recording.markers.rate_hz)
             notes += plates_note(late, delays_s[0])
         spreads = [
-            wrench_spread(model, acceleration, plate, pose, cutoff_hz)
+            wrench_spread(model, acceleration, plate, pose, cutoff_hz, recording.markers.rate_hz)
             for model, plate, acceleration in zip(models, plates, felt, strict=True)
         ]
         joint = laboratory.calibration.correlation_of([f"plate {p.number}" for p in plates])
@@ -146,6 +146,8 @@ def ground_wrenches(
         ]
         if laboratory.calibration.correlation is None and len(plates) > 1:
             notes.append(Note.of("plates_taken_as_independent"))
+        if any(model.model_error is None for model in models):
+            notes.append(Note.of("uncertainty_of_noise_alone"))
     return Ground(in_lab, pose, tuple(notes), tuple(covariances), covariance)
 
 

@@ -199,18 +199,27 @@ def compared(reproduction: Reproduction) -> pd.DataFrame:
     keys = ["laboratory", "axis", "unit", "condition", "compensated", "window", "headline"]
     cells = reproduction.residuals.groupby(keys, sort=False)["rms"]
     table = cells.agg(n="count", mean="mean", sd="std").reset_index()
-    with (files(__package__) / PRINTED).open(encoding="utf-8") as file:
-        printed = pd.read_csv(file)
     keys = ["axis", "unit", "condition", "compensated"]
-    table = table.merge(printed, on=keys, suffixes=("", "_thesis"), validate="many_to_one")
+    table = table.merge(printed_cells(), on=keys, suffixes=("", "_thesis"), validate="many_to_one")
     off = (table["mean"] - table["mean_thesis"]).abs()
     return table.assign(within=off <= table["sd_thesis"])
 
 
+def printed_cells() -> pd.DataFrame:
+    """Give the 36 cells as the thesis prints them: axis, unit, condition, compensated, mean, sd."""
+    with (files(__package__) / PRINTED).open(encoding="utf-8") as file:
+        return pd.read_csv(file)
+
+
 def process(setting: Setting, folder: Path, jobs: int, step: Step) -> list[Path]:
     """Simulate a study into a folder, process it as `hbm run` does, and give its results' files."""
-    study, results = folder / "study", folder / "results"
+    study = folder / "study"
     simulate_study(study, setting, lambda name, *_: step(name), jobs, keep=True)
+    return process_study(study, folder / "results", jobs, step)
+
+
+def process_study(study: Path, results: Path, jobs: int, step: Step) -> list[Path]:
+    """Process a study's files as `hbm run` does; give its results' files."""
     for outcome in run_study(read_study(study), results, jobs=jobs):
         if outcome.failure is not None:
             raise ValueError(f"{outcome}: {outcome.failure}")

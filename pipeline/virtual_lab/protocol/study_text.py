@@ -53,12 +53,15 @@ def study_texts(setting: Setting) -> dict[str, str]:
 
 def _platform_toml(setting: Setting) -> str:
     """State how the laboratory knows the platform's pose, with its error."""
+    if setting.protocol.pose == "none":
+        return ""
+    heading = "[treadmill.platform]  # how its pose is known\n"
     if setting.protocol.pose == "markers":
         names = ", ".join(f'"{name}"' for name in PLATFORM_MARKERS_M)
-        return f"markers = [{names}]"
+        return f"{heading}markers = [{names}]"
     x, y, z = Machine().pivot_m
     return f"""\
-sway_channel = "{SWAY_CHANNEL}"
+{heading}sway_channel = "{SWAY_CHANNEL}"
 pitch_channel = "{PITCH_CHANNEL}"
 pivot_m = [{x:g}, {y:g}, {z + setting.faults.platform.pivot_error_m:g}]"""
 
@@ -66,11 +69,13 @@ pivot_m = [{x:g}, {y:g}, {z + setting.faults.platform.pivot_error_m:g}]"""
 def _condition_toml(name: ConditionName, protocol: Protocol) -> str:
     """State which gait cycles of a condition count."""
     if name == "sway":
+        window = protocol.sway_window
+        part = f'"{window}"' if isinstance(window, str) else f"[0.0, {window:g}]"
         return f"""\
 [conditions.sway]
 perturbed = true  # only the gait cycles with a perturbation
 pulse_channel = "{PULSE_CHANNEL}"  # rises at its onset
-window = "motion"  # of them, the time during which the platform moves
+window = {part}  # of them: the platform's motion, whole cycles, or seconds from the onset
 """
     return f"""\
 [conditions.{name}]
@@ -103,7 +108,6 @@ calibration = "{CALIBRATION}"  # the empty treadmill while it moves
 [treadmill.accelerometers]  # sensor = its x, y and z channels
 {sensors}
 
-[treadmill.platform]  # how its pose is known
 {_platform_toml(setting)}
 
 {conditions}"""

@@ -6,7 +6,7 @@ Source: van de Loosdrecht (2018), II.C and D.5.
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from compensation.signals.protocol import (
     ADVISED_PLATFORM_SIGNAL,
@@ -15,7 +15,7 @@ from compensation.signals.protocol import (
 )
 from hbm.signals.filtering import Method
 from hbm.spatial import Array
-from pipeline.config.schema import InputModel
+from pipeline.config.input_model import InputModel
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.person.steps import Steps
 from pipeline.virtual_lab.person.subject import Person
@@ -71,6 +71,8 @@ MAX_SCALE: Final = 2.0
 """Of the differences between people and steps: twice those of the population."""
 
 Seconds = Annotated[float, Field(gt=0)]
+Window = Annotated[float, Field(gt=0, le=1.0)]
+"""Seconds from the onset of a perturbation, at most about a gait cycle."""
 Wait = Annotated[float, Field(ge=MIN_WAIT_S)]
 _SIGNALS: Final = rf"^({'|'.join(PLATFORM_KINDS)})_({'|'.join(map(str, DURATIONS_S))})s_[03]mps$"
 CalibrationSignal = Annotated[str, Field(pattern=_SIGNALS)]
@@ -82,8 +84,9 @@ class Protocol(InputModel):
     The belts start after ``standing_s`` of T-pose and lowering the arms and reach their speed
     within ``starting_s``; durations of the conditions count from then. ``calibration`` is one of
     the signals of `compensation.signals.protocol`, with the belts at 0 or 3 m/s. ``pose`` is
-    whether the study takes the platform's pose from its markers or from its channels, ``filter``
-    how it filters.
+    whether the study takes the platform's pose from its markers or its channels, or has none, so
+    that forces stay in the plates' axes; ``filter`` is how it filters, and ``sway_window`` what of
+    a perturbed gait cycle counts: "motion", "cycle", or seconds from the onset on.
     ``individuality`` and ``variability`` scale the differences between people and between a
     person's steps.
     """
@@ -98,11 +101,21 @@ class Protocol(InputModel):
     pitch_s: Seconds = 120.0
     waits_s: Annotated[tuple[Wait, ...], Field(strict=False)] = WAITS_S
     marker_set: Literal["hbm2", "hbm1"] = "hbm2"
-    pose: Literal["markers", "channels"] = "markers"
+    pose: Literal["markers", "channels", "none"] = "markers"
     filter: Method = "zero_phase"
+    sway_window: Literal["motion", "cycle"] | Window = "motion"
     calibration: CalibrationSignal = "square_sway_300s_3mps"
     individuality: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
     variability: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
+
+    @model_validator(mode="after")
+    def _motion_needs_pose(self) -> "Protocol":
+        if self.pose == "none" and self.sway_window == "motion":
+            raise ValueError(
+                'pose = "none" leaves the motion of the platform unknown; state sway_window = '
+                '"cycle" or seconds'
+            )
+        return self
 
     @property
     def steady_s(self) -> float:

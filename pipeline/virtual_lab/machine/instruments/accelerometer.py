@@ -104,7 +104,7 @@ def make_accelerometers(
     """
     clocks = clocks or [Clock(faults.delay_s)] * faults.sensors
     sensors = []
-    for (name, place), clock in zip(PLACES_M.items(), clocks, strict=False):
+    for (name, place), clock in zip(list(PLACES_M.items())[: faults.sensors], clocks, strict=False):
         axis = rng.normal(size=3)
         misalignment = rotation_about(
             axis / np.linalg.norm(axis), np.radians(faults.misalignment_deg) * rng.normal()

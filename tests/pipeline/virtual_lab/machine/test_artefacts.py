@@ -1,19 +1,25 @@
-"""The treadmill's wrench on its own load cells, compared with an independent derivation."""
+"""What plates have to carry of the treadmill, compared with independent derivations."""
 
 import numpy as np
 import pytest
 
 from pipeline.virtual_lab.machine.actuators import move_platform
 from pipeline.virtual_lab.machine.artefacts import (
-    assembly_wrench,
+    ROLLER_PLACE_M,
     belt_moment,
-    treadmill_wrenches,
+    drive_wrenches,
+    inertial_wrench,
+    roller_wrench,
 )
-from pipeline.virtual_lab.machine.platform import specific_force
+from pipeline.virtual_lab.machine.platform import motion_terms, specific_force
 from pipeline.virtual_lab.machine.treadmill import LEFT_ASSEMBLY, Machine, TreadmillMotion
 from pipeline.virtual_lab.protocol.walking_protocol import PITCH_DEG
 
 RATE_HZ = 1000.0
+
+
+def assembly_wrench(motion, assembly):
+    return motion_terms(motion) @ inertial_wrench(assembly, motion.pivot).T
 
 
 def test_an_assemblys_wrench_is_the_sum_over_its_point_masses(moving):
@@ -58,6 +64,15 @@ def test_accelerating_belts_load_their_plates_in_pitch_alone():
     time = np.arange(2000) / RATE_HZ
     at_rest = move_platform(Machine(), 0 * time, 0 * time, RATE_HZ)
     motion = TreadmillMotion(time, at_rest, 1.5 * time, np.empty(0))
-    for wrench in treadmill_wrenches(Machine(), motion):
+    for wrench in drive_wrenches(Machine(), motion, 0.0, RATE_HZ):
         assert wrench[-1, 4] == pytest.approx(1.5 * Machine().belt_moment_kg_m, rel=1e-3)
         assert np.abs(np.delete(wrench, 4, axis=1)).max() < 1e-9
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_an_unbalanced_roller_pulls_at_its_axle_with_the_square_of_the_speed(side):
+    wrench = roller_wrench(np.full(3000, 1.7), RATE_HZ, 0.2, 0.4, side)
+    np.testing.assert_allclose(np.linalg.norm(wrench[:, :3], axis=1), 0.2 * 1.7**2)
+    place = np.array(ROLLER_PLACE_M) * [1, side, 1]
+    np.testing.assert_allclose(wrench[:, 3:], np.cross(place, wrench[:, :3]), atol=1e-12)
+    assert np.abs(wrench[:1000].mean(axis=0)).max() < 0.05  # it turns

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from hbm.signals.filtering import low_pass
 from pipeline.virtual_lab.faults import Faults, PlateFaults
 from pipeline.virtual_lab.machine.instruments.force_plate import (
+    FULL_SCALE_N,
+    MOMENT_ARM_M,
     PLATE_CENTERS_M,
     ForcePlate,
     make_force_plate,
@@ -12,7 +15,10 @@ from pipeline.virtual_lab.machine.instruments.force_plate import (
     recorded_plate,
 )
 
-NO_NOISE = PlateFaults(force_noise_n=0, moment_noise_nm=0)
+RATE_HZ = 1000.0
+NO_NOISE = Faults.none().plates.model_copy(
+    update={"offset_n": 2.0, "drift_n_per_min": 0.3, "cross_talk": 0.002}
+)
 
 
 @pytest.mark.parametrize("plate", ["default", "drawn"])
@@ -20,26 +26,26 @@ def test_a_plate_without_faults_reports_the_truth(plate):
     rng = np.random.default_rng(0)
     wrench = rng.normal(size=(50, 6))
     perfect = ForcePlate() if plate == "default" else make_force_plate(Faults.none().plates, rng)
-    np.testing.assert_array_equal(perfect.measure(wrench, np.arange(50.0), rng), wrench)
+    np.testing.assert_array_equal(perfect.measure(wrench, 1000.0, rng), wrench)
 
 
 def test_an_empty_plate_reports_its_zero_error_and_drift():
     plate, rng = make_force_plate(NO_NOISE, np.random.default_rng(3)), np.random.default_rng(0)
-    zero, later = plate.measure(np.zeros((2, 6)), np.array([0.0, 60.0]), rng)
-    np.testing.assert_allclose(zero, plate.offset)
-    np.testing.assert_allclose(later - zero, 60 * plate.drift)
+    measured = plate.measure(np.zeros((6001, 6)), 100.0, rng)
+    np.testing.assert_allclose(measured[0], plate.offset)
+    np.testing.assert_allclose(measured[-1] - measured[0], 60 * plate.drift)
 
 
 def test_a_vertical_load_shows_in_all_components_by_their_cross_talk():
     plate, rng = make_force_plate(NO_NOISE, np.random.default_rng(3)), np.random.default_rng(0)
-    zero, loaded = plate.measure(np.outer([0, 800], np.eye(6)[2]), np.zeros(2), rng)
+    zero, loaded = plate.measure(np.outer([0, 800], np.eye(6)[2]), 1e9, rng)
     np.testing.assert_allclose(loaded - zero, 800 * plate.gain[:, 2])
     assert np.abs(np.delete(loaded - zero, 2)).max() > 0.1
 
 
 def test_curvature_is_a_share_of_full_scale_at_full_scale_and_grows_with_the_square():
     plate, rng = ForcePlate(curvature=0.02, full_scale_n=500.0), np.random.default_rng(0)
-    half, full = plate.measure(np.outer([250, 500], np.eye(6)[2]), np.zeros(2), rng)[:, 2]
+    half, full = plate.measure(np.outer([250, 500], np.eye(6)[2]), RATE_HZ, rng)[:, 2]
     assert full == pytest.approx(500 * 1.02)
     assert half - 250 == pytest.approx((full - 500) / 4)
 
@@ -51,8 +57,63 @@ def test_plate_errors_are_as_large_as_stated():
     assert offsets[:, :3].std() == pytest.approx(2.0, rel=0.1)
     assert offsets[:, 3:].std() == pytest.approx(2.0 / 3, rel=0.1)
     assert drifts[:, :3].std() == pytest.approx(0.3, rel=0.1)
-    noise = drawn[0].measure(np.zeros((5000, 6)), np.zeros(5000), np.random.default_rng(1))
-    np.testing.assert_allclose(noise.std(axis=0), [1.5] * 3 + [0.5] * 3, rtol=0.05)
+    curvatures = [plate.curvature for plate in drawn]
+    assert np.std(curvatures) == pytest.approx(0.002, rel=0.15)
+    assert np.mean(curvatures) == pytest.approx(0.0, abs=0.0005)
+
+
+def test_a_plate_at_rest_has_the_noise_of_real_plates_raw_and_below_6_hz():
+    """Real ones: 0.9 to 1.3 N and 0.4 to 0.9 N·m raw, 0.13 to 0.27 N below 6 Hz."""
+    still = PlateFaults(drift_n_per_min=0)
+    plate = make_force_plate(still, np.random.default_rng(0))
+    raw = plate.measure(np.zeros((120_000, 6)), RATE_HZ, np.random.default_rng(1))
+    raw -= raw.mean(axis=0)
+    assert np.all((raw.std(axis=0)[:3] > 0.9) & (raw.std(axis=0)[:3] < 1.3))
+    assert np.all((raw.std(axis=0)[3:] > 0.4) & (raw.std(axis=0)[3:] < 0.9))
+    slow = low_pass(raw, RATE_HZ, 6.0, "zero_phase").std(axis=0)[:3]
+    assert np.all((slow > 0.13) & (slow < 0.27))
+    white = make_force_plate(still.model_copy(update={"wander_n": 0.0}), np.random.default_rng(0))
+    raw = white.measure(np.zeros((120_000, 6)), RATE_HZ, np.random.default_rng(1))
+    assert np.all(low_pass(raw, RATE_HZ, 6.0, "zero_phase").std(axis=0)[:3] < 0.13)
+
+
+def test_the_zero_moves_from_recording_to_recording_and_not_within():
+    plate = make_force_plate(
+        Faults.none().plates.model_copy(update={"zero_shift_n": 0.5}), np.random.default_rng(0)
+    )
+    zeros = []
+    for seed in range(100):
+        measured = plate.measure(np.zeros((3, 6)), RATE_HZ, np.random.default_rng(seed))
+        assert np.ptp(measured, axis=0).max() == 0
+        zeros.append(measured[0])
+    np.testing.assert_allclose(np.std(zeros, axis=0), [0.5] * 3 + [0.5 / 3] * 3, rtol=0.25)
+
+
+def test_a_converter_reports_steps_of_its_range_and_never_errs_by_more_than_half_of_one():
+    plate = make_force_plate(
+        Faults.none().plates.model_copy(update={"bits": 16}), np.random.default_rng(0)
+    )
+    true = np.random.default_rng(1).normal(0, 100, (500, 6))
+    step = np.array([1.0] * 3 + [MOMENT_ARM_M] * 3) * FULL_SCALE_N / 2**15
+    measured = plate.measure(true, RATE_HZ, np.random.default_rng(2))
+    assert np.all(np.abs(measured - true) <= step / 2 * (1 + 1e-9))
+    np.testing.assert_allclose(measured / step, np.rint(measured / step), atol=1e-6)
+
+
+def test_switching_one_fault_off_leaves_what_the_others_draw():
+    """Each has its own random numbers; the white noise of a recording is the same."""
+    true = np.zeros((2000, 6))
+    noise = {}
+    for name, faults in {
+        "noise alone": {},
+        "with others": {"zero_shift_n": 0.5, "wander_n": 0.15, "offset_n": 2.0},
+    }.items():
+        stated = Faults.none().plates.model_copy(update={"force_noise_n": 1.1} | faults)
+        plate = make_force_plate(stated, np.random.default_rng(3))
+        measured = plate.measure(true, RATE_HZ, np.random.default_rng(4))
+        noise[name] = np.diff(measured[:, 0])
+    difference = noise["with others"] - noise["noise alone"]
+    assert difference.std() < 0.01 * noise["noise alone"].std()
 
 
 def test_cross_talk_is_as_large_as_stated():

@@ -1,0 +1,266 @@
+"""The physical drive of a belt: motor, transmission, rollers, an elastic belt, and friction.
+
+Everything is expressed at the belt's surface: a rotor is the mass that is as hard to accelerate
+there. The motor turns the driving roller through an elastic transmission, the roller pulls the
+belt and the other roller through an elastic belt that creeps on it, and the belt slides on a board.
+Motor, rollers and belt are all carried by the load cells: what happens between them cancels
+(Willems and Gosseye 2013), and the cells see how their angular momentum changes, and what is out of
+balance.
+
+Nothing here is a fit of moment to acceleration: `compensation` fits a linear second-order filter,
+which this drive is not.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.signal import butter, lfilter, sosfilt
+
+from hbm.spatial import Array
+from pipeline.virtual_lab.machine.belt_parameters import BeltDrive
+
+INTERNAL_HZ: Final = 250.0
+"""At which the drive is solved; its fastest mode is some 30 Hz. Outputs are interpolated."""
+MAX_ITERATIONS: Final = 60
+TOLERANCE_N: Final = 0.1
+"""Change of friction, slip and limited motor force below which they are solved."""
+COMMAND_HZ: Final = 100.0
+"""How often the drive gets a new command from D-Flow, and ramps to it (van de Loosdrecht 2018)."""
+RUMBLE_FULL_MPS: Final = 0.5
+"""Speed beyond which the rumble of a running belt grows no more; assumed."""
+RUMBLE_HZ: Final = 50.0
+"""Where the rumble ends; assumed, as high as the recordings that it is identified on reach."""
+
+
+@dataclass(frozen=True, slots=True)
+class BeltMotion:
+    """What a belt does, and what it does to the assembly that carries it; (N,) each.
+
+    Attributes
+    ----------
+    speed, acceleration
+        True speed of the belt's surface, positive backwards as in walking [m/s, m/s²].
+    reported_speed
+        What the drive reports: the motor's speed, held and late, without noise [m/s].
+    pitch_moment
+        About the lab's left axis through the platform's origin, with the sign of an action on a
+        person standing there [N·m].
+    forward_force, upward_force
+        Of unbalanced rollers, same sign [N].
+    motor_force
+        Of the motor at the belt's surface [N].
+    """
+
+    speed: Array
+    acceleration: Array
+    reported_speed: Array
+    pitch_moment: Array
+    forward_force: Array
+    upward_force: Array
+    motor_force: Array
+
+
+def run_belt(
+    drive: BeltDrive,
+    command: Array,
+    rate_hz: float,
+    rng: np.random.Generator,
+    weight: Array | None = None,
+    push: Array | None = None,
+) -> BeltMotion:
+    """Let a drive follow a commanded speed.
+
+    Parameters
+    ----------
+    drive
+        Its parameters.
+    command
+        Commanded speed, (N,) [m/s]; the belt begins at the steady state of the first.
+    rate_hz
+        Sampling rate of all arrays [Hz].
+    rng
+        Source of the rollers' angles at the start, and of the rumble.
+    weight
+        Vertical force of people on the belt, which presses it on its board, (N,) [N].
+    push
+        Force of people on the belt against its direction, (N,) [N].
+
+    Returns
+    -------
+    BeltMotion
+        At ``rate_hz``.
+
+    Raises
+    ------
+    ValueError
+        The drive does not follow: friction and limits have no solution.
+    """
+    time = np.arange(len(command)) / rate_hz
+    count = int(np.ceil(time[-1] * INTERNAL_HZ)) + 2
+    inside = np.arange(count) / INTERNAL_HZ
+    w = np.interp(np.floor(inside * COMMAND_HZ + 1e-9) / COMMAND_HZ, time, command)
+    loads = [np.zeros(count) if x is None else np.interp(inside, time, x) for x in (weight, push)]
+    solved = _solve(drive, w, *loads)
+
+    def at(values: Array, when: Array = time) -> Array:
+        return np.interp(when, inside, values)
+
+    speed = at(solved.belt)
+    angles, noise, channel = rng.spawn(3)
+    travel = np.cumsum(solved.roller) / INTERNAL_HZ
+    forward, upward, unbalance = _unbalance(drive, at(solved.roller), at(travel), angles)
+    motor_kg = drive.motor_kg / drive.motor_turns
+    momentum = drive.roller_radius_m * (
+        (drive.roller_kg + motor_kg) * solved.roller_acceleration
+        + drive.idler_kg * solved.belt_acceleration
+    )
+    return BeltMotion(
+        speed,
+        at(solved.belt_acceleration),
+        _reported(drive, solved.roller, inside, time, channel),
+        unbalance - at(momentum) + _rumble(drive, speed, rate_hz, noise),
+        forward,
+        upward,
+        at(solved.force),
+    )
+
+
+def _reported(
+    d: BeltDrive, speed: Array, inside: Array, time: Array, rng: np.random.Generator
+) -> Array:
+    """Give the driving roller's speed as the drive reports it, (N,) [m/s]."""
+    keep = np.exp(-1 / (INTERNAL_HZ * max(d.report_lag_s, 1e-9)))
+    smooth, _ = lfilter([1 - keep], [1, -keep], speed, zi=[keep * speed[0]])
+    number = np.floor(time * d.report_hz + 1e-9).astype(int)
+    late = d.report_delay_s + d.report_jitter_s * rng.normal(size=number[-1] + 1)
+    return np.interp(number / d.report_hz - late[number], inside, smooth)
+
+
+@dataclass(frozen=True, slots=True)
+class _Solution:
+    """Speeds of driving roller and belt [m/s], motor force [N], and accelerations [m/s²]."""
+
+    roller: Array
+    belt: Array
+    force: Array
+    roller_acceleration: Array
+    belt_acceleration: Array
+
+
+def _matrices(d: BeltDrive) -> tuple[Array, Array]:
+    """Give the linear system, (5, 5) and (5, 5).
+
+    States: speeds of the motor with the driving roller and of the belt with the other roller; belt
+    and motor force; the controller's integral. Inputs: command, friction of the motor's side and of
+    the belt, slip speed, and what the limit takes from the motor's force.
+    """
+    m, i = d.driving_kg, d.idler_kg
+    k, c = d.belt_stiffness
+    kp, ki, lag = *d.gains, d.torque_lag_s
+    A = np.array(
+        [
+            [-c / m, c / m, -1 / m, 1 / m, 0],
+            [c / i, -c / i, 1 / i, 0, 0],
+            [k, -k, 0, 0, 0],
+            [-kp / lag, 0, 0, -1 / lag, ki / lag],
+            [-1, 0, 0, 0, 0],
+        ]
+    )
+    B = np.zeros((5, 5))
+    B[0, 1], B[1, 2], B[2, 3] = -1 / m, -1 / i, -k
+    B[3, 0], B[4, 0] = kp / lag, 1
+    B[3, 4], B[4, 4] = -1 / lag, -1 / kp
+    return A, B
+
+
+def _solve(d: BeltDrive, command: Array, weight: Array, push: Array) -> _Solution:
+    """Iterate between the linear system and its friction, creep and limits.
+
+    Half of friction's largest slope is in the linear system: the rest then converges, for what a
+    passive system answers to it is smaller than what it was.
+    """
+    A, B = _matrices(d)
+    steepest = np.array([d.static_n, d.board_friction * weight.max(initial=0.0)]) / d.smooth_mps
+    bearing, board = steepest / 2
+    A[0, 0] += bearing * B[0, 1]
+    A[1, 1] += board * B[1, 2]
+    inputs = np.zeros((5, len(command)))
+    inputs[0] = command
+    states = np.zeros((5, len(command)))
+    states[:2] = command
+    kp, ki = d.gains
+    for _ in range(MAX_ITERATIONS):
+        wanted = kp * (command - states[0]) + ki * states[4]
+        new = np.stack(
+            [
+                command,
+                d.bearing_friction(states[0]) - bearing * states[0],
+                d.board_force(states[1], weight) + push - board * states[1],
+                d.creep(states[0], states[2]),
+                wanted - np.clip(wanted, -d.max_force_n, d.max_force_n),
+            ]
+        )
+        change = np.abs(new[1:] - inputs[1:]).max(axis=1) * [1, 1, kp, 1]
+        inputs = new
+        states = _respond(A, B, inputs)
+        if change.max() < TOLERANCE_N:
+            break
+    else:
+        raise ValueError(
+            f"belt drive: no solution within {MAX_ITERATIONS} iterations, friction still changes "
+            f"by {change.max():.3g} N; the command asks for more than {d.max_force_n:g} N"
+        )
+    rates = A[:2] @ states + B[:2] @ inputs
+    return _Solution(states[0], states[1], states[3], *rates)
+
+
+def _respond(A: Array, B: Array, inputs: Array) -> Array:
+    """Give the states of a stable linear system, (n, N), that begins in its steady state.
+
+    Every mode is a recursion of first order, exact for inputs that are linear between samples.
+    """
+    values, vectors = np.linalg.eig(A)
+    drives = np.linalg.solve(vectors, B.astype(complex)) @ inputs
+    states = np.zeros((len(A), inputs.shape[1]))
+    for mode, vector, drive in zip(values, vectors.T, drives, strict=True):
+        if mode.imag < 0:
+            continue
+        x = mode / INTERNAL_HZ
+        grown = np.exp(x)
+        late = (grown - 1 - x) / (x * mode)
+        early = (grown - 1) / mode - late
+        steps = early * np.concatenate([[0], drive[:-1]]) + late * drive
+        steps[0] = -drive[0] / mode
+        z = lfilter([1], [1, -grown], steps)
+        both = (2 if mode.imag > 0 else 1) * vector[:, None]
+        states += both.real * z.real - both.imag * z.imag
+    return states
+
+
+def _unbalance(
+    d: BeltDrive, speed: Array, travel: Array, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Give forward and upward force and pitch moment of what turns out of balance, (N,) each.
+
+    The rollers' angles at the start are drawn: where a belt creeps, they drift apart.
+    """
+    square, turn = speed**2, 2 * np.pi * travel
+    forward, upward, moment = 0 * speed, 0 * speed, 0 * speed
+    for x in (d.roller_place_m, -d.roller_place_m):
+        angle = rng.uniform(0, 2 * np.pi) + d.turns_per_m * turn
+        ahead, up = (d.unbalance_kg_per_m * square * f(angle) for f in (np.cos, np.sin))
+        forward, upward = forward + ahead, upward + up
+        moment = moment + d.roller_height_m * ahead - x * up
+    for line in d.lines:
+        angle = rng.uniform(0, 2 * np.pi) + line.turns_per_m * turn
+        moment = moment + line.moment_kg * square * np.cos(angle)
+    return forward, upward, moment
+
+
+def _rumble(d: BeltDrive, speed: Array, rate_hz: float, rng: np.random.Generator) -> Array:
+    """Give the broad-band moment of a running belt, (N,) [N·m]."""
+    white = d.rumble_nm_per_sqrt_hz * np.sqrt(rate_hz / 2) * rng.normal(size=len(speed))
+    if rate_hz > 2 * RUMBLE_HZ:
+        white = sosfilt(butter(2, RUMBLE_HZ, fs=rate_hz, output="sos"), white)
+    return np.asarray(white * np.minimum(np.abs(speed) / RUMBLE_FULL_MPS, 1))

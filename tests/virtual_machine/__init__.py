@@ -1,0 +1,1 @@
+"""Where the virtual machine's numbers come from."""

@@ -1,0 +1,199 @@
+"""Parameters of a belt's drive from recordings of a real one.
+
+Run as ``python -m tests.virtual_machine.identify_belt FOLDER`` with the folder of
+``RandomFastSpeed1.txt`` and ``RandomFastSpeed2.txt`` (Hnat and van den Bogert 2014). The parameters
+are fitted on the first recording and judged on the second, and written to
+``pipeline/virtual_lab/machine/belt_parameters.toml``; those that a recording of an unloaded belt
+does not determine stay as they are there. About a minute.
+
+A simulated recording must have the spectra of the real one: gain and phase of moment by reported
+acceleration, and the power of both. Nothing of the fitted models of `compensation` is used.
+"""
+
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from hbm.spatial import Array
+from pipeline.virtual_lab.machine.belt_parameters import (
+    PARAMETERS_TOML,
+    BeltDrive,
+    RotatingLine,
+    identified_drive,
+)
+from tests.virtual_machine.belt_features import (
+    Features,
+    features,
+    find_line,
+    left_over,
+    line_amplitudes,
+    segments,
+)
+from tests.virtual_machine.belt_recording import BeltRecording, read_recording, simulate_recording
+
+FITTED: Final = {
+    "moment_kg_m": (2.7, 2.0, 4.0),
+    "servo_hz": (11.0, 6.0, 18.0),
+    "servo_damping": (0.4, 0.1, 2.0),
+    "report_lag_s": (0.011, 0.001, 0.03),
+    "report_delay_s": (-0.009, -0.03, 0.01),
+    "report_jitter_s": (0.002, 0.0002, 0.01),
+    "rumble_nm_per_sqrt_hz": (0.6, 0.1, 2.0),
+}
+"""Start and bounds. The command's acceleration (SD) is fitted as well, but is no property of the
+drive."""
+COMMAND_SD: Final = (4.7, 3.0, 7.0)
+ROLLER_TURNS_PER_M: Final = 1.583
+LINE_TURNS_PER_M: Final = (6.271, 7.898, 9.185, 12.542, 15.204, 18.370)
+"""Where the strongest lines of the left-over moments are, in both recordings."""
+LINE_WITHIN_PER_M: Final = 0.004
+SEEDS: Final = (1, 2, 3)
+BLOCKS: Final = 10
+RESAMPLES: Final = 300
+MODEL_ERROR: Final = 0.03
+"""Of every feature, besides its standard error: the drive is not exact."""
+NORMAL_95: Final = 1.96
+
+
+class Fit(NamedTuple):
+    """Fitted parameters in the order of `FITTED`, then the command's SD; 95 % half-widths."""
+
+    values: Array
+    half_widths: Array
+    difference: Features
+
+
+class Lines(NamedTuple):
+    """Roller and other lines of a recording: turns [1/m], amplitudes by block [N·m/(m/s)²]."""
+
+    turns_per_m: Array
+    amplitudes: Array
+
+
+def find_lines(recording: BeltRecording) -> Lines:
+    """Find what turns with the belt in the moment that its acceleration does not explain."""
+    rest, speed = left_over(recording)
+    turns = [
+        find_line(rest, speed, near, LINE_WITHIN_PER_M)
+        for near in (ROLLER_TURNS_PER_M, *LINE_TURNS_PER_M)
+    ]
+    amplitudes = [line_amplitudes(rest, speed, t, BLOCKS) for t in turns]
+    return Lines(np.array(turns), np.array(amplitudes))
+
+
+def fit(recording: BeltRecording, lines: Lines, base: BeltDrive) -> Fit:
+    """Fit a drive to a recording, whose roller and other lines are known."""
+    rotating = tuple(map(RotatingLine, lines.turns_per_m, lines.amplitudes.mean(axis=1)))
+    base = replace(base, unbalance_kg_per_m=0.0, lines=rotating)
+    speed, moment = segments(recording)
+    target = features(speed, moment)
+    rng = np.random.default_rng(0)
+    blocks = np.array_split(np.arange(len(speed)), BLOCKS)
+    drawn = [np.concatenate([blocks[b] for b in rng.integers(0, BLOCKS, BLOCKS)]) for _ in range(RESAMPLES)]
+    resampled = np.array([np.concatenate(features(speed[k], moment[k])) for k in drawn])
+    sd = np.hypot(resampled.std(axis=0), MODEL_ERROR)
+    start, low, high = np.array([*FITTED.values(), COMMAND_SD]).T
+
+    def simulated(x: Array, seeds: tuple[int, ...] = SEEDS) -> Features:
+        *own, command_sd = x * np.abs(start)
+        drive = replace(base, **dict(zip(FITTED, own, strict=True)))
+        parts = [segments(simulate_recording(drive, command_sd, seed)) for seed in seeds]
+        return features(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+
+    def error(x: Array) -> Array:
+        return (np.concatenate(simulated(x)) - np.concatenate(target)) / sd
+
+    scale = np.abs(start)
+    found = least_squares(
+        error, start / scale, bounds=(low / scale, high / scale), diff_step=0.02, max_nfev=8
+    )
+    inverse = np.linalg.pinv(found.jac)
+    spread = np.concatenate([resampled - resampled.mean(axis=0)]) / sd
+    variance = np.var(spread @ inverse.T, axis=0) * (1 + 1 / len(SEEDS))
+    variance += np.sum(inverse**2 * (MODEL_ERROR / sd) ** 2, axis=1)
+    best = simulated(found.x)
+    difference = Features(*(a - b for a, b in zip(best, target, strict=True)))
+    return Fit(found.x * scale, NORMAL_95 * np.sqrt(variance) * scale, difference)
+
+
+def main(folder: Path) -> None:
+    """Fit the first recording, judge on the second, and write the parameters."""
+    table = tomllib.loads(PARAMETERS_TOML.read_text(encoding="utf-8"))
+    recordings = [read_recording(folder, number) for number in (1, 2)]
+    lines = [find_lines(recording) for recording in recordings]
+    fits = [fit(r, l, identified_drive()) for r, l in zip(recordings, lines, strict=True)]
+    print(f"{'parameter':24}{'file 1':>10}{'95 %':>10}{'file 2':>10}{'95 %':>10}")
+    for n, name in enumerate((*FITTED, "command_sd_mps2")):
+        row = [x for fitted in fits for x in (fitted.values[n], fitted.half_widths[n])]
+        print(f"{name:24}" + "".join(f"{x:10.4g}" for x in row))
+    for n, turns in enumerate(lines[0].turns_per_m):
+        both = [line.amplitudes[n] for line in lines]
+        text = "".join(f"{a.mean():10.3f}{NORMAL_95 * a.std() / BLOCKS**0.5:10.3f}" for a in both)
+        print(f"line at {turns:.4f}, {lines[1].turns_per_m[n]:.4f} /m{text}")
+    for kind in Features._fields:
+        for number, fitted in enumerate(fits, start=1):
+            difference = getattr(fitted.difference, kind)
+            print(f"{kind}, simulated - file {number}:", *(f"{x:+.2f}" for x in difference))
+    first, (roller, *others) = fits[0], range(len(lines[0].turns_per_m))
+    for name, value, half in zip(FITTED, first.values, first.half_widths, strict=False):
+        table[name] |= {"value": value, "low": value - half, "high": value + half}
+    turns = [line.turns_per_m[roller] for line in lines]
+    table["turns_per_m"] |= {"value": turns[0], "low": min(turns), "high": max(turns)}
+    table["unbalance_kg_per_m"] |= unbalance([line.amplitudes[roller] for line in lines])
+    table["lines"] = [line_row(lines[0], n) for n in others]
+    PARAMETERS_TOML.write_text(toml_text(table), encoding="utf-8")
+
+
+def unbalance(amplitudes: list[Array]) -> dict[str, float]:
+    """Give the force of each of two rollers whose moments add at unknown angles.
+
+    Their sum has an expected square of twice that of one. Two recordings leave it uncertain by
+    about a third.
+    """
+    lever = identified_drive().roller_place_m
+    force = float(np.sqrt(np.mean([a.mean() ** 2 for a in amplitudes]) / 2)) / lever
+    return {"value": force, "low": force * 2 / 3, "high": force * 4 / 3}
+
+
+def line_row(lines: Lines, number: int) -> dict[str, float]:
+    """Give a line's turns and amplitude with its interval."""
+    a = lines.amplitudes[number]
+    half = NORMAL_95 * a.std() / np.sqrt(len(a))
+    turns = float(lines.turns_per_m[number])
+    return {"turns_per_m": turns, "value": a.mean(), "low": a.mean() - half, "high": a.mean() + half}
+
+
+def toml_text(table: dict) -> str:
+    """Write the table with five digits."""
+
+    def row(values: dict) -> str:
+        cells = [
+            f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {float(f'{v:.5g}')!r}"
+            for k, v in values.items()
+            if k != "turns_per_m"
+        ]
+        return "{ " + ", ".join(cells) + " }"
+
+    single = [f"{name} = {row(values)}" for name, values in table.items() if name != "lines"]
+    several = [
+        f"[[lines]]\nturns_per_m = {line['turns_per_m']:.4f}\nmoment_kg = {row(line)}\n"
+        for line in table["lines"]
+    ]
+    return HEADER + "\n".join(single) + "\n\n" + "\n".join(several)
+
+
+HEADER: Final = """\
+# Parameters of a belt's drive, with 95 % intervals where they are identified (written by
+# python -m tests.virtual_machine.identify_belt from recordings of Hnat and van den Bogert 2014) and
+# plausible ranges where they are assumed.
+
+"""
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
