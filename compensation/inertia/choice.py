@@ -1,7 +1,7 @@
 """Which model compensates trials: static, unless a dynamic one is clearly and safely better."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 
 import numpy as np
@@ -27,7 +27,6 @@ MAX_SHARE_OF_OTHERS: Final = 0.9
 """The same where recordings were not fitted at all: of other motion they are stronger evidence."""
 MAX_WORSE: Final = 1.1
 """Factor by which it may be worse in any component of any recording."""
-STATED: Final = "as stated; by itself the program takes the {model} one ({reason})"
 TOO_SHORT: Final = "the recording is too short to judge a dynamic one"
 NEGLIGIBLE_SHARE: Final = 0.1
 """Of what residuals allow: whether a component is left less than this does not count."""
@@ -98,21 +97,29 @@ class Choice:
     ----------
     model
         "static" or "dynamic".
+    better
+        Which of them the recordings speak for; another one where a model was stated.
     reason
-        In words, from which a sentence about the model continues.
+        In words, from which a sentence about the better model continues.
     """
 
     model: Kind
+    better: Kind
     reason: str
 
     def __post_init__(self) -> None:
-        if self.model not in get_args(Kind):
-            raise ValueError(f"model must be static or dynamic, got {self.model!r}")
+        for model in (self.model, self.better):
+            if model not in get_args(Kind):
+                raise ValueError(f"model must be static or dynamic, got {model!r}")
 
     @property
     def note(self) -> Note:
         """The choice as a note."""
-        return Note.of("calibration_model", model=self.model, reason=self.reason)
+        if self.model == self.better:
+            return Note.of("calibration_model", model=self.model, reason=self.reason)
+        return Note.of(
+            "calibration_model_stated", model=self.model, better=self.better, reason=self.reason
+        )
 
 
 def rms_left(left: ArrayLike, rate_hz: float) -> Array:
@@ -137,9 +144,9 @@ def rms_left(left: ArrayLike, rate_hz: float) -> Array:
 
 
 def choose(
-    trials: Mapping[str, Samples],
+    trials: Sequence[tuple[str, Samples]],
     static: Mapping[str, InertiaModel],
-    checks: Mapping[str, Samples] | None = None,
+    checks: Sequence[tuple[str, Samples]] = (),
     stated: Literal["auto"] | Kind = "auto",
 ) -> tuple[Choice, dict[str, InertiaModel]]:
     """Choose the model of a calibration by held-out samples, or take the stated one, and say why.
@@ -147,12 +154,12 @@ def choose(
     Parameters
     ----------
     trials
-        Recording -> the samples of its empty plates, with the differences for `LAGS_S`: what the
-        models are fitted to. The first one has all plates.
+        Names of recordings, and the samples of their empty plates, with the differences for
+        `LAGS_S`: what the models are fitted to. The first one has all plates.
     static
         Plate -> the static model that was fitted to them, with a setup.
     checks
-        Recording -> the same of recordings that are not fitted.
+        The same of recordings that are not fitted.
     stated
         A model that is to be taken; "auto" for the better one.
 
@@ -169,25 +176,28 @@ def choose(
     ValueError
         A dynamic model is stated of which the recording is too short.
     """
-    first = next(iter(trials.values()))
-    if stated != "dynamic" and any(_is_short(felt) for felt, _ in first.values()):
-        return Choice("static", TOO_SHORT), {}
-    dynamic, left = {}, dict[str, list[tuple[Array, Array]]]()
+    if stated != "dynamic" and any(_is_short(felt) for felt, _ in trials[0][1].values()):
+        return Choice("static", "static", TOO_SHORT), {}
+    dynamic = {}
+    left: list[list[tuple[Array, Array]]] = [[] for _ in trials]
     for name, model in static.items():
-        of_plate = {source: plates[name] for source, plates in trials.items() if name in plates}
-        setup, k = _setup(model), 3 * len(model.sensors)
-        dynamic[name] = fit_dynamic(list(of_plate.values()), setup)
-        simple = left_of_held_out([(felt[:, :k], wrench) for felt, wrench in of_plate.values()], k)
-        better = left_of_held_out(list(of_plate.values()), k)
-        for source, *errors in zip(of_plate, simple, better, strict=True):
-            both = [rms_left(error, setup.rate_hz) for error in errors]
-            left.setdefault(source, []).append((both[0], both[1]))
-    own = [Comparison.of(f"held-out parts of {source}", found) for source, found in left.items()]
-    others = [_on(source, plates, static, dynamic) for source, plates in (checks or {}).items()]
-    best = choose_model(own, others)
-    if stated != "auto" and stated != best.model:
-        best = Choice(stated, STATED.format(model=best.model, reason=best.reason))
-    return best, dynamic if best.model == "dynamic" else {}
+        having = [k for k, (_, plates) in enumerate(trials) if name in plates]
+        of_plate = [trials[k][1][name] for k in having]
+        setup, channels = _setup(model), 3 * len(model.sensors)
+        dynamic[name] = fit_dynamic(of_plate, setup)
+        readings = [(felt[:, :channels], wrench) for felt, wrench in of_plate]
+        simple, better = (left_of_held_out(x, channels) for x in (readings, of_plate))
+        for k, one, other in zip(having, simple, better, strict=True):
+            left[k].append((rms_left(one, setup.rate_hz), rms_left(other, setup.rate_hz)))
+    own = [
+        Comparison.of(f"held-out parts of {source}", found)
+        for (source, _), found in zip(trials, left, strict=True)
+    ]
+    others = [_on(source, plates, static, dynamic) for source, plates in checks]
+    choice = choose_model(own, others)
+    if stated != "auto":
+        choice = replace(choice, model=stated)
+    return choice, dynamic if choice.model == "dynamic" else {}
 
 
 def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -> Choice:
@@ -225,14 +235,16 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
         raise ValueError("nothing to compare the models by")
     for one in comparisons:
         if one.worse:
-            return Choice("static", f"{one.in_words()}, clearly more of {', '.join(one.worse)}")
+            return Choice(
+                "static", "static", f"{one.in_words()}, clearly more of {', '.join(one.worse)}"
+            )
         if one.share > 1:
-            return Choice("static", f"{one.in_words()}: no gain")
+            return Choice("static", "static", f"{one.in_words()}: no gain")
     reason = "; ".join(one.in_words() for one in comparisons)
     clear = MAX_SHARE_OF_OTHERS if others else MAX_SHARE
     if np.mean([one.share for one in comparisons]) > clear:
-        return Choice("static", f"{reason}: no clear gain")
-    return Choice("dynamic", reason)
+        return Choice("static", "static", f"{reason}: no clear gain")
+    return Choice("dynamic", "dynamic", reason)
 
 
 def _size(left: Array) -> float:

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation import Signal, fit_dynamic, pitch_and_sway_signals, validation_signals
+from compensation import Signal, pitch_and_sway_signals, validation_signals
 from compensation.inertia.choice import rms_left
 from compensation.inertia.dynamic import LAGS_S
 from pipeline.config.schema import Treadmill
@@ -29,19 +29,38 @@ from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
 from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS, LoadPattern
 
+
+@dataclass(frozen=True)
+class Calibrated:
+    """How a laboratory is calibrated: what the platform follows, and where a person is.
+
+    A person ``during`` the signal is on the platform beside the empty plate. Recordings ``beside``
+    the empty plate are of a minute of belts at walking speed with the platform at rest.
+    """
+
+    signal: str
+    during: LoadPattern | None = None
+    beside: tuple[LoadPattern, ...] = ()
+
+
 PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "inertia_models.md"
 RATE_HZ: Final = 200.0
 EDGE: Final = 200
 """Samples left out at both ends of a recording, where low-passes are inaccurate: a second."""
 SENSORS: Final = (1, 2, 3, 4)
-CALIBRATIONS: Final[dict[str, tuple[str, LoadPattern | None]]] = {
-    "empty, 60 s": ("all_60s_3mps", None),
-    "empty, 300 s": ("all_300s_3mps", None),
-    "empty, belts at rest, 60 s": ("all_60s_0mps", None),
-    "person on the boards, 60 s": ("all_60s_3mps", bystander.stepping_on_boards),
-    "person walks on the other belt, 60 s": ("all_60s_3mps", bystander.walking),
+CALIBRATIONS: Final[dict[str, Calibrated]] = {
+    "empty, 60 s": Calibrated("all_60s_3mps"),
+    "empty, 300 s": Calibrated("all_300s_3mps"),
+    "empty, belts at rest, 60 s": Calibrated("all_60s_0mps"),
+    "person on the boards, 60 s": Calibrated("all_60s_3mps", bystander.stepping_on_boards),
+    "empty and beside walking": Calibrated("all_60s_3mps", beside=(bystander.walking,)),
+    "empty and beside both": Calibrated(
+        "all_60s_3mps", beside=(bystander.walking, bystander.stepping_on_boards)
+    ),
 }
 BELTS_MPS: Final = (0.0, 3.0)
+AT_REST_S: Final = 60
+AT_REST_BELTS_MPS: Final = 1.3
 GOAL: Final = (2.0, 1.0)
 """Largest component that may be left [N, N·m]."""
 MAX_WORSE: Final = 1.1
@@ -72,6 +91,12 @@ def laboratory(seed: int) -> InstrumentedTreadmill:
     faults = Faults()
     sensors = faults.accelerometers.model_copy(update={"sensors": max(SENSORS)})
     return make_treadmill(faults.model_copy(update={"accelerometers": sensors}), seed)
+
+
+def at_rest(name: str) -> Signal:
+    """Give a platform at rest, its belts at walking speed."""
+    still = np.zeros(100 * AT_REST_S)
+    return Signal(name, 100.0, still, still, still + AT_REST_BELTS_MPS)
 
 
 def record(
@@ -106,28 +131,30 @@ def judge(seed: int, calibrations: Sequence[str] = tuple(CALIBRATIONS)) -> Itera
         if signal.name in BYSTANDERS
     }
     for n, name in enumerate(calibrations):
-        kind, person = CALIBRATIONS[name]
-        recording = record(treadmill, signals[kind], person, 100 * seed + 50 + n)
+        plan = CALIBRATIONS[name]
+        recording = record(treadmill, signals[plan.signal], plan.during, 100 * seed + 50 + n)
+        beside = [
+            record(treadmill, at_rest(person.__name__), person, 100 * seed + 60 + 10 * n + m)
+            for m, person in enumerate(plan.beside)
+        ]
         places = find_accelerometers(recording)
         for count in SENSORS:
-            stated = Treadmill(accelerometers=dict(list(places.items())[:count]))
-            calibration = fit_calibration(recording, stated)
+            stated = Treadmill(
+                accelerometers=dict(list(places.items())[:count]), inertia_model="dynamic"
+            )
+            calibration = fit_calibration(recording, stated, beside=beside)
             assert calibration.choice is not None
-            (static,) = calibration.plates.values()
-            sensors = calibration.sensors
-            (own,) = plate_samples(recording, stated, sensors, None, LAGS_S).values()
-            assert static.setup is not None
-            dynamic = fit_dynamic([own], static.setup)
+            static, dynamic = calibration.plates["plate 1"], calibration.dynamic["plate 1"]
             for trial, other in trials.items():
-                (samples,) = plate_samples(other, stated, sensors, None, LAGS_S).values()
-                felt, wrench = (x[EDGE:-EDGE] for x in samples)
+                samples = plate_samples(other, stated, calibration.sensors, None, LAGS_S)
+                felt, wrench = (x[EDGE:-EDGE] for x in samples["plate 1"])
                 left = (
                     wrench,
                     static.compensate(felt[:, : 3 * count], wrench),
                     dynamic.compensate(felt, wrench),
                 )
                 sizes = [rms_left(error, RATE_HZ) for error in left]
-                yield Judged(seed, name, count, calibration.choice.model, trial, *sizes)
+                yield Judged(seed, name, count, calibration.choice.better, trial, *sizes)
 
 
 def norms(left: Sequence[np.ndarray], band: int) -> tuple[float, float]:

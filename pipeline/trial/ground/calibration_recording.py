@@ -101,8 +101,7 @@ def fit_calibration(
     setup = setup_of(recording, treadmill)
     sensors = _sensors(recording, treadmill, plates)
     k = 3 * len(treadmill.accelerometers)
-    trials = {recording.source.name: plate_samples(recording, treadmill, sensors, plates, LAGS_S)}
-    own = trials[recording.source.name]
+    own = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
     noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in own.items()}
     static = {
         name: fit_inertia(felt[:, :k], wrench, setup, noises[name])
@@ -111,24 +110,20 @@ def fit_calibration(
     refuse_unusable(static)
     provenance = {"recording": recording.source.name}
     found, compared = (
-        {
-            one.source.name: empty_plates(one, treadmill, sensors, plates, static, LAGS_S)
+        [
+            (one.source.name, empty_plates(one, treadmill, sensors, plates, static, LAGS_S))
             for one in recordings
-        }
+        ]
         for recordings in (beside, checks)
     )
+    trials = [(recording.source.name, own), *found]
     if found:
-        trials |= found
-        static = {
-            name: fit_trials(
-                [(t[name][0][:, :k], t[name][1]) for t in trials.values() if name in t],
-                setup,
-                noises[name],
-            )
-            for name in own
-        }
+        for name in own:
+            of_plate = [samples[name] for _, samples in trials if name in samples]
+            readings = [(felt[:, :k], wrench) for felt, wrench in of_plate]
+            static[name] = fit_trials(readings, setup, noises[name])
         provenance[BESIDE] = "; ".join(
-            f"{source}: {', '.join(empty)} empty" for source, empty in found.items()
+            f"{source}: {', '.join(empty)} empty" for source, empty in found
         )
     choice, dynamic = choose(trials, static, compared, treadmill.inertia_model)
     if plates is not None:
