@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from compensation.inertia.dynamic import dynamic_channels, fit_dynamic
     from compensation.inertia.fit import fit_inertia, fit_trials, sensor_noise_of
     from compensation.inertia.model import InertiaModel, Setup
+    from compensation.inertia.places import best_places
     from compensation.inertia.quality import left_over, refuse_unusable
     from compensation.inertia.sensors import Sensor, find_sensors
     from compensation.platform.markers import PoseFit, check_pose, fit_pose, neutral_markers
@@ -100,6 +101,7 @@ _HOME = {
     "fit_trials": "compensation.inertia.fit",
     "sensor_noise_of": "compensation.inertia.fit",
     "InertiaModel": "compensation.inertia.model",
+    "best_places": "compensation.inertia.places",
     "left_over": "compensation.inertia.quality",
     "refuse_unusable": "compensation.inertia.quality",
     "Sensor": "compensation.inertia.sensors",
@@ -156,6 +158,7 @@ __all__ = [
     "agreed_delay",
     "belt_acceleration",
     "belt_signals",
+    "best_places",
     "center_of_pressure",
     "check_calibration",
     "check_pose",

@@ -1,18 +1,12 @@
-"""Static and dynamic models of a flexible treadmill on motion of other kinds than the calibration.
-
-``python -m tests.campaign.inertia_models --seeds 0 10``, the first and one more than the last; with
-``--page`` it writes docs/inertia_models.md. Ends with 1 where the dynamic model, where it is
-chosen, leaves clearly more than the static one.
-"""
+"""Laboratories calibrated in several ways, and what both models leave of validation trials."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from compensation import Signal, pitch_and_sway_signals, validation_signals
+from compensation import Signal, best_places, pitch_and_sway_signals, validation_signals
 from compensation.inertia.choice import rms_left
 from compensation.inertia.dynamic import LAGS_S
 from pipeline.config.schema import Treadmill
@@ -43,7 +37,6 @@ class Calibrated:
     beside: tuple[LoadPattern, ...] = ()
 
 
-PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "inertia_models.md"
 RATE_HZ: Final = 200.0
 EDGE: Final = 200
 """Samples left out at both ends of a recording, where low-passes are inaccurate: a second."""
@@ -53,19 +46,27 @@ CALIBRATIONS: Final[dict[str, Calibrated]] = {
     "empty, 300 s": Calibrated("all_300s_3mps"),
     "empty, belts at rest, 60 s": Calibrated("all_60s_0mps"),
     "person on the boards, 60 s": Calibrated("all_60s_3mps", bystander.stepping_on_boards),
-    "empty and beside walking": Calibrated("all_60s_3mps", beside=(bystander.walking,)),
-    "empty and beside both": Calibrated(
+    "empty, beside walking": Calibrated("all_60s_3mps", beside=(bystander.walking,)),
+    "empty, beside walking and boards": Calibrated(
         "all_60s_3mps", beside=(bystander.walking, bystander.stepping_on_boards)
     ),
 }
 BELTS_MPS: Final = (0.0, 3.0)
 AT_REST_S: Final = 60
 AT_REST_BELTS_MPS: Final = 1.3
-GOAL: Final = (2.0, 1.0)
-"""Largest component that may be left [N, N·m]."""
-MAX_WORSE: Final = 1.1
-"""Factor by which a chosen dynamic model may leave more than the static one, norm of any trial."""
-NORMS: Final = (slice(3), slice(3, 6))
+MODELS: Final = ("static", "dynamic")
+BEST: Final = ("empty, beside walking and boards", 4)
+PLACES_CALIBRATION: Final = BEST[0]
+CORNERS_M: Final = [(x, y, z) for x in (-0.9, 0, 0.9) for y in (-0.6, 0.6) for z in (-0.35, -0.05)]
+ARRANGEMENTS: Final[dict[str, list[tuple[float, float, float]]]] = {
+    **{f"{n}, D-optimal": [CORNERS_M[k] for k in best_places(CORNERS_M, n)] for n in (2, 3, 4)},
+    "2, both at the rear": [(-0.9, 0.6, -0.2), (-0.9, -0.6, -0.2)],
+    "2, on the plate's own side": [(-0.9, 0.6, -0.2), (0.9, 0.6, -0.2)],
+    "3, in one line": [(-0.9, 0.6, -0.2), (0.0, 0.0, -0.2), (0.9, -0.6, -0.2)],
+    "4, in one plane": [(x, y, -0.2) for x in (-0.9, 0.9) for y in (-0.6, 0.6)],
+}
+STREAM: Final = 17
+"""Number of the random numbers of this campaign."""
 
 
 @dataclass(frozen=True)
@@ -77,20 +78,20 @@ class Judged:
     sensors: int
     chosen: str
     trial: str
-    raw: np.ndarray
     static: np.ndarray
     dynamic: np.ndarray
 
-    @property
-    def in_use(self) -> np.ndarray:
-        return self.dynamic if self.chosen == "dynamic" else self.static
 
-
-def laboratory(seed: int) -> InstrumentedTreadmill:
-    """Give the realistic laboratory with four accelerometers."""
+def laboratory(seed: int, places: Sequence[Sequence[float]] = ()) -> InstrumentedTreadmill:
+    """Give the realistic laboratory with four accelerometers, the first ones at given places."""
     faults = Faults()
     sensors = faults.accelerometers.model_copy(update={"sensors": max(SENSORS)})
-    return make_treadmill(faults.model_copy(update={"accelerometers": sensors}), seed)
+    treadmill = make_treadmill(faults.model_copy(update={"accelerometers": sensors}), seed)
+    moved = [
+        replace(sensor, place=np.array(place))
+        for sensor, place in zip(treadmill.sensors, places, strict=False)
+    ]
+    return replace(treadmill, sensors=(*moved, *treadmill.sensors[len(moved) :]))
 
 
 def at_rest(name: str) -> Signal:
@@ -100,16 +101,16 @@ def at_rest(name: str) -> Signal:
 
 
 def record(
-    treadmill: InstrumentedTreadmill, signal: Signal, person: LoadPattern | None, seed: int
+    treadmill: InstrumentedTreadmill, signal: Signal, person: LoadPattern | None, seed: list[int]
 ) -> Recording:
     """Record the left plate, empty, while somebody may be on the frame or the other belt."""
-    load = None
+    rng, load = np.random.default_rng((*seed, STREAM)), None
     if person is not None:
-        load = person(sample_times(signal, RATE_HZ), np.random.default_rng((seed, 1)))
+        load = person(sample_times(signal, RATE_HZ), rng)
     beside = person in BESIDE_THE_BELTS
     return record_signal_trial(
         signal,
-        seed=seed,
+        seed=int(rng.integers(2**31)),
         rate_hz=RATE_HZ,
         treadmill=treadmill,
         load=None if beside else load,
@@ -117,47 +118,43 @@ def record(
     )
 
 
-def judge(seed: int, calibrations: Sequence[str] = tuple(CALIBRATIONS)) -> Iterator[Judged]:
+def judge(
+    seed: int,
+    calibrations: Sequence[str] = tuple(CALIBRATIONS),
+    counts: Sequence[int] = SENSORS,
+    places: Sequence[Sequence[float]] = (),
+) -> Iterator[Judged]:
     """Calibrate a laboratory in several ways and judge both models on the validation trials."""
-    treadmill = laboratory(seed)
+    treadmill = laboratory(seed, places)
     signals = {
         signal.name: signal
         for n, speed in enumerate(BELTS_MPS)
         for signal in pitch_and_sway_signals(2 * seed + n, speed)
     }
     trials = {
-        signal.name: record(treadmill, signal, BYSTANDERS[signal.name], 100 * seed + n)
+        signal.name: record(treadmill, signal, BYSTANDERS[signal.name], [seed, 0, n])
         for n, signal in enumerate(validation_signals(seed))
         if signal.name in BYSTANDERS
     }
-    for n, name in enumerate(calibrations):
-        plan = CALIBRATIONS[name]
-        recording = record(treadmill, signals[plan.signal], plan.during, 100 * seed + 50 + n)
+    for name in calibrations:
+        plan, number = CALIBRATIONS[name], 1 + list(CALIBRATIONS).index(name)
+        recording = record(treadmill, signals[plan.signal], plan.during, [seed, number, 0])
         beside = [
-            record(treadmill, at_rest(person.__name__), person, 100 * seed + 60 + 10 * n + m)
+            record(treadmill, at_rest(person.__name__), person, [seed, number, 1 + m])
             for m, person in enumerate(plan.beside)
         ]
-        places = find_accelerometers(recording)
-        for count in SENSORS:
-            stated = Treadmill(
-                accelerometers=dict(list(places.items())[:count]), inertia_model="dynamic"
-            )
+        channels = list(find_accelerometers(recording).items())
+        for count in counts:
+            stated = Treadmill(accelerometers=dict(channels[:count]), inertia_model="dynamic")
             calibration = fit_calibration(recording, stated, beside=beside)
             assert calibration.choice is not None
             static, dynamic = calibration.plates["plate 1"], calibration.dynamic["plate 1"]
             for trial, other in trials.items():
                 samples = plate_samples(other, stated, calibration.sensors, None, LAGS_S)
                 felt, wrench = (x[EDGE:-EDGE] for x in samples["plate 1"])
-                left = (
-                    wrench,
+                errors = (
                     static.compensate(felt[:, : 3 * count], wrench),
                     dynamic.compensate(felt, wrench),
                 )
-                sizes = [rms_left(error, RATE_HZ) for error in left]
-                yield Judged(seed, name, count, calibration.choice.better, trial, *sizes)
-
-
-def norms(left: Sequence[np.ndarray], band: int) -> tuple[float, float]:
-    """Give the norm of force and of moment, root mean square over seeds [N, N·m]."""
-    mean = np.mean([one[band] ** 2 for one in left], axis=0)
-    return tuple(float(np.sqrt(mean[part].sum())) for part in NORMS)
+                left = [rms_left(error, RATE_HZ) for error in errors]
+                yield Judged(seed, name, count, calibration.choice.better, trial, *left)
