@@ -7,7 +7,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inertia.fit import BLOCKS, MIN_SAMPLES_PER_GAIN, fit_trials
+from compensation.inertia.fit import (
+    BLOCKS,
+    MIN_SAMPLES_PER_GAIN,
+    fit_trials,
+    recording_weights,
+)
 from compensation.inertia.model import InertiaModel, Setup
 from compensation.inertia.residual import (
     HELD_OUT_PARTS,
@@ -126,6 +131,7 @@ def fit_dynamic(
     ``a / (1 − ω²/ω₀²)``, a series in even derivatives of ``a``. Second differences over some lags
     stand for these derivatives. Least squares with a penalty on the gains of the differences
     (ridge regression, Hoerl and Kennard 1970), none on those of the readings and the offset.
+    Recordings weigh as for `fit_trials`.
 
     It is symmetric in time and shifts nothing: what the accelerometers are late is estimated
     beforehand (`find_sensors`).
@@ -165,14 +171,15 @@ def fit_dynamic(
     felt_mean, wrench_mean = (np.array([t[side].mean(axis=0) for t in read]) for side in (0, 1))
     design = np.vstack([x - m for (x, _), m in zip(read, felt_mean, strict=True)])
     about = np.vstack([w - m for (_, w), m in zip(read, wrench_mean, strict=True)])
-    inverse = _inverse(design.T @ design, n, k)
-    slopes = inverse @ (design.T @ about)
+    counts = np.array([len(x) for x, _ in read])
+    weight = np.repeat(recording_weights(read), counts)[:, None]
+    inverse = _inverse(design.T @ (weight * design), n, k)
+    slopes = inverse @ (design.T @ (weight * about))
     residual, zeros = about - design @ slopes, wrench_mean - felt_mean @ slopes
 
-    counts = [len(x) for x, _ in read]
-    share_of_one = np.repeat(n / (len(read) * np.array(counts)), counts)
+    one_of_each = np.repeat(n / (len(read) * counts), counts)
     blocks = pairwise(np.linspace(0, n, min(BLOCKS, n) + 1).astype(int))
-    with_offset = np.column_stack([design, share_of_one])
+    with_offset = np.column_stack([weight * design, one_of_each])
     scores = np.stack([with_offset[i:j].T @ residual[i:j] for i, j in blocks])
     scores -= scores.mean(axis=0)
     meat = np.einsum("brc,bsc->crs", scores, scores) * len(scores) / (len(scores) - 1)
@@ -238,16 +245,18 @@ def left_of_held_out(trials: Sequence[Trial], readings: int) -> list[Array]:
     >>> bool(np.abs(left_of_held_out([(felt, wrench)], 3)).max() < 1e-6)
     True
     """
-    about = [(x - x.mean(axis=0), w - w.mean(axis=0)) for x, w in _read(trials)]
+    read = _read(trials)
+    about = [(x - x.mean(axis=0), w - w.mean(axis=0)) for x, w in read]
+    weights = recording_weights(read)
     count = sum(len(x) for x, _ in about)
-    gram = np.sum([x.T @ x for x, _ in about], axis=0)
-    cross = np.sum([x.T @ w for x, w in about], axis=0)
+    gram = np.sum([q * x.T @ x for q, (x, _) in zip(weights, about, strict=True)], axis=0)
+    cross = np.sum([q * x.T @ w for q, (x, w) in zip(weights, about, strict=True)], axis=0)
     found = []
-    for x, w in about:
+    for q, (x, w) in zip(weights, about, strict=True):
         left = []
         for a, b in zip(*(np.array_split(side, HELD_OUT_PARTS) for side in (x, w)), strict=True):
-            inverse = _inverse(gram - a.T @ a, count - len(a), readings)
-            left.append(b - a @ (inverse @ (cross - a.T @ b)))
+            inverse = _inverse(gram - q * a.T @ a, count - q * len(a), readings)
+            left.append(b - a @ (inverse @ (cross - q * a.T @ b)))
         found.append(np.concatenate(left))
     return found
 
@@ -272,7 +281,7 @@ def _read(trials: Sequence[Trial]) -> list[tuple[Array, Array]]:
     return read
 
 
-def _inverse(gram: Array, samples: int, readings: int) -> Array:
+def _inverse(gram: Array, samples: float, readings: int) -> Array:
     """Invert the normal equations of readings and differences about their means, (K, K)."""
     sensors = min(readings // 3, len(DIFFERENCE_SD_MPS2))
     penalty = np.zeros(len(gram))

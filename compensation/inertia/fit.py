@@ -32,6 +32,10 @@ MIN_SIGNAL_TO_NOISE: Final = 1.0
 is taken out; below it the direction is noise, and taking its share out would change the sign."""
 RIGID_DIRECTIONS: Final = 5
 """Of sway and pitch: ``f₀``, the angular acceleration and the angular velocity squared."""
+WEIGHT_ITERATIONS: Final = 4
+"""Of the weights of recordings, which then no longer change."""
+MIN_LEFT_SHARE: Final = 1e-3
+"""Of a wrench, below which what is left of a recording is taken as no smaller: a model is exact."""
 MAX_SENSOR_NOISE_MPS2: Final = 1.0
 """A tenth of gravity: no accelerometer on a platform is noisier after the filter."""
 
@@ -60,7 +64,7 @@ def fit_inertia(
         [m/s²]; `sensor_noise_of` estimates it. 0 is the published method, ordinary least squares.
     zero_sd
         Standard deviation by which the plate's zero changes from recording to recording, one for
-        all or (6,) [N, N·m]; None for the assumed one (`zero_of_trials`), 0 where it does not change.
+        all or (6,) [N, N·m]; None for the assumed one (`zero_of_trials`), 0 where it stays.
 
     Returns
     -------
@@ -98,8 +102,8 @@ def fit_inertia(
     the noise's share is subtracted from the normal equations, in every principal direction whose
     motion exceeds its noise (Fuller 1987, 1.2).
 
-    The covariance of the gains is the sandwich estimate over 60 blocks of the trial, which allows for
-    residuals that are correlated in time, as filtered signals are (Liang and Zeger 1986).
+    The covariance of the gains is the sandwich estimate over 60 blocks of the trial, which allows
+    for residuals that are correlated in time, as filtered signals are (Liang and Zeger 1986).
 
     Source: Hnat et al. (2018); van de Loosdrecht (2018), eq. 2.
 
@@ -155,7 +159,8 @@ def fit_trials(
     -----
     A platform that people shake moves in ways in which no signal moves it. Two accelerometers do
     not show all of them; what they show of those that occur together is learned from recordings in
-    which they occur.
+    which they occur. Recordings weigh by the inverse variance of what is left of them, lest those
+    that two accelerometers explain badly spoil the gains for motion that they explain well.
 
     Examples
     --------
@@ -188,43 +193,48 @@ def fit_trials(
     refuse_other_wrench_units(a, w)
     noise = _read_noise(sensor_noise, k)
 
-    counts = [len(one) for one, _ in read]
+    counts = np.array([len(one) for one, _ in read])
     ends = np.cumsum(counts)[:-1]
     felt_mean = np.array([one.mean(axis=0) for one, _ in read])
     wrench_mean = np.array([other.mean(axis=0) for _, other in read])
     mean = felt_mean.mean(axis=0)
+    weight = np.repeat(recording_weights(read), counts)
+    root = np.sqrt(weight)[:, None]
     scale = (noise if noise.any() else np.std(a, axis=0)) * np.sqrt(n)
     centred = (a - np.repeat(felt_mean, counts, axis=0)) / scale
-    u, s, vt = np.linalg.svd(centred, full_matrices=False)
+    u, s, vt = np.linalg.svd(root * centred, full_matrices=False)
     rank = int(np.sum(s > s[0] * n * np.finfo(float).eps))
     u, s, directions = u[:, :rank], s[:rank], vt[:rank].T / scale[:, None]
     noisy = np.where(noise.any() & (s**2 > 1 + MIN_SIGNAL_TO_NOISE), 1.0, 0.0)  # of each direction
-    slopes = (s / (s**2 - noisy))[:, None] * (u.T @ w)
+    slopes = (s / (s**2 - noisy))[:, None] * (u.T @ (root * w))
     to_gain = np.block([[directions, np.zeros((k, 1))], [-mean @ directions, np.ones(1)]])
     gain = to_gain @ np.vstack([slopes, wrench_mean.mean(axis=0)])
     zeros = wrench_mean - felt_mean @ gain[:-1]
     residual = w - a @ gain[:-1] - np.repeat(zeros, counts, axis=0)
 
-    share_of_one = np.repeat(n / (len(read) * np.array(counts)), counts)
-    design = np.column_stack([u * s, share_of_one])
+    one_of_each = np.repeat(n / (len(read) * counts), counts)
+    design = np.column_stack([root * u * s, one_of_each])
     share = np.vstack([noisy[:, None] * slopes, np.zeros(6)]) / n
     blocks = pairwise(np.linspace(0, n, min(BLOCKS, n) + 1).astype(int))
-    scores = np.stack([design[i:j].T @ residual[i:j] + (j - i) * share for i, j in blocks])
+    scores = np.stack(
+        [design[i:j].T @ residual[i:j] + weight[i:j].sum() * share for i, j in blocks]
+    )
     meat = np.einsum("brc,bsc->crs", scores, scores) * len(scores) / (len(scores) - 1)
     bread = to_gain / np.append(s**2 - noisy, n)
 
     left = np.split(residual, ends)
-    slow = [slow_part(part, setup) for part in left]
-    all_slow = None if any(part is None for part in slow) else np.vstack(slow)
+    slow = [part for part in (slow_part(one, setup) for one in left) if part is not None]
+    all_slow = np.vstack(slow) if len(slow) == len(read) else None
     zero = zero_of_trials(zeros, zero_sd)
-    unseen = held_out(np.split(u, ends), np.split(w, ends), noisy / s**2)
+    about = w - np.repeat(wrench_mean, counts, axis=0)
+    unseen = np.vstack(held_out(np.split(u, ends), np.split(root * about, ends), noisy / s**2))
     return InertiaModel(
         gain=gain,
         covariance=bread @ meat @ bread.T,
         sigma=np.sqrt(np.sum(residual**2, axis=0) / (n - rank - len(read))),
         rank=rank + 1,
         condition=float(s[0] / s[-1]),
-        r_squared=1 - np.sum(residual**2, axis=0) / _squares_about_means(np.split(w, ends)),
+        r_squared=1 - np.sum(residual**2, axis=0) / np.sum(about**2, axis=0),
         rms_measured=np.sqrt(np.mean(w**2, axis=0)),
         rms_compensated=np.sqrt(np.mean(residual**2, axis=0)),
         acceleration_mean=mean,
@@ -236,12 +246,33 @@ def fit_trials(
         setup=setup,
         correlation=correlation_of(residual if all_slow is None else all_slow),
         rms_slow=None if all_slow is None else np.sqrt(np.mean(all_slow**2, axis=0)),
-        model_error=model_error_of([one for one, _ in read], unseen, setup, zero),
+        model_error=model_error_of(
+            [one for one, _ in read], np.split(unseen / root, ends), setup, zero
+        ),
     )
 
 
-def _squares_about_means(parts: Sequence[Array]) -> Array:
-    return np.asarray(np.sum([np.sum((w - w.mean(axis=0)) ** 2, axis=0) for w in parts], axis=0))
+def recording_weights(trials: Sequence[tuple[Array, Array]]) -> Array:
+    """Give the weights of recordings, (M,), with which all samples weigh as many as there are.
+
+    Each weighs by the inverse of the variance that a common model leaves of it, by that of the
+    first, on average over the components.
+    """
+    counts = np.array([len(a) for a, _ in trials])
+    weights = np.ones(len(trials))
+    if len(trials) == 1:
+        return weights
+    about = [(a - a.mean(axis=0), w - w.mean(axis=0)) for a, w in trials]
+    squares = [(a.T @ a, a.T @ w) for a, w in about]
+    least = MIN_LEFT_SHARE**2 * np.array([np.var(w, axis=0) for _, w in about])
+    for _ in range(WEIGHT_ITERATIONS):
+        normal = np.sum([q * g for q, (g, _) in zip(weights, squares, strict=True)], axis=0)
+        right = np.sum([q * r for q, (_, r) in zip(weights, squares, strict=True)], axis=0)
+        gain = np.linalg.lstsq(normal, right)[0]
+        left = np.array([np.var(w - a @ gain, axis=0) for a, w in about])
+        left = np.maximum(left, np.maximum(least, np.finfo(float).tiny))
+        weights = 1 / np.mean(left / left[0], axis=1)
+    return np.asarray(weights * counts.sum() / (weights @ counts))
 
 
 def sensor_noise_of(accelerations: ArrayLike) -> float:

@@ -7,6 +7,7 @@ frequencies: the calibration's recordings, each part predicted by the others, sh
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -18,15 +19,17 @@ from compensation.inputs import refuse_gaps
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array, read_only
 
-EDGES_HZ: Final = (2.0, 6.0, 12.0)
-"""Between the bands of frequencies: commanded motion, steps, the modes of a platform's base, the
-rest up to the calibration's low-pass."""
+EDGES_HZ: Final = (2.0, 4.0, 6.0, 9.0, 12.0)
+"""Between the bands of frequencies: commanded motion and steps, their harmonics, the modes of a
+platform's base, and the rest up to the calibration's low-pass."""
 SMOOTHING_S: Final = 1.0
 """Over which energies are averaged: a few periods of what shakes a platform."""
 MIN_RATE_PER_CUTOFF: Final = 5.0
 """Sampling rate by cut-off that keeps what passed a second-order low-pass."""
-ITERATIONS: Final = 4
-"""Of the weights of the fit, which converge in three."""
+ITERATIONS: Final = 7
+"""Of the weights of the fit; recordings gain weight in the second half."""
+MAX_UNDERRATED: Final = 10.0
+"""Factor by which one iteration may find the squares of a recording too small."""
 MIN_EXPECTED_SHARE: Final = 0.05
 """Of a squared error, below which its expectation does not count as smaller in the weights."""
 
@@ -41,7 +44,7 @@ class ModelError:
         Mean readings of the calibration, (k,) [m/s²].
     directions
         Orthonormal directions of the readings in every band, (B, k, k), one per column; B is 0
-        where the calibration's rate is unknown, and 4 else.
+        where the calibration's rate is unknown, and 6 else.
     per_energy
         Variance per energy in each direction of each band [N² or (N·m)² per (m/s²)²], of what
         passed the calibration's low-pass and of its part below 6 Hz, (2, B k, 6).
@@ -152,13 +155,13 @@ def fit_model_error(
         return ModelError(center, np.zeros((0, k, k)), np.zeros((2, 0, 6)), floor, np.array(zero))
     bands = [_bands(a - center, rate_hz) for a in accelerations]
     directions = np.array([_directions(of_band) for of_band in zip(*bands, strict=True)])
-    step = max(round(SMOOTHING_S * rate_hz / 2), 1)
-    energy = np.vstack([_energies(b, directions, rate_hz)[step // 2 :: step] for b in bands])
-    design = np.column_stack([energy, np.ones(len(energy))])
+    step = max(round(SMOOTHING_S * rate_hz), 1)
+    energies = [_energies(band, directions, rate_hz)[step // 2 :: step] for band in bands]
+    designs = [np.column_stack([energy, np.ones(len(energy))]) for energy in energies]
     found = []
     for side in (left, left_slow):
         averaged = [_smooth(part**2, rate_hz)[step // 2 :: step] for part in side]
-        found.append(_not_negative(design, np.vstack(averaged)))
+        found.append(_not_negative(designs, averaged))
     factors = np.array(found)
     return ModelError(center, directions, factors[:, :-1], factors[:, -1], np.array(zero))
 
@@ -174,7 +177,7 @@ def _bands(moved: Array, rate_hz: float) -> list[Array]:
     """Split readings (N, k) into bands of frequencies; short parts between gaps count as slow."""
     below = [_below(moved, rate_hz, edge) for edge in EDGES_HZ]
     edges = [np.zeros_like(moved), *below, moved]
-    return [high - low for low, high in zip(edges, edges[1:], strict=False)]
+    return [high - low for low, high in pairwise(edges)]
 
 
 def _below(moved: Array, rate_hz: float, edge_hz: float) -> Array:
@@ -208,17 +211,25 @@ def _smooth(squares: Array, rate_hz: float) -> Array:
     return np.asarray(np.where(known, total / np.maximum(share, 0.5 / count), np.nan))
 
 
-def _not_negative(design: Array, squares: Array) -> Array:
-    """Give factors ≥ 0 of the design's columns that explain squares, (F, 6)."""
+def _not_negative(designs: Sequence[Array], squares: Sequence[Array]) -> Array:
+    """Give factors ≥ 0 of the designs' columns, (F, 6), that explain squares of each recording."""
+    counts = [len(part) for part in squares]
+    recording = np.repeat(np.arange(len(counts)), counts)
+    design, stacked = np.vstack(designs), np.vstack(squares)
     size = np.maximum(design.max(axis=0), np.finfo(float).tiny)
     scaled = design / size
-    factors = np.zeros((design.shape[1], squares.shape[1]))
-    for k, square in enumerate(squares.T):
+    factors = np.zeros((design.shape[1], stacked.shape[1]))
+    for k, square in enumerate(stacked.T):
         if not square.any():
             continue
-        expected = np.full(len(square), square.mean())
-        for _ in range(ITERATIONS):
-            weight = 1 / np.maximum(expected, MIN_EXPECTED_SHARE * np.maximum(square, square.mean()))
+        expected, of_recording = np.full(len(square), square.mean()), 1 / np.array(counts)
+        total = np.bincount(recording, square)
+        for iteration in range(ITERATIONS):
+            if iteration > ITERATIONS // 2:
+                underrated = total / np.maximum(np.bincount(recording, expected), 1e-9 * total)
+                of_recording = of_recording * np.clip(underrated, 1, MAX_UNDERRATED) ** 2
+            least = MIN_EXPECTED_SHARE * np.maximum(square, square.mean())
+            weight = np.sqrt(of_recording)[recording] / np.maximum(expected, least)
             solved, _ = nnls(scaled * weight[:, None], square * weight)
             expected = scaled @ solved
         factors[:, k] = solved / size

@@ -35,7 +35,7 @@ def held_out(orthonormal: Sequence[Array], wrench: Sequence[Array], noise: Array
     orthonormal
         Left singular vectors of the channels about each recording's mean, (N, r) per recording.
     wrench
-        (N, 6) [N, N·m] per recording.
+        About each recording's mean, (N, 6) [N, N·m] per recording, weighted alike.
     noise
         Share of each direction's energy that is noise and subtracted, (r,).
 
@@ -44,11 +44,10 @@ def held_out(orthonormal: Sequence[Array], wrench: Sequence[Array], noise: Array
     list of Array
         About the zero of each recording, which remains that of all its samples, (N, 6) [N, N·m].
     """
-    about = [w - w.mean(axis=0) for w in wrench]
-    right = np.sum([u.T @ w for u, w in zip(orthonormal, about, strict=True)], axis=0)
-    count = sum(map(len, about))
+    right = np.sum([u.T @ w for u, w in zip(orthonormal, wrench, strict=True)], axis=0)
+    count = sum(map(len, wrench))
     found = []
-    for u, w in zip(orthonormal, about, strict=True):
+    for u, w in zip(orthonormal, wrench, strict=True):
         left = np.empty_like(w)
         for i, j in pairwise(np.linspace(0, len(w), HELD_OUT_PARTS + 1).astype(int)):
             rest = np.diag(1 - noise * (count - (j - i)) / count) - u[i:j].T @ u[i:j]
@@ -72,9 +71,9 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
     Returns
     -------
     Array
-        (6,) [N, N·m]. As stated; else: of one recording it is that of the difference of two zeros of `ZERO_SD`. Of
-        several, their scatter counts, pooled over the forces and over the moments, beside the
-        assumed one; widened as an interval of Student's t is.
+        (6,) [N, N·m]: of one recording that of the difference of two zeros, as stated or of
+        `ZERO_SD`. Of several, where none is stated, their scatter counts, pooled over the forces
+        and over the moments, beside the assumed one; widened as an interval of Student's t is.
 
     Examples
     --------
@@ -86,7 +85,7 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
     if len(zeros) == 1 or stated is not None:
         sd = np.broadcast_to(np.asarray(ZERO_SD if stated is None else stated, float), (6,))
         if not np.all(np.isfinite(sd) & (sd >= 0)):
-            raise ValueError(f"zero_sd must be 0 or positive, got {stated}")
+            raise ValueError(f"zero_sd must be 0 or positive, got {sd}")
         return np.asarray(both * sd)
     squares = np.sum((zeros - zeros.mean(axis=0)) ** 2, axis=0).reshape(2, 3).sum(axis=1)
     degrees = ZERO_DEGREES + 3 * (len(zeros) - 1)
@@ -120,8 +119,13 @@ def model_error_of(
     if setup is None or any(part is None for part in slow):
         return fit_model_error(accelerations, unseen, unseen, None, zero)
     step = thinned(setup.rate_hz, setup.cutoff_hz)
-    sides = accelerations, unseen, [part for part in slow if part is not None]
-    return fit_model_error(*([x[::step] for x in s] for s in sides), setup.rate_hz / step, zero)
+    return fit_model_error(
+        [part[::step] for part in accelerations],
+        [part[::step] for part in unseen],
+        [part[::step] for part in slow if part is not None],
+        setup.rate_hz / step,
+        zero,
+    )
 
 
 def slow_part(residual: Array, setup: Setup | None) -> Array | None:
