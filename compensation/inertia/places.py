@@ -75,7 +75,8 @@ def best_places(candidates_m: ArrayLike, count: int) -> tuple[int, ...]:
 def _felt_by_motion(place: Array) -> Array:
     """Give the specific force at a place by motion in units of its standard deviation, (3, 12)."""
     x, y, z = place
-    symmetric = np.array([(x, 0, 0, y, z, 0), (0, y, 0, x, 0, z), (0, 0, z, 0, x, y)])
+    u, v, w = place / np.sqrt(2)  # elements beside the diagonal are there twice
+    symmetric = np.array([(x, 0, 0, v, w, 0), (0, y, 0, u, 0, w), (0, 0, z, 0, u, v)])
     return np.hstack(
         [
             ACCELERATION_MPS2 * np.eye(3),
