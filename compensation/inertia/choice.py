@@ -215,7 +215,8 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
     Choice
         Static, unless the dynamic model leaves at most 0.8 of what the static one leaves on average
         over the recordings, or 0.9 where some were not fitted at all; no more of any recording;
-        and of no component of any recording more than 1.1 times as much.
+        and of no component of any recording more than 1.1 times as much. Static too where that
+        leaves less than a tenth of what residuals allow.
 
     Raises
     ------
@@ -241,6 +242,8 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
         if one.share > 1:
             return Choice("static", "static", f"{one.in_words()}: no gain")
     reason = "; ".join(one.in_words() for one in comparisons)
+    if all(np.all(one.static < NEGLIGIBLE_SHARE * ALLOWED) for one in comparisons):
+        return Choice("static", "static", f"{reason}: little")
     clear = MAX_SHARE_OF_OTHERS if others else MAX_SHARE
     if np.mean([one.share for one in comparisons]) > clear:
         return Choice("static", "static", f"{reason}: no clear gain")

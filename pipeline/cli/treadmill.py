@@ -55,8 +55,13 @@ def fit(
             help="People on the treadmill beside a plate that stays empty: fitted too; repeatable.",
         ),
     ] = None,
-    model: Annotated[
-        str, typer.Option(help="static, dynamic, or auto: dynamic where clearly and safely better.")
+    inertia_model: Annotated[
+        str,
+        typer.Option(
+            "--model",
+            "--inertia-model",
+            help="static, dynamic, or auto: dynamic where clearly and safely better.",
+        ),
     ] = "auto",
     check: Annotated[
         list[Path] | None,
@@ -101,7 +106,7 @@ def fit(
             "accelerometers": sensors,
             "accelerometer_unit": accelerometer_unit,
             "cutoff_hz": cutoff_hz,
-            "inertia_model": model,
+            "inertia_model": inertia_model,
         },
     )
     commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)

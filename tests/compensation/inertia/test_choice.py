@@ -65,6 +65,7 @@ def test_a_short_recording_keeps_the_static_model_without_judging(recordings):
         ((6, 5), ((6, 4),), "dynamic", "leaves"),
         ((6, 2), ((6, 6.2),), "static", "no gain"),
         ((6, 2), ((6, 9),), "static", "clearly more of Fx"),
+        ((0.1, 0.01), (), "static", "little"),
     ],
 )
 def test_a_gain_has_to_be_clear_and_nowhere_a_loss(own, others, model, why):
