@@ -58,8 +58,15 @@ MODELS: Final = ("static", "dynamic")
 BEST: Final = ("empty, beside walking and boards", 4)
 PLACES_CALIBRATION: Final = BEST[0]
 CORNERS_M: Final = [(x, y, z) for x in (-0.9, 0, 0.9) for y in (-0.6, 0.6) for z in (-0.35, -0.05)]
+D_OPTIMAL: Final = {
+    f"{n}, D-optimal": [CORNERS_M[k] for k in best_places(CORNERS_M, n)] for n in (2, 3, 4)
+}
 ARRANGEMENTS: Final[dict[str, list[tuple[float, float, float]]]] = {
-    **{f"{n}, D-optimal": [CORNERS_M[k] for k in best_places(CORNERS_M, n)] for n in (2, 3, 4)},
+    **D_OPTIMAL,
+    **{
+        f"{name}, mirrored": [(x, -y, z) for x, y, z in places]
+        for name, places in D_OPTIMAL.items()
+    },
     "2, both at the rear": [(-0.9, 0.6, -0.2), (-0.9, -0.6, -0.2)],
     "2, on the plate's own side": [(-0.9, 0.6, -0.2), (0.9, 0.6, -0.2)],
     "3, in one line": [(-0.9, 0.6, -0.2), (0.0, 0.0, -0.2), (0.9, -0.6, -0.2)],

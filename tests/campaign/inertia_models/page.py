@@ -140,9 +140,9 @@ def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str)
             "too, fitted by ridge regression; the differences vanish under constant and slowly "
             "changing tilt, so that gravity stays with the readings. Both are fitted to the "
             "calibration and judged on trials of other motion, the empty left plate while a person "
-            "is on the right belt or on the boards beside the belts: walking with sway, walking with "
-            "pitch of ± 10° in 30 s, running (the platform at random), somebody moving about on "
-            "the boards. Numbers are RMS about the mean, root mean square over the laboratories; "
+            "is on the right belt or on the boards beside the belts: walking with sway, walking "
+            "with pitch of ± 10° in 30 s, running and moving about on the boards with the platform "
+            "at rest. Numbers are RMS about the mean, root mean square over the laboratories; "
             "a norm is that of the three components.",
             "",
             "## What is left below 20 Hz",
@@ -170,7 +170,8 @@ def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str)
             "",
             "Below 20 Hz, static → dynamic, as above. *D-optimal* places are those that "
             "`compensation.best_places` chooses of the corners and the middle of the platform at "
-            "two heights.",
+            "two heights; mirrored to the other side they are as good by that criterion, and "
+            "belong to the right plate as the others do to the left one, which is judged.",
             "",
             *places_table(places),
             "",
