@@ -31,7 +31,9 @@ ITERATIONS: Final = 7
 MAX_UNDERRATED: Final = 10.0
 """Factor by which one iteration may find the squares of a recording too small."""
 MIN_EXPECTED_SHARE: Final = 0.05
-"""Of a squared error, below which its expectation does not count as smaller in the weights."""
+MIN_OF_MEAN: Final = 0.001
+"""Of a squared error, and of the mean of all, below which the expectation of a squared error counts
+as no smaller in the weights."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +230,7 @@ def _not_negative(designs: Sequence[Array], squares: Sequence[Array]) -> Array:
             if iteration > ITERATIONS // 2:
                 underrated = total / np.maximum(np.bincount(recording, expected), 1e-9 * total)
                 of_recording = of_recording * np.clip(underrated, 1, MAX_UNDERRATED) ** 2
-            least = MIN_EXPECTED_SHARE * np.maximum(square, square.mean())
+            least = np.maximum(MIN_EXPECTED_SHARE * square, MIN_OF_MEAN * square.mean())
             weight = np.sqrt(of_recording)[recording] / np.maximum(expected, least)
             solved, _ = nnls(scaled * weight[:, None], square * weight)
             expected = scaled @ solved

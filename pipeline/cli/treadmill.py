@@ -82,12 +82,12 @@ def fit(
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
     from pipeline.trial.ground.calibration_recording import (
-        BESIDE,
         fit_calibration,
         plates_timed_apart,
         read_empty,
     )
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
+    from pipeline.trial.ground.empty_plates import BESIDE
     from pipeline.trial.ground.platform_delay import recording_delays
 
     console = plain_console()
@@ -127,7 +127,8 @@ def fit(
         text = str(error)
         if "unknown acceleration unit" in text:
             text += "; if that is not their unit, use --accelerometer-unit g"
-        raise ValueError(text if recording.name in text else f"{recording.name}: {text}") from error
+        known = any(path.name in text for path in (recording, *(beside or ())))
+        raise ValueError(text if known else f"{recording.name}: {text}") from error
     provenance = {
         **calibration.provenance,
         "sha256": file_digest(recording),

@@ -18,7 +18,7 @@ from compensation import validation_signals
 from compensation.signals.protocol import platform_signal
 from compensation.signals.signal import MachineLimits, Signal
 from hbm.signals.filtering import low_pass
-from hbm.spatial import WRENCH_COMPONENTS, Array
+from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import find_accelerometers
@@ -132,14 +132,14 @@ def laboratory(seed: int, rate_hz: float) -> Iterator[Cell]:
 def judged(
     known: Laboratory, recording: Recording, sensors: int, calibration: str, trial: str
 ) -> Iterator[Cell]:
-    """Compare what is left of the empty plate with its stated uncertainty, about the lab origin."""
-    time = recording.markers.time
+    """Compare what is left of the empty plate with its stated uncertainty, about its centre."""
+    time, center = recording.markers.time, recording.plates[0].center
     for cutoff_hz in CUTOFFS_HZ:
         ground = ground_wrenches(recording, known, time, 0.0, cutoff_hz)
-        left = ground.variants["compensated"][0]
+        left = shift_wrench(ground.variants["compensated"][0], center)
         if cutoff_hz < max(CUTOFFS_HZ):
             left = low_pass(left, time, cutoff_hz, "zero_phase")
-        sigma = standard_deviation(ground.covariances[0], np.zeros((1, 3)))
+        sigma = standard_deviation(ground.covariances[0], center[None])
         left, sigma = left[SETTLED], sigma[SETTLED]
         yield Cell(
             sensors,
@@ -240,7 +240,7 @@ def page(cells: Sequence[Cell], seeds: Sequence[int]) -> str:
             "In the virtual laboratory the left plate stays empty while a person walks, runs or "
             "steps on the boards beside it, so that what compensation leaves of it should be 0. "
             "This page shows how often 0 is within ± 1.96 σ, σ being what `uncertainty.plate_1.*` "
-            "states, about the lab origin, and how large σ is beside what is left. Made by "
+            "states, about the plate's centre, and how large σ is beside what is left. Made by "
             "`python -m tests.campaign.inertia_intervals`.",
             "",
             f"{len(seeds)} laboratories (seeds {min(seeds)} to {max(seeds)}), each with its own "

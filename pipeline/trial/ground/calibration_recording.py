@@ -37,14 +37,13 @@ from pipeline.io.stated import Stated, as_stated
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.empty_plates import (
+    BESIDE,
     empty_plates,
     plate_samples,
     setup_of,
     wrenches_in_time,
 )
 
-BESIDE: Final = "beside"
-"""Key of a calibration's provenance that names the recordings of people beside empty plates."""
 PLATES_NAME: Final = "plate_calibration"
 PLATES_SHA256: Final = "plate_calibration_sha256"
 """Keys of a calibration's provenance that name the correction of its plates."""
@@ -239,6 +238,7 @@ def read_calibration(
     treadmill: Treadmill,
     stated: Stated | str | None = None,
     plates: PlateCorrection | None = None,
+    beside: tuple[Path, ...] = (),
 ) -> Calibration:
     """Read a fitted calibration (JSON), or fit one to a recording of the empty treadmill (C3D).
 
@@ -252,6 +252,8 @@ def read_calibration(
         How a recording is to be read, as for `read_empty`; a text states its axes alone.
     plates
         The correction of the plates of trials: those of a recording are corrected alike.
+    beside
+        Recordings of people beside an empty plate, fitted together with a recording.
 
     Returns
     -------
@@ -285,10 +287,10 @@ def read_calibration(
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error
         return calibration
-    written = path.stat()
     channels = treadmill.model_dump_json(exclude={"platform"})
-    version = written.st_mtime_ns, written.st_size
-    return _fitted(path, version, channels, as_stated(stated), plates)
+    files = path, *beside
+    versions = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    return _fitted(files, versions, channels, as_stated(stated), plates)
 
 
 def _require_same_channels(calibration: Calibration, treadmill: Treadmill) -> None:
@@ -337,19 +339,22 @@ def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
 
 @lru_cache(maxsize=2)
 def _fitted(
-    path: Path,
-    version: tuple[int, int],
+    files: tuple[Path, ...],
+    versions: tuple[tuple[int, int], ...],
     treadmill_json: str,
     stated: Stated,
     plates: PlateCorrection | None,
 ) -> Calibration:
-    """Fit what every trial of a study needs; a file of another ``version`` is fitted anew."""
-    recording = read_empty(path, stated, any_forward=plates is None)
+    """Fit what every trial of a study needs; files of other ``versions`` are fitted anew."""
+    path, *_ = files
+    recording, *beside = (read_empty(file, stated, any_forward=plates is None) for file in files)
+    treadmill = Treadmill.model_validate_json(treadmill_json)
     try:
-        return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json), plates)
+        return fit_calibration(recording, treadmill, plates, beside)
     except ValueError as error:
         text = str(error)
-        raise ValueError(text if path.name in text else f"{path.name}: {text}") from error
+        known = any(file.name in text for file in files)
+        raise ValueError(text if known else f"{path.name}: {text}") from error
 
 
 def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recording:

@@ -18,6 +18,8 @@ from pipeline.trial.ground.corrected_plates import relative_delays_s, with_corre
 
 FILTER: Final[Method] = "zero_phase"
 """A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
+BESIDE: Final = "beside"
+"""Key of a calibration's provenance that names the recordings of people beside empty plates."""
 LOAD_S: Final = 2.0
 """Over which the vertical force of a plate is averaged to see whether somebody is on it: longer
 than a stride, so that steps count as well as standing."""

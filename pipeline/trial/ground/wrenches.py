@@ -21,7 +21,7 @@ from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, 
 from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
-from pipeline.trial.ground.empty_plates import setup_of
+from pipeline.trial.ground.empty_plates import BESIDE, setup_of
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
@@ -148,6 +148,8 @@ def ground_wrenches(
             notes.append(Note.of("plates_taken_as_independent"))
         if any(model.model_error is None for model in models):
             notes.append(Note.of("uncertainty_of_noise_alone"))
+        elif BESIDE not in laboratory.calibration.provenance:
+            notes.append(Note.of("uncertainty_without_people"))
     return Ground(in_lab, pose, tuple(notes), tuple(covariances), covariance)
 
 
