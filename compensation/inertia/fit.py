@@ -198,7 +198,7 @@ def fit_trials(
     felt_mean = np.array([one.mean(axis=0) for one, _ in read])
     wrench_mean = np.array([other.mean(axis=0) for _, other in read])
     mean = felt_mean.mean(axis=0)
-    weight = np.repeat(_weights(read), counts)
+    weight = np.repeat(recording_weights(read), counts)
     root = np.sqrt(weight)[:, None]
     scale = (noise if noise.any() else np.std(a, axis=0)) * np.sqrt(n)
     centred = (a - np.repeat(felt_mean, counts, axis=0)) / scale
@@ -252,7 +252,7 @@ def fit_trials(
     )
 
 
-def _weights(trials: Sequence[tuple[Array, Array]]) -> Array:
+def recording_weights(trials: Sequence[tuple[Array, Array]]) -> Array:
     """Give the weights of recordings, (M,), with which all samples weigh as many as there are.
 
     Each weighs by the inverse of the variance that a common model leaves of it, by that of the

@@ -100,9 +100,10 @@ class InertiaModel:
     Attributes
     ----------
     gain
-        (k + 1, 6) [N or N·m per m/s²]; the last row is the offset [N, N·m]. k = 3 × sensors.
+        (K + 1, 6) [N or N·m per m/s²]; the last row is the offset [N, N·m]. K = k (1 + lags) and
+        k = 3 × sensors: a dynamic model has gains of differences too, as `lags_s` says.
     covariance
-        Covariance of the gain's columns, (6, k + 1, k + 1).
+        Covariance of the gain's columns, (6, K + 1, K + 1).
     sigma
         Standard deviation of the calibration's residual, (6,) [N, N·m].
     rank, condition
@@ -128,6 +129,9 @@ class InertiaModel:
         where the rate is unknown, `rms_compensated`.
     model_error
         What the model leaves besides noise, and the plate's zero; None of files of versions 1 to 3.
+    lags_s
+        Of a dynamic model: its accelerations are those of `dynamic_channels` for these lags, the
+        readings first, (N, K). Empty for a static one, of which K = k [s].
 
     Examples
     --------
@@ -158,14 +162,18 @@ class InertiaModel:
     correlation: Array = field(default_factory=lambda: np.eye(6))
     rms_slow: Array | None = None
     model_error: ModelError | None = None
+    lags_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.rms_slow is None:
             object.__setattr__(self, "rms_slow", self.rms_compensated)
-        k = len(np.atleast_1d(self.gain)) - 1
+        object.__setattr__(self, "lags_s", tuple(self.lags_s))
+        channels = len(np.atleast_1d(self.gain)) - 1
+        k = channels // (1 + len(self.lags_s))
+        rows = k * (1 + len(self.lags_s)) + 1
         shapes = {
-            "gain": (k + 1, 6),
-            "covariance": (6, k + 1, k + 1),
+            "gain": (rows, 6),
+            "covariance": (6, rows, rows),
             **dict.fromkeys(("sigma", "r_squared", "rms_measured"), (6,)),
             **dict.fromkeys(("rms_compensated", "rms_slow"), (6,)),
             **dict.fromkeys(("acceleration_mean", "acceleration_low", "acceleration_high"), (k,)),
@@ -199,7 +207,7 @@ class InertiaModel:
         Parameters
         ----------
         accelerations
-            Readings of the accelerometers, low-passed as those of the fit, (N, k) [m/s²].
+            Readings of the accelerometers, low-passed as those of the fit, (N, K) [m/s²].
 
         Returns
         -------
@@ -220,7 +228,7 @@ class InertiaModel:
         Parameters
         ----------
         accelerations
-            Readings of the accelerometers, low-passed as those of the fit, (N, k) [m/s²].
+            Readings of the accelerometers, low-passed as those of the fit, (N, K) [m/s²].
         wrench
             Wrench measured by the plate at the same instants, in the moving plate frame about its
             origin, (N, 6) [N, N·m].
@@ -252,7 +260,7 @@ class InertiaModel:
         Parameters
         ----------
         accelerations
-            Readings of the accelerometers over a trial, low-passed as those of the fit, (N, k)
+            Readings of the accelerometers over a trial, low-passed as those of the fit, (N, K)
             [m/s²]; NaN where unknown.
         slow
             Whether the wrench passes `SLOW_HZ` afterwards, which leaves less of the noise.
@@ -304,8 +312,8 @@ class InertiaModel:
             raise ValueError(f"calibration does not match: it has {'; '.join(differ)}")
 
     def _design(self, accelerations: ArrayLike) -> Array:
-        a = read_table(accelerations, "accelerations", len(self.acceleration_mean))
-        refuse_other_units(a, self.sensors)
+        a = read_table(accelerations, "accelerations", len(self.gain) - 1)
+        refuse_other_units(a[:, : len(self.acceleration_mean)], self.sensors)
         return np.column_stack([a, np.ones(len(a))])
 
 

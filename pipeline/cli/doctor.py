@@ -56,9 +56,10 @@ def engine_report(engine: "EngineName") -> str:
     import numpy as np
 
     from hbm.dynamics import inverse_dynamics
+    from pipeline.virtual_lab.analysis.true_body import true_body
     from pipeline.virtual_lab.person.subject import Person, make_subject
 
-    body, motion = make_subject(Person()).body, random_motion()
+    body, motion = true_body(make_subject(Person())), random_motion()
     feet = dict.fromkeys(("left_foot", "right_foot"), np.ones((FRAMES, 6)))
     seconds = []
     try:

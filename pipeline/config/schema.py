@@ -208,7 +208,8 @@ class Treadmill(InputModel):
     ``beside`` are recordings of people beside an empty plate, fitted together with a calibration
     that is a recording. ``check`` is an empty recording of another day, with which the calibration
     is compared. Without ``accelerometer_delay_s`` the calibration estimates the accelerometers'
-    delays.
+    delays. Without ``inertia_model`` = "static" or "dynamic" it chooses the better one
+    (docs/calibration.md).
 
     Examples
     --------
@@ -225,6 +226,7 @@ class Treadmill(InputModel):
     accelerometer_delay_s: DelayS | None = None
     accelerometer_range_g: AccelerometerRangeG = 2.0
     cutoff_hz: CalibrationCutoffHz = 20.0
+    inertia_model: Literal["auto", "static", "dynamic"] = "auto"
     belt: Belt | None = None
     platform: Platform | None = None
 

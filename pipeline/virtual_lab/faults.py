@@ -25,14 +25,34 @@ MAX_REPLAY_FRAMES: Final = 20
 """`MAX_DELAY_S` in frames of the cameras."""
 
 
+MAX_SHOE_KG: Final = 2.0
+MAX_SOLE_M: Final = 0.1
+"""Of a shoe: more than the heaviest boots."""
+
+
 class BodyFaults(InputModel):
-    """How the true body differs from what markers and de Leva's table suggest.
+    """How the true body differs from what markers and the Human Body Model suggest.
 
     ``joint_scale`` multiplies the standard deviations of the joint centres; ``axis_deg`` tilts the
     joint axes; masses and radii of gyration differ by a share of themselves, centres of mass by a
-    distance. Sources are given in `pipeline.virtual_lab.person.body_variation`.
+    distance (`pipeline.virtual_lab.person.body.variation`).
+
+    What follows is not in that model, and absent with ``same_body``: segment inertias of another
+    table; a joint in the middle of the trunk and knees that are no hinges
+    (`pipeline.virtual_lab.person.body.extra_joints`), ankle axes that differ, wobbling masses
+    (`pipeline.virtual_lab.person.body.wobbling`), each with a scale of its published size; shoes,
+    of a mass each, and of a sole that yields under body weight.
     """
 
+    same_body: bool = False
+    inertias: Literal["dumas", "de_leva"] = "dumas"
+    spine_scale: Size = 1.0
+    knee_scale: Size = 1.0
+    ankle_scale: Size = 1.0
+    wobble_scale: Size = 1.0
+    shoe_kg: Annotated[float, Field(ge=0, le=MAX_SHOE_KG)] = 0.3
+    sole_m: Annotated[float, Field(ge=0, le=MAX_SOLE_M)] = 0.025
+    sole_yield_m: Annotated[float, Field(ge=0, le=MAX_SOLE_M)] = 0.004
     joint_scale: Size = 1.0
     axis_deg: Size = 3.0
     mass_share: Size = 0.06
@@ -45,15 +65,13 @@ class MachineFaults(InputModel):
 
     ``flexibility`` multiplies what the structure yields (`pipeline.virtual_lab.machine.structure`):
     0 makes it rigid. ``people_shake`` multiplies the forces of people on it where they make it
-    vibrate; what the plates carry of them stays. A roller of each belt is out of balance by
-    ``unbalance_kg_per_m``, its force by the square of the belt speed; assumed. ``assembly_kg`` is
-    the mass of each belt assembly, which the thesis states; its inertia changes in proportion.
+    vibrate; what the plates carry of them stays. ``assembly_kg`` is the mass of each belt assembly,
+    which the thesis states; its inertia changes in proportion.
     ``sway_hz`` and ``pitch_hz`` are the bandwidths of the platform's actuators.
     """
 
     flexibility: Size = 1.0
     people_shake: Size = 1.0
-    unbalance_kg_per_m: Size = 0.2
     assembly_kg: Positive = 150.0
     sway_hz: Positive = 7.0
     pitch_hz: Positive = 3.0
@@ -99,7 +117,9 @@ class PlateFaults(InputModel):
     6 Hz: the zero wanders by ``wander_n``. It moves by ``zero_shift_n`` from trial to trial, and by
     ``drift_n_per_min`` within one. ``cross_talk`` is that of each component in each other [1];
     ``curvature`` that of the vertical force as a share of full scale there, assumed, of the size
-    that makers state. ``bits`` are those of the converter over the range; 0 is a perfect one.
+    that makers state. ``alias_n`` is interference of the motors from above half the sampling rate,
+    which no filter keeps away; assumed. ``bits`` are those of the converter over the range; 0 is a
+    perfect one.
 
     ``delay_s`` is in the range of what the thesis found of its plates, 2 to 4 ms; the right plate
     is later than the left by ``right_later_s``. Both plates see the cameras' points turned about
@@ -116,6 +136,7 @@ class PlateFaults(InputModel):
     offset_n: Size = 2.0
     zero_shift_n: Size = 0.5
     drift_n_per_min: Size = 0.3
+    alias_n: Size = 0.1
     bits: Bits = 16
     delay_s: Delay = 0.003
     right_later_s: Delay = -0.001
@@ -135,7 +156,7 @@ class AccelerometerFaults(InputModel):
     The thesis has two, with a range of 2 g. ``cross_axis`` is what a channel shows of the other two
     axes beside ``misalignment_deg`` of the sensor, ``curvature`` its departure from a straight line
     at the end of the range as a share of that, both assumed, of the size that makers state. They
-    are 1 ms later than the left plate; assumed. ``bits`` as of the plates.
+    are 1 ms later than the left plate; assumed. ``alias_mps2`` and ``bits`` are as of the plates.
     """
 
     sensors: Literal[1, 2, 3, 4] = 2
@@ -146,14 +167,27 @@ class AccelerometerFaults(InputModel):
     curvature: Size = 0.002
     offset_mps2: Size = 0.05
     drift_mps2_per_min: Size = 0.001
+    alias_mps2: Size = 0.002
     range_g: Annotated[float, Field(gt=0)] = 2.0
     bits: Bits = 16
     delay_s: Delay = 0.004
 
 
-class BeltSpeedFaults(InputModel):
-    """Faults of the belts' speed channels; the noise is assumed."""
+class BeltFaults(InputModel):
+    """How the belts are driven, and faults of their speed channels.
 
+    ``drive`` is "motor", as identified on recordings of a real one
+    (`pipeline.virtual_lab.machine.belt_drive`), or "linear", which follows its command and answers
+    to its acceleration by the second-order response that compensation fits. ``roughness``
+    multiplies what was found of a motor's broad-band moment, its rotating parts out of balance and
+    the uneven instants of its reports. ``unbalance_kg_per_m`` is the force of an unbalanced roller
+    by the square of the belt speed, about that identified. ``noise_mps`` of the speed channels is
+    assumed; ``delay_s`` adds to what the motor's reports are late.
+    """
+
+    drive: Literal["motor", "linear"] = "motor"
+    roughness: Size = 1.0
+    unbalance_kg_per_m: Size = 0.3
     noise_mps: Size = 0.005
     delay_s: Delay = 0.0
 
@@ -185,16 +219,23 @@ class Faults(InputModel):
     cameras: CameraFaults = CameraFaults()
     plates: PlateFaults = PlateFaults()
     accelerometers: AccelerometerFaults = AccelerometerFaults()
-    belts: BeltSpeedFaults = BeltSpeedFaults()
+    belts: BeltFaults = BeltFaults()
     platform: PlatformFaults = PlatformFaults()
 
     @classmethod
     def none(cls) -> "Faults":
         """Give the faults of a perfect laboratory: none."""
         return cls(
-            machine=MachineFaults(flexibility=0, people_shake=0, unbalance_kg_per_m=0),
+            machine=MachineFaults(flexibility=0, people_shake=0),
             clocks=ClockFaults(rate_ppm=0, jitter_s=0, stream_jitter_s=0, doubled_per_minute=0),
-            body=BodyFaults(joint_scale=0, axis_deg=0, mass_share=0, center_m=0, gyration_share=0),
+            body=BodyFaults(
+                same_body=True,
+                joint_scale=0,
+                axis_deg=0,
+                mass_share=0,
+                center_m=0,
+                gyration_share=0,
+            ),
             cameras=CameraFaults(noise_m=0, skin_scale=0, gaps_per_minute=0),
             plates=PlateFaults(
                 force_noise_n=0,
@@ -205,6 +246,7 @@ class Faults(InputModel):
                 offset_n=0,
                 zero_shift_n=0,
                 drift_n_per_min=0,
+                alias_n=0,
                 bits=0,
                 delay_s=0,
                 right_later_s=0,
@@ -217,9 +259,10 @@ class Faults(InputModel):
                 curvature=0,
                 offset_mps2=0,
                 drift_mps2_per_min=0,
+                alias_mps2=0,
                 bits=0,
                 delay_s=0,
             ),
-            belts=BeltSpeedFaults(noise_mps=0),
+            belts=BeltFaults(drive="linear", roughness=0, unbalance_kg_per_m=0, noise_mps=0),
             platform=PlatformFaults(marker_noise_m=0, gaps_per_minute=0),
         )

@@ -15,7 +15,8 @@ import numpy as np
 from hbm.coordinates import COORDINATES, INDEX, N_Q, TREE
 from hbm.kernels import skeleton
 from hbm.spatial import GRAVITY_MPS2, Array, rotation_about
-from pipeline.virtual_lab.person.sole import LEFT, OUTWARD, orientation, rolled, sole_of
+from pipeline.virtual_lab.analysis.true_body import true_body
+from pipeline.virtual_lab.person.sole import LEFT, OUTWARD, orientation, rolled
 from pipeline.virtual_lab.person.stance import LANDING, floor_contact, load_share, roll_over
 from pipeline.virtual_lab.person.subject import VirtualSubject
 
@@ -183,8 +184,8 @@ def _node(subject: VirtualSubject, target: Target) -> tuple[Symbol, Array]:
     Unknowns: q, v, a (3 · 46), and the foothold: forward, outward, shift of the centre of
     pressure along the feet.
     """
-    body, weight = subject.body, subject.person.mass_kg * GRAVITY_MPS2
-    soles = {side: sole_of(body, subject.t_pose, side) for side in ("right", "left")}
+    body, weight = true_body(subject), subject.person.mass_kg * GRAVITY_MPS2
+    soles = {side: subject.soles[side] for side in ("right", "left")}
     phase = {"right": nodes(), "left": nodes() + 0.5}
     data = [target.joints, target.vertical[:, None], load_share(phase["right"])[:, None]]
     tilt = rotation_about(LEFT, -target.slope)

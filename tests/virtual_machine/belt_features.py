@@ -1,5 +1,6 @@
 """What recordings of an unloaded belt are compared by: spectra, and lines that turn with it."""
 
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -63,7 +64,7 @@ def features(speed: Array, moment: Array) -> Features:
     aa, mm = (np.mean(np.abs(x) ** 2, axis=0) for x in (acceleration, moment))
     am = np.mean(acceleration.conj() * moment, axis=0)
     rest = mm[1:] - np.abs(am[1:]) ** 2 / aa[1:]
-    edges = zip(BANDS_HZ[:-1], BANDS_HZ[1:], strict=True)
+    edges = pairwise(BANDS_HZ)
     kept = [(f >= lo) & (f < hi) for lo, hi in edges if not LOW_HZ <= lo + 0.01 < 11]
     coherent = [band for band in kept if f[band].max() < COHERENT_HZ]
     low = [band for band in kept if f[band].max() < LOW_HZ]

@@ -21,8 +21,8 @@ MIN_COMMAND_HZ: Final = 0.4
 """Below which the recorded speeds hold nothing."""
 REPORT_HZ: Final = 50.0
 """Update rate of the recorded speeds: they come in pairs, equal or interpolated."""
-PLATE_DELAY_S: Final = 0.003
-"""Of the load cells' channels; 2 and 4 ms (van de Loosdrecht 2018)."""
+COMMAND_SD_MPS2: Final = 4.74
+"""Of the commanded acceleration, as identified on the first recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,15 +43,15 @@ def read_recording(folder: Path, number: int) -> BeltRecording:
 def random_command(rng: np.random.Generator, sd_mps2: float, seconds: float = SECONDS) -> Array:
     """Draw commanded speeds of white acceleration, each held, at 100 Hz [m/s]."""
     held = round(HELD_S * RATE_HZ)
-    acceleration = np.repeat(
-        sd_mps2 * rng.normal(size=int(seconds / HELD_S) + 400), held
-    )
+    acceleration = np.repeat(sd_mps2 * rng.normal(size=int(seconds / HELD_S) + 400), held)
     sos = butter(1, MIN_COMMAND_HZ, "high", fs=RATE_HZ, output="sos")
     speed = sosfiltfilt(sos, np.cumsum(acceleration) / RATE_HZ)[2000:-2000]
     return MEAN_MPS + np.asarray(speed)
 
 
-def simulate_recording(drive: BeltDrive, sd_mps2: float, seed: int, seconds: float = SECONDS) -> BeltRecording:
+def simulate_recording(
+    drive: BeltDrive, sd_mps2: float, seed: int, seconds: float = SECONDS
+) -> BeltRecording:
     """Record a simulated belt as the real one was: sampled at 100 Hz without any filter."""
     command_rng, belt_rng = (np.random.default_rng((seed, n)) for n in range(2))
     command = random_command(command_rng, sd_mps2, seconds)

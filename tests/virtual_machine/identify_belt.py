@@ -94,31 +94,47 @@ def fit(recording: BeltRecording, lines: Lines, base: BeltDrive) -> Fit:
     target = features(speed, moment)
     rng = np.random.default_rng(0)
     blocks = np.array_split(np.arange(len(speed)), BLOCKS)
-    drawn = [np.concatenate([blocks[b] for b in rng.integers(0, BLOCKS, BLOCKS)]) for _ in range(RESAMPLES)]
+    drawn = [
+        np.concatenate([blocks[b] for b in rng.integers(0, BLOCKS, BLOCKS)])
+        for _ in range(RESAMPLES)
+    ]
     resampled = np.array([np.concatenate(features(speed[k], moment[k])) for k in drawn])
     sd = np.hypot(resampled.std(axis=0), MODEL_ERROR)
     start, low, high = np.array([*FITTED.values(), COMMAND_SD]).T
 
-    def simulated(x: Array, seeds: tuple[int, ...] = SEEDS) -> Features:
+    def simulated(x: Array, **others: float) -> Features:
         *own, command_sd = x * np.abs(start)
-        drive = replace(base, **dict(zip(FITTED, own, strict=True)))
-        parts = [segments(simulate_recording(drive, command_sd, seed)) for seed in seeds]
+        drive = replace(base, **dict(zip(FITTED, own, strict=True)), **others)
+        parts = [segments(simulate_recording(drive, command_sd, seed)) for seed in SEEDS]
         return features(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
-    def error(x: Array) -> Array:
-        return (np.concatenate(simulated(x)) - np.concatenate(target)) / sd
+    def error(x: Array, **others: float) -> Array:
+        return (np.concatenate(simulated(x, **others)) - np.concatenate(target)) / sd
 
     scale = np.abs(start)
     found = least_squares(
         error, start / scale, bounds=(low / scale, high / scale), diff_step=0.02, max_nfev=8
     )
     inverse = np.linalg.pinv(found.jac)
-    spread = np.concatenate([resampled - resampled.mean(axis=0)]) / sd
-    variance = np.var(spread @ inverse.T, axis=0) * (1 + 1 / len(SEEDS))
-    variance += np.sum(inverse**2 * (MODEL_ERROR / sd) ** 2, axis=1)
+    spread = (resampled - resampled.mean(axis=0)) / sd
+    variance = NORMAL_95**2 * np.var(spread @ inverse.T, axis=0) * (1 + 1 / len(SEEDS))
+    variance += NORMAL_95**2 * np.sum(inverse**2 * (MODEL_ERROR / sd) ** 2, axis=1)
+    for name, row in assumed().items():
+        ends = [error(found.x, **{name: row[end]}) for end in ("low", "high")]
+        variance += (inverse @ (ends[1] - ends[0]) / 2) ** 2
     best = simulated(found.x)
     difference = Features(*(a - b for a, b in zip(best, target, strict=True)))
-    return Fit(found.x * scale, NORMAL_95 * np.sqrt(variance) * scale, difference)
+    return Fit(found.x * scale, np.sqrt(variance) * scale, difference)
+
+
+def assumed() -> dict[str, dict[str, float]]:
+    """Give the assumed parameters, whose ranges widen the intervals of the fitted ones."""
+    table = tomllib.loads(PARAMETERS_TOML.read_text(encoding="utf-8"))
+    return {
+        name: row
+        for name, row in table.items()
+        if name != "lines" and row["source"].startswith("assumed") and row["low"] < row["high"]
+    }
 
 
 def main(folder: Path) -> None:
@@ -126,7 +142,7 @@ def main(folder: Path) -> None:
     table = tomllib.loads(PARAMETERS_TOML.read_text(encoding="utf-8"))
     recordings = [read_recording(folder, number) for number in (1, 2)]
     lines = [find_lines(recording) for recording in recordings]
-    fits = [fit(r, l, identified_drive()) for r, l in zip(recordings, lines, strict=True)]
+    fits = [fit(*both, identified_drive()) for both in zip(recordings, lines, strict=True)]
     print(f"{'parameter':24}{'file 1':>10}{'95 %':>10}{'file 2':>10}{'95 %':>10}")
     for n, name in enumerate((*FITTED, "command_sd_mps2")):
         row = [x for fitted in fits for x in (fitted.values[n], fitted.half_widths[n])]
@@ -160,12 +176,12 @@ def unbalance(amplitudes: list[Array]) -> dict[str, float]:
     return {"value": force, "low": force * 2 / 3, "high": force * 4 / 3}
 
 
-def line_row(lines: Lines, number: int) -> dict[str, float]:
+def line_row(lines: Lines, number: int) -> dict:
     """Give a line's turns and amplitude with its interval."""
     a = lines.amplitudes[number]
     half = NORMAL_95 * a.std() / np.sqrt(len(a))
-    turns = float(lines.turns_per_m[number])
-    return {"turns_per_m": turns, "value": a.mean(), "low": a.mean() - half, "high": a.mean() + half}
+    interval = {"value": a.mean(), "low": a.mean() - half, "high": a.mean() + half}
+    return {"turns_per_m": lines.turns_per_m[number], "moment_kg": interval}
 
 
 def toml_text(table: dict) -> str:
@@ -175,13 +191,13 @@ def toml_text(table: dict) -> str:
         cells = [
             f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {float(f'{v:.5g}')!r}"
             for k, v in values.items()
-            if k != "turns_per_m"
         ]
         return "{ " + ", ".join(cells) + " }"
 
     single = [f"{name} = {row(values)}" for name, values in table.items() if name != "lines"]
     several = [
-        f"[[lines]]\nturns_per_m = {line['turns_per_m']:.4f}\nmoment_kg = {row(line)}\n"
+        f"[[lines]]\nturns_per_m = {line['turns_per_m']:.4f}\n"
+        f"moment_kg = {row(line['moment_kg'])}\n"
         for line in table["lines"]
     ]
     return HEADER + "\n".join(single) + "\n\n" + "\n".join(several)

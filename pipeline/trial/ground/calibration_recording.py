@@ -21,6 +21,8 @@ from compensation import (
     refuse_unusable,
 )
 from compensation.alignment.sensor_delay import MODEL_ERROR_S
+from compensation.inertia.choice import choose
+from compensation.inertia.dynamic import LAGS_S
 from compensation.inertia.residual import residual_correlation
 from compensation.inertia.sensors import QUANTILE_95, noise_for_fit
 from hbm.notes import Note
@@ -32,13 +34,13 @@ from pipeline.io.input_file import read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
+from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.empty_plates import (
     BESIDE,
     empty_plates,
+    plate_samples,
     setup_of,
-    signals_of_plates,
     wrenches_in_time,
 )
 
@@ -58,6 +60,7 @@ def fit_calibration(
     treadmill: Treadmill,
     plates: PlateCorrection | None = None,
     beside: Sequence[Recording] = (),
+    checks: Sequence[Recording] = (),
 ) -> Calibration:
     """Fit what the empty plates of a moving treadmill measure to its accelerations.
 
@@ -73,12 +76,15 @@ def fit_calibration(
     beside
         Recordings in which people are on the treadmill, but not on every plate. Plates that stay
         empty are fitted to them too.
+    checks
+        The same, by whose empty plates static and dynamic model are compared; they are not fitted.
 
     Returns
     -------
     Calibration
-        One model per plate, named "plate 1", "plate 2", …. Its sensors' delays are against the
-        first plate. Its provenance names the correction, and which plates were empty in what.
+        One model per plate, named "plate 1", "plate 2", …, and dynamic ones where they are stated
+        or chosen. Its sensors' delays are against the first plate. Its provenance names the
+        correction, and which plates were empty in what.
 
     Raises
     ------
@@ -91,41 +97,38 @@ def fit_calibration(
             f"{recording.source.name}: the calibration needs plates: {recording.why_no_plates}"
         )
     recording = with_corrected_plates(recording, plates)
-    clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
-    filtered = setup.low_pass(readings, clock)
-    wrenches = wrenches_in_time(recording, setup, plates)
-    sensors = _sensors(recording, treadmill, clock, readings, filtered, wrenches)
-    trials = signals_of_plates(recording, treadmill, sensors, plates)
-    noises = {name: noise_for_fit(sensors, felt) for name, (felt, _) in trials.items()}
-    models = {n: fit_inertia(*trial, setup, noises[n]) for n, trial in trials.items()}
-    refuse_unusable(models)
+    sensors = _sensors(recording, treadmill, plates)
+    k = 3 * len(treadmill.accelerometers)
+    own = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
+    noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in own.items()}
+    static = {
+        name: fit_inertia(felt[:, :k], wrench, setup, noises[name])
+        for name, (felt, wrench) in own.items()
+    }
+    refuse_unusable(static)
     provenance = {"recording": recording.source.name}
-    if beside:
-        others = {
-            one.source.name: empty_plates(
-                signals_of_plates(with_corrected_plates(one, plates), treadmill, sensors, plates),
-                models,
-                setup_of(one, treadmill),
-                one.source.name,
-            )
-            for one in beside
-        }
-        models = {
-            name: fit_trials(
-                [trial, *(found[name] for found in others.values() if name in found)],
-                setup,
-                noises[name],
-            )
-            for name, trial in trials.items()
-        }
+    found, compared = (
+        [
+            (one.source.name, empty_plates(one, treadmill, sensors, plates, static, LAGS_S))
+            for one in recordings
+        ]
+        for recordings in (beside, checks)
+    )
+    trials = [(recording.source.name, own), *found]
+    if found:
+        for name in own:
+            of_plate = [samples[name] for _, samples in trials if name in samples]
+            readings = [(felt[:, :k], wrench) for felt, wrench in of_plate]
+            static[name] = fit_trials(readings, setup, noises[name])
         provenance[BESIDE] = "; ".join(
-            f"{source}: {', '.join(found)} empty" for source, found in others.items()
+            f"{source}: {', '.join(empty)} empty" for source, empty in found
         )
+    choice, dynamic = choose(trials, static, compared, treadmill.inertia_model)
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
-    joint = _joint_correlation(recording, treadmill, sensors, wrenches, models)
-    return Calibration(models, provenance, sensors, joint)
+    joint = _joint_correlation(recording, own, dynamic or static)
+    return Calibration(static, provenance, sensors, joint, dynamic, choice)
 
 
 def plates_timed_apart(
@@ -140,17 +143,10 @@ def plates_timed_apart(
     states of the plates' delays is taken into account.
     """
     recording = with_corrected_plates(recording, plates)
-    clock, readings = accelerations(recording, treadmill)
-    setup = setup_of(recording, treadmill)
-    filtered = setup.low_pass(readings, clock)
-    late = []
-    for plate, wrench in zip(
-        recording.plates, wrenches_in_time(recording, setup, plates), strict=True
-    ):
-        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
-        known = np.isfinite(np.hstack([felt, wrench])).all(axis=1)
+    late, rate_hz = [], setup_of(recording, treadmill).rate_hz
+    for felt, wrench in plate_samples(recording, treadmill, sensors, plates).values():
         try:
-            late.append(estimate_delay(felt[known], wrench[known], setup.rate_hz))
+            late.append(estimate_delay(felt, wrench, rate_hz))
         except ValueError:
             return ()
     notes = []
@@ -169,26 +165,19 @@ def plates_timed_apart(
 
 def _joint_correlation(
     recording: Recording,
-    treadmill: Treadmill,
-    sensors: tuple[Sensor, ...],
-    wrenches: Sequence[Array],
+    samples: Mapping[str, tuple[Array, Array]],
     models: Mapping[str, InertiaModel],
 ) -> Array | None:
     """Give the correlation of what is left of all plates; None where their clocks differ."""
     first, *others = recording.plates
     if not all(np.array_equal(plate.time, first.time) for plate in others):
         return None
-    setup = setup_of(recording, treadmill)
-    clock, readings = accelerations(recording, treadmill)
-    felt = at_plate_times(clock, setup.low_pass(readings, clock), first.time, treadmill, sensors)
-    known = np.isfinite(np.hstack([felt, *wrenches])).all(axis=1)
+    if len({len(wrench) for _, wrench in samples.values()}) > 1:
+        return None
     left = np.hstack(
-        [
-            m.compensate(felt[known], w[known])
-            for m, w in zip(models.values(), wrenches, strict=True)
-        ]
+        [models[n].compensate(a[:, : len(models[n].gain) - 1], w) for n, (a, w) in samples.items()]
     )
-    return residual_correlation(left - left.mean(axis=0), setup)
+    return residual_correlation(left - left.mean(axis=0), next(iter(models.values())).setup)
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
@@ -213,14 +202,13 @@ def require_same_plates(calibration: Calibration, plates: PlateCorrection | None
 
 
 def _sensors(
-    recording: Recording,
-    treadmill: Treadmill,
-    clock: Array,
-    readings: Array,
-    filtered: Array,
-    wrenches: Sequence[Array],
+    recording: Recording, treadmill: Treadmill, correction: PlateCorrection | None
 ) -> tuple[Sensor, ...]:
     """Find the sensors' delays against the plates, their gains and their noise."""
+    clock, readings = accelerations(recording, treadmill)
+    setup = setup_of(recording, treadmill)
+    filtered = setup.low_pass(readings, clock)
+    wrenches = wrenches_in_time(recording, setup, correction)
     first, *_ = recording.plates
     same_clock = [
         wrench
@@ -237,7 +225,7 @@ def _sensors(
         felt[known],
         both[known][:, felt.shape[1] :],
         complete,
-        setup_of(recording, treadmill),
+        setup,
         rate_hz,
     )
     if stated is None:
@@ -294,6 +282,7 @@ def read_calibration(
             calibration = from_json(read_text(path))
             _require_same_channels(calibration, treadmill)
             _require_same_delay(calibration, treadmill)
+            _require_stated_model(calibration, treadmill)
             require_same_plates(calibration, plates)
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error
@@ -328,6 +317,16 @@ def _require_same_delay(calibration: Calibration, treadmill: Treadmill) -> None:
                 f"of accelerometer {sensor.name}, but treadmill.accelerometer_delay_s is "
                 f"{1000 * stated:.2f} ms; leave it out, or fit again"
             )
+
+
+def _require_stated_model(calibration: Calibration, treadmill: Treadmill) -> None:
+    """Refuse a stated model that is not the one of the calibration."""
+    fitted, stated = "dynamic" if calibration.dynamic else "static", treadmill.inertia_model
+    if stated not in ("auto", fitted):
+        raise ValueError(
+            f"the calibration is of a {fitted} model, but treadmill.inertia_model is {stated!r}; "
+            f"leave it out, or fit it again with --model {stated}"
+        )
 
 
 def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:

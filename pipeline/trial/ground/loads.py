@@ -75,7 +75,12 @@ def plate_loads(
         models = plate_models(recording, laboratory)
         for k, (plate, model) in enumerate(zip(plates, models, strict=True)):
             felt = at_plate_times(
-                clock, readings, plate.time, treadmill, laboratory.calibration.sensors
+                clock,
+                readings,
+                plate.time,
+                treadmill,
+                laboratory.calibration.sensors,
+                model.lags_s,
             )
             forces[k] = forces[k] - _predicted(model, felt) @ plate.rotation[2]
     delays = plate_delays_s(plates, laboratory.plates, plate_delay_s)

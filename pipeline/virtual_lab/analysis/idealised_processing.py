@@ -6,7 +6,7 @@ from typing import Final, Literal
 import numpy as np
 
 from compensation import InertiaModel, PlatformPose, commanded_pose, fit_inertia, to_lab
-from hbm.body import Body, build_body
+from hbm.body import build_body
 from hbm.dynamics import filter_motion, inverse_dynamics
 from hbm.kinematics import solve_ik
 from hbm.signals.filtering import Method, butterworth, low_pass
@@ -14,6 +14,7 @@ from hbm.signals.resampling import resample
 from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.io.recording import Recording
 from pipeline.io.units import acceleration_in_mps2
+from pipeline.virtual_lab.analysis.true_body import true_body
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instruments.force_plate import misplaced
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME, delayed
@@ -47,7 +48,8 @@ class Case:
     cutoff_hz, method
         The filter.
     body_from_markers
-        Whether the body is built from the markers of the T-pose; else it is the true one.
+        Whether the body is built from the recorded markers of the T-pose; else it is the true one
+        (`true_body`).
     pose_from_channels
         Whether the platform's pose is taken from its channels; else it is the true one.
     removal
@@ -94,17 +96,17 @@ def residual_of(
     Array
         Lab axes about mid-hip, at the markers' times, (T, 6) [N, N·m].
     """
-    response = undergo(treadmill, motion, person_loads(walk, motion.time))
+    response = undergo(treadmill, motion, rng.spawn(1)[0], person_loads(walk, motion.time))
     recording = record(treadmill, motion, walk, "trial.c3d", rng, response)
     time, person = recording.markers.time, walk.subject.person
-    body: Body = walk.subject.body
+    body = true_body(walk.subject)
     if case.body_from_markers:
         body = build_body(
             recording.markers,
             mass=person.mass_kg,
             sex=person.sex,
             height_m=person.height_m,
-            marker_set=body.marker_set,
+            marker_set=walk.subject.marker_set,
             window_s=T_POSE_S,
         )
     filtered = filter_motion(

@@ -1,4 +1,4 @@
-"""Actuators: how platform and belts follow what they are commanded."""
+"""Actuators: how the platform follows what it is commanded."""
 
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
@@ -30,15 +30,10 @@ def move_platform(machine: Machine, sway: Array, pitch: Array, rate_hz: float) -
     sway = _limited(sway, limits.sway_m, limits.sway_m_per_s, rate_hz)
     pitch = _limited(pitch, pitch_rad, pitch_rad_per_s, rate_hz)
     return PlatformMotion(
-        _follow(sway, machine.sway_hz, rate_hz),
-        _follow(pitch, machine.pitch_hz, rate_hz),
+        follow(sway, machine.sway_hz, rate_hz),
+        follow(pitch, machine.pitch_hz, rate_hz),
         np.array(machine.pivot_m),
     )
-
-
-def drive_belt(machine: Machine, command: Array, rate_hz: float) -> Array:
-    """Give the belt's speed under a commanded speed, (N,) [m/s], starting at the first command."""
-    return np.asarray(_follow(command, machine.servo_hz, rate_hz)[0])
 
 
 def _limited(command: Array, max_value: float, max_speed: float, rate_hz: float) -> Array:
@@ -58,7 +53,7 @@ def _limited(command: Array, max_value: float, max_speed: float, rate_hz: float)
     return np.array(values)
 
 
-def _follow(command: Array, bandwidth_hz: float, rate_hz: float) -> Array:
+def follow(command: Array, bandwidth_hz: float, rate_hz: float) -> Array:
     """Respond as a critically damped second-order system to a command linear between samples.
 
     Gives value, velocity and acceleration, (3, N).

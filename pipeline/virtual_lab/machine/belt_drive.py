@@ -1,14 +1,13 @@
-"""The physical drive of a belt: motor, transmission, rollers, an elastic belt, and friction.
+"""The physical drive of a belt: motor, speed controller, rollers, an elastic belt, and friction.
 
 Everything is expressed at the belt's surface: a rotor is the mass that is as hard to accelerate
-there. The motor turns the driving roller through an elastic transmission, the roller pulls the
-belt and the other roller through an elastic belt that creeps on it, and the belt slides on a board.
-Motor, rollers and belt are all carried by the load cells: what happens between them cancels
-(Willems and Gosseye 2013), and the cells see how their angular momentum changes, and what is out of
-balance.
+there. Motor and driving roller are one mass; an elastic belt, which creeps on its rollers, pulls
+the other roller and slides on a board. All of this is carried by the load cells. What happens
+between its parts cancels (Willems and Gosseye 2013): the cells see how the angular momentum
+changes, and what is out of balance.
 
-Nothing here is a fit of moment to acceleration: `compensation` fits a linear second-order filter,
-which this drive is not.
+Sources: parameters, `pipeline.virtual_lab.machine.belt_parameters`. Willems PA, Gosseye TP (2013),
+Biology Open 2:1421.
 """
 
 from dataclasses import dataclass
@@ -24,7 +23,9 @@ INTERNAL_HZ: Final = 250.0
 """At which the drive is solved; its fastest mode is some 30 Hz. Outputs are interpolated."""
 MAX_ITERATIONS: Final = 60
 TOLERANCE_N: Final = 0.1
-"""Change of friction, slip and limited motor force below which they are solved."""
+DIVERGED_N: Final = 1e6
+"""Change of friction, slip and limited motor force below which they are solved, and above which
+they will not be."""
 COMMAND_HZ: Final = 100.0
 """How often the drive gets a new command from D-Flow, and ramps to it (van de Loosdrecht 2018)."""
 RUMBLE_FULL_MPS: Final = 0.5
@@ -42,12 +43,13 @@ class BeltMotion:
     speed, acceleration
         True speed of the belt's surface, positive backwards as in walking [m/s, m/s²].
     reported_speed
-        What the drive reports: the motor's speed, held and late, without noise [m/s].
+        What the drive reports: the driving roller's speed, low-passed, held and late; without
+        noise [m/s].
     pitch_moment
         About the lab's left axis through the platform's origin, with the sign of an action on a
         person standing there [N·m].
     forward_force, upward_force
-        Of unbalanced rollers, same sign [N].
+        Of unbalanced rollers, same sign [N]; their pitch moment is in ``pitch_moment``.
     motor_force
         Of the motor at the belt's surface [N].
     """
@@ -94,7 +96,21 @@ def run_belt(
     Raises
     ------
     ValueError
-        The drive does not follow: friction and limits have no solution.
+        The command asks for more force than the motor has, for long.
+
+    Notes
+    -----
+    Between instants of `INTERNAL_HZ` the linear part is solved exactly. Friction, creep and the
+    motor's limit are solved with it by iteration over the whole trial.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pipeline.virtual_lab.machine.belt_parameters import identified_drive
+    >>> rng = np.random.default_rng(1)
+    >>> motion = run_belt(identified_drive(), np.full(2000, 1.3), 1000.0, rng)
+    >>> f"{motion.speed[-1]:.3f} m/s by {motion.motor_force[-1]:.0f} N"
+    '1.300 m/s by 33 N'
     """
     time = np.arange(len(command)) / rate_hz
     count = int(np.ceil(time[-1] * INTERNAL_HZ)) + 2
@@ -103,8 +119,8 @@ def run_belt(
     loads = [np.zeros(count) if x is None else np.interp(inside, time, x) for x in (weight, push)]
     solved = _solve(drive, w, *loads)
 
-    def at(values: Array, when: Array = time) -> Array:
-        return np.interp(when, inside, values)
+    def at(values: Array) -> Array:
+        return np.interp(time, inside, values)
 
     speed = at(solved.belt)
     angles, noise, channel = rng.spawn(3)
@@ -134,7 +150,7 @@ def _reported(
     smooth, _ = lfilter([1 - keep], [1, -keep], speed, zi=[keep * speed[0]])
     number = np.floor(time * d.report_hz + 1e-9).astype(int)
     late = d.report_delay_s + d.report_jitter_s * rng.normal(size=number[-1] + 1)
-    return np.interp(number / d.report_hz - late[number], inside, smooth)
+    return np.asarray(np.interp(number / d.report_hz - late[number], inside, smooth))
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,18 +217,18 @@ def _solve(d: BeltDrive, command: Array, weight: Array, push: Array) -> _Solutio
                 wanted - np.clip(wanted, -d.max_force_n, d.max_force_n),
             ]
         )
-        change = np.abs(new[1:] - inputs[1:]).max(axis=1) * [1, 1, kp, 1]
+        change = float(np.max(np.abs(new[1:] - inputs[1:]).max(axis=1) * [1, 1, kp, 1]))
         inputs = new
         states = _respond(A, B, inputs)
-        if change.max() < TOLERANCE_N:
+        if change < TOLERANCE_N:
+            rates = A[:2] @ states + B[:2] @ inputs
+            return _Solution(states[0], states[1], states[3], *rates)
+        if change > DIVERGED_N:
             break
-    else:
-        raise ValueError(
-            f"belt drive: no solution within {MAX_ITERATIONS} iterations, friction still changes "
-            f"by {change.max():.3g} N; the command asks for more than {d.max_force_n:g} N"
-        )
-    rates = A[:2] @ states + B[:2] @ inputs
-    return _Solution(states[0], states[1], states[3], *rates)
+    raise ValueError(
+        f"belt: the motor's {d.max_force_n:g} N do not follow the command; give the drive a larger "
+        "max_force_n or command smaller accelerations"
+    )
 
 
 def _respond(A: Array, B: Array, inputs: Array) -> Array:

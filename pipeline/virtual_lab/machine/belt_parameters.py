@@ -74,6 +74,12 @@ class BeltDrive:
         how much later than the load cells, on average and from one report to the next (SD).
     lines
         Other turning parts that are out of balance.
+
+    Notes
+    -----
+    "Identified" parameters are those of an unloaded treadmill that Hnat and van den Bogert (2014)
+    recorded, with 95 % intervals; see ``tests/virtual_machine/identify_belt.py``. All others are
+    assumed, in plausible ranges. The belt creeps; it does not slip altogether.
     """
 
     moment_kg_m: float
@@ -103,6 +109,14 @@ class BeltDrive:
     report_delay_s: float
     report_jitter_s: float
     lines: tuple[RotatingLine, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.turning_kg > 0:
+            raise ValueError(
+                f"belt drive: {self.moment_kg_m:g} N·m per m/s² leave rollers and belt "
+                f"{self.turning_kg:.3g} kg beside a motor of {self.motor_kg:g} kg; expected more "
+                "than 0: give a larger moment_kg_m or a smaller motor_kg"
+            )
 
     @property
     def roller_radius_m(self) -> float:

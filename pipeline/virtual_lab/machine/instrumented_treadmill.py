@@ -1,13 +1,13 @@
 """The treadmill with its instruments, and what these undergo when it moves."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.artefacts import drive_wrenches
+from pipeline.virtual_lab.machine.belts import Drives, carried_of_belts, make_drives, run_belts
 from pipeline.virtual_lab.machine.instruments.accelerometer import (
     SENSOR_NAMES,
     Accelerometer,
@@ -33,6 +33,8 @@ class InstrumentedTreadmill:
         Mechanical properties of the treadmill.
     structure
         How it yields; None for a rigid one.
+    drives
+        Motors of the left and the right belt; None for belts that answer linearly.
     faults
         Sizes of all errors.
     plates
@@ -43,6 +45,7 @@ class InstrumentedTreadmill:
 
     machine: Machine
     structure: Structure | None
+    drives: Drives | None
     faults: Faults
     plates: tuple[ForcePlate, ForcePlate]
     sensors: tuple[Accelerometer, ...]
@@ -67,9 +70,9 @@ def make_treadmill(
     InstrumentedTreadmill
         Equal seeds give equal instruments; each has its own random numbers.
     """
-    of_left, of_right, of_sensors, of_clocks = np.random.default_rng(
+    of_left, of_right, of_sensors, of_clocks, of_drives = np.random.default_rng(
         (seed, INSTRUMENT_STREAM)
-    ).spawn(4)
+    ).spawn(5)
     machine = machine or make_machine(faults.machine)
     flexibility = faults.machine.flexibility
     structure = make_structure(machine.assemblies, flexibility=flexibility) if flexibility else None
@@ -79,12 +82,14 @@ def make_treadmill(
         make_force_plate(faults.plates, of_right, right),
     )
     sensors = make_accelerometers(faults.accelerometers, of_sensors, of_each)
-    return InstrumentedTreadmill(machine, structure, faults, plates, sensors)
+    drives = make_drives(faults.belts, of_drives)
+    return InstrumentedTreadmill(machine, structure, drives, faults, plates, sensors)
 
 
 def undergo(
     treadmill: InstrumentedTreadmill,
     motion: TreadmillMotion,
+    rng: np.random.Generator,
     people: Pair | None = None,
     on_frame: Array | None = None,
 ) -> Response:
@@ -96,9 +101,11 @@ def undergo(
         The treadmill with its instruments.
     motion
         How the treadmill moves, N samples.
+    rng
+        Source of the rollers' angles and of the belts' rumble.
     people
         Ground reaction of the left and the right plate on people, in the platform frame about its
-        origin, (N, 6) each [N, N·m], as of `person_loads`; None for an empty treadmill.
+        origin, (N, 6) each [N, N·m]; None for an empty treadmill.
     on_frame
         Action of people on the frame beside the belts, likewise, (N, 6); None for nobody.
 
@@ -107,17 +114,27 @@ def undergo(
     Response
         At the motion's samples.
     """
-    mechanics, rate_hz = treadmill.faults.machine, motion.rate_hz
-    drives = drive_wrenches(treadmill.machine, motion, mechanics.unbalance_kg_per_m, rate_hz)
-    return respond(
+    faults, rate_hz = treadmill.faults, motion.rate_hz
+    belts = run_belts(
+        treadmill.machine,
+        treadmill.drives,
+        faults.belts.unbalance_kg_per_m,
+        motion.belt,
+        rate_hz,
+        rng,
+        people,
+    )
+    loads = Loads(carried_of_belts(belts), people, on_frame, faults.machine.people_shake)
+    response = respond(
         treadmill.structure,
         treadmill.machine.assemblies,
         motion.platform,
-        Loads(drives, people, on_frame, mechanics.people_shake),
+        loads,
         tuple(sensor.place for sensor in treadmill.sensors),
         rate_hz,
         round(rate_hz / FRAME_HZ),
     )
+    return replace(response, belts=belts)
 
 
 def _clocks(faults: Faults, rng: np.random.Generator) -> list[Clock]:

@@ -41,9 +41,9 @@ class PlatformMotion:
         """The platform's true pose."""
         return commanded_pose(self.sway[0], self.pitch[0], self.pivot)
 
-    def at_rest(self) -> "PlatformMotion":
-        """Give the same platform at rest in neutral for as many samples."""
-        return PlatformMotion(0 * self.sway, 0 * self.pitch, self.pivot)
+    def every(self, step: int) -> "PlatformMotion":
+        """Give every ``step``-th sample."""
+        return PlatformMotion(self.sway[:, ::step], self.pitch[:, ::step], self.pivot)
 
 
 def specific_force(motion: PlatformMotion, point: Array) -> Array:
@@ -110,13 +110,21 @@ class PlatformTrajectory:
         return -self._at(time)[:, 1]
 
     def pose(self, time: Array) -> PlatformPose:
-        """Give the platform's pose at T times; before its start and after its end it rests."""
+        """Give the platform's pose at T times.
+
+        Before its start it rests; after its end it goes on as it came, turned about its last pose.
+        """
         sway, pitch = self._at(time).T
         return commanded_pose(sway, pitch, self.pivot)
 
     def _at(self, time: Array) -> Array:
         begin = self.trajectory.start
-        return self.trajectory.at(np.clip(time, begin, begin + self.trajectory.duration))
+        end = begin + self.trajectory.duration
+        mirrored = np.where(time > end, 2 * end - np.asarray(time), time)
+        value = self.trajectory.at(np.clip(mirrored, begin, end))
+        beyond = np.asarray(time) > end
+        value[beyond] = 2 * self.trajectory.at(np.array([end])) - value[beyond]
+        return value
 
 
 def platform_trajectory(motion: PlatformMotion, rate_hz: float) -> PlatformTrajectory:

@@ -8,7 +8,7 @@ from hbm.markers import Markers
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.recording import Plate
 from pipeline.io.units import acceleration_in_mps2
-from pipeline.virtual_lab.faults import CameraFaults, ClockFaults, PlatformFaults
+from pipeline.virtual_lab.faults import CameraFaults, PlatformFaults
 from pipeline.virtual_lab.machine.instrumented_treadmill import InstrumentedTreadmill
 from pipeline.virtual_lab.machine.instruments.cameras import measure_markers
 from pipeline.virtual_lab.machine.instruments.force_plate import (
@@ -83,14 +83,20 @@ def measure_accelerations(
 def measure_belts(
     treadmill: InstrumentedTreadmill,
     motion: TreadmillMotion,
+    response: Response,
     names: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Channels:
-    """Record the belt speed by as many channels as there are names."""
-    faults, rate_hz = treadmill.faults.belts, motion.rate_hz
-    stream = _stream(treadmill.faults.clocks, faults.delay_s, held=True)
-    sensor = BeltSpeedSensor(float(noise_sd_at(faults.noise_mps, rate_hz)), stream)
-    columns = [sensor.measure(motion.belt, rate_hz, own) for own in rng.spawn(len(names))]
+    """Record the speed of as many belts as there are names, the left one first."""
+    faults, rate_hz = treadmill.faults, motion.rate_hz
+    # a motor's reports are uneven already
+    jitter_s = faults.clocks.stream_jitter_s if treadmill.drives is None else 0.0
+    stream = Stream(faults.belts.delay_s, jitter_s, faults.clocks.doubled_per_minute, held=True)
+    sensor = BeltSpeedSensor(float(noise_sd_at(faults.belts.noise_mps, rate_hz)), stream)
+    columns = [
+        sensor.measure(belt.reported_speed, rate_hz, own)
+        for belt, own, _ in zip(response.belts, rng.spawn(len(response.belts)), names, strict=False)
+    ]
     return names, ("m/s",) * len(names), np.column_stack(columns)
 
 
@@ -102,20 +108,14 @@ def measure_platform(
 ) -> Markers:
     """Record the markers on the platform."""
     step = round(motion.rate_hz / FRAME_HZ)
-    pose, faults = motion.platform.pose, treadmill.faults.platform
-    rotation, position = pose.rotation[::step], pose.position[::step]
-    places = [
-        position + (rotation @ (place + _displacement(response, place))[..., None])[..., 0]
-        for place in map(np.array, PLATFORM_MARKERS_M.values())
-    ]
+    pose, faults = motion.platform.every(step).pose, treadmill.faults.platform
+    places = []
+    for place in map(np.array, PLATFORM_MARKERS_M.values()):
+        moved = place + response.frame @ frame_shape(place)[:3].T
+        places.append(pose.position + (pose.rotation @ moved[..., None])[..., 0])
     cameras = CameraFaults(noise_m=faults.marker_noise_m, gaps_per_minute=faults.gaps_per_minute)
     measured = measure_markers(np.stack(places, axis=1), cameras, rng, FRAME_HZ)
     return Markers(motion.time[::step], tuple(PLATFORM_MARKERS_M), measured)
-
-
-def _displacement(response: Response, place: Array) -> Array:
-    """Give how far a place of the frame is from where a rigid platform would have it, (F, 3)."""
-    return np.asarray(response.frame @ frame_shape(place)[:3].T)
 
 
 def _pose_delay(faults: PlatformFaults, rng: np.random.Generator) -> float:
@@ -134,7 +134,8 @@ def measure_pose(
     sway_mm, pitch_deg = 1000 * motion.platform.sway[0], np.degrees(motion.platform.pitch[0])
     true = np.column_stack([sway_mm, pitch_deg])
     delay_s = _pose_delay(treadmill.faults.platform, of_delay)
-    stream = _stream(treadmill.faults.clocks, delay_s, held=False)
+    clocks = treadmill.faults.clocks
+    stream = Stream(delay_s, clocks.stream_jitter_s, clocks.doubled_per_minute)
     return (
         (SWAY_CHANNEL, PITCH_CHANNEL),
         ("mm", "deg"),
@@ -149,7 +150,3 @@ def measure_pulses(motion: TreadmillMotion, rng: np.random.Generator) -> Channel
         pulse[(time >= onset) & (time < onset + PULSE_S)] += PULSE_V
     add_noise(pulse, PULSE_NOISE_V, rng)
     return (PULSE_CHANNEL,), ("V",), pulse
-
-
-def _stream(clocks: ClockFaults, delay_s: float, *, held: bool) -> Stream:
-    return Stream(delay_s, clocks.stream_jitter_s, clocks.doubled_per_minute, held)

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation import MachineLimits
+from compensation.signals.signal import MachineLimits
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import MachineFaults
 from pipeline.virtual_lab.machine.platform import PlatformMotion
@@ -134,18 +134,15 @@ class TreadmillMotion:
     platform
         The platform's true motion at these times.
     belt
-        Speed of both belts, (N,) [m/s].
+        Commanded speed of both belts, (N,) [m/s].
     onsets
         When perturbations start, (P,) [s].
-    roller_start_rad
-        Angles of the left and the right belt's unbalanced roller at the first sample [rad].
     """
 
     time: Array
     platform: PlatformMotion
     belt: Array
     onsets: Array
-    roller_start_rad: tuple[float, float] = (0.0, 0.0)
 
     @property
     def rate_hz(self) -> float:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from hbm.spatial import Array
 from pipeline.virtual_lab.machine.artefacts import inertial_wrench, weight_of
+from pipeline.virtual_lab.machine.belt_drive import BeltMotion
+from pipeline.virtual_lab.machine.modes import Complex, Modes
 from pipeline.virtual_lab.machine.platform import (
     TERMS,
     PlatformMotion,
@@ -35,7 +35,6 @@ from pipeline.virtual_lab.machine.treadmill import Assembly
 CHUNK_SAMPLES: Final = 8_000
 """Computed at a time, so that all modes stay in the processor's cache."""
 Pair = tuple[Array, Array]
-Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +62,14 @@ class Loads:
     @property
     def shaking(self) -> list[Array]:
         """What makes the structure vibrate: on the left and the right plate, and on the frame."""
-        left, right = self.drives
+        on_plates = list(self.drives)
         if self.people is not None and self.people_shake > 0:
-            left, right = (
-                drive + self.people_shake * person
-                for drive, person in zip(self.drives, self.people, strict=True)
-            )
+            share = self.people_shake
+            people = [load if share == 1 else share * load for load in self.people]
+            on_plates = [drive + load for drive, load in zip(on_plates, people, strict=True)]
         if self.on_frame is None:
-            return [left, right]
-        return [left, right, self.people_shake * self.on_frame]
+            return on_plates
+        return [*on_plates, self.people_shake * self.on_frame]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,12 +89,15 @@ class Response:
         (F, 9) [m, rad]; `frame_shape` gives the displacement of a place.
     people
         The load of people that is part of ``plates``; None for nobody.
+    belts
+        The left and the right belt, where they are known.
     """
 
     plates: Pair
     sensors: tuple[Array, ...]
     frame: Array
     people: Pair | None = None
+    belts: tuple[BeltMotion, ...] = ()
 
     @property
     def artefacts(self) -> Pair:
@@ -160,7 +161,7 @@ def respond(
 
     series = [terms, *loads.shaking]
     by_inputs = _load_of_inputs(by_terms, motion.pivot)[:, : sum(part.shape[1] for part in series)]
-    modes = _Modes.of(structure, by_inputs, rate_hz)
+    modes = Modes.of(structure, by_inputs, rate_hz)
     output, through = _output(structure, by_inputs, places)
     readout = modes.readout(output)
     of_frame = modes.readout(np.eye(FRAME, 2 * COORDINATES))
@@ -186,70 +187,6 @@ def respond(
     if loads.people is not None and loads.people_shake != 1:
         plates += (1 - loads.people_shake) * np.stack(loads.people)
     return Response((plates[0], plates[1]), sensors, frame, loads.people)
-
-
-@dataclass(frozen=True, slots=True)
-class _Modes:
-    """Complex modes ``ż = λ z + b u`` of which a structure's motion is the sum.
-
-    Attributes
-    ----------
-    shapes
-        State of the structure by mode, of each conjugate pair one, (42, 21).
-    by_inputs
-        What excites the modes, (21, inputs).
-    decay, now, before
-        The modes at the next sample: ``decay * z`` and the weights of what excites them at that
-        sample and at this one, (21,) each.
-    at_rest
-        The modes under a constant excitation, by this, (21,).
-    """
-
-    shapes: Complex
-    by_inputs: Complex
-    decay: Complex
-    now: Complex
-    before: Complex
-    at_rest: Complex
-
-    @classmethod
-    def of(cls, structure: Structure, load_of_inputs: Array, rate_hz: float) -> "_Modes":
-        values, vectors = np.linalg.eig(state_matrix(structure))
-        accelerating = np.zeros((2 * COORDINATES, load_of_inputs.shape[1]))
-        accelerating[COORDINATES:] = np.linalg.solve(structure.mass, load_of_inputs)
-        excited = np.linalg.solve(vectors, accelerating.astype(complex))
-        one = values.imag > 0
-        value = values[one].astype(complex)
-        x = np.asarray(value / rate_hz, complex)
-        grown: Complex = np.exp(x)
-        now: Complex = (grown - 1 - x) / x**2 / rate_hz
-        before: Complex = (grown - 1) / x / rate_hz - now
-        return cls(
-            vectors[:, one], excited[one], grown, now, before, np.asarray(-1 / value, complex)
-        )
-
-    def readout(self, output: Array) -> Array:
-        """Give the matrix from real and imaginary parts of the modes to outputs of the state."""
-        by_mode = 2 * output @ self.shapes
-        return np.hstack([by_mode.real, -by_mode.imag])
-
-    def advance(self, inputs: Array, state: Complex | None) -> tuple[Array, Complex]:
-        """Give real and imaginary parts of the modes, (42, n), and the state of their filters."""
-        parts = np.vstack([self.by_inputs.real, self.by_inputs.imag]) @ inputs
-        modes = len(self.decay)
-        if state is None:
-            first = parts[:modes, 0] + 1j * parts[modes:, 0]
-            state = (self.at_rest - self.now) * first
-        after = np.empty_like(state)
-        for k, (decay, now, before) in enumerate(
-            zip(self.decay, self.now, self.before, strict=True)
-        ):
-            exciting = parts[k] + 1j * parts[modes + k]
-            moved, after[k : k + 1] = lfilter(
-                [now, before], [1, -decay], exciting, zi=state[k : k + 1]
-            )
-            parts[k], parts[modes + k] = moved.real, moved.imag
-        return parts, after
 
 
 def _load_of_inputs(by_terms: list[Array], pivot: Array) -> Array:

@@ -6,18 +6,13 @@ from typing import Final
 
 import numpy as np
 
-from hbm.body import Body
-from hbm.coordinates import INDEX, MOVING, N_Q
-from hbm.kernels.native import kernels
-from hbm.kernels.skeleton import N_SUMS
+from hbm.coordinates import INDEX
 from hbm.spatial import Array
+from pipeline.virtual_lab.person.body.extra_joints import ExtraJoints
+from pipeline.virtual_lab.person.body.kinematics import Frame, chunks, frames, moved, placed
+from pipeline.virtual_lab.person.body.skeleton import COLUMN, KNEE, LINKS, Skeleton
 from pipeline.virtual_lab.person.sole import Sole
 
-CHUNK_FRAMES: Final = 4000
-"""Frames that are solved at a time, to bound memory."""
-FIXED_WEIGHT: Final = 1e3
-"""Weight that keeps a coordinate at its reference [m²/rad²]; so large that it does not move.
-"""
 JOINT_WEIGHTS: Final = {
     "HipFlexion": 3e-4,
     "HipAbduction": 3e-4,
@@ -35,8 +30,7 @@ ANKLE_POINT_M: Final = 0.08
 sole is held."""
 DAMPING: Final = 1e-6
 MAX_STEP: Final = 0.2
-TOLERANCE: Final = 1e-5
-MAX_ITERATIONS: Final = 12
+TOLERANCE: Final = 1e-4
 """Of the Gauss-Newton iteration: damping, largest step and step at which it ends [rad and m]."""
 
 
@@ -64,98 +58,173 @@ class SoleTarget:
         return SoleTarget(self.sole, self.rotation[part], self.position[part], self.weight[part])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Points:
+    """Points of a foot: in its frame (4, 3), where they should be (3, 4, T), weights (4, T)."""
+
+    on_foot: Array
+    wanted: Array
+    weight: Array
+
+
 def solve_legs(
-    body: Body,
+    skeleton: Skeleton,
+    extra: ExtraJoints,
     reference: Array,
     targets: Mapping[str, SoleTarget],
     start: Array,
     height_weight: float,
-    jobs: int = 1,
+    iterations: int,
 ) -> Array:
     """Find the joint angles of the legs with which the soles are where they should be.
 
     Parameters
     ----------
-    body
-        The person's body.
+    skeleton, extra
+        The person's.
     reference
-        Wanted coordinates, (T, 46); pelvis, trunk, head and arms are kept, the legs' are
+        Wanted coordinates, (46, T); pelvis, trunk, head and arms are kept, the legs' are
         approached where the soles leave a choice or cannot be reached.
     targets
         Side -> target of its sole.
     start
-        Coordinates to start from, (T, 46).
+        Coordinates to start from, (46, T).
     height_weight
         Weight that keeps the pelvis at its height: m² per m² of the soles' points.
-    jobs
-        Number of threads.
+    iterations
+        At most.
 
     Returns
     -------
     Array
-        Coordinates, (T, 46).
+        Coordinates, (46, T).
 
     Notes
     -----
-    Least squares over four points of each sole by Gauss–Newton, with the inverse kinematics'
-    kernel.
+    Least squares over four points of each sole by Gauss–Newton. Each leg's six angles are
+    eliminated from the normal equations, which leaves one for the pelvis' height.
     """
-    weights = np.full(N_Q, FIXED_WEIGHT)
-    weights[INDEX["PelvisZ"]] = height_weight
-    for name, value in JOINT_WEIGHTS.items():
-        for side in "RL":
-            weights[INDEX[side + name]] = value
-    parts = (slice(k, k + CHUNK_FRAMES) for k in range(0, len(reference), CHUNK_FRAMES))
-    solved = [
-        _solve(
-            body,
-            reference[part],
-            [target.frames(part) for target in targets.values()],
-            start[part],
-            weights,
-            jobs,
+    solved = start.copy()
+    points = {side: _points(target) for side, target in targets.items()}
+    for part in chunks(reference.shape[1]):
+        own = {
+            side: _Points(p.on_foot, p.wanted[..., part], p.weight[:, part])
+            for side, p in points.items()
+        }
+        solved[:, part] = _solve(
+            skeleton, extra, reference[:, part], own, start[:, part], height_weight, iterations
         )
-        for part in parts
-    ]
-    return np.concatenate(solved)
+    return solved
+
+
+def _points(target: SoleTarget) -> _Points:
+    sole = target.sole
+    rotation, origin = sole.foot_pose(target.rotation, target.position)
+    ball, aside = sole.ball, BALL_HALF_WIDTH_M
+    on_sole = np.array(
+        [[sole.heel, 0, 0], [ball, aside, 0], [ball, -aside, 0], [0, 0, ANKLE_POINT_M]]
+    )
+    on_foot = (on_sole - sole.origin) @ sole.rotation
+    wanted = np.einsum("tij,kj->ikt", rotation, on_foot) + origin.T[:, None]
+    return _Points(on_foot, wanted, np.ascontiguousarray(target.weight.T))
 
 
 def _solve(
-    body: Body,
+    skeleton: Skeleton,
+    extra: ExtraJoints,
     reference: Array,
-    targets: list[SoleTarget],
+    points: Mapping[str, _Points],
     start: Array,
-    weights: Array,
-    jobs: int,
+    height_weight: float,
+    iterations: int,
 ) -> Array:
-    frames = len(reference)
-    sums = np.zeros((frames, len(MOVING), N_SUMS))
-    for target in targets:
-        sole, weight = target.sole, target.weight
-        rotation, origin = sole.foot_pose(target.rotation, target.position)
-        ball, aside = sole.ball, BALL_HALF_WIDTH_M
-        on_sole = np.array(
-            [[sole.heel, 0, 0], [ball, aside, 0], [ball, -aside, 0], [0, 0, ANKLE_POINT_M]]
-        )
-        on_foot = (on_sole - sole.origin) @ sole.rotation
-        in_lab = np.einsum("tij,kj->tki", rotation, on_foot) + origin[:, None]
-        own = sums[:, MOVING.index(sole.segment)]
-        (x, y, z), ones = on_foot.T, np.ones(len(on_foot))
-        moments = np.stack([ones, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z], axis=1)
-        weighted = weight[:, :, None] * in_lab
-        own[:, :10] = weight @ moments
-        own[:, 10:13] = weighted.sum(axis=1)
-        own[:, 13:22] = np.einsum("tki,ka->tai", weighted, on_foot).reshape(frames, 9)
-        own[:, 22] = np.sum(weighted * in_lab, axis=(1, 2))
-    flat_sums = sums.reshape(frames, -1)
-    prior = np.tile(weights, (frames, 1))
-    damping, curvature = np.full((frames, 1), DAMPING), np.zeros((frames, 1))
-    q = start.copy()
-    for _ in range(MAX_ITERATIONS):
-        step, _ = kernels().newton_step(
-            q, flat_sums, prior, reference, damping, curvature, body.geometry, jobs=jobs
-        )
-        q += np.clip(step, -MAX_STEP, MAX_STEP)
-        if np.abs(step).max() < TOLERANCE:
+    q, height = reference.copy(), INDEX["PelvisZ"]
+    q[height] = 0.0
+    pelvis = frames(skeleton, (q,), ["pelvis"])["pelvis"]
+    solved = [height, *(INDEX[letter + name] for letter in "RL" for name in JOINT_WEIGHTS)]
+    q[solved] = start[solved]
+    for _ in range(iterations):
+        total = np.full(q.shape[1], height_weight + DAMPING)
+        right = height_weight * (reference[height] - q[height])
+        legs = []
+        for side, own in points.items():
+            letter = side[0].upper()
+            rows = [INDEX[letter + name] for name in JOINT_WEIGHTS]
+            jacobian, error = _jacobian(skeleton, extra, pelvis, q, letter, own)
+            weighted = jacobian * own.weight
+            prior = np.array(list(JOINT_WEIGHTS.values()))[:, None]
+            square = np.einsum("aikt,bikt->abt", weighted, jacobian)
+            square[range(6), range(6)] += prior + DAMPING
+            wanted = np.einsum("aikt,ikt->at", weighted, error)
+            wanted += prior * (reference[rows] - q[rows])
+            coupling = weighted[:, 2].sum(axis=1)
+            solution = _solve_symmetric(square, np.stack([wanted, coupling], axis=1))
+            total += own.weight.sum(axis=0) - (coupling * solution[:, 1]).sum(axis=0)
+            right += (own.weight * error[2]).sum(axis=0) - (coupling * solution[:, 0]).sum(axis=0)
+            legs.append((rows, solution))
+        rise = np.clip(right / total, -MAX_STEP, MAX_STEP)
+        q[height] += rise
+        largest = float(np.abs(rise).max())
+        for rows, solution in legs:
+            step = np.clip(solution[:, 0] - solution[:, 1] * rise, -MAX_STEP, MAX_STEP)
+            q[rows] += step
+            largest = max(largest, float(np.abs(step).max()))
+        if largest < TOLERANCE:
             break
     return q
+
+
+def _jacobian(
+    skeleton: Skeleton, extra: ExtraJoints, pelvis: Frame, q: Array, letter: str, points: _Points
+) -> tuple[Array, Array]:
+    """Give how a sole's points move with the leg's angles, (6, 3, 4, T), and their error."""
+    origin = pelvis.origin.copy()
+    origin[2] += q[INDEX["PelvisZ"]]
+    frame = Frame(pelvis.rotation, origin, pelvis.acceleration)
+    knee = extra.of_knee(letter, q[INDEX[letter + "KneeFlexion"]])
+    axes, places, segment = [], [], "pelvis"
+    for k, link in _LEGS[letter]:
+        if link.segment != segment:
+            segment = link.segment
+            frame = placed(frame, skeleton.offsets[segment])
+        name = link.name[1:]
+        if name in JOINT_WEIGHTS:
+            axes.append(skeleton.axes[k] @ frame.rotation[0])
+            places.append(frame.origin)
+            value = q[COLUMN[link.name]]
+        else:
+            value = knee[KNEE.index(name)]
+        frame = moved(frame, link, skeleton.axes[k], (value,))
+    position = np.stack([frame.point(point) for point in points.on_foot], axis=1)
+    jacobian = np.empty((len(axes), *position.shape))
+    for row, axis, place in zip(jacobian, axes, places, strict=True):
+        arm = position - place[:, None]
+        for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            row[i] = axis[j] * arm[k] - axis[k] * arm[j]
+    return jacobian, points.wanted - position
+
+
+def _solve_symmetric(matrix: Array, right: Array) -> Array:
+    """Solve positive definite systems (N, N, T) for right sides (N, M, T) by Cholesky's method."""
+    count = len(matrix)
+    lower, solution = np.zeros_like(matrix), right.copy()
+    for j in range(count):
+        below = matrix[j:, j] - (lower[j:, :j] * lower[j, :j]).sum(axis=1)
+        lower[j:, j] = below / np.sqrt(below[0])
+        solution[j] -= (lower[j, :j, None] * solution[:j]).sum(axis=0)
+        solution[j] /= lower[j, j]
+    for j in reversed(range(count)):
+        solution[j] -= (lower[j + 1 :, j, None] * solution[j + 1 :]).sum(axis=0)
+        solution[j] /= lower[j, j]
+    return solution
+
+
+_LEGS: Final = {
+    letter: [
+        (k, link)
+        for k, link in enumerate(LINKS)
+        if link.name.startswith(letter) and link.name[1:] in (*JOINT_WEIGHTS, *KNEE)
+    ]
+    for letter in "RL"
+}
+"""The coordinates from the pelvis to each foot."""

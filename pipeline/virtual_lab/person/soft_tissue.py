@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import lfilter
 
+from hbm.coordinates import INDEX
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import CameraFaults
 
@@ -25,26 +26,39 @@ SKIN_RMS_M: Final = {
 """RMS displacement of skin markers in walking: thigh the most, then shank (Leardini et al. 2005,
 Gait Posture 21:212; Peters et al. 2010, Gait Posture 31:1); head, hands and feet, for which no
 review has a value, are assumed small."""
-PERIODIC_SHARE: Final = 0.8
-"""Share of the displacement's variance that repeats in every gait cycle; assumed, as the artefact
-is largely reproducible within a subject (Leardini et al. 2005)."""
+DRIVERS: Final = {
+    "pelvis": ("RHipFlexion", "LHipFlexion"),
+    "thorax": ("TrunkRightBend", "TrunkLeftTwist", "RShoulderFlexion", "LShoulderFlexion"),
+    "head": ("HeadFlexion", "HeadLeftTwist"),
+    "shoulder": ("ShoulderFlexion",),
+    "upper_arm": ("ShoulderFlexion", "ElbowFlexion"),
+    "forearm": ("ElbowFlexion", "ForeArmPronation"),
+    "hand": ("WristFlexion", "ForeArmPronation"),
+    "thigh": ("HipFlexion", "HipAbduction", "HipInternalRotation", "KneeFlexion"),
+    "shank": ("KneeFlexion", "AnklePlantarFlexion"),
+    "foot": ("AnklePlantarFlexion", "FootPronation"),
+    "toes": ("AnklePlantarFlexion", "ToeFlexion"),
+}
+"""Coordinates of the joints at both ends of a segment, of which the artefact is a linear function
+(Bonci et al. 2014, J Biomech 47:2354); on the limbs without the side."""
+MIN_WEIGHT: Final = 1e-12
+"""Of what is not zero; a coordinate that does not move drives nothing."""
+DRIVEN_SHARE: Final = 0.8
+"""Share of the displacement's variance that follows them; assumed, as most of the artefact is
+reproducible within a subject (Leardini et al. 2005)."""
 COMMON_SHARE: Final = 0.5
-"""Share of that periodic variance which all markers of a segment have in common; assumed."""
-HARMONIC_AMPLITUDES: Final = ((1, 0.8), (2, 0.5), (3, 0.33))
-"""Harmonics of the gait cycle and their RMS, whose squares add up to 1; assumed, falling as those
-of the joint angles do."""
+"""Share of that variance which all markers of a segment have in common; assumed."""
 CORRELATION_S: Final = 0.15
-"""Time constant of the part that does not repeat; assumed: soft tissue oscillates within a tenth of
+"""Time constant of the part that does not follow; assumed: soft tissue oscillates within a tenth of
 a stride or two."""
-WALKING_STRIDES_PER_S: Final = 0.7
-"""Stride rate from which on the artefact has its full size; slow walking."""
 
 
 def displace_markers(
     position: Array,
     segment: tuple[str, ...],
     rotation: Mapping[str, Array],
-    phase: Array,
+    q: Array,
+    walking: Array,
     faults: CameraFaults,
     rng: np.random.Generator,
     rate_hz: float,
@@ -59,12 +73,14 @@ def displace_markers(
         Segment of each marker, (M,).
     rotation
         Segment -> its orientation, (T, 3, 3).
-    phase
-        Phase of the right gait cycle, (T,) [strides]; constant while standing.
+    q
+        Coordinates, (C, T): those of the Human Body Model are the first 46.
+    walking
+        From standing (0) to walking (1), (T,). In the calibration pose the skin is at rest.
     faults
         ``skin_scale`` multiplies the published magnitudes.
     rng
-        Source of chance.
+        Source of chance; what is drawn does not depend on the scale.
     rate_hz
         Frame rate [Hz].
 
@@ -73,39 +89,43 @@ def displace_markers(
     Array
         Positions of the markers on the skin, (T, M, 3) [m].
     """
-    if faults.skin_scale == 0:
-        return position
     displaced = position.copy()
-    angle = 2 * np.pi * phase[:, None]
-    stride_rate = np.abs(np.gradient(phase)) * rate_hz
-    walking = np.clip(stride_rate / WALKING_STRIDES_PER_S, 0, 1)
     for name in dict.fromkeys(segment):
-        part = name.split("_", 1)[1] if name.startswith(("left_", "right_")) else name
-        size = faults.skin_scale * SKIN_RMS_M[part]
-        common = _periodic(angle, rng)
+        part = name.removeprefix("left_").removeprefix("right_")
+        letter = "" if part == name else name[0].upper()
+        drivers = _standardised([letter + n for n in DRIVERS[part]], q, walking)
+        size = faults.skin_scale * SKIN_RMS_M[part] / np.sqrt(3)
+        common = rng.normal(size=(3, len(drivers)))
+        turn = np.moveaxis(rotation[name], 0, 2)
         for k in (k for k, s in enumerate(segment) if s == name):
-            periodic = np.sqrt(COMMON_SHARE) * (common + _periodic(angle, rng))
+            own = rng.normal(size=(3, len(drivers)))
+            mixed = np.sqrt(COMMON_SHARE) * common + np.sqrt(1 - COMMON_SHARE) * own
+            driven = _unit_variance(mixed @ drivers, walking)
             irregular = _irregular(len(position), rng, rate_hz)
-            shift = np.sqrt(PERIODIC_SHARE) * periodic + np.sqrt(1 - PERIODIC_SHARE) * irregular
-            shift *= size / np.sqrt(3) * walking[:, None]
-            displaced[:, k] += (rotation[name] @ shift[..., None])[..., 0]
+            shift = np.sqrt(DRIVEN_SHARE) * driven + np.sqrt(1 - DRIVEN_SHARE) * irregular
+            shift *= size * walking
+            displaced[:, k] += (turn * shift).sum(axis=1).T
     return displaced
 
 
-def _periodic(angle: Array, rng: np.random.Generator) -> Array:
-    """Draw a displacement that repeats with the gait cycle, unit variance per axis, (T, 3)."""
-    wave = np.zeros((len(angle), 3))
-    for harmonic, amplitude in HARMONIC_AMPLITUDES:
-        start = rng.uniform(0, 2 * np.pi, 3)
-        wave += np.sqrt(2) * amplitude * np.cos(harmonic * angle + start)
-    return wave
+def _standardised(names: list[str], q: Array, walking: Array) -> Array:
+    """Give coordinates less their mean, by their standard deviation in walking, (S, T)."""
+    values = q[[INDEX[name] for name in names]]
+    return _unit_variance(values, walking)
+
+
+def _unit_variance(values: Array, walking: Array) -> Array:
+    """Shift and scale signals (S, T) to mean 0 and variance 1 in walking."""
+    weight = walking / max(float(walking.sum()), MIN_WEIGHT)
+    away = values - (values @ weight)[:, None]
+    sd = np.sqrt(away**2 @ weight)[:, None]
+    return np.asarray(away / np.maximum(sd, MIN_WEIGHT))
 
 
 def _irregular(frames: int, rng: np.random.Generator, rate_hz: float) -> Array:
-    """Draw low-passed white noise of unit variance per axis, (T, 3)."""
+    """Draw low-passed white noise of unit variance per axis, (3, T)."""
     keep = np.exp(-1 / (CORRELATION_S * rate_hz))
-    noise = rng.normal(size=(frames, 3))
-    once = lfilter([1 - keep], [1, -keep], noise, axis=0)
-    twice = lfilter([1 - keep], [1, -keep], once, axis=0)
+    noise = rng.normal(size=(3, frames))
+    filtered = lfilter([(1 - keep) ** 2], [1, -2 * keep, keep**2], noise, axis=1)
     variance = (1 - keep) ** 4 * (1 + keep**2) / (1 - keep**2) ** 3
-    return np.asarray(twice / np.sqrt(variance))
+    return np.asarray(filtered / np.sqrt(variance))

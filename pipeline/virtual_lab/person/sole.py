@@ -1,13 +1,11 @@
 """The sole of a foot: where it is on the foot segment, and how it rolls over the belt."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from hbm.body import Body
-from hbm.coordinates import MOVING
-from hbm.kernels.native import kernels
 from hbm.spatial import Array, rotation_about
 
 SIDES: Final = ("left", "right")
@@ -77,15 +75,15 @@ class Sole:
         return own, position - own @ self.origin
 
 
-def sole_of(body: Body, standing: Array, side: str) -> Sole:
-    """Find the sole of a person who stands with flat feet on the floor.
+def sole_of(landmarks: Mapping[str, Array], rotation: Array, ankle: Array, side: str) -> Sole:
+    """Find the sole of a person who stands with flat feet on the floor z = 0.
 
     Parameters
     ----------
-    body
-        The person's body.
-    standing
-        Coordinates of standing on the floor z = 0, (46,).
+    landmarks
+        Where heel and metatarsal heads or toe are, by the names of the Human Body Model, (3,) [m].
+    rotation, ankle
+        Frame of the foot's segment, (3, 3) and (3,) [m].
     side
         "left" or "right".
 
@@ -94,20 +92,10 @@ def sole_of(body: Body, standing: Array, side: str) -> Sole:
     Sole
         The foot's sole.
     """
-    poses = kernels().segment_poses(standing[None], body.geometry)[0].reshape(len(MOVING), 4, 3)
-    pose = poses[MOVING.index(f"{side}_foot")]
-    R, ankle = pose[:3].T, pose[3]
-    letter = side[0].upper()
-    landmark = body.marker_set.landmark
-
-    def place(name: str) -> Array:
-        k = body.markers.index(landmark[letter + name])
-        segment = poses[MOVING.index(body.marker_segment[k])]
-        return np.asarray(segment[3] + segment[:3].T @ body.marker_position[k])
-
-    heel, outer = place("HEE"), place("MT5")
-    has_metatarsal = letter + "MT2" in landmark
-    inner = place("MT2") if has_metatarsal else place("TOE")
+    R, letter = rotation, side[0].upper()
+    heel, outer = landmarks[letter + "HEE"], landmarks[letter + "MT5"]
+    has_metatarsal = letter + "MT2" in landmarks
+    inner = landmarks[letter + "MT2" if has_metatarsal else letter + "TOE"]
     along = inner - heel
     toe_out = float(np.arctan2(along[1], along[0]))
     rotation = rotation_about(UP, toe_out)

@@ -1,17 +1,22 @@
 """The path of the soles: rolling over the belt in stance, swinging from one stance to the next."""
 
+from typing import Final
+
 import numpy as np
 
 from compensation.platform.pose import PlatformPose
 from hbm.spatial import Array
 from pipeline.virtual_lab.person.balance import RATE_HZ, in_lab, on_platform
-from pipeline.virtual_lab.person.dynamics import segment_poses
+from pipeline.virtual_lab.person.body.kinematics import segment_poses
 from pipeline.virtual_lab.person.foot_placement import FootPlacement
 from pipeline.virtual_lab.person.gait_pattern import foot_angles
 from pipeline.virtual_lab.person.leg_ik import SoleTarget
 from pipeline.virtual_lab.person.sole import orientation, rolled
 from pipeline.virtual_lab.person.stance import LEAVING, STANCE, sole_weights
 from pipeline.virtual_lab.person.subject import VirtualSubject
+
+STANDING_LOAD: Final = 0.5
+"""Share of the weight on a foot in standing, where the shoe's height is the sole's."""
 
 
 def sole_targets(
@@ -30,7 +35,7 @@ def sole_targets(
     placement
         Where the feet come down.
     reference
-        Coordinates of the gait pattern, (T, 46), which the feet follow in swing.
+        Coordinates of the gait pattern, (55, T), which the feet follow in swing.
     pose
         The platform's pose at the same times.
     time
@@ -42,7 +47,9 @@ def sole_targets(
         By side.
     """
     targets = {}
-    feet = segment_poses(subject, reference, [sole.segment for sole in placement.soles.values()])
+    names = [sole.segment for sole in placement.soles.values()]
+    feet = segment_poses(subject.skeleton, reference, names)
+    left = placement.left_share(time)
     for (side, sole), (_, ankle) in zip(placement.soles.items(), feet, strict=True):
         phase, extent = placement.phase(side, time), placement.extent(time)
         pitch, _ = foot_angles(phase)
@@ -51,7 +58,10 @@ def sole_targets(
         rotation = pose.rotation @ orientation(pitch, heading)
         swinging = on_platform(ankle - (rotation @ sole.origin), pose)
         rolling = rolled(sole, pitch, heading)
-        position = in_lab(_path(placement, side, swinging, rolling, time), pose)
+        path = _path(placement, side, swinging, rolling, time)
+        load = left if side == "left" else 1 - left
+        path[:, 2] -= subject.sole_yield_m * (load - STANDING_LOAD)
+        position = in_lab(path, pose)
         walking = np.minimum(extent, 1.0)[:, None]
         weight = 1 - walking * (1 - sole_weights(pitch, phase))
         targets[side] = SoleTarget(sole, rotation, position, weight)

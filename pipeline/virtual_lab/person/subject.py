@@ -1,20 +1,30 @@
 """Virtual subjects: stature, mass and sex, an individual body, and an individual gait."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
 
-from hbm.body import Body, build_body
 from hbm.coordinates import COORDINATES, INDEX
-from hbm.kinematics import solve_ik
-from hbm.markers import Markers, marker_sets
+from hbm.markers import MarkerSet, marker_sets
 from hbm.segments import Sex
 from hbm.spatial import Array
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
-from pipeline.virtual_lab.person.body_variation import MAX_DEVIATION_SD, vary
+from pipeline.virtual_lab.person.body.extra_joints import ExtraJoints, draw_extra_joints
+from pipeline.virtual_lab.person.body.inertias import inertias_of, navel_share
+from pipeline.virtual_lab.person.body.same_body import axes_of, locate, offsets_of
+from pipeline.virtual_lab.person.body.skeleton import Skeleton
+from pipeline.virtual_lab.person.body.variation import (
+    MAX_DEVIATION_SD,
+    vary,
+    vary_inertias,
+    with_shoes,
+)
+from pipeline.virtual_lab.person.body.wobbling import WobblingMass, draw_wobbling_masses
 from pipeline.virtual_lab.person.gait_pattern import STEP_M, size_of
+from pipeline.virtual_lab.person.sole import SIDES, Sole, sole_of
 from pipeline.virtual_lab.person.steps import StepParameters
 
 HANGING_ARM_DEG: Final = {"ShoulderAbduction": 8.0, "ElbowFlexion": 10.0}
@@ -46,6 +56,8 @@ head; rotation and obliquity of the pelvis; arms. Assumed."""
 WANDER_DEG: Final = 0.5
 ARM_WANDER_DEG: Final = 1.5
 """Standard deviations of joint angles from stride to stride; assumed."""
+ANATOMICAL: Final = ("LGTRO", "RGTRO", "LTOE", "RTOE")
+"""Points of the body, beside the markers of the Human Body Model 2, that locate joints."""
 ARM: Final = ("Shoulder", "Elbow", "ForeArm", "Wrist", "Hand")
 
 
@@ -89,10 +101,16 @@ class VirtualSubject:
     ----------
     person
         Who it is.
-    body
-        The true body.
+    marker_set
+        Name of the marker set that the person wears.
+    skeleton
+        The true body: joints, inertias and markers.
+    extra_joints, wobbling
+        How the person moves in joints that the Human Body Model does not have; soft tissue.
+    soles, sole_yield_m
+        Side -> sole; by how much the shoe is compressed under body weight [m].
     t_pose
-        Coordinates of the T-pose, standing on the floor at the lab's origin, (46,) [rad, m].
+        Coordinates of the T-pose, standing on the floor, (46,) [rad, m].
     standing
         The same with the arms hanging.
     step_parameters, style
@@ -100,7 +118,12 @@ class VirtualSubject:
     """
 
     person: Person
-    body: Body
+    marker_set: str
+    skeleton: Skeleton
+    extra_joints: ExtraJoints
+    wobbling: tuple[WobblingMass, ...]
+    soles: Mapping[str, Sole]
+    sole_yield_m: float
     t_pose: Array
     standing: Array
     step_parameters: StepParameters
@@ -113,6 +136,7 @@ def make_subject(
     marker_set: str = "hbm2",
     individuality: float = 0.0,
     faults: BodyFaults | None = None,
+    forward_m: float = 0.0,
     variability: float = 1.0,
     rng: np.random.Generator | None = None,
 ) -> VirtualSubject:
@@ -127,8 +151,10 @@ def make_subject(
     individuality
         Scale of the differences between people in proportions and gait; 1 as in the population.
     faults
-        How far joint centres, axes and inertias are from what markers and de Leva's table suggest;
-        by default the body is the one that `build_body` finds.
+        How the body differs from what markers and the Human Body Model suggest; by default not at
+        all.
+    forward_m
+        How far ahead of the lab's origin the person stands [m].
     variability
         Scale of the differences between a person's steps; 1 as in healthy adults.
     rng
@@ -139,38 +165,93 @@ def make_subject(
     VirtualSubject
         Ready to walk.
     """
-    rng = rng or np.random.default_rng(0)
-    names = tuple(marker_sets()[marker_set].segment)
+    faults = faults or Faults.none().body
+    shape_rng, body_rng, gait_rng = (rng or np.random.default_rng(0)).spawn(3)
     proportions = Proportions(
-        **{f.name: 1 + individuality * PROPORTION_SD * _drawn(rng) for f in fields(Proportions)}
+        **{
+            f.name: 1 + individuality * PROPORTION_SD * _drawn(shape_rng)
+            for f in fields(Proportions)
+        }
     )
-    position = t_pose(names, person.height_m, person.sex, proportions)
-    pose = Markers(np.arange(2.0), names, np.stack([position, position]))
-    body = build_body(
-        pose,
-        mass=person.mass_kg,
-        sex=person.sex,
-        marker_set=marker_set,
-        height_m=person.height_m,
+    worn = marker_sets()[marker_set]
+    skeleton, extra_joints, wobbling, soles, q = _body(
+        person, worn, proportions, faults, forward_m, body_rng
     )
-    q = np.array(solve_ik(body, pose).q[0])
-    body = vary(body, q, faults or Faults.none().body, rng)
     standing = q.copy()
     for side in "RL":
         for name, angle in HANGING_ARM_DEG.items():
             standing[INDEX[side + name]] = np.radians(angle)
     size, typical = size_of(standing), StepParameters()
-    longer = STEP_LENGTH_SD * _drawn(rng) - TREADMILL_SHORTENING
+    longer = STEP_LENGTH_SD * _drawn(gait_rng) - TREADMILL_SHORTENING
     step_parameters = replace(
         typical,
         step_m=STEP_M * size * (1 + individuality * longer),
-        width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * _drawn(rng)),
+        width_m=typical.width_m * size * (1 + individuality * STEP_WIDTH_SD * _drawn(gait_rng)),
         time_sd=variability * typical.time_sd,
         forward_sd=variability * typical.forward_sd,
         side_sd=variability * typical.side_sd,
     )
-    style = _gait_style(individuality, variability, rng)
-    return VirtualSubject(person, body, q, standing, step_parameters, style)
+    style = _gait_style(individuality, variability, gait_rng)
+    return VirtualSubject(
+        person,
+        marker_set,
+        skeleton,
+        extra_joints,
+        wobbling,
+        soles,
+        0.0 if faults.same_body else faults.sole_yield_m,
+        q,
+        standing,
+        step_parameters,
+        style,
+    )
+
+
+def _body(
+    person: Person,
+    worn: MarkerSet,
+    proportions: Proportions,
+    faults: BodyFaults,
+    forward_m: float,
+    rng: np.random.Generator,
+) -> tuple[Skeleton, ExtraJoints, tuple[WobblingMass, ...], dict[str, Sole], Array]:
+    """Give a person's skeleton, extra joints, soft tissue, soles and T-pose."""
+    names = tuple(worn.segment)
+    points = tuple(dict.fromkeys((*marker_sets()["hbm2"].segment, *names, *ANATOMICAL)))
+    position = t_pose(points, person.height_m, person.sex, proportions)
+    position += [forward_m, 0.0, 0.0 if faults.same_body else faults.sole_m]
+    at = dict(zip(points, position, strict=True))
+    shown = frozenset(worn.landmark)
+    suggested = locate(at, shown, person.sex, navel_share(person.sex))
+    joint_rng, mass_rng, tissue_rng, motion_rng = rng.spawn(4)
+    anatomy = vary(suggested, faults, joint_rng)
+    source, shoe_kg = faults.inertias, faults.shoe_kg
+    if faults.same_body:
+        source, shoe_kg = "de_leva", 0.0
+    bare_kg = person.mass_kg - 2 * shoe_kg
+    inertias = inertias_of(anatomy, source, bare_kg, person.sex, person.height_m)
+    inertias = vary_inertias(inertias, faults, mass_rng)
+    wobbling = draw_wobbling_masses(inertias, faults, tissue_rng)
+    if shoe_kg > 0:
+        inertias = with_shoes(inertias, anatomy, shoe_kg)
+    on_segment = [
+        anatomy.rotations[s].T @ (at[name] - anatomy.origin(s)) for name, s in worn.segment.items()
+    ]
+    skeleton = Skeleton(
+        axes_of(anatomy),
+        offsets_of(anatomy),
+        inertias,
+        names,
+        tuple(worn.segment.values()),
+        np.array(on_segment),
+    )
+    landmarks = {mark: at[name] for mark, name in worn.landmark.items()}
+    soles = {}
+    for side in SIDES:
+        foot = f"{side}_foot"
+        soles[side] = sole_of(landmarks, anatomy.rotations[foot], anatomy.origin(foot), side)
+    q = np.array([anatomy.q.get(name, 0.0) for name in COORDINATES])
+    return skeleton, draw_extra_joints(faults, q, motion_rng), wobbling, soles, q
 
 
 def _drawn(rng: np.random.Generator) -> float:

@@ -13,27 +13,22 @@ from scipy.ndimage import gaussian_filter1d
 
 from compensation.platform.pose import PlatformPose
 from hbm.coordinates import INDEX
-from hbm.poses import center_of_mass
 from hbm.spatial import Array
 from pipeline.virtual_lab.machine.platform import PlatformTrajectory
 from pipeline.virtual_lab.machine.treadmill import BeltRamp
 from pipeline.virtual_lab.person.balance import (
     RATE_HZ,
+    Plan,
     balanced,
     in_lab,
-    pressure_on_platform,
+    keep_balance,
     surface_height,
 )
-from pipeline.virtual_lab.person.dynamics import ground_wrench
+from pipeline.virtual_lab.person.body.momentum import center_of_mass, ground_wrench
+from pipeline.virtual_lab.person.body.wobbling import oscillators_of
 from pipeline.virtual_lab.person.foot_placement import FootPlacement
-from pipeline.virtual_lab.person.gait_pattern import (
-    STEP_M,
-    foothold,
-    posture,
-    size_of,
-)
-from pipeline.virtual_lab.person.leg_ik import solve_legs
-from pipeline.virtual_lab.person.sole import SIDES, sole_of
+from pipeline.virtual_lab.person.gait_pattern import STEP_M, foothold, posture, size_of
+from pipeline.virtual_lab.person.load_sharing import left_wrench
 from pipeline.virtual_lab.person.sole_path import sole_targets
 from pipeline.virtual_lab.person.stance import STANCE
 from pipeline.virtual_lab.person.steps import (
@@ -47,21 +42,16 @@ from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory, smooth
 
 ARMS_DOWN: Final = 0.48, 0.35
 """When lowering the arms begins, and how long it takes, as shares of the time before walking."""
-SMOOTHING_HZ: Final = 6.0
-"""Cut-off frequency to which joint motion is smoothed: that of walking is below it."""
-CORRECTIONS: Final = 6
-"""Iterations of legs and balance; chosen, enough for the pressure to stay under the feet."""
-HEIGHT_WEIGHTS: Final = 0.1, 1.0
-"""Weight of the pelvis' height in the legs' inverse kinematics, in the first iteration, in which
-the legs show how high it can be, and in the others."""
-LOWERING_SD: Final = 1.0
-"""By how many standard deviations of that height the pelvis is lower than on average in it."""
-MAX_ERROR_M: Final = 0.2
-"""Larger errors of the centre of pressure are corrected as if they were that large."""
+FORCES_PER_FRAME: Final = 2
+"""Ground forces per sample of the motion: at 200 Hz, between which they are interpolated. The
+motion has nothing above 30 Hz."""
+BLOCK_KNOTS: Final = 4096
+"""Samples of the motion whose forces are computed at a time, to bound memory."""
 SETTLE_S: Final = 0.5
 """Time from the first step on in which the correction of balance begins."""
-FREE_END_S: Final = 1 / 6
-"""At the end of a walk balance is not corrected: what follows is unknown."""
+BEYOND_S: Final = 1.0
+"""How much longer than the trial a walk is computed, as its last tenths of a second depend on what
+follows."""
 WANDER_S: Final = 0.3
 """Time constant of slow variations of the joint angles; assumed."""
 MIN_KNEE_RAD: Final = 0.08
@@ -79,7 +69,13 @@ class Walk:
     subject
         Who.
     motion
-        All coordinates as functions of time, 46 columns [rad, m].
+        All coordinates as functions of time, 55 columns [rad, m]: those of the Human Body Model,
+        then those of the joints that it does not have.
+    ground
+        The wrench of the ground, from the person's true mechanics, 6 columns [N, N·m]; lab axes
+        about the lab origin.
+    left
+        The part of it on the left foot, in the same form.
     placement
         Where the feet were.
     platform
@@ -88,6 +84,8 @@ class Walk:
 
     subject: VirtualSubject
     motion: Trajectory
+    ground: Trajectory
+    left: Trajectory
     placement: FootPlacement
     platform: PlatformTrajectory
 
@@ -99,8 +97,6 @@ def simulate_walk(
     platform: PlatformTrajectory,
     duration: float,
     rng: np.random.Generator,
-    *,
-    jobs: int = 1,
 ) -> Walk:
     """Simulate a person who stands in a T-pose, lowers the arms, and walks.
 
@@ -116,45 +112,81 @@ def simulate_walk(
         Of the trial [s].
     rng
         Source of the variability.
-    jobs
-        Number of threads.
 
     Returns
     -------
     Walk
-        Coordinates and foot placement.
+        Motion, ground forces and foot placement; a second longer than the trial.
     """
-    time = np.arange(round(duration * RATE_HZ) + 1) / RATE_HZ
+    time = np.arange(round((duration + BEYOND_S) * RATE_HZ) + 1) / RATE_HZ
     placement = _place(subject, steps, belt, platform, rng)
     pose = platform.pose(time)
     reference = _pattern(subject, placement, platform.slope(time), time, rng)
-    height = float(center_of_mass(subject.body, subject.standing[None])[0, 2])
+    height = _height(subject, subject.standing)
+    extent = placement.extent(time)
+    walking = np.minimum(extent, 1.0)
+    phase = placement.phase("right", time)
 
-    ahead = center_of_mass(subject.body, reference)[:, :2] - reference[:, :2]
+    def extended(q: Array) -> Array:
+        return subject.extra_joints.extend(q, phase, walking)
+
+    ahead = center_of_mass(subject.skeleton, extended(reference.T))[:, :2] - reference[:, :2]
     placement = _shifted_pressure(placement, reference, ahead, pose, height, time)
     intended = in_lab(placement.total_pressure(time), pose)[:, :2]
     reference[:, :2] = balanced(intended, height) - ahead
     reference[:, 2] += surface_height(pose, subject.standing[:2])
 
-    targets = sole_targets(subject, placement, reference, pose, time)
-    extent = placement.extent(time)
-    walking, steady = np.minimum(extent, 1.0), extent > STEADY_SHARE * extent[-1]
-    q = reference.copy()
-    for correction in range(CORRECTIONS):
-        height_weight = HEIGHT_WEIGHTS[min(correction, 1)]
-        q = solve_legs(subject.body, reference, targets, q, height_weight, jobs)
-        if correction == 0:
-            change = (q - reference)[steady, 2]
-            reference[:, 2] += walking * (change.mean() - LOWERING_SD * change.std())
-        motion = fit_trajectory(_smooth(q), RATE_HZ)
-        if correction == CORRECTIONS - 1:
-            break
-        error = intended - _pressure(subject, motion, pose, time, jobs)
-        error = np.clip(np.nan_to_num(error), -MAX_ERROR_M, MAX_ERROR_M)
-        error[-int(RATE_HZ * FREE_END_S) :] = 0.0
-        error *= smooth_step((time - steps.contact[0]) / SETTLE_S)[:, None]
-        reference[:, :2] += balanced(error, height)
-    return Walk(subject, motion, placement, platform)
+    targets = sole_targets(subject, placement, extended(reference.T), pose, time)
+    plan = Plan(
+        subject,
+        targets,
+        intended,
+        height,
+        pose,
+        phase,
+        walking,
+        extent > STEADY_SHARE * extent[-1],
+        smooth_step((time - steps.contact[0]) / SETTLE_S),
+    )
+    q = keep_balance(plan, np.ascontiguousarray(reference.T), time)
+    return _loaded(subject, fit_trajectory(q.T, RATE_HZ), placement, platform)
+
+
+def _loaded(
+    subject: VirtualSubject,
+    motion: Trajectory,
+    placement: FootPlacement,
+    platform: PlatformTrajectory,
+) -> Walk:
+    """Add the ground's wrenches to a motion."""
+    rate_hz = FORCES_PER_FRAME * motion.rate_hz
+    oscillators = oscillators_of(subject.wobbling, rate_hz)
+    parts = []
+    knots = round(motion.duration * motion.rate_hz) + 1
+    for first in range(0, knots, BLOCK_KNOTS):
+        value, rate, second = (
+            motion.between_knots(FORCES_PER_FRAME, first, min(first + BLOCK_KNOTS, knots), k)
+            for k in range(3)
+        )
+        parts.append(ground_wrench(subject.skeleton, (value, rate, second), oscillators))
+    total = np.concatenate(parts)
+    time = motion.start + np.arange(len(total)) / rate_hz
+    left = left_wrench(
+        total, placement, platform.pose(time), time, float(subject.standing[INDEX["PelvisZ"]])
+    )
+    ground, left_only = (fit_trajectory(wrench, rate_hz, motion.start) for wrench in (total, left))
+    return Walk(subject, motion, ground, left_only, placement, platform)
+
+
+def _height(subject: VirtualSubject, q: Array) -> float:
+    """Give the height of the centre of mass in a posture (46,) [m]."""
+    return float(_center(subject, q)[2])
+
+
+def _center(subject: VirtualSubject, q: Array) -> Array:
+    still = np.zeros(1)
+    full = subject.extra_joints.extend(q[:, None], still, still)
+    return np.asarray(center_of_mass(subject.skeleton, full)[0])
 
 
 def _place(
@@ -166,7 +198,7 @@ def _place(
 ) -> FootPlacement:
     """Choose where the feet come down: forward so that mid-stance is under the person."""
     parameters, size = subject.step_parameters, size_of(subject.standing)
-    height = float(center_of_mass(subject.body, subject.standing[None])[0, 2])
+    height = _height(subject, subject.standing)
     sideways = place_sideways(steps, parameters, height, platform.sway, rng)
     step_s = step_time(parameters, belt.speed_mps)
     contact = steps.contact
@@ -179,10 +211,9 @@ def _place(
     forward += belt.travelled(middle) - belt.travelled(contact)
     deviation = np.clip(rng.normal(size=len(contact)), -MAX_DEVIATION_SD, MAX_DEVIATION_SD)
     forward += parameters.forward_sd * deviation
-    soles = {side: sole_of(subject.body, subject.t_pose, side) for side in SIDES}
     place = np.column_stack([forward, sideways])
-    ahead = center_of_mass(subject.body, subject.t_pose[None])[0, 0] - soles["left"].standing[0]
-    return FootPlacement(soles, steps, place, belt, STEP_M * size, step_s, float(ahead))
+    ahead = float(_center(subject, subject.t_pose)[0] - subject.soles["left"].standing[0])
+    return FootPlacement(subject.soles, steps, place, belt, STEP_M * size, step_s, ahead)
 
 
 def _pattern(
@@ -228,18 +259,3 @@ def _shifted_pressure(
     pelvis = balanced(pressure, height) - ahead
     shift = float(np.mean((reference[:, 0] - pelvis[:, 0])[steady]))
     return replace(placement, pressure_shift=shift)
-
-
-def _smooth(q: Array) -> Array:
-    """Smooth by a Gaussian whose amplitude response is 1/√2 at `SMOOTHING_HZ`."""
-    sigma = np.sqrt(np.log(2) / 2) / (2 * np.pi * SMOOTHING_HZ) * RATE_HZ
-    return np.asarray(gaussian_filter1d(q, sigma, axis=0, mode="nearest"))
-
-
-def _pressure(
-    subject: VirtualSubject, motion: Trajectory, pose: PlatformPose, time: Array, jobs: int
-) -> Array:
-    """Give the centre of pressure that follows from the motion, in the lab, (T, 2) [m]."""
-    wrench = ground_wrench(subject, motion, time, jobs)
-    points = pressure_on_platform(wrench, pose)
-    return in_lab(points, pose)[:, :2]

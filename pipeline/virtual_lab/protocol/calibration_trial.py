@@ -5,12 +5,12 @@ from typing import Final
 
 import numpy as np
 
-from compensation import Signal, resample_signal
+from compensation.signals.signal import Signal, resample_signal
 from hbm.markers import Markers
 from hbm.spatial import Array
 from pipeline.io.recording import Analog, Recording
 from pipeline.virtual_lab.faults import Faults
-from pipeline.virtual_lab.machine.actuators import drive_belt, move_platform
+from pipeline.virtual_lab.machine.actuators import move_platform
 from pipeline.virtual_lab.machine.instrumented_treadmill import (
     InstrumentedTreadmill,
     make_treadmill,
@@ -46,7 +46,7 @@ def record_signal_trial(
     signal
         What the machine is commanded.
     seed
-        Seed of the noise and of the rollers' angles.
+        Seed of the noise, the rollers' angles and the belts' rumble.
     rate_hz
         Sampling rate of plate and analog channels, a multiple of 100 [Hz]; noise keeps its
         density.
@@ -66,8 +66,7 @@ def record_signal_trial(
         No markers; plate 1, left; the accelerometers in g; belt speed in m/s.
     """
     treadmill = treadmill or make_treadmill(faults or Faults(), LABORATORY)
-    rng = np.random.default_rng(seed)
-    of_plates, of_sensors, of_belts = rng.spawn(3)
+    of_motion, of_plates, of_sensors, of_belts = np.random.default_rng(seed).spawn(4)
     command, time = resample_signal(signal, rate_hz), sample_times(signal, rate_hz)
     sway, pitch, belt_speed = (
         x[: len(time)] for x in (command.sway, command.pitch, command.belt_speed)
@@ -75,15 +74,14 @@ def record_signal_trial(
     motion = TreadmillMotion(
         time,
         move_platform(treadmill.machine, sway, pitch, rate_hz),
-        drive_belt(treadmill.machine, belt_speed, rate_hz),
+        belt_speed,
         np.empty(0),
-        roller_angles(rng),
     )
     people = None if load is None else (np.zeros_like(load), -load)
-    response = undergo(treadmill, motion, people, on_frame)
+    response = undergo(treadmill, motion, of_motion, people, on_frame)
     plates = measure_plates(treadmill, motion, response, of_plates)
     names, units, readings = measure_accelerations(treadmill, motion, response, of_sensors)
-    belt, belt_unit, speed = measure_belts(treadmill, motion, (BELT_CHANNEL,), of_belts)
+    belt, belt_unit, speed = measure_belts(treadmill, motion, response, (BELT_CHANNEL,), of_belts)
     frames = time[:: round(rate_hz / FRAME_HZ)]
     return Recording(
         Path(f"{signal.name}.c3d"),
@@ -91,12 +89,6 @@ def record_signal_trial(
         plates[:1],
         Analog(time, names + belt, units + belt_unit, np.hstack([readings, speed])),
     )
-
-
-def roller_angles(rng: np.random.Generator) -> tuple[float, float]:
-    """Draw where the rollers of both belts start [rad]."""
-    left, right = rng.uniform(0, 2 * np.pi, 2).tolist()
-    return left, right
 
 
 def sample_times(signal: Signal, rate_hz: float) -> Array:

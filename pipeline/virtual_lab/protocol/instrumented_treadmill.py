@@ -6,7 +6,6 @@ from typing import Final
 import numpy as np
 
 from hbm.markers import Markers
-from hbm.poses import marker_positions
 from hbm.spatial import Array
 from pipeline.io.recording import Analog, Metadata, Recording
 from pipeline.virtual_lab.faults import CameraFaults
@@ -32,7 +31,7 @@ from pipeline.virtual_lab.machine.readings import (
 )
 from pipeline.virtual_lab.machine.treadmill import TreadmillMotion
 from pipeline.virtual_lab.machine.vibration import Pair, Response
-from pipeline.virtual_lab.person.dynamics import segment_poses
+from pipeline.virtual_lab.person.body.kinematics import marker_positions, segment_poses
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
 from pipeline.virtual_lab.person.soft_tissue import displace_markers
 from pipeline.virtual_lab.person.walk import Walk
@@ -96,16 +95,18 @@ def record(
         Markers of person and platform at 100 Hz; plates, accelerometers, belt speeds, platform
         channels and pulses at 1000 Hz. No gait events: finding them is part of the processing.
     """
+    of_motion, of_plates, of_sensors, of_belts, of_platform, of_pulse, of_rim, of_person = (
+        rng.spawn(8)
+    )
     if response is None:
         people = None if walk is None else person_loads(walk, motion.time)
-        response = undergo(treadmill, motion, people)
-    of_plates, of_sensors, of_belts, of_platform, of_pulse, of_rim, of_person = rng.spawn(7)
+        response = undergo(treadmill, motion, of_motion, people)
     markers = measure_platform(treadmill, motion, response, of_rim)
     if walk is not None:
         markers = _with_person(markers, walk, treadmill.faults.cameras, of_person)
     channels = [
         measure_accelerations(treadmill, motion, response, of_sensors),
-        measure_belts(treadmill, motion, BELT_CHANNELS, of_belts),
+        measure_belts(treadmill, motion, response, BELT_CHANNELS, of_belts),
         measure_pose(treadmill, motion, of_platform),
         measure_pulses(motion, of_pulse),
     ]
@@ -123,21 +124,16 @@ def _with_person(
     platform: Markers, walk: Walk, cameras: CameraFaults, rng: np.random.Generator
 ) -> Markers:
     """Add the markers on a person before those on the platform."""
-    frames, body = platform.time, walk.subject.body
+    frames, body = platform.time, walk.subject.skeleton
     of_skin, of_cameras = rng.spawn(2)
-    q = walk.motion.at(frames)
+    q = walk.motion.at(frames).T
     segments = list(dict.fromkeys(body.marker_segment))
-    poses = segment_poses(walk.subject, q, segments)
+    poses = segment_poses(body, q, segments)
     orientation = {s: R for s, (R, _) in zip(segments, poses, strict=True)}
-    phase = walk.placement.phase("right", np.maximum(frames, walk.placement.steps.contact[0]))
+    walking = np.minimum(walk.placement.extent(frames), 1.0)
+    bones = marker_positions(body, q)
     on_skin = displace_markers(
-        marker_positions(body, q),
-        body.marker_segment,
-        orientation,
-        phase,
-        cameras,
-        of_skin,
-        FRAME_HZ,
+        bones, body.marker_segment, orientation, q, walking, cameras, of_skin, FRAME_HZ
     )
     person = measure_markers(on_skin, cameras, of_cameras, FRAME_HZ)
     return Markers(
@@ -153,5 +149,5 @@ def _metadata(walk: Walk) -> Metadata:
         subject=person.name,
         mass_kg=person.mass_kg,
         height_m=person.height_m,
-        marker_set=walk.subject.body.marker_set.name,
+        marker_set=walk.subject.marker_set,
     )

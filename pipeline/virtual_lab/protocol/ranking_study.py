@@ -7,7 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from compensation import Signal, belt_signals, pitch_and_sway_signals, validation_signals
+from compensation.signals.protocol import belt_signals, pitch_and_sway_signals
+from compensation.signals.signal import Signal
+from compensation.signals.validation import validation_signals
 from hbm.spatial import Array
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Recording

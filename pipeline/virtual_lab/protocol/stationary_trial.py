@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
+from hbm.coordinates import N_Q
 from hbm.markers import Markers
-from hbm.poses import marker_positions
 from hbm.spatial import Array, shift_wrench
 from pipeline.io.c3d.write import write_c3d
 from pipeline.io.recording import Metadata
@@ -21,6 +21,7 @@ from pipeline.virtual_lab.machine.instruments.force_plate import (
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, FRAME_HZ
 from pipeline.virtual_lab.machine.platform import stationary_platform
 from pipeline.virtual_lab.machine.treadmill import BeltRamp
+from pipeline.virtual_lab.person.body.kinematics import marker_positions
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
 from pipeline.virtual_lab.person.steps import schedule
 from pipeline.virtual_lab.person.subject import Person, VirtualSubject, make_subject
@@ -45,7 +46,7 @@ class Truth:
     subject
         Who walk.
     motion
-        The coordinates as functions of time, 46 columns [rad, m].
+        All coordinates as functions of time, 55 columns [rad, m].
     time
         Frame times, (T,) [s].
     q
@@ -79,8 +80,8 @@ def simulate_trial(
     path
         C3D file to write: 46 markers at 100 Hz, two plates at 1000 Hz.
     person
-        Who walks; by default a man of 74.6 kg and 1.78 m. The body is the one that `build_body`
-        finds in the T-pose.
+        Who walks; by default a man of 74.6 kg and 1.78 m. The body is the one that the markers of
+        the T-pose suggest.
     duration_s
         Length of the trial [s]; the belts run at full speed after 6 s.
     speed_mps
@@ -104,7 +105,7 @@ def simulate_trial(
     frames = np.arange(round(duration_s * FRAME_HZ)) / FRAME_HZ
     q = walk.motion.at(frames)
     cameras = CameraFaults(noise_m=marker_noise_m, gaps_per_minute=0.0)
-    markers = measure_markers(marker_positions(subject.body, q), cameras, rng, FRAME_HZ)
+    markers = measure_markers(marker_positions(subject.skeleton, q.T), cameras, rng, FRAME_HZ)
     time = np.arange(round(duration_s * ANALOG_HZ)) / ANALOG_HZ
     plate = ForcePlate(noise=plate_noise_n * np.repeat([1.0, MOMENT_NOISE_M], 3))
     wrenches = plate_wrenches(walk, foot_wrenches(walk, time), time)
@@ -114,14 +115,14 @@ def simulate_trial(
     ]
     write_c3d(
         path,
-        Markers(frames, subject.body.markers, markers),
+        Markers(frames, subject.skeleton.markers, markers),
         plates,
         metadata=Metadata(
             subject=subject.person.name,
             mass_kg=subject.person.mass_kg,
             height_m=subject.person.height_m,
-            marker_set=subject.body.marker_set.name,
+            marker_set=subject.marker_set,
         ),
     )
     feet = foot_wrenches(walk, frames)
-    return Truth(subject, walk.motion, frames, q, feet["left"], feet["right"])
+    return Truth(subject, walk.motion, frames, q[:, :N_Q], feet["left"], feet["right"])

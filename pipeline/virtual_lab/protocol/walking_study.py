@@ -7,8 +7,7 @@ from typing import Final
 import pandas as pd
 from joblib import delayed
 
-from hbm.coordinates import COORDINATES
-from hbm.kernels.native import kernels
+from hbm.coordinates import COORDINATES, N_Q
 from hbm.spatial import Array, shift_wrench
 from pipeline.config.study import SIMULATED
 from pipeline.io.c3d.write import write_c3d
@@ -84,7 +83,6 @@ def simulate_study(
         for condition in sorted(protocol.conditions, key=protocol.duration, reverse=True)
         if not wanted.isdisjoint(trial_names(PERSONS[number], condition))
     ]
-    kernels()  # compiled once before the processes start
     for done, name in enumerate(in_processes(tasks, jobs), start=1):
         if progress is not None:
             progress(name, done, len(tasks))
@@ -114,26 +112,23 @@ def truth_table(trial: WalkingTrial) -> pd.DataFrame:
     Returns
     -------
     pd.DataFrame
-        At the markers' times: ``time``; the 46 coordinates [rad, m]; ``left_fx`` to ``right_mz``,
-        the wrenches on the feet, lab axes about the lab origin; ``artefact_1_fx`` to
-        ``artefact_2_mz``, what the plates' load cells carry of the treadmill itself (all that they
-        carry, less the person's load), in the moving platform's frame about its origin;
-        ``residual_fx`` to ``residual_mz``, the residual of the equations of motion about mid-hip;
-        ``sway`` [m] and ``pitch`` [rad] of the platform.
+        At the markers' times: ``time``; the 46 coordinates [rad, m], the trunk's those of the
+        lumbar joint; ``left_fx`` to ``right_mz``, the wrenches on the feet, lab axes about the lab
+        origin; ``artefact_1_fx`` to ``artefact_2_mz``, what the plates' load cells carry of the
+        treadmill itself (all that they carry, less the person's load), in the moving platform's
+        frame about its origin; ``residual_fx`` to ``residual_mz``, the residual of the equations of
+        motion about mid-hip; ``sway`` [m] and ``pitch`` [rad] of the platform.
     """
     motion, walk = trial.motion, trial.walk
     time = motion.time[::SAMPLES_PER_FRAME]
-    q = walk.motion.at(time)
+    q = walk.motion.at(time)[:, :N_Q]
     feet = foot_wrenches(walk, time)
     columns: dict[str, Array] = {"time": time} | dict(zip(COORDINATES, q.T, strict=True))
     for side, wrench in feet.items():
         columns |= _named(side, wrench)
     for number, wrench in enumerate(trial.response.artefacts, start=1):
         columns |= _named(f"artefact_{number}", wrench[::SAMPLES_PER_FRAME])
-    state = [walk.motion.at(time, k) for k in range(3)]
-    body = walk.subject.body
-    required = kernels().newton_euler(*state, body.geometry, body.inertia_vector)[1]
-    residual = shift_wrench(required - feet["left"] - feet["right"], q[:, :3])
+    residual = shift_wrench(walk.ground.at(time) - feet["left"] - feet["right"], q[:, :3])
     columns |= _named("residual", residual)
     columns["sway"], columns["pitch"] = (
         x[0][::SAMPLES_PER_FRAME] for x in (motion.platform.sway, motion.platform.pitch)

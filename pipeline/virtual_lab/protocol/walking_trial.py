@@ -7,7 +7,7 @@ import numpy as np
 from compensation.signals.protocol import pitch_and_sway_signals
 from compensation.signals.signal import Signal, resample_signal
 from pipeline.io.recording import Recording
-from pipeline.virtual_lab.machine.actuators import drive_belt, move_platform
+from pipeline.virtual_lab.machine.actuators import move_platform
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, SAMPLES_PER_FRAME
 from pipeline.virtual_lab.machine.platform import platform_trajectory
 from pipeline.virtual_lab.machine.treadmill import BeltRamp, Machine, TreadmillMotion
@@ -15,7 +15,6 @@ from pipeline.virtual_lab.machine.vibration import Response
 from pipeline.virtual_lab.person.steps import schedule
 from pipeline.virtual_lab.person.subject import VirtualSubject, make_subject
 from pipeline.virtual_lab.person.walk import Walk, simulate_walk
-from pipeline.virtual_lab.protocol.calibration_trial import roller_angles
 from pipeline.virtual_lab.protocol.instrumented_treadmill import (
     InstrumentedTreadmill,
     person_loads,
@@ -65,6 +64,7 @@ def study_subject(setting: Setting, number: int) -> VirtualSubject:
         individuality=protocol.individuality,
         variability=protocol.variability,
         faults=setting.faults.body,
+        forward_m=protocol.place_forward_m,
         rng=np.random.default_rng((setting.seed, number)),
     )
 
@@ -97,7 +97,7 @@ def run_trial(
     walk, motion = run_walk(setting, treadmill.machine, subject, number, condition)
     name = recording_name(subject.person, condition)
     noise = np.random.default_rng((setting.seed, number, CONDITIONS.index(condition), 1))
-    response = undergo(treadmill, motion, person_loads(walk, motion.time))
+    response = undergo(treadmill, motion, noise.spawn(1)[0], person_loads(walk, motion.time))
     recording = record(treadmill, motion, walk, name, noise, response)
     return WalkingTrial(walk, motion, response, recording)
 
@@ -123,9 +123,7 @@ def run_walk(
     pitch = pitch_command(protocol, time) if condition == "pitch" else np.zeros(len(time))
     platform = move_platform(machine, sway_command(onsets, directions, time), pitch, ANALOG_HZ)
     belt = BeltRamp(protocol.speed_mps, protocol.standing_s, protocol.starting_s)
-    motion = TreadmillMotion(
-        time, platform, belt.speed(time), onsets, roller_angles(rng.spawn(1)[0])
-    )
+    motion = TreadmillMotion(time, platform, belt.speed(time), onsets)
     trajectory = platform_trajectory(platform, ANALOG_HZ)
     return simulate_walk(subject, steps, belt, trajectory, duration, rng), motion
 
@@ -161,9 +159,8 @@ def run_signal(
         )
     )
     platform = move_platform(treadmill.machine, sway, pitch, ANALOG_HZ)
-    speed = drive_belt(treadmill.machine, belt_speed, ANALOG_HZ)
     time = np.arange(len(sway)) / ANALOG_HZ
-    motion = TreadmillMotion(time, platform, speed, np.empty(0), roller_angles(rng.spawn(1)[0]))
+    motion = TreadmillMotion(time, platform, belt_speed, np.empty(0))
     return record(treadmill, motion, None, f"{signal.name}.c3d", rng)
 
 

@@ -14,7 +14,6 @@ from pipeline.run.load import collect
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import residual_table
-from pipeline.virtual_lab.machine.artefacts import treadmill_wrenches
 from pipeline.virtual_lab.protocol import walking_protocol
 from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
@@ -49,7 +48,7 @@ def without_artefact(out):
     """RMS residuals of the same recordings when what the treadmill adds is known and removed."""
     study, setting = read_study(out / "study"), Setting(protocol=PROTOCOL)
     treadmill = make_treadmill(setting.faults, setting.seed)
-    late = setting.faults.plates.delay_s
+    delays = setting.faults.plates.delays_s
     lab = Laboratory(study.file.treadmill.model_copy(update={"calibration": None}))
     tables = []
     for number, (name, subject) in enumerate(study.subjects.items()):
@@ -57,10 +56,8 @@ def without_artefact(out):
         for condition in PROTOCOL.conditions:
             trial = run_trial(setting, treadmill, virtual, number, condition)
             plates = []
-            for plate, added in zip(
-                trial.recording.plates,
-                treadmill_wrenches(treadmill.machine, trial.motion),
-                strict=True,
+            for plate, added, late in zip(
+                trial.recording.plates, trial.response.artefacts, delays, strict=True
             ):
                 seen = [np.interp(plate.time - late, plate.time, column) for column in added.T]
                 wrench = plate.wrench_in_plate - shift_wrench(np.transpose(seen), plate.center)

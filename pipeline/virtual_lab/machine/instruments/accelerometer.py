@@ -11,8 +11,10 @@ from pipeline.virtual_lab.faults import AccelerometerFaults
 from pipeline.virtual_lab.machine.instruments.sampling import (
     Clock,
     add_noise,
+    chunks,
+    folded,
     noise_sd_at,
-    quantised,
+    quantise,
 )
 
 PLACES_M: Final = {
@@ -49,6 +51,9 @@ class Accelerometer:
         Reading too large by this share of ``limit`` there, growing with its square, (3,).
     drift
         Change of the offset, (3,) [m/s² per s].
+    alias
+        Root mean square of interference from above half the sampling rate [m/s²]; in each recording
+        and channel some of it.
     bits
         Of its converter over ``limit`` either way; 0 for a perfect one.
     clock
@@ -63,6 +68,7 @@ class Accelerometer:
     limit: float = np.inf
     curvature: Array = field(default_factory=lambda: np.zeros(3))
     drift: Array = field(default_factory=lambda: np.zeros(3))
+    alias: float = 0.0
     bits: int = 0
     clock: Clock = field(default_factory=Clock)
 
@@ -71,16 +77,25 @@ class Accelerometer:
 
         White noise keeps its density at any sampling rate; the drift counts from the first sample.
         """
-        (of_clock,) = rng.spawn(1)
+        of_clock, of_alias = rng.spawn(2)
         measured = self.clock.sample(specific_force, rate_hz, of_clock) @ self.sensitivity.T
-        if self.curvature.any():
-            measured += self.curvature / self.limit * measured**2
-        measured += self.offset
-        if self.drift.any():
-            measured += (np.arange(len(measured)) / rate_hz)[:, None] * self.drift
-        add_noise(measured, noise_sd_at(self.noise, rate_hz), rng)
-        np.clip(measured, -self.limit, self.limit, out=measured)
-        return quantised(measured, self.limit, self.bits)
+        noise = noise_sd_at(self.noise, rate_hz)
+        time = np.arange(len(measured))[:, None] / rate_hz
+        alias = self.alias * of_alias.standard_normal(3)
+        tone = folded(len(measured), of_alias)[:, None] if self.alias else None
+        for part in chunks(len(measured)):
+            here = measured[part]
+            if self.curvature.any():
+                here += self.curvature / self.limit * here**2
+            here += self.offset
+            if self.drift.any():
+                here += time[part] * self.drift
+            if tone is not None:
+                here += tone[part] * alias
+            add_noise(here, noise, rng)
+            np.clip(here, -self.limit, self.limit, out=here)
+            quantise(here, self.limit, self.bits)
+        return np.asarray(measured)
 
 
 def make_accelerometers(
@@ -122,6 +137,7 @@ def make_accelerometers(
                 limit=faults.range_g * GRAVITY_MPS2,
                 curvature=faults.curvature * rng.normal(size=3),
                 drift=faults.drift_mps2_per_min / 60 * rng.normal(size=3),
+                alias=faults.alias_mps2,
                 bits=faults.bits,
                 clock=clock,
             )

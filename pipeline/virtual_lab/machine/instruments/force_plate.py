@@ -11,8 +11,10 @@ from pipeline.virtual_lab.faults import PlateFaults
 from pipeline.virtual_lab.machine.instruments.sampling import (
     Clock,
     add_noise,
+    chunks,
+    folded,
     noise_sd_at,
-    quantised,
+    quantise,
     wander,
 )
 
@@ -53,6 +55,9 @@ class ForcePlate:
         Standard deviation of a zero that wanders, (6,) [N, N·m].
     zero_shift
         Standard deviation of the zero from recording to recording, (6,) [N, N·m].
+    alias
+        Root mean square of interference from above half the sampling rate, (6,) [N, N·m]; in each
+        recording some of it.
     bits
         Of its converter over `FULL_SCALE_N` either way; 0 for a perfect one.
     clock
@@ -67,6 +72,7 @@ class ForcePlate:
     noise: Array = field(default_factory=lambda: np.zeros(6))
     wander: Array = field(default_factory=lambda: np.zeros(6))
     zero_shift: Array = field(default_factory=lambda: np.zeros(6))
+    alias: Array = field(default_factory=lambda: np.zeros(6))
     bits: int = 0
     clock: Clock = field(default_factory=Clock)
 
@@ -87,18 +93,28 @@ class ForcePlate:
         Array
             (N, 6) [N, N·m], about the same point.
         """
-        of_clock, of_zero, of_wander = rng.spawn(3)
-        time = np.arange(len(wrench)) / rate_hz
+        of_clock, of_zero, of_wander, of_alias = rng.spawn(4)
         measured = self.clock.sample(wrench, rate_hz, of_clock) @ self.gain.T
-        if self.curvature:
-            measured[:, 2] += self.curvature * measured[:, 2] ** 2 / self.full_scale_n
         zero = self.offset + self.zero_shift * of_zero.standard_normal(6)
-        if zero.any() or self.drift.any():
-            measured += zero + time[:, None] * self.drift
-        if self.wander.any():
-            measured += wander(time, 6, of_wander) * self.wander
-        add_noise(measured, noise_sd_at(self.noise, rate_hz), rng)
-        return quantised(measured, FULL_SCALE_N * ERROR_SCALE, self.bits)
+        noise = noise_sd_at(self.noise, rate_hz)
+        time = np.arange(len(wrench))[:, None] / rate_hz
+        wandering = wander(len(wrench), rate_hz, 6, of_wander) if self.wander.any() else None
+        alias = self.alias * of_alias.standard_normal(6)
+        tone = folded(len(wrench), of_alias)[:, None] if self.alias.any() else None
+        for part in chunks(len(wrench)):
+            here = measured[part]
+            if self.curvature:
+                here[:, 2] += self.curvature / self.full_scale_n * here[:, 2] ** 2
+            here += zero
+            if self.drift.any():
+                here += time[part] * self.drift
+            if wandering is not None:
+                here += wandering[part] * self.wander
+            if tone is not None:
+                here += tone[part] * alias
+            add_noise(here, noise, rng)
+            quantise(here, FULL_SCALE_N * ERROR_SCALE, self.bits)
+        return np.asarray(measured)
 
 
 def make_force_plate(
@@ -130,6 +146,7 @@ def make_force_plate(
         noise=np.repeat([faults.force_noise_n, faults.moment_noise_nm], 3),
         wander=faults.wander_n * ERROR_SCALE,
         zero_shift=faults.zero_shift_n * ERROR_SCALE,
+        alias=faults.alias_n * ERROR_SCALE,
         bits=faults.bits,
         clock=clock or Clock(faults.delay_s),
     )

@@ -1,5 +1,6 @@
 """What all instruments have in common: when they sample, how finely, and their noise."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -74,8 +75,8 @@ def interpolated(values: Array, position: Array) -> Array:
         (K, C); at a sample exactly that.
     """
     last, found = len(values) - 1, np.empty((len(position), values.shape[1]))
-    for start in range(0, len(position), CHUNK_SAMPLES):
-        here = np.clip(position[start : start + CHUNK_SAMPLES], 0, last)
+    for part in chunks(len(position)):
+        here = np.clip(position[part], 0, last)
         below = np.minimum(here.astype(int), max(last - 1, 0))
         f = here - below
         weights = (
@@ -87,7 +88,7 @@ def interpolated(values: Array, position: Array) -> Array:
         total = np.zeros((len(here), values.shape[1]))
         for k, weight in enumerate(weights):
             total += weight[:, None] * values[np.clip(below + k - 1, 0, last)]
-        found[start : start + CHUNK_SAMPLES] = total
+        found[part] = total
     return found
 
 
@@ -127,28 +128,44 @@ def add_noise(values: Array, sd: Array | float, rng: np.random.Generator) -> Non
     if not np.any(sd):
         return
     drawn = np.empty((min(CHUNK_SAMPLES, len(values)), values.shape[1]))
-    for start in range(0, len(values), CHUNK_SAMPLES):
-        part = values[start : start + CHUNK_SAMPLES]
-        rng.standard_normal(out=drawn[: len(part)])
-        part += drawn[: len(part)] * sd
+    for part in chunks(len(values)):
+        here = values[part]
+        noise = rng.standard_normal(out=drawn[: len(here)])
+        noise *= sd
+        here += noise
 
 
-def wander(time: Array, channels: int, rng: np.random.Generator) -> Array:
+def wander(count: int, rate_hz: float, channels: int, rng: np.random.Generator) -> Array:
     """Draw zeros that wander below `WANDER_HZ`, with standard deviation 1, (N, channels)."""
-    count = int(np.ceil((time[-1] - time[0]) * WANDER_UPDATE_HZ)) + 2
+    step = max(round(rate_hz / WANDER_UPDATE_HZ), 1)
     kept = np.exp(-2 * np.pi * WANDER_HZ / WANDER_UPDATE_HZ)
-    drawn = rng.standard_normal((count, channels))
+    drawn = rng.standard_normal((count // step + 2, channels))
     drawn[1:] *= np.sqrt(1 - kept**2)
-    drawn = lfilter([1.0], [1.0, -kept], drawn, axis=0)
-    at = (time - time[0]) * WANDER_UPDATE_HZ
-    below = at.astype(int)
-    share = (at - below)[:, None]
-    return np.asarray(drawn[below] * (1 - share) + drawn[below + 1] * share)
+    drawn = np.asarray(lfilter([1.0], [1.0, -kept], drawn, axis=0))
+    share = np.arange(step)[:, None] / step
+    between = drawn[:-1, None] + share * np.diff(drawn, axis=0)[:, None]
+    return np.asarray(between.reshape(-1, channels)[:count])
 
 
-def quantised(values: Array, largest: Array | float, bits: int) -> Array:
-    """Give readings as a converter reports them, in steps of its range; 0 bits: as they are."""
+def quantise(values: Array, largest: Array | float, bits: int) -> None:
+    """Round readings in place to the steps of a converter's range; 0 bits: not at all."""
     if bits == 0:
-        return values
+        return
     step = np.asarray(largest) / 2 ** (bits - 1)
-    return np.asarray(np.rint(values / step) * step)
+    values /= step
+    np.rint(values, out=values)
+    values *= step
+
+
+def folded(count: int, rng: np.random.Generator) -> Array:
+    """Draw interference from above half the sampling rate, with root mean square 1, (N,).
+
+    Sampled without a filter it appears as a tone at any frequency below that.
+    """
+    frequency, phase = rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
+    return np.asarray(np.sqrt(2) * np.sin(frequency * np.arange(count) + phase))
+
+
+def chunks(count: int) -> Iterator[slice]:
+    """Give the parts of so many samples that are treated at a time."""
+    return (slice(start, start + CHUNK_SAMPLES) for start in range(0, count, CHUNK_SAMPLES))

@@ -1,4 +1,4 @@
-"""Channels that the treadmill's controller streams to the recorder: belt speed, platform."""
+"""Channels that the treadmill's controller streams to the recorder: belt speed and platform."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -26,7 +26,7 @@ class Stream:
     doubled_per_minute
         How often a value is repeated instead of read anew.
     held
-        Whether a value stays until the next; else the recorder draws lines between them.
+        Whether a value stays until the next; else the channel goes on between its instants.
     """
 
     delay_s: float = 0.0

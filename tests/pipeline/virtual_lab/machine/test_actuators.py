@@ -1,9 +1,9 @@
-"""Actuators: platform and belts follow their commands as critically damped systems can."""
+"""Actuators: the platform follows its commands as critically damped systems can."""
 
 import numpy as np
 import pytest
 
-from pipeline.virtual_lab.machine.actuators import drive_belt, move_platform
+from pipeline.virtual_lab.machine.actuators import move_platform
 from pipeline.virtual_lab.machine.treadmill import Machine
 from pipeline.virtual_lab.protocol.walking_protocol import SWAY_MPS, sway_command
 
@@ -37,15 +37,3 @@ def test_sway_reaches_its_speed_and_stays_within_the_assumed_acceleration():
     assert motion.sway[1].max() == pytest.approx(SWAY_MPS, rel=0.02)
     assert motion.sway[2].max() == pytest.approx(5.0, rel=0.1)
     assert motion.sway[0][-1] == pytest.approx(0.05, abs=1e-6)
-
-
-def test_a_belt_follows_its_command_late_and_does_not_overshoot():
-    time = np.arange(3000) / RATE_HZ
-    command = np.where(time > 1, 2.0, 1.0)
-    speed = drive_belt(Machine(), command, RATE_HZ)
-    assert speed[:1000] == pytest.approx(1.0)
-    assert speed.max() <= 2.0 + 1e-9
-    reached = time[np.searchsorted(speed, 1.9)] - 1.0
-    assert 0.5 / Machine().servo_hz < reached < 1.0 / Machine().servo_hz
-    late = drive_belt(Machine(), time, RATE_HZ)
-    assert time[-1] - late[-1] == pytest.approx(2 / (2 * np.pi * Machine().servo_hz), rel=1e-3)

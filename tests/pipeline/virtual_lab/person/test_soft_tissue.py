@@ -3,21 +3,34 @@
 import numpy as np
 import pytest
 
+from hbm.coordinates import INDEX, N_Q
 from pipeline.virtual_lab.faults import CameraFaults
-from pipeline.virtual_lab.person.soft_tissue import SKIN_RMS_M, displace_markers
+from pipeline.virtual_lab.person.soft_tissue import (
+    DRIVEN_SHARE,
+    DRIVERS,
+    SKIN_RMS_M,
+    displace_markers,
+)
 
 STRIDE_FRAMES = 108
 
 
-def displacement(segment, frames, markers, seed, *, standing=False):
+def strides(frames):
+    """Give coordinates that swing with the gait cycle, each in its own way, (46, T)."""
+    phase = 2 * np.pi * np.arange(frames) / STRIDE_FRAMES
+    k = np.arange(N_Q)[:, None]
+    return np.cos(phase + k) + 0.5 * np.cos(2 * phase + k**2)
+
+
+def displacement(segment, frames, markers, seed, *, standing=False, scale=1.0):
     """Displace markers at the origin of a segment that does not rotate."""
-    phase = np.zeros(frames) if standing else np.arange(frames) / STRIDE_FRAMES
     return displace_markers(
         np.zeros((frames, markers, 3)),
         (segment,) * markers,
         {segment: np.tile(np.eye(3), (frames, 1, 1))},
-        phase,
-        CameraFaults(),
+        strides(frames),
+        np.zeros(frames) if standing else np.ones(frames),
+        CameraFaults(skin_scale=scale),
         np.random.default_rng(seed),
         100.0,
     )
@@ -43,3 +56,16 @@ def test_markers_of_a_segment_move_partly_together():
     assert rms(moved) == pytest.approx(0.009, rel=0.25)
     together = np.corrcoef(moved[:, 0, 0], moved[:, 1, 0])[0, 1]
     assert 0.2 < abs(together) < 0.95
+
+
+def test_the_artefact_follows_the_angles_of_the_joints_at_both_ends():
+    moved = displacement("right_thigh", 6000, 1, seed=3)[:, 0]
+    drivers = strides(6000)[[INDEX["R" + name] for name in DRIVERS["thigh"]]]
+    fitted = drivers.T @ np.linalg.lstsq(drivers.T, moved)[0]
+    explained = 1 - np.var(moved - fitted, axis=0).sum() / np.var(moved, axis=0).sum()
+    assert explained == pytest.approx(DRIVEN_SHARE, abs=0.08)
+
+
+def test_the_scale_changes_the_size_and_nothing_else():
+    full, half = (displacement("left_shank", 500, 3, seed=5, scale=s) for s in (1.0, 0.5))
+    np.testing.assert_allclose(half, full / 2)

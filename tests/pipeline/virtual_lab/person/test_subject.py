@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from hbm.body import build_body
+from hbm.kinematics import solve_ik
 from hbm.markers import Markers, marker_sets
-from hbm.poses import marker_positions
 from hbm.segments import SEXES
+from pipeline.virtual_lab.analysis.true_body import t_pose_markers, true_body
 from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
 from pipeline.virtual_lab.person.subject import Person, make_subject
@@ -48,51 +49,101 @@ def test_an_unknown_marker_is_refused_by_name():
 
 
 @pytest.mark.parametrize("marker_set", ["hbm2", "hbm1"])
-def test_without_faults_the_body_is_the_one_built_from_the_markers(marker_set):
-    subject = make_subject(Person(), marker_set=marker_set, individuality=1.0)
-    markers = marker_positions(subject.body, subject.t_pose[None].repeat(20, axis=0))
+@pytest.mark.parametrize("number", [0, 4, 8])
+def test_the_laboratory_s_own_body_is_the_one_that_the_production_builds_from_its_markers(
+    marker_set, number
+):
+    """Of two separate statements of one model, with different people."""
+    subject = make_subject(
+        PERSONS[number],
+        marker_set=marker_set,
+        individuality=1.0,
+        rng=np.random.default_rng(number),
+    )
+    person, skeleton = subject.person, subject.skeleton
     built = build_body(
-        Markers(np.arange(20) / 100, subject.body.markers, markers),
-        mass=74.6,
-        sex="male",
-        height_m=1.78,
+        Markers(np.arange(3.0), skeleton.markers, t_pose_markers(subject)[None].repeat(3, axis=0)),
+        mass=person.mass_kg,
+        sex=person.sex,
+        height_m=person.height_m,
         marker_set=marker_set,
     )
-    np.testing.assert_allclose(built.geometry, subject.body.geometry, atol=1e-9)
-    np.testing.assert_allclose(built.inertia_vector, subject.body.inertia_vector, atol=1e-9)
+    true = true_body(subject)
+    np.testing.assert_allclose(built.geometry, true.geometry, atol=1e-9)
+    np.testing.assert_allclose(built.inertia_vector, true.inertia_vector, atol=1e-9)
+    np.testing.assert_allclose(built.marker_position, true.marker_position, atol=1e-9)
+
+
+def test_the_t_pose_has_the_joint_angles_that_the_production_finds():
+    subject = make_subject(Person(), individuality=1.0, rng=np.random.default_rng(2))
+    body = true_body(subject)
+    markers = Markers(np.arange(2.0), body.markers, t_pose_markers(subject)[None].repeat(2, axis=0))
+    np.testing.assert_allclose(solve_ik(body, markers).q[0], subject.t_pose, atol=1e-9)
+
+
+VARIED = BodyFaults(same_body=True)
 
 
 def test_a_varied_body_has_the_same_mass_and_the_same_markers_in_the_t_pose():
     plain = make_subject(Person(), rng=np.random.default_rng(5))
-    varied = make_subject(Person(), faults=BodyFaults(), rng=np.random.default_rng(5))
-    total = [sum(part.mass for part in w.body.segments.values()) for w in (plain, varied)]
-    assert total[1] == pytest.approx(total[0])
-    q = plain.t_pose[None]
-    np.testing.assert_allclose(
-        marker_positions(varied.body, q), marker_positions(plain.body, q), atol=1e-9
-    )
-    assert np.abs(varied.body.geometry - plain.body.geometry).max() > 0.005
+    for faults in (VARIED, BodyFaults(sole_m=0.0)):
+        varied = make_subject(Person(), faults=faults, rng=np.random.default_rng(5))
+        assert varied.skeleton.mass == pytest.approx(plain.skeleton.mass)
+        np.testing.assert_allclose(t_pose_markers(varied), t_pose_markers(plain), atol=1e-9)
+        offsets = (np.concatenate(list(w.skeleton.offsets.values())) for w in (varied, plain))
+        assert np.abs(np.subtract(*offsets)).max() > 0.005
+
+
+def test_masses_vary_by_their_share():
+    plain = make_subject(Person(), rng=np.random.default_rng(5))
+    varied = make_subject(Person(), faults=VARIED, rng=np.random.default_rng(5))
     heavier = [
-        varied.body.segments[s].mass / part.mass - 1
-        for s, part in plain.body.segments.items()
+        varied.skeleton.inertias[s].mass / part.mass - 1
+        for s, part in plain.skeleton.inertias.items()
         if part.mass > 0.1
     ]
     assert 0.02 < np.std(heavier) < 0.12
 
 
 def test_hip_centres_vary_as_published():
-    spread = []
-    for seed in range(20):
-        subject = make_subject(Person(), faults=BodyFaults(), rng=np.random.default_rng(seed))
-        plain = make_subject(Person(), rng=np.random.default_rng(seed))
-        spread.append(subject.body.offsets["right_thigh"] - plain.body.offsets["right_thigh"])
+    plain = make_subject(Person()).skeleton.offsets["right_thigh"]
+    spread = [
+        make_subject(Person(), faults=VARIED, rng=np.random.default_rng(seed)).skeleton.offsets[
+            "right_thigh"
+        ]
+        - plain
+        for seed in range(20)
+    ]
     assert np.std(spread) == pytest.approx(0.008, rel=0.3)
 
 
-def test_a_body_without_faults_is_unchanged():
-    subject = make_subject(Person(), faults=Faults.none().body, rng=np.random.default_rng(3))
-    plain = make_subject(Person(), rng=np.random.default_rng(3))
-    np.testing.assert_array_equal(subject.body.geometry, plain.body.geometry)
+def test_another_body_has_shoes_a_joint_in_the_mid_trunk_and_wobbling_masses():
+    same, other = (make_subject(Person(), faults=f) for f in (Faults.none().body, BodyFaults()))
+    heel = same.skeleton.markers.index("RHEE")
+    higher = t_pose_markers(other)[heel, 2] - t_pose_markers(same)[heel, 2]
+    assert higher == pytest.approx(BodyFaults().sole_m)
+    assert not same.wobbling
+    assert np.linalg.norm(same.skeleton.offsets["thorax"]) == 0
+    assert {mass.segment.rpartition("_")[2] for mass in other.wobbling} == {
+        *("thigh", "shank", "thorax", "trunk")
+    }
+    assert 0.08 < np.linalg.norm(other.skeleton.offsets["thorax"]) < 0.25
+    bare = make_subject(Person(), faults=BodyFaults(shoe_kg=0.0)).skeleton.inertias
+    shod = other.skeleton.inertias
+    lighter = 1 - 2 * BodyFaults().shoe_kg / Person().mass_kg
+    assert shod["head"].mass / bare["head"].mass == pytest.approx(lighter)
+
+
+def test_switching_one_difference_off_leaves_the_others():
+    drawn = [
+        make_subject(Person(), individuality=1.0, faults=faults, rng=np.random.default_rng(3))
+        for faults in (BodyFaults(), BodyFaults(joint_scale=0.0, mass_share=0.0, wobble_scale=0.0))
+    ]
+    np.testing.assert_array_equal(drawn[0].skeleton.axes, drawn[1].skeleton.axes)
+    np.testing.assert_array_equal(
+        drawn[0].extra_joints.spine_share, drawn[1].extra_joints.spine_share
+    )
+    np.testing.assert_array_equal(drawn[0].style.offset, drawn[1].style.offset)
 
 
 def test_subjects_differ_and_are_reproducible():
@@ -100,6 +151,6 @@ def test_subjects_differ_and_are_reproducible():
         make_subject(Person(), individuality=1.0, rng=np.random.default_rng(seed))
         for seed in (1, 1, 2)
     )
-    np.testing.assert_array_equal(first.body.geometry, again.body.geometry)
-    assert np.abs(first.body.geometry - other.body.geometry).max() > 0.002
+    np.testing.assert_array_equal(first.skeleton.marker_position, again.skeleton.marker_position)
+    assert np.abs(first.skeleton.marker_position - other.skeleton.marker_position).max() > 0.002
     assert first.step_parameters != other.step_parameters

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from hbm.coordinates import COORDINATES, INDEX
+from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
 from pipeline.virtual_lab.person.balance import balanced, in_lab, pressure_on_platform
-from pipeline.virtual_lab.person.dynamics import ground_wrench, segment_poses
+from pipeline.virtual_lab.person.body.kinematics import segment_poses
+from pipeline.virtual_lab.person.body.momentum import center_of_mass
+from pipeline.virtual_lab.person.body.skeleton import ALL_COORDINATES, COLUMN
 from pipeline.virtual_lab.person.gait_pattern import posture
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
 from pipeline.virtual_lab.person.sole import SIDES, orientation, rolled
@@ -42,12 +44,14 @@ def angles(walked):
 
 
 @pytest.mark.parametrize("title", ANGLES)
-def test_joint_angles_of_every_subject_are_within_two_standard_deviations_of_the_norms(
+def test_joint_angles_are_as_often_within_two_standard_deviations_as_those_of_healthy_people(
     norms, angles, title
 ):
+    """Who are so at 95 % of all instants; no subject is outside for more than a fifth."""
     band = norms[title]
     within_band = np.abs(angles[title] - band.mean) < 2 * band.sd
-    assert (within_band.mean(axis=1) > 0.95).all()
+    assert within_band.mean() > 0.95
+    assert (within_band.mean(axis=1) > 0.8).all()
 
 
 @pytest.mark.parametrize("title", ANGLES)
@@ -87,11 +91,13 @@ def test_vertical_force_has_two_peaks(walked, subject):
     assert valley < min(first, second) - 0.15
 
 
-@pytest.mark.parametrize("subject", SUBJECTS)
-def test_the_leading_foot_brakes_and_the_trailing_foot_pushes(walked, subject):
-    forward = force_curves(walked(subject)[0])["forward"]
-    assert -0.3 <= forward[:30].min() <= -0.1
-    assert 0.1 <= forward[30:62].max() <= 0.3
+def test_the_leading_foot_brakes_and_the_trailing_foot_pushes(walked):
+    """By about a quarter of body weight on average, and nobody by more than a third."""
+    forward = np.array([force_curves(walked(subject)[0])["forward"] for subject in SUBJECTS])
+    braking, propulsion = -forward[:, :30].min(axis=1), forward[:, 30:62].max(axis=1)
+    for peak in (braking, propulsion):
+        assert 0.15 <= peak.mean() <= 0.3
+        assert ((peak > 0.1) & (peak < 1 / 3)).all()
 
 
 @pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
@@ -102,13 +108,11 @@ def test_the_centre_of_pressure_is_under_the_stance_foot_in_single_support(
     walk, _ = walked(subject, condition)
     time = steady(walk)
     pose = walk.platform.pose(time)
-    pressure = in_lab(
-        pressure_on_platform(ground_wrench(walk.subject, walk.motion, time), pose), pose
-    )
-    share, q = walk.placement.left_share(time), walk.motion.at(time)
+    pressure = in_lab(pressure_on_platform(walk.ground.at(time), pose), pose)
+    share, q = walk.placement.left_share(time), walk.motion.at(time).T
     for side, alone in zip(SIDES, (share == 1, share == 0), strict=True):
         sole = walk.placement.soles[side]
-        rotation, ankle = segment_poses(walk.subject, q, [sole.segment])[0]
+        rotation, ankle = segment_poses(walk.subject.skeleton, q, [sole.segment])[0]
         sole_rotation, origin = sole.from_foot(rotation, ankle)
         on_sole = (np.swapaxes(sole_rotation, 1, 2) @ (pressure - origin)[..., None])[..., 0]
         assert within(sole.outline, on_sole[alone, :2]).mean() > 0.95
@@ -119,7 +123,7 @@ def test_both_feet_together_carry_what_the_equations_of_motion_require(walked, c
     walk, _ = walked(0, condition)
     time = steady(walk)[::7]
     feet = foot_wrenches(walk, time)
-    needed = ground_wrench(walk.subject, walk.motion, time)
+    needed = walk.ground.at(time)
     np.testing.assert_allclose(feet["left"] + feet["right"], needed, atol=1e-9)
     np.testing.assert_allclose(
         sum(plate_wrenches(walk, feet, time))[:, :3],
@@ -142,7 +146,7 @@ def test_in_the_t_pose_the_ground_carries_the_weight_alone(walked, subject, cond
     """For a second, from which the mass is determined."""
     walk, _ = walked(subject, condition)
     time = np.arange(100) / 100
-    wrench = ground_wrench(walk.subject, walk.motion, time)
+    wrench = walk.ground.at(time)
     weight = walk.subject.person.mass_kg * GRAVITY_MPS2
     np.testing.assert_allclose(wrench[:, 2], weight, rtol=1e-5)
     np.testing.assert_allclose(wrench[:, :2], 0, atol=0.01)
@@ -150,23 +154,23 @@ def test_in_the_t_pose_the_ground_carries_the_weight_alone(walked, subject, cond
 
 def test_the_force_is_mass_times_acceleration_of_the_centre_of_mass(walked):
     """With the acceleration from positions alone."""
-    from hbm.poses import center_of_mass
-
-    walk, _ = walked(0)
+    walk, _ = walked(0, varied_body=False)
     step = 1e-3
     time = np.arange(15.0, 16.0, step)
-    center = center_of_mass(walk.subject.body, walk.motion.at(time))
+    center = center_of_mass(walk.subject.skeleton, walk.motion.at(time).T)
     acceleration = np.gradient(np.gradient(center, step, axis=0), step, axis=0)[5:-5]
-    mass = sum(part.mass for part in walk.subject.body.segments.values())
+    mass = walk.subject.skeleton.mass
     weight = np.array([0, 0, GRAVITY_MPS2])
-    force = ground_wrench(walk.subject, walk.motion, time)[5:-5, :3]
+    force = walk.ground.at(time)[5:-5, :3]
     np.testing.assert_allclose(force, mass * (acceleration + weight), atol=0.5)
 
 
 def test_every_coordinate_moves(walked):
     walk, _ = walked(0)
     moved = np.ptp(walk.motion.at(steady(walk)), axis=0)
-    assert dict(zip(COORDINATES, moved > 1e-3, strict=True)) == dict.fromkeys(COORDINATES, True)
+    assert dict(zip(ALL_COORDINATES, moved > 1e-3, strict=True)) == dict.fromkeys(
+        ALL_COORDINATES, True
+    )
 
 
 def test_a_stance_foot_stays_on_the_belt(walked):
@@ -175,7 +179,9 @@ def test_a_stance_foot_stays_on_the_belt(walked):
     contact, off = walk.placement.steps.contact[k], walk.placement.steps.off[k]
     flat = np.linspace(contact + 0.25 * (off - contact), contact + 0.45 * (off - contact), 20)
     sole = walk.placement.soles["left"]
-    rotation, ankle = segment_poses(walk.subject, walk.motion.at(flat), [sole.segment])[0]
+    rotation, ankle = segment_poses(walk.subject.skeleton, walk.motion.at(flat).T, [sole.segment])[
+        0
+    ]
     _, origin = sole.from_foot(rotation, ankle)
     on_belt = origin[:, 0] + walk.placement.belt.travelled(flat)
     assert np.ptp(on_belt) < 0.005
@@ -203,7 +209,8 @@ def test_a_perturbed_person_neither_drifts_nor_falls(walked):
     walk, _ = walked(0, "sway")
     q = walk.motion.at(steady(walk))
     assert np.abs(q[:, INDEX["PelvisY"]]).max() < 0.25
-    trunk = q[:, INDEX["PelvisRightRoll"]] + q[:, INDEX["TrunkRightBend"]]
+    bent = sum(q[:, COLUMN[name]] for name in ("TrunkRightBend", "MidTrunkRightBend"))
+    trunk = q[:, INDEX["PelvisRightRoll"]] + bent
     assert np.degrees(np.abs(trunk)).max() < 12
 
 
@@ -212,10 +219,11 @@ def test_the_trunk_stays_upright_on_a_slope_and_the_feet_follow_it(walked):
     time = steady(walk)
     slope = walk.platform.slope(time)
     q = walk.motion.at(time)
-    lean = q[:, INDEX["PelvisForwardPitch"]] + q[:, INDEX["TrunkFlexion"]]
+    bent = sum(q[:, COLUMN[name]] for name in ("TrunkFlexion", "MidTrunkFlexion"))
+    lean = q[:, INDEX["PelvisForwardPitch"]] + bent
     assert np.degrees(np.ptp(slope)) > 15
     assert np.degrees(np.ptp(lean)) < 15
-    foot = segment_poses(walk.subject, q, ["left_foot"])[0][0]
+    foot = segment_poses(walk.subject.skeleton, q.T, ["left_foot"])[0][0]
     share = walk.placement.left_share(time)
     flat = (share == 1) & (np.abs(walk.placement.phase("left", time) % 1 - 0.25) < 0.03)
     tilt = np.arctan2(foot[flat][:, 2, 0], np.hypot(foot[flat][:, 0, 0], foot[flat][:, 1, 0]))
@@ -261,5 +269,5 @@ def test_the_true_residual_about_mid_hip_is_zero_to_rounding(walked):
     walk, _ = walked(7, "pitch")
     time = steady(walk)[::11]
     feet = foot_wrenches(walk, time)
-    left = ground_wrench(walk.subject, walk.motion, time) - feet["left"] - feet["right"]
+    left = walk.ground.at(time) - feet["left"] - feet["right"]
     assert np.abs(shift_wrench(left, walk.motion.at(time)[:, :3])).max() < 1e-9

@@ -43,7 +43,9 @@ def test_familiarisation_is_simulated_and_processed_like_any_other_condition(stu
     rows = results.residuals[results.residuals["condition"] == EXTRA]
     assert rows["window"].unique().tolist() == ["cycle"]
     assert set(rows["compensated"]) == {True, False}
-    assert 0 < rows["rms"].min() < rows["rms"].max() < 50  # nothing moves but the belts
+    assert (
+        0 < rows["rms"].min() < rows["rms"].max() < 100
+    )  # nothing moves but the belts and what people shake
 
 
 def test_the_report_shows_familiarisation_beside_the_baseline(study):

@@ -175,5 +175,5 @@ def test_the_demos_calibration_covers_its_own_perturbations(perturbed, seed):
     assert beyond(perturbed, drawn[DEMO.calibration]) == []
 
 
-def test_random_motion_for_a_minute_covers_neither(perturbed):
-    assert beyond(perturbed, pitch_and_sway_signals(1, 3.0)[0]) == ["sway", "pitch"]
+def test_random_motion_for_a_minute_does_not_cover_sway(perturbed):
+    assert beyond(perturbed, pitch_and_sway_signals(1, 3.0)[0]) == ["sway"]

@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 
+from hbm.signals.filtering import low_pass
 from pipeline.virtual_lab.machine.instruments.sampling import (
     Clock,
     delayed,
+    folded,
     interpolated,
     jitter,
     noise_sd_at,
-    quantised,
+    quantise,
+    wander,
 )
 from pipeline.virtual_lab.machine.instruments.stream import BeltSpeedSensor, Stream
 
@@ -61,10 +64,31 @@ def test_white_noise_keeps_its_density_at_any_sampling_rate():
     assert densities == pytest.approx([2.0**2 / 1000.0] * 3)
 
 
-def test_a_converter_without_bits_changes_nothing():
-    values = rng().normal(size=(50, 3))
-    assert quantised(values, 1.0, 0) is values
-    np.testing.assert_allclose(quantised(values, 4.0, 3), np.rint(values), atol=1e-12)
+def test_a_converter_reports_steps_of_its_range_and_without_bits_everything():
+    true = rng().normal(size=(50, 3))
+    for bits, expected in ((0, true), (3, np.rint(true))):
+        values = true.copy()
+        quantise(values, 4.0, bits)
+        np.testing.assert_allclose(values, expected, atol=1e-12)
+
+
+def test_what_is_folded_from_above_half_the_sampling_rate_is_one_tone_below_it():
+    tones = set()
+    for seed in range(5):
+        tone = folded(4096, np.random.default_rng(seed))
+        assert np.std(tone) == pytest.approx(1.0, rel=0.05)
+        power = np.abs(np.fft.rfft(tone * np.hanning(4096))) ** 2
+        peak = int(np.argmax(power))
+        assert power[max(peak - 3, 0) : peak + 4].sum() > 0.99 * power.sum()
+        tones.add(peak)
+    assert len(tones) == 5
+
+
+def test_a_wandering_zero_is_slow_and_as_large_as_stated():
+    drawn = wander(600_000, RATE_HZ, 6, rng())
+    assert drawn.std() == pytest.approx(1.0, rel=0.1)
+    fast = drawn - low_pass(drawn, RATE_HZ, 10.0, "zero_phase")
+    assert fast.std() < 0.02
 
 
 @pytest.mark.parametrize(("rate_hz", "held"), [(1000.0, 5), (200.0, 1), (100.0, 1)])

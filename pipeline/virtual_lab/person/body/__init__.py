@@ -1,0 +1,1 @@
+"""The laboratory's own bodies: skeleton, inertias, kinematics and momentum."""

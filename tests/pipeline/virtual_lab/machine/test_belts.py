@@ -1,0 +1,91 @@
+"""Both belts: what their plates have to carry, and what shakes the structure."""
+
+import numpy as np
+import pytest
+
+from pipeline.virtual_lab.faults import BeltFaults
+from pipeline.virtual_lab.machine.belts import carried_of_belts, make_drives, run_belts
+from pipeline.virtual_lab.machine.linear_belt import (
+    ROLLER_AHEAD_M,
+    ROLLER_HEIGHT_M,
+    belt_moment,
+    drive_belt,
+)
+from pipeline.virtual_lab.machine.treadmill import Machine
+
+RATE_HZ = 1000.0
+
+
+def linear(command, unbalance=0.0):
+    rng = np.random.default_rng(0)
+    return run_belts(Machine(), None, unbalance, command, RATE_HZ, rng)
+
+
+def test_a_linear_belt_follows_its_command_late_and_does_not_overshoot():
+    time = np.arange(3000) / RATE_HZ
+    command = np.where(time > 1, 2.0, 1.0)
+    speed = drive_belt(Machine(), command, RATE_HZ)
+    assert speed[:1000] == pytest.approx(1.0)
+    assert speed.max() <= 2.0 + 1e-9
+    reached = time[np.searchsorted(speed, 1.9)] - 1.0
+    assert 0.5 / Machine().servo_hz < reached < 1.0 / Machine().servo_hz
+    late = drive_belt(Machine(), time, RATE_HZ)
+    assert time[-1] - late[-1] == pytest.approx(2 / (2 * np.pi * Machine().servo_hz), rel=1e-3)
+
+
+def test_a_linear_belt_at_constant_speed_leaves_no_moment_and_an_accelerating_one_does():
+    acceleration = np.zeros(4000)
+    acceleration[1000:3000] = 2.0
+    moment = belt_moment(Machine(), acceleration, RATE_HZ)
+    assert np.abs(moment[:999]).max() == 0
+    assert moment[2900] == pytest.approx(2 * Machine().belt_moment_kg_m, rel=1e-3)
+
+
+def test_accelerating_balanced_belts_load_their_plates_in_pitch_alone():
+    time = np.arange(2000) / RATE_HZ
+    for wrench in carried_of_belts(linear(1.5 * time)):
+        assert wrench[-1, 4] == pytest.approx(1.5 * Machine().belt_moment_kg_m, rel=1e-3)
+        assert np.abs(np.delete(wrench, 4, axis=1)).max() < 1e-9
+
+
+def test_an_unbalanced_roller_pulls_at_its_axle_with_the_square_of_the_speed():
+    wrenches = carried_of_belts(linear(np.full(3000, 1.7), unbalance=0.2))
+    for wrench, y in zip(wrenches, (0.25, -0.25), strict=True):
+        np.testing.assert_allclose(np.linalg.norm(wrench[:, :3], axis=1), 0.2 * 1.7**2)
+        place = np.array([ROLLER_AHEAD_M, y, ROLLER_HEIGHT_M])
+        np.testing.assert_allclose(wrench[:, 3:], np.cross(place, wrench[:, :3]), atol=1e-12)
+        assert np.abs(wrench[:1000].mean(axis=0)).max() < 0.05  # it turns
+    assert np.abs(wrenches[0][:, 0] - wrenches[1][:, 0]).max() > 0.01  # each by itself
+
+
+def test_each_belt_has_a_motor_of_its_own_and_equal_seeds_give_equal_ones():
+    left, right = make_drives(BeltFaults(), np.random.default_rng(1))
+    assert left != right
+    assert (left, right) == make_drives(BeltFaults(), np.random.default_rng(1))
+    assert make_drives(BeltFaults(drive="linear"), np.random.default_rng(1)) is None
+
+
+def test_a_smooth_motor_without_unbalance_runs_quietly_at_constant_speed():
+    smooth = BeltFaults(roughness=0.0, unbalance_kg_per_m=0.0)
+    drives = make_drives(smooth, np.random.default_rng(1))
+    rng, command = np.random.default_rng(2), np.full(3000, 1.3)
+    quiet = carried_of_belts(run_belts(Machine(), drives, 0.0, command, RATE_HZ, rng))
+    assert np.abs(quiet).max() < 1e-6
+    rough = make_drives(BeltFaults(), np.random.default_rng(1))
+    running = carried_of_belts(
+        run_belts(Machine(), rough, 0.0, command, RATE_HZ, np.random.default_rng(2))
+    )
+    assert all(wrench[:, 4].std() > 0.5 for wrench in running)
+
+
+def test_a_person_who_brakes_on_a_belt_slows_it_and_the_other_runs_on():
+    drives = make_drives(BeltFaults(roughness=0.0), np.random.default_rng(1))
+    people = np.zeros((2, 3000, 6))
+    people[0, 1000:, 2], people[0, 1500:1700, 0] = 700.0, 150.0  # pushed forward: propulsion
+    command = np.full(3000, 1.3)
+    left, right = run_belts(
+        Machine(), drives, 0.3, command, RATE_HZ, np.random.default_rng(2), tuple(people)
+    )
+    assert left.speed[1000:].std() > 0.001
+    assert right.speed.std() < 1e-6
+    assert left.speed[1500:1700].max() > 1.3 + 0.001  # the foot pushes it backwards

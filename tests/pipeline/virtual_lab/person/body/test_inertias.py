@@ -1,0 +1,58 @@
+"""Segment inertias: two published tables, scaled to people."""
+
+import numpy as np
+import pytest
+
+from hbm.segments import SEXES
+from pipeline.virtual_lab.faults import BodyFaults
+from pipeline.virtual_lab.person.body.inertias import PAIRED, table
+from pipeline.virtual_lab.person.subject import Person, make_subject
+
+SOURCES = ("de_leva", "dumas")
+
+
+@pytest.mark.parametrize("sex", SEXES)
+@pytest.mark.parametrize("source", SOURCES)
+def test_the_segments_make_a_whole_body(source, sex):
+    total = sum(row.mass * (2 if name in PAIRED else 1) for name, row in table(source, sex).items())
+    assert total == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("sex", SEXES)
+@pytest.mark.parametrize("source", SOURCES)
+def test_every_tensor_is_one_that_a_rigid_body_can_have(source, sex):
+    """Positive principal moments, none larger than the sum of the others."""
+    for row in table(source, sex).values():
+        low, middle, high = np.linalg.eigvalsh(row.tensor)
+        assert low > 0
+        assert high <= low + middle
+
+
+@pytest.mark.parametrize("sex", ["male", "female"])
+def test_the_two_tables_divide_the_trunk_differently_and_agree_on_the_limbs(sex):
+    one, other = (table(source, sex) for source in SOURCES)
+    trunk = ("pelvis", "mid_trunk", "thorax")
+    assert other["thorax"].mass > 1.5 * one["thorax"].mass
+    together = [sum(rows[s].mass for s in trunk) for rows in (one, other)]
+    assert together[0] == pytest.approx(together[1], abs=0.05)
+    for limb in ("thigh", "shank", "upper_arm"):
+        assert other[limb].mass == pytest.approx(one[limb].mass, rel=0.15)
+
+
+@pytest.mark.parametrize("sex", ["male", "female"])
+def test_centres_of_mass_lie_within_the_body(sex):
+    subject = make_subject(Person(sex=sex), faults=BodyFaults())
+    for segment, part in subject.skeleton.inertias.items():
+        reach = 0.35 if segment in ("thorax", "head") else 0.25
+        assert np.linalg.norm(part.center) < reach, segment
+
+
+def test_both_sides_mirror_each_other_before_they_vary():
+    still = {"joint_scale": 0, "axis_deg": 0, "mass_share": 0, "center_m": 0, "gyration_share": 0}
+    faults = BodyFaults(**still, ankle_scale=0)
+    parts = make_subject(Person(), faults=faults).skeleton.inertias
+    for name in PAIRED:
+        right, left = parts[f"right_{name}"], parts[f"left_{name}"]
+        mirror = np.array([1.0, -1.0, 1.0])
+        np.testing.assert_allclose(left.center * mirror, right.center, atol=1e-9)
+        np.testing.assert_allclose(left.tensor * np.outer(mirror, mirror), right.tensor, atol=1e-9)

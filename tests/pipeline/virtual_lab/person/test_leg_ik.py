@@ -1,0 +1,53 @@
+"""The legs' inverse kinematics: feet where they should be."""
+
+import numpy as np
+import pytest
+
+from hbm.coordinates import COORDINATES, INDEX
+from pipeline.virtual_lab.faults import BodyFaults, Faults
+from pipeline.virtual_lab.person.body.kinematics import segment_poses
+from pipeline.virtual_lab.person.leg_ik import JOINT_WEIGHTS, SoleTarget, solve_legs
+from pipeline.virtual_lab.person.subject import Person, make_subject
+
+FRAMES = 40
+
+
+@pytest.mark.parametrize("faults", [Faults.none().body, BodyFaults()])
+def test_feet_reach_poses_that_the_legs_can_take(faults):
+    """Poses made by known angles, from a start without them; the reference is the truth."""
+    subject = make_subject(Person(), faults=faults, rng=np.random.default_rng(2))
+    rng = np.random.default_rng(0)
+    still = np.zeros(FRAMES)
+    q = np.tile(subject.standing[:, None], FRAMES)
+    legs = [INDEX[side + name] for side in "RL" for name in JOINT_WEIGHTS]
+    q[legs] += rng.uniform(-0.2, 0.2, (len(legs), FRAMES))
+    q[[INDEX["RKneeFlexion"], INDEX["LKneeFlexion"]]] += 0.4
+    full = subject.extra_joints.extend(q, still, still)
+    targets = {}
+    for side, sole in subject.soles.items():
+        ((rotation, ankle),) = segment_poses(subject.skeleton, full, [sole.segment])
+        own, position = sole.from_foot(rotation, ankle)
+        targets[side] = SoleTarget(sole, own, position, np.ones((FRAMES, 4)))
+    start = q.copy()
+    start[legs] += rng.uniform(-0.1, 0.1, (len(legs), FRAMES))
+    found = solve_legs(subject.skeleton, subject.extra_joints, q, targets, start, 1.0, 15)
+    np.testing.assert_allclose(found, q, atol=2e-4)
+
+
+def test_only_legs_and_the_height_of_the_pelvis_are_moved():
+    subject = make_subject(Person())
+    q = np.tile(subject.standing[:, None], FRAMES)
+    targets = {
+        side: SoleTarget(
+            sole,
+            np.tile(np.eye(3), (FRAMES, 1, 1)),
+            np.tile(sole.standing + [0.02, 0.0, 0.03], (FRAMES, 1)),
+            np.ones((FRAMES, 4)),
+        )
+        for side, sole in subject.soles.items()
+    }
+    found = solve_legs(subject.skeleton, subject.extra_joints, q, targets, q, 0.1, 15)
+    free = {"PelvisZ", *(side + name for side in "RL" for name in JOINT_WEIGHTS)}
+    moved = {n for n, d in zip(COORDINATES, np.abs(found - q).max(axis=1), strict=True) if d > 0}
+    assert moved <= free
+    assert (found - q)[INDEX["PelvisZ"], 0] > 0.01
