@@ -25,7 +25,34 @@ ZERO_DEGREES: Final = 3
 """Degrees of freedom that the assumed value is worth beside those that recordings show of three
 forces or moments, three per recording after the first; and what is pooled over them beside those of
 one component, one per recording after the first."""
+WEIGHT_ITERATIONS: Final = 4
+"""Of the weights of recordings, which then no longer change."""
+MIN_LEFT_OF_WRENCH: Final = 1e-3
+"""Of a wrench, below which what is left of a recording is taken as no smaller: a model is exact."""
 QUANTILE_95: Final = 1.96
+
+
+def recording_weights(trials: Sequence[tuple[Array, Array]]) -> Array:
+    """Give the weights of recordings, (M,), with which all samples weigh as many as there are.
+
+    Each weighs by the inverse of the variance that a common model leaves of it, by that of the
+    first, on average over the components.
+    """
+    counts = np.array([len(a) for a, _ in trials])
+    weights = np.ones(len(trials))
+    if len(trials) == 1:
+        return weights
+    about = [(a - a.mean(axis=0), w - w.mean(axis=0)) for a, w in trials]
+    squares = [(a.T @ a, a.T @ w) for a, w in about]
+    least = MIN_LEFT_OF_WRENCH**2 * np.array([np.var(w, axis=0) for _, w in about])
+    for _ in range(WEIGHT_ITERATIONS):
+        normal = np.sum([q * g for q, (g, _) in zip(weights, squares, strict=True)], axis=0)
+        right = np.sum([q * r for q, (_, r) in zip(weights, squares, strict=True)], axis=0)
+        gain = np.linalg.lstsq(normal, right)[0]
+        left = np.array([np.var(w - a @ gain, axis=0) for a, w in about])
+        left = np.maximum(left, np.maximum(least, np.finfo(float).tiny))
+        weights = 1 / np.mean(left / left[0], axis=1)
+    return np.asarray(weights * counts.sum() / (weights @ counts))
 
 
 def held_out(orthonormal: Sequence[Array], wrench: Sequence[Array], noise: Array) -> list[Array]:
