@@ -146,10 +146,6 @@ def ground_wrenches(
         ]
         if laboratory.calibration.correlation is None and len(plates) > 1:
             notes.append(Note.of("plates_taken_as_independent"))
-        if any(model.model_error is None for model in models):
-            notes.append(Note.of("uncertainty_of_noise_alone"))
-        elif BESIDE not in laboratory.calibration.provenance:
-            notes.append(Note.of("uncertainty_without_people"))
     return Ground(in_lab, pose, tuple(notes), tuple(covariances), covariance)
 
 
@@ -192,6 +188,10 @@ def _without_inertia(
             cutoff_hz=treadmill.cutoff_hz,
         )
     )
+    if any(model.model_error is None for model in models):
+        notes.append(Note.of("uncertainty_of_noise_alone"))
+    elif BESIDE not in laboratory.calibration.provenance:
+        notes.append(Note.of("uncertainty_without_people"))
     notes += [*corrected_sensors(sensors), *laboratory.notes]
     return compensated, felt, notes
 
