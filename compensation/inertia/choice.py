@@ -7,9 +7,9 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inertia.dynamic import fit_dynamic, left_of_held_out
+from compensation.inertia.dynamic import extend, left_of_held_out
 from compensation.inertia.fit import MIN_SAMPLES_PER_GAIN
-from compensation.inertia.model import SLOW_HZ, InertiaModel, Setup
+from compensation.inertia.model import SLOW_HZ, InertiaModel
 from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM
 from compensation.inputs import read_rate, read_table
 from hbm.notes import Note
@@ -178,23 +178,29 @@ def choose(
     """
     if stated != "dynamic" and any(_is_short(felt) for felt, _ in trials[0][1].values()):
         return Choice("static", "static", TOO_SHORT), {}
-    dynamic = {}
+    of_plate = {
+        name: [(k, plates[name]) for k, (_, plates) in enumerate(trials) if name in plates]
+        for name in static
+    }
     left: list[list[tuple[Array, Array]]] = [[] for _ in trials]
     for name, model in static.items():
-        having = [k for k, (_, plates) in enumerate(trials) if name in plates]
-        of_plate = [trials[k][1][name] for k in having]
-        setup, channels = _setup(model), 3 * len(model.sensors)
-        dynamic[name] = fit_dynamic(of_plate, setup)
-        readings = [(felt[:, :channels], wrench) for felt, wrench in of_plate]
-        simple, better = (left_of_held_out(x, channels) for x in (readings, of_plate))
-        for k, one, other in zip(having, simple, better, strict=True):
-            left[k].append((rms_left(one, setup.rate_hz), rms_left(other, setup.rate_hz)))
+        samples, channels = [both for _, both in of_plate[name]], 3 * len(model.sensors)
+        readings = [(felt[:, :channels], wrench) for felt, wrench in samples]
+        simple, better = (left_of_held_out(x, channels) for x in (readings, samples))
+        for (k, _), one, other in zip(of_plate[name], simple, better, strict=True):
+            left[k].append((rms_left(one, _rate_hz(model)), rms_left(other, _rate_hz(model))))
     own = [
         Comparison.of(f"held-out parts of {source}", found)
         for (source, _), found in zip(trials, left, strict=True)
     ]
-    others = [_on(source, plates, static, dynamic) for source, plates in checks]
-    choice = choose_model(own, others)
+    choice = choose_model(own)
+    if stated == "dynamic" or choice.model == "dynamic" or checks:
+        dynamic = {
+            name: extend(model, [both for _, both in of_plate[name]])
+            for name, model in static.items()
+        }
+        others = [_on(source, plates, static, dynamic) for source, plates in checks]
+        choice = choose_model(own, others)
     if stated != "auto":
         choice = replace(choice, model=stated)
     return choice, dynamic if choice.model == "dynamic" else {}
@@ -267,7 +273,7 @@ def _on(
         model = static[name]
         simple = model.compensate(felt[:, : 3 * len(model.sensors)], wrench)
         better = dynamic[name].compensate(felt, wrench)
-        rate_hz = _setup(model).rate_hz
+        rate_hz = _rate_hz(model)
         left.append((rms_left(simple, rate_hz), rms_left(better, rate_hz)))
     return Comparison.of(source, left)
 
@@ -276,7 +282,7 @@ def _is_short(felt: Array) -> bool:
     return bool(len(felt) < MIN_SAMPLES_PER_GAIN * (felt.shape[1] + 1))
 
 
-def _setup(model: InertiaModel) -> Setup:
+def _rate_hz(model: InertiaModel) -> float:
     if model.setup is None:
         raise ValueError("the model does not state how it was recorded; fit it with a setup")
-    return model.setup
+    return model.setup.rate_hz
