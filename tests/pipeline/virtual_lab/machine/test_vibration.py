@@ -12,6 +12,7 @@ from pipeline.virtual_lab.machine.structure import (
     FRAME,
     FRAME_KG,
     FRAME_NODES_M,
+    Elasticity,
     frame_shape,
     make_structure,
 )
@@ -21,6 +22,8 @@ from pipeline.virtual_lab.trajectories import smooth_step
 
 RATE_HZ = 1000.0
 ASSEMBLIES = Machine().assemblies
+SOFT = Elasticity(base_hz=(25.0, 7.0, 30.0, 22.0, 7.0, 25.0), base_damping=(0.05,) * 6)
+"""Much softer than the default, so that vibration is large."""
 PLACES = (np.array([-0.9, 0.62, -0.2]), np.array([0.95, -0.58, -0.2]))
 
 
@@ -67,8 +70,8 @@ def test_the_stiffer_it_is_the_nearer_it_is_to_rigid(moving):
     motion, _ = moving
     loads = smooth_loads(motion.sway.shape[1])
     rigid, off = response(None, motion, loads), []
-    for flexibility in (1e-1, 1e-2, 1e-3):
-        found = response(make_structure(flexibility=flexibility), motion, loads)
+    for flexibility in (0.1, 0.05, 0.025):
+        found = response(make_structure(elasticity=SOFT, flexibility=flexibility), motion, loads)
         off.append(
             [
                 *(np.abs(f - r).max() for f, r in zip(found.plates, rigid.plates, strict=True)),
@@ -76,7 +79,7 @@ def test_the_stiffer_it_is_the_nearer_it_is_to_rigid(moving):
                 np.abs(found.frame).max(),
             ]
         )
-    np.testing.assert_allclose(np.divide(off[1:], off[:-1]), 0.1, rtol=0.3)
+    np.testing.assert_allclose(np.divide(off[1:], off[:-1]), 0.5, rtol=0.2)
 
 
 def test_a_constant_load_is_carried_exactly_by_its_own_plate(at_rest):
@@ -111,7 +114,7 @@ def test_the_modes_agree_with_a_direct_integration_in_time():
         Machine(), 0.02 * np.sin(20 * time) ** 2, 0.01 * np.sin(15 * time) ** 2, RATE_HZ
     )
     loads = smooth_loads(len(time), seed=4)
-    structure = make_structure()
+    structure = make_structure(elasticity=SOFT)
     terms = motion_terms(motion)
     load = np.zeros((len(time), COORDINATES))
     for node in FRAME_NODES_M:
@@ -149,7 +152,7 @@ def test_the_modes_agree_with_a_direct_integration_in_time():
 def test_after_a_blow_it_swings_at_its_natural_frequency_and_comes_to_rest(at_rest):
     blow = np.zeros((4000, 6))
     blow[100:110, 1] = 500.0
-    sideways = response(make_structure(), at_rest, on_frame=blow).frame[:, 1]
+    sideways = response(make_structure(elasticity=SOFT), at_rest, on_frame=blow).frame[:, 1]
     rising = np.flatnonzero((sideways[20:-1] < 0) & (sideways[21:] >= 0))
     assert 100 / np.diff(rising)[:8].mean() == pytest.approx(7.0, rel=0.05)
     assert np.abs(sideways[-50:]).max() < 0.01 * np.abs(sideways).max()
