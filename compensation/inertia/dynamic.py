@@ -11,13 +11,13 @@ from compensation.inertia.fit import (
     BLOCKS,
     MIN_SAMPLES_PER_GAIN,
     fit_trials,
-    recording_weights,
 )
 from compensation.inertia.model import InertiaModel, Setup
 from compensation.inertia.residual import (
     HELD_OUT_PARTS,
     correlation_of,
     model_error_of,
+    recording_weights,
     slow_part,
     zero_of_trials,
 )

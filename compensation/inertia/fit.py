@@ -17,6 +17,7 @@ from compensation.inertia.residual import (
     correlation_of,
     held_out,
     model_error_of,
+    recording_weights,
     slow_part,
     zero_of_trials,
 )
@@ -32,10 +33,6 @@ MIN_SIGNAL_TO_NOISE: Final = 1.0
 is taken out; below it the direction is noise, and taking its share out would change the sign."""
 RIGID_DIRECTIONS: Final = 5
 """Of sway and pitch: ``f₀``, the angular acceleration and the angular velocity squared."""
-WEIGHT_ITERATIONS: Final = 4
-"""Of the weights of recordings, which then no longer change."""
-MIN_LEFT_SHARE: Final = 1e-3
-"""Of a wrench, below which what is left of a recording is taken as no smaller: a model is exact."""
 MAX_SENSOR_NOISE_MPS2: Final = 1.0
 """A tenth of gravity: no accelerometer on a platform is noisier after the filter."""
 
@@ -250,29 +247,6 @@ def fit_trials(
             [one for one, _ in read], np.split(unseen / root, ends), setup, zero
         ),
     )
-
-
-def recording_weights(trials: Sequence[tuple[Array, Array]]) -> Array:
-    """Give the weights of recordings, (M,), with which all samples weigh as many as there are.
-
-    Each weighs by the inverse of the variance that a common model leaves of it, by that of the
-    first, on average over the components.
-    """
-    counts = np.array([len(a) for a, _ in trials])
-    weights = np.ones(len(trials))
-    if len(trials) == 1:
-        return weights
-    about = [(a - a.mean(axis=0), w - w.mean(axis=0)) for a, w in trials]
-    squares = [(a.T @ a, a.T @ w) for a, w in about]
-    least = MIN_LEFT_SHARE**2 * np.array([np.var(w, axis=0) for _, w in about])
-    for _ in range(WEIGHT_ITERATIONS):
-        normal = np.sum([q * g for q, (g, _) in zip(weights, squares, strict=True)], axis=0)
-        right = np.sum([q * r for q, (_, r) in zip(weights, squares, strict=True)], axis=0)
-        gain = np.linalg.lstsq(normal, right)[0]
-        left = np.array([np.var(w - a @ gain, axis=0) for a, w in about])
-        left = np.maximum(left, np.maximum(least, np.finfo(float).tiny))
-        weights = 1 / np.mean(left / left[0], axis=1)
-    return np.asarray(weights * counts.sum() / (weights @ counts))
 
 
 def sensor_noise_of(accelerations: ArrayLike) -> float:

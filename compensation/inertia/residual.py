@@ -22,9 +22,37 @@ ZERO_SD: Final = np.repeat([0.5, 0.25], 3)
 """Standard deviation of a plate's zero from recording to recording [N, N·m], as far as recordings
 do not show it; assumed, of a plate that is zeroed on the same day."""
 ZERO_DEGREES: Final = 3
-"""Degrees of freedom that the assumed value is worth beside those that recordings show, which have
-three per recording after the first: as much as one more recording."""
+"""Degrees of freedom that the assumed value is worth beside those that recordings show of three
+forces or moments, three per recording after the first; and what is pooled over them beside those of
+one component, one per recording after the first."""
+WEIGHT_ITERATIONS: Final = 4
+"""Of the weights of recordings, which then no longer change."""
+MIN_LEFT_OF_WRENCH: Final = 1e-3
+"""Of a wrench, below which what is left of a recording is taken as no smaller: a model is exact."""
 QUANTILE_95: Final = 1.96
+
+
+def recording_weights(trials: Sequence[tuple[Array, Array]]) -> Array:
+    """Give the weights of recordings, (M,), with which all samples weigh as many as there are.
+
+    Each weighs by the inverse of the variance that a common model leaves of it, by that of the
+    first, on average over the components.
+    """
+    counts = np.array([len(a) for a, _ in trials])
+    weights = np.ones(len(trials))
+    if len(trials) == 1:
+        return weights
+    about = [(a - a.mean(axis=0), w - w.mean(axis=0)) for a, w in trials]
+    squares = [(a.T @ a, a.T @ w) for a, w in about]
+    least = MIN_LEFT_OF_WRENCH**2 * np.array([np.var(w, axis=0) for _, w in about])
+    for _ in range(WEIGHT_ITERATIONS):
+        normal = np.sum([q * g for q, (g, _) in zip(weights, squares, strict=True)], axis=0)
+        right = np.sum([q * r for q, (_, r) in zip(weights, squares, strict=True)], axis=0)
+        gain = np.linalg.lstsq(normal, right)[0]
+        left = np.array([np.var(w - a @ gain, axis=0) for a, w in about])
+        left = np.maximum(left, np.maximum(least, np.finfo(float).tiny))
+        weights = 1 / np.mean(left / left[0], axis=1)
+    return np.asarray(weights * counts.sum() / (weights @ counts))
 
 
 def held_out(orthonormal: Sequence[Array], wrench: Sequence[Array], noise: Array) -> list[Array]:
@@ -72,8 +100,9 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
     -------
     Array
         (6,) [N, N·m]: of one recording that of the difference of two zeros, as stated or of
-        `ZERO_SD`. Of several, where none is stated, their scatter counts, pooled over the forces
-        and over the moments, beside the assumed one; widened as an interval of Student's t is.
+        `ZERO_SD`. Of several, where none is stated, their scatter counts, of each component
+        beside that of all forces or all moments, which counts beside the assumed one; widened as
+        an interval of Student's t is.
 
     Examples
     --------
@@ -87,9 +116,11 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
         if not np.all(np.isfinite(sd) & (sd >= 0)):
             raise ValueError(f"zero_sd must be 0 or positive, got {sd}")
         return np.asarray(both * sd)
-    squares = np.sum((zeros - zeros.mean(axis=0)) ** 2, axis=0).reshape(2, 3).sum(axis=1)
+    squares = np.sum((zeros - zeros.mean(axis=0)) ** 2, axis=0)
+    alike = np.repeat(squares.reshape(2, 3).sum(axis=1), 3)
     degrees = ZERO_DEGREES + 3 * (len(zeros) - 1)
-    variance = (np.repeat(squares, 3) + ZERO_DEGREES * ZERO_SD**2) / degrees
+    pooled = (alike + ZERO_DEGREES * ZERO_SD**2) / degrees
+    variance = (squares + ZERO_DEGREES * pooled) / (len(zeros) - 1 + ZERO_DEGREES)
     return np.asarray(both * np.sqrt(variance) * student_t.ppf(0.975, degrees) / QUANTILE_95)
 
 
