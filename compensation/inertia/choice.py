@@ -27,6 +27,10 @@ MAX_SHARE_OF_OTHERS: Final = 0.9
 """The same where recordings were not fitted at all: of other motion they are stronger evidence."""
 MAX_WORSE: Final = 1.1
 """Factor by which it may be worse in any component of any recording."""
+ALONE: Final = (
+    ": clearly less, but of one kind of motion; with --beside or --check, recordings of people "
+    "beside an empty plate show whether that is so of others"
+)
 TOO_SHORT: Final = "the recording is too short to judge a dynamic one"
 NEGLIGIBLE_SHARE: Final = 0.1
 """Of what residuals allow: whether a component is left less than this does not count."""
@@ -222,7 +226,8 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
         Static, unless the dynamic model leaves at most 0.8 of what the static one leaves on average
         over the recordings, or 0.9 where some were not fitted at all; no more of any recording;
         and of no component of any recording more than 1.1 times as much. Static too where that
-        leaves less than a tenth of what residuals allow.
+        leaves less than a tenth of what residuals allow, and where there is one recording alone:
+        how a model does in other motion is not seen in it.
 
     Raises
     ------
@@ -232,10 +237,9 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
     Examples
     --------
     >>> left = np.ones((1, 2, 6))
-    >>> choose_model([Comparison("empty.c3d", 6 * left, 2 * left)]).model
-    'dynamic'
-    >>> choose_model([Comparison("empty.c3d", 6 * left, 5.5 * left)]).model
-    'static'
+    >>> signal, people = (Comparison(name, 6 * left, 2 * left) for name in ("empty", "beside"))
+    >>> choose_model([signal, people]).model, choose_model([signal]).model
+    ('dynamic', 'static')
     """
     comparisons = [*own, *others]
     if not own:
@@ -253,6 +257,8 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
     clear = MAX_SHARE_OF_OTHERS if others else MAX_SHARE
     if np.mean([one.share for one in comparisons]) > clear:
         return Choice("static", "static", f"{reason}: no clear gain")
+    if len(comparisons) == 1:
+        return Choice("static", "static", f"{reason}{ALONE}")
     return Choice("dynamic", "dynamic", reason)
 
 
