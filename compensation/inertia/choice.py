@@ -7,9 +7,9 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inertia.dynamic import fit_dynamic, left_of_held_out
+from compensation.inertia.dynamic import extend, left_of_held_out
 from compensation.inertia.fit import MIN_SAMPLES_PER_GAIN
-from compensation.inertia.model import SLOW_HZ, InertiaModel, Setup
+from compensation.inertia.model import SLOW_HZ, InertiaModel
 from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM
 from compensation.inputs import read_rate, read_table
 from hbm.notes import Note
@@ -27,6 +27,10 @@ MAX_SHARE_OF_OTHERS: Final = 0.9
 """The same where recordings were not fitted at all: of other motion they are stronger evidence."""
 MAX_WORSE: Final = 1.1
 """Factor by which it may be worse in any component of any recording."""
+ALONE: Final = (
+    ": clearly less, but of one kind of motion; with --beside or --check, recordings of people "
+    "beside an empty plate show whether that is so of others"
+)
 TOO_SHORT: Final = "the recording is too short to judge a dynamic one"
 NEGLIGIBLE_SHARE: Final = 0.1
 """Of what residuals allow: whether a component is left less than this does not count."""
@@ -178,23 +182,29 @@ def choose(
     """
     if stated != "dynamic" and any(_is_short(felt) for felt, _ in trials[0][1].values()):
         return Choice("static", "static", TOO_SHORT), {}
-    dynamic = {}
+    of_plate = {
+        name: [(k, plates[name]) for k, (_, plates) in enumerate(trials) if name in plates]
+        for name in static
+    }
     left: list[list[tuple[Array, Array]]] = [[] for _ in trials]
     for name, model in static.items():
-        having = [k for k, (_, plates) in enumerate(trials) if name in plates]
-        of_plate = [trials[k][1][name] for k in having]
-        setup, channels = _setup(model), 3 * len(model.sensors)
-        dynamic[name] = fit_dynamic(of_plate, setup)
-        readings = [(felt[:, :channels], wrench) for felt, wrench in of_plate]
-        simple, better = (left_of_held_out(x, channels) for x in (readings, of_plate))
-        for k, one, other in zip(having, simple, better, strict=True):
-            left[k].append((rms_left(one, setup.rate_hz), rms_left(other, setup.rate_hz)))
+        samples, channels = [both for _, both in of_plate[name]], 3 * len(model.sensors)
+        readings = [(felt[:, :channels], wrench) for felt, wrench in samples]
+        simple, better = (left_of_held_out(x, channels) for x in (readings, samples))
+        for (k, _), one, other in zip(of_plate[name], simple, better, strict=True):
+            left[k].append((rms_left(one, _rate_hz(model)), rms_left(other, _rate_hz(model))))
     own = [
         Comparison.of(f"held-out parts of {source}", found)
         for (source, _), found in zip(trials, left, strict=True)
     ]
-    others = [_on(source, plates, static, dynamic) for source, plates in checks]
-    choice = choose_model(own, others)
+    choice = choose_model(own)
+    if stated == "dynamic" or choice.model == "dynamic" or checks:
+        dynamic = {
+            name: extend(model, [both for _, both in of_plate[name]])
+            for name, model in static.items()
+        }
+        others = [_on(source, plates, static, dynamic) for source, plates in checks]
+        choice = choose_model(own, others)
     if stated != "auto":
         choice = replace(choice, model=stated)
     return choice, dynamic if choice.model == "dynamic" else {}
@@ -216,7 +226,8 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
         Static, unless the dynamic model leaves at most 0.8 of what the static one leaves on average
         over the recordings, or 0.9 where some were not fitted at all; no more of any recording;
         and of no component of any recording more than 1.1 times as much. Static too where that
-        leaves less than a tenth of what residuals allow.
+        leaves less than a tenth of what residuals allow, and where there is one recording alone:
+        how a model does in other motion is not seen in it.
 
     Raises
     ------
@@ -226,10 +237,9 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
     Examples
     --------
     >>> left = np.ones((1, 2, 6))
-    >>> choose_model([Comparison("empty.c3d", 6 * left, 2 * left)]).model
-    'dynamic'
-    >>> choose_model([Comparison("empty.c3d", 6 * left, 5.5 * left)]).model
-    'static'
+    >>> signal, people = (Comparison(name, 6 * left, 2 * left) for name in ("empty", "beside"))
+    >>> choose_model([signal, people]).model, choose_model([signal]).model
+    ('dynamic', 'static')
     """
     comparisons = [*own, *others]
     if not own:
@@ -247,6 +257,8 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
     clear = MAX_SHARE_OF_OTHERS if others else MAX_SHARE
     if np.mean([one.share for one in comparisons]) > clear:
         return Choice("static", "static", f"{reason}: no clear gain")
+    if len(comparisons) == 1:
+        return Choice("static", "static", f"{reason}{ALONE}")
     return Choice("dynamic", "dynamic", reason)
 
 
@@ -267,7 +279,7 @@ def _on(
         model = static[name]
         simple = model.compensate(felt[:, : 3 * len(model.sensors)], wrench)
         better = dynamic[name].compensate(felt, wrench)
-        rate_hz = _setup(model).rate_hz
+        rate_hz = _rate_hz(model)
         left.append((rms_left(simple, rate_hz), rms_left(better, rate_hz)))
     return Comparison.of(source, left)
 
@@ -276,7 +288,7 @@ def _is_short(felt: Array) -> bool:
     return bool(len(felt) < MIN_SAMPLES_PER_GAIN * (felt.shape[1] + 1))
 
 
-def _setup(model: InertiaModel) -> Setup:
+def _rate_hz(model: InertiaModel) -> float:
     if model.setup is None:
         raise ValueError("the model does not state how it was recorded; fit it with a setup")
-    return model.setup
+    return model.setup.rate_hz

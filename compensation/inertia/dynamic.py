@@ -153,6 +153,21 @@ def fit_dynamic(
     >>> bool(dynamic.sigma[1] < 0.2 * static.sigma[1])
     True
     """
+    read, k = _read(trials), 3 * len(setup.sensors)
+    static = fit_trials([(x[:, :k], w) for x, w in read], setup, zero_sd=zero_sd)
+    return extend(static, read, lags_s, zero_sd)
+
+
+def extend(
+    static: InertiaModel,
+    trials: Sequence[Trial],
+    lags_s: Sequence[float] = LAGS_S,
+    zero_sd: ArrayLike | None = None,
+) -> InertiaModel:
+    """Make the dynamic model, as `fit_dynamic`, of recordings with a static one, with a setup."""
+    setup = static.setup
+    if setup is None:
+        raise ValueError("the model does not state how it was recorded; fit it with a setup")
     refuse_real_time(setup)
     k = 3 * len(setup.sensors)
     read = _read(trials)
@@ -167,7 +182,6 @@ def fit_dynamic(
             f"{n} samples are too few to fit {count + 1} gains per component; "
             f"give at least {MIN_SAMPLES_PER_GAIN * (count + 1)}, better a minute of motion"
         )
-    static = fit_trials([(x[:, :k], w) for x, w in read], setup, zero_sd=zero_sd)
     felt_mean, wrench_mean = (np.array([t[side].mean(axis=0) for t in read]) for side in (0, 1))
     design = np.vstack([x - m for (x, _), m in zip(read, felt_mean, strict=True)])
     about = np.vstack([w - m for (_, w), m in zip(read, wrench_mean, strict=True)])
@@ -204,7 +218,7 @@ def fit_dynamic(
         acceleration_covariance=static.acceleration_covariance,
         acceleration_low=static.acceleration_low,
         acceleration_high=static.acceleration_high,
-        sensor_noise=static.sensor_noise,
+        sensor_noise=np.zeros(k),
         samples=n,
         setup=setup,
         correlation=correlation_of(all_slow),

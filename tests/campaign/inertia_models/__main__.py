@@ -6,10 +6,12 @@ docs/inertia_models.md. Ends with 1 where the models do not do what is demanded 
 
 import argparse
 import sys
+from itertools import chain
+from multiprocessing import Pool
 from pathlib import Path
 from typing import Final
 
-from tests.campaign.inertia_models.cases import ARRANGEMENTS, PLACES_CALIBRATION, judge
+from tests.campaign.inertia_models.cases import ARRANGEMENTS, BEST, judge
 from tests.campaign.inertia_models.page import page, places_table, table, unmet
 
 PAGE: Final = Path(__file__).resolve().parents[3] / "docs" / "inertia_models.md"
@@ -19,18 +21,24 @@ COMMAND: Final = "python -m tests.campaign.inertia_models"
 def main() -> int:
     parser = argparse.ArgumentParser(prog=COMMAND, description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(0, 10), metavar=("FIRST", "END"))
+    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--page", action="store_true", help="write docs/inertia_models.md")
     given = parser.parse_args()
-    seeds = range(*given.seeds)
-    found = [one for seed in seeds for one in judge(seed)]
-    places = {
+    calibration, sensors = BEST
+    cases = [(seed, machine) for seed in range(*given.seeds) for machine in ("default", "soft")]
+    cases += [(seed, "rigid", (calibration,), (sensors,)) for seed in range(*given.seeds)]
+    placed = {
         name: [
-            one
-            for seed in seeds
-            for one in judge(seed, (PLACES_CALIBRATION,), (len(chosen),), chosen)
+            (seed, "soft", (calibration,), (len(chosen),), tuple(chosen))
+            for seed in range(*given.seeds)
         ]
         for name, chosen in ARRANGEMENTS.items()
     }
+    with Pool(given.jobs) as pool:
+        found = list(chain(*pool.starmap(judge, cases, 1)))
+        places = {
+            name: list(chain(*pool.starmap(judge, those, 1))) for name, those in placed.items()
+        }
     print(*table(found, 0), "", *table(found, 1), "", *places_table(places), sep="\n")
     missed = unmet(found)
     print(*(f"not met: {goal}" for goal in missed), sep="\n")

@@ -9,13 +9,13 @@ from hbm.spatial import WRENCH_COMPONENTS
 from pipeline.virtual_lab.protocol.ranking_study import BYSTANDERS
 from tests.campaign.inertia_models.cases import (
     BEST,
+    MACHINES,
     MODELS,
-    PLACES_CALIBRATION,
     Judged,
 )
 
 GOAL = (2.0, 1.0)
-"""Largest component that may be left [N, N·m]."""
+"""Largest component that may be left beyond what is left on a rigid machine [N, N·m]."""
 MAX_WORSE = 1.1
 """Factor by which a dynamic model that is taken may leave more than the static one of any trial."""
 
@@ -40,22 +40,44 @@ def worst_share(found: Sequence[Judged]) -> float:
     )
 
 
-def grouped(found: Sequence[Judged]) -> dict[tuple[str, int], dict[str, list[Judged]]]:
-    """Sort by calibration and number of accelerometers, and by trial."""
-    groups: dict[tuple[str, int], dict[str, list[Judged]]] = {}
+Group = tuple[str, str, int]
+"""Machine, calibration, and number of accelerometers."""
+
+
+def grouped(found: Sequence[Judged]) -> dict[Group, dict[str, list[Judged]]]:
+    """Sort by machine, calibration and number of accelerometers, and by trial."""
+    groups: dict[Group, dict[str, list[Judged]]] = {}
     for one in found:
-        group = groups.setdefault((one.calibration, one.sensors), {})
+        group = groups.setdefault((one.machine, one.calibration, one.sensors), {})
         group.setdefault(one.trial, []).append(one)
     return groups
+
+
+def beyond_rigid(found: Sequence[Judged], machine: str) -> dict[str, np.ndarray]:
+    """Give what the dynamic model with the best calibration leaves beyond a rigid machine, (6,).
+
+    That is what belts and rollers do to their own plate, drift and noise: no model of the platform
+    removes it.
+    """
+    groups = grouped(found)
+    here, rigid = groups[machine, *BEST], groups["rigid", *BEST]
+    return {
+        trial: np.sqrt(
+            np.maximum(
+                pooled(ones, "dynamic", 0) ** 2 - pooled(rigid[trial], "static", 0) ** 2, 0.0
+            )
+        )
+        for trial, ones in here.items()
+    }
 
 
 def table(found: Sequence[Judged], band: int) -> list[str]:
     """Give what both models leave of every trial, a row per calibration and number of sensors."""
     rows = [
-        f"| calibration | sensors | {' | '.join(BYSTANDERS)} | dynamic: worst | taken in |",
-        f"|---|---:|{'---:|' * (len(BYSTANDERS) + 2)}",
+        f"| machine | calibration | sensors | {' | '.join(BYSTANDERS)} | worst | taken in |",
+        f"|---|---|---:|{'---:|' * (len(BYSTANDERS) + 2)}",
     ]
-    for (name, count), trials in grouped(found).items():
+    for (machine, name, count), trials in grouped(found).items():
         cells = []
         for trial in BYSTANDERS:
             old, new = (norms(pooled(trials[trial], model, band)) for model in MODELS)
@@ -63,22 +85,22 @@ def table(found: Sequence[Judged], band: int) -> list[str]:
         every = [one for ones in trials.values() for one in ones]
         taken = 100 * np.mean([one.chosen == "dynamic" for one in every])
         cells += [f"× {worst_share(every):.2f}", f"{taken:.0f} %"]
-        rows.append(f"| {name} | {count} | {' | '.join(cells)} |")
+        rows.append(f"| {machine} | {name} | {count} | {' | '.join(cells)} |")
     return rows
 
 
-def components(found: Sequence[Judged], calibration: str, count: int) -> list[str]:
-    """Give every component that one calibration leaves of every trial, below 20 and 6 Hz."""
+def components(found: Sequence[Judged]) -> list[str]:
+    """Give every component that the best calibration leaves of every trial, below 20 and 6 Hz."""
     rows = [
-        f"| trial | model | {' | '.join(WRENCH_COMPONENTS)} |",
-        f"|---|---|{'---:|' * 6}",
+        f"| machine | trial | model | {' | '.join(WRENCH_COMPONENTS)} |",
+        f"|---|---|---|{'---:|' * 6}",
     ]
-    trials = grouped(found)[calibration, count]
-    for trial, ones in trials.items():
-        for model in MODELS:
-            both = zip(pooled(ones, model, 0), pooled(ones, model, 1), strict=True)
-            cells = " | ".join(f"{fast:.2f} ({slow:.2f})" for fast, slow in both)
-            rows.append(f"| {trial} | {model} | {cells} |")
+    for (machine, *group), trials in grouped(found).items():
+        for trial, ones in trials.items() if tuple(group) == BEST else ():
+            for model in MODELS:
+                both = zip(pooled(ones, model, 0), pooled(ones, model, 1), strict=True)
+                cells = " | ".join(f"{fast:.2f} ({slow:.2f})" for fast, slow in both)
+                rows.append(f"| {machine} | {trial} | {model} | {cells} |")
     return rows
 
 
@@ -100,22 +122,20 @@ def places_table(found: dict[str, list[Judged]]) -> list[str]:
 
 def unmet(found: Sequence[Judged]) -> list[str]:
     """Give what is demanded and not reached."""
-    missed = []
-    for (name, count), trials in grouped(found).items():
+    missed, groups = [], grouped(found)
+    for (machine, name, count), trials in groups.items():
         taken = [one for ones in trials.values() for one in ones if one.chosen == "dynamic"]
         if taken and worst_share(taken) > MAX_WORSE:
             missed.append(
-                f"{name}, {count} sensors: where it is taken, the dynamic model leaves up to "
-                f"{worst_share(taken):.2f} times as much as the static one"
+                f"{machine} machine, {name}, {count} sensors: where it is taken, the dynamic model "
+                f"leaves up to {worst_share(taken):.2f} times as much as the static one"
             )
-        if (name, count) != BEST:
-            continue
-        for trial, ones in trials.items():
-            left = pooled(ones, "dynamic", 0)
+    for machine in MACHINES:
+        for trial, left in beyond_rigid(found, machine).items():
             if left[:3].max() > GOAL[0] or left[3:].max() > GOAL[1]:
                 missed.append(
-                    f"{name}, {count} sensors, {trial}: components up to {left[:3].max():.2f} N "
-                    f"and {left[3:].max():.2f} N·m are left"
+                    f"{machine} machine, {trial}: components up to {left[:3].max():.2f} N and "
+                    f"{left[3:].max():.2f} N·m beyond a rigid one"
                 )
     return missed
 
@@ -142,7 +162,10 @@ def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str)
             "calibration and judged on trials of other motion, the empty left plate while a person "
             "is on the right belt or on the boards beside the belts: walking with sway, walking "
             "with pitch of ± 10° in 30 s, running and moving about on the boards with the platform "
-            "at rest. Numbers are RMS about the mean, root mean square over the laboratories; "
+            "at rest. The *soft* machine yields four times as much as the default one, so that its "
+            "natural frequencies are half; what is left on a *rigid* one is of belts, rollers, "
+            "drift and noise, which no model of the platform removes. Numbers are "
+            "RMS about the mean, root mean square over the laboratories; "
             "a norm is that of the three components.",
             "",
             "## What is left below 20 Hz",
@@ -150,8 +173,8 @@ def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str)
             "Norms of force (N) and moment (N·m), static → dynamic. *Worst*: the largest factor by "
             "which the dynamic model leaves more than the static one, of any trial and "
             "laboratory, below 20 or 6 Hz. *Taken in*: share of the laboratories in which "
-            "`hbm calibration fit` takes the dynamic model. *Beside*: `--beside` with recordings "
-            "of a minute, the platform at rest, somebody walking on the other belt, or that and "
+            "`hbm calibration fit` takes the dynamic model. *Beside*: `--beside` with two "
+            "recordings of a minute, the platform at rest, somebody walking on the other belt and "
             "somebody moving about on the boards.",
             "",
             *table(found, 0),
@@ -164,9 +187,9 @@ def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str)
             "",
             "Below 20 Hz (below 6 Hz), N and N·m.",
             "",
-            *components(found, *BEST),
+            *components(found),
             "",
-            f"## Where the accelerometers are: {PLACES_CALIBRATION}",
+            f"## Where the accelerometers are: {BEST[0]}, soft machine",
             "",
             "Below 20 Hz, static → dynamic, as above. *D-optimal* places are those that "
             "`compensation.best_places` chooses of the corners and the middle of the platform at "
@@ -178,8 +201,9 @@ def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str)
             "## What is demanded",
             "",
             f"No trial of which a dynamic model that is taken leaves more than {MAX_WORSE:g} times "
-            f"as much as the static one; with the calibration {BEST[0]!r} and {BEST[1]} "
-            f"accelerometers no component above {GOAL[0]:g} N and {GOAL[1]:g} N·m. "
+            f"as much as the static one; with the calibration {BEST[0]!r}, {BEST[1]} "
+            f"accelerometers and the dynamic model no component above {GOAL[0]:g} N and "
+            f"{GOAL[1]:g} N·m beyond what is left on a rigid machine (difference of squares). "
             f"{'Not met: ' + '; '.join(missed) if missed else 'All of it is met'}.",
             "",
         ]

@@ -43,7 +43,7 @@ def test_a_machine_that_bends_gets_the_dynamic_model(recordings):
 
 
 def test_a_stated_model_is_taken_and_the_better_one_named(recordings):
-    _, choice, models = chosen(recordings[35.0], "static")
+    _, choice, models = chosen(recordings[35.0], "static", recordings[35.0][1:])
     assert (choice.model, choice.better, models) == ("static", "dynamic", {})
     assert choice.note.code == "calibration_model_stated"
     _, choice, models = chosen(recordings[None], "dynamic")
@@ -60,8 +60,9 @@ def test_a_short_recording_keeps_the_static_model_without_judging(recordings):
 @pytest.mark.parametrize(
     ("own", "others", "model", "why"),
     [
-        ((6, 2), (), "dynamic", "leaves"),
-        ((6, 5), (), "static", "no clear gain"),
+        ((6, 2), ((6, 2),), "dynamic", "leaves"),
+        ((6, 2), (), "static", "of one kind of motion"),
+        ((6, 5.5), ((6, 5.5),), "static", "no clear gain"),
         ((6, 5), ((6, 4),), "dynamic", "leaves"),
         ((6, 2), ((6, 6.2),), "static", "no gain"),
         ((6, 2), ((6, 9),), "static", "clearly more of Fx"),
@@ -77,11 +78,12 @@ def test_a_gain_has_to_be_clear_and_nowhere_a_loss(own, others, model, why):
 def test_a_component_of_which_hardly_anything_is_left_does_not_count():
     static, dynamic = 6 * ONE, 2 * ONE
     static[0, :, 3:], dynamic[0, :, 3:] = 0.05, 0.15
-    assert choose_model([Comparison("empty.c3d", static, dynamic)]).model == "dynamic"
+    one = Comparison("empty.c3d", static, dynamic)
+    assert choose_model([one, replace(one, recording="beside.c3d")]).model == "dynamic"
 
 
 def test_choice_and_dynamic_model_survive_the_file(recordings):
-    static, choice, models = chosen(recordings[35.0])
+    static, choice, models = chosen(recordings[35.0], checks=recordings[35.0][1:])
     calibration = Calibration(static, {}, dynamic=models, choice=choice)
     read = from_json(to_json(calibration), SETUP)
     assert read.choice == choice

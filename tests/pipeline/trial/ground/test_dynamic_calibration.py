@@ -53,9 +53,10 @@ def yielding(recording):
     return replace(recording, plates=tuple(plates))
 
 
-def laboratory(recording, model="auto"):
+def laboratory(recording, model="auto", check=None):
     treadmill = Treadmill(**SENSORS, inertia_model=model)
-    return Laboratory(treadmill, fit_calibration(recording, treadmill))
+    checks = [] if check is None else [check]
+    return Laboratory(treadmill, fit_calibration(recording, treadmill, checks=checks))
 
 
 def left(recording, lab_):
@@ -66,8 +67,8 @@ def left(recording, lab_):
 @pytest.fixture(scope="module")
 def calibrated():
     """Laboratories with the calibration of the same yielding treadmill: static and chosen."""
-    recording = yielding(moving(1))
-    return laboratory(recording, "static"), laboratory(recording)
+    recording, check = yielding(moving(1)), yielding(moving(3))
+    return laboratory(recording, "static", check), laboratory(recording, check=check)
 
 
 def test_the_dynamic_model_is_chosen_and_leaves_less_of_another_recording(calibrated):
@@ -82,7 +83,7 @@ def test_the_dynamic_model_is_chosen_and_leaves_less_of_another_recording(calibr
 
 def test_on_a_rigid_treadmill_both_models_compensate_alike():
     recording, other = moving(1), moving(2)
-    assert laboratory(recording).calibration.choice.model == "static"
+    assert laboratory(recording, check=moving(3)).calibration.choice.model == "static"
     by_model = [left(other, laboratory(recording, model)) for model in ("static", "dynamic")]
     for simple, better in zip(*by_model, strict=True):
         assert np.abs((simple - better).std(axis=0)).max() < LEFT_N
@@ -136,7 +137,7 @@ def test_the_command_line_says_which_model_it_takes_and_trials_are_computed_with
     assert "of other.c3d the dynamic one leaves" in printed
     assert from_json(out.read_text(encoding="utf-8")).choice.model == "dynamic"
     assert main(["calibration", "check", str(out), str(other)]) == 0
-    assert main([*command, "--model", "static"]) == 0
+    assert main([*command, "--model", "static", "--check", str(other)]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert "static model of the platform's motion compensates trials, as stated" in printed
     assert main([*command, "--model", "best"]) == 2
