@@ -114,8 +114,9 @@ def test_the_sum_of_all_plates_is_as_uncertain_as_stated():
 
 def test_zeros_of_plates_are_independent_and_the_same_in_every_frame():
     calibration = fit_calibration(noisy(0, 20.0), TREADMILL)
+    trial = noisy(1, 20.0)
     grounds = [
-        ground_wrenches(noisy(1, 20.0), Laboratory(TREADMILL, known), np.arange(1, 19, 0.01), 0.0)
+        ground_wrenches(trial, Laboratory(TREADMILL, known), trial.markers.time, 0.0)
         for known in (calibration, with_known_zeros(calibration))
     ]
     force = slice(0, 3), slice(0, 3)
