@@ -192,6 +192,9 @@ def _without_inertia(
             cutoff_hz=treadmill.cutoff_hz,
         )
     )
+    if models[0].lags_s:
+        lags_ms = tuple(f"{1000 * lag_s:g}" for lag_s in models[0].lags_s)
+        notes.append(Note.of("compensated_dynamically", lags_ms=lags_ms))
     notes += [*corrected_sensors(sensors), *laboratory.notes]
     return compensated, felt, notes
 
