@@ -146,10 +146,6 @@ def ground_wrenches(
         ]
         if laboratory.calibration.correlation is None and len(plates) > 1:
             notes.append(Note.of("plates_taken_as_independent"))
-        if any(model.model_error is None for model in models):
-            notes.append(Note.of("uncertainty_of_noise_alone"))
-        elif BESIDE not in laboratory.calibration.provenance:
-            notes.append(Note.of("uncertainty_without_people"))
     return Ground(in_lab, pose, tuple(notes), tuple(covariances), covariance)
 
 
@@ -195,6 +191,10 @@ def _without_inertia(
     if models[0].lags_s:
         lags_ms = tuple(f"{1000 * lag_s:g}" for lag_s in models[0].lags_s)
         notes.append(Note.of("compensated_dynamically", lags_ms=lags_ms))
+    if any(model.model_error is None for model in models):
+        notes.append(Note.of("uncertainty_of_noise_alone"))
+    elif BESIDE not in laboratory.calibration.provenance:
+        notes.append(Note.of("uncertainty_without_people"))
     notes += [*corrected_sensors(sensors), *laboratory.notes]
     return compensated, felt, notes
 
