@@ -37,8 +37,8 @@ class BodyFaults(InputModel):
     joint axes; masses and radii of gyration differ by a share of themselves, centres of mass by a
     distance (`pipeline.virtual_lab.person.body.variation`).
 
-    What follows is not in that model, and absent with ``same_body``: segment inertias of another
-    table; a joint in the middle of the trunk and knees that are no hinges
+    The others are not in that model, and absent with ``same_body`` whatever their sizes: segment
+    inertias of another table; a joint in the middle of the trunk and knees that are no hinges
     (`pipeline.virtual_lab.person.body.extra_joints`), ankle axes that differ, wobbling masses
     (`pipeline.virtual_lab.person.body.wobbling`), each with a scale of its published size; shoes,
     of a mass each, and of a sole that yields under body weight.
@@ -230,6 +230,14 @@ class Faults(InputModel):
             clocks=ClockFaults(rate_ppm=0, jitter_s=0, stream_jitter_s=0, doubled_per_minute=0),
             body=BodyFaults(
                 same_body=True,
+                inertias="de_leva",
+                spine_scale=0,
+                knee_scale=0,
+                ankle_scale=0,
+                wobble_scale=0,
+                shoe_kg=0,
+                sole_m=0,
+                sole_yield_m=0,
                 joint_scale=0,
                 axis_deg=0,
                 mass_share=0,

@@ -14,7 +14,8 @@ from pipeline.virtual_lab.faults import BodyFaults, Faults
 from pipeline.virtual_lab.person.anatomy import Proportions, t_pose
 from pipeline.virtual_lab.person.body.extra_joints import ExtraJoints, draw_extra_joints
 from pipeline.virtual_lab.person.body.inertias import inertias_of, navel_share
-from pipeline.virtual_lab.person.body.same_body import axes_of, locate, offsets_of
+from pipeline.virtual_lab.person.body.posture import axes_of, offsets_of
+from pipeline.virtual_lab.person.body.same_body import locate
 from pipeline.virtual_lab.person.body.skeleton import Skeleton
 from pipeline.virtual_lab.person.body.variation import (
     MAX_DEVIATION_SD,

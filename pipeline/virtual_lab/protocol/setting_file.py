@@ -51,9 +51,9 @@ def read_setting(text: str) -> Setting:
     Parameters
     ----------
     text
-        ``seed``, ``[protocol]``, and every fault in its table: ``[faults.body]``,
-        ``[faults.cameras]``, ``[faults.plates]``, ``[faults.accelerometers]``,
-        ``[faults.platform]``.
+        ``seed``, ``[protocol]``, and every fault in its table: ``[faults.machine]``,
+        ``[faults.clocks]``, ``[faults.body]``, ``[faults.cameras]``, ``[faults.plates]``,
+        ``[faults.accelerometers]``, ``[faults.belts]``, ``[faults.platform]``.
 
     Returns
     -------

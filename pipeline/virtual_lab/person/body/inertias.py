@@ -10,7 +10,7 @@ import numpy as np
 
 from hbm.segments import Inertia, Sex
 from hbm.spatial import Array, axes_from
-from pipeline.virtual_lab.person.body.same_body import SIDES, Anatomy
+from pipeline.virtual_lab.person.body.posture import SIDES, Anatomy
 
 Source = Literal["de_leva", "dumas"]
 STATURE_M: Final = {

@@ -17,7 +17,7 @@ from hbm.segments import Inertia
 from hbm.spatial import Array, rotation_about
 from pipeline.virtual_lab.faults import BodyFaults
 from pipeline.virtual_lab.person.body.kinematics import frames
-from pipeline.virtual_lab.person.body.same_body import SIDES, Anatomy, axes_of
+from pipeline.virtual_lab.person.body.posture import SIDES, Anatomy, axes_of
 from pipeline.virtual_lab.person.body.skeleton import COLUMN, LINKS, Skeleton
 
 MIN_MASS_KG: Final = 0.01

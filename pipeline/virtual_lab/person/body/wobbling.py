@@ -11,7 +11,7 @@ from hbm.segments import Inertia
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.virtual_lab.faults import BodyFaults
 from pipeline.virtual_lab.person.body.kinematics import Frame
-from pipeline.virtual_lab.person.body.same_body import SIDES
+from pipeline.virtual_lab.person.body.posture import SIDES
 from pipeline.virtual_lab.person.body.variation import drawn
 
 TISSUE: Final = {
@@ -25,7 +25,7 @@ bone of thigh, shank and trunk, after the wobbling mass models of Gruber et al. 
 31:439) and Pain and Challis (2006, J Biomech 39:119), rounded; the thorax' less, for its wall is
 stiff. Frequencies: soft tissue of the legs in walking and running 10 to 50 Hz, strongly damped by
 active muscle (Wakeling and Nigg 2001, J Appl Physiol 90:412); trunk and viscera of standing people
-about 5 Hz (Matsumoto and Griffin 1998, J Sound Vib 215:431). Values within these ranges and the
+about 5 Hz (Matsumoto and Griffin 1998, J Sound Vib 212:85). Values within these ranges and the
 damping ratios are assumed."""
 SCATTER: Final = 0.15
 """Standard deviation between people of all three, by their values; assumed."""

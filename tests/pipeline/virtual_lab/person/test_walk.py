@@ -5,14 +5,19 @@ import pytest
 
 from hbm.coordinates import INDEX
 from hbm.spatial import GRAVITY_MPS2, shift_wrench
+from pipeline.virtual_lab.machine.treadmill import Machine
 from pipeline.virtual_lab.person.balance import balanced, in_lab, pressure_on_platform
+from pipeline.virtual_lab.person.body import momentum
 from pipeline.virtual_lab.person.body.kinematics import segment_poses
 from pipeline.virtual_lab.person.body.momentum import center_of_mass
 from pipeline.virtual_lab.person.body.skeleton import ALL_COORDINATES, COLUMN
 from pipeline.virtual_lab.person.gait_pattern import posture
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches, plate_wrenches
+from pipeline.virtual_lab.person.load_sharing import left_wrench
 from pipeline.virtual_lab.person.sole import SIDES, orientation, rolled
 from pipeline.virtual_lab.person.subject import Person, make_subject
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 from tests.virtual_gait import fit_gait, gait_optimum
 from tests.virtual_gait.realism import ANGLES, angle_curves, force_curves, read_norms
 
@@ -271,3 +276,48 @@ def test_the_true_residual_about_mid_hip_is_zero_to_rounding(walked):
     feet = foot_wrenches(walk, time)
     left = walk.ground.at(time) - feet["left"] - feet["right"]
     assert np.abs(shift_wrench(left, walk.motion.at(time)[:, :3])).max() < 1e-9
+
+
+def test_between_its_samples_the_ground_wrench_is_that_of_the_motion(walked):
+    """Interpolated from 200 Hz to 1000 Hz: far below the noise of a plate, 1.5 N."""
+    walk, _ = walked(0, varied_body=False)
+    time = np.arange(12000, 14000) / 1000
+    motion = tuple(np.ascontiguousarray(walk.motion.at(time, k).T) for k in range(3))
+    error = walk.ground.at(time) - momentum.ground_wrench(walk.subject.skeleton, motion)
+    assert np.abs(error).max() < 0.05
+    feet = foot_wrenches(walk, time)["left"]
+    exact = left_wrench(
+        walk.ground.at(time),
+        walk.placement,
+        walk.platform.pose(time),
+        time,
+        float(walk.subject.standing[INDEX["PelvisZ"]]),
+    )
+    loaded = walk.placement.left_share(time) > 0
+    assert np.abs(feet - exact)[loaded].max() < 0.1
+
+
+@pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
+def test_the_end_of_a_trial_is_like_the_rest_of_it(walked, condition):
+    """What follows a trial is unknown, but must not show in it."""
+    walk, motion = walked(0, condition)
+    end = float(motion.time[-1])
+    last, before = np.linspace(end - 0.5, end, 200), np.linspace(end - 4, end - 0.5, 1400)
+    peak, usual = (np.abs(walk.ground.at(time)[:, :3]).max(axis=0) for time in (last, before))
+    assert (peak < 1.2 * usual).all()
+
+
+def test_people_walk_where_the_protocol_places_them():
+    ahead = [
+        run_walk(
+            Setting(protocol=Protocol(baseline_s=6.0, place_forward_m=place)),
+            Machine(),
+            study_subject(Setting(protocol=Protocol(place_forward_m=place)), 0),
+            0,
+            "baseline",
+        )[0]
+        for place in (0.0, 0.3)
+    ]
+    time = np.arange(0.0, 13.0, 0.1)
+    moved = ahead[1].motion.at(time)[:, 0] - ahead[0].motion.at(time)[:, 0]
+    np.testing.assert_allclose(moved, 0.3, atol=1e-3)

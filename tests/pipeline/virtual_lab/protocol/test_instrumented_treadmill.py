@@ -85,3 +85,46 @@ def test_a_replayed_platform_is_off_by_one_whole_number_of_frames_in_each_record
             recorded.markers.position[:, 0], trial.recording.markers.position[:, -5]
         )
     assert found == {-2, -1, 0, 1, 2}
+
+
+@pytest.mark.parametrize(
+    ("table", "changes"),
+    [
+        ("plates", {"force_noise_n": 0.0, "wander_n": 0.0, "cross_talk": 0.0}),
+        ("accelerometers", {"noise_mps2": 0.0, "gain_share": 0.0}),
+        ("belts", {"noise_mps": 0.0}),
+        ("platform", {"marker_noise_m": 0.0, "gaps_per_minute": 0.0}),
+    ],
+)
+def test_a_fault_that_is_switched_off_changes_its_own_device_alone(perfect, table, changes):
+    """Every device has its own random numbers."""
+    trial, _ = perfect("baseline")
+
+    def recorded(faults):
+        treadmill = make_treadmill(faults, 1)
+        result = record(treadmill, trial.motion, None, "x.c3d", np.random.default_rng(0))
+        values = result.analog.values
+        return {
+            "plates": np.hstack([plate.wrench_in_plate for plate in result.plates]),
+            "accelerometers": values[:, :6],
+            "belts": values[:, 6:8],
+            "platform": result.markers.position.reshape(len(result.markers.time), -1),
+        }
+
+    without = getattr(Faults(), table).model_copy(update=changes)
+    default, changed = (
+        recorded(faults) for faults in (Faults(), Faults().model_copy(update={table: without}))
+    )
+    for device, values in default.items():
+        assert np.array_equal(values, changed[device], equal_nan=True) is (device != table)
+
+
+def test_equal_seeds_give_equal_recordings(perfect):
+    trial, _ = perfect("baseline")
+    treadmill = make_treadmill(Faults(), 1)
+    one, other = (
+        record(treadmill, trial.motion, None, "x.c3d", np.random.default_rng(3)) for _ in range(2)
+    )
+    assert one.analog.values.tobytes() == other.analog.values.tobytes()
+    for a, b in zip(one.plates, other.plates, strict=True):
+        assert a.wrench_in_plate.tobytes() == b.wrench_in_plate.tobytes()

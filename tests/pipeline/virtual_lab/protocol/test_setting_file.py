@@ -41,14 +41,6 @@ ELSEWHERE = {"platform.pivot_error_m", "machine.sway_hz", "machine.pitch_hz"}
 """Faults of the study file and of the motion itself."""
 SIZE = {
     "range_g": 0.5,
-    "inertias": "de_leva",
-    "spine_scale": 2.0,
-    "knee_scale": 2.0,
-    "ankle_scale": 2.0,
-    "wobble_scale": 2.0,
-    "shoe_kg": 0.5,
-    "sole_m": 0.03,
-    "sole_yield_m": 0.002,
     "gap_s": 0.5,
     "sensors": 4,
     "assembly_kg": 100.0,
