@@ -188,6 +188,9 @@ def _without_inertia(
             cutoff_hz=treadmill.cutoff_hz,
         )
     )
+    if models[0].lags_s:
+        lags_ms = tuple(f"{1000 * lag_s:g}" for lag_s in models[0].lags_s)
+        notes.append(Note.of("compensated_dynamically", lags_ms=lags_ms))
     if any(model.model_error is None for model in models):
         notes.append(Note.of("uncertainty_of_noise_alone"))
     elif BESIDE not in laboratory.calibration.provenance:

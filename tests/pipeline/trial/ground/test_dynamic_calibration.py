@@ -106,9 +106,10 @@ def test_files_of_compensated_plates_hold_what_trials_are_computed_with(calibrat
         assert np.abs(load.force[500:-500]).mean() < 5 * LEFT_N
 
 
-def test_every_frame_has_an_uncertainty(calibrated):
+def test_a_trial_names_the_model_and_every_frame_has_an_uncertainty(calibrated):
     other = yielding(moving(2))
     ground = ground_wrenches(other, calibrated[1], other.markers.time, 0.0)
+    assert "second differences over 10, 20, 40 ms" in " ".join(n.text for n in ground.notes)
     sd = np.sqrt(np.diagonal(ground.covariances[0], axis1=1, axis2=2))[INSIDE]
     assert np.isfinite(sd).all()
     assert (sd[:, :3] > 0.05).all()
