@@ -25,8 +25,10 @@ if TYPE_CHECKING:
     from compensation.belt.roller import Roller, fit_roller
     from compensation.inertia.calibration import Calibration, from_json, to_json
     from compensation.inertia.checks import check_calibration, check_trial
-    from compensation.inertia.fit import fit_inertia, sensor_noise_of
+    from compensation.inertia.dynamic import dynamic_channels, fit_dynamic
+    from compensation.inertia.fit import fit_inertia, fit_trials, sensor_noise_of
     from compensation.inertia.model import InertiaModel, Setup
+    from compensation.inertia.places import best_places
     from compensation.inertia.quality import left_over, refuse_unusable
     from compensation.inertia.sensors import Sensor, find_sensors
     from compensation.platform.markers import PoseFit, check_pose, fit_pose, neutral_markers
@@ -93,9 +95,13 @@ _HOME = {
     "to_json": "compensation.inertia.calibration",
     "check_calibration": "compensation.inertia.checks",
     "check_trial": "compensation.inertia.checks",
+    "dynamic_channels": "compensation.inertia.dynamic",
+    "fit_dynamic": "compensation.inertia.dynamic",
     "fit_inertia": "compensation.inertia.fit",
+    "fit_trials": "compensation.inertia.fit",
     "sensor_noise_of": "compensation.inertia.fit",
     "InertiaModel": "compensation.inertia.model",
+    "best_places": "compensation.inertia.places",
     "left_over": "compensation.inertia.quality",
     "refuse_unusable": "compensation.inertia.quality",
     "Sensor": "compensation.inertia.sensors",
@@ -152,6 +158,7 @@ __all__ = [
     "agreed_delay",
     "belt_acceleration",
     "belt_signals",
+    "best_places",
     "center_of_pressure",
     "check_calibration",
     "check_pose",
@@ -159,14 +166,17 @@ __all__ = [
     "check_trial",
     "commanded_pose",
     "cutoff_of_spline",
+    "dynamic_channels",
     "estimate_delay",
     "find_sensors",
     "fit_belt",
+    "fit_dynamic",
     "fit_inertia",
     "fit_line_orthogonal",
     "fit_plate_alignment",
     "fit_pose",
     "fit_roller",
+    "fit_trials",
     "free_moment",
     "from_json",
     "hammer_delay",

@@ -152,7 +152,14 @@ for name, measured in before.items():
 # One accelerometer is enough for sway, but not for pitch: a single sensor measures the platform's
 # angle and its angular acceleration in the same channels and cannot distinguish them, so the fit is
 # a compromise that suits its own recording. Fz becomes *larger* than measured. A second sensor at
-# the other end of the platform resolves this; a third and a fourth only average noise.
+# the other end of the platform resolves this.
+#
+# What a third and a fourth add does not show in these trials. Two sensors do not show rotation
+# about the line between them, and people who walk or run shake a platform in that direction too. A
+# third that is not in line, and a fourth that is not in their plane, show it; their gains for it
+# are learned from recordings of people beside the empty plate (`hbm calibration fit --beside`), as
+# the signals move the platform in sway and pitch alone. How much that removes is in the
+# documentation, under *Static and dynamic models of a moving platform*.
 #
 # There is a cost: components that were small before (Fx in sway) gain a few tenths of a newton, the
 # accelerometers' noise times the mass of the belt assembly.

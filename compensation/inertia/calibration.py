@@ -9,18 +9,22 @@ from typing import Any, Final
 import numpy as np
 from scipy.linalg import block_diag
 
+from compensation.inertia.choice import Choice
 from compensation.inertia.model import InertiaModel, Setup
+from compensation.inertia.model_error import ModelError
 from compensation.inertia.sensors import Sensor
 from compensation.inputs import refuse_gaps
 from hbm.spatial import Array, read_only
 
 FORMAT: Final = "hbm-residuals inertia calibration"
-VERSION: Final = 3
+VERSION: Final = 4
 WITHOUT_SENSORS: Final = (1, 2)
 """Versions without delays and gains of the accelerometers, which are then used as they are, and
 without the correlation of plates. The first one did not name its filter either, which was always
 the zero-phase one, and stored warnings.
 """
+WITHOUT_MODEL_ERROR: Final = (*WITHOUT_SENSORS, 3)
+"""Versions of static models alone, which know of noise alone."""
 MAX_REASON: Final = 120
 """Characters of what is wrong, which names what the file holds."""
 
@@ -32,7 +36,7 @@ class Calibration:
     Attributes
     ----------
     plates
-        Plate name -> its model; every model has a setup.
+        Plate name -> its static model; every model has a setup.
     provenance
         Origin of the models, for people: recording, its hash, date, program version, …
     sensors
@@ -41,6 +45,10 @@ class Calibration:
     correlation
         Of what is left below 6 Hz between the components of all plates, in the order of `plates`,
         (6 P, 6 P); None where it is unknown: the plates then count as independent.
+    dynamic
+        Plate name -> the dynamic model that compensates trials; empty where the static one does.
+    choice
+        Which of them does, and why; None where there was none to choose.
 
     Examples
     --------
@@ -58,11 +66,15 @@ class Calibration:
     provenance: Mapping[str, str] = field(default_factory=dict)
     sensors: tuple[Sensor, ...] = ()
     correlation: Array | None = None
+    dynamic: Mapping[str, InertiaModel] = field(default_factory=dict)
+    choice: Choice | None = None
 
     def __post_init__(self) -> None:
         if not self.plates:
             raise ValueError("a calibration needs the model of at least one plate")
-        for name, model in self.plates.items():
+        if self.dynamic and self.dynamic.keys() != self.plates.keys():
+            raise ValueError("a calibration needs a dynamic model of every plate, or of none")
+        for name, model in (*self.plates.items(), *self.dynamic.items()):
             if model.setup is None:
                 raise ValueError(
                     f"plate {name}: the model does not state how it was recorded; "
@@ -70,7 +82,7 @@ class Calibration:
                 )
             if self.sensors and model.sensors != tuple(sensor.name for sensor in self.sensors):
                 raise ValueError(f"plate {name}: its accelerometers are not those described")
-        for name in ("plates", "provenance"):
+        for name in ("plates", "provenance", "dynamic"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         if self.correlation is None:
             return
@@ -82,10 +94,15 @@ class Calibration:
         refuse_gaps(correlation, "calibration: correlation")
         object.__setattr__(self, "correlation", correlation)
 
+    @property
+    def in_use(self) -> Mapping[str, InertiaModel]:
+        """Plate name -> the model that compensates trials."""
+        return self.dynamic or self.plates
+
     def correlation_of(self, plates: Sequence[str]) -> Array:
         """Give the correlation of what is left of some plates, (6 P, 6 P), in their order."""
         if self.correlation is None:
-            return np.asarray(block_diag(*(self.plates[name].correlation for name in plates)))
+            return np.asarray(block_diag(*(self.in_use[name].correlation for name in plates)))
         order = list(self.plates)
         at = np.concatenate([6 * order.index(name) + np.arange(6) for name in plates])
         return np.asarray(self.correlation[np.ix_(at, at)])
@@ -113,6 +130,8 @@ def to_json(calibration: Calibration) -> str:
         "correlation": calibration.correlation.tolist()
         if calibration.correlation is not None
         else None,
+        "dynamic": {name: _plain(model) for name, model in calibration.dynamic.items()},
+        "choice": asdict(calibration.choice) if calibration.choice is not None else None,
     }
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
 
@@ -153,17 +172,20 @@ calibration'
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
     version = document.get("version")
-    if version not in (*WITHOUT_SENSORS, VERSION):
+    if version not in (*WITHOUT_MODEL_ERROR, VERSION):
         raise ValueError(
             f"the calibration has version {version}, this program reads versions 1 to {VERSION}; "
             "fit it again"
         )
     try:
         old = version in WITHOUT_SENSORS
-        plates = {name: _model(plain, old) for name, plain in document["plates"].items()}
+        plates = {name: _model(plain, version) for name, plain in document["plates"].items()}
         sensors = () if old else tuple(Sensor(**plain) for plain in document["sensors"])
         correlation = None if old else document["correlation"]
-        calibration = Calibration(plates, document["provenance"], sensors, correlation)
+        dynamic, choice = ({}, None) if version in WITHOUT_MODEL_ERROR else _chosen(document)
+        calibration = Calibration(
+            plates, document["provenance"], sensors, correlation, dynamic, choice
+        )
     except (KeyError, TypeError, AttributeError, OverflowError) as error:
         reason = str(error)[:MAX_REASON]
         raise ValueError(f"the calibration is damaged: {reason}; fit it again") from error
@@ -174,13 +196,32 @@ calibration'
 
 
 def _plain(model: InertiaModel) -> dict[str, Any]:
-    values = ((f.name, getattr(model, f.name)) for f in fields(model) if f.name != "setup")
-    plain = {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
-    return plain | {"setup": asdict(model.setup) if model.setup is not None else None}
+    plain = _arrays_as_lists(model, without=("setup", "model_error"))
+    return plain | {
+        "setup": asdict(model.setup) if model.setup is not None else None,
+        "model_error": _arrays_as_lists(model.model_error) if model.model_error else None,
+    }
 
 
-def _model(plain: dict[str, Any], old: bool) -> InertiaModel:
+def _chosen(document: dict[str, Any]) -> tuple[dict[str, InertiaModel], Choice | None]:
+    dynamic = {name: _model(plain, VERSION) for name, plain in document["dynamic"].items()}
+    choice = document["choice"]
+    return dynamic, None if choice is None else Choice(**choice)
+
+
+def _arrays_as_lists(
+    part: InertiaModel | ModelError, without: Sequence[str] = ()
+) -> dict[str, Any]:
+    values = ((f.name, getattr(part, f.name)) for f in fields(part) if f.name not in without)
+    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in values}
+
+
+def _model(plain: dict[str, Any], version: int) -> InertiaModel:
+    old = version in WITHOUT_SENSORS
     known = {name: value for name, value in plain.items() if name != "warnings" or not old}
     for needed in () if old else ("correlation", "rms_slow"):
         _ = plain[needed]
-    return InertiaModel(**(known | {"setup": Setup(**plain["setup"])}))
+    known["setup"] = Setup(**plain["setup"])
+    if version not in WITHOUT_MODEL_ERROR:
+        known["model_error"] = ModelError(**plain["model_error"])
+    return InertiaModel(**known)

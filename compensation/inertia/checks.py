@@ -112,7 +112,8 @@ def check_calibration(model: InertiaModel, plate: str) -> tuple[Note, ...]:
     >>> [note.code for note in check_calibration(model, "plate 1")]
     ['calibration_loaded']
     """
-    mean = np.append(model.acceleration_mean, 1.0) @ model.gain[:, :3]
+    mean = model.acceleration_mean @ model.gain[: len(model.acceleration_mean), :3]
+    mean = mean + model.gain[-1, :3]  # differences have no mean
     notes = []
     if (force := float(np.linalg.norm(mean))) > MIN_LOAD_N:
         notes.append(Note.of("calibration_loaded", plate=plate, force_n=force))

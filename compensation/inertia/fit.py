@@ -1,19 +1,27 @@
 """Fit what a moving, empty plate measures to the accelerations of its platform."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from compensation.inertia.model import SLOW_HZ, InertiaModel, Setup, sensor_names
+from compensation.inertia.model import InertiaModel, Setup, sensor_names
 from compensation.inertia.plausibility import (
     refuse_other_units,
     refuse_other_wrench_units,
     refuse_still_platform,
 )
+from compensation.inertia.residual import (
+    correlation_of,
+    held_out,
+    model_error_of,
+    recording_weights,
+    slow_part,
+    zero_of_trials,
+)
 from compensation.inputs import read_table, refuse_constant, refuse_unequal
-from hbm.signals.filtering import low_pass
 from hbm.spatial import WRENCH_COMPONENTS, Array
 
 MIN_SAMPLES_PER_GAIN: Final = 10
@@ -34,6 +42,7 @@ def fit_inertia(
     wrench: ArrayLike,
     setup: Setup | None = None,
     sensor_noise: ArrayLike = 0.0,
+    zero_sd: ArrayLike | None = None,
 ) -> InertiaModel:
     """Fit the wrench of a moving, empty plate to the accelerations of the platform.
 
@@ -50,6 +59,9 @@ def fit_inertia(
     sensor_noise
         Standard deviation of the accelerometers' noise after the filter, one for all or (k,)
         [m/s²]; `sensor_noise_of` estimates it. 0 is the published method, ordinary least squares.
+    zero_sd
+        Standard deviation by which the plate's zero changes from recording to recording, one for
+        all or (6,) [N, N·m]; None for the assumed one (`zero_of_trials`), 0 where it stays.
 
     Returns
     -------
@@ -87,8 +99,8 @@ def fit_inertia(
     the noise's share is subtracted from the normal equations, in every principal direction whose
     motion exceeds its noise (Fuller 1987, 1.2).
 
-    The covariance is the sandwich estimate over 60 blocks of the trial, which allows for
-    residuals that are correlated in time, as filtered signals are (Liang and Zeger 1986).
+    The covariance of the gains is the sandwich estimate over 60 blocks of the trial, which allows
+    for residuals that are correlated in time, as filtered signals are (Liang and Zeger 1986).
 
     Source: Hnat et al. (2018); van de Loosdrecht (2018), eq. 2.
 
@@ -108,10 +120,63 @@ def fit_inertia(
            [   0., -150.,    0.],
            [   0.,    0., -150.]])
     """
-    a, w = read_table(accelerations, "accelerations"), read_table(wrench, "wrench", 6)
+    return fit_trials([(accelerations, wrench)], setup, sensor_noise, zero_sd)
+
+
+def fit_trials(
+    trials: Sequence[tuple[ArrayLike, ArrayLike]],
+    setup: Setup | None = None,
+    sensor_noise: ArrayLike = 0.0,
+    zero_sd: ArrayLike | None = None,
+) -> InertiaModel:
+    """Fit one model to several recordings of an empty plate, each with a zero of its own.
+
+    Parameters
+    ----------
+    trials
+        Accelerations (N, k) [m/s²] and wrench (N, 6) [N, N·m] of each recording, as for
+        `fit_inertia`: the platform following a signal, somebody walking beside the empty plate.
+    setup, sensor_noise
+        As for `fit_inertia`.
+    zero_sd
+        Standard deviation of the plate's zero from recording to recording, one for all or (6,)
+        [N, N·m]; None to estimate it from the recordings (`zero_of_trials`), 0 where it is known.
+
+    Returns
+    -------
+    InertiaModel
+        Its offset is the mean of those of the recordings.
+
+    Raises
+    ------
+    ValueError
+        No recordings; else as `fit_inertia`, for all recordings together.
+
+    Notes
+    -----
+    A platform that people shake moves in ways in which no signal moves it. Two accelerometers do
+    not show all of them; what they show of those that occur together is learned from recordings in
+    which they occur. Recordings weigh by the inverse variance of what is left of them, lest those
+    that two accelerometers explain badly spoil the gains for motion that they explain well.
+
+    Examples
+    --------
+    >>> rng, gain = np.random.default_rng(0), np.hstack([-150 * np.eye(3), np.ones((3, 3))])
+    >>> felt = [rng.normal([0, 0, 9.81], 1.0, (600, 3)) for _ in range(2)]
+    >>> model = fit_trials([(felt[0], felt[0] @ gain), (felt[1], felt[1] @ gain + 4.0)])
+    >>> model.gain[-1].round(6)
+    array([2., 2., 2., 2., 2., 2.])
+    """
+    if not trials:
+        raise ValueError("a fit needs at least one recording")
+    read = [(read_table(a, "accelerations"), read_table(w, "wrench", 6)) for a, w in trials]
+    if len({a.shape[1] for a, _ in read}) > 1:
+        raise ValueError(f"recordings differ in channels: {[a.shape[1] for a, _ in read]}")
+    for one, other in read:
+        refuse_unequal(accelerations=one, wrench=other)
+    a, w = (np.vstack(both) for both in zip(*read, strict=True))
     n, k = a.shape
     sensors = sensor_names(setup, k)
-    refuse_unequal(accelerations=a, wrench=w)
     if n < MIN_SAMPLES_PER_GAIN * (k + 1):
         raise ValueError(
             f"{n} samples are too few to fit {k + 1} gains per component; "
@@ -125,33 +190,48 @@ def fit_inertia(
     refuse_other_wrench_units(a, w)
     noise = _read_noise(sensor_noise, k)
 
-    mean = a.mean(axis=0)
+    counts = np.array([len(one) for one, _ in read])
+    ends = np.cumsum(counts)[:-1]
+    felt_mean = np.array([one.mean(axis=0) for one, _ in read])
+    wrench_mean = np.array([other.mean(axis=0) for _, other in read])
+    mean = felt_mean.mean(axis=0)
+    weight = np.repeat(recording_weights(read), counts)
+    root = np.sqrt(weight)[:, None]
     scale = (noise if noise.any() else np.std(a, axis=0)) * np.sqrt(n)
-    u, s, vt = np.linalg.svd((a - mean) / scale, full_matrices=False)
+    centred = (a - np.repeat(felt_mean, counts, axis=0)) / scale
+    u, s, vt = np.linalg.svd(root * centred, full_matrices=False)
     rank = int(np.sum(s > s[0] * n * np.finfo(float).eps))
     u, s, directions = u[:, :rank], s[:rank], vt[:rank].T / scale[:, None]
     noisy = np.where(noise.any() & (s**2 > 1 + MIN_SIGNAL_TO_NOISE), 1.0, 0.0)  # of each direction
-    slopes = (s / (s**2 - noisy))[:, None] * (u.T @ w)
+    slopes = (s / (s**2 - noisy))[:, None] * (u.T @ (root * w))
     to_gain = np.block([[directions, np.zeros((k, 1))], [-mean @ directions, np.ones(1)]])
-    gain = to_gain @ np.vstack([slopes, w.mean(axis=0)])
-    residual = w - a @ gain[:-1] - gain[-1]
+    gain = to_gain @ np.vstack([slopes, wrench_mean.mean(axis=0)])
+    zeros = wrench_mean - felt_mean @ gain[:-1]
+    residual = w - a @ gain[:-1] - np.repeat(zeros, counts, axis=0)
 
-    design = np.column_stack([u * s, np.ones(n)])
+    one_of_each = np.repeat(n / (len(read) * counts), counts)
+    design = np.column_stack([root * u * s, one_of_each])
     share = np.vstack([noisy[:, None] * slopes, np.zeros(6)]) / n
     blocks = pairwise(np.linspace(0, n, min(BLOCKS, n) + 1).astype(int))
-    scores = np.stack([design[i:j].T @ residual[i:j] + (j - i) * share for i, j in blocks])
+    scores = np.stack(
+        [design[i:j].T @ residual[i:j] + weight[i:j].sum() * share for i, j in blocks]
+    )
     meat = np.einsum("brc,bsc->crs", scores, scores) * len(scores) / (len(scores) - 1)
     bread = to_gain / np.append(s**2 - noisy, n)
 
-    sigma = np.sqrt(np.sum(residual**2, axis=0) / (n - rank - 1))
-    slow = _slow(residual, setup)
+    left = np.split(residual, ends)
+    slow = [part for part in (slow_part(one, setup) for one in left) if part is not None]
+    all_slow = np.vstack(slow) if len(slow) == len(read) else None
+    zero = zero_of_trials(zeros, zero_sd)
+    about = w - np.repeat(wrench_mean, counts, axis=0)
+    unseen = np.vstack(held_out(np.split(u, ends), np.split(root * about, ends), noisy / s**2))
     return InertiaModel(
         gain=gain,
         covariance=bread @ meat @ bread.T,
-        sigma=sigma,
+        sigma=np.sqrt(np.sum(residual**2, axis=0) / (n - rank - len(read))),
         rank=rank + 1,
         condition=float(s[0] / s[-1]),
-        r_squared=1 - np.var(residual, axis=0) / np.var(w, axis=0),
+        r_squared=1 - np.sum(residual**2, axis=0) / np.sum(about**2, axis=0),
         rms_measured=np.sqrt(np.mean(w**2, axis=0)),
         rms_compensated=np.sqrt(np.mean(residual**2, axis=0)),
         acceleration_mean=mean,
@@ -161,8 +241,11 @@ def fit_inertia(
         sensor_noise=noise,
         samples=n,
         setup=setup,
-        correlation=_correlation(residual if slow is None else slow),
-        rms_slow=None if slow is None else np.sqrt(np.mean(slow**2, axis=0)),
+        correlation=correlation_of(residual if all_slow is None else all_slow),
+        rms_slow=None if all_slow is None else np.sqrt(np.mean(all_slow**2, axis=0)),
+        model_error=model_error_of(
+            [one for one, _ in read], np.split(unseen / root, ends), setup, zero
+        ),
     )
 
 
@@ -206,63 +289,6 @@ def sensor_noise_of(accelerations: ArrayLike) -> float:
         )
     variance = np.linalg.eigvalsh(np.cov(a, rowvar=False))
     return float(np.sqrt(max(variance[:-RIGID_DIRECTIONS].mean(), 0.0)))
-
-
-def residual_correlation(residual: ArrayLike, setup: Setup | None = None) -> Array:
-    """Give the correlations of what calibrations leave, of several plates side by side.
-
-    Parameters
-    ----------
-    residual
-        At common instants, (N, C) [N, N·m].
-    setup
-        How it was recorded; None where that is unknown.
-
-    Returns
-    -------
-    Array
-        (C, C), below 6 Hz where a second of known rate is given; 0 with a channel of which nothing
-        is left.
-
-    Raises
-    ------
-    ValueError
-        Wrong shape, no samples or gaps.
-
-    Notes
-    -----
-    Plates are compensated by the same accelerometers, whose noise is in all of them.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> noise = np.random.default_rng(0).normal(size=1000)
-    >>> residual_correlation(np.column_stack([noise, -2 * noise]))
-    array([[ 1., -1.],
-           [-1.,  1.]])
-    """
-    left = read_table(residual, "residual")
-    slow = _slow(left, setup)
-    return _correlation(left if slow is None else slow)
-
-
-def _slow(residual: Array, setup: Setup | None) -> Array | None:
-    """Give what passes the filter of trials, (N, C); None without a second of known rate.
-
-    The calibration's own filter passes vibration of the platform's base, which is not in residuals.
-    """
-    if setup is None or len(residual) < setup.rate_hz or setup.rate_hz < 4 * SLOW_HZ:
-        return None
-    return low_pass(residual, setup.rate_hz, SLOW_HZ, "zero_phase")
-
-
-def _correlation(residual: Array) -> Array:
-    """Give the correlations between channels, (C, C); 0 with one that leaves nothing."""
-    size = np.sqrt(np.mean(residual**2, axis=0))
-    scaled = residual / np.where(size > 0, size, 1.0)
-    correlation = scaled.T @ scaled / len(scaled)
-    np.fill_diagonal(correlation, 1.0)
-    return correlation
 
 
 def _read_noise(sensor_noise: ArrayLike, channels: int) -> Array:

@@ -11,6 +11,7 @@ from typing import Final, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from compensation.inertia.model_error import ModelError
 from compensation.inertia.plausibility import refuse_other_units
 from compensation.inputs import read_rate, read_table, refuse_gaps, refuse_unequal
 from hbm.signals.filtering import Method, low_pass
@@ -99,9 +100,10 @@ class InertiaModel:
     Attributes
     ----------
     gain
-        (k + 1, 6) [N or N·m per m/s²]; the last row is the offset [N, N·m]. k = 3 × sensors.
+        (K + 1, 6) [N or N·m per m/s²]; the last row is the offset [N, N·m]. K = k (1 + lags) and
+        k = 3 × sensors: a dynamic model has gains of differences too, as `lags_s` says.
     covariance
-        Covariance of the gain's columns, (6, k + 1, k + 1).
+        Covariance of the gain's columns, (6, K + 1, K + 1).
     sigma
         Standard deviation of the calibration's residual, (6,) [N, N·m].
     rank, condition
@@ -125,6 +127,11 @@ class InertiaModel:
     rms_slow
         As `rms_compensated`, of what passes a low-pass of `SLOW_HZ` as residuals do; by default,
         where the rate is unknown, `rms_compensated`.
+    model_error
+        What the model leaves besides noise, and the plate's zero; None of files of versions 1 to 3.
+    lags_s
+        Of a dynamic model: its accelerations are those of `dynamic_channels` for these lags, the
+        readings first, (N, K). Empty for a static one, of which K = k [s].
 
     Examples
     --------
@@ -154,14 +161,19 @@ class InertiaModel:
     setup: Setup | None = None
     correlation: Array = field(default_factory=lambda: np.eye(6))
     rms_slow: Array | None = None
+    model_error: ModelError | None = None
+    lags_s: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.rms_slow is None:
             object.__setattr__(self, "rms_slow", self.rms_compensated)
-        k = len(np.atleast_1d(self.gain)) - 1
+        object.__setattr__(self, "lags_s", tuple(self.lags_s))
+        channels = len(np.atleast_1d(self.gain)) - 1
+        k = channels // (1 + len(self.lags_s))
+        rows = k * (1 + len(self.lags_s)) + 1
         shapes = {
-            "gain": (k + 1, 6),
-            "covariance": (6, k + 1, k + 1),
+            "gain": (rows, 6),
+            "covariance": (6, rows, rows),
             **dict.fromkeys(("sigma", "r_squared", "rms_measured"), (6,)),
             **dict.fromkeys(("rms_compensated", "rms_slow"), (6,)),
             **dict.fromkeys(("acceleration_mean", "acceleration_low", "acceleration_high"), (k,)),
@@ -195,7 +207,7 @@ class InertiaModel:
         Parameters
         ----------
         accelerations
-            Readings of the accelerometers, low-passed as those of the fit, (N, k) [m/s²].
+            Readings of the accelerometers, low-passed as those of the fit, (N, K) [m/s²].
 
         Returns
         -------
@@ -216,7 +228,7 @@ class InertiaModel:
         Parameters
         ----------
         accelerations
-            Readings of the accelerometers, low-passed as those of the fit, (N, k) [m/s²].
+            Readings of the accelerometers, low-passed as those of the fit, (N, K) [m/s²].
         wrench
             Wrench measured by the plate at the same instants, in the moving plate frame about its
             origin, (N, 6) [N, N·m].
@@ -236,28 +248,47 @@ class InertiaModel:
         refuse_unequal(accelerations=predicted, wrench=wrench)
         return wrench - predicted
 
-    def uncertainty(self, accelerations: ArrayLike, slow: bool = False) -> Array:
+    def uncertainty(
+        self,
+        accelerations: ArrayLike,
+        slow: bool = False,
+        rate_hz: float | None = None,
+        zero: bool = True,
+    ) -> Array:
         """Give the standard deviation of a compensated wrench, sample by sample.
 
         Parameters
         ----------
         accelerations
-            Readings of the accelerometers, low-passed as those of the fit, (N, k) [m/s²].
+            Readings of the accelerometers over a trial, low-passed as those of the fit, (N, K)
+            [m/s²]; NaN where unknown.
         slow
             Whether the wrench passes `SLOW_HZ` afterwards, which leaves less of the noise.
+        rate_hz
+            Of the readings [Hz]; None for the setup's.
+        zero
+            Whether the plate's zero counts, which is the same in all samples of a trial.
 
         Returns
         -------
         Array
-            One standard deviation, (N, 6) [N, N·m]: noise of plate and accelerometers as left
-            over in the calibration, and the uncertainty of the gain at these accelerations. A
-            95 % interval is ± 1.96 of it.
+            One standard deviation, (N, 6) [N, N·m]; a 95 % interval is ± 1.96 of it. It holds the
+            noise of plate and accelerometers, what the model does not explain of a motion like
+            this (`ModelError`), the uncertainty of the gains at these readings, and the plate's
+            zero. Without `model_error` it is noise and gains alone. NaN where the readings are.
         """
-        x = self._design(accelerations)
-        of_gain = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], axis=1)
-        noise = self.rms_slow if slow and self.rms_slow is not None else self.sigma
-        sigma: Array = np.sqrt(noise**2 + of_gain)
-        return sigma
+        a = np.asarray(accelerations, float)
+        known = np.isfinite(a).all(axis=1)
+        variance = np.full((len(a), 6), np.nan)
+        if known.any():
+            x = self._design(a[known])
+            variance[known] = np.stack([np.sum((x @ c) * x, axis=1) for c in self.covariance], 1)
+        if self.model_error is None:
+            noise = self.rms_slow if slow and self.rms_slow is not None else self.sigma
+            return np.asarray(np.sqrt(variance + noise**2))
+        rate = rate_hz or (self.setup.rate_hz if self.setup is not None else 1.0)
+        variance += self.model_error.variance(a[:, : len(self.sensor_noise)], rate, slow)
+        return np.asarray(np.sqrt(variance + (self.model_error.zero**2 if zero else 0.0)))
 
     def require(self, setup: Setup) -> None:
         """Refuse signals that were not recorded as the calibration was.
@@ -281,8 +312,8 @@ class InertiaModel:
             raise ValueError(f"calibration does not match: it has {'; '.join(differ)}")
 
     def _design(self, accelerations: ArrayLike) -> Array:
-        a = read_table(accelerations, "accelerations", len(self.acceleration_mean))
-        refuse_other_units(a, self.sensors)
+        a = read_table(accelerations, "accelerations", len(self.gain) - 1)
+        refuse_other_units(a[:, : len(self.acceleration_mean)], self.sensors)
         return np.column_stack([a, np.ones(len(a))])
 
 

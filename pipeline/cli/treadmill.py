@@ -48,6 +48,25 @@ def fit(
         str | None, typer.Option(help="Channel of the commanded pitch.")
     ] = None,
     plate_calibration: PlateCorrectionFile = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--beside",
+            help="People on the treadmill beside a plate that stays empty: fitted too; repeatable.",
+        ),
+    ] = None,
+    inertia_model: Annotated[
+        str,
+        typer.Option(
+            "--model",
+            "--inertia-model",
+            help="static, dynamic, or auto: dynamic where clearly and safely better.",
+        ),
+    ] = "auto",
+    check: Annotated[
+        list[Path] | None,
+        typer.Option("--check", help="As --beside, only to compare both models by; repeatable."),
+    ] = None,
 ) -> None:
     """Fit a calibration to a recording of the empty, moving treadmill."""
     from compensation import check_calibration, to_json
@@ -68,6 +87,7 @@ def fit(
         read_empty,
     )
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
+    from pipeline.trial.ground.empty_plates import BESIDE
     from pipeline.trial.ground.platform_delay import recording_delays
 
     console = plain_console()
@@ -86,6 +106,7 @@ def fit(
             "accelerometers": sensors,
             "accelerometer_unit": accelerometer_unit,
             "cutoff_hz": cutoff_hz,
+            "inertia_model": inertia_model,
         },
     )
     commands = Platform(sway_channel=sway_channel, pitch_channel=pitch_channel)
@@ -94,7 +115,11 @@ def fit(
         raise ValueError("--sway-channel and --pitch-channel need --platform-markers")
     with_markers = treadmill.model_copy(update={"platform": Platform(markers=markers)})
     try:
-        calibration = fit_calibration(empty, treadmill, plates)
+        fitted_too, compared = (
+            [read_empty(path, stated, any_forward=plates is None) for path in paths or ()]
+            for paths in (beside, check)
+        )
+        calibration = fit_calibration(empty, treadmill, plates, fitted_too, compared)
         timing = (
             recording_delays(empty, with_markers, calibration.sensors, commands) if markers else ()
         )
@@ -102,7 +127,8 @@ def fit(
         text = str(error)
         if "unknown acceleration unit" in text:
             text += "; if that is not their unit, use --accelerometer-unit g"
-        raise ValueError(text if recording.name in text else f"{recording.name}: {text}") from error
+        known = any(path.name in text for path in (recording, *(beside or ())))
+        raise ValueError(text if known else f"{recording.name}: {text}") from error
     provenance = {
         **calibration.provenance,
         "sha256": file_digest(recording),
@@ -115,18 +141,21 @@ def fit(
     setup = next(iter(calibration.plates.values())).setup
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
+    if BESIDE in provenance:
+        console.print(f"fitted too: {provenance[BESIDE]}", soft_wrap=True)
     print_table(_sensor_table(calibration), console)
     print_table(_fit_table(calibration), console)
     doubts = [
         note
-        for plate, model in calibration.plates.items()
-        for note in check_calibration(model, plate)
+        for plate, fitted in calibration.in_use.items()
+        for note in check_calibration(fitted, plate)
     ]
-    poor = [n for plate, m in calibration.plates.items() for n in check_left_over(m, plate)]
+    poor = [n for plate, m in calibration.in_use.items() for n in check_left_over(m, plate)]
     notes = [
         *doubts,
         *with_corrected_plates(empty, plates).notes[len(empty.notes) :],
         *describe_sensors(calibration.sensors),
+        *([calibration.choice.note] if calibration.choice is not None else []),
         *timing,
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
         *poor,
@@ -153,7 +182,7 @@ def _fit_table(calibration: "Calibration") -> "Table":
     for name in ("plate", "component", "RMS", "after", "< 6 Hz", "allowed", "R²", "verdict"):
         left = name in ("plate", "component", "verdict")
         table.add_column(name, justify="left" if left else "right")
-    for name, model in calibration.plates.items():
+    for name, model in calibration.in_use.items():
         for row in left_over(model):
             table.add_row(
                 name,
@@ -166,8 +195,9 @@ def _fit_table(calibration: "Calibration") -> "Table":
                 row.verdict,
             )
         table.caption = (
-            f"rank {model.rank} of {len(model.gain)}, condition {model.condition:.0f}; allowed: "
-            "peaks of what is left, 3 RMS, stay below the limits of Hicks et al. (2015) at 50 kg; "
+            f"rank {model.rank} of {1 + len(model.acceleration_mean)}, condition "
+            f"{model.condition:.0f}; allowed: peaks of what is left, 3 RMS, stay below the "
+            "limits of Hicks et al. (2015) at 50 kg; "
             "R² is low where a component hardly moved, without harm"
         )
     return table

@@ -205,8 +205,11 @@ class Belt(InputModel):
 class Treadmill(InputModel):
     """The machine: its accelerometers, its calibration, its belts, its platform.
 
-    ``check`` is an empty recording of another day, with which the calibration is compared. Without
-    ``accelerometer_delay_s`` the calibration estimates the accelerometers' delays.
+    ``beside`` are recordings of people beside an empty plate, fitted together with a calibration
+    that is a recording. ``check`` is an empty recording of another day, with which the calibration
+    is compared. Without ``accelerometer_delay_s`` the calibration estimates the accelerometers'
+    delays. Without ``inertia_model`` = "static" or "dynamic" it chooses the better one
+    (docs/calibration.md).
 
     Examples
     --------
@@ -216,12 +219,14 @@ class Treadmill(InputModel):
     """
 
     calibration: Text | None = None
+    beside: Labels = ()
     check: Text | None = None
     accelerometers: dict[Name, Channels] = Field(default_factory=dict)
     accelerometer_unit: Text | None = None
     accelerometer_delay_s: DelayS | None = None
     accelerometer_range_g: AccelerometerRangeG = 2.0
     cutoff_hz: CalibrationCutoffHz = 20.0
+    inertia_model: Literal["auto", "static", "dynamic"] = "auto"
     belt: Belt | None = None
     platform: Platform | None = None
 
@@ -233,6 +238,7 @@ class Treadmill(InputModel):
             "check": self.check,
             "belt.calibration": self.belt.calibration if self.belt is not None else None,
         }
+        stated |= {f"beside[{number}]": name for number, name in enumerate(self.beside)}
         return {key: name for key, name in stated.items() if name}
 
     @property
@@ -266,6 +272,11 @@ class Treadmill(InputModel):
             raise ValueError(
                 "accelerometers: is missing; a calibration has no effect without; name the three "
                 "channels of each sensor, as in the example of 'hbm init'"
+            )
+        if self.beside and Path(self.calibration or "").suffix.lower() != ".c3d":
+            raise ValueError(
+                "beside: is fitted together with a calibration that is a recording (.c3d); a "
+                "fitted one (.json) holds it if 'hbm calibration fit' was given --beside"
             )
         if self.check and not self.calibration:
             raise ValueError("check: has no effect without a calibration to check")

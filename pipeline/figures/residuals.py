@@ -125,7 +125,7 @@ def _draw_uncertainty(panel: Axes, x: Array, middle: Array, spread: Array) -> No
         edgecolor=COLOURS["compensated"],
         hatch=UNCERTAINTY_HATCH,
         lw=0,
-        label="compensation ± 1σ, without model error",
+        label="compensation ± 1σ",
     )
 
 

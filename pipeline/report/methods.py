@@ -230,7 +230,7 @@ def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
         " Each trial was processed twice with the same kinematics: with the force plate wrenches "
         "as measured (no IC) and after inertia compensation (IC), for which the wrench due to the "
         "treadmill's own motion was predicted for each plate by a linear model of accelerometer "
-        "signals and subtracted in the plate's frame (Hnat et al. 2018)."
+        f"signals{_differences(trials)} and subtracted in the plate's frame (Hnat et al. 2018)."
     )
     if treadmill is not None and treadmill.belt is not None:
         text += (
@@ -245,6 +245,17 @@ def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
         "to a recording of the empty, moving treadmill; plates and accelerometers of this "
         "recording and of each trial were low-pass filtered with zero phase (−3 dB at "
         f"{treadmill.cutoff_hz:g} Hz)."
+    )
+
+
+def _differences(trials: Sequence[TrialSummary]) -> str:
+    """Say which differences of accelerations a dynamic model has beside the accelerations."""
+    notes = [n for trial in trials for n in trial.notes if n.code == "compensated_dynamically"]
+    lags = [values for n in notes if isinstance(values := n.values["lags_ms"], tuple)]
+    if not lags:
+        return ""
+    return (
+        f" and their second differences over {join_names(lags[0])} ms, fitted by ridge regression,"
     )
 
 

@@ -82,7 +82,7 @@ def trial_quality(trial: TrialSummary) -> tuple[Criterion, ...]:
             "Unsolved frames",
             (Check(str(unsolved), "check" if unsolved else "pass", f"of {trial.frames}"),),
         ),
-        Criterion("1σ of IC, without model error", _compensation(trial)),
+        Criterion("1σ of IC", _compensation(trial)),
         Criterion("Locked", (Check(str(len(trial.locked)), "none"),)),
         Criterion("Peak force", _peaks(trial.thresholds, "force")),
         Criterion("Peak moment", _peaks(trial.thresholds, "moment")),

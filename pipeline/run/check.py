@@ -171,9 +171,9 @@ def _check_laboratory(study: Study, found: _Collector) -> Laboratory:
     if not treadmill.calibration:
         found.remark("study.toml", "calibration_not_stated")
         return Laboratory(treadmill, plates=plates)
-    path = study.path(treadmill.calibration)
+    path, beside = study.path(treadmill.calibration), tuple(map(study.path, treadmill.beside))
     calibration = found.attempt(
-        path.name, lambda: read_calibration(path, treadmill, stated, plates)
+        path.name, lambda: read_calibration(path, treadmill, stated, plates, beside)
     )
     if calibration is not None:
         for plate, model in calibration.plates.items():

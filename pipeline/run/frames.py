@@ -64,7 +64,7 @@ def frame_table(result: TrialResult) -> pa.Table:
         where the split of a plate between the feet is uncertain; ``valid.motion``,
         ``valid.plates`` and ``valid.settled``, all true where a residual counts
         (`pipeline.trial.validity.Validity`). With a calibration of the platform, one standard
-        deviation due to the compensation, without model error: ``uncertainty.residual.Fx`` … and
+        deviation due to the compensation: ``uncertainty.residual.Fx`` … and
         ``uncertainty.plate_1.fx`` …, lab axes about the lab origin [N, N·m].
     """
     motion, markers, pose = result.motion, result.markers, result.platform

@@ -59,7 +59,7 @@ class ResidualRow:
     valid_share
         Share of the frames in it that count: the pose is known and the plates carry the subject.
     compensation_sd
-        RMS of one standard deviation of the residual due to the compensation, without model error;
+        RMS of one standard deviation of the residual due to the compensation;
         None for the plates as measured, and where no platform was compensated.
     """
 

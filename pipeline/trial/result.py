@@ -80,7 +80,7 @@ class CyclePart:
 
 @dataclass(frozen=True, slots=True)
 class CompensationUncertainty:
-    """One standard deviation of compensated wrenches due to the compensation, without model error.
+    """One standard deviation of compensated wrenches due to the compensation.
 
     Attributes
     ----------

@@ -56,7 +56,9 @@ def read_study_laboratory(study: Study) -> Laboratory:
     calibration: Calibration | None = None
     belts: tuple[BeltModel, ...] = ()
     if treadmill.calibration:
-        calibration = read_calibration(study.path(treadmill.calibration), treadmill, stated, plates)
+        beside = tuple(map(study.path, treadmill.beside))
+        path = study.path(treadmill.calibration)
+        calibration = read_calibration(path, treadmill, stated, plates, beside)
     if treadmill.belt is not None:
         belts = read_belts(study.path(treadmill.belt.calibration), treadmill.belt, stated, plates)
     laboratory = Laboratory(treadmill, calibration, belts, plates)

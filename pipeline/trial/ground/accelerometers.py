@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation import Sensor
+from compensation import Sensor, dynamic_channels
 from hbm.notes import Note
 from hbm.signals.resampling import resample
 from hbm.spatial import Array
@@ -138,6 +138,7 @@ def at_plate_times(
     plate_time: Array,
     treadmill: Treadmill,
     sensors: Sequence[Sensor] = (),
+    lags_s: Sequence[float] = (),
 ) -> Array:
     """Give what the accelerometers felt at the instants of a plate's samples.
 
@@ -153,12 +154,18 @@ def at_plate_times(
         Its stated delay counts where the calibration describes no sensors.
     sensors
         The calibration's, of which delays and gains are undone.
+    lags_s
+        Of a dynamic model: differences over them follow the readings [s].
 
     Returns
     -------
     Array
-        (M, k) [m/s²]; NaN where unknown.
+        (M, k (1 + lags)) [m/s²]; NaN where unknown.
     """
+    if lags_s:
+        rate_hz = (len(clock) - 1) / float(clock[-1] - clock[0])
+        kinds = np.split(dynamic_channels(readings, rate_hz, lags_s), 1 + len(lags_s), axis=1)
+        return np.hstack([at_plate_times(clock, x, plate_time, treadmill, sensors) for x in kinds])
     if not sensors:
         return resample(clock, readings, plate_time + (treadmill.accelerometer_delay_s or 0.0))
     delays, scale = [s.correction_s for s in sensors], [s.scale for s in sensors]

@@ -2,7 +2,8 @@
 
 The prediction is linear in the accelerations, so that a low-pass that is applied to the difference
 afterwards does the same as one on plates and accelerations before: up to the calibration's cut-off
-nothing is lost by leaving both unfiltered.
+nothing is lost by leaving both unfiltered. What a dynamic model adds was fitted up to that cut-off
+only, and is of accelerations that passed it.
 """
 
 from typing import Final
@@ -59,9 +60,7 @@ def plate_artefacts(
         models = plate_models(recording, laboratory)
         delays_s = relative_delays_s(plates, laboratory.plates)
         for artefact, plate, model, late_s in zip(artefacts, plates, models, delays_s, strict=True):
-            felt = at_plate_times(
-                clock, readings, plate.time - late_s, treadmill, laboratory.calibration.sensors
-            )
+            felt = _felt(clock, readings, plate.time - late_s, laboratory, model)
             artefact += model.predict(_held(felt, recording, plate, "the acceleration", notes))
         notes += compensation_doubts(plates, models, readings, treadmill)
     if laboratory.belts and treadmill.belt is not None:
@@ -84,6 +83,21 @@ def compensation_doubts(
     ]
     known = readings[np.isfinite(readings).all(axis=1)]
     return [*doubts, *check_trial(models[0], known, treadmill.accelerometer_range_g)]
+
+
+def _felt(
+    clock: Array, readings: Array, time: Array, laboratory: Laboratory, model: InertiaModel
+) -> Array:
+    """Give the accelerations at a plate's times: readings unfiltered, differences filtered."""
+    assert laboratory.calibration is not None
+    treadmill, sensors = laboratory.treadmill, laboratory.calibration.sensors
+    felt = at_plate_times(clock, readings, time, treadmill, sensors)
+    if not model.lags_s:
+        return felt
+    assert model.setup is not None  # a calibration's models have one
+    filtered = model.setup.low_pass(readings, clock)
+    both = at_plate_times(clock, filtered, time, treadmill, sensors, model.lags_s)
+    return np.hstack([felt, both[:, felt.shape[1] :]])
 
 
 def _held(values: Array, recording: Recording, plate: Plate, what: str, notes: list[Note]) -> Array:

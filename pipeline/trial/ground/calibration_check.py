@@ -15,8 +15,9 @@ from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
-from pipeline.trial.ground.calibration_recording import read_empty, wrenches_in_time
+from pipeline.trial.ground.calibration_recording import read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.empty_plates import wrenches_in_time
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
 FAULTS: Final = (
@@ -54,9 +55,11 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
     if not recording.plates:
         raise ValueError(f"{file}: the check needs plates: {recording.why_no_plates}")
     recording = with_corrected_plates(recording, laboratory.plates)
-    models = plate_models(recording, laboratory)
+    plate_models(recording, laboratory)  # refuses other plates, sensors or rates
     treadmill, calibration = laboratory.treadmill, laboratory.calibration
     assert calibration is not None
+    names = [f"plate {plate.number}" for plate in recording.plates]
+    models = [calibration.plates[name] for name in names]
     clock, readings = accelerations(recording, treadmill)
     if faults := _faults(models[0], readings, treadmill):
         return DayCheck("faulty", faults, (), {})
@@ -70,7 +73,6 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
     )
     wrenches = wrenches_in_time(recording, setup, laboratory.plates)
     known = np.isfinite(np.hstack([felt, *wrenches])).all(axis=1)
-    names = [f"plate {plate.number}" for plate in recording.plates]
     try:
         return check_another_day(
             dict(zip(names, models, strict=True)),

@@ -11,19 +11,21 @@ import numpy as np
 
 from compensation import (
     Calibration,
+    InertiaModel,
     Sensor,
-    Setup,
     estimate_delay,
     find_sensors,
     fit_inertia,
+    fit_trials,
     from_json,
     refuse_unusable,
 )
 from compensation.alignment.sensor_delay import MODEL_ERROR_S
-from compensation.inertia.fit import residual_correlation
+from compensation.inertia.choice import choose
+from compensation.inertia.dynamic import LAGS_S
+from compensation.inertia.residual import residual_correlation
 from compensation.inertia.sensors import QUANTILE_95, noise_for_fit
 from hbm.notes import Note
-from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
 from hbm.spatial import Array
 from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
@@ -32,11 +34,16 @@ from pipeline.io.input_file import read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
-from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
-from pipeline.trial.ground.corrected_plates import relative_delays_s, with_corrected_plates
+from pipeline.trial.ground.accelerometers import accelerations
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.empty_plates import (
+    BESIDE,
+    empty_plates,
+    plate_samples,
+    setup_of,
+    wrenches_in_time,
+)
 
-FILTER: Final[Method] = "zero_phase"
-"""A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
 PLATES_NAME: Final = "plate_calibration"
 PLATES_SHA256: Final = "plate_calibration_sha256"
 """Keys of a calibration's provenance that name the correction of its plates."""
@@ -49,7 +56,11 @@ MIN_COSINE_LEVEL: Final = 0.7
 
 
 def fit_calibration(
-    recording: Recording, treadmill: Treadmill, plates: PlateCorrection | None = None
+    recording: Recording,
+    treadmill: Treadmill,
+    plates: PlateCorrection | None = None,
+    beside: Sequence[Recording] = (),
+    checks: Sequence[Recording] = (),
 ) -> Calibration:
     """Fit what the empty plates of a moving treadmill measure to its accelerations.
 
@@ -62,42 +73,62 @@ def fit_calibration(
     plates
         The correction of its plates, which are corrected before the fit, and brought to the first
         one's clock where it states their delays.
+    beside
+        Recordings in which people are on the treadmill, but not on every plate. Plates that stay
+        empty are fitted to them too.
+    checks
+        The same, by whose empty plates static and dynamic model are compared; they are not fitted.
 
     Returns
     -------
     Calibration
-        One model per plate, named "plate 1", "plate 2", …. Its sensors' delays are against the
-        first plate. Its provenance names the correction.
+        One model per plate, named "plate 1", "plate 2", …, and dynamic ones where they are stated
+        or chosen. Its sensors' delays are against the first plate. Its provenance names the
+        correction, and which plates were empty in what.
 
     Raises
     ------
     ValueError
-        If there are no plates or accelerometers, or the fit is not possible.
+        If there are no plates or accelerometers, the fit is not possible, or somebody was on a
+        plate for a part of a recording, or on all plates.
     """
     if not recording.plates:
         raise ValueError(
             f"{recording.source.name}: the calibration needs plates: {recording.why_no_plates}"
         )
     recording = with_corrected_plates(recording, plates)
-    clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
-    filtered = setup.low_pass(readings, clock)
-    wrenches = wrenches_in_time(recording, setup, plates)
-    sensors = _sensors(recording, treadmill, clock, readings, filtered, wrenches)
-    models, left = {}, []
-    for plate, wrench in zip(recording.plates, wrenches, strict=True):
-        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
-        known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
-        noise = noise_for_fit(sensors, felt[known])
-        model = fit_inertia(felt[known], wrench[known], setup, noise)
-        models[f"plate {plate.number}"] = model
-        left.append(np.full(wrench.shape, np.nan))
-        left[-1][known] = model.compensate(felt[known], wrench[known])
-    refuse_unusable(models)
+    sensors = _sensors(recording, treadmill, plates)
+    k = 3 * len(treadmill.accelerometers)
+    own = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
+    noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in own.items()}
+    static = {
+        name: fit_inertia(felt[:, :k], wrench, setup, noises[name])
+        for name, (felt, wrench) in own.items()
+    }
+    refuse_unusable(static)
     provenance = {"recording": recording.source.name}
+    found, compared = (
+        [
+            (one.source.name, empty_plates(one, treadmill, sensors, plates, static, LAGS_S))
+            for one in recordings
+        ]
+        for recordings in (beside, checks)
+    )
+    trials = [(recording.source.name, own), *found]
+    if found:
+        for name in own:
+            of_plate = [samples[name] for _, samples in trials if name in samples]
+            readings = [(felt[:, :k], wrench) for felt, wrench in of_plate]
+            static[name] = fit_trials(readings, setup, noises[name])
+        provenance[BESIDE] = "; ".join(
+            f"{source}: {', '.join(empty)} empty" for source, empty in found
+        )
+    choice, dynamic = choose(trials, static, compared, treadmill.inertia_model)
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
-    return Calibration(models, provenance, sensors, _joint_correlation(recording, left, setup))
+    joint = _joint_correlation(recording, own, dynamic or static)
+    return Calibration(static, provenance, sensors, joint, dynamic, choice)
 
 
 def plates_timed_apart(
@@ -112,17 +143,10 @@ def plates_timed_apart(
     states of the plates' delays is taken into account.
     """
     recording = with_corrected_plates(recording, plates)
-    clock, readings = accelerations(recording, treadmill)
-    setup = setup_of(recording, treadmill)
-    filtered = setup.low_pass(readings, clock)
-    late = []
-    for plate, wrench in zip(
-        recording.plates, wrenches_in_time(recording, setup, plates), strict=True
-    ):
-        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors)
-        known = np.isfinite(np.hstack([felt, wrench])).all(axis=1)
+    late, rate_hz = [], setup_of(recording, treadmill).rate_hz
+    for felt, wrench in plate_samples(recording, treadmill, sensors, plates).values():
         try:
-            late.append(estimate_delay(felt[known], wrench[known], setup.rate_hz))
+            late.append(estimate_delay(felt, wrench, rate_hz))
         except ValueError:
             return ()
     notes = []
@@ -139,25 +163,21 @@ def plates_timed_apart(
     return tuple(notes)
 
 
-def wrenches_in_time(
-    recording: Recording, setup: Setup, correction: PlateCorrection | None
-) -> list[Array]:
-    """Give the low-passed plates (N, 6), each read ahead by how much later it is than the first."""
-    late = relative_delays_s(recording.plates, correction)
-    wrenches = [setup.low_pass(plate.wrench_in_plate, plate.time) for plate in recording.plates]
-    return [
-        wrench if late_s == 0 else resample(plate.time, wrench, plate.time + late_s)
-        for plate, wrench, late_s in zip(recording.plates, wrenches, late, strict=True)
-    ]
-
-
-def _joint_correlation(recording: Recording, left: Sequence[Array], setup: Setup) -> Array | None:
+def _joint_correlation(
+    recording: Recording,
+    samples: Mapping[str, tuple[Array, Array]],
+    models: Mapping[str, InertiaModel],
+) -> Array | None:
     """Give the correlation of what is left of all plates; None where their clocks differ."""
     first, *others = recording.plates
     if not all(np.array_equal(plate.time, first.time) for plate in others):
         return None
-    together = np.hstack(left)
-    return residual_correlation(together[np.isfinite(together).all(axis=1)], setup)
+    if len({len(wrench) for _, wrench in samples.values()}) > 1:
+        return None
+    left = np.hstack(
+        [models[n].compensate(a[:, : len(models[n].gain) - 1], w) for n, (a, w) in samples.items()]
+    )
+    return residual_correlation(left - left.mean(axis=0), next(iter(models.values())).setup)
 
 
 def require_same_plates(calibration: Calibration, plates: PlateCorrection | None) -> None:
@@ -182,14 +202,13 @@ def require_same_plates(calibration: Calibration, plates: PlateCorrection | None
 
 
 def _sensors(
-    recording: Recording,
-    treadmill: Treadmill,
-    clock: Array,
-    readings: Array,
-    filtered: Array,
-    wrenches: Sequence[Array],
+    recording: Recording, treadmill: Treadmill, correction: PlateCorrection | None
 ) -> tuple[Sensor, ...]:
     """Find the sensors' delays against the plates, their gains and their noise."""
+    clock, readings = accelerations(recording, treadmill)
+    setup = setup_of(recording, treadmill)
+    filtered = setup.low_pass(readings, clock)
+    wrenches = wrenches_in_time(recording, setup, correction)
     first, *_ = recording.plates
     same_clock = [
         wrench
@@ -206,7 +225,7 @@ def _sensors(
         felt[known],
         both[known][:, felt.shape[1] :],
         complete,
-        setup_of(recording, treadmill),
+        setup,
         rate_hz,
     )
     if stated is None:
@@ -219,6 +238,7 @@ def read_calibration(
     treadmill: Treadmill,
     stated: Stated | str | None = None,
     plates: PlateCorrection | None = None,
+    beside: tuple[Path, ...] = (),
 ) -> Calibration:
     """Read a fitted calibration (JSON), or fit one to a recording of the empty treadmill (C3D).
 
@@ -232,6 +252,8 @@ def read_calibration(
         How a recording is to be read, as for `read_empty`; a text states its axes alone.
     plates
         The correction of the plates of trials: those of a recording are corrected alike.
+    beside
+        Recordings of people beside an empty plate, fitted together with a recording.
 
     Returns
     -------
@@ -260,14 +282,15 @@ def read_calibration(
             calibration = from_json(read_text(path))
             _require_same_channels(calibration, treadmill)
             _require_same_delay(calibration, treadmill)
+            _require_stated_model(calibration, treadmill)
             require_same_plates(calibration, plates)
         except ValueError as error:
             raise ValueError(f"{path.name}: {error}") from error
         return calibration
-    written = path.stat()
     channels = treadmill.model_dump_json(exclude={"platform"})
-    version = written.st_mtime_ns, written.st_size
-    return _fitted(path, version, channels, as_stated(stated), plates)
+    files = path, *beside
+    versions = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    return _fitted(files, versions, channels, as_stated(stated), plates)
 
 
 def _require_same_channels(calibration: Calibration, treadmill: Treadmill) -> None:
@@ -296,6 +319,16 @@ def _require_same_delay(calibration: Calibration, treadmill: Treadmill) -> None:
             )
 
 
+def _require_stated_model(calibration: Calibration, treadmill: Treadmill) -> None:
+    """Refuse a stated model that is not the one of the calibration."""
+    fitted, stated = "dynamic" if calibration.dynamic else "static", treadmill.inertia_model
+    if stated not in ("auto", fitted):
+        raise ValueError(
+            f"the calibration is of a {fitted} model, but treadmill.inertia_model is {stated!r}; "
+            f"leave it out, or fit it again with --model {stated}"
+        )
+
+
 def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
     return {
         channel: f"{axis} of {sensor}"
@@ -306,19 +339,22 @@ def _axis_of_channel(sensors: Mapping[str, Sequence[str]]) -> dict[str, str]:
 
 @lru_cache(maxsize=2)
 def _fitted(
-    path: Path,
-    version: tuple[int, int],
+    files: tuple[Path, ...],
+    versions: tuple[tuple[int, int], ...],
     treadmill_json: str,
     stated: Stated,
     plates: PlateCorrection | None,
 ) -> Calibration:
-    """Fit what every trial of a study needs; a file of another ``version`` is fitted anew."""
-    recording = read_empty(path, stated, any_forward=plates is None)
+    """Fit what every trial of a study needs; files of other ``versions`` are fitted anew."""
+    path, *_ = files
+    recording, *beside = (read_empty(file, stated, any_forward=plates is None) for file in files)
+    treadmill = Treadmill.model_validate_json(treadmill_json)
     try:
-        return fit_calibration(recording, Treadmill.model_validate_json(treadmill_json), plates)
+        return fit_calibration(recording, treadmill, plates, beside)
     except ValueError as error:
         text = str(error)
-        raise ValueError(text if path.name in text else f"{path.name}: {text}") from error
+        known = any(file.name in text for file in files)
+        raise ValueError(text if known else f"{path.name}: {text}") from error
 
 
 def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recording:
@@ -367,11 +403,3 @@ def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
             if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):
                 return recording
         raise first
-
-
-def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
-    """Give how a recording's plates and accelerometers were recorded and are to be filtered."""
-    rate = float(1 / np.median(np.diff(recording.plates[0].time)))
-    return Setup(
-        tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz, filter_method=FILTER
-    )

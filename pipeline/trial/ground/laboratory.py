@@ -11,12 +11,8 @@ from hbm.signals.filtering import Method
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Platform, Settings, Treadmill
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.calibration_recording import (
-    FILTER,
-    read_calibration,
-    require_same_plates,
-    setup_of,
-)
+from pipeline.trial.ground.calibration_recording import read_calibration, require_same_plates
+from pipeline.trial.ground.empty_plates import FILTER, setup_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +61,7 @@ class Laboratory:
 
 
 def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaModel]:
-    """Give the inertia model of every plate of a trial.
+    """Give the inertia model that compensates each plate of a trial.
 
     Parameters
     ----------
@@ -86,7 +82,7 @@ def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaMo
     """
     if laboratory.calibration is None:
         return []
-    known, name = laboratory.calibration.plates, recording.source.name
+    known, name = laboratory.calibration.in_use, recording.source.name
     wanted = [f"plate {plate.number}" for plate in recording.plates]
     if unknown := [plate for plate in wanted if plate not in known]:
         raise ValueError(f"{name}: the calibration has no {unknown[0]}; it has {', '.join(known)}")

@@ -8,8 +8,8 @@ from compensation import InertiaModel
 from hbm.spatial import Array, read_only
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
-from pipeline.trial.ground.calibration_recording import setup_of
 from pipeline.trial.ground.corrected_plates import plate_delays_s
+from pipeline.trial.ground.empty_plates import setup_of
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
 
@@ -79,7 +79,12 @@ def plate_loads(
         models = plate_models(recording, laboratory)
         for k, (plate, model) in enumerate(zip(plates, models, strict=True)):
             felt = at_plate_times(
-                clock, readings, plate.time, treadmill, laboratory.calibration.sensors
+                clock,
+                readings,
+                plate.time,
+                treadmill,
+                laboratory.calibration.sensors,
+                model.lags_s,
             )
             forces[k] = forces[k] - _predicted(model, felt) @ plate.rotation[2]
     delays = plate_delays_s(plates, laboratory.plates, plate_delay_s)

@@ -10,7 +10,7 @@ from hbm.spatial import Array
 from pipeline.config.schema import Platform, Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
-from pipeline.trial.ground.calibration_recording import setup_of
+from pipeline.trial.ground.empty_plates import setup_of
 from pipeline.trial.ground.platform import platform_pose
 
 QUANTILE_95: Final = 1.96

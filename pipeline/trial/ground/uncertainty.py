@@ -1,8 +1,8 @@
 """How uncertain compensated wrenches are, in the lab, about any point.
 
-It is that of the compensation alone: noise of plates and accelerometers as left over in the
-calibration, and the uncertainty of its gains at the trial's accelerations. What the linear model
-lacks is not in it, nor are body, markers and belts: it is named "without model error".
+It is that of the compensation alone: noise of plates and accelerometers, what the calibration's
+model does not explain of motion like the trial's, the uncertainty of its gains, and the zero of the
+plates. Body, markers, the platform's pose and accelerating belts are not in it.
 """
 
 from collections.abc import Sequence
@@ -26,6 +26,7 @@ def wrench_spread(
     plate: Plate,
     pose: PlatformPose | None,
     cutoff_hz: float,
+    rate_hz: float,
 ) -> Array:
     """Give what one standard deviation of each component of a plate is in the lab.
 
@@ -42,20 +43,23 @@ def wrench_spread(
     cutoff_hz
         Of the filter that the wrench passes next: up to 6 Hz, the noise is that below 6 Hz, else
         all that passed the calibration's filter, which is more than what is left [Hz].
+    rate_hz
+        Of the frames [Hz].
 
     Returns
     -------
     Array
-        One column per component of the plate's compensated wrench, in lab axes about the lab
-        origin, (T, 6, 6) [N, N·m]; NaN where the acceleration or the pose is unknown.
+        One column per component of the plate's compensated wrench without its zero, then one per
+        component of its zero, in lab axes about the lab origin, (T, 6, 12) [N, N·m]; NaN where the
+        acceleration or the pose is unknown.
     """
-    known = np.isfinite(acceleration).all(axis=1)
-    sd = np.full((len(acceleration), 6), np.nan)
-    if known.any():
-        sd[known] = model.uncertainty(acceleration[known], slow=cutoff_hz <= SLOW_HZ)
+    slow = cutoff_hz <= SLOW_HZ
+    sd = model.uncertainty(acceleration, slow, rate_hz, zero=False)
+    zero = np.zeros(6) if model.model_error is None else model.model_error.zero
+    both = np.hstack([sd, np.where(np.isnan(sd), np.nan, zero)])
     rotation = plate.rotation[None] if pose is None else pose.rotation @ plate.rotation
     center = plate.center[None] if pose is None else pose.to_lab(plate.center)
-    return np.asarray(_change(rotation, center) * sd[:, None, :])
+    return np.asarray(np.tile(_change(rotation, center), 2) * both[:, None, :])
 
 
 def sum_covariance(spreads: Sequence[Array], correlation: Array) -> Array:
@@ -64,17 +68,21 @@ def sum_covariance(spreads: Sequence[Array], correlation: Array) -> Array:
     Parameters
     ----------
     spreads
-        Of each plate, as `wrench_spread` gives them, (T, 6, 6).
+        Of each plate, as `wrench_spread` gives them, (T, 6, 12).
     correlation
-        Between all of their components, (6 P, 6 P).
+        Between all of their components but the zeros, which are independent, (6 P, 6 P).
 
     Returns
     -------
     Array
         In lab axes about the lab origin, (T, 6, 6) [N², N²·m, N²·m²].
     """
-    all_plates = np.concatenate(spreads, axis=2)
-    return np.asarray(all_plates @ correlation @ np.swapaxes(all_plates, 1, 2))
+    moving, zeros = (
+        np.concatenate([spread[:, :, part] for spread in spreads], axis=2)
+        for part in (slice(0, 6), slice(6, 12))
+    )
+    of_motion = moving @ correlation @ np.swapaxes(moving, 1, 2)
+    return np.asarray(of_motion + zeros @ np.swapaxes(zeros, 1, 2))
 
 
 def moved(covariance: Array, rotation: Array, point: Array) -> Array:

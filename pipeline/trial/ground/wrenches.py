@@ -20,8 +20,8 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, corrected_sensors
 from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
-from pipeline.trial.ground.calibration_recording import setup_of
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
+from pipeline.trial.ground.empty_plates import BESIDE, setup_of
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
@@ -90,9 +90,9 @@ def ground_wrenches(
     Ground
         Both variants move with the platform. What platform and belts add is subtracted in each
         plate's own moving frame, before any rotation. Plates and accelerometers pass the low-pass
-        of the calibration before the platform's inertia is subtracted; the gains are static, so
-        that it makes no difference that this is done at the markers' rate on equally resampled
-        signals.
+        of the calibration before the platform's inertia is subtracted. The gains are constant, and
+        the differences of a dynamic model are taken at the accelerometers' rate, so that it makes
+        no difference that this is done at the markers' rate on equally resampled signals.
 
     Raises
     ------
@@ -131,10 +131,11 @@ def ground_wrenches(
         assert laboratory.calibration is not None
         models = plate_models(recording, laboratory)
         if pose is not None and treadmill.platform is not None and treadmill.platform.markers:
-            late = plate_marker_delay(pose, felt[0], recording.markers.rate_hz)
+            readings = felt[0][:, : len(models[0].acceleration_mean)]
+            late = plate_marker_delay(pose, readings, recording.markers.rate_hz)
             notes += plates_note(late, delays_s[0])
         spreads = [
-            wrench_spread(model, acceleration, plate, pose, cutoff_hz)
+            wrench_spread(model, acceleration, plate, pose, cutoff_hz, recording.markers.rate_hz)
             for model, plate, acceleration in zip(models, plates, felt, strict=True)
         ]
         joint = laboratory.calibration.correlation_of([f"plate {p.number}" for p in plates])
@@ -157,7 +158,7 @@ def _without_inertia(
 ) -> tuple[list[Array], list[Array], list[Note]]:
     """Subtract what the platform's motion adds to each plate; its times (T,) are on its clock.
 
-    Gives what the accelerometers felt at each plate's times too, (T, k).
+    Gives what the accelerometers felt at each plate's times too, (T, K).
 
     Plates and accelerometers both pass the low-pass that both passed in the calibration: filtering
     only one of them would leave the part of the artefact that the filter takes from the other.
@@ -168,9 +169,10 @@ def _without_inertia(
     setup = setup_of(recording, treadmill)
     assert laboratory.calibration is not None
     sensors, filtered = laboratory.calibration.sensors, setup.low_pass(readings, clock)
+    late = relative_delays_s(plates, laboratory.plates)
     felt = [
-        at_plate_times(clock, filtered, time - late_s, treadmill, sensors)
-        for time, late_s in zip(times, relative_delays_s(plates, laboratory.plates), strict=True)
+        at_plate_times(clock, filtered, time - late_s, treadmill, sensors, model.lags_s)
+        for time, late_s, model in zip(times, late, models, strict=True)
     ]
     compensated = []
     for plate, model, time, acceleration in zip(plates, models, times, felt, strict=True):
@@ -186,6 +188,13 @@ def _without_inertia(
             cutoff_hz=treadmill.cutoff_hz,
         )
     )
+    if models[0].lags_s:
+        lags_ms = tuple(f"{1000 * lag_s:g}" for lag_s in models[0].lags_s)
+        notes.append(Note.of("compensated_dynamically", lags_ms=lags_ms))
+    if any(model.model_error is None for model in models):
+        notes.append(Note.of("uncertainty_of_noise_alone"))
+    elif BESIDE not in laboratory.calibration.provenance:
+        notes.append(Note.of("uncertainty_without_people"))
     notes += [*corrected_sensors(sensors), *laboratory.notes]
     return compensated, felt, notes
 

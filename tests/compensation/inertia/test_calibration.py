@@ -31,8 +31,11 @@ def test_every_number_survives_the_round_trip(calibration):
     assert list(read.plates) == ["left", "right"]
     assert dict(read.provenance) == dict(calibration.provenance)
     for side, model in calibration.plates.items():
-        for name in model.__dataclass_fields__:
-            np.testing.assert_array_equal(getattr(read.plates[side], name), getattr(model, name))
+        again = read.plates[side]
+        pairs = (again, model), (again.model_error, model.model_error)
+        for found, expected in pairs:
+            for name in set(expected.__dataclass_fields__) - {"model_error"}:
+                np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
     assert check_calibration(read.plates["left"], "left")[0].code == "calibration_loaded"
 
 
@@ -61,6 +64,18 @@ def test_a_file_from_before_filters_were_named_was_filtered_with_zero_phase(cali
     for plate in document["plates"].values():
         assert plate["setup"].pop("filter_method") == "zero_phase"
     assert from_json(json.dumps(document), SETUP).plates["left"].setup == SETUP
+
+
+def test_a_file_without_model_error_is_of_noise_alone(calibration):
+    document = json.loads(to_json(calibration)) | {"version": 3}
+    for plate in document["plates"].values():
+        del plate["model_error"]
+    old = from_json(json.dumps(document)).plates["left"]
+    assert old.model_error is None
+    at_rest = np.broadcast_to(old.acceleration_mean, (3, len(old.acceleration_mean)))
+    np.testing.assert_array_equal(old.uncertainty(at_rest), old.uncertainty(at_rest, zero=False))
+    zero = calibration.plates["left"].model_error.zero
+    assert (calibration.plates["left"].uncertainty(at_rest) > zero).all()
 
 
 def test_the_filter_of_the_fit_comes_back_from_the_file(laboratory):
@@ -113,12 +128,14 @@ def damaged(text, **changes):
         (lambda text: text[:100], "not JSON"),
         (lambda text: "[1, 2]", "not a calibration"),
         (lambda text: "{}", "not a calibration"),
-        (lambda text: text.replace('"version": 3', '"version": 9'), "version 9"),
+        (lambda text: text.replace('"version": 4', '"version": 9'), "version 9"),
         (lambda text: text.replace('"provenance"', '"origin"'), "damaged: 'provenance'"),
         (lambda text: text.replace('"sigma"', '"sugma"'), "damaged"),
         (lambda text: damaged(text, gain=[[1.0] * 6]), "inertia model"),
         (lambda text: damaged(text, sigma=[float("nan")] * 6), "not numbers"),
         (lambda text: damaged(text, setup=None), "damaged"),
+        (lambda text: damaged(text, model_error=None), "damaged"),
+        (lambda text: damaged(text, model_error={"zero": [0.0] * 6}), "damaged"),
     ],
 )
 def test_a_damaged_calibration_gets_one_clear_error(calibration, spoil, message):

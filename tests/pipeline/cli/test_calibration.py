@@ -76,13 +76,24 @@ def test_a_calibration_from_before_sensors_were_described_is_used_as_it_was(tmp_
                                   old.plates["plate 1"].rms_compensated)  # fmt: skip
 
 
-@pytest.mark.parametrize("missing", ["correlation", "rms_slow", "sensors"])
+@pytest.mark.parametrize("missing", ["correlation", "rms_slow", "sensors", "model_error"])
 def test_a_calibration_of_today_that_lacks_a_part_is_damaged(tmp_path, missing):
     document = json.loads(to_json(fit(empty(1), tmp_path)))
     for part in (document, *document["plates"].values()):
         part.pop(missing, None)
     with pytest.raises(ValueError, match=f"the calibration is damaged: '{missing}'"):
         from_json(json.dumps(document))
+
+
+def test_people_beside_an_empty_plate_are_fitted_too(tmp_path, capsys):
+    boards = lab.save(empty(2), tmp_path / "boards.c3d")
+    found = fit(empty(1), tmp_path, *STATED, "--beside", str(boards))
+    alone = fit(empty(1), tmp_path)
+    assert found.plates["plate 1"].samples > 1.9 * alone.plates["plate 1"].samples
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "fitted too: boards.c3d: plate 1, plate 2 empty" in printed
+    assert found.provenance["beside"] == "boards.c3d: plate 1, plate 2 empty"
+    assert "beside" not in alone.provenance
 
 
 def renamed(recording):

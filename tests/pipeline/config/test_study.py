@@ -335,7 +335,7 @@ def test_the_template_with_every_key_uncommented_is_valid(tmp_path):
         (tmp_path / name).write_text(uncommented, encoding="utf-8")
     faults = faults_of(tmp_path)
     *files, groups = faults
-    assert len(files) == 11, faults
+    assert len(files) == 14, faults
     assert all(": no file '" in fault for fault in files)
     assert "all subjects are in the group 'before surgery'" in groups  # there is one subject
 

@@ -49,7 +49,7 @@ def test_the_uncertainty_of_the_compensation_is_a_band_with_its_name(trial, span
     frames = len(trial.motion.time)
     spread = CompensationUncertainty((), np.tile(np.arange(1.0, 7.0), (frames, 1)))
     figure = residual_figure(replace(trial, uncertainty=spread, span=span))
-    name = "compensation ± 1σ, without model error"
+    name = "compensation ± 1σ"
     (legend,) = figure.legends
     assert name in [text.get_text() for text in legend.get_texts()]
     for k, panel in enumerate(figure.axes):

@@ -70,6 +70,17 @@ def test_levels_of_the_trunk_that_no_marker_showed_are_named(usual):
     assert "followed from her mean proportions (xiphoid from the cervicale)" in text
 
 
+def test_a_dynamic_model_of_the_platform_is_named(usual):
+    text, results = usual
+    assert "second differences" not in text
+    key = ("sub01", "sway")
+    note = Note.of("compensated_dynamically", lags_ms=("10", "20", "40"))
+    trial = replace(results.summaries[key], notes=(*results.summaries[key].notes, note))
+    found = replace(results, summaries=results.summaries | {key: trial})
+    text = " ".join(methods(found, statistics(found.residuals, found.subjects), EXPERIMENT_3, None))
+    assert "accelerometer signals and their second differences over 10, 20 and 40 ms" in text
+
+
 def test_where_body_mass_came_from_is_told(usual):
     text, results = usual
     weighed = "measured by the force plates in the steadiest second of standing still"

@@ -1,0 +1,238 @@
+"""What a compensation leaves besides noise, as the accelerometers of a trial let expect it.
+
+A linear model of a few accelerometers does not know how a platform bends, rolls on its base or is
+shaken by people. What it leaves grows with the motion, differently in every direction and band of
+frequencies: the calibration's recordings, each part predicted by the others, show how.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import nnls
+
+from compensation.inputs import refuse_gaps
+from hbm.signals.filtering import low_pass
+from hbm.spatial import Array, read_only
+
+EDGES_HZ: Final = (2.0, 4.0, 6.0, 9.0, 12.0)
+"""Between the bands of frequencies: commanded motion and steps, their harmonics, the modes of a
+platform's base, and the rest up to the calibration's low-pass."""
+SMOOTHING_S: Final = 1.0
+"""Over which energies are averaged: a few periods of what shakes a platform."""
+MIN_RATE_PER_CUTOFF: Final = 5.0
+"""Sampling rate by cut-off that keeps what passed a second-order low-pass."""
+ITERATIONS: Final = 7
+"""Of the weights of the fit; recordings gain weight in the second half."""
+MAX_UNDERRATED: Final = 10.0
+"""Factor by which one iteration may find the squares of a recording too small."""
+MIN_EXPECTED_SHARE: Final = 0.05
+MIN_OF_MEAN: Final = 0.001
+"""Of a squared error, and of the mean of all, below which the expectation of a squared error counts
+as no smaller in the weights."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelError:
+    """Variance of what a model leaves of an empty plate, by how the platform moves.
+
+    Attributes
+    ----------
+    center
+        Mean readings of the calibration, (k,) [m/s²].
+    directions
+        Orthonormal directions of the readings in every band, (B, k, k), one per column; B is 0
+        where the calibration's rate is unknown, and 6 else.
+    per_energy
+        Variance per energy in each direction of each band [N² or (N·m)² per (m/s²)²], of what
+        passed the calibration's low-pass and of its part below 6 Hz, (2, B k, 6).
+    floor
+        Variance at rest, of the same two, (2, 6) [N², (N·m)²].
+    zero
+        Standard deviation of a trial's zero about the calibration's, (6,) [N, N·m].
+
+    Examples
+    --------
+    >>> bands, zero = np.zeros((0, 3, 3)), np.zeros(6)
+    >>> quiet = ModelError(np.zeros(3), bands, np.zeros((2, 0, 6)), np.ones((2, 6)), zero)
+    >>> quiet.variance(np.zeros((2, 3)), 100.0)[0]
+    array([1., 1., 1., 1., 1., 1.])
+    """
+
+    center: Array
+    directions: Array
+    per_energy: Array
+    floor: Array
+    zero: Array
+
+    def __post_init__(self) -> None:
+        k = np.size(self.center)
+        bands = len(self.directions)
+        shapes = {
+            "center": (k,),
+            "directions": (bands, k, k),
+            "per_energy": (2, bands * k, 6),
+            "floor": (2, 6),
+            "zero": (6,),
+        }
+        for name, shape in shapes.items():
+            value = read_only(np.reshape(getattr(self, name), shape))
+            if value.size:
+                refuse_gaps(value, f"model error: {name}")
+            object.__setattr__(self, name, value)
+
+    def variance(self, accelerations: ArrayLike, rate_hz: float, slow: bool = False) -> Array:
+        """Give the variance to expect of what the model leaves, but for the zero.
+
+        Parameters
+        ----------
+        accelerations
+            Readings of a trial, low-passed as those of the calibration, (N, k) [m/s²]; NaN where
+            unknown.
+        rate_hz
+            Their rate [Hz].
+        slow
+            Whether 6 Hz is passed afterwards.
+
+        Returns
+        -------
+        Array
+            (N, 6) [N², (N·m)²]; NaN where the readings are unknown.
+        """
+        a = np.asarray(accelerations, float)
+        floor = self.floor[int(slow)]
+        known = np.isfinite(a).all(axis=1)
+        if not len(self.directions):
+            return np.where(known[:, None], floor, np.nan)
+        moved = np.where(known[:, None], a, np.nan) - self.center
+        energy = _energies(_bands(moved, rate_hz), self.directions, rate_hz)
+        return np.asarray(energy @ self.per_energy[int(slow)] + floor)
+
+
+def fit_model_error(
+    accelerations: Sequence[Array],
+    left: Sequence[Array],
+    left_slow: Sequence[Array],
+    rate_hz: float | None,
+    zero: ArrayLike,
+) -> ModelError:
+    """Fit how the squares of what a model leaves grow with the motion of the platform.
+
+    Parameters
+    ----------
+    accelerations
+        Readings of every recording of the calibration, (N, k) [m/s²].
+    left
+        What the model leaves of each recording about its zero, every part predicted by a model
+        fitted to the others, (N, 6) [N, N·m].
+    left_slow
+        The same below 6 Hz.
+    rate_hz
+        Of all of them; None where it is unknown: then the error is the same in every motion.
+    zero
+        Standard deviation of a trial's zero about the calibration's, (6,) [N, N·m].
+
+    Returns
+    -------
+    ModelError
+        With variances that are 0 or positive.
+
+    Notes
+    -----
+    The readings are split into bands; the directions of a band are the principal ones of the
+    recordings, each of which counts alike, so that neither the axes of the sensors nor the longest
+    recording decide. Squared errors, averaged over a second, are then a sum of a constant and of
+    the energies in all directions of all bands, with factors that are not negative; weighted least
+    squares by their expectation, as squares of normal errors scatter in proportion to it.
+    """
+    center = np.mean([a.mean(axis=0) for a in accelerations], axis=0)
+    squares = [np.vstack(side) ** 2 for side in (left, left_slow)]
+    k = len(center)
+    if rate_hz is None:
+        floor = np.array([square.mean(axis=0) for square in squares])
+        return ModelError(center, np.zeros((0, k, k)), np.zeros((2, 0, 6)), floor, np.array(zero))
+    bands = [_bands(a - center, rate_hz) for a in accelerations]
+    directions = np.array([_directions(of_band) for of_band in zip(*bands, strict=True)])
+    step = max(round(SMOOTHING_S * rate_hz), 1)
+    energies = [_energies(band, directions, rate_hz)[step // 2 :: step] for band in bands]
+    designs = [np.column_stack([energy, np.ones(len(energy))]) for energy in energies]
+    found = []
+    for side in (left, left_slow):
+        averaged = [_smooth(part**2, rate_hz)[step // 2 :: step] for part in side]
+        found.append(_not_negative(designs, averaged))
+    factors = np.array(found)
+    return ModelError(center, directions, factors[:, :-1], factors[:, -1], np.array(zero))
+
+
+def thinned(rate_hz: float, cutoff_hz: float | None) -> int:
+    """Give how many samples one of a low-passed signal stands for without loss."""
+    if cutoff_hz is None:
+        return 1
+    return max(int(rate_hz / (MIN_RATE_PER_CUTOFF * cutoff_hz)), 1)
+
+
+def _bands(moved: Array, rate_hz: float) -> list[Array]:
+    """Split readings (N, k) into bands of frequencies; short parts between gaps count as slow."""
+    below = [_below(moved, rate_hz, edge) for edge in EDGES_HZ]
+    edges = [np.zeros_like(moved), *below, moved]
+    return [high - low for low, high in pairwise(edges)]
+
+
+def _below(moved: Array, rate_hz: float, edge_hz: float) -> Array:
+    if edge_hz >= rate_hz / 2 or len(moved) * edge_hz < rate_hz or len(moved) < 2:
+        return moved
+    slow = low_pass(moved, rate_hz, edge_hz, "zero_phase")
+    return np.where(np.isnan(slow), moved, slow)
+
+
+def _directions(recordings: Sequence[Array]) -> Array:
+    """Give the principal directions of a band, (k, k), all recordings counting alike."""
+    squares = [part.T @ part for part in recordings]
+    traces = [max(float(np.trace(square)), np.finfo(float).tiny) for square in squares]
+    alike = np.sum([s / trace for s, trace in zip(squares, traces, strict=True)], axis=0)
+    return np.asarray(np.linalg.eigh(alike)[1])
+
+
+def _energies(bands: Sequence[Array], directions: Array, rate_hz: float) -> Array:
+    """Give squared readings in every direction of every band, averaged over time, (N, B k)."""
+    parts = [(band @ turned) ** 2 for band, turned in zip(bands, directions, strict=True)]
+    return _smooth(np.hstack(parts), rate_hz)
+
+
+def _smooth(squares: Array, rate_hz: float) -> Array:
+    """Average (N, C) over `SMOOTHING_S`, over what is known of it; gaps stay gaps."""
+    count = max(round(SMOOTHING_S * rate_hz), 1)
+    known = np.isfinite(squares).all(axis=1, keepdims=True)
+    filled = np.where(known, squares, 0.0)
+    total = uniform_filter1d(filled, count, axis=0, mode="constant")
+    share = uniform_filter1d(known.astype(float), count, axis=0, mode="constant")
+    return np.asarray(np.where(known, total / np.maximum(share, 0.5 / count), np.nan))
+
+
+def _not_negative(designs: Sequence[Array], squares: Sequence[Array]) -> Array:
+    """Give factors ≥ 0 of the designs' columns, (F, 6), that explain squares of each recording."""
+    counts = [len(part) for part in squares]
+    recording = np.repeat(np.arange(len(counts)), counts)
+    design, stacked = np.vstack(designs), np.vstack(squares)
+    size = np.maximum(design.max(axis=0), np.finfo(float).tiny)
+    scaled = design / size
+    factors = np.zeros((design.shape[1], stacked.shape[1]))
+    for k, square in enumerate(stacked.T):
+        if not square.any():
+            continue
+        expected, of_recording = np.full(len(square), square.mean()), 1 / np.array(counts)
+        total = np.bincount(recording, square)
+        for iteration in range(ITERATIONS):
+            if iteration > ITERATIONS // 2:
+                underrated = total / np.maximum(np.bincount(recording, expected), 1e-9 * total)
+                of_recording = of_recording * np.clip(underrated, 1, MAX_UNDERRATED) ** 2
+            least = np.maximum(MIN_EXPECTED_SHARE * square, MIN_OF_MEAN * square.mean())
+            weight = np.sqrt(of_recording)[recording] / np.maximum(expected, least)
+            solved, _ = nnls(scaled * weight[:, None], square * weight)
+            expected = scaled @ solved
+        factors[:, k] = solved / size
+    return factors

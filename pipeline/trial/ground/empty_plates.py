@@ -1,0 +1,140 @@
+"""Samples of empty plates, and of what the accelerometers felt, for the fit of a calibration."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from compensation import InertiaModel, Sensor, Setup
+from compensation.inertia.checks import MIN_LOAD_N
+from hbm.signals.filtering import Method
+from hbm.signals.resampling import resample
+from hbm.spatial import Array
+from pipeline.config.plate_correction import PlateCorrection
+from pipeline.config.schema import Treadmill
+from pipeline.io.recording import Recording
+from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
+from pipeline.trial.ground.corrected_plates import relative_delays_s, with_corrected_plates
+
+FILTER: Final[Method] = "zero_phase"
+"""A delay of what is subtracted would leave an artefact wherever platform or belt accelerate."""
+BESIDE: Final = "beside"
+"""Key of a calibration's provenance that names the recordings of people beside empty plates."""
+LOAD_S: Final = 2.0
+"""Over which the vertical force of a plate is averaged to see whether somebody is on it: longer
+than a stride, so that steps count as well as standing."""
+
+
+def plate_samples(
+    recording: Recording,
+    treadmill: Treadmill,
+    sensors: Sequence[Sensor],
+    correction: PlateCorrection | None,
+    lags_s: Sequence[float] = (),
+) -> dict[str, tuple[Array, Array]]:
+    """Give what was felt and the wrench of every plate, where both are known.
+
+    Parameters
+    ----------
+    recording
+        Its plates corrected already.
+    treadmill
+        Names of its accelerometers' channels and the cut-off.
+    sensors
+        Of which delays and gains are undone.
+    correction
+        Of the plates, which may state their delays.
+    lags_s
+        Of the differences that a dynamic model needs; these follow the readings [s].
+
+    Returns
+    -------
+    dict
+        "plate 1", "plate 2", … -> felt (N, K) [m/s²], wrench (N, 6) [N, N·m].
+
+    Raises
+    ------
+    ValueError
+        A channel is missing, or its unit is unknown.
+    """
+    clock, readings = accelerations(recording, treadmill)
+    setup = setup_of(recording, treadmill)
+    filtered = setup.low_pass(readings, clock)
+    found = {}
+    for plate, wrench in zip(
+        recording.plates, wrenches_in_time(recording, setup, correction), strict=True
+    ):
+        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors, lags_s)
+        known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
+        found[f"plate {plate.number}"] = felt[known], wrench[known]
+    return found
+
+
+def empty_plates(
+    recording: Recording,
+    treadmill: Treadmill,
+    sensors: Sequence[Sensor],
+    correction: PlateCorrection | None,
+    models: Mapping[str, InertiaModel],
+    lags_s: Sequence[float] = (),
+) -> dict[str, tuple[Array, Array]]:
+    """Give the samples of those plates of a recording that nobody was on.
+
+    Parameters are those of `plate_samples`, the recording as it was read, and the static models of
+    a calibration by which a load is seen.
+
+    Raises
+    ------
+    ValueError
+        As `plate_samples`; recorded otherwise than the calibration, somebody was on a plate for a
+        while, or on every plate.
+    """
+    source, setup = recording.source.name, setup_of(recording, treadmill)
+    recording = with_corrected_plates(recording, correction)
+    samples, empty = plate_samples(recording, treadmill, sensors, correction, lags_s), {}
+    for name, (felt, wrench) in samples.items():
+        if name not in models:
+            continue
+        model = models[name]
+        try:
+            model.require(setup)
+        except ValueError as error:
+            raise ValueError(f"{source}: {error}") from error
+        force = model.compensate(felt[:, : len(model.acceleration_mean)], wrench)[:, 2]
+        count = round(LOAD_S * setup.rate_hz)
+        means = [part.mean() for part in np.array_split(force, max(len(force) // count, 1))]
+        carried = np.abs(means) > MIN_LOAD_N
+        if not carried.any():
+            empty[name] = felt, wrench
+        elif not carried.all():
+            raise ValueError(
+                f"{source}: somebody was on {name} in {100 * carried.mean():.0f} % of the "
+                f"recording (more than {MIN_LOAD_N:g} N on average over {LOAD_S:g} s); record "
+                "people who stay on the other plate or on the boards all the time"
+            )
+    if not empty:
+        raise ValueError(
+            f"{source}: somebody was on every plate; a recording beside the empty plate leaves one "
+            "plate empty"
+        )
+    return empty
+
+
+def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
+    """Give how a recording's plates and accelerometers were recorded and are to be filtered."""
+    rate = float(1 / np.median(np.diff(recording.plates[0].time)))
+    return Setup(
+        tuple(treadmill.accelerometers), round(rate, 6), treadmill.cutoff_hz, filter_method=FILTER
+    )
+
+
+def wrenches_in_time(
+    recording: Recording, setup: Setup, correction: PlateCorrection | None
+) -> list[Array]:
+    """Give the low-passed plates (N, 6), each read ahead by how much later it is than the first."""
+    late = relative_delays_s(recording.plates, correction)
+    wrenches = [setup.low_pass(plate.wrench_in_plate, plate.time) for plate in recording.plates]
+    return [
+        wrench if late_s == 0 else resample(plate.time, wrench, plate.time + late_s)
+        for plate, wrench, late_s in zip(recording.plates, wrenches, late, strict=True)
+    ]

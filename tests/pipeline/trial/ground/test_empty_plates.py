@@ -1,0 +1,83 @@
+"""People beside a plate that stays empty: which plates are fitted to such recordings."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.config.schema import Treadmill
+from pipeline.trial.ground.calibration_recording import fit_calibration, read_calibration
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.wrenches import ground_wrenches
+from tests.pipeline import lab
+
+TREADMILL = Treadmill(accelerometers=lab.CHANNELS)
+
+
+def beside(*plates, name="beside.c3d", share=1.0, seed=1):
+    """Somebody of 700 N stands on some plates for a share of the time; the platform pitches."""
+    people = lab.without_people(20.0)
+    loaded = []
+    for plate in people.plates:
+        wrench = plate.wrench_in_plate.copy()
+        if plate.number in plates:
+            rows = slice(0, round(share * len(wrench)))
+            wrench[rows, 2] = 700.0 * plate.rotation[2, 2]
+        loaded.append(replace(plate, wrench_in_plate=wrench))
+    people = replace(people, plates=tuple(loaded), source=Path(name))
+    return lab.on_platform(people, lab.shaken(20.0, seed), seed=seed)
+
+
+@pytest.fixture(scope="module")
+def empty():
+    return lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
+
+
+def test_plates_are_fitted_to_the_recordings_in_which_they_are_empty(empty):
+    alone = fit_calibration(empty, TREADMILL)
+    others = [beside(2, name="right.c3d"), beside(name="boards.c3d", seed=2)]
+    found = fit_calibration(empty, TREADMILL, beside=others)
+    samples = {name: model.samples for name, model in found.plates.items()}
+    once = alone.plates["plate 1"].samples
+    assert samples == {"plate 1": pytest.approx(3 * once), "plate 2": pytest.approx(2 * once)}
+    assert found.provenance["beside"] == (
+        "right.c3d: plate 1 empty; boards.c3d: plate 1, plate 2 empty"
+    )
+    for name, model in found.plates.items():
+        expected = alone.plates[name]
+        np.testing.assert_allclose(model.sigma, expected.sigma, rtol=0.2)
+        np.testing.assert_allclose(model.rms_slow, expected.rms_slow, rtol=0.3)
+
+
+@pytest.mark.parametrize(
+    ("recording", "message"),
+    [
+        (beside(1, name="a.c3d", share=0.4), r"a.c3d: somebody was on plate 1 in 40 % of the"),
+        (beside(1, 2, name="a.c3d"), r"a.c3d: somebody was on every plate"),
+    ],
+)
+def test_a_plate_that_is_empty_for_a_while_or_none_at_all_is_refused(empty, recording, message):
+    with pytest.raises(ValueError, match=message):
+        fit_calibration(empty, TREADMILL, beside=[recording])
+
+
+def test_a_study_states_people_beside_a_recording_and_not_a_fitted_file(tmp_path, empty):
+    path = lab.save(empty, tmp_path / "empty.c3d")
+    other = lab.save(beside(2), tmp_path / "beside.c3d")
+    found = read_calibration(path, TREADMILL, beside=(other,))
+    assert found.provenance["beside"] == "beside.c3d: plate 1 empty"
+    stated = Treadmill(calibration="empty.c3d", beside=("beside.c3d",), accelerometers=lab.CHANNELS)
+    assert stated.files == {"calibration": "empty.c3d", "beside[0]": "beside.c3d"}
+    with pytest.raises(ValueError, match="beside: is fitted together with a calibration that is"):
+        Treadmill(calibration="lab.json", beside=("a.c3d",), accelerometers=lab.CHANNELS)
+
+
+def test_trials_say_whether_their_interval_knows_of_people(empty):
+    codes = {}
+    for others in ((), (beside(2),)):
+        known = Laboratory(TREADMILL, fit_calibration(empty, TREADMILL, beside=others))
+        ground = ground_wrenches(empty, known, empty.markers.time, 0.0)
+        codes[len(others)] = {note.code for note in ground.notes}
+    assert "uncertainty_without_people" in codes[0]
+    assert "uncertainty_without_people" not in codes[1]
