@@ -11,7 +11,16 @@ from pydantic import Field
 from pipeline.config.input_model import InputModel
 
 Size = Annotated[float, Field(ge=0)]
-Positive = Annotated[float, Field(gt=0)]
+Scale = Annotated[float, Field(ge=0, le=3)]
+Share = Annotated[float, Field(ge=0, le=0.3)]
+"""Of a published size, and of a value: beyond them no person and no machine is possible."""
+BandwidthHz = Annotated[float, Field(ge=0.5, le=50)]
+AssemblyKg = Annotated[float, Field(ge=50, le=500)]
+Flexibility = Annotated[float, Field(ge=0, le=20)]
+"""Twenty times as flexible, the platform sways at 3 Hz."""
+RatePpm = Annotated[float, Field(ge=0, le=1000)]
+JitterS = Annotated[float, Field(ge=0, le=0.01)]
+"""Beyond them a clock is broken."""
 Bits = Annotated[int, Field(ge=0, le=24)]
 MAX_DELAY_S: Final = 0.2
 """Of an instrument, either way: more than any laboratory has."""
@@ -46,18 +55,18 @@ class BodyFaults(InputModel):
 
     same_body: bool = False
     inertias: Literal["dumas", "de_leva"] = "dumas"
-    spine_scale: Size = 1.0
-    knee_scale: Size = 1.0
-    ankle_scale: Size = 1.0
-    wobble_scale: Size = 1.0
+    spine_scale: Scale = 1.0
+    knee_scale: Scale = 1.0
+    ankle_scale: Scale = 1.0
+    wobble_scale: Scale = 1.0
     shoe_kg: Annotated[float, Field(ge=0, le=MAX_SHOE_KG)] = 0.3
     sole_m: Annotated[float, Field(ge=0, le=MAX_SOLE_M)] = 0.025
     sole_yield_m: Annotated[float, Field(ge=0, le=MAX_SOLE_M)] = 0.004
-    joint_scale: Size = 1.0
+    joint_scale: Scale = 1.0
     axis_deg: Size = 3.0
-    mass_share: Size = 0.06
+    mass_share: Share = 0.06
     center_m: Size = 0.008
-    gyration_share: Size = 0.05
+    gyration_share: Share = 0.05
 
 
 class MachineFaults(InputModel):
@@ -66,15 +75,15 @@ class MachineFaults(InputModel):
     ``flexibility`` multiplies what the structure yields (`pipeline.virtual_lab.machine.structure`):
     0 makes it rigid. ``people_shake`` multiplies the forces of people on it where they make it
     vibrate; what the plates carry of them stays. ``assembly_kg`` is the mass of each belt assembly,
-    which the thesis states; its inertia changes in proportion.
+    which the thesis states; its inertia changes in proportion, and load cells and base stay.
     ``sway_hz`` and ``pitch_hz`` are the bandwidths of the platform's actuators.
     """
 
-    flexibility: Size = 1.0
-    people_shake: Size = 1.0
-    assembly_kg: Positive = 150.0
-    sway_hz: Positive = 7.0
-    pitch_hz: Positive = 3.0
+    flexibility: Flexibility = 1.0
+    people_shake: Scale = 1.0
+    assembly_kg: AssemblyKg = 150.0
+    sway_hz: BandwidthHz = 7.0
+    pitch_hz: BandwidthHz = 3.0
 
 
 class ClockFaults(InputModel):
@@ -88,9 +97,9 @@ class ClockFaults(InputModel):
     (2014).
     """
 
-    rate_ppm: Size = 1.0
-    jitter_s: Size = 0.00002
-    stream_jitter_s: Size = 0.0003
+    rate_ppm: RatePpm = 1.0
+    jitter_s: JitterS = 0.00002
+    stream_jitter_s: JitterS = 0.0003
     doubled_per_minute: Size = 0.3
 
 

@@ -78,14 +78,14 @@ def belt_moment(machine: Machine, belt_acceleration: Array, rate_hz: float) -> A
     Returns
     -------
     Array
-        About the lab's left axis, (N,) [N·m].
+        About the lab's left axis, (N,) [N·m]; negative where the belt speeds up.
 
     Notes
     -----
     A second-order response, as Hnat and van den Bogert (2014) found it.
     """
     omega = 2 * np.pi * machine.belt_hz
-    numerator = np.array([omega**2 * machine.belt_moment_kg_m])
+    numerator = np.array([-(omega**2) * machine.belt_moment_kg_m])
     denominator = np.array([1, 2 * machine.belt_damping * omega, omega**2])
     b, a, _ = cont2discrete((numerator, denominator), 1 / rate_hz, method="bilinear")
     return np.asarray(lfilter(b.ravel(), a, belt_acceleration))

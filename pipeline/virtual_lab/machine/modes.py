@@ -44,6 +44,11 @@ class Modes:
         accelerating[COORDINATES:] = np.linalg.solve(structure.mass, load_of_inputs)
         excited = np.linalg.solve(vectors, accelerating.astype(complex))
         one = values.imag > 0
+        if np.count_nonzero(one) != COORDINATES:
+            raise ValueError(
+                f"the structure vibrates in {np.count_nonzero(one)} modes, expected {COORDINATES}; "
+                "lower assembly_kg or flexibility"
+            )
         value = values[one].astype(complex)
         x = np.asarray(value / rate_hz, complex)
         grown: Complex = np.exp(x)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from compensation.platform.pose import PlatformPose, commanded_pose
+from compensation.platform.pose import PlatformPose
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.virtual_lab.trajectories import Trajectory, fit_trajectory
 
@@ -39,7 +39,7 @@ class PlatformMotion:
     @property
     def pose(self) -> PlatformPose:
         """The platform's true pose."""
-        return commanded_pose(self.sway[0], self.pitch[0], self.pivot)
+        return _turned_about(self.pivot, self.sway[0], self.pitch[0])
 
     def every(self, step: int) -> "PlatformMotion":
         """Give every ``step``-th sample."""
@@ -115,7 +115,7 @@ class PlatformTrajectory:
         Before its start it rests; after its end it goes on as it came, turned about its last pose.
         """
         sway, pitch = self._at(time).T
-        return commanded_pose(sway, pitch, self.pivot)
+        return _turned_about(self.pivot, sway, pitch)
 
     def _at(self, time: Array) -> Array:
         begin = self.trajectory.start
@@ -136,3 +136,15 @@ def platform_trajectory(motion: PlatformMotion, rate_hz: float) -> PlatformTraje
 def stationary_platform() -> PlatformTrajectory:
     """Give a platform that does not move."""
     return PlatformTrajectory(fit_trajectory(np.zeros((STATIONARY_KNOTS, 2)), 1.0), np.zeros(3))
+
+
+def _turned_about(pivot: Array, sway: Array, pitch: Array) -> PlatformPose:
+    """Give the pose of a platform that is turned about an axis to the left through its pivot.
+
+    A positive pitch lowers the front: ``x = (c, 0, -s)``, ``z = (s, 0, c)``.
+    """
+    c, s, zero = np.cos(pitch), np.sin(pitch), np.zeros(len(pitch))
+    rotation = np.stack([[c, zero, s], [zero, zero + 1, zero], [-s, zero, c]]).transpose(2, 0, 1)
+    x, _, z = pivot
+    origin = np.column_stack([x - c * x - s * z, sway, z + s * x - c * z])
+    return PlatformPose(rotation, origin)

@@ -41,6 +41,9 @@ CELLS_M: Final = tuple(
 )
 """Load cells of the left and the right assembly: below the corners of the plate; assumed."""
 
+BUILT_FOR: Final = (LEFT_ASSEMBLY, RIGHT_ASSEMBLY)
+"""Assemblies with which the structure has the natural frequencies that are stated."""
+
 
 @dataclass(frozen=True, slots=True)
 class Elasticity:
@@ -145,7 +148,7 @@ def make_structure(
     Parameters
     ----------
     assemblies
-        Left and right belt assembly.
+        Left and right belt assembly; load cells and base are as stiff whatever they weigh.
     elasticity
         How stiff the structure is; by default `Elasticity`.
     flexibility
@@ -158,13 +161,8 @@ def make_structure(
         Its matrices are symmetric, and positive definite but for the damping of the assemblies.
     """
     elastic = elasticity or Elasticity()
-    mass = np.zeros((COORDINATES, COORDINATES))
-    for node in FRAME_NODES_M:
-        shape = frame_shape(node)[:3]
-        mass[:FRAME, :FRAME] += FRAME_KG / len(FRAME_NODES_M) * shape.T @ shape
     cells = []
-    for part, assembly, places in zip(ASSEMBLIES, assemblies, CELLS_M, strict=True):
-        mass[part, part] = inertia_about_origin(assembly)
+    for part, assembly, places in zip(ASSEMBLIES, BUILT_FOR, CELLS_M, strict=True):
         stretch = np.zeros((len(places), 3, COORDINATES))
         stretch[:, :, part] = [rigid_shape(place)[:3] for place in places]
         stretch[:, :, :FRAME] = [-frame_shape(place)[:3] for place in places]
@@ -173,7 +171,7 @@ def make_structure(
         cells.append(
             Springs.of(stretch.reshape(-1, COORDINATES), inertia, hz, elastic.cell_damping)
         )
-    carried = _inertia_of_frame(mass, cells)
+    carried = _inertia_of_frame(_mass_matrix(BUILT_FOR), cells)
     at_base = np.zeros((6, COORDINATES))
     at_base[:, :6] = rigid_shape(BASE_M)
     from_base = np.linalg.inv(rigid_shape(BASE_M))
@@ -187,7 +185,7 @@ def make_structure(
     for part, own in zip(ASSEMBLIES, springs[2:], strict=True):
         by_displacement, by_velocity = own.matrices()
         wrenches.append((-by_displacement[part], -by_velocity[part]))
-    return Structure(mass, damping, stiffness, tuple(wrenches))
+    return Structure(_mass_matrix(assemblies), damping, stiffness, tuple(wrenches))
 
 
 def natural_modes(structure: Structure) -> tuple[Array, Array]:
@@ -271,6 +269,17 @@ def inertia_about_origin(assembly: Assembly) -> Array:
     center[3:, 3:] = assembly.tensor
     shape = rigid_shape(np.array(assembly.center))
     return shape.T @ center @ shape
+
+
+def _mass_matrix(assemblies: tuple[Assembly, Assembly]) -> Array:
+    """Give the mass matrix of frame and assemblies, (21, 21)."""
+    mass = np.zeros((COORDINATES, COORDINATES))
+    for node in FRAME_NODES_M:
+        shape = frame_shape(node)[:3]
+        mass[:FRAME, :FRAME] += FRAME_KG / len(FRAME_NODES_M) * shape.T @ shape
+    for part, assembly in zip(ASSEMBLIES, assemblies, strict=True):
+        mass[part, part] = inertia_about_origin(assembly)
+    return mass
 
 
 def _inertia_of_frame(mass: Array, cells: list[Springs]) -> Array:

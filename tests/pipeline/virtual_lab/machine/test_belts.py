@@ -38,13 +38,13 @@ def test_a_linear_belt_at_constant_speed_leaves_no_moment_and_an_accelerating_on
     acceleration[1000:3000] = 2.0
     moment = belt_moment(Machine(), acceleration, RATE_HZ)
     assert np.abs(moment[:999]).max() == 0
-    assert moment[2900] == pytest.approx(2 * Machine().belt_moment_kg_m, rel=1e-3)
+    assert moment[2900] == pytest.approx(-2 * Machine().belt_moment_kg_m, rel=1e-3)
 
 
 def test_accelerating_balanced_belts_load_their_plates_in_pitch_alone():
     time = np.arange(2000) / RATE_HZ
     for wrench in carried_of_belts(linear(1.5 * time)):
-        assert wrench[-1, 4] == pytest.approx(1.5 * Machine().belt_moment_kg_m, rel=1e-3)
+        assert wrench[-1, 4] == pytest.approx(-1.5 * Machine().belt_moment_kg_m, rel=1e-3)
         assert np.abs(np.delete(wrench, 4, axis=1)).max() < 1e-9
 
 
