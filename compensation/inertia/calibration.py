@@ -223,5 +223,6 @@ def _model(plain: dict[str, Any], version: int) -> InertiaModel:
         _ = plain[needed]
     known["setup"] = Setup(**plain["setup"])
     if version not in WITHOUT_MODEL_ERROR:
-        known["model_error"] = ModelError(**plain["model_error"])
+        of_model = plain["model_error"]  # None: read from a file of an earlier version
+        known["model_error"] = of_model if of_model is None else ModelError(**of_model)
     return InertiaModel(**known)

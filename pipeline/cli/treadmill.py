@@ -127,7 +127,7 @@ def fit(
         text = str(error)
         if "unknown acceleration unit" in text:
             text += "; if that is not their unit, use --accelerometer-unit g"
-        known = any(path.name in text for path in (recording, *(beside or ())))
+        known = any(path.name in text for path in (recording, *(beside or ()), *(check or ())))
         raise ValueError(text if known else f"{recording.name}: {text}") from error
     provenance = {
         **calibration.provenance,

@@ -141,10 +141,8 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
     person = study.subject(subject)
     trial = person.trials[condition]
     treadmill = study.file.treadmill
-    names = [trial.file, trial.forces, trial.record, treadmill.calibration, treadmill.check]
-    names += [person.static, person.hip_trial, person.segments]
-    names += [treadmill.belt.calibration] if treadmill.belt is not None else []
-    names += [study.file.plates.calibration]
+    names = [trial.file, trial.forces, trial.record, *treadmill.files.values()]
+    names += [person.static, person.hip_trial, person.segments, study.file.plates.calibration]
     inputs = {
         "files": [file_digest(study.path(name)) if name else None for name in names],
         "study": study.file.model_dump(exclude={"name", "conditions", "comparison"}),

@@ -30,7 +30,7 @@ from hbm.signals.resampling import resample
 from hbm.spatial import Array
 from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
 from pipeline.config.schema import Treadmill
-from pipeline.io.input_file import read_text
+from pipeline.io.input_file import naming, read_text
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated, as_stated
@@ -96,6 +96,7 @@ def fit_calibration(
         raise ValueError(
             f"{recording.source.name}: the calibration needs plates: {recording.why_no_plates}"
         )
+    _refuse_repeated(recording, *beside, *checks)
     recording = with_corrected_plates(recording, plates)
     setup = setup_of(recording, treadmill)
     sensors = _sensors(recording, treadmill, plates)
@@ -108,19 +109,19 @@ def fit_calibration(
     }
     refuse_unusable(static)
     provenance = {"recording": recording.source.name}
-    found, compared = (
-        [
-            (one.source.name, empty_plates(one, treadmill, sensors, plates, static, LAGS_S))
-            for one in recordings
-        ]
-        for recordings in (beside, checks)
-    )
+
+    def read(one: Recording) -> tuple[str, dict[str, tuple[Array, Array]]]:
+        with naming(one.source):
+            return one.source.name, empty_plates(one, treadmill, sensors, plates, static, LAGS_S)
+
+    found, compared = ([read(one) for one in recordings] for recordings in (beside, checks))
     trials = [(recording.source.name, own), *found]
     if found:
         for name in own:
             of_plate = [samples[name] for _, samples in trials if name in samples]
             readings = [(felt[:, :k], wrench) for felt, wrench in of_plate]
             static[name] = fit_trials(readings, setup, noises[name])
+        refuse_unusable(static)
         provenance[BESIDE] = "; ".join(
             f"{source}: {', '.join(empty)} empty" for source, empty in found
         )
@@ -129,6 +130,20 @@ def fit_calibration(
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
     joint = _joint_correlation(recording, own, dynamic or static)
     return Calibration(static, provenance, sensors, joint, dynamic, choice)
+
+
+def _refuse_repeated(*recordings: Recording) -> None:
+    """Refuse a recording that is given twice: it would seem to confirm itself."""
+    for number, one in enumerate(recordings):
+        for other in recordings[:number]:
+            if len(one.plates) == len(other.plates) and all(
+                np.array_equal(a.wrench_in_plate, b.wrench_in_plate, equal_nan=True)
+                for a, b in zip(one.plates, other.plates, strict=True)
+            ):
+                raise ValueError(
+                    f"{one.source.name}: is the same recording as {other.source.name}; give each "
+                    "recording once"
+                )
 
 
 def plates_timed_apart(

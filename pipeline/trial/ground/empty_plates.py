@@ -24,6 +24,12 @@ LOAD_S: Final = 2.0
 """Over which the vertical force of a plate is averaged to see whether somebody is on it: longer
 than a stride, so that steps count as well as standing."""
 
+STEP_S: Final = 0.2
+MAX_STEP_N: Final = 50.0
+"""A step on a plate is longer and heavier; vibration and drift of an empty one are less."""
+MIN_BESIDE_S: Final = 10.0
+"""Some strides: less says little of how people shake the platform."""
+
 
 def plate_samples(
     recording: Recording,
@@ -66,6 +72,11 @@ def plate_samples(
     ):
         felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors, lags_s)
         known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
+        if not known.any():
+            raise ValueError(
+                f"{recording.source.name}: plate {plate.number} has no samples at which the "
+                "accelerometers are known"
+            )
         found[f"plate {plate.number}"] = felt[known], wrench[known]
     return found
 
@@ -89,7 +100,12 @@ def empty_plates(
         As `plate_samples`; recorded otherwise than the calibration, somebody was on a plate for a
         while, or on every plate.
     """
-    source, setup = recording.source.name, setup_of(recording, treadmill)
+    source = recording.source.name
+    if not recording.plates:
+        raise ValueError(
+            f"{source}: a recording beside an empty plate needs plates: {recording.why_no_plates}"
+        )
+    setup = setup_of(recording, treadmill)
     recording = with_corrected_plates(recording, correction)
     samples, empty = plate_samples(recording, treadmill, sensors, correction, lags_s), {}
     for name, (felt, wrench) in samples.items():
@@ -101,10 +117,21 @@ def empty_plates(
         except ValueError as error:
             raise ValueError(f"{source}: {error}") from error
         force = model.compensate(felt[:, : len(model.acceleration_mean)], wrench)[:, 2]
-        count = round(LOAD_S * setup.rate_hz)
-        means = [part.mean() for part in np.array_split(force, max(len(force) // count, 1))]
-        carried = np.abs(means) > MIN_LOAD_N
+        if len(force) < MIN_BESIDE_S * setup.rate_hz:
+            raise ValueError(
+                f"{source}: {len(force) / setup.rate_hz:.1f} s are too short, expected "
+                f"{MIN_BESIDE_S:g} s or more; record a minute"
+            )
+        carried = np.abs(_means(force, setup, LOAD_S)) > MIN_LOAD_N
         if not carried.any():
+            steps = _means(force, setup, STEP_S)
+            highest = float(np.abs(steps - np.median(steps)).max())
+            if highest > MAX_STEP_N:
+                raise ValueError(
+                    f"{source}: somebody stepped on {name} ({highest:.0f} N over {STEP_S:g} s, "
+                    f"expected {MAX_STEP_N:g} N at most of an empty plate); record people who stay "
+                    "on the other plate or on the boards"
+                )
             empty[name] = felt, wrench
         elif not carried.all():
             raise ValueError(
@@ -118,6 +145,12 @@ def empty_plates(
             "plate empty"
         )
     return empty
+
+
+def _means(force: Array, setup: Setup, length_s: float) -> Array:
+    """Give the means of parts of about a length, (parts,)."""
+    parts = max(len(force) // round(length_s * setup.rate_hz), 1)
+    return np.array([part.mean() for part in np.array_split(force, parts)])
 
 
 def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:

@@ -176,3 +176,23 @@ def test_what_is_compared_makes_no_trial_outdated(tmp_path):
     text = f"{path.read_text(encoding='utf-8')}\n[comparison]\nmargin = 0.1\n"
     path.write_text(text, encoding="utf-8")
     assert trial_key(read_study(folder), "sub01", "sway") == before
+
+
+def test_every_file_of_the_treadmill_makes_a_trial_outdated(tmp_path):
+    folder = write_fake_study(tmp_path / "study", subjects=1)
+    path = folder / "study.toml"
+    text = path.read_text(encoding="utf-8")
+    text = text.replace("empty.json", "empty.c3d")
+    start, platform = "[treadmill]\n", "[treadmill.platform]"
+    belt = '[treadmill.belt]\nspeed_channels = ["Belt"]\ncalibration = "belt.c3d"\n'
+    text = text.replace(start, f'{start}check = "later.c3d"\nbeside = ["right.c3d"]\n')
+    path.write_text(text.replace(platform, belt + platform), encoding="utf-8")
+    names = ("empty.c3d", "later.c3d", "right.c3d", "belt.c3d")
+    for name in names:
+        (folder / name).write_text("first", encoding="utf-8")
+    study = read_study(folder)
+    keys = {trial_key(study, "sub01", "sway")}
+    for name in names:
+        (folder / name).write_text("another", encoding="utf-8")
+        keys.add(trial_key(study, "sub01", "sway"))
+    assert len(keys) == 1 + len(names)

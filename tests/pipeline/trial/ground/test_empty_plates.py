@@ -50,9 +50,37 @@ def test_plates_are_fitted_to_the_recordings_in_which_they_are_empty(empty):
         np.testing.assert_allclose(model.rms_slow, expected.rms_slow, rtol=0.3)
 
 
+def stepped_on(number, name):
+    """Somebody of 700 N steps on a plate for 0.3 s, four times in 20 s."""
+    recording, plates = beside(name=name), []
+    for plate in recording.plates:
+        wrench = plate.wrench_in_plate.copy()
+        if plate.number == number:
+            wrench[(plate.time % 5.0 < 0.3), 2] += 700.0 * plate.rotation[2, 2]
+        plates.append(replace(plate, wrench_in_plate=wrench))
+    return replace(recording, plates=tuple(plates))
+
+
+def without_plates(name):
+    return replace(beside(name=name), plates=())
+
+
+def shortened(name, seconds):
+    recording, plates = beside(name=name), []
+    for plate in recording.plates:
+        rows = plate.time < seconds
+        plates.append(
+            replace(plate, time=plate.time[rows], wrench_in_plate=plate.wrench_in_plate[rows])
+        )
+    return replace(recording, plates=tuple(plates))
+
+
 @pytest.mark.parametrize(
     ("recording", "message"),
     [
+        (stepped_on(1, "a.c3d"), r"a.c3d: somebody stepped on plate 1 \(\d+ N over 0.2 s"),
+        (without_plates("a.c3d"), r"a.c3d: a recording beside an empty plate needs plates"),
+        (shortened("a.c3d", 6.0), r"a.c3d: 6.0 s are too short, expected 10 s or more"),
         (beside(1, name="a.c3d", share=0.4), r"a.c3d: somebody was on plate 1 in 40 % of the"),
         (beside(1, 2, name="a.c3d"), r"a.c3d: somebody was on every plate"),
     ],
@@ -60,6 +88,13 @@ def test_plates_are_fitted_to_the_recordings_in_which_they_are_empty(empty):
 def test_a_plate_that_is_empty_for_a_while_or_none_at_all_is_refused(empty, recording, message):
     with pytest.raises(ValueError, match=message):
         fit_calibration(empty, TREADMILL, beside=[recording])
+
+
+@pytest.mark.parametrize("role", ["beside", "checks"])
+def test_a_recording_cannot_confirm_itself(empty, role):
+    copy = replace(empty, source=Path("copy.c3d"))
+    with pytest.raises(ValueError, match=r"copy\.c3d: is the same recording as"):
+        fit_calibration(empty, TREADMILL, **{role: [copy]})
 
 
 def test_a_study_states_people_beside_a_recording_and_not_a_fitted_file(tmp_path, empty):
