@@ -210,8 +210,8 @@ def ablation(
     pandas.DataFrame
         Long: ``group, case, condition, axis, unit, rms, added``; both in N or N·m, root mean
         squares over samples and subjects. ``added`` is the RMS of the difference from the residual
-        of the same walk in a perfect laboratory with the zero-phase filter at 6 Hz or, for filters,
-        at `TRANSPARENT_HZ`.
+        of the same steps, with the body that the processing knows, in a perfect laboratory with the
+        zero-phase filter at 6 Hz or, for filters, at `TRANSPARENT_HZ`.
 
     Raises
     ------
@@ -272,7 +272,7 @@ def _of_subject(
         walk, motion = _walk(key)
         rng = np.random.default_rng((setting.seed, number, NOISE_STREAM))
         residual = residual_of(case, walk, motion, treadmill, rng, models)
-        ideal = _ideal_residual(key, reference)
+        ideal = _ideal_residual(key._replace(body=Faults.none().body), reference)
         counts = _counting_frames(setting.protocol, motion, walk)
         whole, added = (np.nanmean(x[counts] ** 2, axis=0) for x in (residual, residual - ideal))
         squares[condition] = np.asarray(whole), np.asarray(added)
