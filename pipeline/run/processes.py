@@ -15,6 +15,8 @@ from joblib import Parallel
 
 POLL_S: Final = 0.5
 """How often a process looks whether the one that started it is still there."""
+MANAGER: Final = "ExecutorManagerThread"
+"""How loky names the thread that manages workers."""
 Task = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 """What `joblib.delayed` makes of a call."""
 
@@ -63,7 +65,22 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
         warnings.filterwarnings("ignore", "A worker stopped|.* tasks", UserWarning)
         with _interrupts_held():  # processes that start here inherit it
             results = started.enter_context(closing(parallel(tasks)))
-        yield from results
+        try:
+            yield from results
+        except BaseException:  # workers are killed now
+            _ignore_failing_manager()
+            raise
+
+
+def _ignore_failing_manager() -> None:
+    """Print no traceback of loky's thread that manages workers: some of them are killed."""
+    report = threading.excepthook
+
+    def of_others(failure: threading.ExceptHookArgs) -> None:
+        if failure.thread is None or not failure.thread.name.startswith(MANAGER):
+            report(failure)
+
+    threading.excepthook = of_others
 
 
 @contextmanager
