@@ -1,14 +1,17 @@
 """Experiment 2: the ranking is right where the truth is known, and certain only with reason."""
 
 from dataclasses import replace
-from itertools import permutations
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from compensation import belt_acceleration, low_pass, pitch_and_sway_signals, validation_signals
-from compensation.signals.protocol import ADVISED_BELT_SIGNAL, ADVISED_PLATFORM_SIGNAL
+from compensation.signals.protocol import (
+    ADVISED_BELT_SIGNAL,
+    ADVISED_PLATFORM_SIGNAL,
+    PLATFORM_KINDS,
+)
 from pipeline.calibration_ranking.belts import belt_interaction, rank_belts
 from pipeline.calibration_ranking.choice import thesis_choice
 from pipeline.calibration_ranking.effects import (
@@ -22,6 +25,7 @@ from pipeline.calibration_ranking.trials import BeltTrial, RankingSettings, fact
 from pipeline.calibration_ranking.verdict import recommendation
 from pipeline.cli.app import main
 from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol import ranking_study
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
@@ -38,16 +42,16 @@ def stated(faults=None, **changes):
     return faults.model_copy(update=tables)
 
 
-def trial(signal, seed, *, name=None, load=None, faults=None):
-    recording = record_signal_trial(signal, seed=seed, rate_hz=RATE, faults=faults, load=load)
+def trial(signal, seed, *, name=None, load=None, **laboratory):
+    recording = record_signal_trial(signal, seed=seed, rate_hz=RATE, load=load, **laboratory)
     return replace(platform_trial(recording, RankingSettings()), name=name or signal.name)
 
 
-def validation(seed):
+def validation(seed, **laboratory):
     trials = []
     for signal, person in zip(validation_signals()[:2], (bystander.walking,) * 2, strict=True):
         load = person(sample_times(signal, RATE), np.random.default_rng(seed))
-        trials.append(trial(signal, seed, load=load))
+        trials.append(trial(signal, seed, load=load, **laboratory))
     return trials
 
 
@@ -304,26 +308,16 @@ def test_signals_are_written_by_kind_and_within_the_limits(tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def repeated():
-    """Experiment 2 five times, 60 s trials with belts at rest, with everything random redrawn."""
+    """Experiment 2 in five laboratories, 60 s trials with belts at rest."""
     rankings = []
     for seed in range(5):
         signals = pitch_and_sway_signals(100 + seed, 0.0)
         short = [s for s in signals if factors(s.name)["duration_s"] == 60]
-        calibration = [trial(s, 50 * seed + k) for k, s in enumerate(short)]
-        rankings.append(rank_platform(calibration, validation(seed), seed=seed))
+        treadmill = make_treadmill(Faults(), seed)
+        calibration = [trial(s, 50 * seed + k, treadmill=treadmill) for k, s in enumerate(short)]
+        judged = validation(1000 + seed, treadmill=treadmill)
+        rankings.append(rank_platform(calibration, judged, seed=seed))
     return rankings
-
-
-@pytest.mark.slow
-def test_an_order_that_the_bootstrap_is_certain_of_is_found_again(repeated):
-    tables = [ranking.table.set_index("trial") for ranking in repeated]
-    held = []
-    for one, other in permutations(tables, 2):
-        for better, worse in permutations(one.index, 2):
-            if one["rank_high"][better] < one["rank_low"][worse]:
-                held.append(other["mean_rank"][better] < other["mean_rank"][worse])
-    assert len(held) > 10
-    assert np.mean(held) > 0.9
 
 
 def left(ranking, kind):
@@ -334,13 +328,11 @@ def left(ranking, kind):
 
 
 @pytest.mark.slow
-def test_all_variations_leave_less_than_random_motion_and_than_square_waves_of_sway(repeated):
-    """Held and quick pitch shows gravity in more directions; random motion already sways."""
-    everything, square_sway = (
-        np.array([left(ranking, kind) for ranking in repeated]) for kind in ("all", "square_sway")
-    )
-    assert (everything < square_sway).all()
-    assert np.exp(np.log(everything).mean()) < 0.9
+@pytest.mark.parametrize("kind", PLATFORM_KINDS[1:])
+def test_no_kind_of_signal_calibrates_much_better_or_worse_than_plain_random_motion(repeated, kind):
+    """What is left is the vibration that two accelerometers do not show, whatever the signal."""
+    shares = [left(ranking, kind) for ranking in repeated]
+    assert 0.8 < np.exp(np.mean(np.log(shares))) < 1.25
 
 
 def test_a_dead_channel_follows_nothing():
