@@ -21,9 +21,10 @@ RESAMPLES: Final = 1000
 MIN_WINS: Final = 0.01
 """Share of the resamples that a trial must win to be possibly the best.
 
-0.05 would exclude too many: the resamples do not draw another random signal, which changes the
-order too. Of ten simulated experiments that differ in everything random, 77 % of the winners of
-another are possibly the best by this share, and 60 % by 0.05.
+More would exclude too many: the resamples do not draw another random signal, which changes the
+order too. In simulated laboratories that differ in everything random, in which signals hardly
+differ, half of the winners of one are possibly the best of another by this share
+(docs/calibration_signals.md).
 """
 Model = TypeVar("Model", InertiaModel, BeltModel)
 
