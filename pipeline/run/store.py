@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import mmap
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -55,37 +56,42 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> Tr
         What was written besides the frames.
     """
     table, summary = frame_table(result), summarise(result, condition, key)
-    sink = pa.BufferOutputStream()
-    with pq.ParquetWriter(
-        sink,
-        table.schema,
-        compression={n: COMPRESSION for n in table.column_names if n.startswith(COMPRESSED)},
-        use_dictionary=["event"],
-        write_statistics=False,
-        store_schema=False,  # it would hold the metadata a second time
-    ) as file:
-        file.write_table(table)
-        stored = {SUMMARY: summary.to_json(), HEADER: header_of(result).to_json()}
-        file.add_key_value_metadata(stored | {DIGEST: NO_DIGEST})
-    content = with_digest(sink.getvalue())
     with whole_file(path) as temporary:
-        temporary.write_bytes(content)
+        with (
+            temporary.open("wb") as sink,
+            pq.ParquetWriter(
+                sink,
+                table.schema,
+                compression={
+                    n: COMPRESSION for n in table.column_names if n.startswith(COMPRESSED)
+                },
+                use_dictionary=["event"],
+                write_statistics=False,
+                store_schema=False,  # it would hold the metadata a second time
+            ) as file,
+        ):
+            file.write_table(table)
+            stored = {SUMMARY: summary.to_json(), HEADER: header_of(result).to_json()}
+            file.add_key_value_metadata(stored | {DIGEST: NO_DIGEST})
+        write_digest(temporary)
     return summary
 
 
-def with_digest(content: bytes | pa.Buffer) -> bytearray:
-    """Give a stored trial with the SHA-256 of all its bytes but those of the digest itself."""
-    digested = bytearray(content)
-    place = digested.rindex(DIGEST_START) + len(DIGEST_START)
-    digested[place : place + len(NO_DIGEST)] = _digest(digested, place)
-    return digested
+def write_digest(path: Path) -> None:
+    """Put the SHA-256 of all bytes of a stored trial but those of the digest itself into it."""
+    with path.open("r+b") as file:
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            place = content.rfind(DIGEST_START) + len(DIGEST_START)
+            digest = _digest(content, place)
+        file.seek(place)
+        file.write(digest)
 
 
-def _digest(content: bytes | bytearray, place: int) -> bytes:
+def _digest(content: bytes | mmap.mmap, place: int) -> bytes:
     """Hash everything but the digest at a place."""
-    view = memoryview(content)
-    digest = hashlib.sha256(view[:place])
-    digest.update(view[place + len(NO_DIGEST) :])
+    with memoryview(content) as view:
+        digest = hashlib.sha256(view[:place])
+        digest.update(view[place + len(NO_DIGEST) :])
     return digest.hexdigest().encode()
 
 
