@@ -125,7 +125,11 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
 
 
 def model_error_of(
-    accelerations: Sequence[Array], unseen: Sequence[Array], setup: Setup | None, zero: Array
+    accelerations: Sequence[Array],
+    unseen: Sequence[Array],
+    setup: Setup | None,
+    zero: Array,
+    belts_mps: ArrayLike = (),
 ) -> ModelError:
     """Fit the model error of any model to what it leaves of parts that it was not fitted to.
 
@@ -140,6 +144,8 @@ def model_error_of(
         How they were recorded; None where that is unknown.
     zero
         Standard deviation of a trial's zero about the calibration's, (6,) [N, N·m].
+    belts_mps
+        Speed of the belts in every recording, (M,) [m/s]; empty where it is unknown.
 
     Returns
     -------
@@ -148,7 +154,7 @@ def model_error_of(
     """
     slow = [slow_part(part, setup) for part in unseen]
     if setup is None or any(part is None for part in slow):
-        return fit_model_error(accelerations, unseen, unseen, None, zero)
+        return fit_model_error(accelerations, unseen, unseen, None, zero, belts_mps)
     step = thinned(setup.rate_hz, setup.cutoff_hz)
     return fit_model_error(
         [part[::step] for part in accelerations],
@@ -156,6 +162,7 @@ def model_error_of(
         [part[::step] for part in slow if part is not None],
         setup.rate_hz / step,
         zero,
+        belts_mps,
     )
 
 

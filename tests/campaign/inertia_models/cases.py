@@ -93,6 +93,11 @@ class Judged:
     static: np.ndarray
     dynamic: np.ndarray
 
+    @property
+    def taken(self) -> np.ndarray:
+        """Of the model that the calibration chooses."""
+        return self.static if self.chosen == "static" else self.dynamic
+
 
 def laboratory(
     seed: int, machine: str, places: Sequence[Sequence[float]] = ()
