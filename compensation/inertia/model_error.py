@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import nnls
+from scipy.stats import norm
+from scipy.stats import t as student_t
 
 from compensation.inputs import refuse_gaps
 from hbm.signals.filtering import low_pass
@@ -39,6 +41,10 @@ RUNNING_MPS: Final = 0.05
 """Speed above which belts run: the noise of a speed channel is less."""
 MIN_FASTER: Final = 1.2
 """Factor between two speeds of which one shows how vibration grows with speed."""
+BELT_DEGREES: Final = 4
+"""Degrees of freedom that one recording has of the square of what unbalanced rollers do: that of
+two equal forces at a random angle to each other, which stays the same throughout a recording, has a
+variance of half of its squared mean, as χ² of four degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +193,8 @@ def fit_model_error(
     Belts add a constant where they run, of friction and drives, and a part that grows with the
     fourth power of their speed, as the square of the force of unbalanced rollers does. Either is
     told from the rest only where recordings differ in it: by one with belts at rest, and by two
-    speeds of running belts. Else it is in the constant.
+    speeds of running belts. Else it is in the constant. Of the rollers' angles few recordings show
+    little: their part is widened as an interval of Student's t is.
     """
     center = np.mean([a.mean(axis=0) for a in accelerations], axis=0)
     squares = [np.vstack(side) ** 2 for side in (left, left_slow)]
@@ -210,6 +217,7 @@ def fit_model_error(
         averaged = [_smooth(part**2, rate_hz)[step // 2 :: step] for part in side]
         found.append(_not_negative(designs, averaged))
     factors = np.array(found)
+    factors[:, -2] *= _belt_widening(np.array(belts_mps, float))
     return ModelError(
         center,
         directions,
@@ -219,6 +227,17 @@ def fit_model_error(
         factors[:, -3:-1],
         np.array(belts_mps),
     )
+
+
+def widening(degrees: float) -> float:
+    """Give the factor of a standard deviation of few degrees of freedom, ± 1.96 of which hold 95 %.
+
+    Examples
+    --------
+    >>> f"{widening(6):.2f}, {widening(1000):.2f}"
+    '1.25, 1.00'
+    """
+    return float(student_t.ppf(0.975, degrees) / norm.ppf(0.975))
 
 
 def thinned(rate_hz: float, cutoff_hz: float | None) -> int:
@@ -241,6 +260,15 @@ def _shown_belt_terms(speeds: Array, recordings: int) -> Array:
     slowest = running.min(initial=np.inf)
     shown = [len(running) < len(speeds), running.max(initial=0.0) > MIN_FASTER * slowest]
     return _belt_terms(speeds) * shown
+
+
+def _belt_widening(speeds: Array) -> float:
+    """Give the factor of the variance that grows with speed, by how many recordings show it."""
+    shown = speeds**4
+    if not shown.any():
+        return 1.0
+    recordings = shown.sum() ** 2 / np.sum(shown**2)
+    return widening(BELT_DEGREES * recordings) ** 2
 
 
 def _bands(moved: Array, rate_hz: float) -> list[Array]:

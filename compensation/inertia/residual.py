@@ -6,10 +6,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import t as student_t
 
 from compensation.inertia.model import SLOW_HZ, Setup
-from compensation.inertia.model_error import ModelError, fit_model_error, thinned
+from compensation.inertia.model_error import ModelError, fit_model_error, thinned, widening
 from compensation.inputs import read_table
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
@@ -29,7 +28,6 @@ WEIGHT_ITERATIONS: Final = 4
 """Of the weights of recordings, which then no longer change."""
 MIN_LEFT_OF_WRENCH: Final = 1e-3
 """Of a wrench, below which what is left of a recording is taken as no smaller: a model is exact."""
-QUANTILE_95: Final = 1.96
 
 
 def recording_weights(trials: Sequence[tuple[Array, Array]]) -> Array:
@@ -102,7 +100,7 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
         (6,) [N, N·m]: of one recording that of the difference of two zeros, as stated or of
         `ZERO_SD`. Of several, where none is stated, their scatter counts, of each component
         beside that of all forces or all moments, which counts beside the assumed one; widened as
-        an interval of Student's t is.
+        an interval of Student's t is, with the degrees of freedom of that sum (Satterthwaite 1946).
 
     Examples
     --------
@@ -118,10 +116,12 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
         return np.asarray(both * sd)
     squares = np.sum((zeros - zeros.mean(axis=0)) ** 2, axis=0)
     alike = np.repeat(squares.reshape(2, 3).sum(axis=1), 3)
-    degrees = ZERO_DEGREES + 3 * (len(zeros) - 1)
-    pooled = (alike + ZERO_DEGREES * ZERO_SD**2) / degrees
-    variance = (squares + ZERO_DEGREES * pooled) / (len(zeros) - 1 + ZERO_DEGREES)
-    return np.asarray(both * np.sqrt(variance) * student_t.ppf(0.975, degrees) / QUANTILE_95)
+    own = len(zeros) - 1
+    share = ZERO_DEGREES / (3 * own + ZERO_DEGREES)
+    pooled = share * (alike + ZERO_DEGREES * ZERO_SD**2)
+    variance = (squares + pooled) / (own + ZERO_DEGREES)
+    degrees = (own + ZERO_DEGREES) ** 2 / (own * ((1 + share) ** 2 + 2 * share**2))
+    return np.asarray(both * np.sqrt(variance) * widening(degrees))
 
 
 def model_error_of(
