@@ -207,7 +207,9 @@ def fit_model_error(
     directions = np.array([_directions(of_band) for of_band in zip(*bands, strict=True)])
     step = max(round(SMOOTHING_S * rate_hz), 1)
     energies = [_energies(band, directions, rate_hz)[step // 2 :: step] for band in bands]
-    of_belts = _shown_belt_terms(np.array(belts_mps, float), len(energies))
+    speeds = np.array(belts_mps, float)
+    shown = _shown(speeds)
+    of_belts = _belt_terms(speeds) * shown if len(speeds) else np.zeros((len(energies), 2))
     designs = [
         np.column_stack([energy, np.tile([*terms, 1.0], (len(energy), 1))])
         for energy, terms in zip(energies, of_belts, strict=True)
@@ -217,7 +219,8 @@ def fit_model_error(
         averaged = [_smooth(part**2, rate_hz)[step // 2 :: step] for part in side]
         found.append(_not_negative(designs, averaged))
     factors = np.array(found)
-    factors[:, -2] *= _belt_widening(np.array(belts_mps, float))
+    rollers = -2 if shown[1] else -3
+    factors[:, rollers] *= _belt_widening(speeds)
     return ModelError(
         center,
         directions,
@@ -252,14 +255,11 @@ def _belt_terms(speed: Array) -> Array:
     return np.stack([np.abs(speed) > RUNNING_MPS, speed**4], axis=-1)
 
 
-def _shown_belt_terms(speeds: Array, recordings: int) -> Array:
-    """Give the terms of recordings, (M, 2), 0 for those that they do not tell from the rest."""
-    if not len(speeds):
-        return np.zeros((recordings, 2))
+def _shown(speeds: Array) -> list[bool]:
+    """Whether recordings tell each of the terms from the rest."""
     running = speeds[np.abs(speeds) > RUNNING_MPS]
-    slowest = running.min(initial=np.inf)
-    shown = [len(running) < len(speeds), running.max(initial=0.0) > MIN_FASTER * slowest]
-    return _belt_terms(speeds) * shown
+    several = running.max(initial=0.0) > MIN_FASTER * running.min(initial=np.inf)
+    return [len(running) < len(speeds), bool(several)]
 
 
 def _belt_widening(speeds: Array) -> float:
