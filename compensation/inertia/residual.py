@@ -100,7 +100,7 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
         (6,) [N, N·m]: of one recording that of the difference of two zeros, as stated or of
         `ZERO_SD`. Of several, where none is stated, their scatter counts, of each component
         beside that of all forces or all moments, which counts beside the assumed one; widened as
-        an interval of Student's t is, with the degrees of freedom of that sum (Satterthwaite 1946).
+        an interval of Student's t is.
 
     Examples
     --------
@@ -116,11 +116,9 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
         return np.asarray(both * sd)
     squares = np.sum((zeros - zeros.mean(axis=0)) ** 2, axis=0)
     alike = np.repeat(squares.reshape(2, 3).sum(axis=1), 3)
-    own = len(zeros) - 1
-    share = ZERO_DEGREES / (3 * own + ZERO_DEGREES)
-    pooled = share * (alike + ZERO_DEGREES * ZERO_SD**2)
-    variance = (squares + pooled) / (own + ZERO_DEGREES)
-    degrees = (own + ZERO_DEGREES) ** 2 / (own * ((1 + share) ** 2 + 2 * share**2))
+    degrees = ZERO_DEGREES + 3 * (len(zeros) - 1)
+    pooled = (alike + ZERO_DEGREES * ZERO_SD**2) / degrees
+    variance = (squares + ZERO_DEGREES * pooled) / (len(zeros) - 1 + ZERO_DEGREES)
     return np.asarray(both * np.sqrt(variance) * widening(degrees))
 
 

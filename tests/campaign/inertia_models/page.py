@@ -171,9 +171,10 @@ def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str)
             "Norms of force (N) and moment (N·m), static → dynamic. *Worst*: the largest factor by "
             "which the dynamic model leaves more than the static one, of any trial and "
             "laboratory, below 20 or 6 Hz. *Taken in*: share of the laboratories in which "
-            "`hbm calibration fit` takes the dynamic model. *Beside*: `--beside` with two "
-            "recordings of a minute, the platform at rest, somebody walking on the other belt and "
-            "somebody moving about on the boards.",
+            "`hbm calibration fit` takes the dynamic model. *Empty*: the signal `all_60s` with the "
+            "belts at 3 m/s, or at rest. *Beside*: `--beside` with two recordings of a minute, the "
+            "platform at rest, somebody walking on the other belt and somebody moving about on the "
+            "boards.",
             "",
             *table(found, 0),
             "",
