@@ -40,8 +40,12 @@ Verdict = Literal[
 ]
 MAX_OFFSET_SHARE: Final = 1 / 3
 """Of what compensation may leave, by which the zero of a plate may have changed: 3 N, 0.6 N·m."""
+CONTROL_LIMIT: Final = 3.0
+"""Standard deviations of a zero from recording to recording that are no drift (Shewhart 1931)."""
 MIN_DELAY_S: Final = 0.0003
 """Of an accelerometer; less leaves a fraction of a newton of a sway."""
+MIN_LEFT: Final = 1e-9
+"""Of an exact calibration [N, N·m]."""
 MIN_ONE_SENSOR: Final = 0.5
 """Share of what a new fit would explain that the change of one sensor must explain."""
 MIN_PLATES: Final = 0.8
@@ -53,18 +57,29 @@ needs one number or three, the plates one for each component."""
 
 @dataclass(frozen=True, slots=True)
 class ZeroChange:
-    """Change of the zero of one plate since the calibration, (6,) [N, N·m]."""
+    """Change of the zero of one plate since the calibration.
+
+    Attributes
+    ----------
+    plate
+        Its name.
+    change, error
+        With the standard error of the mean, (6,) [N, N·m].
+    usual
+        Standard deviation by which the calibration expects it to change, (6,) [N, N·m].
+    """
 
     plate: str
     change: Array
     error: Array
+    usual: Array
 
     @property
     def significant(self) -> bool:
-        """Whether it matters and its 95 % interval leaves out 0, in any component."""
+        """Whether it matters and is more than zeros usually change, in any component."""
         limit = MAX_OFFSET_SHARE * np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3)
-        size = np.abs(self.change)
-        return bool(np.any((size > limit) & (size > QUANTILE_95 * self.error)))
+        usual = CONTROL_LIMIT * np.hypot(self.error, self.usual)
+        return bool(np.any(np.abs(self.change) > np.maximum(limit, usual)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +114,7 @@ def check_another_day(
     wrenches: Mapping[str, Array],
     recording: str,
     without_delay: Collection[str] = (),
+    belts_mps: ArrayLike | None = None,
 ) -> DayCheck:
     """Compare a calibration with an empty recording of another day.
 
@@ -116,6 +132,8 @@ def check_another_day(
     without_delay
         Sensors of which the calibration did not estimate the delay: it was stated, or the file is
         of an earlier version. That they are late now shows no change.
+    belts_mps
+        Speed of the belts at the same instants, (N,) [m/s]; None where it is unknown.
 
     Returns
     -------
@@ -137,6 +155,10 @@ def check_another_day(
     platform. The sensor is the one whose transformation explains most. What is left in the mean is
     the change of the zero, or of a sensor's offset where that sensor's mean reading has changed by
     what explains it. Errors are of a jackknife over 40 blocks.
+
+    What is left is judged by what the calibration expects to leave in this motion, at this belt
+    speed, and by what a fit to the recording itself leaves: rollers out of balance leave more in
+    one recording than in another, and no new calibration would change that.
     """
     a = read_table(accelerations, "accelerations")
     names, rate = list(plates), _rate_hz(plates)
@@ -146,7 +168,7 @@ def check_another_day(
     slow, slow_w = (low_pass(x, rate, SLOW_HZ, "zero_phase") for x in (a, stacked))
     sensors = next(iter(plates.values())).sensors
     gain = np.hstack([plates[name].gain for name in names])
-    size = np.hstack([np.maximum(np.asarray(plates[n].rms_slow), 1e-9) for n in names])
+    size = np.hstack([_expected(plates[name], a, belts_mps) for name in names])
     error = slow_w - slow @ gain[:-1] - gain[-1]
     left = np.sqrt(np.mean((error - error.mean(axis=0)) ** 2, axis=0))
     by_plate = {name: left[6 * k : 6 * k + 6] for k, name in enumerate(names)}
@@ -166,11 +188,12 @@ def check_another_day(
         for sensor, d in zip(sensors, sensor_delays(a, stacked, rate), strict=True)
         if abs(d.seconds) > QUANTILE_95 * d.standard_error + MIN_DELAY_S
     ]
-    zeros = _zero_changes(names, error)
+    zeros = _zero_changes(plates, error)
     if late:
         return DayCheck("late", tuple(late), zeros, by_plate)
     own = slow_w - slow @ np.hstack([fitted[n].gain[:-1] for n in names])
-    own_misfit = float(np.sum(((own - own.mean(axis=0)) / size) ** 2))
+    own -= own.mean(axis=0)
+    own_misfit = float(np.sum((own / size) ** 2))
     relative, weighted = error / size, gain[:-1] / size
     scaled, by_plates = plate_gains(names, slow @ weighted, relative)
     changes = [
@@ -196,7 +219,7 @@ def check_another_day(
         kind, note = found[0], found[1].note(found[0], recording)
         return DayCheck(kind, (note,), zeros, by_plate)
     limit = np.tile(np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3), len(names))
-    if np.any((left > limit) & (left > 2 * size)):
+    if np.any(left > np.maximum(limit, 2 * np.maximum(size, own.std(axis=0)))):
         return DayCheck(
             "outdated", (Note.of("calibration_outdated", recording=recording),), zeros, by_plate
         )
@@ -245,13 +268,21 @@ def _swapped(names: list[str], measured: Array, predicted: Array, size: Array) -
     return tuple(names[k] for k in best) if better else ()
 
 
-def _zero_changes(names: list[str], error: Array) -> tuple[ZeroChange, ...]:
+def _expected(model: InertiaModel, accelerations: Array, belts_mps: ArrayLike | None) -> Array:
+    """Give the RMS below 6 Hz that a calibration expects to leave of a recording, (6,)."""
+    sd = model.uncertainty(accelerations, slow=True, zero=False, belts_mps=belts_mps)
+    return np.maximum(np.sqrt(np.mean(sd**2, axis=0)), MIN_LEFT)
+
+
+def _zero_changes(plates: Mapping[str, InertiaModel], error: Array) -> tuple[ZeroChange, ...]:
     means = np.array([block.mean(axis=0) for block in np.array_split(error, BLOCKS)])
     change, sd = error.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(BLOCKS)
-    return tuple(
-        ZeroChange(name, change[6 * k : 6 * k + 6], sd[6 * k : 6 * k + 6])
-        for k, name in enumerate(names)
-    )
+    found = []
+    for k, (name, model) in enumerate(plates.items()):
+        own = slice(6 * k, 6 * k + 6)
+        usual = np.zeros(6) if model.model_error is None else model.model_error.zero
+        found.append(ZeroChange(name, change[own], sd[own], usual))
+    return tuple(found)
 
 
 def _drift_note(zero: ZeroChange, recording: str) -> Note:

@@ -224,7 +224,11 @@ def extend(
         correlation=correlation_of(all_slow),
         rms_slow=np.sqrt(np.mean(all_slow**2, axis=0)),
         model_error=model_error_of(
-            [x[:, :k] for x, _ in read], unseen, setup, zero_of_trials(zeros, zero_sd)
+            [x[:, :k] for x, _ in read],
+            unseen,
+            setup,
+            zero_of_trials(zeros, zero_sd),
+            () if static.model_error is None else static.model_error.belts_mps,
         ),
         lags_s=tuple(lags_s),
     )

@@ -128,6 +128,7 @@ def fit_trials(
     setup: Setup | None = None,
     sensor_noise: ArrayLike = 0.0,
     zero_sd: ArrayLike | None = None,
+    belts_mps: ArrayLike = (),
 ) -> InertiaModel:
     """Fit one model to several recordings of an empty plate, each with a zero of its own.
 
@@ -141,6 +142,9 @@ def fit_trials(
     zero_sd
         Standard deviation of the plate's zero from recording to recording, one for all or (6,)
         [N, N·m]; None to estimate it from the recordings (`zero_of_trials`), 0 where it is known.
+    belts_mps
+        Speed of the belts in every recording, (M,) [m/s]; empty where it is unknown. What the model
+        leaves then depends on it.
 
     Returns
     -------
@@ -244,7 +248,7 @@ def fit_trials(
         correlation=correlation_of(residual if all_slow is None else all_slow),
         rms_slow=None if all_slow is None else np.sqrt(np.mean(all_slow**2, axis=0)),
         model_error=model_error_of(
-            [one for one, _ in read], np.split(unseen / root, ends), setup, zero
+            [one for one, _ in read], np.split(unseen / root, ends), setup, zero, belts_mps
         ),
     )
 

@@ -254,6 +254,7 @@ class InertiaModel:
         slow: bool = False,
         rate_hz: float | None = None,
         zero: bool = True,
+        belts_mps: ArrayLike | None = None,
     ) -> Array:
         """Give the standard deviation of a compensated wrench, sample by sample.
 
@@ -268,6 +269,9 @@ class InertiaModel:
             Of the readings [Hz]; None for the setup's.
         zero
             Whether the plate's zero counts, which is the same in all samples of a trial.
+        belts_mps
+            Speed of the belts, (N,) or one number [m/s]; None where unknown, as of
+            `ModelError.variance`.
 
         Returns
         -------
@@ -287,7 +291,8 @@ class InertiaModel:
             noise = self.rms_slow if slow and self.rms_slow is not None else self.sigma
             return np.asarray(np.sqrt(variance + noise**2))
         rate = rate_hz or (self.setup.rate_hz if self.setup is not None else 1.0)
-        variance += self.model_error.variance(a[:, : len(self.sensor_noise)], rate, slow)
+        readings = a[:, : len(self.sensor_noise)]
+        variance += self.model_error.variance(readings, rate, slow, belts_mps)
         return np.asarray(np.sqrt(variance + (self.model_error.zero**2 if zero else 0.0)))
 
     def require(self, setup: Setup) -> None:

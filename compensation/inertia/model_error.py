@@ -2,11 +2,12 @@
 
 A linear model of a few accelerometers does not know how a platform bends, rolls on its base or is
 shaken by people. What it leaves grows with the motion, differently in every direction and band of
-frequencies: the calibration's recordings, each part predicted by the others, show how.
+frequencies, and with the speed of the belts, whose rollers shake their plate more than the
+platform: the calibration's recordings, each part predicted by the others, show how.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
 
@@ -14,6 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import nnls
+from scipy.stats import norm
+from scipy.stats import t as student_t
 
 from compensation.inputs import refuse_gaps
 from hbm.signals.filtering import low_pass
@@ -34,6 +37,14 @@ MIN_EXPECTED_SHARE: Final = 0.05
 MIN_OF_MEAN: Final = 0.001
 """Of a squared error, and of the mean of all, below which the expectation of a squared error counts
 as no smaller in the weights."""
+RUNNING_MPS: Final = 0.05
+"""Speed above which belts run: the noise of a speed channel is less."""
+MIN_FASTER: Final = 1.2
+"""Factor between two speeds of which one shows how vibration grows with speed."""
+BELT_DEGREES: Final = 4
+"""Degrees of freedom that one recording has of the square of what unbalanced rollers do: that of
+two equal forces at a random angle to each other, which stays the same throughout a recording, has a
+variance of half of its squared mean, as χ² of four degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +65,12 @@ class ModelError:
         Variance at rest, of the same two, (2, 6) [N², (N·m)²].
     zero
         Standard deviation of a trial's zero about the calibration's, (6,) [N, N·m].
+    per_belts
+        Of the same two, variance where belts run, and variance per fourth power of their speed,
+        (2, 2, 6) [N², (N·m)²; per (m/s)⁴]; by default none.
+    belts_mps
+        Speed of the belts in every recording of the calibration, (M,) [m/s]; empty where it is
+        unknown.
 
     Examples
     --------
@@ -68,6 +85,8 @@ class ModelError:
     per_energy: Array
     floor: Array
     zero: Array
+    per_belts: Array = field(default_factory=lambda: np.zeros((2, 2, 6)))
+    belts_mps: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         k = np.size(self.center)
@@ -78,6 +97,8 @@ class ModelError:
             "per_energy": (2, bands * k, 6),
             "floor": (2, 6),
             "zero": (6,),
+            "per_belts": (2, 2, 6),
+            "belts_mps": (np.size(self.belts_mps),),
         }
         for name, shape in shapes.items():
             value = read_only(np.reshape(getattr(self, name), shape))
@@ -85,7 +106,18 @@ class ModelError:
                 refuse_gaps(value, f"model error: {name}")
             object.__setattr__(self, name, value)
 
-    def variance(self, accelerations: ArrayLike, rate_hz: float, slow: bool = False) -> Array:
+    @property
+    def fastest_mps(self) -> float | None:
+        """The largest belt speed of its recordings [m/s]; None where they are unknown."""
+        return float(self.belts_mps.max()) if self.belts_mps.size else None
+
+    def variance(
+        self,
+        accelerations: ArrayLike,
+        rate_hz: float,
+        slow: bool = False,
+        belts_mps: ArrayLike | None = None,
+    ) -> Array:
         """Give the variance to expect of what the model leaves, but for the zero.
 
         Parameters
@@ -97,6 +129,9 @@ class ModelError:
             Their rate [Hz].
         slow
             Whether 6 Hz is passed afterwards.
+        belts_mps
+            Speed of the belts, (N,) or one number [m/s]; None or NaN where unknown: then that of
+            the calibration's fastest recording.
 
         Returns
         -------
@@ -104,7 +139,10 @@ class ModelError:
             (N, 6) [N², (N·m)²]; NaN where the readings are unknown.
         """
         a = np.asarray(accelerations, float)
-        floor = self.floor[int(slow)]
+        fastest = self.fastest_mps or 0.0
+        speed = np.asarray(fastest if belts_mps is None else belts_mps, float)
+        terms = _belt_terms(np.where(np.isnan(speed), fastest, speed))
+        floor = self.floor[int(slow)] + terms @ self.per_belts[int(slow)]
         known = np.isfinite(a).all(axis=1)
         if not len(self.directions):
             return np.where(known[:, None], floor, np.nan)
@@ -119,6 +157,7 @@ def fit_model_error(
     left_slow: Sequence[Array],
     rate_hz: float | None,
     zero: ArrayLike,
+    belts_mps: ArrayLike = (),
 ) -> ModelError:
     """Fit how the squares of what a model leaves grow with the motion of the platform.
 
@@ -135,6 +174,8 @@ def fit_model_error(
         Of all of them; None where it is unknown: then the error is the same in every motion.
     zero
         Standard deviation of a trial's zero about the calibration's, (6,) [N, N·m].
+    belts_mps
+        Speed of the belts in every recording, (M,) [m/s]; empty where it is unknown.
 
     Returns
     -------
@@ -148,24 +189,58 @@ def fit_model_error(
     recording decide. Squared errors, averaged over a second, are then a sum of a constant and of
     the energies in all directions of all bands, with factors that are not negative; weighted least
     squares by their expectation, as squares of normal errors scatter in proportion to it.
+
+    Belts add a constant where they run, of friction and drives, and a part that grows with the
+    fourth power of their speed, as the square of the force of unbalanced rollers does. Either is
+    told from the rest only where recordings differ in it: by one with belts at rest, and by two
+    speeds of running belts. Else it is in the constant. Of the rollers' angles few recordings show
+    little: their part is widened as an interval of Student's t is.
     """
     center = np.mean([a.mean(axis=0) for a in accelerations], axis=0)
     squares = [np.vstack(side) ** 2 for side in (left, left_slow)]
     k = len(center)
     if rate_hz is None:
         floor = np.array([square.mean(axis=0) for square in squares])
-        return ModelError(center, np.zeros((0, k, k)), np.zeros((2, 0, 6)), floor, np.array(zero))
+        none = np.zeros((0, k, k)), np.zeros((2, 0, 6))
+        return ModelError(center, *none, floor, np.array(zero), belts_mps=np.array(belts_mps))
     bands = [_bands(a - center, rate_hz) for a in accelerations]
     directions = np.array([_directions(of_band) for of_band in zip(*bands, strict=True)])
     step = max(round(SMOOTHING_S * rate_hz), 1)
     energies = [_energies(band, directions, rate_hz)[step // 2 :: step] for band in bands]
-    designs = [np.column_stack([energy, np.ones(len(energy))]) for energy in energies]
+    speeds = np.array(belts_mps, float)
+    shown = _shown(speeds)
+    of_belts = _belt_terms(speeds) * shown if len(speeds) else np.zeros((len(energies), 2))
+    designs = [
+        np.column_stack([energy, np.tile([*terms, 1.0], (len(energy), 1))])
+        for energy, terms in zip(energies, of_belts, strict=True)
+    ]
     found = []
     for side in (left, left_slow):
         averaged = [_smooth(part**2, rate_hz)[step // 2 :: step] for part in side]
         found.append(_not_negative(designs, averaged))
     factors = np.array(found)
-    return ModelError(center, directions, factors[:, :-1], factors[:, -1], np.array(zero))
+    rollers = -2 if shown[1] else -3
+    factors[:, rollers] *= _belt_widening(speeds)
+    return ModelError(
+        center,
+        directions,
+        factors[:, :-3],
+        factors[:, -1],
+        np.array(zero),
+        factors[:, -3:-1],
+        np.array(belts_mps),
+    )
+
+
+def widening(degrees: float) -> float:
+    """Give the factor of a standard deviation of few degrees of freedom, ± 1.96 of which hold 95 %.
+
+    Examples
+    --------
+    >>> f"{widening(6):.2f}, {widening(1000):.2f}"
+    '1.25, 1.00'
+    """
+    return float(student_t.ppf(0.975, degrees) / norm.ppf(0.975))
 
 
 def thinned(rate_hz: float, cutoff_hz: float | None) -> int:
@@ -173,6 +248,27 @@ def thinned(rate_hz: float, cutoff_hz: float | None) -> int:
     if cutoff_hz is None:
         return 1
     return max(int(rate_hz / (MIN_RATE_PER_CUTOFF * cutoff_hz)), 1)
+
+
+def _belt_terms(speed: Array) -> Array:
+    """Give whether belts run, and the fourth power of their speed, (..., 2)."""
+    return np.stack([np.abs(speed) > RUNNING_MPS, speed**4], axis=-1)
+
+
+def _shown(speeds: Array) -> list[bool]:
+    """Whether recordings tell each of the terms from the rest."""
+    running = speeds[np.abs(speeds) > RUNNING_MPS]
+    several = running.max(initial=0.0) > MIN_FASTER * running.min(initial=np.inf)
+    return [len(running) < len(speeds), bool(several)]
+
+
+def _belt_widening(speeds: Array) -> float:
+    """Give the factor of the variance that grows with speed, by how many recordings show it."""
+    shown = speeds**4
+    if not shown.any():
+        return 1.0
+    recordings = shown.sum() ** 2 / np.sum(shown**2)
+    return widening(BELT_DEGREES * recordings) ** 2
 
 
 def _bands(moved: Array, rate_hz: float) -> list[Array]:

@@ -6,10 +6,9 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import t as student_t
 
 from compensation.inertia.model import SLOW_HZ, Setup
-from compensation.inertia.model_error import ModelError, fit_model_error, thinned
+from compensation.inertia.model_error import ModelError, fit_model_error, thinned, widening
 from compensation.inputs import read_table
 from hbm.signals.filtering import low_pass
 from hbm.spatial import Array
@@ -29,7 +28,6 @@ WEIGHT_ITERATIONS: Final = 4
 """Of the weights of recordings, which then no longer change."""
 MIN_LEFT_OF_WRENCH: Final = 1e-3
 """Of a wrench, below which what is left of a recording is taken as no smaller: a model is exact."""
-QUANTILE_95: Final = 1.96
 
 
 def recording_weights(trials: Sequence[tuple[Array, Array]]) -> Array:
@@ -121,11 +119,15 @@ def zero_of_trials(zeros: ArrayLike, stated: ArrayLike | None = None) -> Array:
     degrees = ZERO_DEGREES + 3 * (len(zeros) - 1)
     pooled = (alike + ZERO_DEGREES * ZERO_SD**2) / degrees
     variance = (squares + ZERO_DEGREES * pooled) / (len(zeros) - 1 + ZERO_DEGREES)
-    return np.asarray(both * np.sqrt(variance) * student_t.ppf(0.975, degrees) / QUANTILE_95)
+    return np.asarray(both * np.sqrt(variance) * widening(degrees))
 
 
 def model_error_of(
-    accelerations: Sequence[Array], unseen: Sequence[Array], setup: Setup | None, zero: Array
+    accelerations: Sequence[Array],
+    unseen: Sequence[Array],
+    setup: Setup | None,
+    zero: Array,
+    belts_mps: ArrayLike = (),
 ) -> ModelError:
     """Fit the model error of any model to what it leaves of parts that it was not fitted to.
 
@@ -140,6 +142,8 @@ def model_error_of(
         How they were recorded; None where that is unknown.
     zero
         Standard deviation of a trial's zero about the calibration's, (6,) [N, N·m].
+    belts_mps
+        Speed of the belts in every recording, (M,) [m/s]; empty where it is unknown.
 
     Returns
     -------
@@ -148,7 +152,7 @@ def model_error_of(
     """
     slow = [slow_part(part, setup) for part in unseen]
     if setup is None or any(part is None for part in slow):
-        return fit_model_error(accelerations, unseen, unseen, None, zero)
+        return fit_model_error(accelerations, unseen, unseen, None, zero, belts_mps)
     step = thinned(setup.rate_hz, setup.cutoff_hz)
     return fit_model_error(
         [part[::step] for part in accelerations],
@@ -156,6 +160,7 @@ def model_error_of(
         [part[::step] for part in slow if part is not None],
         setup.rate_hz / step,
         zero,
+        belts_mps,
     )
 
 

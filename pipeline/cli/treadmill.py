@@ -89,6 +89,7 @@ def fit(
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
     from pipeline.trial.ground.empty_plates import BESIDE
     from pipeline.trial.ground.platform_delay import recording_delays
+    from pipeline.trial.ground.uncertainty import belt_speed_notes
 
     console = plain_console()
     if out.is_dir():
@@ -158,6 +159,7 @@ def fit(
         *([calibration.choice.note] if calibration.choice is not None else []),
         *timing,
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
+        *belt_speed_notes(empty, treadmill, list(calibration.in_use.values())),
         *poor,
     ]
     for note in warnings_first(notes):

@@ -26,13 +26,13 @@ from pipeline.trial.gait.cycle_shortage import cycle_shortage
 from pipeline.trial.gait.cycles import found_cycles
 from pipeline.trial.gait.events import SIDES, gait_events
 from pipeline.trial.ground.accelerometers import accelerations
-from pipeline.trial.ground.belts import read_belts
+from pipeline.trial.ground.belt_calibration import belts_alone, read_belts, roller_notes
 from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.calibration_recording import read_calibration, read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
-from pipeline.trial.ground.rollers import roller_notes
+from pipeline.trial.ground.uncertainty import belt_speed_notes
 from pipeline.trial.study_files import labels_in_none, read_study_file, read_study_plates
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.validity import settling_s
@@ -158,19 +158,11 @@ def _check_laboratory(study: Study, found: _Collector) -> Laboratory:
     """Check the calibrations; give the treadmill with those of platform and plates."""
     treadmill, stated = study.file.treadmill, study.stated
     plates = found.attempt("study.toml", lambda: read_study_plates(study))
-    belt = treadmill.belt
-    if belt is not None:
-        belts_path = study.path(belt.calibration)
-        models = found.attempt(
-            belts_path.name, lambda: read_belts(belts_path, belt, stated, plates)
-        )
-        if models is not None:
-            empty = read_empty(belts_path, stated, any_forward=plates is None)
-            corrected = with_corrected_plates(empty, plates)
-            found.notes(belts_path.name, roller_notes(corrected, models, belt))
     if not treadmill.calibration:
         found.remark("study.toml", "calibration_not_stated")
-        return Laboratory(treadmill, plates=plates)
+        laboratory = Laboratory(treadmill, plates=plates)
+        _check_belts(study, laboratory, found)
+        return laboratory
     path, beside = study.path(treadmill.calibration), tuple(map(study.path, treadmill.beside))
     calibration = found.attempt(
         path.name, lambda: read_calibration(path, treadmill, stated, plates, beside)
@@ -186,7 +178,22 @@ def _check_laboratory(study: Study, found: _Collector) -> Laboratory:
         other = study.path(treadmill.check)
         day = found.attempt(other.name, lambda: read_check(other, laboratory, stated))
         found.notes(other.name, day.notes if day is not None else ())
+    _check_belts(study, laboratory, found)
     return laboratory
+
+
+def _check_belts(study: Study, laboratory: Laboratory, found: _Collector) -> None:
+    """Check the calibration of the belts, if one is stated, and look for unbalanced rollers."""
+    belt = laboratory.treadmill.belt
+    if belt is None:
+        return
+    path = study.path(belt.calibration)
+    read = found.attempt(path.name, lambda: read_belts(path, laboratory, study.stated))
+    if read is not None:
+        models, notes = read
+        empty = read_empty(path, study.stated, any_forward=laboratory.plates is None)
+        alone, _ = belts_alone(empty, laboratory)
+        found.notes(path.name, (*notes, *roller_notes(alone, models, belt)))
 
 
 def _check_trial(
@@ -387,7 +394,8 @@ def _check_ground(
     if laboratory.calibration is not None and recording.plates:
         readings = found.attempt(name, lambda: accelerations(recording, treadmill))
         if readings is not None:
-            found.attempt(name, lambda: plate_models(recording, laboratory))
+            models = found.attempt(name, lambda: plate_models(recording, laboratory))
+            found.notes(name, belt_speed_notes(recording, treadmill, models or ()))
     time, platform = recording.markers.time, treadmill.platform
     pose = found.attempt(name, lambda: platform_pose(recording, platform, time))
     if pose is not None:

@@ -4,14 +4,14 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from compensation import BeltModel, Calibration
+from compensation import Calibration
 from hbm.notes import Note
 from pipeline.config.plate_correction import PlateCorrection, read_plate_correction
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.belts import read_belts
+from pipeline.trial.ground.belt_calibration import read_belts
 from pipeline.trial.ground.calibration_check import read_check
 from pipeline.trial.ground.calibration_recording import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory
@@ -54,18 +54,18 @@ def read_study_laboratory(study: Study) -> Laboratory:
     treadmill, stated = study.file.treadmill, study.stated
     plates = read_study_plates(study)
     calibration: Calibration | None = None
-    belts: tuple[BeltModel, ...] = ()
     if treadmill.calibration:
         beside = tuple(map(study.path, treadmill.beside))
         path = study.path(treadmill.calibration)
         calibration = read_calibration(path, treadmill, stated, plates, beside)
+    laboratory = Laboratory(treadmill, calibration, plates=plates)
     if treadmill.belt is not None:
-        belts = read_belts(study.path(treadmill.belt.calibration), treadmill.belt, stated, plates)
-    laboratory = Laboratory(treadmill, calibration, belts, plates)
+        belts, notes = read_belts(study.path(treadmill.belt.calibration), laboratory, stated)
+        laboratory = replace(laboratory, belts=belts, notes=notes)
     if not treadmill.check or calibration is None:
         return laboratory
     found = read_check(study.path(treadmill.check), laboratory, stated)
-    return replace(laboratory, notes=found.notes)
+    return replace(laboratory, notes=(*laboratory.notes, *found.notes))
 
 
 def read_study_plates(study: Study) -> PlateCorrection | None:

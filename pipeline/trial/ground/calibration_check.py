@@ -9,6 +9,7 @@ import numpy as np
 from compensation import InertiaModel, Sensor, check_trial, from_json, to_json
 from compensation.inertia.another_day import DayCheck, check_another_day
 from hbm.notes import Note
+from hbm.signals.resampling import interpolate
 from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
@@ -18,6 +19,7 @@ from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
 from pipeline.trial.ground.calibration_recording import read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.empty_plates import wrenches_in_time
+from pipeline.trial.ground.instruments import fastest_belt
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
 FAULTS: Final = (
@@ -73,6 +75,7 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
     )
     wrenches = wrenches_in_time(recording, setup, laboratory.plates)
     known = np.isfinite(np.hstack([felt, *wrenches])).all(axis=1)
+    speed = fastest_belt(recording, treadmill)
     try:
         return check_another_day(
             dict(zip(names, models, strict=True)),
@@ -80,6 +83,7 @@ def check_recording(recording: Recording, laboratory: Laboratory) -> DayCheck:
             {name: w[known] for name, w in zip(names, wrenches, strict=True)},
             file,
             _without_delay(calibration.sensors, models[0].sensors),
+            None if speed is None else interpolate(*speed, first.time)[known],
         )
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error

@@ -15,7 +15,6 @@ from compensation import (
     Sensor,
     estimate_delay,
     find_sensors,
-    fit_inertia,
     fit_trials,
     from_json,
     refuse_unusable,
@@ -43,6 +42,7 @@ from pipeline.trial.ground.empty_plates import (
     setup_of,
     wrenches_in_time,
 )
+from pipeline.trial.ground.instruments import fastest_belt
 
 PLATES_NAME: Final = "plate_calibration"
 PLATES_SHA256: Final = "plate_calibration_sha256"
@@ -103,8 +103,9 @@ def fit_calibration(
     k = 3 * len(treadmill.accelerometers)
     own = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
     noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in own.items()}
+    belts = [_belts_mps(one, treadmill) for one in (recording, *beside)]
     static = {
-        name: fit_inertia(felt[:, :k], wrench, setup, noises[name])
+        name: fit_trials([(felt[:, :k], wrench)], setup, noises[name], belts_mps=_known(belts[:1]))
         for name, (felt, wrench) in own.items()
     }
     refuse_unusable(static)
@@ -118,9 +119,14 @@ def fit_calibration(
     trials = [(recording.source.name, own), *found]
     if found:
         for name in own:
-            of_plate = [samples[name] for _, samples in trials if name in samples]
-            readings = [(felt[:, :k], wrench) for felt, wrench in of_plate]
-            static[name] = fit_trials(readings, setup, noises[name])
+            of_plate = [
+                (samples[name], speed)
+                for (_, samples), speed in zip(trials, belts, strict=True)
+                if name in samples
+            ]
+            readings = [(felt[:, :k], wrench) for (felt, wrench), _ in of_plate]
+            speeds = _known([speed for _, speed in of_plate])
+            static[name] = fit_trials(readings, setup, noises[name], belts_mps=speeds)
         refuse_unusable(static)
         provenance[BESIDE] = "; ".join(
             f"{source}: {', '.join(empty)} empty" for source, empty in found
@@ -130,6 +136,18 @@ def fit_calibration(
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
     joint = _joint_correlation(recording, own, dynamic or static)
     return Calibration(static, provenance, sensors, joint, dynamic, choice)
+
+
+def _belts_mps(recording: Recording, treadmill: Treadmill) -> float | None:
+    """Give the constant belt speed whose fourth power is a recording's mean; None if unknown."""
+    found = fastest_belt(recording, treadmill)
+    return None if found is None else float(np.nanmean(found[1] ** 4) ** 0.25)
+
+
+def _known(speeds: Sequence[float | None]) -> tuple[float, ...]:
+    """Give the speeds of all recordings, or none where one of them is unknown."""
+    known = tuple(speed for speed in speeds if speed is not None)
+    return known if len(known) == len(speeds) else ()
 
 
 def _refuse_repeated(*recordings: Recording) -> None:

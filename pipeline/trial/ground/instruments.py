@@ -1,9 +1,17 @@
-"""Analog channels of a recording in SI units."""
+"""Analog channels of a recording in SI units, and the speed of the belts among them."""
 
+import re
 from collections.abc import Callable
+from typing import Final
+
+import numpy as np
 
 from hbm.spatial import Array
+from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
+from pipeline.io.units import length_in_m
+
+BELT: Final = re.compile(r"belt|treadmill", re.IGNORECASE)
 
 
 def read_channel(
@@ -46,3 +54,67 @@ def read_channel(
     except ValueError as error:
         raise ValueError(f"{file}: channel {name!r}: {error}") from error
     return analog.time, values * scale
+
+
+def belt_speed(recording: Recording, channel: str) -> Array:
+    """Give a belt's speed.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    channel
+        Name of the analog channel, in a unit of speed such as m/s.
+
+    Returns
+    -------
+    Array
+        (N,) [m/s].
+
+    Raises
+    ------
+    ValueError
+        If there is no such channel, or its unit is none of speed.
+    """
+    file = recording.source.name
+    analog = recording.analog
+    if analog is None or channel not in analog.names:
+        present = ", ".join(analog.names) if analog is not None else "none"
+        raise ValueError(
+            f"{file}: no analog channel {channel!r} with belt speed; present: {present}"
+        )
+    unit = analog.units[analog.names.index(channel)].strip()
+    length, per_second, _ = unit.partition("/s")
+    if not per_second:
+        raise ValueError(f"{file}: {channel} is in {unit!r}, expected a speed such as m/s")
+    return analog.channel(channel) * length_in_m(length)
+
+
+def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Array] | None:
+    """Give how fast the belts run, without a sign; of several the fastest.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    treadmill
+        Its belts' channels; where none are stated, those in a unit of speed whose name contains
+        "belt" or "treadmill" count.
+
+    Returns
+    -------
+    time, speed
+        (N,) [s] and (N,) [m/s]; None where there is no such channel.
+    """
+    analog = recording.analog
+    if analog is None:
+        return None
+    stated = treadmill.belt.speed_channels if treadmill.belt is not None else ()
+    known = [name for name in stated if name in analog.names] or [
+        name
+        for name, unit in zip(analog.names, analog.units, strict=True)
+        if BELT.search(name) and unit.strip().endswith("m/s")
+    ]
+    if not known:
+        return None
+    return analog.time, np.max([np.abs(belt_speed(recording, name)) for name in known], axis=0)

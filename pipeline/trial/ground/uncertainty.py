@@ -1,8 +1,8 @@
 """How uncertain compensated wrenches are, in the lab, about any point.
 
 It is that of the compensation alone: noise of plates and accelerometers, what the calibration's
-model does not explain of motion like the trial's, the uncertainty of its gains, and the zero of the
-plates. Body, markers, the platform's pose and accelerating belts are not in it.
+model does not explain of motion and belt speed like the trial's, the uncertainty of its gains, and
+the zero of the plates. Body, markers, the platform's pose and accelerating belts are not in it.
 """
 
 from collections.abc import Sequence
@@ -12,12 +12,20 @@ import numpy as np
 
 from compensation import InertiaModel, PlatformPose
 from compensation.inertia.model import SLOW_HZ
+from compensation.inertia.model_error import RUNNING_MPS
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
-from pipeline.io.recording import Plate
+from pipeline.config.schema import Treadmill
+from pipeline.io.recording import Plate, Recording
+from pipeline.trial.ground.instruments import fastest_belt
 
 FORCE: Final = slice(0, 3)
 MOMENT: Final = slice(3, 6)
+MAX_FASTER: Final = 1.05
+"""Factor by which belts may run faster than in the calibration: their vibration then has 1.2 times
+the variance that is expected."""
+MIN_SHARE: Final = 0.05
+"""Of a trial in which they must."""
 
 
 def wrench_spread(
@@ -27,6 +35,7 @@ def wrench_spread(
     pose: PlatformPose | None,
     cutoff_hz: float,
     rate_hz: float,
+    belts_mps: Array | None = None,
 ) -> Array:
     """Give what one standard deviation of each component of a plate is in the lab.
 
@@ -45,6 +54,8 @@ def wrench_spread(
         all that passed the calibration's filter, which is more than what is left [Hz].
     rate_hz
         Of the frames [Hz].
+    belts_mps
+        Speed of the belts at the frames, (T,) [m/s]; None where it is unknown.
 
     Returns
     -------
@@ -54,7 +65,7 @@ def wrench_spread(
         acceleration or the pose is unknown.
     """
     slow = cutoff_hz <= SLOW_HZ
-    sd = model.uncertainty(acceleration, slow, rate_hz, zero=False)
+    sd = model.uncertainty(acceleration, slow, rate_hz, zero=False, belts_mps=belts_mps)
     zero = np.zeros(6) if model.model_error is None else model.model_error.zero
     both = np.hstack([sd, np.where(np.isnan(sd), np.nan, zero)])
     rotation = plate.rotation[None] if pose is None else pose.rotation @ plate.rotation
@@ -123,6 +134,41 @@ def standard_deviation(covariance: Array, point: Array) -> Array:
     """
     there = moved(covariance, np.eye(3)[None], -point)
     return np.asarray(np.sqrt(np.diagonal(there, axis1=1, axis2=2)))
+
+
+def belt_speed_notes(
+    recording: Recording, treadmill: Treadmill, models: Sequence[InertiaModel]
+) -> tuple[Note, ...]:
+    """Say where a calibration does not know what belts as fast as a trial's leave.
+
+    Parameters
+    ----------
+    recording
+        The trial.
+    treadmill
+        Its belts' channels, where they are stated.
+    models
+        Of the plates; those of earlier versions, which know of noise alone, do not count.
+
+    Returns
+    -------
+    tuple of Note
+        One at most.
+    """
+    known = [m.model_error.fastest_mps for m in models if m.model_error is not None]
+    speeds = [speed for speed in known if speed is not None]
+    if len(speeds) < len(known):
+        return (Note.of("uncertainty_calibration_belts_unknown"),)
+    found = fastest_belt(recording, treadmill)
+    if not speeds:
+        return ()
+    calibrated = min(speeds)
+    if found is None:
+        return (Note.of("uncertainty_belts_unknown", calibrated_mps=calibrated),)
+    speed = float(np.nanquantile(found[1], 1 - MIN_SHARE))
+    if speed <= max(MAX_FASTER * calibrated, RUNNING_MPS):
+        return ()
+    return (Note.of("uncertainty_belts_faster", speed_mps=speed, calibrated_mps=calibrated),)
 
 
 def uncertainty_notes(residual_sd: Array) -> tuple[Note, ...]:

@@ -14,7 +14,7 @@ from compensation import (
 )
 from compensation.inertia.model import SLOW_HZ
 from hbm.notes import Note
-from hbm.signals.resampling import resample
+from hbm.signals.resampling import interpolate, resample
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, corrected_sensors
@@ -22,10 +22,11 @@ from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
 from pipeline.trial.ground.empty_plates import BESIDE, setup_of
+from pipeline.trial.ground.instruments import fastest_belt
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
-from pipeline.trial.ground.uncertainty import sum_covariance, wrench_spread
+from pipeline.trial.ground.uncertainty import belt_speed_notes, sum_covariance, wrench_spread
 
 ASSUMED_PIVOT_ERROR_M: Final = 0.01
 """Of a pivot that is measured by hand; its effect on the moments is noted."""
@@ -134,8 +135,12 @@ def ground_wrenches(
             readings = felt[0][:, : len(models[0].acceleration_mean)]
             late = plate_marker_delay(pose, readings, recording.markers.rate_hz)
             notes += plates_note(late, delays_s[0])
+        rate_hz = recording.markers.rate_hz
+        speed = fastest_belt(recording, treadmill)
+        belts_mps = None if speed is None else interpolate(*speed, times[0])
+        notes += belt_speed_notes(recording, treadmill, models)
         spreads = [
-            wrench_spread(model, acceleration, plate, pose, cutoff_hz, recording.markers.rate_hz)
+            wrench_spread(model, acceleration, plate, pose, cutoff_hz, rate_hz, belts_mps)
             for model, plate, acceleration in zip(models, plates, felt, strict=True)
         ]
         joint = laboratory.calibration.correlation_of([f"plate {p.number}" for p in plates])

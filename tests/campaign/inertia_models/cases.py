@@ -6,9 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from compensation import Signal, best_places, pitch_and_sway_signals, validation_signals
+from compensation import MachineLimits, Signal, best_places, validation_signals
 from compensation.inertia.choice import rms_left
 from compensation.inertia.dynamic import LAGS_S
+from compensation.signals.protocol import platform_signal
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.accelerometers import find_accelerometers
@@ -26,15 +27,13 @@ from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTAN
 
 @dataclass(frozen=True)
 class Calibrated:
-    """How a laboratory is calibrated: what the platform follows, and where a person is.
+    """How a laboratory is calibrated: by the signal all_60s, at a belt speed, and what people do.
 
-    A person ``during`` the signal is on the platform beside the empty plate. Recordings ``beside``
-    the empty plate are of a minute of belts at walking speed with the platform at rest. It is
-    judged with ``counts`` accelerometers.
+    Recordings ``beside`` the empty plate are of a minute of belts at walking speed with the
+    platform at rest. It is judged with ``counts`` accelerometers.
     """
 
-    signal: str
-    during: LoadPattern | None = None
+    belts_mps: float
     beside: tuple[LoadPattern, ...] = ()
     counts: tuple[int, ...] = (1, 2, 3, 4)
 
@@ -44,19 +43,14 @@ EDGE: Final = 200
 """Samples left out at both ends of a recording, where low-passes are inaccurate: a second."""
 SENSORS: Final = (1, 2, 3, 4)
 CALIBRATIONS: Final[dict[str, Calibrated]] = {
-    "empty, 60 s": Calibrated("all_60s_3mps"),
-    "empty, 300 s": Calibrated("all_300s_3mps", counts=(2, 4)),
-    "empty, belts at rest, 60 s": Calibrated("all_60s_0mps", counts=(2, 4)),
-    "person on the boards, 60 s": Calibrated(
-        "all_60s_3mps", bystander.stepping_on_boards, counts=(2, 4)
-    ),
+    "empty": Calibrated(3.0),
+    "empty, belts at rest": Calibrated(0.0, counts=(2, 4)),
     "empty, beside walking and boards": Calibrated(
-        "all_60s_3mps", beside=(bystander.walking, bystander.stepping_on_boards)
+        3.0, beside=(bystander.walking, bystander.stepping_on_boards)
     ),
 }
 MACHINES: Final = {"default": 1.0, "soft": 4.0, "rigid": 0.0}
 """Flexibility of the structure; all natural frequencies of the soft one are half of the default."""
-BELTS_MPS: Final = (0.0, 3.0)
 AT_REST_S: Final = 60
 AT_REST_BELTS_MPS: Final = 1.3
 MODELS: Final = ("static", "dynamic")
@@ -92,6 +86,11 @@ class Judged:
     trial: str
     static: np.ndarray
     dynamic: np.ndarray
+
+    @property
+    def taken(self) -> np.ndarray:
+        """Of the model that the calibration chooses."""
+        return self.static if self.chosen == "static" else self.dynamic
 
 
 def laboratory(
@@ -143,11 +142,6 @@ def judge(
 ) -> list[Judged]:
     """Calibrate a laboratory in several ways and judge both models on the validation trials."""
     treadmill, found = laboratory(seed, machine, places), []
-    signals = {
-        signal.name: signal
-        for n, speed in enumerate(BELTS_MPS)
-        for signal in pitch_and_sway_signals(2 * seed + n, speed)
-    }
     trials = {
         signal.name: record(treadmill, signal, BYSTANDERS[signal.name], [seed, 0, n])
         for n, signal in enumerate(validation_signals(seed))
@@ -155,7 +149,8 @@ def judge(
     }
     for name in calibrations:
         plan, number = CALIBRATIONS[name], 1 + list(CALIBRATIONS).index(name)
-        recording = record(treadmill, signals[plan.signal], plan.during, [seed, number, 0])
+        signal = platform_signal("all", 60, seed, plan.belts_mps, MachineLimits())
+        recording = record(treadmill, signal, None, [seed, number, 0])
         beside = [
             record(treadmill, at_rest(person.__name__), person, [seed, number, 1 + m])
             for m, person in enumerate(plan.beside)

@@ -54,7 +54,7 @@ def grouped(found: Sequence[Judged]) -> dict[Group, dict[str, list[Judged]]]:
 
 
 def beyond_rigid(found: Sequence[Judged], machine: str) -> dict[str, np.ndarray]:
-    """Give what the dynamic model with the best calibration leaves beyond a rigid machine, (6,).
+    """Give what the model that the best calibration chooses leaves beyond a rigid machine, (6,).
 
     That is what belts and rollers do to their own plate, drift and noise: no model of the platform
     removes it.
@@ -63,9 +63,7 @@ def beyond_rigid(found: Sequence[Judged], machine: str) -> dict[str, np.ndarray]
     here, rigid = groups[machine, *BEST], groups["rigid", *BEST]
     return {
         trial: np.sqrt(
-            np.maximum(
-                pooled(ones, "dynamic", 0) ** 2 - pooled(rigid[trial], "static", 0) ** 2, 0.0
-            )
+            np.maximum(pooled(ones, "taken", 0) ** 2 - pooled(rigid[trial], "static", 0) ** 2, 0.0)
         )
         for trial, ones in here.items()
     }
@@ -173,9 +171,10 @@ def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str)
             "Norms of force (N) and moment (N·m), static → dynamic. *Worst*: the largest factor by "
             "which the dynamic model leaves more than the static one, of any trial and "
             "laboratory, below 20 or 6 Hz. *Taken in*: share of the laboratories in which "
-            "`hbm calibration fit` takes the dynamic model. *Beside*: `--beside` with two "
-            "recordings of a minute, the platform at rest, somebody walking on the other belt and "
-            "somebody moving about on the boards.",
+            "`hbm calibration fit` takes the dynamic model. *Empty*: the signal `all_60s` with the "
+            "belts at 3 m/s, or at rest. *Beside*: `--beside` with two recordings of a minute, the "
+            "platform at rest, somebody walking on the other belt and somebody moving about on the "
+            "boards.",
             "",
             *table(found, 0),
             "",
@@ -202,7 +201,7 @@ def page(found: Sequence[Judged], places: dict[str, list[Judged]], command: str)
             "",
             f"No trial of which a dynamic model that is taken leaves more than {MAX_WORSE:g} times "
             f"as much as the static one; with the calibration {BEST[0]!r}, {BEST[1]} "
-            f"accelerometers and the dynamic model no component above {GOAL[0]:g} N and "
+            f"accelerometers and the model that it chooses no component above {GOAL[0]:g} N and "
             f"{GOAL[1]:g} N·m beyond what is left on a rigid machine (difference of squares). "
             f"{'Not met: ' + '; '.join(missed) if missed else 'All of it is met'}.",
             "",

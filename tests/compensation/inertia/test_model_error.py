@@ -1,5 +1,7 @@
 """What a model is expected to leave, by how the platform moves, against known left-overs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import butter, resample, sosfiltfilt
@@ -163,3 +165,75 @@ def test_a_recording_of_which_too_little_would_be_expected_counts_more():
     expected = [np.sqrt(error.variance(one, RATE_HZ).mean()) for one in felt]
     assert expected[1] > 0.85 * 4
     assert expected[0] < 1.15 * 4
+
+
+BELTS_MPS = (0.0, 1.3, 3.0)
+REST, FRICTION, UNBALANCE = 0.5, 1.0, 0.3
+
+
+def left_of_belts(speed, rng, count=3000):
+    """Noise, of friction too where a belt runs, and rollers out of balance: RMS known."""
+    time = np.arange(count) / RATE_HZ
+    noise = rng.normal(0, np.hypot(REST, FRICTION * (speed > 0)), (count, 6))
+    phase = 2 * np.pi * (1.58 * speed * time[:, None] + rng.uniform(size=6))
+    return noise + np.sqrt(2) * UNBALANCE * speed**2 * np.sin(phase)
+
+
+def expected_of_belts(speed):
+    return np.sqrt(REST**2 + (speed > 0) * FRICTION**2 + (UNBALANCE * speed**2) ** 2)
+
+
+def belt_error(speeds):
+    rng = np.random.default_rng(18)
+    felt = [rng.normal(0, 0.01, (3000, 3)) for _ in speeds]
+    left = [left_of_belts(speed, rng) for speed in speeds]
+    return felt[0], fit_model_error(felt, left, left, RATE_HZ, np.zeros(6), speeds)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.8, 1.3, 2.0, 3.0])
+def test_what_belts_leave_is_expected_at_every_speed_of_the_recordings_range(speed):
+    felt, error = belt_error(16 * BELTS_MPS)
+    found = np.sqrt(error.variance(felt, RATE_HZ, belts_mps=speed).mean(axis=0))
+    np.testing.assert_allclose(found, expected_of_belts(speed), rtol=0.08)
+
+
+def test_belts_of_unknown_speed_count_as_the_fastest_of_the_recordings():
+    felt, error = belt_error(BELTS_MPS)
+    speed = np.full(len(felt), 1.3)
+    speed[: len(felt) // 2] = np.nan
+    variance = error.variance(felt, RATE_HZ, belts_mps=speed)
+    fastest = error.variance(felt, RATE_HZ, belts_mps=3.0)
+    np.testing.assert_allclose(error.variance(felt, RATE_HZ), fastest, rtol=1e-12)
+    np.testing.assert_allclose(variance[: len(felt) // 2], fastest[: len(felt) // 2], rtol=1e-12)
+    assert (variance[len(felt) // 2 :] < fastest[len(felt) // 2 :]).all()
+
+
+@pytest.mark.parametrize("speeds", [(), (1.3,), (3.0, 3.0), (3.0, 2.9)])
+def test_recordings_at_one_speed_expect_the_same_at_every_speed(speeds):
+    felt, error = belt_error(speeds or (3.0,))
+    if not speeds:
+        error = replace(error, belts_mps=())
+    at_rest, running = (error.variance(felt, RATE_HZ, belts_mps=v) for v in (0.0, 6.0))
+    np.testing.assert_array_equal(at_rest, running)
+    assert error.fastest_mps == (max(speeds) if speeds else None)
+
+
+def of_two_rollers(speed, rng):
+    """What two equal rollers leave that are out of balance at a random angle to each other."""
+    angles = rng.uniform(0, 2 * np.pi, (2, 6))
+    turns = 2 * np.pi * 1.58 * speed * np.arange(1000)[:, None] / RATE_HZ
+    noise = rng.normal(0, REST, (1000, 6))
+    return noise + UNBALANCE * speed**2 * sum(np.sin(turns + angle) for angle in angles)
+
+
+@pytest.mark.parametrize("speeds", [(0.0, 3.0), (0.0, 1.3, 2.5, 3.0), (0.0, 1.3, 3.0, 3.0, 3.0)])
+def test_rollers_are_held_although_few_recordings_show_their_angle(speeds):
+    """It is another one in every recording, so that one may leave little and the next one much."""
+    rng, held = np.random.default_rng(19), []
+    for _ in range(40):
+        felt = [rng.normal(0, 0.01, (1000, 3)) for _ in speeds]
+        left = [of_two_rollers(speed, rng) for speed in speeds]
+        error = fit_model_error(felt, left, left, RATE_HZ, np.zeros(6), speeds)
+        sigma = np.sqrt(error.variance(felt[0], RATE_HZ, belts_mps=2.8))
+        held.append(np.abs(of_two_rollers(2.8, rng)) <= 1.96 * sigma)
+    assert 0.90 < np.mean(held) < 0.99

@@ -15,12 +15,14 @@ from pipeline.io.axes import parse_axes
 from pipeline.io.c3d.read import read_c3d
 from pipeline.io.c3d.write import write_c3d
 from pipeline.trial.ground.artefacts import plate_artefacts
-from pipeline.trial.ground.belts import belt_axes, belt_speed, belt_wrenches, fit_belts
+from pipeline.trial.ground.belt_calibration import belts_alone, fit_belts
+from pipeline.trial.ground.belts import belt_axes, belt_wrenches
 from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.instruments import belt_speed
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.process import process_trial
-from pipeline.virtual_lab.faults import BeltFaults, Faults
+from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
 from pipeline.virtual_lab.machine.instruments.accelerometer import SENSOR_NAMES
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol import calibration_trial
@@ -157,3 +159,43 @@ def test_a_study_file_switches_belt_compensation_on(tmp_path):
 
 def replace_channels(belt, channel):
     return belt.model_copy(update={"speed_channels": (channel,)})
+
+
+@pytest.fixture(scope="module")
+def flexible():
+    """A soft treadmill with motors: its belts' recording, its platform's calibration, a trial."""
+    soft = Faults(machine=MachineFaults(flexibility=4.0))
+    record = partial(calibration_trial.record_signal_trial, rate_hz=200.0, faults=soft)
+    signals = belt_signals(1, 1.0)[0], pitch_and_sway_signals(1, 3.0)[6], VALIDATION
+    belts, platform, trial = (record(signal, seed=k) for k, signal in enumerate(signals))
+    return belts, fit_calibration(platform, TREADMILL), trial
+
+
+def test_belts_and_accelerometers_together_leave_no_more_than_the_better_one_alone(flexible):
+    """What belts shake the platform by is subtracted by the accelerometers, and only by them."""
+    belts, platform, trial = flexible
+    alone, notes = belts_alone(belts, Laboratory(TREADMILL, platform))
+    assert notes == ()
+    raw, by_belts = left_over(trial, fit_belts(belts, BELT))
+    _, by_platform = left_over(trial, (), platform)
+    _, together = left_over(trial, fit_belts(alone, BELT), platform)
+    _, twice = left_over(trial, fit_belts(belts, BELT), platform)
+    assert together < min(by_belts, by_platform) < 0.5 * raw
+    assert together < 0.8 * twice
+
+
+def test_belts_recorded_without_accelerometers_are_fitted_as_measured_and_trials_say_so(flexible):
+    belts, platform, trial = flexible
+    analog = belts.analog
+    speed = analog.names.index("BeltSpeed")
+    bare = replace(
+        belts,
+        analog=replace(
+            analog, names=("BeltSpeed",), units=("m/s",), values=analog.values[:, [speed]]
+        ),
+    )
+    alone, notes = belts_alone(bare, Laboratory(TREADMILL, platform))
+    assert [note.code for note in notes] == ["belts_without_accelerometers"]
+    known = Laboratory(TREADMILL, platform, fit_belts(alone, BELT), notes=notes)
+    ground = ground_wrenches(trial, known, trial.markers.time[100:-100], 0.0)
+    assert "belts_without_accelerometers" in {note.code for note in ground.notes}

@@ -116,3 +116,41 @@ def test_trials_say_whether_their_interval_knows_of_people(empty):
         codes[len(others)] = {note.code for note in ground.notes}
     assert "uncertainty_without_people" in codes[0]
     assert "uncertainty_without_people" not in codes[1]
+
+
+def with_belts(recording, speed, unit="m/s"):
+    """Add a channel with the speed of the belts."""
+    analog = recording.analog
+    values = np.column_stack([analog.values, np.full(len(analog.time), speed)])
+    names, units = (*analog.names, "Belt.Left"), (*analog.units, unit)
+    return replace(recording, analog=replace(analog, names=names, units=units, values=values))
+
+
+def belt_notes(trial, calibration):
+    ground = ground_wrenches(trial, Laboratory(TREADMILL, calibration), trial.markers.time, 0.0)
+    return [(n.code, dict(n.values)) for n in ground.notes if "belts" in n.code]
+
+
+def test_trials_whose_belts_are_faster_than_those_of_the_calibration_are_told(empty):
+    others = [with_belts(beside(2), 1.3)]
+    known = fit_calibration(with_belts(empty, 2.0), TREADMILL, beside=others)
+    np.testing.assert_allclose(known.plates["plate 1"].model_error.belts_mps, [2.0, 1.3])
+    np.testing.assert_allclose(known.plates["plate 2"].model_error.belts_mps, [2.0])
+    for speed in (0.0, 1.3, 2.05):
+        assert belt_notes(with_belts(empty, speed), known) == []
+    assert belt_notes(with_belts(empty, 2500.0, "mm/s"), known) == [
+        ("uncertainty_belts_faster", {"speed_mps": 2.5, "calibrated_mps": pytest.approx(2.0)})
+    ]
+    assert belt_notes(empty, known) == [
+        ("uncertainty_belts_unknown", {"calibrated_mps": pytest.approx(2.0)})
+    ]
+
+
+@pytest.mark.parametrize("known", [0, 1])
+def test_a_calibration_of_which_one_belt_speed_is_unknown_says_so(empty, known):
+    signal, other = empty, beside(2)
+    signal, other = (with_belts(signal, 2.0), other) if known else (signal, with_belts(other, 2.0))
+    calibration = fit_calibration(signal, TREADMILL, beside=[other])
+    assert calibration.plates["plate 1"].model_error.fastest_mps is None
+    (found,) = belt_notes(with_belts(empty, 3.0), calibration)
+    assert found[0] == "uncertainty_calibration_belts_unknown"

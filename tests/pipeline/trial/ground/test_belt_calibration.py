@@ -7,8 +7,7 @@ import pytest
 
 from compensation import belt_signals
 from pipeline.config.schema import Belt
-from pipeline.trial.ground.belts import fit_belts
-from pipeline.trial.ground.rollers import WALKING_MPS, roller_notes
+from pipeline.trial.ground.belt_calibration import WALKING_MPS, fit_belts, roller_notes
 from pipeline.virtual_lab.faults import BeltFaults, Faults, MachineFaults
 from pipeline.virtual_lab.machine.linear_belt import (
     ROLLER_AHEAD_M,

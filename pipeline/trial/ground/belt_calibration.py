@@ -1,0 +1,228 @@
+"""Calibration of the belts: what their acceleration adds to plates, and what turns with them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import cycle
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from compensation import BeltModel, fit_belt, fit_roller, from_json, low_pass, to_json
+from hbm.notes import Note
+from hbm.signals.resampling import interpolate, resample
+from pipeline.config.plate_correction import PlateCorrection
+from pipeline.config.schema import Belt, Treadmill
+from pipeline.io.recording import Recording
+from pipeline.io.stated import Stated
+from pipeline.trial.ground.artefacts import plate_artefacts
+from pipeline.trial.ground.belts import (
+    MODEL_RATE_HZ,
+    belt_accelerations,
+    belt_side,
+    belt_wrenches,
+)
+from pipeline.trial.ground.calibration_recording import read_empty
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.empty_plates import FILTER
+from pipeline.trial.ground.instruments import belt_speed
+from pipeline.trial.ground.laboratory import Laboratory
+
+FILTER_EDGE_S: Final = 0.5
+"""Left out at both ends of the calibration, where the low-pass has no neighbours."""
+
+MIN_EXPLAINED: Final = 0.1
+"""Share of what the belt model leaves; a wave fitted to noise explains a few percent."""
+WALKING_MPS: Final = 1.25
+"""Speed of ordinary walking, at which the moment is stated."""
+
+
+def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording, tuple[Note, ...]]:
+    """Correct the plates of a belt calibration as those of trials are, but for the belts.
+
+    Parameters
+    ----------
+    recording
+        Belts accelerating at random, nobody on them, the platform at rest.
+    laboratory
+        With the calibration of its platform, if trials are compensated by it.
+
+    Returns
+    -------
+    recording
+        Its plates corrected and, with a calibration of the platform, without what the
+        accelerometers explain: accelerating belts shake the platform too, and of a trial that is
+        subtracted before the belts' part is.
+    notes
+        ``belts_without_accelerometers`` where the recording lacks their channels, so that what the
+        belts shake is still in its plates.
+
+    Raises
+    ------
+    ValueError
+        As `with_corrected_plates` and `plate_artefacts`.
+    """
+    recording = with_corrected_plates(recording, laboratory.plates)
+    if laboratory.calibration is None:
+        return recording, ()
+    channels = {name for names in laboratory.treadmill.accelerometers.values() for name in names}
+    present = set() if recording.analog is None else set(recording.analog.names)
+    if not channels <= present:
+        file = recording.source.name
+        return recording, (Note.of("belts_without_accelerometers", recording=file),)
+    artefacts, _ = plate_artefacts(recording, replace(laboratory, belts=()))
+    plates = tuple(
+        replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
+        for plate, artefact in zip(recording.plates, artefacts, strict=True)
+    )
+    return replace(recording, plates=plates), ()
+
+
+def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:
+    """Fit what accelerating belts add to their empty plates.
+
+    Parameters
+    ----------
+    recording
+        Belts accelerating at random, nobody on them, the platform at rest.
+    belt
+        As stated.
+
+    Returns
+    -------
+    tuple[BeltModel, ...]
+        One model per plate, at 100 Hz.
+
+    Raises
+    ------
+    ValueError
+        If a channel is missing or the fit is not possible.
+    """
+    if not recording.plates:
+        raise ValueError(
+            f"{recording.source.name}: the belt calibration needs plates: {recording.why_no_plates}"
+        )
+    models = []
+    for plate, (time, acceleration) in belt_accelerations(recording, belt):
+        pitch_moment = plate.wrench_in_plate[:, 3:] @ belt_side(plate)
+        filtered = low_pass(pitch_moment, plate.rate_hz, belt.cutoff_hz, FILTER)
+        moment = interpolate(plate.time, filtered, time)
+        inside = (time > time[0] + FILTER_EDGE_S) & (time < time[-1] - FILTER_EDGE_S)
+        inside &= np.isfinite(moment)
+        try:
+            model = fit_belt(acceleration[inside], moment[inside] - moment[inside].mean())
+        except ValueError as error:
+            raise ValueError(f"{recording.source.name}: plate {plate.number}: {error}") from error
+        models.append(model)
+    return tuple(models)
+
+
+def read_belts(
+    path: Path, laboratory: Laboratory, stated: Stated
+) -> tuple[tuple[BeltModel, ...], tuple[Note, ...]]:
+    """Fit the belt models to a recording of the empty treadmill; once in a process.
+
+    Parameters
+    ----------
+    path
+        The recording.
+    laboratory
+        With the belts as stated, the correction of the plates, and the calibration of the platform
+        by which trials are compensated.
+    stated
+        As for `read_empty`.
+
+    Returns
+    -------
+    models
+        One per plate; none where no belts are stated.
+    notes
+        As of `belts_alone`.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the file cannot be read or used.
+    """
+    written, calibration = path.stat(), laboratory.calibration
+    return _fitted(
+        path,
+        (written.st_mtime_ns, written.st_size),
+        to_json(calibration) if calibration is not None else None,
+        laboratory.treadmill.model_dump_json(exclude={"platform"}),
+        laboratory.plates,
+        stated,
+    )
+
+
+@lru_cache(maxsize=2)
+def _fitted(
+    path: Path,
+    version: tuple[int, int],
+    calibration: str | None,
+    treadmill: str,
+    plates: PlateCorrection | None,
+    stated: Stated,
+) -> tuple[tuple[BeltModel, ...], tuple[Note, ...]]:
+    del version  # part of the key: a file written anew is fitted anew
+    as_stated = Treadmill.model_validate_json(treadmill)
+    if as_stated.belt is None:
+        return (), ()
+    known = from_json(calibration) if calibration is not None else None
+    recording = read_empty(path, stated, any_forward=plates is None)
+    alone, notes = belts_alone(recording, Laboratory(as_stated, known, plates=plates))
+    return fit_belts(alone, as_stated.belt), notes
+
+
+def roller_notes(recording: Recording, models: Sequence[BeltModel], belt: Belt) -> tuple[Note, ...]:
+    """Find the unbalanced roller of every belt in a recording of the empty, moving belts.
+
+    Parameters
+    ----------
+    recording
+        The belt calibration.
+    models
+        Fitted to it, one per plate.
+    belt
+        As stated.
+
+    Returns
+    -------
+    tuple of Note
+        ``belt_roller`` for every plate with one, or ``belt_roller_unknown`` where the belt ran too
+        little. Its moment is not subtracted: at which angle a roller starts, only seconds of an
+        empty belt show, and in a trial somebody stands on it.
+    """
+    plates, analog = recording.plates, recording.analog
+    assert analog is not None  # the models are of its belt speeds
+    start, stop = max(plates[0].time[0], analog.time[0]), min(plates[0].time[-1], analog.time[-1])
+    time = np.arange(start, stop, 1 / MODEL_RATE_HZ)
+    predicted = belt_wrenches(recording, models, belt, [time] * len(plates))
+    notes = []
+    for plate, channel, wrench in zip(plates, cycle(belt.speed_channels), predicted, strict=False):
+        side = belt_side(plate)
+        moment = resample(plate.time, plate.wrench_in_plate[:, 3:] @ side, time)
+        left = moment - wrench[:, 3:] @ side
+        speed = resample(analog.time, belt_speed(recording, channel), time)
+        known = np.isfinite(left) & np.isfinite(speed)
+        left, speed = left[known] - left[known].mean(), speed[known]
+        slow = low_pass(left, MODEL_RATE_HZ, belt.cutoff_hz, "realtime")
+        try:
+            roller = fit_roller(slow, speed, MODEL_RATE_HZ, belt.cutoff_hz)
+        except ValueError as error:
+            notes.append(Note.of("belt_roller_unknown", plate=plate.number, reason=str(error)))
+            continue
+        turning = roller.predict(speed, MODEL_RATE_HZ)
+        explained = 1 - np.var(slow - turning) / np.var(slow)
+        if explained > MIN_EXPLAINED:
+            note = Note.of(
+                "belt_roller",
+                plate=plate.number,
+                circumference_m=roller.circumference_m,
+                moment_nm=roller.amplitude * WALKING_MPS**2,
+                speed_mps=WALKING_MPS,
+                share=explained,
+            )
+            notes.append(note)
+    return tuple(notes)

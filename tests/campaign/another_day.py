@@ -1,0 +1,190 @@
+"""How often a calibration check calls an unchanged laboratory changed, and misses a change.
+
+``python -m tests.campaign.another_day --seeds FIRST END [--jobs N]``; FIRST is the first seed, END
+one more than the last. Every laboratory has a calibration and one recording of another day without
+a change and with each of `CHANGES`, all by the signal all_60s at 3 m/s with other random numbers.
+Ends with 1 where more than 5 % of the unchanged recordings count as changed, or fewer than 95 % of
+any change are found as what they are.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+from multiprocessing import Pool
+from typing import Final
+
+import numpy as np
+
+from compensation.signals.protocol import platform_signal
+from compensation.signals.signal import MachineLimits
+from hbm.spatial import Array, rotation_about
+from pipeline.config.schema import Treadmill
+from pipeline.io.recording import Recording
+from pipeline.trial.ground.accelerometers import find_accelerometers
+from pipeline.trial.ground.calibration_check import check_recording
+from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine.instrumented_treadmill import (
+    InstrumentedTreadmill,
+    make_treadmill,
+)
+from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial
+
+RATE_HZ: Final = 100.0
+BELTS_MPS: Final = 3.0
+MAX_FALSE: Final = 0.05
+MIN_FOUND: Final = 0.95
+SECOND: Final = slice(3, 6)
+"""Columns of the accelerometer that is changed."""
+UNCHANGED: Final = "nothing"
+Spoil = Callable[[Recording], Recording]
+Rebuild = Callable[[InstrumentedTreadmill], InstrumentedTreadmill]
+
+
+def sensor_reads(change: Array, recording: Recording) -> Recording:
+    """Multiply what the second sensor reads by a matrix."""
+    analog = recording.analog
+    assert analog is not None
+    values = analog.values.copy()
+    values[:, SECOND] = values[:, SECOND] @ change.T
+    return replace(recording, analog=replace(analog, values=values))
+
+
+def plate_reads(gain: float, recording: Recording) -> Recording:
+    """Multiply what the plate reads."""
+    (plate,) = recording.plates
+    louder = replace(plate, wrench_in_plate=gain * plate.wrench_in_plate)
+    return replace(recording, plates=(louder,))
+
+
+def sensor_late(seconds: float, treadmill: InstrumentedTreadmill) -> InstrumentedTreadmill:
+    """Let the second sensor be later."""
+    first, second, *others = treadmill.sensors
+    clock = replace(second.clock, delay_s=second.clock.delay_s + seconds)
+    return replace(treadmill, sensors=(first, replace(second, clock=clock), *others))
+
+
+def sensor_shifted(metres: float, treadmill: InstrumentedTreadmill) -> InstrumentedTreadmill:
+    """Put the second sensor elsewhere, to the rear."""
+    first, second, *others = treadmill.sensors
+    place = second.place - [metres, 0, 0]
+    return replace(treadmill, sensors=(first, replace(second, place=place), *others))
+
+
+def turn(degrees: float) -> Array:
+    """Give the rotation of a sensor about its vertical axis."""
+    return rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(degrees))
+
+
+SPOILT: Final[dict[str, tuple[str, Spoil]]] = {
+    **{
+        f"gain of a sensor {100 * (gain - 1):+.0f} %": (
+            "gain",
+            partial(sensor_reads, gain * np.eye(3)),
+        )
+        for gain in (0.98, 1.01, 1.03)
+    },
+    **{
+        f"sensor turned by {degrees:g}°": ("turned", partial(sensor_reads, turn(degrees)))
+        for degrees in (1.0, 3.0, 90.0)
+    },
+    "gain of the plate +3 %": ("plates", partial(plate_reads, 1.03)),
+}
+REBUILT: Final[dict[str, tuple[str, Rebuild]]] = {
+    "sensor later by 2 ms": ("late", partial(sensor_late, 0.002)),
+    **{
+        f"sensor shifted by {100 * metres:g} cm": ("moved", partial(sensor_shifted, metres))
+        for metres in (0.05, 0.1, 0.2)
+    },
+}
+CHANGES: Final = {
+    UNCHANGED: "valid",
+    **{name: verdict for name, (verdict, _) in (SPOILT | REBUILT).items()},
+}
+"""What is changed -> the verdict that is right."""
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """One recording of another day: what was changed, and the verdict."""
+
+    seed: int
+    change: str
+    verdict: str
+
+    @property
+    def right(self) -> bool:
+        """Whether the verdict names the change."""
+        return self.verdict == CHANGES[self.change]
+
+
+def laboratory(seed: int) -> list[Checked]:
+    """Calibrate a laboratory and check every change of it."""
+    treadmill = make_treadmill(Faults(), seed)
+
+    def record(number: int, machine: InstrumentedTreadmill) -> Recording:
+        signal = platform_signal("all", 60, 1000 * seed + number, BELTS_MPS, MachineLimits())
+        return record_signal_trial(
+            signal, seed=1000 * seed + number, rate_hz=RATE_HZ, treadmill=machine
+        )
+
+    empty = record(0, treadmill)
+    stated = Treadmill(accelerometers=find_accelerometers(empty), inertia_model="static")
+    known = Laboratory(stated, fit_calibration(empty, stated))
+    unchanged = record(1, treadmill)
+    others = {UNCHANGED: unchanged}
+    others |= {name: spoil(unchanged) for name, (_, spoil) in SPOILT.items()}
+    others |= {
+        name: record(2 + number, rebuild(treadmill))
+        for number, (name, (_, rebuild)) in enumerate(REBUILT.items())
+    }
+    return [
+        Checked(seed, name, check_recording(recording, known).verdict)
+        for name, recording in others.items()
+    ]
+
+
+def table(checked: Sequence[Checked]) -> list[str]:
+    """Give one row per change: how often it was found, and what else was said."""
+    rows = ["| changed | recordings | right | verdicts |", "|---|---:|---:|---|"]
+    for change in CHANGES:
+        own = [one for one in checked if one.change == change]
+        verdicts = sorted({one.verdict for one in own})
+        counts = ", ".join(f"{v} {sum(o.verdict == v for o in own)}" for v in verdicts)
+        share = 100 * np.mean([one.right for one in own])
+        rows.append(f"| {change} | {len(own)} | {share:.0f} % | {counts} |")
+    return rows
+
+
+def unmet(checked: Sequence[Checked]) -> list[str]:
+    """Give what the check should do and does not."""
+    missed = []
+    for change in CHANGES:
+        share = np.mean([one.right for one in checked if one.change == change])
+        least = 1 - MAX_FALSE if change == UNCHANGED else MIN_FOUND
+        if share < least:
+            missed.append(f"{change}: {100 * share:.0f} %, expected {100 * least:.0f} %")
+    return missed
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.campaign.another_day", description=__doc__
+    )
+    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 48), metavar=("FIRST", "END"))
+    parser.add_argument("--jobs", type=int, default=1)
+    given = parser.parse_args()
+    with Pool(given.jobs) as pool:
+        checked = list(chain(*pool.imap(laboratory, range(*given.seeds))))
+    print(*table(checked), sep="\n")
+    missed = unmet(checked)
+    print(*(f"not met: {goal}" for goal in missed), sep="\n")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
