@@ -25,7 +25,7 @@ from pipeline.trial.ground.accelerometers import (
     stated_accelerometers,
 )
 from pipeline.trial.ground.belts import belt_axes, belt_speed
-from pipeline.trial.ground.calibration_recording import read_empty
+from pipeline.trial.ground.empty_plates import read_empty
 
 RATE_HZ: Final = 100.0
 """At which models are fitted and compared, as D-Flow's (van de Loosdrecht 2018, D.3.4)."""

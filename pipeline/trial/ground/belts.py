@@ -22,9 +22,8 @@ from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.units import length_in_m
-from pipeline.trial.ground.calibration_recording import read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.empty_plates import FILTER
+from pipeline.trial.ground.empty_plates import FILTER, read_empty
 
 MODEL_RATE_HZ: Final = 100.0
 """The belt model's rate: belts accelerate below 10 Hz."""

@@ -1,9 +1,15 @@
-"""Analog channels of a recording in SI units."""
+"""Signals of instruments: analog channels in SI units, and ends that are held."""
 
 from collections.abc import Callable
+from typing import Final
+
+import numpy as np
 
 from hbm.spatial import Array
 from pipeline.io.recording import Recording
+
+MAX_HELD_S: Final = 0.5
+"""At either end, over which the nearest known value is used: no delay is longer."""
 
 
 def read_channel(
@@ -46,3 +52,45 @@ def read_channel(
     except ValueError as error:
         raise ValueError(f"{file}: channel {name!r}: {error}") from error
     return analog.time, values * scale
+
+
+def hold_ends(time: Array, values: Array, what: str) -> tuple[Array, float]:
+    """Fill what is unknown at either end of a signal with its nearest known value.
+
+    Parameters
+    ----------
+    time
+        (N,) [s].
+    values
+        (N, k); NaN where they are unknown.
+    what
+        Their name, for the error.
+
+    Returns
+    -------
+    values
+        Without gaps, (N, k).
+    held_s
+        The longer one of the two ends that were filled [s].
+
+    Raises
+    ------
+    ValueError
+        Values are unknown between known ones, or for more than 0.5 s at an end.
+    """
+    known = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if not len(known):
+        raise ValueError(f"{what} is nowhere known while the plates are recorded")
+    first, last = known[[0, -1]].tolist()
+    if len(known) < last - first + 1:
+        gap = known[np.argmax(np.diff(known) > 1)] + 1
+        raise ValueError(
+            f"{what} has a gap at {time[gap]:.3f} s; samples of plates cannot have one"
+        )
+    held_s = float(max(time[first] - time[0], time[-1] - time[last]))
+    if held_s > MAX_HELD_S:
+        raise ValueError(
+            f"{what} is unknown for {held_s:.2f} s at one end of the plates' recording, expected "
+            f"at most {MAX_HELD_S:g} s"
+        )
+    return values[np.clip(np.arange(len(values)), first, last)], held_s
