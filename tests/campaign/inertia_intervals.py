@@ -33,7 +33,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
 )
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
-from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS, LoadPattern
+from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
 
 PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "inertia_intervals.md"
 SEEDS: Final = range(9000, 9060)
@@ -85,7 +85,7 @@ class Cell:
 def recorded(
     treadmill: InstrumentedTreadmill,
     signal: Signal,
-    person: LoadPattern | None,
+    person: bystander.LoadPattern | None,
     rng: np.random.Generator,
     rate_hz: float,
     weight: float = 1.0,

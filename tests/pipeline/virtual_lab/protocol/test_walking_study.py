@@ -37,6 +37,7 @@ SMALL = Protocol(
     baseline_s=8.0,
     waits_s=(12.0,),
     calibration="square_sway_60s_3mps",
+    beside_s=0.0,
 )
 TINY = SMALL.model_copy(update={"conditions": ("baseline",), "baseline_s": 2.0})
 
