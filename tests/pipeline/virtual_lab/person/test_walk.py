@@ -23,6 +23,7 @@ from tests.virtual_gait.realism import (
     ANGLES,
     angle_curves,
     force_peaks,
+    lean_change,
     pressure_inside_foot,
     read_norms,
     share_within_band,
@@ -212,6 +213,7 @@ def test_the_trunk_stays_upright_on_a_slope_and_the_feet_follow_it(walked):
     q = walk.motion.at(time)
     assert np.degrees(np.ptp(slope)) > 15
     assert np.ptp(trunk_lean(walk, time)) < 15
+    assert lean_change(walk) < 5
     foot = segment_poses(walk.subject.skeleton, q.T, ["left_foot"])[0][0]
     share = walk.placement.left_share(time)
     flat = (share == 1) & (np.abs(walk.placement.phase("left", time) % 1 - 0.25) < 0.03)
