@@ -33,8 +33,8 @@ from pipeline.virtual_lab.protocol.walking_study import simulate_study
 # ## 1. A study is a folder
 #
 # `study.toml` describes the laboratory and the settings, one TOML file per subject describes the
-# subject and the trials, and there are the recordings: one of the empty treadmill, three per
-# subject.
+# subject and the trials, and there are the recordings: one of the empty treadmill, five of people
+# beside a plate that stays empty, and three per subject.
 
 # %%
 small = Protocol(subjects=3, baseline_s=20.0, pitch_s=35.0, waits_s=(12.0, 12.0))
