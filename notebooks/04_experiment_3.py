@@ -69,9 +69,13 @@ print(table_3_markdown(table_3(residuals, tests)))
 #
 # Every panel is one residual: its RMS in the three conditions, without (dashed) and with (solid)
 # compensation, mean and 95 % confidence interval over three subjects, with a thin line for each.
-# Without compensation, sway affects Fy, Mx and Mz, and pitch Fx, My and Fz. With compensation
-# (blue), the lines are nearly level: the residuals are those of a stationary treadmill, about ten
-# newtons, which come from body and markers and which no compensation of the plates can remove.
+# Without compensation, sway affects Fy, Mx and Mz, and pitch Fx, My, Fz and Mz. With compensation
+# (blue), the lines are nearly level: the residuals are those of a stationary treadmill, 8 to 23 N
+# and 3 to 11 N·m. They come from body, soft tissue and markers, and no compensation of the plates
+# can remove them. Not all of the differences that are left are the compensation's: on a slope a
+# wrong body adds more than on the level (Fx and Fz in pitch), and in sway only the part of the gait
+# cycle counts in which the platform moves. Compensation lowers Mx and Fy at baseline too: it also
+# takes away the zeros of the plates.
 # Lines that diverge in one condition only are an interaction in the ANOVA.
 #
 # Three subjects show how the analysis works but prove nothing: a Wilcoxon test with three pairs
