@@ -64,6 +64,7 @@ def by_real(faults: Faults, real: Path) -> Array:
 
 
 if __name__ == "__main__":
+    (path,) = map(Path, sys.argv[1:])
     print("|", *WRENCH_COMPONENTS, "", sep=" | ")
     for name, faults in MACHINES.items():
-        print("", name, *(f"{share:.2g}" for share in by_real(faults, Path(sys.argv[1]))), sep=" | ")
+        print("", name, *(f"{share:.2g}" for share in by_real(faults, path)), "", sep=" | ")

@@ -51,10 +51,10 @@ def angles(walked):
 def test_joint_angles_are_as_often_within_two_standard_deviations_as_those_of_healthy_people(
     norms, angles, title
 ):
-    """Who are so at 95 % of all instants; no subject is outside for more than a fifth."""
+    """Who are so at 95 % of all instants. Knees are bent more than the norms' at contact."""
     shares = share_within_band(angles[title], norms[title])
     assert shares.mean() > 0.95
-    assert (shares > 0.8).all()
+    assert (shares > (0.8 if title == "knee flexion" else 0.95)).all()
 
 
 @pytest.mark.parametrize("title", ANGLES)
@@ -94,12 +94,12 @@ def test_vertical_force_has_two_peaks(walked, subject):
 
 
 def test_the_leading_foot_brakes_and_the_trailing_foot_pushes(walked):
-    """By about a quarter of body weight on average, and nobody by more than a third."""
+    """By about a quarter of body weight on average, and nobody pushes by more than a third."""
     peaks = [force_peaks(walked(subject)[0]) for subject in SUBJECTS]
-    for name in ("braking", "propulsion"):
+    for name, most in (("braking", 0.3), ("propulsion", 1 / 3)):
         peak = np.array([own[name] for own in peaks])
         assert 0.15 <= peak.mean() <= 0.3
-        assert ((peak > 0.1) & (peak < 1 / 3)).all()
+        assert ((peak > 0.1) & (peak < most)).all()
 
 
 @pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
