@@ -21,9 +21,9 @@ RESAMPLES: Final = 1000
 MIN_WINS: Final = 0.01
 """Share of the resamples that a trial must win to be possibly the best.
 
-0.05 would exclude too many: the resamples do not draw another random signal, which changes the
-order too. Of ten simulated experiments that differ in everything random, 77 % of the winners of
-another are possibly the best by this share, and 60 % by 0.05.
+0.05 would exclude too many: the resamples do not draw another random signal nor other instruments,
+which change the order too. Of ten simulated laboratories (``tests.virtual_machine.signals``), 49 %
+of the winners of another are possibly the best by this share, and 27 % by 0.05.
 """
 Model = TypeVar("Model", InertiaModel, BeltModel)
 

@@ -3,20 +3,23 @@
 ``python -m tests.virtual_machine.signals SEED …`` prints, for each kind of signal, what it leaves
 by what plain random motion of the same duration and belt speed leaves, and for each belt speed by
 what belts at rest leave: geometric means over the thesis' four validation trials and six
-components, with 95 % intervals over the laboratories, and the mean place of the advised signal.
+components, with 95 % intervals over the laboratories; the mean place of the advised signal; and how
+often the winner of a laboratory is among those that another one calls possibly the best.
 """
 
 import sys
 from collections.abc import Mapping
+from itertools import permutations
 from typing import Final
 
 import numpy as np
 import pandas as pd
 from scipy.stats import t as student_t
 
-from compensation import fit_inertia
+from compensation import InertiaModel
 from compensation.signals.protocol import ADVISED_PLATFORM_SIGNAL, PLATFORM_KINDS
 from hbm.spatial import Array
+from pipeline.calibration_ranking.ranking import MIN_WINS, Ranking, rank_platform
 from pipeline.calibration_ranking.trials import RankingSettings, platform_trial
 from pipeline.virtual_lab.protocol import ranking_study
 
@@ -24,18 +27,19 @@ RATE_HZ: Final = 200.0
 FOLDERS: Final = ("calibration", "validation")
 
 
-def left_by_signal(seed: int) -> dict[str, Array]:
-    """Give what every calibration of a laboratory leaves: signal -> RMS, (24,) [N, N·m]."""
+def experiment(seed: int) -> Ranking[InertiaModel]:
+    """Rank the calibrations of a laboratory."""
     trials = {folder: [] for folder in FOLDERS}
     for folder, recording in ranking_study.recordings(seed, rate_hz=RATE_HZ):
         if folder in trials:
             trials[folder].append(platform_trial(recording, RankingSettings()))
-    left = {}
-    for one in trials["calibration"]:
-        model = fit_inertia(one.accelerations, one.wrench, one.setup)
-        errors = [v.wrench - model.predict(v.accelerations) for v in trials["validation"]]
-        left[one.name] = np.concatenate([np.sqrt(np.mean(e**2, axis=0)) for e in errors])
-    return left
+    return rank_platform(*trials.values())
+
+
+def left_by_signal(ranking: Ranking[InertiaModel]) -> dict[str, Array]:
+    """Give what every calibration leaves: signal -> RMS, (24,) [N, N·m]."""
+    own = ranking.scores.groupby("trial", sort=False)["rms_after"]
+    return {str(name): rms.to_numpy() for name, rms in own}
 
 
 def ratios(left: Mapping[str, Array], part: int, reference: str) -> dict[str, float]:
@@ -52,10 +56,16 @@ def ratios(left: Mapping[str, Array], part: int, reference: str) -> dict[str, fl
     return {own: float(np.exp(np.mean(logs))) for own, logs in found.items()}
 
 
-def place(left: Mapping[str, Array]) -> float:
-    """Give the place of the advised signal by the mean of its ranks in all columns."""
-    ranks = pd.DataFrame(left).rank(axis=1).mean().rank()
-    return float(ranks[ADVISED_PLATFORM_SIGNAL])
+def place(ranking: Ranking[InertiaModel]) -> float:
+    """Give the place of the advised signal by its mean rank."""
+    places = ranking.table.set_index("trial")["mean_rank"].rank()
+    return float(places[ADVISED_PLATFORM_SIGNAL])
+
+
+def possible(one: Ranking[InertiaModel], other: Ranking[InertiaModel], share: float) -> bool:
+    """Whether the winner of one laboratory wins a share of the resamples of the other."""
+    wins = other.table.set_index("trial")["wins"]
+    return one.winner == other.winner or bool(wins[one.winner] >= share)
 
 
 def interval(values: Array) -> str:
@@ -66,14 +76,18 @@ def interval(values: Array) -> str:
 
 def main(seeds: list[int]) -> None:
     """Print the table."""
-    every = [left_by_signal(seed) for seed in seeds]
-    kinds = pd.DataFrame([ratios(left, 0, "random") for left in every])
+    every = [experiment(seed) for seed in seeds]
+    left = [left_by_signal(ranking) for ranking in every]
+    kinds = pd.DataFrame([ratios(own, 0, "random") for own in left])
     for kind in PLATFORM_KINDS[1:]:
         print(f"{kind}, by random: {interval(kinds[kind].to_numpy())}")
-    speeds = pd.DataFrame([ratios(left, -1, "0mps") for left in every])
+    speeds = pd.DataFrame([ratios(own, -1, "0mps") for own in left])
     print(f"belts at 3 m/s, by at rest: {interval(speeds['3mps'].to_numpy())}")
-    places = np.array([place(left) for left in every])
-    print(f"place of {ADVISED_PLATFORM_SIGNAL}: {interval(places)} of {len(every[0])}")
+    places = np.array([place(ranking) for ranking in every])
+    print(f"place of {ADVISED_PLATFORM_SIGNAL}: {interval(places)} of {len(left[0])}")
+    for share in (MIN_WINS, 0.05):
+        found = np.mean([possible(one, other, share) for one, other in permutations(every, 2)])
+        print(f"winners of another that are possibly the best by {share:g}: {100 * found:.0f} %")
 
 
 if __name__ == "__main__":
