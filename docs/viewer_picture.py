@@ -18,7 +18,7 @@ PORT = 9877
 START_TIMEOUT_S = 60.0
 DRAWING_S = 3.0
 """Time for the software renderer to draw; the viewer does not report when it has finished."""
-SHOWN_S = 20.66
+SHOWN_S = 20.24
 """Within the first sway of the simulated trial, where the residual as measured is largest."""
 ZOOM_STEPS = 3
 """Steps of 10 %, so that text stays legible at the width of a README."""

@@ -113,7 +113,7 @@ print(*(f"{name} {value:.2f}" for name, value in zip(AXES, rms, strict=True)))
 # **What to notice.** The residuals oscillate a few times per step, mostly because of the filter: it
 # is applied to angles on one side of the equations of motion and to forces on the other, and the
 # equations are nonlinear. Simulate the trial again with `marker_noise_m=0, plate_noise_n=0`, and
-# most of the oscillation in Fz remains; with both cut-offs at 12 Hz as well, about a quarter of it.
+# most of the oscillation in Fz remains; with both cut-offs at 12 Hz as well, about an eighth of it.
 # With real noise, a higher cut-off would let the noise through instead. A real subject also differs
 # from the model: notebook 05 shows what such errors look like.
 

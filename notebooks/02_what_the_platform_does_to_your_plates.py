@@ -31,8 +31,9 @@ from pipeline.virtual_lab.protocol.walking_trial import run_signal
 # %% [markdown]
 # ## The laboratory
 #
-# A treadmill with two plates and two accelerometers on its frame, all with typical errors: noise,
-# cross-talk, offsets, misaligned axes, a delay of 3 ms.
+# A treadmill with two plates and two accelerometers on its frame. The frame stands on an elastic
+# base and bends a little, belts and rollers shake it, and all instruments have typical errors:
+# noise, cross-talk, offsets, misaligned axes, clocks and delays of their own.
 
 # %%
 virtual_treadmill = make_treadmill(Faults(), seed=1)
@@ -109,13 +110,16 @@ for name, (_, _, wrench, _) in trials.items():
 # ## The picture
 #
 # Top: one sway, magnified. It takes less than half a second; at its start and end the empty plate
-# measures a lateral force of 500 N, more than half the body weight of a person. The centre of mass
-# of the belt assembly is low and in front, so there are moments too (Mx, Mz). Bottom: pitch, too
-# slow for noticeable inertia. The direction of the weight changes: Fx follows the angle, and Fz,
-# which depends only on the magnitude of the tilt, decreases twice per period.
+# measures a lateral force of more than 600 N, nearly the body weight of a person. The centre of
+# mass of the belt assembly is low and in front, so there are moments too (Mx, Mz). Bottom: pitch,
+# too slow for noticeable inertia. The direction of the weight changes: Fx follows the angle, and
+# Fz, which depends only on the magnitude of the tilt, decreases twice per period.
 #
-# After compensation (blue), about as much remains as the noise of the plate, with a slow drift that
-# accelerometers do not measure.
+# After compensation (blue), three things remain. While the platform sways, waves of 15 N: the
+# accelerometers are about two milliseconds later than the plate, and this fit by hand does not
+# correct it; `hbm calibration fit` does (notebook 03). All the time, 1 to 2 N and 2.4 N·m of
+# pitch moment: rollers and belts shake the plate, and accelerometers on the frame hardly show it.
+# And a zero of up to 2 N that is another one in every recording.
 
 # %%
 figure, panels = plt.subplots(2, 3, figsize=(11, 6), layout="constrained", sharex="row")

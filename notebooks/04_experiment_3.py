@@ -33,8 +33,8 @@ from pipeline.virtual_lab.protocol.walking_study import simulate_study
 # ## 1. A study is a folder
 #
 # `study.toml` describes the laboratory and the settings, one TOML file per subject describes the
-# subject and the trials, and there are the recordings: one of the empty treadmill, three per
-# subject.
+# subject and the trials, and there are the recordings: one of the empty treadmill, five of people
+# beside a plate that stays empty, and three per subject.
 
 # %%
 small = Protocol(subjects=3, baseline_s=20.0, pitch_s=35.0, waits_s=(12.0, 12.0))
@@ -69,9 +69,13 @@ print(table_3_markdown(table_3(residuals, tests)))
 #
 # Every panel is one residual: its RMS in the three conditions, without (dashed) and with (solid)
 # compensation, mean and 95 % confidence interval over three subjects, with a thin line for each.
-# Without compensation, sway affects Fy, Mx and Mz, and pitch Fx, My and Fz. With compensation
-# (blue), the lines are nearly level: the residuals are those of a stationary treadmill, about ten
-# newtons, which come from body and markers and which no compensation of the plates can remove.
+# Without compensation, sway affects Fy, Mx and Mz, and pitch Fx, My, Fz and Mz. With compensation
+# (blue), the lines are nearly level: the residuals are those of a stationary treadmill, 8 to 23 N
+# and 3 to 11 N·m. They come from body, soft tissue and markers, and no compensation of the plates
+# can remove them. Not all of the differences that are left are the compensation's: on a slope a
+# wrong body adds more than on the level (Fx and Fz in pitch), and in sway only the part of the gait
+# cycle counts in which the platform moves. Compensation lowers Mx and Fy at baseline too: it also
+# takes away the zeros of the plates.
 # Lines that diverge in one condition only are an interaction in the ANOVA.
 #
 # Three subjects show how the analysis works but prove nothing: a Wilcoxon test with three pairs

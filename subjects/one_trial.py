@@ -24,7 +24,8 @@ settings = pipeline.Settings(cutoff_hz=6.0, filter="zero_phase", marker_set="hbm
 condition = pipeline.Condition(cycles=50, skip_s=10.0)
 
 # The treadmill: which channels are the accelerometers on its frame, and which markers show its
-# pose. A recording of the moving, empty treadmill says what its own inertia adds to the plates.
+# pose. A recording of the moving, empty treadmill says what its own inertia adds to the plates, and
+# recordings of people beside an empty plate what they add by shaking it.
 treadmill = pipeline.Treadmill(
     accelerometers={
         "rear_left": ("rear_left.X", "rear_left.Y", "rear_left.Z"),
@@ -32,7 +33,12 @@ treadmill = pipeline.Treadmill(
     },
     platform=pipeline.Platform(markers=("ROT_REF", "ROT_C1", "ROT_C2", "ROT_C3", "ROT_C4")),
 )
-calibration = pipeline.read_calibration(study / "calibration.c3d", treadmill)
+people = ("walking_right", "walking_left", "running_right", "running_left", "boards")
+calibration = pipeline.read_calibration(
+    study / "calibration.c3d",
+    treadmill,
+    beside=tuple(study / f"{name}.c3d" for name in people),
+)
 laboratory = pipeline.Laboratory(treadmill, calibration)
 
 # Body, inverse kinematics, filter, compensation, inverse dynamics, gait cycles.

@@ -25,7 +25,7 @@ from pipeline.trial.ground.accelerometers import (
     stated_accelerometers,
 )
 from pipeline.trial.ground.belts import belt_axes
-from pipeline.trial.ground.calibration_recording import read_empty
+from pipeline.trial.ground.empty_plates import read_empty
 from pipeline.trial.ground.instruments import belt_speed
 
 RATE_HZ: Final = 100.0

@@ -48,15 +48,17 @@ def simulate(
     """
     from pipeline.virtual_lab.protocol.setting_file import find_setting
     from pipeline.virtual_lab.protocol.study_folder import folder_setting, require_setting
-    from pipeline.virtual_lab.protocol.walking_protocol import SHORT, Setting
+    from pipeline.virtual_lab.protocol.walking_protocol import SHORT, THESIS, Setting
 
     if ablation and table_3:
         raise ValueError("--ablation and --table-3 write different tables; choose one")
     there = None if ablation or table_3 else folder_setting(folder)
     if setting is not None:
         chosen = find_setting(setting)
+    elif ablation or table_3:
+        chosen = Setting(protocol=SHORT if ablation else THESIS)
     else:
-        chosen = Setting(protocol=SHORT) if ablation else there or Setting()
+        chosen = there or Setting()
     if seed is not None:
         chosen = chosen.model_copy(update={"seed": seed})
     if subjects is not None:

@@ -81,13 +81,9 @@ def fit(
     from pipeline.io.write import write_text
     from pipeline.run.job import file_digest
     from pipeline.trial.ground.accelerometers import find_accelerometers, stated_accelerometers
-    from pipeline.trial.ground.calibration_recording import (
-        fit_calibration,
-        plates_timed_apart,
-        read_empty,
-    )
+    from pipeline.trial.ground.calibration_recording import fit_calibration, plates_timed_apart
     from pipeline.trial.ground.corrected_plates import with_corrected_plates
-    from pipeline.trial.ground.empty_plates import BESIDE
+    from pipeline.trial.ground.empty_plates import BESIDE, read_empty
     from pipeline.trial.ground.platform_delay import recording_delays
     from pipeline.trial.ground.uncertainty import belt_speed_notes
 

@@ -28,8 +28,9 @@ from pipeline.trial.gait.events import SIDES, gait_events
 from pipeline.trial.ground.accelerometers import accelerations
 from pipeline.trial.ground.belt_calibration import belts_alone, read_belts, roller_notes
 from pipeline.trial.ground.calibration_check import read_check
-from pipeline.trial.ground.calibration_recording import read_calibration, read_empty
+from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.empty_plates import read_empty
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.uncertainty import belt_speed_notes

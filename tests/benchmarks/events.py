@@ -37,7 +37,9 @@ from pipeline.virtual_lab.protocol.walking_study import simulate_study
 
 SEEDS = (1, 2, 3)
 """Of the studies that are reported; the methods were developed on others (11 to 13)."""
-PROTOCOL = Protocol(subjects=3, baseline_s=30.0, pitch_s=60.0, waits_s=(12.0, 14.0, 12.0, 13.0))
+PROTOCOL = Protocol(
+    subjects=3, baseline_s=30.0, pitch_s=60.0, waits_s=(12.0, 14.0, 12.0, 13.0), beside_s=0.0
+)
 TOLERANCE_S = 0.25
 """Of an event that is the true one; the next of its kind and side is a second away."""
 ENDS_S = 1.0

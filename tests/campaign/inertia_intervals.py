@@ -35,7 +35,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
 )
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
-from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS, LoadPattern
+from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
 
 PAGE: Final = Path(__file__).resolve().parents[2] / "docs" / "inertia_intervals.md"
 SEEDS: Final = range(9000, 9080)
@@ -46,7 +46,7 @@ RATE_HZ: Final = 200.0
 """Of the recordings. At 1000 Hz σ is on average the same to 3 % and what is left to 6 %, of two
 laboratories on the softer machine, whose noise and zeros are other draws (`--rate-hz`)."""
 SIGNAL_MPS: Final = 3.0
-BESIDE: Final[dict[str, tuple[LoadPattern, float]]] = {
+BESIDE: Final[dict[str, tuple[bystander.LoadPattern, float]]] = {
     "walking": (bystander.walking, 1.3),
     "running": (bystander.running, 2.5),
     "boards": (bystander.stepping_on_boards, 0.0),
@@ -99,7 +99,7 @@ class Cell:
 def recorded(
     treadmill: InstrumentedTreadmill,
     signal: Signal,
-    person: LoadPattern | None,
+    person: bystander.LoadPattern | None,
     rng: np.random.Generator,
     rate_hz: float,
 ) -> Recording:

@@ -21,6 +21,7 @@ SMALL = Protocol(
     pitch_s=15.0,
     waits_s=(12.0,),
     calibration="square_sway_60s_3mps",
+    beside_s=12.0,
 )
 SBATCH = """\
 #!/usr/bin/env bash

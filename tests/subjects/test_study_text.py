@@ -23,7 +23,7 @@ def test_nine_subjects_in_three_conditions_are_simulated_into_it():
     setting = folder_setting(SUBJECTS)
     assert setting == Setting()
     recordings = [name for name in study_files(setting) if name.endswith(".c3d")]
-    assert len(recordings) == 1 + 9 * 3
+    assert len(recordings) == 1 + 5 + 9 * 3
 
 
 def test_recordings_and_results_stay_out_of_git():

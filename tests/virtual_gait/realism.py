@@ -2,10 +2,11 @@
 
 Run as ``python -m tests.virtual_gait.realism NORMS.csv FOLDER OUT`` with the norms of Pinzone et
 al. (2014) as published, the folder of the treadmill recording of Moore, Hnat and van den Bogert
-(2015), and the figure's name without ending.
+(2015), and the figure's name without ending. Prints the rows of the table of docs/realism.md.
 """
 
 import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -22,9 +23,13 @@ from pipeline.figures.style import COLOURS, STYLE, draw_band, save_figure
 from pipeline.trial.gait.cycles import normalise
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.treadmill import Machine
+from pipeline.virtual_lab.person.balance import in_lab, pressure_on_platform
+from pipeline.virtual_lab.person.body.kinematics import segment_poses
+from pipeline.virtual_lab.person.body.skeleton import COLUMN
 from pipeline.virtual_lab.person.ground_reaction import foot_wrenches
+from pipeline.virtual_lab.person.sole import SIDES
 from pipeline.virtual_lab.person.walk import Walk
-from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_protocol import ConditionName, Protocol, Setting
 from pipeline.virtual_lab.protocol.walking_trial import run_walk, study_subject
 
 ANGLES: Final = {
@@ -46,9 +51,12 @@ NORMS_MPS: Final = 1.3
 RECORDED_MPS: Final = 0.8
 """Walking speeds to which norms and recording are compared."""
 BASELINE_S: Final = 30.0
+PITCH_S: Final = 36.0
+WAITS_S: Final = (12.0, 14.0)
 STEADY_S: Final = 12.0
 END_S: Final = 1.0
-"""Duration of a simulated walk, and the times at its beginning and end that do not count."""
+"""Durations of simulated walks, waits before a sway, and the times at the beginning and the end
+that do not count."""
 STANCE_PERCENT: Final = slice(10, 50)
 """Where the sign of the medial force is determined."""
 PERCENT: Final = np.arange(101.0)
@@ -131,14 +139,97 @@ def read_forces(folder: Path) -> dict[str, Band]:
     return {title: Band(force_mean[:, k], force_sd[:, k]) for title, k in FORCES.items()}
 
 
-def simulated_walks(subjects: int, speed_mps: float, seed: int = 1) -> list[Walk]:
-    """Simulate half a minute of level walking of the study's subjects."""
-    protocol = Protocol(baseline_s=BASELINE_S, speed_mps=speed_mps)
+def force_peaks(walk: Walk) -> dict[str, float]:
+    """Give the extremes of a subject's mean ground reaction on the right foot [BW]."""
+    curves = force_curves(walk)
+    vertical, forward = curves["vertical"], curves["forward"]
+    return {
+        "first peak of the vertical force": float(vertical[5:25].max()),
+        "second peak": float(vertical[40:58].max()),
+        "minimum between them": float(vertical[20:42].min()),
+        "braking": float(-forward[:30].min()),
+        "propulsion": float(forward[30:62].max()),
+    }
+
+
+def share_within_band(curves: Array, band: Band) -> Array:
+    """Give the share of the cycle in which curves, (…, 101), are within 2 SD of the mean, (…,)."""
+    return np.asarray(np.mean(np.abs(curves - band.mean) < 2 * band.sd, axis=-1))
+
+
+def pressure_inside_foot(walk: Walk) -> float:
+    """Give the share of single support with the centre of pressure inside the foot's outline."""
+    time = steady(walk)
+    pose = walk.platform.pose(time)
+    pressure = in_lab(pressure_on_platform(walk.ground.at(time), pose), pose)
+    share, q = walk.placement.left_share(time), walk.motion.at(time).T
+    inside = []
+    for side, alone in zip(SIDES, (share == 1, share == 0), strict=True):
+        sole = walk.placement.soles[side]
+        rotation, ankle = segment_poses(walk.subject.skeleton, q, [sole.segment])[0]
+        sole_rotation, origin = sole.from_foot(rotation, ankle)
+        on_sole = (np.swapaxes(sole_rotation, 1, 2) @ (pressure - origin)[..., None])[..., 0]
+        inside.append(_within(sole.outline, on_sole[alone, :2]).mean())
+    return float(min(inside))
+
+
+def trunk_lean(walk: Walk, time: Array) -> Array:
+    """Give the forward inclination of the trunk, (N,) [deg]."""
+    names = ("PelvisForwardPitch", "TrunkFlexion", "MidTrunkFlexion")
+    return np.degrees(walk.motion.at(time)[:, [COLUMN[name] for name in names]].sum(axis=1))
+
+
+def lean_change(walk: Walk) -> float:
+    """Give by how much the trunk's inclination, its mean over a gait cycle, changes [deg]."""
+    time = steady(walk)
+    lean = normalise(time, trunk_lean(walk, time), _cycles(walk)).mean(axis=1)
+    return float(np.ptp(lean))
+
+
+def steady(walk: Walk, rate_hz: float = 100.0) -> Array:
+    """Give the times of steady walking, (N,) [s]."""
+    return np.arange(STEADY_S * rate_hz, (walk.motion.duration - END_S) * rate_hz) / rate_hz
+
+
+def _within(polygon: Array, points: Array) -> Array:
+    """Find which points are in a convex polygon with counter-clockwise corners."""
+    sides = np.roll(polygon, -1, axis=0) - polygon
+    away = points[:, None] - polygon
+    return np.all(sides[:, 0] * away[..., 1] >= sides[:, 1] * away[..., 0], axis=1)
+
+
+def simulated_walks(
+    subjects: int, speed_mps: float, seed: int = 1, condition: ConditionName = "baseline"
+) -> list[Walk]:
+    """Simulate half a minute of walking of the study's subjects."""
+    protocol = Protocol(
+        baseline_s=BASELINE_S, pitch_s=PITCH_S, waits_s=WAITS_S, speed_mps=speed_mps
+    )
     setting = Setting(seed=seed, protocol=protocol, faults=Faults())
     return [
-        run_walk(setting, Machine(), study_subject(setting, k), k, "baseline")[0]
+        run_walk(setting, Machine(), study_subject(setting, k), k, condition)[0]
         for k in range(subjects)
     ]
+
+
+def realism_rows(
+    level: Sequence[Walk], norms: Mapping[str, Band]
+) -> Iterator[tuple[str, float, float]]:
+    """Give the rows of docs/realism.md: what, and its minimum and maximum over the subjects."""
+    peaks = pd.DataFrame([force_peaks(walk) for walk in level])
+    for name in peaks:
+        yield f"{name}, body weights", peaks[name].min(), peaks[name].max()
+    swaying, pitching = (
+        simulated_walks(len(level), NORMS_MPS, condition=name) for name in ("sway", "pitch")
+    )
+    inside = [100 * pressure_inside_foot(walk) for walk in (*level, *swaying, *pitching)]
+    yield "centre of pressure inside the foot's outline, %", min(inside), max(inside)
+    curves = [angle_curves(walk) for walk in level]
+    for title, band in norms.items():
+        shares = 100 * share_within_band(np.stack([own[title] for own in curves]), band)
+        yield f"share within ± 2 SD of the norms, {title}, %", shares.min(), shares.max()
+    changes = [lean_change(walk) for walk in pitching]
+    yield "change of the trunk's inclination on a slope of ± 10°, °", min(changes), max(changes)
 
 
 def realism_figure(norms: Path | None, forces: Path | None, subjects: int = 9) -> Figure:
@@ -201,3 +292,5 @@ def _cycles(walk: Walk) -> Array:
 if __name__ == "__main__":
     norms, forces, out = map(Path, sys.argv[1:])
     save_figure(realism_figure(norms, forces), out)
+    for name, least, most in realism_rows(simulated_walks(9, NORMS_MPS), read_norms(norms)):
+        print(f"{name}: {least:.2f} to {most:.2f}")

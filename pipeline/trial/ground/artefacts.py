@@ -18,7 +18,7 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.corrected_plates import relative_delays_s
-from pipeline.trial.ground.ends import hold_ends
+from pipeline.trial.ground.instruments import hold_ends
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
 MIN_NOTED_S: Final = 0.02

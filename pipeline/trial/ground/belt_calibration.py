@@ -23,9 +23,8 @@ from pipeline.trial.ground.belts import (
     belt_side,
     belt_wrenches,
 )
-from pipeline.trial.ground.calibration_recording import read_empty
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.empty_plates import FILTER
+from pipeline.trial.ground.empty_plates import FILTER, read_empty
 from pipeline.trial.ground.instruments import belt_speed
 from pipeline.trial.ground.laboratory import Laboratory
 

@@ -1,6 +1,8 @@
-"""Samples of empty plates, and of what the accelerometers felt, for the fit of a calibration."""
+"""Recordings of empty plates: how they are read, and their samples for the fit of a calibration."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -12,7 +14,9 @@ from hbm.signals.resampling import resample
 from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
+from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
+from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
 from pipeline.trial.ground.corrected_plates import relative_delays_s, with_corrected_plates
 
@@ -29,6 +33,58 @@ MAX_STEP_N: Final = 50.0
 """A step on a plate is longer and heavier; vibration and drift of an empty one are less."""
 MIN_BESIDE_S: Final = 10.0
 """Some strides: less says little of how people shake the platform."""
+AXES_BY_VERTICAL: Final = ("forward,left,up", "forward,up,right", "up,forward,left")
+"""One choice with each of the file's axes as the vertical one."""
+MIN_COSINE_LEVEL: Final = 0.7
+"""Of the angle between a level plate's normal and the vertical, about 45°."""
+
+
+def read_empty(path: Path, stated: Stated, *, any_forward: bool = True) -> Recording:
+    """Read a recording of the empty treadmill.
+
+    Parameters
+    ----------
+    path
+        The file, of any format that is read.
+    stated
+        How it is to be read; marker set and label prefix are those of a subject and do not count.
+        Without axes, any directions are taken in which the plates lie level: nothing shows which
+        way is forward, and a calibration in the plates' own axes does not need it.
+    any_forward
+        Whether that is so; a correction of its plates is in the lab's axes and does need it.
+
+    Returns
+    -------
+    Recording
+        The trial.
+
+    Raises
+    ------
+    ValueError, OSError
+        If the file cannot be read, or what is to be calibrated is subtracted from its plates.
+    """
+    read = _read_with_any_axes if any_forward else read_as_stated
+    recording = read(path, replace(stated, marker_set=None, label_prefix=None))
+    if recording.compensation is not None:
+        raise ValueError(
+            f"{path.name}: its plates are compensated, by {recording.compensation.software}; a "
+            "calibration needs the original recording"
+        )
+    return recording
+
+
+def _read_with_any_axes(path: Path, stated: Stated) -> Recording:
+    try:
+        return read_as_stated(path, stated)
+    except ValueError as first:
+        for axes in AXES_BY_VERTICAL if stated.axes is None else ():
+            try:
+                recording = read_as_stated(path, replace(stated, axes=axes))
+            except ValueError:
+                continue
+            if all(abs(plate.rotation[2, 2]) > MIN_COSINE_LEVEL for plate in recording.plates):
+                return recording
+        raise first
 
 
 def plate_samples(

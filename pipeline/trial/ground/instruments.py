@@ -1,4 +1,4 @@
-"""Analog channels of a recording in SI units, and the speed of the belts among them."""
+"""Signals of instruments: channels in SI units, the speed of the belts, ends that are held."""
 
 import re
 from collections.abc import Callable
@@ -11,6 +11,8 @@ from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
 from pipeline.io.units import length_in_m
 
+MAX_HELD_S: Final = 0.5
+"""At either end, over which the nearest known value is used: no delay is longer."""
 BELT: Final = re.compile(r"belt|treadmill", re.IGNORECASE)
 
 
@@ -118,3 +120,45 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
     if not known:
         return None
     return analog.time, np.max([np.abs(belt_speed(recording, name)) for name in known], axis=0)
+
+
+def hold_ends(time: Array, values: Array, what: str) -> tuple[Array, float]:
+    """Fill what is unknown at either end of a signal with its nearest known value.
+
+    Parameters
+    ----------
+    time
+        (N,) [s].
+    values
+        (N, k); NaN where they are unknown.
+    what
+        Their name, for the error.
+
+    Returns
+    -------
+    values
+        Without gaps, (N, k).
+    held_s
+        The longer one of the two ends that were filled [s].
+
+    Raises
+    ------
+    ValueError
+        Values are unknown between known ones, or for more than 0.5 s at an end.
+    """
+    known = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if not len(known):
+        raise ValueError(f"{what} is nowhere known while the plates are recorded")
+    first, last = known[[0, -1]].tolist()
+    if len(known) < last - first + 1:
+        gap = known[np.argmax(np.diff(known) > 1)] + 1
+        raise ValueError(
+            f"{what} has a gap at {time[gap]:.3f} s; samples of plates cannot have one"
+        )
+    held_s = float(max(time[first] - time[0], time[-1] - time[last]))
+    if held_s > MAX_HELD_S:
+        raise ValueError(
+            f"{what} is unknown for {held_s:.2f} s at one end of the plates' recording, expected "
+            f"at most {MAX_HELD_S:g} s"
+        )
+    return values[np.clip(np.arange(len(values)), first, last)], held_s

@@ -11,7 +11,7 @@ from hbm.signals.filtering import Method
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Platform, Settings, Treadmill
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.calibration_recording import read_calibration, require_same_plates
+from pipeline.trial.ground.calibration_file import read_calibration, require_same_plates
 from pipeline.trial.ground.empty_plates import FILTER, setup_of
 
 

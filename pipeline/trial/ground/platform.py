@@ -21,8 +21,7 @@ from hbm.spatial import Array, rotate_wrench, shift_wrench, transform_wrench
 from pipeline.config.schema import Platform
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.units import angle_in_rad, length_in_m
-from pipeline.trial.ground.ends import hold_ends
-from pipeline.trial.ground.instruments import read_channel
+from pipeline.trial.ground.instruments import hold_ends, read_channel
 
 NEUTRAL_FRAMES: Final = 100
 """Frames at the start in which the platform is in neutral: one second at 100 Hz."""

@@ -16,10 +16,12 @@ from pipeline.config.study import read_study
 from pipeline.run.run import run_study
 from pipeline.run.store import read_summary, read_trial
 from pipeline.trial.residuals import AXES, reported, variants
+from pipeline.virtual_lab.protocol.people_beside import beside_names
 from pipeline.virtual_lab.protocol.setting_file import find_setting
 from pipeline.virtual_lab.protocol.walking_protocol import (
     ANALYSED_CONDITIONS,
     SHORT,
+    THESIS,
     Setting,
 )
 from pipeline.virtual_lab.protocol.walking_study import ProgressCallback, simulate_study
@@ -93,7 +95,7 @@ def documented(setting: Setting, *items: str) -> Setting:
 
     Examples
     --------
-    >>> documented(Setting()) == find_setting(Path("thesis"))
+    >>> documented(Setting(protocol=THESIS)) == find_setting(Path("thesis"))
     True
     """
     thesis = find_setting(Path("thesis"))
@@ -140,7 +142,7 @@ def reproduce(
     -----
     One study at a time is in the folder for temporary files: 5 GB for the thesis' protocol.
     """
-    setting = setting or Setting()
+    setting = setting or Setting(protocol=THESIS)
     lacking = [name for name in ANALYSED_CONDITIONS if name not in setting.protocol.conditions]
     if lacking:
         raise ValueError(f"protocol: conditions lacks {', '.join(lacking)}, which Table III has")
@@ -178,7 +180,8 @@ def reproduce(
 
 def _steps(setting: Setting) -> int:
     """Count the recordings and trials of a study, with its calibration."""
-    return 1 + 2 * setting.protocol.subjects * len(setting.protocol.conditions)
+    trials = setting.protocol.subjects * len(setting.protocol.conditions)
+    return 1 + len(beside_names(setting)) + 2 * trials
 
 
 def compared(reproduction: Reproduction) -> pd.DataFrame:

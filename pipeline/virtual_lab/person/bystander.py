@@ -3,6 +3,7 @@
 Simple load patterns, without a body: the thesis' validation trials of the calibration ranking.
 """
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -10,6 +11,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from hbm.spatial import GRAVITY_MPS2, Array
 
+LoadPattern = Callable[[Array, np.random.Generator], Array]
+"""Gives the load of a person at times (N,) [s], (N, 6) [N, N·m]."""
 MASS_KG: Final = 75.0
 """Of the person; the mean of the thesis' subjects, rounded."""
 RIGHT_BELT_M: Final = -0.25

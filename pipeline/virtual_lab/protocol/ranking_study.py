@@ -1,6 +1,6 @@
 """Experiment 2 in the virtual laboratory: all calibration and validation recordings."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -29,8 +29,7 @@ thesis'."""
 TRIAL_STREAM: Final = 7
 """Number of the random numbers of people and noise, which are not those of the signals."""
 
-LoadPattern = Callable[[Array, np.random.Generator], Array]
-BYSTANDERS: Final[dict[str, LoadPattern]] = {
+BYSTANDERS: Final[dict[str, bystander.LoadPattern]] = {
     "sway": bystander.walking,
     "pitch": bystander.walking,
     "running": bystander.running,
@@ -57,7 +56,7 @@ class PlannedTrial:
 
     folder: str
     signal: Signal
-    load: LoadPattern | None = None
+    load: bystander.LoadPattern | None = None
 
 
 def planned_trials(seed: int) -> Iterator[PlannedTrial]:

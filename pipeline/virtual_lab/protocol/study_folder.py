@@ -5,6 +5,7 @@ from pathlib import Path
 from pipeline.config.simulated import SIMULATED
 from pipeline.config.toml_file import read_table
 from pipeline.virtual_lab.person.subject import Person
+from pipeline.virtual_lab.protocol.people_beside import beside_names
 from pipeline.virtual_lab.protocol.setting_file import read_setting, setting_toml
 from pipeline.virtual_lab.protocol.study_text import CALIBRATION, study_texts
 from pipeline.virtual_lab.protocol.walking_protocol import (
@@ -21,6 +22,7 @@ def study_files(setting: Setting) -> tuple[str, ...]:
     return (
         *study_texts(setting),
         CALIBRATION,
+        *beside_names(setting),
         *(
             name
             for person in PERSONS[: protocol.subjects]

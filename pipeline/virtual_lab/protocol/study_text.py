@@ -12,6 +12,7 @@ from pipeline.virtual_lab.machine.readings import (
 )
 from pipeline.virtual_lab.machine.treadmill import Machine
 from pipeline.virtual_lab.person.subject import Person
+from pipeline.virtual_lab.protocol.people_beside import beside_names
 from pipeline.virtual_lab.protocol.setting_file import setting_toml
 from pipeline.virtual_lab.protocol.walking_protocol import (
     PERSONS,
@@ -66,6 +67,12 @@ pitch_channel = "{PITCH_CHANNEL}"
 pivot_m = [{x:g}, {y:g}, {z + setting.faults.platform.pivot_error_m:g}]"""
 
 
+def _beside_toml(setting: Setting) -> str:
+    """Name the recordings of people beside an empty plate, if there are any."""
+    names = "".join(f'  "{name}",\n' for name in beside_names(setting))
+    return f"beside = [  # people on it, but not on every plate\n{names}]\n" if names else ""
+
+
 def _condition_toml(name: ConditionName, protocol: Protocol) -> str:
     """State which gait cycles of a condition count."""
     if name == "sway":
@@ -104,7 +111,7 @@ marker_set = "{protocol.marker_set}"
 
 [treadmill]
 calibration = "{CALIBRATION}"  # the empty treadmill while it moves
-
+{_beside_toml(setting)}
 [treadmill.accelerometers]  # sensor = its x, y and z channels
 {sensors}
 

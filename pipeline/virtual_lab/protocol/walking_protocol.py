@@ -69,6 +69,8 @@ MAX_SPEED_MPS: Final = 1.8
 """Walking speeds to which the gait pattern of 1.3 m/s may be scaled; assumed."""
 MAX_PLACE_M: Final = 0.6
 """How far from the middle of the belts people walk: the belts are about 1.8 m long."""
+MIN_BESIDE_S: Final = 12.0
+"""Of a recording of people beside an empty plate: 10 s are needed, and its ends are lost."""
 MAX_SCALE: Final = 2.0
 """Of the differences between people and steps: twice those of the population."""
 
@@ -81,14 +83,16 @@ CalibrationSignal = Annotated[str, Field(pattern=_SIGNALS)]
 
 
 class Protocol(InputModel):
-    """What every subject does; the defaults are the thesis'.
+    """What every subject does; the defaults are the thesis', with people beside an empty plate.
 
     The belts start after ``standing_s`` of T-pose and lowering the arms and reach their speed
     within ``starting_s``; durations of the conditions count from then. ``calibration`` is one of
-    the signals of `compensation.signals.protocol`, with the belts at 0 or 3 m/s. ``pose`` is
-    whether the study takes the platform's pose from its markers or its channels, or has none, so
-    that forces stay in the plates' axes; ``filter`` is how it filters, and ``sway_window`` what of
-    a perturbed gait cycle counts: "motion", "cycle", or seconds from the onset on.
+    the signals of `compensation.signals.protocol`, with the belts at 0 or 3 m/s; ``beside_s`` is
+    how long each of the recordings of people beside an empty plate lasts that are fitted with it, 0
+    for none. ``pose`` is whether the study takes the platform's pose from its markers or its
+    channels, or has none, so that forces stay in the plates' axes; ``filter`` is how it filters,
+    and ``sway_window`` what of a perturbed gait cycle counts: "motion", "cycle", or seconds from
+    the onset on.
     ``place_forward_m`` is how far ahead of the middle of the belts people stand and walk.
     ``individuality`` and ``variability`` scale the differences between people and between a
     person's steps.
@@ -108,16 +112,26 @@ class Protocol(InputModel):
     filter: Method = "zero_phase"
     sway_window: Literal["motion", "cycle"] | Window = "motion"
     calibration: CalibrationSignal = "square_sway_300s_3mps"
+    beside_s: Annotated[float, Field(ge=0)] = 60.0
     individuality: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
     variability: Annotated[float, Field(ge=0, le=MAX_SCALE)] = 1.0
     place_forward_m: Annotated[float, Field(ge=-MAX_PLACE_M, le=MAX_PLACE_M)] = 0.0
 
     @model_validator(mode="after")
     def _motion_needs_pose(self) -> "Protocol":
-        if self.pose == "none" and self.sway_window == "motion":
+        if "sway" in self.conditions and self.pose == "none" and self.sway_window == "motion":
             raise ValueError(
                 'pose = "none" leaves the motion of the platform unknown; state sway_window = '
                 '"cycle" or seconds'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _beside_is_long_enough(self) -> "Protocol":
+        if 0 < self.beside_s < MIN_BESIDE_S:
+            raise ValueError(
+                f"beside_s is {self.beside_s:g}; expected {MIN_BESIDE_S:g} or more, or 0 for no "
+                "recordings of people beside an empty plate"
             )
         return self
 
@@ -137,7 +151,12 @@ class Protocol(InputModel):
         return self.steady_s + walking[condition]
 
 
-SHORT: Final = Protocol(subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0))
+THESIS: Final = Protocol(beside_s=0.0)
+"""The thesis', in which nobody was recorded beside an empty plate."""
+
+SHORT: Final = Protocol(
+    subjects=3, baseline_s=40.0, pitch_s=60.0, waits_s=(12.0, 12.0, 12.0, 12.0), beside_s=0.0
+)
 """Shorter trials of three subjects: enough of every condition to compare instruments."""
 
 DEMO: Final = Protocol(

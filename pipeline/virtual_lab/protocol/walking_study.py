@@ -17,6 +17,7 @@ from pipeline.run.processes import in_processes
 from pipeline.virtual_lab.machine.instruments.sampling import SAMPLES_PER_FRAME
 from pipeline.virtual_lab.person.ground_reaction import foot_events, foot_wrenches
 from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.protocol.people_beside import beside_names, run_beside
 from pipeline.virtual_lab.protocol.study_folder import missing_files, study_files, trial_names
 from pipeline.virtual_lab.protocol.study_text import CALIBRATION, study_texts
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, ConditionName, Setting
@@ -46,8 +47,9 @@ def simulate_study(
     ----------
     out
         Folder to write: ``study.toml``, one TOML and C3D files per subject, ``calibration.c3d`` of
-        the empty treadmill, and in ``truth`` the setting and per trial what really happened, frame
-        by frame as Parquet and its gait events as CSV.
+        the empty treadmill, recordings of people beside an empty plate, and in ``truth`` the
+        setting and per trial what really happened, frame by frame as Parquet and its gait events
+        as CSV.
     setting
         Protocol, faults and seed; by default the thesis' protocol and the default faults.
     progress
@@ -76,7 +78,11 @@ def simulate_study(
     remove_leftovers(folder)
     remove_leftovers((folder / SIMULATED).parent)
 
-    tasks = [delayed(_write_calibration)(folder, setting)] if CALIBRATION in wanted else []
+    tasks = [
+        delayed(_write_calibration)(folder, setting, name)
+        for name in (CALIBRATION, *beside_names(setting))
+        if name in wanted
+    ]
     tasks += [
         delayed(_write_trial)(folder, setting, number, condition, wanted)
         for number in range(protocol.subjects)
@@ -159,10 +165,15 @@ def _named(prefix: str, wrench: Array) -> dict[str, Array]:
     return {f"{prefix}_{name}": wrench[:, k] for k, name in enumerate(WRENCH)}
 
 
-def _write_calibration(folder: Path, setting: Setting) -> str:
+def _write_calibration(folder: Path, setting: Setting, name: str) -> str:
+    """Record the empty treadmill, or people beside a plate that stays empty."""
     treadmill = make_treadmill(setting.faults, setting.seed)
-    write_recording(folder / CALIBRATION, run_calibration(setting, treadmill))
-    return CALIBRATION
+    if name == CALIBRATION:
+        recording = run_calibration(setting, treadmill)
+    else:
+        recording = run_beside(setting, treadmill, name)
+    write_recording(folder / name, recording)
+    return name
 
 
 def _write_trial(

@@ -272,7 +272,8 @@ def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
     page = (out / "ranking.md").read_text(encoding="utf-8")
     assert "Do the belts vibrate the accelerometers?" in page
     belts = pd.read_csv(out / "belt_scores.csv")
-    assert (belts["reduction"] > 50).all()  # motors and a frame that swings are not of its family
+    # R² of 94 to 96 %, as of ten drives in docs/validity.md; the rest is rumble
+    assert belts["reduction"].between(75, 81).all()
     f1 = pd.read_csv(out / "table_f1.csv")
     assert list(f1.columns) == ["factor", "Fx", "Fy", "Fz", "Mx", "My", "Mz"]
     assert f1["factor"].tolist() == ["speed_mps"]  # both trials last 60 s

@@ -438,7 +438,7 @@ def test_what_was_written_and_what_was_there_is_printed(simulated, capsys):
     assert main(["simulate", str(simulated), "--subjects", "3"]) == 0
     line = capsys.readouterr().out.splitlines()[-1]
     assert line.startswith(f"0 recordings and 0 other files written to {simulated} in ")
-    assert line.endswith(f"s, 33 were there already; next: hbm run {simulated}")
+    assert line.endswith(f"s, 38 were there already; next: hbm run {simulated}")
     assert {path: path.stat().st_mtime_ns for path in simulated.rglob("*")} == before
 
 

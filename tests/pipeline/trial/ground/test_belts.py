@@ -29,8 +29,11 @@ from pipeline.virtual_lab.protocol import calibration_trial
 from pipeline.virtual_lab.protocol.calibration_trial import sample_times
 
 RATE = 1000.0
-FAULTS = Faults(belts=BeltFaults(drive="linear", unbalance_kg_per_m=0.2))
-"""Belts of the family that is fitted."""
+FAULTS = Faults(
+    machine=MachineFaults(flexibility=4.0),
+    belts=BeltFaults(drive="linear", unbalance_kg_per_m=0.2),
+)
+"""A machine that people shake, with belts of the family that is fitted."""
 BELT = Belt(calibration="belts.c3d", speed_channels=("BeltSpeed",))
 SENSORS = {name: tuple(f"{name}.{axis}" for axis in "XYZ") for name in SENSOR_NAMES[:2]}
 TREADMILL = Treadmill(accelerometers=SENSORS, belt=BELT)
@@ -102,6 +105,7 @@ def test_what_a_person_on_the_belt_adds_is_not_compensated(models):
     unmoved = replace(PULSES, belt_speed=0 * PULSES.belt_speed)
     load = bystander.walking(sample_times(PULSES, RATE), np.random.default_rng(3))
     person_alone, _ = left_over(record_signal_trial(unmoved, seed=3, load=load), models)
+    assert left > 3 * empty
     assert np.sqrt(left**2 - empty**2) > 0.9 * person_alone
 
 
@@ -110,7 +114,7 @@ def test_accelerometers_compensate_what_a_person_adds_through_the_platform(model
     _, by_belts = left_over(with_person(), models)
     _, empty_by_both = left_over(record_signal_trial(PULSES, seed=3), models, calibration)
     _, by_both = left_over(with_person(), models, calibration)
-    assert by_both < by_belts
+    assert by_both < 0.7 * by_belts
     assert by_both**2 - empty_by_both**2 < 0.1 * (by_belts**2 - empty**2)
 
 

@@ -13,7 +13,8 @@ from compensation import from_json, to_json
 from pipeline.cli.app import main
 from pipeline.config.schema import Treadmill
 from pipeline.trial.ground.artefacts import plate_artefacts
-from pipeline.trial.ground.calibration_recording import fit_calibration, read_calibration
+from pipeline.trial.ground.calibration_file import read_calibration
+from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.loads import plate_loads
 from pipeline.trial.ground.wrenches import ground_wrenches

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Treadmill
-from pipeline.trial.ground.calibration_recording import fit_calibration, read_calibration
+from pipeline.trial.ground.calibration_file import read_calibration
+from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
 from tests.pipeline import lab

@@ -31,6 +31,7 @@ from pipeline.virtual_lab.protocol.setting_file import find_setting
 from pipeline.virtual_lab.protocol.walking_protocol import (
     ANALYSED_CONDITIONS,
     SHORT,
+    THESIS,
     Protocol,
     Setting,
 )
@@ -39,7 +40,11 @@ UNIT = dict(zip(AXES, UNITS, strict=True))
 CELLS = [(c, ic, a) for c in ANALYSED_CONDITIONS for ic in (False, True) for a in AXES]
 TINY = Setting(
     protocol=Protocol(
-        conditions=("sway",), subjects=1, waits_s=(12.0,), calibration="square_sway_60s_3mps"
+        conditions=("sway",),
+        subjects=1,
+        waits_s=(12.0,),
+        calibration="square_sway_60s_3mps",
+        beside_s=0.0,
     )
 )
 
@@ -82,7 +87,7 @@ def found():
 
 
 def test_the_items_together_are_the_shipped_setting():
-    assert documented(Setting()) == find_setting(Path("thesis"))
+    assert documented(Setting(protocol=THESIS)) == find_setting(Path("thesis"))
     delayed = documented(Setting(), "plates late by 4 and 2 ms")
     assert delayed.faults.plates.delays_s == (0.004, 0.002)
     assert delayed.protocol == Setting().protocol
@@ -184,8 +189,9 @@ def test_studies_are_simulated_with_everything_documented_and_with_one_item_each
     monkeypatch.setattr(module + "study_residuals", lambda _: table)
     monkeypatch.setattr(module + "after_onsets", lambda _: after)
     monkeypatch.setattr(module + "perturbed_cycles", lambda _: [1.0, 1.2])
-    found = reproduce(Setting(seed=4), progress=lambda *step: steps.append(step))
-    assert settings[:2] == [Setting(seed=4), documented(Setting(seed=4))]
+    thesis = Setting(seed=4, protocol=THESIS)
+    found = reproduce(thesis, progress=lambda *step: steps.append(step))
+    assert settings[:2] == [thesis, documented(thesis)]
     short = Setting(seed=4, protocol=SHORT)
     assert settings[2:] == [short, *(documented(short, item) for item in ITEMS)]
     assert len(steps) == len(settings)
@@ -208,7 +214,7 @@ def test_one_command_writes_the_page_and_its_table(tmp_path, monkeypatch, found)
     command = ["simulate", str(tmp_path), "--table-3", "--subjects", "2", "--jobs", "1"]
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
-    assert arguments == {"setting": Setting(protocol=Protocol(subjects=2)), "jobs": 1}
+    assert arguments == {"setting": Setting(protocol=Protocol(subjects=2, beside_s=0.0)), "jobs": 1}
     assert (tmp_path / "table_3.md").read_text(encoding="utf-8") == table_3_page(found)
     assert len(pd.read_csv(tmp_path / "table_3.csv")) == 72
     both = CliRunner().invoke(app, [*command, "--ablation"])

@@ -86,10 +86,18 @@ def test_the_shipped_setting_has_the_faults_that_the_thesis_states_and_no_other(
     assert (platform.delay_s, platform.replay_frames) == (0.03, 2)
     assert (found.protocol.filter, found.protocol.pose) == ("realtime", "channels")
     stated = {"filter", "pose", "delay_s", "right_later_s", "replay_frames"}
-    stated |= {"placement_deg", "placement_forward_m", "placement_left_m"}
+    stated |= {"beside_s", "placement_deg", "placement_forward_m", "placement_left_m"}
     lines = [setting_toml(setting).splitlines() for setting in (found, default)]
     changed = {new.split(" = ")[0] for new, old in zip(*lines, strict=True) if new != old}
     assert changed == stated
+
+
+def test_the_motion_of_a_platform_without_a_pose_counts_nowhere():
+    level = Protocol(pose="none", conditions=("baseline", "pitch"))
+    assert read_setting(setting_toml(Setting(protocol=level))).protocol == level
+    with pytest.raises(ValueError, match=r'pose = "none" leaves the motion .* unknown'):
+        Protocol(pose="none")
+    assert Protocol(pose="none", sway_window="cycle").sway_window == "cycle"
 
 
 def test_a_file_is_read_even_where_a_shipped_setting_has_its_name(tmp_path, monkeypatch):

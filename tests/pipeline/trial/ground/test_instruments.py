@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.trial.ground.ends import hold_ends
+from pipeline.trial.ground.instruments import hold_ends
 
 TIME = np.arange(2000) / 1000
 

@@ -1,0 +1,88 @@
+"""People beside an empty plate: where they are, and that a simulated study is fitted to them."""
+
+import numpy as np
+import pytest
+
+from hbm.spatial import GRAVITY_MPS2
+from pipeline.config.study import read_study
+from pipeline.trial.ground.empty_plates import BESIDE as FITTED_TOO
+from pipeline.trial.study_files import read_study_laboratory
+from pipeline.virtual_lab.faults import Faults
+from pipeline.virtual_lab.machine.instruments.force_plate import PLATE_WIDTH_M
+from pipeline.virtual_lab.person.bystander import MASS_KG
+from pipeline.virtual_lab.protocol.instrumented_treadmill import make_treadmill
+from pipeline.virtual_lab.protocol.people_beside import BESIDE, beside_names, run_beside
+from pipeline.virtual_lab.protocol.study_text import study_texts
+from pipeline.virtual_lab.protocol.walking_protocol import Protocol, Setting
+from pipeline.virtual_lab.protocol.walking_study import simulate_study
+
+SHORT = Setting(protocol=Protocol(beside_s=12.0))
+EMPTY = {"right": {1}, "left": {2}, "boards": {1, 2}}
+"""Plates that stay empty; the left one is plate 1."""
+
+
+@pytest.fixture(scope="module", params=BESIDE)
+def recorded(request):
+    """One recording of a rigid treadmill with ideal instruments, and which it is."""
+    setting = SHORT.model_copy(update={"faults": Faults.none()})
+    treadmill = make_treadmill(setting.faults, setting.seed)
+    return BESIDE[request.param], run_beside(setting, treadmill, request.param)
+
+
+def test_a_person_is_carried_by_one_plate_or_by_the_frame(recorded):
+    planned, recording = recorded
+    for plate in recording.plates:
+        upward = plate.wrench[2000:-2000, 2]
+        if plate.number in EMPTY[planned.place]:
+            assert np.abs(upward).max() < 0.01
+        else:  # one of the fifteen to twenty-two steps is cut by the end of the window
+            assert upward.mean() == pytest.approx(MASS_KG * GRAVITY_MPS2, rel=1 / 15)
+
+
+def test_the_feet_are_on_the_belt_that_carries_them(recorded):
+    planned, recording = recorded
+    for plate in recording.plates:
+        _, _, up, across, _, _ = plate.wrench.T
+        loaded = up > 100
+        if plate.number in EMPTY[planned.place]:
+            assert not loaded.any()
+        else:
+            aside = across[loaded] / up[loaded] - plate.center[1]
+            assert np.abs(aside).max() < PLATE_WIDTH_M / 2
+
+
+def test_equal_seeds_give_equal_recordings_and_each_recording_its_own_steps():
+    treadmill = make_treadmill(Faults.none(), 1)
+    names = ("walking_right.c3d", "walking_right.c3d", "running_right.c3d")
+    first, again, other = (
+        run_beside(SHORT, treadmill, name).plates[1].wrench_in_plate for name in names
+    )
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 100
+
+
+def test_a_simulated_study_is_calibrated_with_people_beside_every_plate(tmp_path):
+    protocol = Protocol(
+        conditions=("baseline",),
+        subjects=1,
+        baseline_s=2.0,
+        calibration="square_sway_60s_3mps",
+        beside_s=12.0,
+    )
+    study = read_study(simulate_study(tmp_path / "study", Setting(protocol=protocol), jobs=1))
+    calibration = read_study_laboratory(study).calibration
+    empty = {
+        source: {int(name.rpartition(" ")[2]) for name in plates.removesuffix(" empty").split(",")}
+        for source, plates in (
+            part.split(": ") for part in calibration.provenance[FITTED_TOO].split("; ")
+        )
+    }
+    assert empty == {name: EMPTY[planned.place] for name, planned in BESIDE.items()}
+
+
+def test_a_protocol_without_people_beside_names_none():
+    alone = Setting(protocol=Protocol(beside_s=0.0))
+    assert beside_names(alone) == ()
+    assert "beside = " not in study_texts(alone)["study.toml"]
+    with pytest.raises(ValueError, match="beside_s is 5; expected 12 or more, or 0"):
+        Protocol(beside_s=5.0)
