@@ -61,7 +61,7 @@ def beside_names(setting: Setting) -> tuple[str, ...]:
 
 
 def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) -> Recording:
-    """Record plates, accelerometers and belt speeds while somebody is beside a plate that stays empty.
+    """Record plates, accelerometers and belts while somebody is beside a plate that stays empty.
 
     Parameters
     ----------
@@ -100,9 +100,7 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
     on_frame = load if people is None else None
     response = undergo(treadmill, motion, of_motion, people, on_frame)
     names, units, readings = measure_accelerations(treadmill, motion, response, of_sensors)
-    belts, speed_units, speeds = measure_belts(
-        treadmill, motion, response, BELT_CHANNELS, of_belts
-    )
+    belts, speed_units, speeds = measure_belts(treadmill, motion, response, BELT_CHANNELS, of_belts)
     return Recording(
         Path(name),
         Markers(time[::SAMPLES_PER_FRAME], (), np.empty((frames, 0, 3))),
