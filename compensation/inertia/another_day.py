@@ -271,7 +271,7 @@ def _swapped(names: list[str], measured: Array, predicted: Array, size: Array) -
 def _expected(model: InertiaModel, accelerations: Array, belts_mps: ArrayLike | None) -> Array:
     """Give the RMS below 6 Hz that a calibration expects to leave of a recording, (6,)."""
     sd = model.uncertainty(accelerations, slow=True, zero=False, belts_mps=belts_mps)
-    return np.maximum(np.sqrt(np.mean(sd**2, axis=0)), MIN_LEFT)
+    return np.asarray(np.maximum(np.sqrt(np.mean(sd**2, axis=0)), MIN_LEFT))
 
 
 def _zero_changes(plates: Mapping[str, InertiaModel], error: Array) -> tuple[ZeroChange, ...]:
