@@ -91,8 +91,8 @@ def test_a_commanded_pose_gives_the_wrenches_that_markers_give(walker, calibrati
     treadmill = TREADMILL.model_copy(update={"platform": COMMANDED})
     found, ground = filtered_total(recording, Laboratory(treadmill, calibration))
     assert (error(found["compensated"], truth(walker)) < [2, 2, 2, 1, 1, 1]).all()
-    commanded, budget = ground.notes[-2:]
-    assert commanded.code == "platform_pose_commanded"
+    notes = {note.code: note for note in ground.notes}
+    commanded, budget = notes["platform_pose_commanded"], notes["pivot_error_budget"]
     assert commanded.values["channels"] == ("Sway", "Pitch")
     assert str(budget).startswith("a pivot stated 1 cm off would add up to ")
     # no more than 2 sin(φ/2) ε F: 10° and the vertical force, which peaks at some 1.4 body weights
