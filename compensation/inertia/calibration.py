@@ -74,6 +74,8 @@ class Calibration:
             raise ValueError("a calibration needs the model of at least one plate")
         if self.dynamic and self.dynamic.keys() != self.plates.keys():
             raise ValueError("a calibration needs a dynamic model of every plate, or of none")
+        if len({model.lags_s for model in self.dynamic.values()}) > 1:
+            raise ValueError("the dynamic models of a calibration need the same lags")
         for name, model in (*self.plates.items(), *self.dynamic.items()):
             if model.setup is None:
                 raise ValueError(

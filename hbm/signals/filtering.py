@@ -210,10 +210,9 @@ def _filtered(
     columns = signal.reshape(len(time), -1)
     results = np.full((outputs, *columns.shape), np.nan)
     for rows, sharing in blocks_without_gaps(columns, needed):
-        selected = slice(None) if sharing.all() else sharing
-        parts = kernels[method](columns[rows, selected], time[rows], cutoff_hz)
+        parts = kernels[method](columns[rows, sharing], time[rows], cutoff_hz)
         for result, part in zip(results, parts, strict=True):
-            result[rows, selected] = part
+            result[rows, sharing] = part
     return results.reshape(outputs, *signal.shape)
 
 

@@ -107,8 +107,8 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
     for rows, sharing in blocks_without_gaps(columns, MIN_SPLINE_SAMPLES):
         first, last = time[rows][[0, -1]]
         inside = (wanted >= first - rounding) & (wanted <= last + rounding)
-        found = cubic_spline(time[rows], columns[rows, sharing], wanted[inside])
-        result[np.ix_(inside, sharing)] = found
+        place = inside if isinstance(sharing, slice) else np.ix_(inside, sharing)
+        result[place] = cubic_spline(time[rows], columns[rows, sharing], wanted[inside])
     return result.reshape(*at.shape, *values.shape[1:])
 
 

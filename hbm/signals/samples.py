@@ -61,15 +61,19 @@ def stretches(mask: Mask) -> Indices:
     return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)
 
 
-def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Mask]]:
-    """Find blocks of at least ``needed`` finite rows in (T, K), and the columns that share them."""
+def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Mask | slice]]:
+    """Find blocks of at least ``needed`` finite rows in (T, K), and the columns that share them.
+
+    Columns are a slice where all share them, which takes no copy.
+    """
     same_gaps: dict[bytes, list[int]] = {}
     known = np.ascontiguousarray(np.isfinite(columns).T)
     for number, finite in enumerate(known):
         same_gaps.setdefault(finite.tobytes(), []).append(number)
     for numbers in same_gaps.values():
-        chosen = np.zeros(len(known), bool)
-        chosen[numbers] = True
+        chosen: Mask | slice = slice(None)
+        if len(same_gaps) > 1:
+            chosen = np.isin(np.arange(len(known)), numbers)
         for start, stop in stretches(known[numbers[0]]):
             if stop - start >= needed:
                 yield slice(start, stop), chosen

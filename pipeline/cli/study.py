@@ -92,10 +92,12 @@ def run(
     from pipeline.cli.stopping import stoppable
     from pipeline.cli.terminal import StepProgress, announcer, counted, note_line, plain_console
     from pipeline.config.study import read_study
+    from pipeline.run.processes import keep_freed_memory
     from pipeline.run.run import plan, run_planned
     from pipeline.trial.study_files import read_study_laboratory
 
     console, start = plain_console(), time.monotonic()
+    keep_freed_memory()
     loaded = read_study(study)
     planned = plan(loaded, out, subjects=subject, conditions=condition)
     if loaded.file.treadmill.check:

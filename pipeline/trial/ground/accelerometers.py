@@ -179,6 +179,27 @@ def at_plate_times(
     return np.asarray(felt / np.repeat(scale, 3))
 
 
+def at_times_of_plates(
+    clock: Array,
+    readings: Array,
+    plate_times: Sequence[Array],
+    treadmill: Treadmill,
+    sensors: Sequence[Sensor] = (),
+    lags_s: Sequence[float] = (),
+) -> list[Array]:
+    """Give what the accelerometers felt for every plate, as `at_plate_times`.
+
+    Plates whose samples have the same times, (M,) each, share one array.
+    """
+    felt: list[Array] = []
+    for number, time in enumerate(plate_times):
+        same = [
+            x for x, t in zip(felt, plate_times[:number], strict=True) if np.array_equal(t, time)
+        ]
+        felt += same[:1] or [at_plate_times(clock, readings, time, treadmill, sensors, lags_s)]
+    return felt
+
+
 def corrected_sensors(sensors: Sequence[Sensor]) -> tuple[Note, ...]:
     """Say which delays and gains of a calibration's sensors are undone in a trial, if any are."""
     if not any(sensor.correction_s or sensor.scale != 1 for sensor in sensors):

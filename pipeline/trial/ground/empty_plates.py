@@ -17,7 +17,7 @@ from pipeline.config.schema import Treadmill
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
-from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
+from pipeline.trial.ground.accelerometers import accelerations, at_times_of_plates
 from pipeline.trial.ground.corrected_plates import relative_delays_s, with_corrected_plates
 
 FILTER: Final[Method] = "zero_phase"
@@ -122,11 +122,13 @@ def plate_samples(
     clock, readings = accelerations(recording, treadmill)
     setup = setup_of(recording, treadmill)
     filtered = setup.low_pass(readings, clock)
-    found = {}
-    for plate, wrench in zip(
-        recording.plates, wrenches_in_time(recording, setup, correction), strict=True
+    found, times = {}, [plate.time for plate in recording.plates]
+    for plate, felt, wrench in zip(
+        recording.plates,
+        at_times_of_plates(clock, filtered, times, treadmill, sensors, lags_s),
+        wrenches_in_time(recording, setup, correction),
+        strict=True,
     ):
-        felt = at_plate_times(clock, filtered, plate.time, treadmill, sensors, lags_s)
         known = np.isfinite(felt).all(axis=1) & np.isfinite(wrench).all(axis=1)
         if not known.any():
             raise ValueError(

@@ -7,7 +7,7 @@ import numpy as np
 from compensation import InertiaModel
 from hbm.spatial import Array, read_only
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
+from pipeline.trial.ground.accelerometers import accelerations, at_times_of_plates
 from pipeline.trial.ground.corrected_plates import plate_delays_s
 from pipeline.trial.ground.empty_plates import setup_of
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
@@ -77,16 +77,12 @@ def plate_loads(
         clock, readings = accelerations(recording, treadmill)
         readings = setup_of(recording, treadmill).low_pass(readings, clock)
         models = plate_models(recording, laboratory)
-        for k, (plate, model) in enumerate(zip(plates, models, strict=True)):
-            felt = at_plate_times(
-                clock,
-                readings,
-                plate.time,
-                treadmill,
-                laboratory.calibration.sensors,
-                model.lags_s,
-            )
-            forces[k] = forces[k] - _predicted(model, felt) @ plate.rotation[2]
+        times, sensors = [plate.time for plate in plates], laboratory.calibration.sensors
+        felt = at_times_of_plates(clock, readings, times, treadmill, sensors, models[0].lags_s)
+        forces = [
+            force - _predicted(model, one) @ plate.rotation[2]
+            for force, model, one, plate in zip(forces, models, felt, plates, strict=True)
+        ]
     delays = plate_delays_s(plates, laboratory.plates, plate_delay_s)
     return tuple(
         PlateLoad(plate.number, plate.time - delay, force)

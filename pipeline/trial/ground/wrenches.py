@@ -17,7 +17,11 @@ from hbm.notes import Note
 from hbm.signals.resampling import interpolate, resample
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Plate, Recording
-from pipeline.trial.ground.accelerometers import accelerations, at_plate_times, corrected_sensors
+from pipeline.trial.ground.accelerometers import (
+    accelerations,
+    at_times_of_plates,
+    corrected_sensors,
+)
 from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
@@ -175,10 +179,8 @@ def _without_inertia(
     assert laboratory.calibration is not None
     sensors, filtered = laboratory.calibration.sensors, setup.low_pass(readings, clock)
     late = relative_delays_s(plates, laboratory.plates)
-    felt = [
-        at_plate_times(clock, filtered, time - late_s, treadmill, sensors, model.lags_s)
-        for time, late_s, model in zip(times, late, models, strict=True)
-    ]
+    earlier = [time - late_s for time, late_s in zip(times, late, strict=True)]
+    felt = at_times_of_plates(clock, filtered, earlier, treadmill, sensors, models[0].lags_s)
     compensated = []
     for plate, model, time, acceleration in zip(plates, models, times, felt, strict=True):
         wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
