@@ -203,7 +203,8 @@ for case, warnings in (
 # Top: the commanded motion and the spectrum of its acceleration; a calibration identifies only what
 # it excites. Bottom, for two trials that were not part of the fit: the empty plate as measured
 # (vermilion) and with one to four accelerometers (light to dark blue), on a logarithmic scale, with
-# the floor (dashed), which is another one in every recording. In pitch, Fz and My show why two sensors are the minimum.
+# the floor (dashed), which is another one in every recording. In pitch, Fz and My show why two
+# sensors are the minimum.
 
 # %%
 figure, panels = plt.subplots(2, 2, figsize=(11, 7), layout="constrained")
