@@ -134,9 +134,9 @@ print(*check_calibration(model, "plate 1"), sep="\n")
 # moved a lot, and it does not predict the next trial. For that, use trials that were not part of
 # the fit.
 #
-# Fx, Fz and My are left at their floor: at 3 m/s rollers that are a little out of balance and the
-# rumble of the belts make nearly all of it, and no compensation removes it. At the belt speed of
-# the trials there is less.
+# Of Fx, Fz and My about as much is left as belts at 3 m/s show by themselves: rollers that are a
+# little out of balance, which differ from start to start, and rumble. No compensation of the
+# platform removes it. At the belt speed of the trials there is less.
 
 # %% [markdown]
 # ## 4. One, two, three or four accelerometers
@@ -162,14 +162,15 @@ for name, measured in before.items():
 # a compromise that suits its own recording. Fz becomes *larger* than measured. A second sensor at
 # the other end of the platform resolves this.
 #
-# What a third and a fourth add does not show in these trials. Two sensors do not show rotation
-# about the line between them, and people who walk or run shake a platform in that direction too. A
-# third that is not in line, and a fourth that is not in their plane, show it; their gains for it
-# are learned from recordings of people beside the empty plate (`hbm calibration fit --beside`), as
-# the signals move the platform in sway and pitch alone. How much that removes is in the
-# documentation, under *Static and dynamic models of a moving platform*.
+# A third takes another fifth to a third off Fy and Mz in sway; the fourth hardly anything. What
+# they add under people does not show in these trials. Two sensors do not show rotation about the
+# line between them, and people who walk or run shake a platform in that direction too. A third that
+# is not in line, and a fourth that is not in their plane, show it; their gains for it are learned
+# from recordings of people beside the empty plate (`hbm calibration fit --beside`), as the signals
+# move the platform in sway and pitch alone. How much that removes is in the documentation, under
+# *Static and dynamic models of a moving platform*.
 #
-# There is a cost: components that were small before (Fx in sway) gain a few tenths of a newton, the
+# There is a cost: components that were small before (Fx in sway) gain a tenth of a newton, the
 # accelerometers' noise times the mass of the belt assembly.
 
 # %% [markdown]
@@ -201,7 +202,8 @@ for case, warnings in (
 # Top: the commanded motion and the spectrum of its acceleration; a calibration identifies only what
 # it excites. Bottom, for two trials that were not part of the fit: the empty plate as measured
 # (vermilion) and with one to four accelerometers (light to dark blue), on a logarithmic scale, with
-# the noise floor (dashed). In pitch, Fz and My show why two sensors are the minimum.
+# the floor (dashed), which is another one in every recording. In pitch, Fz and My show why two
+# sensors are the minimum.
 
 # %%
 figure, panels = plt.subplots(2, 2, figsize=(11, 7), layout="constrained")
@@ -233,7 +235,7 @@ for panel, (name, measured) in zip(panels[1], before.items(), strict=True):
             alpha=0.2 + 0.2 * count,
             label=f"{count} accelerometer{'s' if count > 1 else ''}",
         )
-    panel.hlines(floor, place - 0.5, place + 0.5, color="black", ls="--", label="noise floor")
+    panel.hlines(floor, place - 0.5, place + 0.5, color="black", ls="--", label="floor")
     panel.set_yscale("log")
     panel.set_xticks(place, components)
     panel.set(title=f"{name}: empty plate", ylabel="standard deviation (N, N·m)")
