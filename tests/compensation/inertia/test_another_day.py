@@ -211,3 +211,26 @@ def test_vibration_above_the_filter_of_trials_does_not_count_as_left(laboratory)
     row = left_over(fit_inertia(a, w + vibration[:, None] * [0, 0, 1, 0, 0, 0], SETUP))[2]
     assert row.after > 15
     assert row.left < 2
+
+
+@pytest.mark.parametrize(("change", "verdict"), [(0.9, "valid"), (1.5, "drifted")])
+def test_a_zero_that_changes_as_zeros_do_from_recording_to_recording_has_not_drifted(
+    laboratory, model, change, verdict
+):
+    """The calibration is of one recording, so that 0.35 N·m are expected: 0.9 is no surprise."""
+    accelerations, wrench = record(laboratory(), 2)
+    assert check(model, accelerations, wrench + [0, 0, 0, 0, 0, change]).verdict == verdict
+
+
+def test_rollers_that_leave_more_than_on_the_first_day_do_not_make_a_calibration_outdated(
+    laboratory,
+):
+    """They turn, and their angle to each other is another one: no new calibration would help."""
+    days = []
+    for seed, amplitude in ((1, 1.0), (2, 6.0)):
+        accelerations, wrench = record(laboratory(), seed)
+        turning = amplitude * np.sin(2 * np.pi * 4.75 * np.arange(len(wrench)) / RATE_HZ)
+        days.append((accelerations, wrench + turning[:, None] * [0, 0, 0, 0, 1, 0]))
+    found = check(fit_inertia(*days[0], SETUP), *days[1])
+    assert found.left["plate 1"][4] > 3
+    assert found.verdict == "valid"

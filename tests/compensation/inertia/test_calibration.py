@@ -78,6 +78,16 @@ def test_a_file_without_model_error_is_of_noise_alone(calibration):
     assert (calibration.plates["left"].uncertainty(at_rest) > zero).all()
 
 
+def test_a_file_without_belt_speeds_expects_the_same_at_every_speed(calibration):
+    document = json.loads(to_json(calibration))
+    for plate in document["plates"].values():
+        del plate["model_error"]["per_belts"], plate["model_error"]["belts_mps"]
+    error = from_json(json.dumps(document)).plates["left"].model_error
+    assert error.fastest_mps is None
+    at_rest = np.broadcast_to(error.center, (200, len(error.center)))
+    np.testing.assert_array_equal(*(error.variance(at_rest, 100.0, belts_mps=v) for v in (0, 3)))
+
+
 def test_the_filter_of_the_fit_comes_back_from_the_file(laboratory):
     setup = replace(SETUP, cutoff_hz=8.0, filter_method="realtime")
     trial = laboratory().random_trial(1, rate_hz=100, duration=20)

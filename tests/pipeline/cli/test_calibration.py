@@ -202,3 +202,12 @@ def test_a_check_without_a_calibration_is_refused(moving_study, tmp_path):
     (tmp_path / "study.toml").write_text('[treadmill]\ncheck = "day2.c3d"\n[conditions.level]\n')
     with pytest.raises(ValueError, match="check: has no effect without a calibration"):
         read_study(tmp_path)
+
+
+def test_a_calibration_that_does_not_know_its_belts_says_so_when_it_is_fitted_and_checked(
+    moving_study, tmp_path, capsys
+):
+    fit(empty(1), tmp_path)
+    assert "does not know the speed of its belts" in " ".join(capsys.readouterr().out.split())
+    codes = [remark.note.code for remark in check_study(read_study(moving_study)).remarks]
+    assert "uncertainty_calibration_belts_unknown" in codes

@@ -132,7 +132,7 @@ def belt_notes(trial, calibration):
     return [(n.code, dict(n.values)) for n in ground.notes if "belts" in n.code]
 
 
-def test_trials_whose_belts_are_faster_than_those_of_the_calibration_are_told(empty):
+def test_trials_whose_belts_are_faster_than_those_of_the_calibration_say_so(empty):
     others = [with_belts(beside(2), 1.3)]
     known = fit_calibration(with_belts(empty, 2.0), TREADMILL, beside=others)
     np.testing.assert_allclose(known.plates["plate 1"].model_error.belts_mps, [2.0, 1.3])
