@@ -1,5 +1,6 @@
 """The delay of force plates behind markers, from the motion of the subject's own body."""
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -95,9 +96,12 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     best = int(np.argmin(spread))
     scale = max(NOISE_FLOOR_N, spread[best])
 
+    @lru_cache(maxsize=2)  # slopes by the offsets need the same shift again
+    def shifted(delay_s: float) -> Array:
+        return interpolate(time, plate, at + delay_s)
+
     def residual(parameters: Array) -> Array:
-        error = interpolate(time, plate, at + parameters[0]) - wanted - parameters[1:]
-        return np.ravel(error)
+        return np.ravel(shifted(parameters[0]) - wanted - parameters[1:])
 
     free = np.full(3, np.inf)
     fit = least_squares(

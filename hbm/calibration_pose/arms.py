@@ -9,7 +9,7 @@ from hbm.calibration_pose.anatomy import MEDIAL_SIGN, Anatomy, Measures
 from hbm.calibration_pose.hinges import chord
 from hbm.coordinates import SIDES
 from hbm.notes import Note
-from hbm.spatial import Array, distance, unit
+from hbm.spatial import Array, cross, distance, unit
 
 HALF_WIDTH_PER_FOREARM: Final = 0.155
 """Half the width of an elbow without medial marker or measured width, as a share of the distance
@@ -120,7 +120,7 @@ def elbow_center(
     outward = outward - (outward @ along) * along
     share = min(half_width / float(np.linalg.norm(outward)), 1.0)
     outward = unit(outward)
-    across = MEDIAL_SIGN[side] * np.cross(along, outward)
+    across = MEDIAL_SIGN[side] * cross(along, outward)
     return np.asarray(lateral + half_width * (np.sqrt(1 - share**2) * across - share * outward))
 
 
@@ -168,7 +168,7 @@ def _shoulder(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, sid
     offset = measures.limb(side).shoulder_offset_m
     if offset is not None and "JN" in at:
         notch = at["JN"] - measures.marker_offset_m * thorax[:, 0]
-        down = MEDIAL_SIGN[side] * np.cross(notch - acromion, thorax[:, 0])
+        down = MEDIAL_SIGN[side] * cross(notch - acromion, thorax[:, 0])
         reach = offset + measures.marker_offset_m
         return chord(acromion, notch, down, reach, f"{side} shoulder")
     if {"LSHO", "RSHO"} <= set(at):
@@ -180,4 +180,4 @@ def _shoulder(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures, sid
 
 def _palmar(thumb: Array, along: Array, side: str) -> Array:
     """Give the direction from the back of a wrist or hand to the palm, (3,)."""
-    return MEDIAL_SIGN[side] * unit(np.cross(thumb, along))
+    return MEDIAL_SIGN[side] * unit(cross(thumb, along))

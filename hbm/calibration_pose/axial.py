@@ -8,7 +8,7 @@ import numpy as np
 from hbm.calibration_pose.anatomy import MEDIAL_SIGN, Anatomy, Measures, need
 from hbm.coordinates import SIDES, UP
 from hbm.notes import Note
-from hbm.spatial import Array, axes_from, distance, perpendicular, unit
+from hbm.spatial import Array, axes_from, cross, distance, perpendicular, unit
 
 LUMBAR_PER_PELVIS_WIDTH: Final = {
     "male": (-0.264, 0.126),
@@ -83,7 +83,7 @@ def pelvis_frame(landmarks: Mapping[str, Array]) -> tuple[Array, Array, Array, l
         (back,) = need(at, "SACR", purpose="the pelvis", instead="LPSIS with RPSIS")
         notes.append(Note.of("psis_missing"))
     origin, across = (left + right) / 2, left - right
-    return axes_from(across, np.cross(origin - back, across), exact="left"), origin, back, notes
+    return axes_from(across, cross(origin - back, across), exact="left"), origin, back, notes
 
 
 def _iliac_spines(landmarks: Mapping[str, Array]) -> tuple[dict[str, Array], list[Note]]:
@@ -178,7 +178,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
     notes = [] if low else [Note.of("trunk_axis_from_lumbar_joint")]
     if "C7" in at and "JN" in at:
         top, forward = (at["C7"] + at["JN"]) / 2, at["JN"] - at["C7"]
-        R = axes_from(np.cross(top - bottom, forward), top - bottom, exact="up")
+        R = axes_from(cross(top - bottom, forward), top - bottom, exact="up")
         neck = at["C7"] + _neck(forward, R[:, 2], measures)
     elif "LSHO" in at and "RSHO" in at:
         top = neck = (at["LSHO"] + at["RSHO"]) / 2
@@ -188,7 +188,7 @@ def locate_trunk(anatomy: Anatomy, at: Mapping[str, Array], measures: Measures) 
         root = anatomy.points["lumbar"]
         up = unit(bottom - root)
         top = neck = root + ((at["JN"] - root) @ up) * up
-        R = axes_from(np.cross(up, at["XIPH"] - at["T10"]), up, exact="up")
+        R = axes_from(cross(up, at["XIPH"] - at["T10"]), up, exact="up")
         notes.append(Note.of("trunk_axis_to_jugular_notch"))
     else:
         if not TRUNK_LANDMARKS.isdisjoint(at):

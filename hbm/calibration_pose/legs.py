@@ -9,7 +9,7 @@ from hbm.calibration_pose.anatomy import MEDIAL_SIGN, Anatomy, Measures, need
 from hbm.calibration_pose.hinges import chord, locate_hinge
 from hbm.coordinates import SIDES
 from hbm.notes import Note
-from hbm.spatial import Array, distance, perpendicular, unit
+from hbm.spatial import Array, cross, distance, perpendicular, unit
 
 HALF_WIDTH_PER_SHANK: Final = {"knee": 0.118, "ankle": 0.085}
 """Half the width of a joint without medial marker or stated width, as a share of the distance from
@@ -115,7 +115,7 @@ def alignment_corner(at: Mapping[str, Array], letter: str, hip: Array) -> Array 
         return None
     a, b, c, ankle = (at[name] for name in names)
     span = (distance(a, b) + distance(b, c) + distance(c, a)) / 3
-    normal = unit(np.cross(b - a, c - a))
+    normal = unit(cross(b - a, c - a))
     corners = ((a + b + c) / 3 + way * span / np.sqrt(6) * normal for way in (1, -1))
     nearer: Array = min(corners, key=lambda p: distance(p, hip) + distance(p, ankle))
     return nearer

@@ -18,7 +18,7 @@ import numpy as np
 from hbm.calibration_pose.anatomy import MEDIAL_SIGN, Anatomy
 from hbm.coordinates import DOWN, FIXED_TO, FORWARD, LEFT, PARENT, SIDES
 from hbm.segments import Proportions
-from hbm.spatial import Array, axes_from, perpendicular, rotation_about, unit
+from hbm.spatial import Array, axes_from, cross, perpendicular, rotation_about, unit
 
 SUBTALAR_INCLINATION_RAD: Final = np.radians(42.0)
 SUBTALAR_DEVIATION_RAD: Final = np.radians(16.0)
@@ -118,7 +118,7 @@ def average(shapes: list[Shape]) -> Shape:
 
 def _angle_about(axis: Array, zero: Array, direction: Array) -> float:
     """Give the angle about an axis from one direction to another, both projected along it."""
-    across = axis @ np.cross(zero, direction)
+    across = axis @ cross(zero, direction)
     return float(np.arctan2(across, zero @ direction - (axis @ zero) * (axis @ direction)))
 
 
@@ -131,7 +131,7 @@ def _subtalar(along: Array, medial: float) -> Array:
     left = perpendicular(np.array(LEFT), along)
     deviation, inclination = SUBTALAR_DEVIATION_RAD, SUBTALAR_INCLINATION_RAD
     level = np.cos(deviation) * along + medial * np.sin(deviation) * left
-    return np.asarray(np.cos(inclination) * level + np.sin(inclination) * np.cross(along, left))
+    return np.asarray(np.cos(inclination) * level + np.sin(inclination) * cross(along, left))
 
 
 class _Builder:
@@ -215,7 +215,7 @@ class _Builder:
         axes[f"{s}ElbowFlexion"], axes[f"{s}ForeArmPronation"] = bend, sign * up
 
         left = perpendicular(R.T @ wrist_axis, up)
-        ahead = np.cross(left, up)
+        ahead = cross(left, up)
         axes[f"{s}WristFlexion"], axes[f"{s}HandAbduction"] = -left, -sign * ahead
         tip = wrist - self.length["hand"] * (R @ up) if knuckle is None else knuckle
         x, y, z = np.stack([ahead, left, up]) @ R.T @ unit(tip - wrist)

@@ -108,9 +108,9 @@ LIMITED: Final = np.isfinite(LOW)
 LIMITED_BALL_JOINTS: Final = tuple(i for i in BALL_JOINTS if LIMITED[i])
 
 
-def _excess(angle: Array) -> Array:
-    """Give how far coordinates are beyond their ranges, (..., 46) [rad]; 0 within."""
-    return np.maximum(0, np.maximum(LOW - angle, angle - HIGH))
+def _excess(angle: Array, of: slice = slice(None)) -> Array:
+    """Give how far coordinates, by default all 46, are beyond their ranges [rad]; 0 within."""
+    return np.maximum(0, np.maximum(LOW[of] - angle, angle - HIGH[of]))
 
 
 def _nearest_to_ranges(q: Array) -> Array:
@@ -118,17 +118,15 @@ def _nearest_to_ranges(q: Array) -> Array:
     best = _within_a_turn(q)
     for i in LIMITED_BALL_JOINTS:
         joint = slice(i, i + 3)
-        other = best.copy()
-        other[:, joint] = best[:, joint] * [1, -1, 1] + np.pi
-        other = _within_a_turn(other)
-        nearer = _excess(other)[:, joint].sum(axis=1) < _excess(best)[:, joint].sum(axis=1)
-        best[nearer, joint] = other[nearer, joint]
+        other = _within_a_turn(best[:, joint] * [1, -1, 1] + np.pi, joint)
+        nearer = _excess(other, joint).sum(axis=1) < _excess(best[:, joint], joint).sum(axis=1)
+        best[nearer, joint] = other[nearer]
     return best
 
 
-def _within_a_turn(q: Array) -> Array:
+def _within_a_turn(q: Array, of: slice = slice(None)) -> Array:
     """Add the full turns that bring angles within half a turn of the middle of their range."""
-    angle = q.copy()
-    middle = (LOW[LIMITED] + HIGH[LIMITED]) / 2
-    angle[:, LIMITED] = (q[:, LIMITED] - middle + np.pi) % (2 * np.pi) - np.pi + middle
+    angle, limited = q.copy(), LIMITED[of]
+    middle = (LOW[of][limited] + HIGH[of][limited]) / 2
+    angle[:, limited] = (q[:, limited] - middle + np.pi) % (2 * np.pi) - np.pi + middle
     return angle

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from compensation.platform.pose import PlatformPose
-from hbm.coordinates import COORDINATES, HBM_ORDER, INDEX
+from hbm.coordinates import COORDINATES, HBM_ORDER
 from hbm.dynamics import Dynamics
 from hbm.engines.engine import EngineUsed
 from hbm.markers import Markers
@@ -164,14 +164,16 @@ def read_frames(table: pa.Table, header: TrialHeader, engine: EngineUsed) -> Fra
     )
 
 
-def _columns(prefix: str, names: Iterable[str], values: Array) -> dict[str, Column]:
-    """Name the columns of (T, K) values."""
-    return {f"{prefix}.{n}": column for n, column in zip(names, values.T, strict=True)}
+def _columns(prefix: str, names: Iterable[str], values: Array | Mask) -> dict[str, Column]:
+    """Name the columns of (T, K) values, each in one piece, which Arrow need not copy."""
+    columns = np.ascontiguousarray(values.T)
+    return {f"{prefix}.{n}": column for n, column in zip(names, columns, strict=True)}
 
 
 def _by_coordinate(prefix: str, values: Array | Mask) -> dict[str, Column]:
     """Name the columns of (T, 46) values, in the Human Body Model's order."""
-    return {f"{prefix}.{name}": values[:, INDEX[name]] for name in HBM_ORDER}
+    columns = _columns(prefix, COORDINATES, values)
+    return {name: columns[name] for name in (f"{prefix}.{c}" for c in HBM_ORDER)}
 
 
 def _event_labels(time: Array, events: Iterable[Event]) -> list[str]:

@@ -157,17 +157,16 @@ def process_recording(
         recording, laboratory, motion.time, settings.plate_delay_s, settings.cutoff_hz
     )
     best, feet = ground.variants[ground.best], feet_of(body, unfiltered)
+    under_feet = share_between_feet(
+        motion.time,
+        best,
+        feet,
+        settings.contact_threshold_n,
+        numbers=[plate.number for plate in recording.plates],
+        stated=contacts,
+    )
     shared = {
-        variant: share_between_feet(
-            motion.time,
-            plates,
-            feet,
-            settings.contact_threshold_n,
-            judged_by=best,
-            numbers=[plate.number for plate in recording.plates],
-            stated=contacts,
-        )
-        for variant, plates in ground.variants.items()
+        variant: under_feet.with_wrenches(plates) for variant, plates in ground.variants.items()
     }
     wrenches = {
         variant: _filtered(by_variant.by_foot, motion, settings)
@@ -177,7 +176,6 @@ def process_recording(
         body, motion, [*wrenches.values()], jobs=jobs, engine=settings.engine
     )
     dynamics = dict(zip(wrenches, by_variant, strict=True))
-    under_feet = shared[ground.best]
 
     sources = EventSources(
         recording.events,

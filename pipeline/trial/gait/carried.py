@@ -111,10 +111,10 @@ def carried_frames(
     lasting = uniform_filter1d(deficit, frames, mode="nearest") > MAX_LASTING_DEFICIT
     missing |= lasting & (deficit > 0)
     for side in SIDES:
-        for start, stop in stances(events, side):
-            inside = (time >= start) & (time < stop)
+        for start, stop in np.searchsorted(time, stances(events, side)):
+            inside = slice(start, stop)
             loaded = feet[f"{side}_foot"][inside, 2] > threshold_n
-            if inside.any() and np.mean(loaded) < MIN_LOADED_SHARE:
+            if len(loaded) and np.mean(loaded) < MIN_LOADED_SHARE:
                 missing[inside] |= np.mean(deficit[inside]) > MIN_STANCE_DEFICIT
     settled = np.flatnonzero((time >= time[0] + 1 / cutoff_hz) & (time <= time[-1] - 1 / cutoff_hz))
     if len(settled):
@@ -163,5 +163,6 @@ def widened(mask: Mask, time: Array, before_s: float, after_s: float) -> Mask:
     """Add to the frames of a mask those within a time before and after them."""
     wide = mask.copy()
     for start, stop in stretches(mask):
-        wide |= (time >= time[start] - before_s) & (time <= time[stop - 1] + after_s)
+        first = np.searchsorted(time, time[start] - before_s)
+        wide[first : np.searchsorted(time, time[stop - 1] + after_s, "right")] = True
     return wide

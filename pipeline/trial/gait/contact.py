@@ -1,7 +1,7 @@
 """Which foot stood on which plate, contact by contact."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -79,11 +79,18 @@ class SharedPlates:
         Frames in which the split between the feet is uncertain, (T,).
     contacts
         All contacts in order of plate and time.
+    foot_of_plates
+        Per plate whose foot it carries in each frame, 0 left and 1 right, (T,).
     """
 
     by_foot: Mapping[str, Array]
     ambiguous: Mask
     contacts: tuple[Contact, ...]
+    foot_of_plates: tuple[Array, ...] = ()
+
+    def with_wrenches(self, wrenches: Sequence[Array]) -> "SharedPlates":
+        """Give other wrenches of the plates, (T, 6) each, to the same feet."""
+        return replace(self, by_foot=_by_foot(wrenches, self.foot_of_plates))
 
 
 def feet_of(body: Body, motion: Motion) -> Array:
@@ -101,7 +108,6 @@ def share_between_feet(
     feet: Array,
     threshold_n: float,
     *,
-    judged_by: Sequence[Array] | None = None,
     numbers: Sequence[int] | None = None,
     stated: Sequence[PlateContact] = (),
 ) -> SharedPlates:
@@ -112,14 +118,13 @@ def share_between_feet(
     time
         (T,) [s].
     wrenches
-        Per plate, action on the subject in lab axes about the lab origin, (T, 6) [N, N·m].
+        Per plate, action on the subject in lab axes about the lab origin, (T, 6) [N, N·m]. Where a
+        moving platform's inertia is in others, these are of the subject alone, and the others are
+        given to the same feet (`SharedPlates.with_wrenches`).
     feet
         Middle of the left and the right foot in the lab, (T, 2, 3) [m].
     threshold_n
         Vertical force above which a plate is loaded [N].
-    judged_by
-        Per plate, the wrench whose centre of pressure decides, if not ``wrenches``: that of the
-        subject alone where these contain a moving platform's inertia too.
     numbers
         Of the plates in the file, which may lack some; by default from 1.
     stated
@@ -146,17 +151,25 @@ def share_between_feet(
     """
     numbers = numbers or range(1, len(wrenches) + 1)
     require_contacts(stated, numbers, time)
-    by_foot: dict[str, Array] = {foot: np.zeros((len(feet), 6)) for foot in FEET}
-    ambiguous, contacts = np.zeros(len(feet), bool), []
-    for number, wrench, judged in zip(numbers, wrenches, judged_by or wrenches, strict=True):
-        plate = _Plate(time, judged, feet, threshold_n)
+    ambiguous, contacts, foot_of_plates = np.zeros(len(feet), bool), list[Contact](), list[Array]()
+    for number, wrench in zip(numbers, wrenches, strict=True):
+        plate = _Plate(time, wrench, feet, threshold_n)
         plate.overrule([each for each in stated if each.plate == number])
         foot_index = plate.foot_of_frames()
         contacts += plate.contacts(number, foot_index)
         ambiguous |= plate.uncertain
+        foot_of_plates.append(foot_index)
+    by_foot = _by_foot(wrenches, foot_of_plates)
+    return SharedPlates(by_foot, ambiguous, tuple(contacts), tuple(foot_of_plates))
+
+
+def _by_foot(wrenches: Sequence[Array], foot_of_plates: Sequence[Array]) -> dict[str, Array]:
+    """Add up the wrenches of the plates, (T, 6) each, under each foot."""
+    by_foot: dict[str, Array] = {foot: np.zeros(wrenches[0].shape) for foot in FEET}
+    for wrench, foot_index in zip(wrenches, foot_of_plates, strict=True):
         for k, foot in enumerate(FEET):
             by_foot[foot] += np.where((foot_index == k)[:, None], wrench, 0.0)
-    return SharedPlates(by_foot, ambiguous, tuple(contacts))
+    return by_foot
 
 
 def require_contacts(stated: Iterable[PlateContact], numbers: Sequence[int], time: Array) -> None:

@@ -95,6 +95,13 @@ def test_choice_and_dynamic_model_survive_the_file(recordings):
     assert replace(calibration, dynamic={}).in_use["plate 1"] is static["plate 1"]
     with pytest.raises(ValueError, match="a dynamic model of every plate, or of none"):
         replace(calibration, plates=static | {"plate 2": static["plate 1"]})
+    other = replace(models["plate 1"], lags_s=[2 * lag_s for lag_s in models["plate 1"].lags_s])
+    with pytest.raises(ValueError, match="need the same lags"):
+        replace(
+            calibration,
+            plates=static | {"plate 2": static["plate 1"]},
+            dynamic=models | {"plate 2": other},
+        )
 
 
 def test_what_cannot_be_compared_is_refused():

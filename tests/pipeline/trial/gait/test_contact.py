@@ -170,7 +170,7 @@ def test_feet_are_assigned_by_the_forces_of_the_subject_alone():
     measured = [wrench + artefact for wrench in alone]
     by_themselves = share(measured, feet).by_foot
     assert not np.array_equal(by_themselves["left_foot"], measured[LEFT])
-    shared = share(measured, feet, judged_by=alone).by_foot
+    shared = share(alone, feet).with_wrenches(measured).by_foot
     np.testing.assert_array_equal(shared["left_foot"], measured[LEFT])
     np.testing.assert_array_equal(shared["right_foot"], measured[RIGHT])
 
