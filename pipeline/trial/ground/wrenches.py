@@ -142,7 +142,6 @@ def ground_wrenches(
         rate_hz = recording.markers.rate_hz
         speed = fastest_belt(recording, treadmill)
         belts_mps = None if speed is None else interpolate(*speed, times[0])
-        notes += belt_speed_notes(recording, treadmill, models)
         spreads = [
             wrench_spread(model, acceleration, plate, pose, cutoff_hz, rate_hz, belts_mps)
             for model, plate, acceleration in zip(models, plates, felt, strict=True)
@@ -202,6 +201,7 @@ def _without_inertia(
         notes.append(Note.of("uncertainty_of_noise_alone"))
     elif BESIDE not in laboratory.calibration.provenance:
         notes.append(Note.of("uncertainty_without_people"))
+    notes += belt_speed_notes(recording, treadmill, models)
     notes += [*corrected_sensors(sensors), *laboratory.notes]
     return compensated, felt, notes
 
