@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.interpolate import CubicSpline
-from scipy.signal import correlate
 from scipy.special import stdtrit
 
 from compensation.inputs import (
@@ -232,11 +232,12 @@ def _best_lag(x: Array, y: Array, reach: int) -> tuple[int, float]:
     """Whole samples that `y` lags by and the share of its variance explained there."""
     u, s, _ = np.linalg.svd(x, full_matrices=False)
     lags = np.arange(-reach, reach + 1)
-    middle = len(x) - 1
+    length = next_fast_len(len(x) + reach, real=True)
+    late = rfft(y.T, length)
     power = np.zeros(len(lags))
     for column in u[:, s > MIN_SINGULAR_SHARE * s[0]].T:
-        for channel in y.T:
-            power += correlate(channel, column, method="fft")[middle + lags] ** 2
+        correlation = irfft(late * rfft(column, length).conj(), length)
+        power += np.sum(correlation[:, lags] ** 2, axis=0)
     best = int(np.argmax(power))
     return int(lags[best]), float(power[best] / np.sum(y**2))
 
