@@ -226,14 +226,17 @@ def of_two_rollers(speed, rng):
     return noise + UNBALANCE * speed**2 * sum(np.sin(turns + angle) for angle in angles)
 
 
-@pytest.mark.parametrize("speeds", [(0.0, 3.0), (0.0, 1.3, 2.5, 3.0), (0.0, 1.3, 3.0, 3.0, 3.0)])
-def test_rollers_are_held_although_few_recordings_show_their_angle(speeds):
-    """It is another one in every recording, so that one may leave little and the next one much."""
+@pytest.mark.parametrize(
+    ("speeds", "least", "most"),
+    [((3.0,), 0.79, 0.86), ((0.0, 3.0), 0.86, 0.92), ((0.0, 1.3, 2.5, 3.0), 0.92, 0.97)],
+)
+def test_rollers_are_held_where_two_recordings_are_near_the_fastest_speed(speeds, least, most):
+    """Their angle is another one in every recording: one may leave little and the next one much."""
     rng, held = np.random.default_rng(19), []
-    for _ in range(40):
+    for _ in range(100):
         felt = [rng.normal(0, 0.01, (1000, 3)) for _ in speeds]
         left = [of_two_rollers(speed, rng) for speed in speeds]
         error = fit_model_error(felt, left, left, RATE_HZ, np.zeros(6), speeds)
-        sigma = np.sqrt(error.variance(felt[0], RATE_HZ, belts_mps=2.8))
-        held.append(np.abs(of_two_rollers(2.8, rng)) <= 1.96 * sigma)
-    assert 0.90 < np.mean(held) < 0.99
+        sigma = np.sqrt(error.variance(felt[0], RATE_HZ, belts_mps=3.0))
+        held.append(np.abs(of_two_rollers(3.0, rng)) <= 1.96 * sigma)
+    assert least < np.mean(held) < most
