@@ -53,10 +53,10 @@ cutoff_hz = 20.0
 # (95 % interval 0.99–1.05), those with square waves of sway 1.04 (0.99–1.08), and belts at 3 m/s
 # as much as belts at rest (1.00, 0.97–1.02); of the lateral force this one left a fifth more than
 # plain random motion. But holding a tilted position gives the fit a constant component of gravity,
-# and its sways and tilts are as quick and as far as any that the machine can
-# do, so that trials hardly go beyond them. The study that this package reproduces found square
-# waves of sway best, in one experiment; in ours, the best one varies between laboratories.
-# `hbm calibration rank` ranks them on your machine, with the uncertainty of that one experiment.
+# and its sways and tilts are as quick and as far as any that the machine can do, so that trials
+# hardly go beyond them. The study that this package reproduces found square waves of sway best, in
+# one experiment; in ours, the best one varies between laboratories. `hbm calibration rank` ranks
+# them on your machine, with the uncertainty of that one experiment.
 
 # %%
 drawn = {signal.name: signal for signal in pitch_and_sway_signals(seed=1, belt_speed=3.0)}

@@ -132,9 +132,9 @@ def page(rankings: Sequence[Ranking], seeds: Sequence[int]) -> str:
             f"|---|{'---:|' * len(WRENCH_COMPONENTS)}",
             *cells,
             "",
-            "Signals hardly differ, and a longer one does not leave less. The advised one is advised "
-            "for its range: it holds the fastest moves and the held positions that trials may have, "
-            "and its belts run as fast as those of people who run.",
+            "Signals hardly differ, and a longer one does not leave less. The advised one is "
+            "advised for its range: it holds the fastest moves and the held positions that trials "
+            "may have, and its belts run as fast as those of people who run.",
             "",
             f"Best mean places of 28: {best}; `{ADVISED_PLATFORM_SIGNAL}` has "
             f"{mean_place[ADVISED_PLATFORM_SIGNAL]:.1f}. Of the winners, "
