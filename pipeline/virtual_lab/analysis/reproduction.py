@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel
 
+from hbm.spatial import Array
 from pipeline.virtual_lab.analysis.judgement import judge
 from pipeline.virtual_lab.analysis.printed_table_3 import printed_cells
 from pipeline.virtual_lab.analysis.processed_study import (
@@ -38,9 +39,11 @@ from pipeline.virtual_lab.protocol.walking_study import ProgressCallback
 AS_IS: Final = "as it is"
 DOCUMENTED: Final = "documented"
 ESTIMATED: Final = "estimated"
+ADDED: Final = "with an added residual"
 LABORATORIES: Final = (AS_IS, DOCUMENTED, ESTIMATED)
 """The given one; with what the thesis documents; and with what it does not state as estimated from
-the cells without compensation."""
+the cells without compensation. `ADDED` is the last one if each axis had a residual besides; it is
+not simulated."""
 ITEMS: Final = {
     "real-time filter": ("protocol.filter",),
     "plates late by 4 and 2 ms": ("faults.plates.delay_s", "faults.plates.right_later_s"),
@@ -72,9 +75,11 @@ class Reproduction:
         after each onset.
     unstated
         The estimates of what the thesis does not state.
+    unstated_adding
+        The same with an added residual per axis.
     judged
-        Cells with compensation of the documented and of the estimated laboratory:
-        laboratory, and the columns of `pipeline.virtual_lab.analysis.judgement.judge`.
+        Cells with compensation of the documented and the estimated laboratory, and with an added
+        residual: laboratory, and the columns of `pipeline.virtual_lab.analysis.judgement.judge`.
     single
         item, condition, compensated, axis, rms: of shorter studies with one of `ITEMS` each, mean
         over their subjects; item "none" for the laboratory as it is.
@@ -86,6 +91,7 @@ class Reproduction:
     residuals: pd.DataFrame
     windows: pd.DataFrame
     unstated: Estimate
+    unstated_adding: Estimate
     judged: pd.DataFrame
     single: pd.DataFrame
     cycle_s: float
@@ -179,28 +185,57 @@ def reproduce(
     level = cells_by_subject(studies[DOCUMENTED].residuals, studies[DOCUMENTED].windows)
     responses = respond(documented(setting), level, jobs, step)
     unstated = estimate(responses, printed_cells())
+    unstated_adding = estimate(responses, printed_cells(), adding=True)
     studies[ESTIMATED] = _simulated(unstated.value.apply(documented(setting)), jobs, step)
     for item, own in single.items():
         with TemporaryDirectory(prefix="hbm_") as folder:
             paths = process(own, Path(folder), jobs, step)
             means.append(cell_means(study_residuals(paths)).assign(item=item))
-    judged = [
-        judge(headline_cells(studies[DOCUMENTED].residuals), printed_cells()),
-        judge(
-            headline_cells(studies[ESTIMATED].residuals),
-            printed_cells(),
-            unstated.error,
-            unstated.freedom,
-        ),
-    ]
     return Reproduction(
         setting,
         _joined({name: study.residuals for name, study in studies.items()}),
         _joined({name: study.windows for name, study in studies.items()}),
         unstated,
-        _joined(dict(zip((DOCUMENTED, ESTIMATED), judged, strict=True))),
+        unstated_adding,
+        judgements(
+            headline_cells(studies[DOCUMENTED].residuals),
+            headline_cells(studies[ESTIMATED].residuals),
+            unstated,
+            unstated_adding,
+        ),
         pd.concat(means, ignore_index=True),
         cycle_s=float(np.mean([span for study in studies.values() for span in study.cycles])),
+    )
+
+
+def judgements(
+    documented_cells: Array, estimated_cells: Array, unstated: Estimate, adding: Estimate
+) -> pd.DataFrame:
+    """Judge the laboratories by the cells with compensation.
+
+    Parameters
+    ----------
+    documented_cells, estimated_cells
+        Of the two laboratories by subject, (subjects, 36) [N, N·m].
+    unstated, adding
+        The estimates of the second one, and those with an added residual: of these, people differ
+        as in the documented laboratory.
+
+    Returns
+    -------
+    pandas.DataFrame
+        As `Reproduction.judged`.
+    """
+    printed = printed_cells()
+    interpolated = adding.predicted[adding.value.pose] * (
+        documented_cells / documented_cells.mean(axis=0)
+    )
+    return _joined(
+        {
+            DOCUMENTED: judge(documented_cells, printed),
+            ESTIMATED: judge(estimated_cells, printed, unstated.error, unstated.freedom),
+            ADDED: judge(interpolated, printed, adding.error, adding.freedom),
+        }
     )
 
 

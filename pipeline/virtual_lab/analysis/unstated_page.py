@@ -5,12 +5,18 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from hbm.spatial import Array, Mask
 from pipeline.trial.residuals import AXES, UNITS
 from pipeline.virtual_lab.analysis.page_table import markdown
 from pipeline.virtual_lab.analysis.printed_table_3 import printed_cells
 from pipeline.virtual_lab.analysis.processed_study import CELLS, KEYS, headline_cells
-from pipeline.virtual_lab.analysis.reproduction import DOCUMENTED, ESTIMATED, Reproduction
-from pipeline.virtual_lab.analysis.unstated import FITTED, POSES
+from pipeline.virtual_lab.analysis.reproduction import (
+    ADDED,
+    DOCUMENTED,
+    ESTIMATED,
+    Reproduction,
+)
+from pipeline.virtual_lab.analysis.unstated import FITTED, POSES, Estimate, Pose
 from pipeline.virtual_lab.analysis.unstated_response import PROTOCOL
 
 QUANTITIES: Final = {
@@ -21,6 +27,9 @@ QUANTITIES: Final = {
     "window_s": ("part of a perturbation that counts [s]", ".2f", "the motion, 0.27"),
 }
 """Estimated number -> what it is, how it is written, and its value in the documented laboratory."""
+JUDGED: Final = (DOCUMENTED, ESTIMATED, ADDED)
+POSE_FITS: Final[dict[Pose, str]] = {"channels": "with", "none": "without"}
+YES_OR_NO: Final[dict[Pose, str]] = {"channels": "yes", "none": "no"}
 UNIT: Final = dict(zip(AXES, UNITS, strict=True))
 
 
@@ -37,100 +46,111 @@ def unstated_parts(found: Reproduction) -> dict[str, object]:
     dict
         Name -> text or number.
     """
-    estimate = found.unstated
+    estimate, adding = found.unstated, found.unstated_adding
     pose, other = estimate.value.pose, next(p for p in POSES if p != estimate.value.pose)
-    predicted = {p: pd.Series(cells, CELLS) for p, cells in estimate.predicted.items()}
-    printed = printed_cells().set_index(KEYS)["mean"]
-    without = predicted["none"]
+    without = pd.Series(adding.predicted["none"], CELLS)
     judged = found.judged.set_index("laboratory")
-    unexplained = judged[(judged.index == ESTIMATED) & ~judged["explained"]]
     own = found.residuals[found.residuals["laboratory"] == ESTIMATED]
     simulated = headline_cells(own).mean(axis=0)
     off = np.abs(simulated / estimate.predicted[pose] - 1)[FITTED]
+    printed = printed_cells().set_index(KEYS).loc[CELLS, "mean"].to_numpy()
     return {
         "estimates": _estimates(found),
         "few": PROTOCOL.subjects,
-        "pose_fits": {"channels": "with", "none": "without"}[pose],
+        "pose_fits": POSE_FITS[pose],
         "misfit": estimate.misfit[pose],
         "misfit_other": estimate.misfit[other],
         "freedom": estimate.freedom,
-        "widened": max(1.0, np.sqrt(estimate.misfit[pose] / estimate.freedom)),
+        "widened": _widening(estimate),
         "interpolated": 100 * float(np.median(off)),
         "interpolated_most": 100 * float(off.max()),
-        "no_pose_pitch_fx": without["pitch", False, "Fx"],
-        "no_pose_pitch_fx_ic": without["pitch", True, "Fx"],
-        "no_pose_pitch_my_ic": without["pitch", True, "My"],
+        "adding_misfit": adding.misfit[adding.value.pose],
+        "adding_freedom": adding.freedom,
+        "adding_widened": _widening(adding),
+        "added": _by_axis(adding.added),
+        "shaken": _baseline(simulated, FITTED),
+        "calmed": _baseline(simulated, ~FITTED),
+        "printed_shaken": _baseline(printed, FITTED),
+        "printed_calmed": _baseline(printed, ~FITTED),
+        "no_pose_fx": without["pitch", False, "Fx"],
+        "no_pose_fx_ic": without["pitch", True, "Fx"],
+        "no_pose_my_ic": without["pitch", True, "My"],
         "met_removed": _judgement(judged, removed=True),
         "met_others": _judgement(judged, removed=False),
-        "explained_removed": _count(judged.loc[[ESTIMATED]], removed=True),
-        "explained_others": _count(judged.loc[[ESTIMATED]], removed=False),
-        "documented_removed": _count(judged.loc[[DOCUMENTED]], removed=True),
-        "documented_others": _count(judged.loc[[DOCUMENTED]], removed=False),
-        "unexplained": _named(unexplained),
-        "missing": _missing(pd.Series(simulated, CELLS), printed),
+        "removed_counts": _counts(judged, removed=True),
+        "others_counts": _counts(judged, removed=False),
+        "unexplained": _unexplained(judged.loc[[ESTIMATED]]),
+        "unexplained_adding": _unexplained(judged.loc[[ADDED]]),
     }
 
 
+def _widening(estimate: Estimate) -> float:
+    """Give by how much intervals are widened because the fit is worse than its errors."""
+    return max(1.0, float(np.sqrt(estimate.misfit[estimate.value.pose] / estimate.freedom)))
+
+
 def _estimates(found: Reproduction) -> str:
-    estimate = found.unstated
-    rows = [["Value", "Documented", "Estimated", "95 % interval"]]
+    heads = ["Value", "Documented", "Estimated", "95 % interval"]
+    rows = [[*heads, "With an added residual", "95 % interval"]]
     for name, (title, form, before) in QUANTITIES.items():
-        value, low, high = (
-            format(getattr(end, name), form)
-            for end in (estimate.value, estimate.low, estimate.high)
-        )
-        edge = ", at the edge" if name in estimate.at_edge else ""
-        rows.append([title, before, f"{value}{edge}", f"{low} to {high}"])
-    pose = {"channels": "yes", "none": "no"}[estimate.value.pose]
-    rows.append(["the pose turned the forces into the lab", "yes", pose, ""])
+        row = [title, before]
+        for estimate in (found.unstated, found.unstated_adding):
+            value, low, high = (
+                format(getattr(end, name), form)
+                for end in (estimate.value, estimate.low, estimate.high)
+            )
+            edge = ", at the edge" if name in estimate.at_edge else ""
+            row += [f"{value}{edge}", f"{low} to {high}"]
+        rows.append(row)
+    poses = [YES_OR_NO[own.value.pose] for own in (found.unstated, found.unstated_adding)]
+    rows.append(["the pose turned the forces into the lab", "yes", poses[0], "", poses[1], ""])
     return markdown(rows)
 
 
 def _judgement(judged: pd.DataFrame, *, removed: bool) -> str:
-    """Lay out the cells with compensation, documented and estimated; bold where explained."""
+    """Lay out the cells with compensation; bold where explained."""
     cells = judged[judged["removed"] == removed]
-    documented, estimated = (cells.loc[[name]] for name in (DOCUMENTED, ESTIMATED))
-    rows = [["Residual", "Condition", "Thesis", "Documented", "Estimated", "By chance"]]
-    for before, after in zip(documented.itertuples(), estimated.itertuples(), strict=True):
-        rows.append(
-            [
-                f"{after.axis} ({UNIT[str(after.axis)]})",
-                str(after.condition),
-                f"{after.thesis:.1f}",
-                *(
-                    f"**{cell.simulated:.1f}**" if cell.explained else f"{cell.simulated:.1f}"
-                    for cell in (before, after)
-                ),
-                f"{after.tolerance:.1f}",
-            ]
-        )
+    rows = [["Residual", "Condition", "Thesis", *(name.capitalize() for name in JUDGED)]]
+    for row in zip(*(cells.loc[[name]].itertuples() for name in JUDGED), strict=True):
+        first = row[0]
+        texts = [f"{cell.simulated:.1f} (± {cell.tolerance:.1f})" for cell in row]
+        marked = [
+            f"**{text}**" if cell.explained else text for text, cell in zip(texts, row, strict=True)
+        ]
+        name = f"{first.axis} ({UNIT[str(first.axis)]})"
+        rows.append([name, str(first.condition), f"{first.thesis:.1f}", *marked])
     return markdown(rows)
 
 
-def _count(judged: pd.DataFrame, *, removed: bool) -> str:
-    """Say how many of the cells are explained.
+def _counts(judged: pd.DataFrame, *, removed: bool) -> str:
+    """Say how many of the cells are explained in each laboratory.
 
     Examples
     --------
-    >>> cells = pd.DataFrame({"removed": [True, True, False], "explained": [True, False, True]})
-    >>> _count(cells, removed=True)
-    '1 of 2'
+    >>> cells = pd.DataFrame(
+    ...     {"removed": [True] * 3, "explained": [True, False, True]}, index=pd.Index(JUDGED)
+    ... )
+    >>> _counts(cells, removed=True)
+    '1 of 1 documented, 0 of 1 estimated and 1 of 1 with an added residual'
     """
     own = judged.loc[judged["removed"] == removed, "explained"]
-    return f"{int(own.sum())} of {len(own)}"
+    texts = [f"{int(own[[name]].sum())} of {len(own[[name]])} {name}" for name in JUDGED]
+    return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
-def _named(cells: pd.DataFrame) -> str:
-    """Name cells by condition."""
+def _unexplained(judged: pd.DataFrame) -> str:
+    """Name the cells that are not explained, by condition."""
+    cells = judged[~judged["explained"]]
     by_condition = cells.groupby("condition", sort=False)["axis"].agg(", ".join)
     return "; ".join(f"{condition} {axes}" for condition, axes in by_condition.items()) or "none"
 
 
-def _missing(simulated: "pd.Series[float]", printed: "pd.Series[float]") -> str:
-    """Say what an independent residual would have to add at baseline with compensation."""
-    texts = []
-    for axis in AXES:
-        cell = "baseline", True, axis
-        lacking = np.sqrt(max(0.0, printed[cell] ** 2 - simulated[cell] ** 2))
-        texts.append(f"{axis} {lacking:.0f} {UNIT[axis]}")
-    return ", ".join(texts)
+def _baseline(cells: Array, variant: Mask) -> str:
+    """Write the cells of one variant at baseline, by axis."""
+    return _by_axis(cells[variant & (CELLS.get_level_values("condition") == "baseline")], "{:.0f}")
+
+
+def _by_axis(values: Array, form: str = "{:.1f}") -> str:
+    """Write a number per axis: forces [N], then moments [N·m]."""
+    texts = [form.format(value) for value in values]
+    return f"{', '.join(texts[:3])} N and {', '.join(texts[3:])} N·m"

@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 from pipeline.cli.app import app
 from pipeline.run.job import Outcome
 from pipeline.trial.residuals import AXES, UNITS
-from pipeline.virtual_lab.analysis.judgement import judge
 from pipeline.virtual_lab.analysis.printed_table_3 import printed_cells, removed
 from pipeline.virtual_lab.analysis.processed_study import (
     CELLS,
@@ -26,6 +25,7 @@ from pipeline.virtual_lab.analysis.processed_study import (
     study_residuals,
 )
 from pipeline.virtual_lab.analysis.reproduction import (
+    ADDED,
     AS_IS,
     DOCUMENTED,
     ESTIMATED,
@@ -34,6 +34,7 @@ from pipeline.virtual_lab.analysis.reproduction import (
     Reproduction,
     compared,
     documented,
+    judgements,
     reproduce,
 )
 from pipeline.virtual_lab.analysis.table_3_page import table_3_page
@@ -42,7 +43,6 @@ from pipeline.virtual_lab.analysis.unstated import (
     FITTED,
     POSES,
     Estimate,
-    Response,
     unstated_at,
 )
 from pipeline.virtual_lab.analysis.unstated_response import respond, response_steps
@@ -68,7 +68,9 @@ ESTIMATE = Estimate(
     13,
     {"channels": np.linspace(100, 450, 36), "none": np.linspace(110, 460, 36)},
     np.ones(36),
+    np.zeros(6),
 )
+ADDING = replace(ESTIMATE, at_edge=(), added=np.arange(1.0, 7.0), misfit={"channels": 9, "none": 8})
 
 
 def residuals(laboratory, offset=0.0, window="cycle", headline=True, conditions=CELLS):
@@ -105,13 +107,8 @@ def found():
             after, columns=["laboratory", "subject", "compensated", "length_s", "axis", "rms"]
         ),
         ESTIMATE,
-        pd.concat(
-            [
-                judge(headline_cells(table), printed_cells()).assign(laboratory=name)
-                for name, table in zip(LABORATORIES[1:], tables[1:], strict=True)
-            ],
-            ignore_index=True,
-        ),
+        ADDING,
+        judgements(*map(headline_cells, tables[1:]), ESTIMATE, ADDING),
         pd.DataFrame(single, columns=["item", "condition", "compensated", "axis", "rms"]),
         cycle_s=1.1,
     )
@@ -176,18 +173,38 @@ def test_where_sway_has_two_windows_both_are_shown_and_the_headline_alone_counts
 def test_the_page_shows_the_estimates_and_judges_by_the_cells_that_were_not_fitted(found):
     page = table_3_page(found)
     part = page.split("## What the thesis does not state")[1].split("\n## ")[0]
-    assert "| flexibility of the structure | 1, of a real treadmill | 4.0, at the edge |" in part
-    assert "| mass of each belt assembly [kg] | 150, stated | 150 | 136 to 165 |" in part
-    assert "52 for 13 degrees of freedom, and 90 otherwise" in " ".join(part.split())
+    text = " ".join(part.split())
+    whole = (
+        "| flexibility of the structure | 1, of a real treadmill | 4.0, at the edge | 1.0 to 16.0 |"
+    )
+    assert f"{whole} 4.0 | 1.0 to 16.0 |" in part
+    assert "| mass of each belt assembly [kg] | 150, stated | 150 | 136 to 165 | 150 |" in part
+    assert "52 for 13 degrees of freedom, and 90 otherwise" in text
+    assert "added residual 1.0, 2.0, 3.0 N and 4.0, 5.0, 6.0 N·m" in text
+    rows = [line.split(" | ") for line in part.splitlines() if "(±" in line]
+    assert [row[1] for row in rows[:5]] == [condition for condition, _ in removed(printed_cells())]
+    assert len(rows) == 18
+    for column, (laboratory, cells) in enumerate(found.judged.groupby("laboratory", sort=False)):
+        bold = sum(row[3 + column].startswith("**") for row in rows)
+        assert bold == cells["explained"].sum(), laboratory
+    unexplained = text.split("**Unexplained** remain, in the estimated laboratory: ")[1]
     judged = found.judged[found.judged["laboratory"] == ESTIMATED]
-    rows = [line for line in part.splitlines() if line.count("|") == 7]
-    assert len(rows) == 18 + 4
-    assert [row.split(" | ")[1] for row in rows[2:7]] == [c for c, _ in removed(printed_cells())]
-    bold = sum(row.split(" | ")[4].startswith("**") for row in rows)
-    assert bold == judged["explained"].sum()
+    assert not judged["explained"].all()
     for cell in judged[~judged["explained"]].itertuples():
-        unexplained = part.split("**Unexplained** remain:")[1]
         assert cell.axis in unexplained.split(f"{cell.condition} ")[1].split(";")[0]
+
+
+def test_an_added_residual_is_judged_by_what_is_interpolated_with_it():
+    tables = [headline_cells(residuals(name)) for name in LABORATORIES[1:]]
+    judged = judgements(*tables, ESTIMATE, ADDING).set_index("laboratory")
+    assert judged.index.unique().tolist() == [DOCUMENTED, ESTIMATED, ADDED]
+    expected = ADDING.predicted["none"][~FITTED]
+    assert judged.loc[ADDED, "simulated"].to_numpy() == pytest.approx(expected)
+    other = judgements(*tables, replace(ESTIMATE, error=np.full(36, 9.0)), ADDING)
+    other = other.set_index("laboratory")["tolerance"]
+    assert (other.loc[ESTIMATED] > judged.loc[ESTIMATED, "tolerance"]).all()
+    for name in (DOCUMENTED, ADDED):
+        assert (other.loc[name] == judged.loc[name, "tolerance"]).all()
 
 
 @pytest.fixture(scope="module")
@@ -295,8 +312,8 @@ def test_every_point_is_simulated_once_and_processed_with_and_without_the_pose(q
     machines = [own.faults.machine for own in simulated]
     assert {machine.flexibility for machine in machines} == {1.0, 4.0, 16.0}
     assert {machine.sway_hz for machine in machines} == {4.0, 7.0, 12.25}
+    x = np.append(np.zeros(4), np.log(0.3))
     for pose in POSES:
-        x = np.append(np.zeros(4), np.log(0.3))
         assert responses[pose].at(x) == pytest.approx(50.0)
         assert responses[pose].error == pytest.approx(0.1)
 
@@ -307,7 +324,7 @@ def test_studies_are_simulated_with_everything_documented_estimated_and_with_one
     simulated, steps = quick[0], []
     module = "pipeline.virtual_lab.analysis.reproduction."
     monkeypatch.setattr(module + "respond", lambda *_: {})
-    monkeypatch.setattr(module + "estimate", lambda *_: ESTIMATE)
+    monkeypatch.setattr(module + "estimate", lambda *_, adding=False: (ESTIMATE, ADDING)[adding])
     found = reproduce(Setting(seed=4), progress=lambda *step: steps.append(step))
     lab = documented(Setting(seed=4))
     assert simulated[:3] == [Setting(seed=4), lab, ESTIMATE.value.apply(lab)]
@@ -317,31 +334,14 @@ def test_studies_are_simulated_with_everything_documented_estimated_and_with_one
     assert response_steps() == 15 * (1 + 3 * 9)
     assert steps[-1] == ("sub01_sway.c3d", len(simulated), total)
     assert found.residuals["laboratory"].unique().tolist() == list(LABORATORIES)
-    assert found.judged["laboratory"].unique().tolist() == [DOCUMENTED, ESTIMATED]
+    assert found.judged["laboratory"].unique().tolist() == [DOCUMENTED, ESTIMATED, ADDED]
+    assert (found.unstated, found.unstated_adding) == (ESTIMATE, ADDING)
     assert found.single["item"].unique().tolist() == ["none", *ITEMS]
     assert found.cycle_s == pytest.approx(1.1)
     with pytest.raises(ValueError, match=r"lacks baseline, pitch"):
         reproduce(TINY)
     with pytest.raises(ValueError, match=r"subjects is below 2"):
         reproduce(Setting(protocol=Protocol(subjects=1)))
-
-
-def test_the_estimate_is_of_the_printed_table_and_the_judgement_has_its_error(quick, monkeypatch):
-    seen = []
-
-    def recorded(responses, printed):
-        seen.append(printed)
-        return ESTIMATE
-
-    module = "pipeline.virtual_lab.analysis.reproduction."
-    response = Response(np.zeros((len(LENGTHS_S), 11, 36)), np.zeros(36))
-    monkeypatch.setattr(module + "respond", lambda *_: dict.fromkeys(POSES, response))
-    monkeypatch.setattr(module + "estimate", recorded)
-    found = reproduce(Setting(seed=4))
-    pd.testing.assert_frame_equal(seen[0], printed_cells())
-    by_laboratory = found.judged.groupby("laboratory")["tolerance"]
-    assert (by_laboratory.get_group(ESTIMATED).mean()) > by_laboratory.get_group(DOCUMENTED).mean()
-    assert (~FITTED).sum() == len(by_laboratory.get_group(ESTIMATED))
 
 
 def test_one_command_writes_the_page_and_its_table(tmp_path, monkeypatch, found):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from pipeline.trial.residuals import AXES
 from pipeline.virtual_lab.analysis.judgement import judge
 from pipeline.virtual_lab.analysis.printed_table_3 import THESIS_SUBJECTS, printed_cells, removed
 from pipeline.virtual_lab.analysis.processed_study import CELLS, LENGTHS_S
@@ -75,6 +76,20 @@ def test_a_laboratory_is_found_from_the_cells_without_compensation(responses, po
     assert min(found.misfit, key=found.misfit.get) == pose
 
 
+def test_an_added_residual_is_found_beside_the_other_values(responses):
+    added = np.array([30.0, 25.0, 50.0, 8.0, 15.0, 3.0])
+    own = printed("channels")
+    axis = [AXES.index(name) for name in CELLS.get_level_values("axis")]
+    mean = np.hypot(own["mean"], added[axis])
+    found = estimate(responses, table(mean, 0.01 * mean), adding=True)
+    assert found.added == pytest.approx(added, rel=0.05)
+    assert found.value.pose == "channels"
+    assert found.value.place_forward_m == pytest.approx(unstated_at(TRUE, "none").place_forward_m)
+    assert found.predicted["channels"] == pytest.approx(mean, rel=0.01)
+    assert (found.freedom, len(found.error)) == (18 - 11, 36)
+    assert not estimate(responses, own).added.any()
+
+
 def test_the_point_of_reference_is_the_laboratory_with_its_defaults():
     setting = Setting()
     defaults = unstated_at(np.append(DESIGN[REFERENCE], np.log(0.3)), "channels").apply(setting)
@@ -94,14 +109,16 @@ def test_the_level_is_that_of_all_subjects_and_differences_are_those_of_a_few():
     assert all_of_them.error == pytest.approx(np.hypot(few.error, 0.04))
 
 
-def test_cells_with_compensation_change_nothing_of_the_estimate(responses):
+@pytest.mark.parametrize("adding", [False, True])
+def test_cells_with_compensation_change_nothing_of_the_estimate(responses, adding):
     own = printed("channels")
     other = own.assign(mean=np.where(own["compensated"], 7 * own["mean"], own["mean"]))
     other = other.assign(sd=np.where(own["compensated"], 3 * own["sd"], own["sd"]))
-    first, second = estimate(responses, own), estimate(responses, other)
+    first, second = (estimate(responses, cells, adding=adding) for cells in (own, other))
     assert (first.value, first.low, first.high) == (second.value, second.low, second.high)
     assert first.misfit == second.misfit
     assert (first.error == second.error).all()
+    assert (first.added == second.added).all()
 
 
 def test_a_value_beyond_what_was_simulated_is_said_to_be_at_the_edge(responses):
