@@ -61,7 +61,7 @@ def respond(setting: Setting, reference: Array, jobs: int, step: Step) -> dict[P
         with TemporaryDirectory(prefix="hbm_") as folder:
             for pose in POSES:
                 own = unstated_at(x, pose).apply(short)
-                paths = _process_again(own, Path(folder), pose, jobs, step)
+                paths = process_with(own, Path(folder), pose, jobs, step)
                 cells = cells_by_subject(study_residuals(paths), after_onsets(paths))
                 logs[pose].append(np.log(cells.mean(axis=0)))
     level = reference.mean(axis=0)
@@ -76,7 +76,7 @@ def response_steps() -> int:
     return len(DESIGN) * (1 + (1 + len(POSES)) * trials)
 
 
-def _process_again(setting: Setting, folder: Path, pose: Pose, jobs: int, step: Step) -> list[Path]:
+def process_with(setting: Setting, folder: Path, pose: Pose, jobs: int, step: Step) -> list[Path]:
     """Simulate a study for the first of `POSES`, and process its recordings for each."""
     study = folder / "study"
     if pose == POSES[0]:

@@ -1,6 +1,7 @@
 """The thesis' Table III beside simulated ones: what is compared is what was processed."""
 
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from hbm.spatial import GRAVITY_MPS2
 from pipeline.cli.app import app
 from pipeline.run.job import Outcome
 from pipeline.trial.residuals import AXES, UNITS
@@ -45,7 +47,11 @@ from pipeline.virtual_lab.analysis.unstated import (
     Estimate,
     unstated_at,
 )
-from pipeline.virtual_lab.analysis.unstated_response import respond, response_steps
+from pipeline.virtual_lab.analysis.unstated_response import (
+    process_with,
+    respond,
+    response_steps,
+)
 from pipeline.virtual_lab.protocol.setting_file import find_setting
 from pipeline.virtual_lab.protocol.walking_protocol import (
     SHORT,
@@ -232,6 +238,20 @@ def test_the_shorter_the_window_after_an_onset_the_larger_what_the_treadmill_add
     assert body.max() < 30
     squares = artefact**2 * artefact.index.to_numpy()
     assert squares[0.9] == pytest.approx(squares[0.5], rel=0.1)
+
+
+def test_without_the_pose_the_weight_of_a_person_stays_where_the_platform_was(stored, tmp_path):
+    """5 cm beside it, for most of 0.9 s."""
+    shutil.copytree(stored[0][0].parents[2] / "study", tmp_path / "study")
+    setting = unstated_at(np.append(np.zeros(4), np.log(0.9)), "none").apply(TINY)
+    paths = process_with(setting, tmp_path, "none", 1, lambda _: None)
+    mx = [
+        after_onsets(own).set_index(["compensated", "axis", "length_s"])["rms"][True, "Mx", 0.9]
+        for own in (stored[0], paths)
+    ]
+    weight_n = 83.0 * GRAVITY_MPS2
+    assert mx[0] < 0.015 * weight_n
+    assert 0.03 * weight_n < np.sqrt(mx[1] ** 2 - mx[0] ** 2) < 0.05 * weight_n
 
 
 def test_a_trial_that_fails_ends_the_comparison_with_its_reason(tmp_path, monkeypatch, stored):
