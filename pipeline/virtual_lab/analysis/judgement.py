@@ -7,7 +7,7 @@ from scipy.stats import t as student
 from hbm.spatial import Array
 from pipeline.virtual_lab.analysis.printed_table_3 import THESIS_SUBJECTS, removed
 from pipeline.virtual_lab.analysis.processed_study import CELLS, KEYS
-from pipeline.virtual_lab.analysis.unstated import CONFIDENCE, FITTED
+from pipeline.virtual_lab.analysis.unstated_estimate import CONFIDENCE, FITTED
 
 
 def judge(

@@ -26,7 +26,7 @@ from pipeline.virtual_lab.analysis.processed_study import (
     process,
     study_residuals,
 )
-from pipeline.virtual_lab.analysis.unstated import Estimate, estimate
+from pipeline.virtual_lab.analysis.unstated_estimate import Estimate, estimate
 from pipeline.virtual_lab.analysis.unstated_response import respond, response_steps
 from pipeline.virtual_lab.protocol.setting_file import find_setting
 from pipeline.virtual_lab.protocol.walking_protocol import (

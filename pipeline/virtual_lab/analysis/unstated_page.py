@@ -16,7 +16,8 @@ from pipeline.virtual_lab.analysis.reproduction import (
     ESTIMATED,
     Reproduction,
 )
-from pipeline.virtual_lab.analysis.unstated import FITTED, POSES, Estimate, Pose
+from pipeline.virtual_lab.analysis.unstated import POSES, Pose
+from pipeline.virtual_lab.analysis.unstated_estimate import FITTED, Estimate
 from pipeline.virtual_lab.analysis.unstated_response import PROTOCOL
 
 QUANTITIES: Final = {

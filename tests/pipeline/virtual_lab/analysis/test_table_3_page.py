@@ -40,13 +40,8 @@ from pipeline.virtual_lab.analysis.reproduction import (
     reproduce,
 )
 from pipeline.virtual_lab.analysis.table_3_page import table_3_page
-from pipeline.virtual_lab.analysis.unstated import (
-    DESIGN,
-    FITTED,
-    POSES,
-    Estimate,
-    unstated_at,
-)
+from pipeline.virtual_lab.analysis.unstated import DESIGN, POSES, unstated_at
+from pipeline.virtual_lab.analysis.unstated_estimate import FITTED, Estimate
 from pipeline.virtual_lab.analysis.unstated_response import (
     process_with,
     respond,
