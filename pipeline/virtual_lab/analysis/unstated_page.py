@@ -49,7 +49,6 @@ def unstated_parts(found: Reproduction) -> dict[str, object]:
     """
     estimate, adding = found.unstated, found.unstated_adding
     pose, other = estimate.value.pose, next(p for p in POSES if p != estimate.value.pose)
-    without = pd.Series(adding.predicted["none"], CELLS)
     judged = found.judged.set_index("laboratory")
     own = found.residuals[found.residuals["laboratory"] == ESTIMATED]
     simulated = headline_cells(own).mean(axis=0)
@@ -73,9 +72,8 @@ def unstated_parts(found: Reproduction) -> dict[str, object]:
         "calmed": _baseline(simulated, ~FITTED),
         "printed_shaken": _baseline(printed, FITTED),
         "printed_calmed": _baseline(printed, ~FITTED),
-        "no_pose_fx": without["pitch", False, "Fx"],
-        "no_pose_fx_ic": without["pitch", True, "Fx"],
-        "no_pose_my_ic": without["pitch", True, "My"],
+        **_pitched(adding.predicted["none"], "no_pose"),
+        **_pitched(adding.predicted["channels"], "pose"),
         "met_removed": _judgement(judged, removed=True),
         "met_others": _judgement(judged, removed=False),
         "removed_counts": _counts(judged, removed=True),
@@ -144,6 +142,16 @@ def _unexplained(judged: pd.DataFrame) -> str:
     cells = judged[~judged["explained"]]
     by_condition = cells.groupby("condition", sort=False)["axis"].agg(", ".join)
     return "; ".join(f"{condition} {axes}" for condition, axes in by_condition.items()) or "none"
+
+
+def _pitched(predicted: Array, name: str) -> dict[str, object]:
+    """Give the cells of pitch that depend on the pose."""
+    cells = pd.Series(predicted, CELLS)
+    return {
+        f"{name}_fx": cells["pitch", False, "Fx"],
+        f"{name}_fx_ic": cells["pitch", True, "Fx"],
+        f"{name}_my_ic": cells["pitch", True, "My"],
+    }
 
 
 def _baseline(cells: Array, variant: Mask) -> str:
