@@ -39,7 +39,11 @@ def simulate(
     ] = False,
     table_3: Annotated[
         bool,
-        typer.Option("--table-3", help="Put the thesis' Table III beside simulated ones instead."),
+        typer.Option(
+            "--table-3",
+            help="Put the thesis' Table III beside simulated ones instead (half an hour of one "
+            "core).",
+        ),
     ] = False,
 ) -> None:
     """Simulate experiment 3: C3D files, study files, and the true values.

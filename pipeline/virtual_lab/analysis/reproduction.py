@@ -1,9 +1,10 @@
-"""The thesis' Table III in the virtual laboratory: as it is, and with what the thesis documents."""
+"""The thesis' Table III in the virtual laboratory.
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+As it is, with what the thesis documents, and with estimates of what it does not state.
+"""
+
+from dataclasses import dataclass
 from functools import reduce
-from importlib.resources import files
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final, TypeVar
@@ -12,10 +13,21 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel
 
-from pipeline.config.study import read_study
-from pipeline.run.run import run_study
-from pipeline.run.store import read_summary, read_trial
-from pipeline.trial.residuals import AXES, reported, variants
+from hbm.spatial import Array
+from pipeline.virtual_lab.analysis.judgement import judge
+from pipeline.virtual_lab.analysis.printed_table_3 import printed_cells
+from pipeline.virtual_lab.analysis.processed_study import (
+    Step,
+    after_onsets,
+    cell_means,
+    cells_by_subject,
+    headline_cells,
+    perturbed_cycles,
+    process,
+    study_residuals,
+)
+from pipeline.virtual_lab.analysis.unstated_estimate import Estimate, estimate
+from pipeline.virtual_lab.analysis.unstated_response import respond, response_steps
 from pipeline.virtual_lab.protocol.people_beside import beside_names
 from pipeline.virtual_lab.protocol.setting_file import find_setting
 from pipeline.virtual_lab.protocol.walking_protocol import (
@@ -24,11 +36,16 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
     THESIS,
     Setting,
 )
-from pipeline.virtual_lab.protocol.walking_study import ProgressCallback, simulate_study
+from pipeline.virtual_lab.protocol.walking_study import ProgressCallback
 
 AS_IS: Final = "as it is"
 DOCUMENTED: Final = "documented"
-"""The two laboratories: the given one, and with what the thesis documents."""
+ESTIMATED: Final = "estimated"
+ADDED: Final = "with an added residual"
+LABORATORIES: Final = (AS_IS, DOCUMENTED, ESTIMATED)
+"""The given one; with what the thesis documents; and with what it does not state as estimated from
+the cells without compensation. `ADDED` is the last one if each axis had a residual besides; it is
+not simulated."""
 ITEMS: Final = {
     "real-time filter": ("protocol.filter",),
     "plates late by 4 and 2 ms": ("faults.plates.delay_s", "faults.plates.right_later_s"),
@@ -41,14 +58,8 @@ ITEMS: Final = {
     "pose from channels, replayed ± 2 frames": ("protocol.pose", "faults.platform.replay_frames"),
 }
 """What the thesis documents, one by one -> the keys of the setting `thesis` that state it."""
-LENGTHS_S: Final = (0.1, 0.2, 0.27, 0.3, 0.4, 0.5, 0.7, 0.9)
-"""Windows from the onset of a perturbation that are compared: from less than the platform moves to
-nearly a gait cycle."""
-PERTURBED: Final = "sway"
-PRINTED: Final = "printed_table_3.csv"
-"""The 36 cells as the thesis prints them: mean and standard deviation of nine subjects."""
+MIN_SUBJECTS: Final = 2
 Model = TypeVar("Model", bound=BaseModel)
-Step = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +75,13 @@ class Reproduction:
     windows
         laboratory, subject, compensated, length_s, axis, rms: sway, over the first ``length_s``
         after each onset.
+    unstated
+        The estimates of what the thesis does not state.
+    unstated_adding
+        The same with an added residual per axis.
+    judged
+        Cells with compensation of the documented and the estimated laboratory, and with an added
+        residual: laboratory, and the columns of `pipeline.virtual_lab.analysis.judgement.judge`.
     single
         item, condition, compensated, axis, rms: of shorter studies with one of `ITEMS` each, mean
         over their subjects; item "none" for the laboratory as it is.
@@ -74,6 +92,9 @@ class Reproduction:
     setting: Setting
     residuals: pd.DataFrame
     windows: pd.DataFrame
+    unstated: Estimate
+    unstated_adding: Estimate
+    judged: pd.DataFrame
     single: pd.DataFrame
     cycle_s: float
 
@@ -121,7 +142,8 @@ def reproduce(
     ----------
     setting
         The laboratory as it is, with seed and protocol; by default nine subjects and the thesis'
-        protocol. Studies with a single item have the protocol `SHORT`.
+        protocol. Studies with a single item have the protocol `SHORT`, those for the estimate
+        three subjects as well.
     progress
         Called after every recording and every trial with its name, how many are done, and how many
         there are.
@@ -136,7 +158,7 @@ def reproduce(
     Raises
     ------
     ValueError
-        If the protocol lacks a condition of Table III, or a trial fails.
+        If the protocol lacks a condition of Table III or has one subject, or a trial fails.
 
     Notes
     -----
@@ -146,10 +168,11 @@ def reproduce(
     lacking = [name for name in ANALYSED_CONDITIONS if name not in setting.protocol.conditions]
     if lacking:
         raise ValueError(f"protocol: conditions lacks {', '.join(lacking)}, which Table III has")
+    if setting.protocol.subjects < MIN_SUBJECTS:
+        raise ValueError(f"protocol: subjects is below {MIN_SUBJECTS}; Table III has their SD")
     short = setting.model_copy(update={"protocol": SHORT})
-    whole = {AS_IS: setting, DOCUMENTED: documented(setting)}
     single = {"none": short} | {item: documented(short, item) for item in ITEMS}
-    total = sum(map(_steps, (*whole.values(), *single.values())))
+    total = len(LABORATORIES) * _steps(setting) + len(single) * _steps(short) + response_steps()
     done = 0
 
     def step(name: str) -> None:
@@ -158,24 +181,84 @@ def reproduce(
         if progress is not None:
             progress(name, done, total)
 
-    residuals, windows, durations, means = [], [], [], []
-    for laboratory, own in whole.items():
-        with TemporaryDirectory(prefix="hbm_") as folder:
-            paths = process(own, Path(folder), jobs, step)
-            residuals.append(study_residuals(paths).assign(laboratory=laboratory))
-            windows.append(after_onsets(paths).assign(laboratory=laboratory))
-            durations += perturbed_cycles(paths)
+    studies, means = {}, []
+    for laboratory, own in ((AS_IS, setting), (DOCUMENTED, documented(setting))):
+        studies[laboratory] = _simulated(own, jobs, step)
+    level = cells_by_subject(studies[DOCUMENTED].residuals, studies[DOCUMENTED].windows)
+    responses = respond(documented(setting), level, jobs, step)
+    unstated = estimate(responses, printed_cells())
+    unstated_adding = estimate(responses, printed_cells(), adding=True)
+    studies[ESTIMATED] = _simulated(unstated.value.apply(documented(setting)), jobs, step)
     for item, own in single.items():
         with TemporaryDirectory(prefix="hbm_") as folder:
             paths = process(own, Path(folder), jobs, step)
             means.append(cell_means(study_residuals(paths)).assign(item=item))
     return Reproduction(
         setting,
-        pd.concat(residuals, ignore_index=True),
-        pd.concat(windows, ignore_index=True),
+        _joined({name: study.residuals for name, study in studies.items()}),
+        _joined({name: study.windows for name, study in studies.items()}),
+        unstated,
+        unstated_adding,
+        judgements(
+            headline_cells(studies[DOCUMENTED].residuals),
+            headline_cells(studies[ESTIMATED].residuals),
+            unstated,
+            unstated_adding,
+        ),
         pd.concat(means, ignore_index=True),
-        cycle_s=float(np.mean(durations)),
+        cycle_s=float(np.mean([span for study in studies.values() for span in study.cycles])),
     )
+
+
+def judgements(
+    documented_cells: Array, estimated_cells: Array, unstated: Estimate, adding: Estimate
+) -> pd.DataFrame:
+    """Judge the laboratories by the cells with compensation.
+
+    Parameters
+    ----------
+    documented_cells, estimated_cells
+        Of the two laboratories by subject, (subjects, 36) [N, N·m].
+    unstated, adding
+        The estimates of the second one, and those with an added residual: of these, people differ
+        as in the documented laboratory.
+
+    Returns
+    -------
+    pandas.DataFrame
+        As `Reproduction.judged`.
+    """
+    printed = printed_cells()
+    interpolated = adding.predicted[adding.value.pose] * (
+        documented_cells / documented_cells.mean(axis=0)
+    )
+    return _joined(
+        {
+            DOCUMENTED: judge(documented_cells, printed),
+            ESTIMATED: judge(estimated_cells, printed, unstated.error, unstated.freedom),
+            ADDED: judge(interpolated, printed, adding.error, adding.freedom),
+        }
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Study:
+    """What a processed study gives: `Reproduction` says what the tables hold."""
+
+    residuals: pd.DataFrame
+    windows: pd.DataFrame
+    cycles: list[float]
+
+
+def _simulated(setting: Setting, jobs: int, step: Step) -> _Study:
+    with TemporaryDirectory(prefix="hbm_") as folder:
+        paths = process(setting, Path(folder), jobs, step)
+        return _Study(study_residuals(paths), after_onsets(paths), perturbed_cycles(paths))
+
+
+def _joined(tables: dict[str, pd.DataFrame]) -> pd.DataFrame:
+    named = [table.assign(laboratory=laboratory) for laboratory, table in tables.items()]
+    return pd.concat(named, ignore_index=True)
 
 
 def _steps(setting: Setting) -> int:
@@ -196,8 +279,9 @@ def compared(reproduction: Reproduction) -> pd.DataFrame:
     -------
     pandas.DataFrame
         Long: ``laboratory, axis, unit, condition, compensated, window, headline, n, mean, sd``
-        over subjects, ``mean_thesis, sd_thesis`` as printed, and ``within``, whether the mean is
-        within the thesis' mean ± SD. Where a condition has two windows, both are there.
+        over subjects, ``mean_thesis, sd_thesis`` as printed, ``within``, whether the mean is
+        within the thesis' mean ± SD, and ``fitted``, whether the cell served the estimate of the
+        laboratory's values. Where a condition has two windows, both are there.
     """
     keys = ["laboratory", "axis", "unit", "condition", "compensated", "window", "headline"]
     cells = reproduction.residuals.groupby(keys, sort=False)["rms"]
@@ -205,63 +289,5 @@ def compared(reproduction: Reproduction) -> pd.DataFrame:
     keys = ["axis", "unit", "condition", "compensated"]
     table = table.merge(printed_cells(), on=keys, suffixes=("", "_thesis"), validate="many_to_one")
     off = (table["mean"] - table["mean_thesis"]).abs()
-    return table.assign(within=off <= table["sd_thesis"])
-
-
-def printed_cells() -> pd.DataFrame:
-    """Give the 36 cells as the thesis prints them: axis, unit, condition, compensated, mean, sd."""
-    with (files(__package__) / PRINTED).open(encoding="utf-8") as file:
-        return pd.read_csv(file)
-
-
-def process(setting: Setting, folder: Path, jobs: int, step: Step) -> list[Path]:
-    """Simulate a study into a folder, process it as `hbm run` does, and give its results' files."""
-    study = folder / "study"
-    simulate_study(study, setting, lambda name, *_: step(name), jobs, keep=True)
-    return process_study(study, folder / "results", jobs, step)
-
-
-def process_study(study: Path, results: Path, jobs: int, step: Step) -> list[Path]:
-    """Process a study's files as `hbm run` does; give its results' files."""
-    for outcome in run_study(read_study(study), results, jobs=jobs):
-        if outcome.failure is not None:
-            raise ValueError(f"{outcome}: {outcome.failure}")
-        step(str(outcome))
-    return sorted((results / "trials").glob("*.parquet"))
-
-
-def study_residuals(paths: list[Path]) -> pd.DataFrame:
-    """Give the residual rows of stored trials."""
-    return pd.DataFrame(asdict(row) for path in paths for row in read_summary(path).residuals)
-
-
-def cell_means(residuals: pd.DataFrame) -> pd.DataFrame:
-    """Average the headline windows' RMS over subjects."""
-    own = residuals[residuals["headline"]]
-    return own.groupby(["condition", "compensated", "axis"])["rms"].mean().reset_index()
-
-
-def perturbed_cycles(paths: list[Path]) -> list[float]:
-    """Give the durations of the gait cycles of stored sway trials [s]."""
-    trials = [read_summary(path) for path in paths if path.stem.endswith(f"_{PERTURBED}")]
-    spans = [span for trial in trials for own in trial.cycles.values() for span in own]
-    return [stop - start for start, stop in spans]
-
-
-def after_onsets(paths: list[Path]) -> pd.DataFrame:
-    """Give RMS residuals of stored sway trials over windows that start at the onsets."""
-    rows = []
-    for path in paths:
-        if not path.stem.endswith(f"_{PERTURBED}"):
-            continue
-        trial = read_trial(path)
-        since = trial.motion.time[:, None] - trial.onsets
-        for length_s in LENGTHS_S:
-            inside = ((since >= 0) & (since < length_s)).any(axis=1) & trial.validity.counts
-            for variant, dynamics in variants(trial).items():
-                rms = np.sqrt(np.mean(reported(dynamics.residual[inside]) ** 2, axis=0))
-                for axis, value in zip(AXES, rms, strict=True):
-                    key = trial.subject.id, variant == "compensated", length_s, axis
-                    rows.append((*key, float(value)))
-    columns = ["subject", "compensated", "length_s", "axis", "rms"]
-    return pd.DataFrame(rows, columns=columns)
+    fitted = (table["laboratory"] == ESTIMATED) & ~table["compensated"]
+    return table.assign(within=off <= table["sd_thesis"], fitted=fitted)

@@ -11,15 +11,19 @@ import pandas as pd
 from hbm.signals.filtering import low_pass
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.trial.residuals import AXES, UNITS
+from pipeline.virtual_lab.analysis.page_table import markdown
+from pipeline.virtual_lab.analysis.printed_table_3 import printed_cells, removed
+from pipeline.virtual_lab.analysis.processed_study import LENGTHS_S, PERTURBED
 from pipeline.virtual_lab.analysis.reproduction import (
     AS_IS,
     DOCUMENTED,
+    ESTIMATED,
     ITEMS,
-    LENGTHS_S,
-    PERTURBED,
+    LABORATORIES,
     Reproduction,
     compared,
 )
+from pipeline.virtual_lab.analysis.unstated_page import unstated_parts
 from pipeline.virtual_lab.machine.actuators import move_platform
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
 from pipeline.virtual_lab.machine.treadmill import Machine
@@ -34,9 +38,10 @@ from pipeline.virtual_lab.protocol.walking_protocol import (
 
 TEMPLATE: Final = "table_3_page.md"
 """The page's text, beside this module; every number in braces is computed."""
-LABORATORIES: Final = (AS_IS, DOCUMENTED)
-MOVED: Final = {PERTURBED: ("Fy", "Mx", "Mz"), "pitch": ("Fx", "My")}
-"""Condition -> the residuals that the moving treadmill adds to."""
+MOVED: Final = removed(printed_cells())
+"""Condition and axis of the residuals that the moving treadmill adds to."""
+NOT_FITTED: Final = (AS_IS, DOCUMENTED)
+SWAYED: Final = [axis for condition, axis in MOVED if condition == PERTURBED]
 WINDOWS: Final = {"cycle": "the whole gait cycle", "motion": "the motion of the platform"}
 """Window in the table of residuals -> what it is called on the page."""
 BANDWIDTHS_HZ: Final = (4.0, 7.0, 12.0, 20.0, 100.0)
@@ -82,7 +87,8 @@ def table_3_page(found: Reproduction) -> str:
             table=_table(cells),
             within=_by_laboratory(counts),
             moved=_by_laboratory(moved),
-            moved_cells=len(moved) // len(LABORATORIES),
+            moved_cells=len(MOVED),
+            window_s=found.unstated.value.window_s,
             motion_s=motion_s(),
             cycle_s=found.cycle_s,
             windows=_windows(_sway_windows(found, cells)),
@@ -102,6 +108,7 @@ def table_3_page(found: Reproduction) -> str:
             documented_nm=change[_axes("N·m")].max(),
             pitch_fx_ic=compensated_pitch["Fx"],
             pitch_fy_ic=compensated_pitch["Fy"],
+            **unstated_parts(found),
         )
     )
 
@@ -166,24 +173,18 @@ def _pitched_weight() -> tuple[float, float]:
 
 def _of_moving_treadmill(cells: pd.DataFrame) -> "pd.Series[bool]":
     """Give which cells the moving treadmill adds to without compensation."""
-    pairs = [(condition, axis) for condition, axes in MOVED.items() for axis in axes]
-    found = pd.MultiIndex.from_frame(cells[["condition", "axis"]]).isin(pairs)
+    found = pd.MultiIndex.from_frame(cells[["condition", "axis"]]).isin(MOVED)
     return pd.Series(found, index=cells.index)
 
 
 def _by_laboratory(counts: pd.DataFrame) -> str:
     """Say how many cells of each laboratory are within the thesis' mean ± SD."""
     within = counts.groupby("laboratory")["within"].sum()
-    return " and ".join(f"{within.loc[name]} {name}" for name in LABORATORIES)
+    return " and ".join(f"{within.loc[name]} {name}" for name in NOT_FITTED)
 
 
 def _axes(unit: str) -> list[str]:
     return [axis for axis in AXES if UNIT[axis] == unit]
-
-
-def _markdown(rows: list[list[str]]) -> str:
-    lines = [rows[0], ["---"] * len(rows[0]), *rows[1:]]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def _texts(cells: pd.DataFrame, keys: Iterable[str]) -> "pd.Series[str]":
@@ -202,23 +203,28 @@ def _printed(cells: pd.DataFrame) -> pd.DataFrame:
 
 
 def _table(cells: pd.DataFrame) -> str:
-    """Lay out all cells, a row per residual, condition and window; the headline window first."""
+    """Lay out all cells, a row per residual and condition, and one per window that is no headline.
+
+    Cells to which values were fitted are not marked.
+    """
     shown = pd.concat([_printed(cells[cells["laboratory"] == AS_IS]), cells])
-    texts = _texts(shown, ("axis", "condition", "window", "compensated", "laboratory"))
+    shown = shown.assign(within=shown["within"] & ~shown["fitted"])
+    texts = _texts(shown, ("axis", "condition", "headline", "compensated", "laboratory"))
     columns = [(ic, name) for ic in (False, True) for name in ("thesis", *LABORATORIES)]
     heads = [f"{'IC' if ic else 'No IC'}: {name}" for ic, name in columns]
+    heads[heads.index(f"No IC: {ESTIMATED}")] += ", fitted"
     rows = [["Residual", "Condition", *heads]]
     for axis in AXES:
         label = f"{axis} ({UNIT[axis]})"
         for condition in ANALYSED_CONDITIONS:
-            own = cells[cells["condition"] == condition].sort_values("headline", ascending=False)
-            windows = [str(window) for window in own["window"].unique()]
-            for window in windows:
-                name = f"{condition} ({window})" if len(windows) > 1 else condition
-                where = axis, condition, window
+            own = cells[(cells["condition"] == condition) & (cells["laboratory"] == AS_IS)]
+            windows = own.drop_duplicates("headline").sort_values("headline", ascending=False)
+            for window, headline in zip(windows["window"], windows["headline"], strict=True):
+                name = condition if headline else f"{condition} ({window})"
+                where = axis, condition, headline
                 rows.append([label, name, *(str(texts.loc[(*where, *c)]) for c in columns)])
                 label = ""
-    return _markdown(rows)
+    return markdown(rows)
 
 
 def _sway_windows(found: Reproduction, cells: pd.DataFrame) -> pd.DataFrame:
@@ -233,25 +239,24 @@ def _sway_windows(found: Reproduction, cells: pd.DataFrame) -> pd.DataFrame:
     table = pd.concat([table, own[["window", "axis", "mean", "sd"]]]).merge(thesis, on="axis")
     off = (table["mean"] - table["mean_thesis"]).abs()
     table = table.assign(within=off <= table["sd_thesis"])
-    return table[table["axis"].isin(MOVED[PERTURBED])]
+    return table[table["axis"].isin(SWAYED)]
 
 
 def _windows(table: pd.DataFrame) -> str:
     windows = [str(window) for window in table["window"].unique()]
     printed = _printed(table[table["window"] == windows[0]]).assign(window="thesis")
     texts = _texts(pd.concat([table, printed]), ("window", "axis"))
-    axes = MOVED[PERTURBED]
-    rows = [["Window", *(f"{axis} ({UNIT[axis]})" for axis in axes)]]
+    rows = [["Window", *(f"{axis} ({UNIT[axis]})" for axis in SWAYED)]]
     for window in (*windows, "thesis"):
-        rows.append([window, *(str(texts.loc[window, axis]) for axis in axes)])
-    return _markdown(rows)
+        rows.append([window, *(str(texts.loc[window, axis]) for axis in SWAYED)])
+    return markdown(rows)
 
 
 def _matches(table: pd.DataFrame) -> str:
     """Say which windows give the thesis' numbers, and whether one gives all of them."""
     fitting = {
         axis: [str(w) for w in table.loc[(table["axis"] == axis) & table["within"], "window"]]
-        for axis in MOVED[PERTURBED]
+        for axis in SWAYED
     }
     each = "; ".join(f"{axis}: {', '.join(own) or 'none'}" for axis, own in fitting.items())
     common = sorted(set.intersection(*map(set, fitting.values())))
@@ -265,7 +270,7 @@ def _bandwidths(cycle_s: float) -> str:
     rows = [["Window", *(f"{hz:g} Hz" for hz in BANDWIDTHS_HZ)]]
     for name, window in windows.items():
         rows.append([name, *(f"{inertial_force(hz, *window):.0f}" for hz in BANDWIDTHS_HZ)])
-    return _markdown(rows)
+    return markdown(rows)
 
 
 def _single(single: pd.DataFrame) -> str:
@@ -276,7 +281,7 @@ def _single(single: pd.DataFrame) -> str:
     for item in ITEMS:
         change = cells[item] - cells["none"]
         rows.append([item, *(_largest(change.loc[column]) for column in columns)])
-    return _markdown(rows)
+    return markdown(rows)
 
 
 def _largest(change: "pd.Series[float]") -> str:

@@ -1,0 +1,192 @@
+"""What the thesis does not state: estimated from half of its table, judged by the other half."""
+
+import numpy as np
+import pytest
+
+from pipeline.trial.residuals import AXES
+from pipeline.virtual_lab.analysis.judgement import judge
+from pipeline.virtual_lab.analysis.printed_table_3 import THESIS_SUBJECTS, printed_cells, removed
+from pipeline.virtual_lab.analysis.processed_study import CELLS, LENGTHS_S
+from pipeline.virtual_lab.analysis.unstated import (
+    DESIGN,
+    ESTIMATED,
+    POSES,
+    REFERENCE,
+    Response,
+    fit_response,
+    unstated_at,
+)
+from pipeline.virtual_lab.analysis.unstated_estimate import FITTED, estimate
+from pipeline.virtual_lab.protocol.setting_file import read_setting, setting_toml
+from pipeline.virtual_lab.protocol.walking_protocol import Setting
+
+WINDOW_S = 0.35
+TRUE = np.array([0.4, -0.3, 0.5, 0.2, np.log(WINDOW_S)])
+SHARE = 0.05
+
+
+def made_up_logs(pose, z, length_s):
+    """Cells of a laboratory that is not ours: smooth in all that is not stated."""
+    rng = np.random.default_rng(POSES.index(pose))
+    base, slope, bend = rng.uniform(2, 6, 36), rng.normal(0, 0.5, (36, 4)), rng.normal(0, 0.1, 36)
+    window = np.where(CELLS.get_level_values("condition") == "sway", -0.6, 0.0)
+    return base + slope @ z[:4] + bend * z[0] * z[1] + window * np.log(length_s)
+
+
+def made_up_response(pose, level=0.0, spread=0.0):
+    """What is fitted to them, with all cells too high by ``level``, as sampled subjects are."""
+    logs = np.stack([[made_up_logs(pose, z, s) for s in LENGTHS_S] for z in DESIGN])
+    shift = np.broadcast_to(level, logs.shape[1:])
+    return fit_response(logs, shift, np.full(36, spread))
+
+
+@pytest.fixture(scope="module")
+def responses():
+    return {pose: made_up_response(pose) for pose in POSES}
+
+
+def table(mean, sd):
+    return CELLS.to_frame(index=False).assign(mean=mean, sd=sd)
+
+
+def printed(pose):
+    """The table of a laboratory whose values are known, without chance."""
+    mean = np.exp(made_up_logs(pose, TRUE, WINDOW_S))
+    return table(mean, SHARE * mean)
+
+
+def sampled(pose, rng):
+    """The table of nine people of that laboratory."""
+    mean = np.exp(made_up_logs(pose, TRUE, WINDOW_S))
+    people = mean * (1 + SHARE * rng.normal(size=(THESIS_SUBJECTS, 36)))
+    return table(people.mean(axis=0), people.std(axis=0, ddof=1))
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_a_laboratory_is_found_from_the_cells_without_compensation(responses, pose):
+    found = estimate(responses, printed(pose))
+    true = unstated_at(TRUE, pose)
+    assert found.value.pose == pose
+    for name in ESTIMATED:
+        assert getattr(found.value, name) == pytest.approx(getattr(true, name), rel=0.02), name
+        assert getattr(found.low, name) < getattr(true, name) < getattr(found.high, name)
+    assert found.at_edge == ()
+    assert found.predicted[pose] == pytest.approx(printed(pose)["mean"].to_numpy(), rel=0.01)
+    assert min(found.misfit, key=found.misfit.get) == pose
+
+
+def test_an_added_residual_is_found_beside_the_other_values(responses):
+    added = np.array([30.0, 25.0, 50.0, 8.0, 15.0, 3.0])
+    own = printed("channels")
+    axis = [AXES.index(name) for name in CELLS.get_level_values("axis")]
+    mean = np.hypot(own["mean"], added[axis])
+    found = estimate(responses, table(mean, 0.01 * mean), adding=True)
+    assert found.added == pytest.approx(added, rel=0.05)
+    assert found.value.pose == "channels"
+    assert found.value.place_forward_m == pytest.approx(unstated_at(TRUE, "none").place_forward_m)
+    assert found.predicted["channels"] == pytest.approx(mean, rel=0.01)
+    assert (found.freedom, len(found.error)) == (18 - 11, 36)
+    assert not estimate(responses, own).added.any()
+
+
+def test_the_point_of_reference_is_the_laboratory_with_its_defaults():
+    setting = Setting()
+    defaults = unstated_at(np.append(DESIGN[REFERENCE], np.log(0.3)), "channels").apply(setting)
+    assert defaults.faults == setting.faults
+    assert defaults.protocol.place_forward_m == setting.protocol.place_forward_m
+
+
+def test_estimates_are_a_setting_that_can_be_written_and_read():
+    own = unstated_at(TRUE, "none").apply(Setting())
+    assert read_setting(setting_toml(own)) == own
+    assert own.faults.machine.flexibility == pytest.approx(np.exp(np.log(4) * 0.7), abs=0.01)
+
+
+def test_the_level_is_that_of_all_subjects_and_differences_are_those_of_a_few():
+    few, all_of_them = made_up_response("none"), made_up_response("none", np.log(1.3), 0.04)
+    assert all_of_them.at(TRUE) == pytest.approx(1.3 * few.at(TRUE))
+    assert all_of_them.error == pytest.approx(np.hypot(few.error, 0.04))
+
+
+@pytest.mark.parametrize("adding", [False, True])
+def test_cells_with_compensation_change_nothing_of_the_estimate(responses, adding):
+    own = printed("channels")
+    other = own.assign(mean=np.where(own["compensated"], 7 * own["mean"], own["mean"]))
+    other = other.assign(sd=np.where(own["compensated"], 3 * own["sd"], own["sd"]))
+    one = {"channels": responses["channels"]}
+    first, second = (estimate(one, cells, adding=adding) for cells in (own, other))
+    assert (first.value, first.low, first.high) == (second.value, second.low, second.high)
+    assert first.misfit == second.misfit
+    assert (first.error == second.error).all()
+    assert (first.added == second.added).all()
+
+
+def test_a_value_beyond_what_was_simulated_is_said_to_be_at_the_edge(responses):
+    beyond = np.exp(made_up_logs("channels", TRUE + 2.5 * np.eye(5)[1], WINDOW_S))
+    found = estimate(responses, table(beyond, SHARE * beyond))
+    assert found.at_edge == ("flexibility",)
+    assert found.high.flexibility == pytest.approx(16)
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_true_values_as_often_as_they_state():
+    """Chance is in the thesis' nine people and in the nine that are simulated."""
+    inside = []
+    true = unstated_at(TRUE, "none")
+    for seed in range(25):
+        rng = np.random.default_rng(seed)
+        error = SHARE / np.sqrt(THESIS_SUBJECTS)
+        own = made_up_response("none", error * rng.normal(size=36), error)
+        found = estimate({"none": own}, sampled("none", rng))
+        inside += [
+            getattr(found.low, name) <= getattr(true, name) <= getattr(found.high, name)
+            for name in ESTIMATED
+        ]
+    assert 0.93 < np.mean(inside) < 1.0
+
+
+def people(mean, rng, count=9):
+    return mean * (1 + SHARE * rng.normal(size=(count, 36)))
+
+
+def test_true_cells_are_explained_as_often_as_chance_says():
+    rng = np.random.default_rng(5)
+    mean = np.exp(made_up_logs("none", TRUE, WINDOW_S))
+    shares = [judge(people(mean, rng), sampled("none", rng))["explained"].mean() for _ in range(40)]
+    assert np.mean(shares) == pytest.approx(0.95, abs=0.02)
+
+
+def test_a_cell_of_another_laboratory_is_named_unexplained_and_no_other():
+    cell = ("pitch", "My")
+    mean = np.exp(made_up_logs("none", TRUE, WINDOW_S))
+    spread = np.linspace(-SHARE, SHARE, 9)[:, None]
+    off = np.where(CELLS.isin([(cell[0], True, cell[1])]), 1.2, 1.0)
+    judged = judge(mean * (1 + spread), table(off * mean, SHARE * mean))
+    assert len(judged) == 18
+    missed = judged.loc[~judged["explained"], ["condition", "axis"]]
+    assert missed.to_numpy().tolist() == [list(cell)]
+
+
+def test_uncertain_estimates_allow_larger_differences():
+    mean = np.exp(made_up_logs("none", TRUE, WINDOW_S))
+    simulated = people(mean, np.random.default_rng(1))
+    sure = judge(simulated, printed("none"))
+    unsure = judge(simulated, printed("none"), 0.1 * mean, 13)
+    assert (unsure["tolerance"] > sure["tolerance"] + 0.1 * mean[~FITTED]).all()
+
+
+def test_compensation_removes_something_where_the_table_says_so_and_nowhere_else():
+    own = printed_cells()
+    assert len(removed(own)) == 5
+    halved = own.assign(mean=np.where(own["compensated"], 1.0, own["mean"]))
+    assert len(removed(halved)) == 18
+    judged = judge(np.ones((3, 36)) + np.eye(3, 36), own)
+    named = judged.loc[judged["removed"], ["condition", "axis"]].to_numpy().tolist()
+    assert sorted(map(tuple, named)) == sorted(removed(own))
+
+
+def test_a_response_between_two_windows_is_between_theirs():
+    response = Response(np.zeros((len(LENGTHS_S), 11, 36)), np.zeros(36))
+    response.coefficients[:, 0] = -np.log(LENGTHS_S)[:, None]
+    x = np.append(np.zeros(4), np.log(0.35))
+    assert response.at(x) == pytest.approx(np.full(36, 1 / 0.35))
