@@ -23,7 +23,7 @@ from pipeline.virtual_lab.analysis.unstated_response import PROTOCOL
 QUANTITIES: Final = {
     "sway_hz": ("bandwidth of the sway actuators [Hz]", ".1f", "7, assumed"),
     "flexibility": ("flexibility of the structure", ".1f", "1, of a real treadmill"),
-    "place_forward_m": ("people ahead of the middle of the belts [m]", ".2f", "0, assumed"),
+    "place_forward_m": ("people ahead of the middle of the belts [m]", "z.2f", "0, assumed"),
     "assembly_kg": ("mass of each belt assembly [kg]", ".0f", "150, stated"),
     "window_s": ("part of a perturbation that counts [s]", ".2f", "the motion, 0.27"),
 }
@@ -156,10 +156,10 @@ def _pitched(predicted: Array, name: str) -> dict[str, object]:
 
 def _baseline(cells: Array, variant: Mask) -> str:
     """Write the cells of one variant at baseline, by axis."""
-    return _by_axis(cells[variant & (CELLS.get_level_values("condition") == "baseline")], "{:.0f}")
+    return _by_axis(cells[variant & (CELLS.get_level_values("condition") == "baseline")])
 
 
-def _by_axis(values: Array, form: str = "{:.1f}") -> str:
+def _by_axis(values: Array) -> str:
     """Write a number per axis: forces [N], then moments [N·m]."""
-    texts = [form.format(value) for value in values]
+    texts = [f"{value:.1f}" for value in values]
     return f"{', '.join(texts[:3])} N and {', '.join(texts[3:])} N·m"

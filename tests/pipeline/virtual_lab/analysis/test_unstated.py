@@ -128,7 +128,6 @@ def test_a_value_beyond_what_was_simulated_is_said_to_be_at_the_edge(responses):
     assert found.high.flexibility == pytest.approx(16)
 
 
-@pytest.mark.slow
 def test_intervals_hold_the_true_values_as_often_as_they_state():
     """Chance is in the thesis' nine people and in the nine that are simulated."""
     inside = []
