@@ -22,7 +22,7 @@ from pipeline.virtual_lab.machine.instrumented_treadmill import (
 )
 from pipeline.virtual_lab.person import bystander
 from pipeline.virtual_lab.protocol.calibration_trial import record_signal_trial, sample_times
-from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS, LoadPattern
+from pipeline.virtual_lab.protocol.ranking_study import BESIDE_THE_BELTS, BYSTANDERS
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Calibrated:
     """
 
     belts_mps: float
-    beside: tuple[LoadPattern, ...] = ()
+    beside: tuple[bystander.LoadPattern, ...] = ()
     counts: tuple[int, ...] = (1, 2, 3, 4)
 
 
@@ -116,7 +116,7 @@ def at_rest(name: str) -> Signal:
 
 
 def record(
-    treadmill: InstrumentedTreadmill, signal: Signal, person: LoadPattern | None, seed: list[int]
+    treadmill: InstrumentedTreadmill, signal: Signal, person: bystander.LoadPattern | None, seed: list[int]
 ) -> Recording:
     """Record the left plate, empty, while somebody may be on the frame or the other belt."""
     rng, load = np.random.default_rng((*seed, STREAM)), None
