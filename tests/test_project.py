@@ -145,7 +145,8 @@ def test_one_calibration_signal_is_advised_everywhere():
     """Where a text names a signal of the protocol as the one to use, it is the advised one."""
     advised = {ADVISED_PLATFORM_SIGNAL, ADVISED_BELT_SIGNAL}
     named = re.compile(r"\b(?:belt_)?[a-z]+(?:_[a-z]+)?_\d+s_\dmps\b")
-    pages = [*(ROOT / "docs").glob("*.md"), *(ROOT / "notebooks").glob("*.py")]
+    pages = {*(ROOT / "docs").glob("*.md"), *(ROOT / "notebooks").glob("*.py")}
+    pages.remove(ROOT / "docs/calibration_signals.md")  # compares them
     found = {
         page.name: set(named.findall(page.read_text(encoding="utf-8"))) - advised for page in pages
     }

@@ -116,7 +116,10 @@ def at_rest(name: str) -> Signal:
 
 
 def record(
-    treadmill: InstrumentedTreadmill, signal: Signal, person: bystander.LoadPattern | None, seed: list[int]
+    treadmill: InstrumentedTreadmill,
+    signal: Signal,
+    person: bystander.LoadPattern | None,
+    seed: list[int],
 ) -> Recording:
     """Record the left plate, empty, while somebody may be on the frame or the other belt."""
     rng, load = np.random.default_rng((*seed, STREAM)), None

@@ -242,7 +242,7 @@ def test_a_stopped_simulation_says_how_to_go_on_and_leaves_no_process(tmp_path, 
     _, errors = running.communicate(timeout=30)
     assert running.returncode == 130, errors
     assert errors in (
-        "hbm: interrupted: written and kept are 11 of 93 files; the same command goes on\n",
+        "hbm: interrupted: written and kept are 11 of 98 files; the same command goes on\n",
         "hbm: interrupted: the study is not complete; the same command begins again\n",
     )
     wait_until(lambda: not members(running.pid), 10.0)
