@@ -395,8 +395,9 @@ def _check_ground(
     if laboratory.calibration is not None and recording.plates:
         readings = found.attempt(name, lambda: accelerations(recording, treadmill))
         if readings is not None:
-            models = found.attempt(name, lambda: plate_models(recording, laboratory))
-            found.notes(name, belt_speed_notes(recording, treadmill, models or ()))
+            models = found.attempt(name, lambda: plate_models(recording, laboratory)) or ()
+            speed = found.attempt(name, lambda: belt_speed_notes(recording, treadmill, models))
+            found.notes(name, speed or ())
     time, platform = recording.markers.time, treadmill.platform
     pose = found.attempt(name, lambda: platform_pose(recording, platform, time))
     if pose is not None:
