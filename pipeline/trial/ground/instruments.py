@@ -120,6 +120,20 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
     return analog.time, np.fmax.reduce(speeds)
 
 
+def mean_belt_speed(recording: Recording, treadmill: Treadmill) -> float | None:
+    """Give the constant speed of belts whose fourth power is a recording's mean [m/s].
+
+    What rollers leave on plates has a variance that grows with it. None where it is unknown;
+    parameters and errors are those of `fastest_belt`.
+    """
+    found = fastest_belt(recording, treadmill)
+    if found is None:
+        return None
+    with np.errstate(over="ignore"):
+        mean = float(np.nanmean(found[1] ** 4) ** 0.25)
+    return mean if np.isfinite(mean) else None
+
+
 def _is_speed(unit: str) -> bool:
     try:
         speed_in_mps(unit)

@@ -208,6 +208,8 @@ def test_a_calibration_that_does_not_know_its_belts_says_so_when_it_is_fitted_an
     moving_study, tmp_path, capsys
 ):
     fit(empty(1), tmp_path)
-    assert "does not know the speed of its belts" in " ".join(capsys.readouterr().out.split())
+    assert "does not know how fast the belts run in empty.c3d" in " ".join(
+        capsys.readouterr().out.split()
+    )
     codes = [remark.note.code for remark in check_study(read_study(moving_study)).remarks]
     assert "uncertainty_calibration_belts_unknown" in codes
