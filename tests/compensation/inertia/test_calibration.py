@@ -46,12 +46,15 @@ def test_reading_for_itself_needs_no_setup(calibration):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"sensors": ("front right", "rear left")}, "sensors .* but the trial has"),
-        ({"rate_hz": 1000.0}, "rate_hz 100.0, but the trial has 1000.0"),
-        ({"cutoff_hz": None}, "cutoff_hz 20.0, but the trial has None"),
-        ({"acceleration_unit": "g"}, "acceleration_unit 'm/s²', but the trial has 'g'"),
+        ({"sensors": ("front right", "rear left")}, "sensors .* but the recording has"),
+        ({"rate_hz": 1000.0}, "rate_hz 100.0, but the recording has 1000.0"),
+        ({"cutoff_hz": None}, "cutoff_hz 20.0, but the recording has None"),
+        ({"acceleration_unit": "g"}, "acceleration_unit 'm/s²', but the recording has 'g'"),
         ({"wrench_unit": "N, N·mm"}, "wrench_unit"),
-        ({"filter_method": "realtime"}, "filter_method 'zero_phase', but the trial has 'realtime'"),
+        (
+            {"filter_method": "realtime"},
+            "filter_method 'zero_phase', but the recording has 'realtime'",
+        ),
     ],
 )
 def test_a_trial_recorded_otherwise_is_refused_with_the_reason(calibration, change, message):

@@ -128,7 +128,7 @@ def test_a_trial_needs_the_channels_of_its_calibration(moving_study, tmp_path, c
         options += ["--accelerometer", text]
     assert main([*trial, *options]) == 2
     line = capsys.readouterr().err
-    assert "trial and calibration need the same channels" in line
+    assert "recording and calibration need the same channels" in line
     assert line.count("\n") == 1
     assert main([*trial, "--calibration", str(fitted), "--accelerometer", exchanged[0]]) == 2
     assert "name all of them and no others" in capsys.readouterr().err
