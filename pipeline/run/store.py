@@ -81,7 +81,10 @@ def write_digest(path: Path) -> None:
     """Put the SHA-256 of all bytes of a stored trial but those of the digest itself into it."""
     with path.open("r+b") as file:
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            place = content.rfind(DIGEST_START) + len(DIGEST_START)
+            start = content.rfind(DIGEST_START)
+            if start < 0:
+                raise ValueError(f"{path.name}: no place for the checksum in the file")
+            place = start + len(DIGEST_START)
             digest = _digest(content, place)
         file.seek(place)
         file.write(digest)

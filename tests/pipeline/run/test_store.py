@@ -189,6 +189,14 @@ def test_a_summary_of_another_format_gives_one_line(written, tmp_path, before, a
         read_summary(path)
 
 
+def test_a_file_without_a_place_for_the_checksum_is_refused_and_stays_as_it_is(tmp_path):
+    path = tmp_path / "other.parquet"
+    path.write_bytes(b"PAR1" + b"a" * 200)
+    with pytest.raises(ValueError, match=r"^other\.parquet: no place for the checksum"):
+        write_digest(path)
+    assert path.read_bytes() == b"PAR1" + b"a" * 200
+
+
 def test_equal_results_give_equal_bytes(processed, written, tmp_path):
     again = tmp_path / "again.parquet"
     write_trial(processed, "pitch", "a key", again)
