@@ -53,6 +53,9 @@ MIN_PLATES: Final = 0.8
 MIN_AS_GOOD: Final = 0.99
 """Share of what gains of plates explain from which on one gain or turn of a sensor is likelier: it
 needs one number or three, the plates one for each component."""
+MAX_UNEXPLAINED: Final = 2.0
+"""Factor by which what a new fit leaves may exceed what is expected and still count as of rollers;
+what rattles or leans on a plate leaves more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,8 +160,9 @@ def check_another_day(
     what explains it. Errors are of a jackknife over 40 blocks.
 
     What is left is judged by what the calibration expects to leave in this motion, at this belt
-    speed, and by what a fit to the recording itself leaves: rollers out of balance leave more in
-    one recording than in another, and no new calibration would change that.
+    speed, and by what a fit to the recording itself leaves, up to twice what is expected: rollers
+    out of balance leave more in one recording than in another, and no new calibration would change
+    that. Where such a fit leaves more than is allowed, no change of a sensor is looked for.
     """
     a = read_table(accelerations, "accelerations")
     names, rate = list(plates), _rate_hz(plates)
@@ -193,6 +197,13 @@ def check_another_day(
         return DayCheck("late", tuple(late), zeros, by_plate)
     own = slow_w - slow @ np.hstack([fitted[n].gain[:-1] for n in names])
     own -= own.mean(axis=0)
+    limits = np.tile(np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3), len(names))
+    unexplained = np.minimum(own.std(axis=0), MAX_UNEXPLAINED * size)
+    allowed = np.maximum(limits, 2 * np.maximum(size, unexplained))
+    note = Note.of("calibration_outdated", recording=recording)
+    outdated = DayCheck("outdated", (note,), zeros, by_plate)
+    if np.any(own.std(axis=0) > allowed):
+        return outdated
     own_misfit = float(np.sum((own / size) ** 2))
     relative, weighted = error / size, gain[:-1] / size
     scaled, by_plates = plate_gains(names, slow @ weighted, relative)
@@ -208,24 +219,18 @@ def check_another_day(
     simpler = found is not None and found[0] != "moved"
     if MIN_AS_GOOD * by_plates > likely.explained or (by_plates > likely.explained and not simpler):
         if by_plates < MIN_PLATES * excess:
-            note = Note.of("calibration_outdated", recording=recording)
-            return DayCheck("outdated", (note,), zeros, by_plate)
+            return outdated
         notes = tuple(plate.note(recording) for plate in scaled)
         return DayCheck("plates", notes, zeros, by_plate)
     if found is not None:
         if likely.explained < MIN_ONE_SENSOR * excess:
-            note = Note.of("calibration_outdated", recording=recording)
-            return DayCheck("outdated", (note,), zeros, by_plate)
+            return outdated
         kind, note = found[0], found[1].note(found[0], recording)
         return DayCheck(kind, (note,), zeros, by_plate)
-    limit = np.tile(np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3), len(names))
-    if np.any(left > np.maximum(limit, 2 * np.maximum(size, own.std(axis=0)))):
-        return DayCheck(
-            "outdated", (Note.of("calibration_outdated", recording=recording),), zeros, by_plate
-        )
+    if np.any(left > allowed):
+        return outdated
     drifted = [zero for zero in zeros if zero.significant]
     if drifted:
-        limits = np.tile(np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3), len(names))
         change = a.mean(axis=0) - next(iter(plates.values())).acceleration_mean
         of_sensors = np.split(gain[:-1] / limits, len(sensors))
         found_offset = sensor_offset(change, of_sensors, error.mean(axis=0) / limits)

@@ -17,7 +17,7 @@ from compensation.inputs import refuse_gaps
 from hbm.spatial import Array, read_only
 
 FORMAT: Final = "hbm-residuals inertia calibration"
-VERSION: Final = 4
+VERSION: Final = 5
 WITHOUT_SENSORS: Final = (1, 2)
 """Versions without delays and gains of the accelerometers, which are then used as they are, and
 without the correlation of plates. The first one did not name its filter either, which was always
@@ -25,6 +25,9 @@ the zero-phase one, and stored warnings.
 """
 WITHOUT_MODEL_ERROR: Final = (*WITHOUT_SENSORS, 3)
 """Versions of static models alone, which know of noise alone."""
+WITHOUT_BELTS: Final = (*WITHOUT_MODEL_ERROR, 4)
+"""Versions that expect the same error at every speed of the belts."""
+OF_BELTS: Final = ("per_belts", "belts_mps")
 MAX_REASON: Final = 120
 """Characters of what is wrong, which names what the file holds."""
 
@@ -174,7 +177,7 @@ calibration'
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise ValueError(f"the text is not a calibration: its format should be {FORMAT!r}")
     version = document.get("version")
-    if version not in (*WITHOUT_MODEL_ERROR, VERSION):
+    if version not in (*WITHOUT_BELTS, VERSION):
         raise ValueError(
             f"the calibration has version {version}, this program reads versions 1 to {VERSION}; "
             "fit it again"
@@ -184,7 +187,9 @@ calibration'
         plates = {name: _model(plain, version) for name, plain in document["plates"].items()}
         sensors = () if old else tuple(Sensor(**plain) for plain in document["sensors"])
         correlation = None if old else document["correlation"]
-        dynamic, choice = ({}, None) if version in WITHOUT_MODEL_ERROR else _chosen(document)
+        dynamic, choice = (
+            ({}, None) if version in WITHOUT_MODEL_ERROR else _chosen(document, version)
+        )
         calibration = Calibration(
             plates, document["provenance"], sensors, correlation, dynamic, choice
         )
@@ -205,8 +210,10 @@ def _plain(model: InertiaModel) -> dict[str, Any]:
     }
 
 
-def _chosen(document: dict[str, Any]) -> tuple[dict[str, InertiaModel], Choice | None]:
-    dynamic = {name: _model(plain, VERSION) for name, plain in document["dynamic"].items()}
+def _chosen(
+    document: dict[str, Any], version: int
+) -> tuple[dict[str, InertiaModel], Choice | None]:
+    dynamic = {name: _model(plain, version) for name, plain in document["dynamic"].items()}
     choice = document["choice"]
     return dynamic, None if choice is None else Choice(**choice)
 
@@ -226,5 +233,7 @@ def _model(plain: dict[str, Any], version: int) -> InertiaModel:
     known["setup"] = Setup(**plain["setup"])
     if version not in WITHOUT_MODEL_ERROR:
         of_model = plain["model_error"]  # None: read from a file of an earlier version
+        for needed in () if of_model is None or version in WITHOUT_BELTS else OF_BELTS:
+            _ = of_model[needed]
         known["model_error"] = of_model if of_model is None else ModelError(**of_model)
     return InertiaModel(**known)

@@ -309,7 +309,7 @@ class InertiaModel:
         if setup.cutoff_hz is not None:
             fields.append("filter_method")
         differ = [
-            f"{name} {getattr(self.setup, name)!r}, but the trial has {getattr(setup, name)!r}"
+            f"{name} {getattr(self.setup, name)!r}, but the recording has {getattr(setup, name)!r}"
             for name in fields
             if getattr(self.setup, name) != getattr(setup, name)
         ]

@@ -69,8 +69,8 @@ class ModelError:
         Of the same two, variance where belts run, and variance per fourth power of their speed,
         (2, 2, 6) [N², (N·m)²; per (m/s)⁴]; by default none.
     belts_mps
-        Speed of the belts in every recording of the calibration, (M,) [m/s]; empty where it is
-        unknown.
+        Speed of the belts in every recording of the calibration, without a sign, (M,) [m/s]; empty
+        where it is unknown.
 
     Examples
     --------
@@ -105,6 +105,7 @@ class ModelError:
             if value.size:
                 refuse_gaps(value, f"model error: {name}")
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "belts_mps", read_only(np.abs(self.belts_mps)))
 
     @property
     def fastest_mps(self) -> float | None:
@@ -182,6 +183,11 @@ def fit_model_error(
     ModelError
         With variances that are 0 or positive.
 
+    Raises
+    ------
+    ValueError
+        If there are speeds of other than all recordings.
+
     Notes
     -----
     The readings are split into bands; the directions of a band are the principal ones of the
@@ -196,18 +202,20 @@ def fit_model_error(
     speeds of running belts. Else it is in the constant. Of the rollers' angles few recordings show
     little: their part is widened as an interval of Student's t is.
     """
+    speeds = np.abs(np.array(belts_mps, float))
+    if len(speeds) not in (0, len(accelerations)):
+        raise ValueError(f"{len(speeds)} belt speeds for {len(accelerations)} recordings")
     center = np.mean([a.mean(axis=0) for a in accelerations], axis=0)
     squares = [np.vstack(side) ** 2 for side in (left, left_slow)]
     k = len(center)
     if rate_hz is None:
         floor = np.array([square.mean(axis=0) for square in squares])
         none = np.zeros((0, k, k)), np.zeros((2, 0, 6))
-        return ModelError(center, *none, floor, np.array(zero), belts_mps=np.array(belts_mps))
+        return ModelError(center, *none, floor, np.array(zero), belts_mps=speeds)
     bands = [_bands(a - center, rate_hz) for a in accelerations]
     directions = np.array([_directions(of_band) for of_band in zip(*bands, strict=True)])
     step = max(round(SMOOTHING_S * rate_hz), 1)
     energies = [_energies(band, directions, rate_hz)[step // 2 :: step] for band in bands]
-    speeds = np.array(belts_mps, float)
     shown = _shown(speeds)
     of_belts = _belt_terms(speeds) * shown if len(speeds) else np.zeros((len(energies), 2))
     designs = [
@@ -228,7 +236,7 @@ def fit_model_error(
         factors[:, -1],
         np.array(zero),
         factors[:, -3:-1],
-        np.array(belts_mps),
+        speeds,
     )
 
 
@@ -257,7 +265,7 @@ def _belt_terms(speed: Array) -> Array:
 
 def _shown(speeds: Array) -> list[bool]:
     """Whether recordings tell each of the terms from the rest."""
-    running = speeds[np.abs(speeds) > RUNNING_MPS]
+    running = speeds[speeds > RUNNING_MPS]
     several = running.max(initial=0.0) > MIN_FASTER * running.min(initial=np.inf)
     return [len(running) < len(speeds), bool(several)]
 

@@ -155,7 +155,7 @@ def fit(
         *([calibration.choice.note] if calibration.choice is not None else []),
         *timing,
         *plates_timed_apart(empty, treadmill, calibration.sensors, plates),
-        *belt_speed_notes(empty, treadmill, list(calibration.in_use.values())),
+        *belt_speed_notes(empty, treadmill, calibration),
         *poor,
     ]
     for note in warnings_first(notes):

@@ -16,6 +16,11 @@ ACCELERATIONS: Final = {
     "g": STANDARD_GRAVITY_MPS2,
     **{f"{m}/{s}": scale for m, scale in LENGTHS.items() for s in ("s²", "s2", "s^2", "s/s")},
 }
+SPEEDS: Final = {
+    **{f"{m}/{s}": scale for m, scale in LENGTHS.items() for s in ("s", "sec", "second")},
+    **dict.fromkeys(("km/h", "km/hr", "kmh", "kph"), 1 / 3.6),
+    "mph": 0.44704,
+}
 ANGLES: Final = {name: np.pi / 180 for name in ("deg", "degree", "degrees", "°")} | {
     name: 1.0 for name in ("rad", "radian", "radians")
 }
@@ -73,6 +78,11 @@ def is_cut_off(unit: str) -> bool:
 def acceleration_in_mps2(unit: str) -> float:
     """Give one unit of acceleration in m/s²; raises ValueError where it is unknown."""
     return _lookup(unit, ACCELERATIONS, "acceleration", "g or m/s²")
+
+
+def speed_in_mps(unit: str) -> float:
+    """Give one unit of speed in m/s; raises ValueError where it is unknown."""
+    return _lookup(unit, SPEEDS, "speed", "m/s or km/h")
 
 
 def angle_in_rad(unit: str) -> float:

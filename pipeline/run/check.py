@@ -392,11 +392,15 @@ def _check_ground(
     """Look for everything that compensation, platform pose and perturbations need."""
     name, treadmill = recording.source.name, laboratory.treadmill
     found.attempt(name, lambda: require_uncompensated(recording, laboratory))
-    if laboratory.calibration is not None and recording.plates:
+    calibration = laboratory.calibration
+    if calibration is not None and recording.plates:
         readings = found.attempt(name, lambda: accelerations(recording, treadmill))
         if readings is not None:
-            models = found.attempt(name, lambda: plate_models(recording, laboratory))
-            found.notes(name, belt_speed_notes(recording, treadmill, models or ()))
+            found.attempt(name, lambda: plate_models(recording, laboratory))
+            of_belts = found.attempt(
+                name, lambda: belt_speed_notes(recording, treadmill, calibration)
+            )
+            found.notes(name, of_belts or ())
     time, platform = recording.markers.time, treadmill.platform
     pose = found.attempt(name, lambda: platform_pose(recording, platform, time))
     if pose is not None:

@@ -10,6 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from functools import cache
 from multiprocessing import resource_tracker
 from typing import Any, Final
 
@@ -81,8 +82,9 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
             raise
 
 
+@cache
 def _ignore_failing_manager() -> None:
-    """Print no traceback of loky's thread that manages workers: some of them are killed."""
+    """Print no traceback of loky's thread that manages workers, some of which are killed; once."""
     report = threading.excepthook
 
     def of_others(failure: threading.ExceptHookArgs) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 import numpy as np
 import pyarrow as pa
@@ -73,18 +73,21 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> Tr
             file.write_table(table)
             stored = {SUMMARY: summary.to_json(), HEADER: header_of(result).to_json()}
             file.add_key_value_metadata(stored | {DIGEST: NO_DIGEST})
-        write_digest(temporary)
+        with temporary.open("r+b") as written:
+            write_digest(written)
     return summary
 
 
-def write_digest(path: Path) -> None:
+def write_digest(file: BinaryIO) -> None:
     """Put the SHA-256 of all bytes of a stored trial but those of the digest itself into it."""
-    with path.open("r+b") as file:
-        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            place = content.rfind(DIGEST_START) + len(DIGEST_START)
-            digest = _digest(content, place)
-        file.seek(place)
-        file.write(digest)
+    with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        start = content.rfind(DIGEST_START)
+        if start < 0:
+            raise ValueError(f"{file.name}: no place for the checksum in the file")
+        place = start + len(DIGEST_START)
+        digest = _digest(content, place)
+    file.seek(place)
+    file.write(digest)
 
 
 def _digest(content: bytes | mmap.mmap, place: int) -> bytes:

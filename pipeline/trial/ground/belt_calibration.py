@@ -14,6 +14,7 @@ from hbm.notes import Note
 from hbm.signals.resampling import interpolate, resample
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Belt, Treadmill
+from pipeline.io.input_file import naming
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.artefacts import plate_artefacts
@@ -23,6 +24,7 @@ from pipeline.trial.ground.belts import (
     belt_side,
     belt_wrenches,
 )
+from pipeline.trial.ground.calibration_check import FAULTS
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.empty_plates import FILTER, read_empty
 from pipeline.trial.ground.instruments import belt_speed
@@ -55,12 +57,13 @@ def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording
         subtracted before the belts' part is.
     notes
         ``belts_without_accelerometers`` where the recording lacks their channels, so that what the
-        belts shake is still in its plates.
+        belts shake is still in its plates; ``belts_recording_doubtful`` where its accelerations
+        are.
 
     Raises
     ------
     ValueError
-        As `with_corrected_plates` and `plate_artefacts`.
+        As `with_corrected_plates` and `plate_artefacts`; or an accelerometer is faulty.
     """
     recording = with_corrected_plates(recording, laboratory.plates)
     if laboratory.calibration is None:
@@ -68,14 +71,21 @@ def belts_alone(recording: Recording, laboratory: Laboratory) -> tuple[Recording
     channels = {name for names in laboratory.treadmill.accelerometers.values() for name in names}
     present = set() if recording.analog is None else set(recording.analog.names)
     if not channels <= present:
-        file = recording.source.name
-        return recording, (Note.of("belts_without_accelerometers", recording=file),)
-    artefacts, _ = plate_artefacts(recording, replace(laboratory, belts=()))
+        missing = Note.of("belts_without_accelerometers", recording=recording.source.name)
+        return recording, (missing,)
+    file = recording.source.name
+    with naming(recording.source):
+        artefacts, found = plate_artefacts(recording, replace(laboratory, belts=()))
+    if faults := [note.text for note in found if note.code in FAULTS]:
+        raise ValueError(f"{file}: the belts' calibration needs its accelerometers: {faults[0]}")
+    of_readings = (note for note in found if note.level == "warning" and "plate" not in note.values)
+    doubts = tuple(note.text for note in of_readings)  # those of a plate are of its calibration
     plates = tuple(
         replace(plate, wrench_in_plate=plate.wrench_in_plate - artefact)
         for plate, artefact in zip(recording.plates, artefacts, strict=True)
     )
-    return replace(recording, plates=plates), ()
+    notes = (Note.of("belts_recording_doubtful", recording=file, doubts=doubts),) if doubts else ()
+    return replace(recording, plates=plates), notes
 
 
 def fit_belts(recording: Recording, belt: Belt) -> tuple[BeltModel, ...]:

@@ -36,11 +36,13 @@ from pipeline.trial.ground.empty_plates import (
     setup_of,
     wrenches_in_time,
 )
-from pipeline.trial.ground.instruments import fastest_belt
+from pipeline.trial.ground.instruments import mean_belt_speed
 
 PLATES_NAME: Final = "plate_calibration"
 PLATES_SHA256: Final = "plate_calibration_sha256"
 """Keys of a calibration's provenance that name the correction of its plates."""
+BELTS_UNKNOWN: Final = "belts_unknown"
+"""Key that names the recordings in which the speed of the belts is unknown."""
 MIN_APART_S: Final = 0.0005
 """Between two plates: a tenth of a delay that matters, of 5 ms."""
 
@@ -74,7 +76,8 @@ def fit_calibration(
     Calibration
         One model per plate, named "plate 1", "plate 2", …, and dynamic ones where they are stated
         or chosen. Its sensors' delays are against the first plate. Its provenance names the
-        correction, and which plates were empty in what.
+        correction, which plates were empty in what, and in which recordings the speed of the belts
+        is unknown.
 
     Raises
     ------
@@ -93,7 +96,8 @@ def fit_calibration(
     k = 3 * len(treadmill.accelerometers)
     own = plate_samples(recording, treadmill, sensors, plates, LAGS_S)
     noises = {name: noise_for_fit(sensors, felt[:, :k]) for name, (felt, _) in own.items()}
-    belts = [_belts_mps(one, treadmill) for one in (recording, *beside)]
+    every = (recording, *beside)
+    belts = [mean_belt_speed(one, treadmill) for one in every]
     static = {
         name: fit_trials([(felt[:, :k], wrench)], setup, noises[name], belts_mps=_known(belts[:1]))
         for name, (felt, wrench) in own.items()
@@ -121,17 +125,15 @@ def fit_calibration(
         provenance[BESIDE] = "; ".join(
             f"{source}: {', '.join(empty)} empty" for source, empty in found
         )
+    if None in belts:
+        provenance[BELTS_UNKNOWN] = ", ".join(
+            one.source.name for one, speed in zip(every, belts, strict=True) if speed is None
+        )
     choice, dynamic = choose(trials, static, compared, treadmill.inertia_model)
     if plates is not None:
         provenance |= {PLATES_NAME: plates.name, PLATES_SHA256: plates.sha256}
     joint = _joint_correlation(recording, own, dynamic or static)
     return Calibration(static, provenance, sensors, joint, dynamic, choice)
-
-
-def _belts_mps(recording: Recording, treadmill: Treadmill) -> float | None:
-    """Give the constant belt speed whose fourth power is a recording's mean; None if unknown."""
-    found = fastest_belt(recording, treadmill)
-    return None if found is None else float(np.nanmean(found[1] ** 4) ** 0.25)
 
 
 def _known(speeds: Sequence[float | None]) -> tuple[float, ...]:

@@ -9,11 +9,13 @@ import numpy as np
 from hbm.spatial import Array
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Recording
-from pipeline.io.units import length_in_m
+from pipeline.io.units import speed_in_mps
 
 MAX_HELD_S: Final = 0.5
 """At either end, over which the nearest known value is used: no delay is longer."""
 BELT: Final = re.compile(r"belt|treadmill", re.IGNORECASE)
+NOT_BELT: Final = re.compile(r"sway|pitch|platform", re.IGNORECASE)
+"""In names of channels with another speed of a treadmill."""
 
 
 def read_channel(
@@ -78,18 +80,7 @@ def belt_speed(recording: Recording, channel: str) -> Array:
     ValueError
         If there is no such channel, or its unit is none of speed.
     """
-    file = recording.source.name
-    analog = recording.analog
-    if analog is None or channel not in analog.names:
-        present = ", ".join(analog.names) if analog is not None else "none"
-        raise ValueError(
-            f"{file}: no analog channel {channel!r} with belt speed; present: {present}"
-        )
-    unit = analog.units[analog.names.index(channel)].strip()
-    length, per_second, _ = unit.partition("/s")
-    if not per_second:
-        raise ValueError(f"{file}: {channel} is in {unit!r}, expected a speed such as m/s")
-    return analog.channel(channel) * length_in_m(length)
+    return read_channel(recording, channel, speed_in_mps)[1]
 
 
 def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Array] | None:
@@ -101,12 +92,17 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
         The trial.
     treadmill
         Its belts' channels; where none are stated, those in a unit of speed whose name contains
-        "belt" or "treadmill" count.
+        "belt" or "treadmill", and not "sway", "pitch" or "platform", count.
 
     Returns
     -------
     time, speed
-        (N,) [s] and (N,) [m/s]; None where there is no such channel.
+        (N,) [s] and (N,) [m/s], NaN where unknown; None where it is unknown throughout.
+
+    Raises
+    ------
+    ValueError
+        If a stated channel is in no unit of speed.
     """
     analog = recording.analog
     if analog is None:
@@ -115,11 +111,35 @@ def fastest_belt(recording: Recording, treadmill: Treadmill) -> tuple[Array, Arr
     known = [name for name in stated if name in analog.names] or [
         name
         for name, unit in zip(analog.names, analog.units, strict=True)
-        if BELT.search(name) and unit.strip().endswith("m/s")
+        if BELT.search(name) and not NOT_BELT.search(name) and _is_speed(unit)
     ]
-    if not known:
+    speeds = np.abs([belt_speed(recording, name) for name in known])
+    speeds[~np.isfinite(speeds)] = np.nan
+    if np.isnan(speeds).all():  # also of no channels
         return None
-    return analog.time, np.max([np.abs(belt_speed(recording, name)) for name in known], axis=0)
+    return analog.time, np.fmax.reduce(speeds)
+
+
+def mean_belt_speed(recording: Recording, treadmill: Treadmill) -> float | None:
+    """Give the constant speed of belts whose fourth power is a recording's mean [m/s].
+
+    What rollers leave on plates has a variance that grows with it. None where it is unknown;
+    parameters and errors are those of `fastest_belt`.
+    """
+    found = fastest_belt(recording, treadmill)
+    if found is None:
+        return None
+    with np.errstate(over="ignore"):
+        mean = float(np.nanmean(found[1] ** 4) ** 0.25)
+    return mean if np.isfinite(mean) else None
+
+
+def _is_speed(unit: str) -> bool:
+    try:
+        speed_in_mps(unit)
+    except ValueError:
+        return False
+    return True
 
 
 def hold_ends(time: Array, values: Array, what: str) -> tuple[Array, float]:

@@ -106,7 +106,7 @@ def _require_same_channels(recording: Recording, laboratory: Laboratory) -> None
             raise ValueError(
                 f"{recording.source.name}: accelerometer {sensor} was {', '.join(then)} in the "
                 f"calibration, which this recording has too, but {', '.join(channels)} is stated; "
-                "trial and calibration need the same channels"
+                "recording and calibration need the same channels"
             )
 
 

@@ -10,22 +10,21 @@ from typing import Final
 
 import numpy as np
 
-from compensation import InertiaModel, PlatformPose
+from compensation import Calibration, InertiaModel, PlatformPose
 from compensation.inertia.model import SLOW_HZ
 from compensation.inertia.model_error import RUNNING_MPS
 from hbm.notes import Note
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Treadmill
 from pipeline.io.recording import Plate, Recording
-from pipeline.trial.ground.instruments import fastest_belt
+from pipeline.trial.ground.calibration_recording import BELTS_UNKNOWN
+from pipeline.trial.ground.instruments import mean_belt_speed
 
 FORCE: Final = slice(0, 3)
 MOMENT: Final = slice(3, 6)
 MAX_FASTER: Final = 1.05
 """Factor by which belts may run faster than in the calibration: their vibration then has 1.2 times
 the variance that is expected."""
-MIN_SHARE: Final = 0.05
-"""Of a trial in which they must."""
 
 
 def wrench_spread(
@@ -137,7 +136,7 @@ def standard_deviation(covariance: Array, point: Array) -> Array:
 
 
 def belt_speed_notes(
-    recording: Recording, treadmill: Treadmill, models: Sequence[InertiaModel]
+    recording: Recording, treadmill: Treadmill, calibration: Calibration
 ) -> tuple[Note, ...]:
     """Say where a calibration does not know what belts as fast as a trial's leave.
 
@@ -147,25 +146,35 @@ def belt_speed_notes(
         The trial.
     treadmill
         Its belts' channels, where they are stated.
-    models
-        Of the plates; those of earlier versions, which know of noise alone, do not count.
+    calibration
+        Its models of earlier versions, which know of noise alone, do not count.
 
     Returns
     -------
     tuple of Note
         One at most.
+
+    Raises
+    ------
+    ValueError
+        If a stated channel is in no unit of speed.
+
+    Notes
+    -----
+    Speeds of a trial and of the calibration's recordings are both those of `mean_belt_speed`.
     """
+    models, made = calibration.in_use.values(), calibration.provenance
     known = [m.model_error.fastest_mps for m in models if m.model_error is not None]
     speeds = [speed for speed in known if speed is not None]
     if len(speeds) < len(known):
-        return (Note.of("uncertainty_calibration_belts_unknown"),)
-    found = fastest_belt(recording, treadmill)
+        recordings = made.get(BELTS_UNKNOWN, made.get("recording", "its recording"))
+        return (Note.of("uncertainty_calibration_belts_unknown", recordings=recordings),)
+    speed = mean_belt_speed(recording, treadmill)
     if not speeds:
         return ()
     calibrated = min(speeds)
-    if found is None:
+    if speed is None:
         return (Note.of("uncertainty_belts_unknown", calibrated_mps=calibrated),)
-    speed = float(np.nanquantile(found[1], 1 - MIN_SHARE))
     if speed <= max(MAX_FASTER * calibrated, RUNNING_MPS):
         return ()
     return (Note.of("uncertainty_belts_faster", speed_mps=speed, calibrated_mps=calibrated),)

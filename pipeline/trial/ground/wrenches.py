@@ -201,7 +201,7 @@ def _without_inertia(
         notes.append(Note.of("uncertainty_of_noise_alone"))
     elif BESIDE not in laboratory.calibration.provenance:
         notes.append(Note.of("uncertainty_without_people"))
-    notes += belt_speed_notes(recording, treadmill, models)
+    notes += belt_speed_notes(recording, treadmill, laboratory.calibration)
     notes += [*corrected_sensors(sensors), *laboratory.notes]
     return compensated, felt, notes
 

@@ -6,7 +6,12 @@ import pytest
 from compensation.inertia.another_day import check_another_day
 from compensation.inertia.fit import fit_inertia
 from compensation.inertia.model import Setup
-from compensation.inertia.quality import left_over, refuse_unusable
+from compensation.inertia.quality import (
+    MAX_LEFT_N,
+    MAX_LEFT_NM,
+    left_over,
+    refuse_unusable,
+)
 from hbm.spatial import WRENCH_COMPONENTS, rotation_about
 
 RATE_HZ = 100.0
@@ -223,15 +228,25 @@ def test_a_zero_that_changes_as_zeros_do_from_recording_to_recording_has_not_dri
     assert check(model, accelerations, wrench).verdict == verdict
 
 
-def test_rollers_that_leave_more_than_on_the_first_day_do_not_make_a_calibration_outdated(
-    laboratory,
+@pytest.mark.parametrize(("amplitude", "verdict"), [(3.5, "valid"), (8.0, "outdated")])
+def test_rollers_that_leave_up_to_twice_as_much_do_not_make_a_calibration_outdated(
+    laboratory, amplitude, verdict
 ):
     """They turn, and their angle to each other is another one: no new calibration would help."""
     days = []
-    for seed, amplitude in ((1, 1.0), (2, 6.0)):
+    for seed, moment in ((1, 1.0), (2, amplitude)):
         accelerations, wrench = record(laboratory(), seed)
-        turning = amplitude * np.sin(2 * np.pi * 4.75 * np.arange(len(wrench)) / RATE_HZ)
+        turning = moment * np.sin(2 * np.pi * 4.75 * np.arange(len(wrench)) / RATE_HZ)
         days.append((accelerations, wrench + turning[:, None] * [0, 0, 0, 0, 1, 0]))
     found = check(fit_inertia(*days[0], SETUP), *days[1])
-    assert found.left["plate 1"][4] > 3
-    assert found.verdict == "valid"
+    assert found.left["plate 1"][4] > MAX_LEFT_NM
+    assert found.verdict == verdict
+
+
+@pytest.mark.parametrize("amplitude", [20.0, 30.0, 40.0])
+def test_a_rattle_that_no_calibration_explains_makes_one_outdated(laboratory, model, amplitude):
+    accelerations, wrench = record(laboratory(), 2)
+    wrench[:, 0] += amplitude * np.sin(2 * np.pi * 2.03 * np.arange(len(wrench)) / RATE_HZ)
+    found = check(model, accelerations, wrench)
+    assert found.left["plate 1"][0] > MAX_LEFT_N
+    assert found.verdict == "outdated"

@@ -46,12 +46,15 @@ def test_reading_for_itself_needs_no_setup(calibration):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"sensors": ("front right", "rear left")}, "sensors .* but the trial has"),
-        ({"rate_hz": 1000.0}, "rate_hz 100.0, but the trial has 1000.0"),
-        ({"cutoff_hz": None}, "cutoff_hz 20.0, but the trial has None"),
-        ({"acceleration_unit": "g"}, "acceleration_unit 'm/s²', but the trial has 'g'"),
+        ({"sensors": ("front right", "rear left")}, "sensors .* but the recording has"),
+        ({"rate_hz": 1000.0}, "rate_hz 100.0, but the recording has 1000.0"),
+        ({"cutoff_hz": None}, "cutoff_hz 20.0, but the recording has None"),
+        ({"acceleration_unit": "g"}, "acceleration_unit 'm/s²', but the recording has 'g'"),
         ({"wrench_unit": "N, N·mm"}, "wrench_unit"),
-        ({"filter_method": "realtime"}, "filter_method 'zero_phase', but the trial has 'realtime'"),
+        (
+            {"filter_method": "realtime"},
+            "filter_method 'zero_phase', but the recording has 'realtime'",
+        ),
     ],
 )
 def test_a_trial_recorded_otherwise_is_refused_with_the_reason(calibration, change, message):
@@ -79,13 +82,47 @@ def test_a_file_without_model_error_is_of_noise_alone(calibration):
 
 
 def test_a_file_without_belt_speeds_expects_the_same_at_every_speed(calibration):
-    document = json.loads(to_json(calibration))
+    document = json.loads(to_json(calibration)) | {"version": 4}
     for plate in document["plates"].values():
         del plate["model_error"]["per_belts"], plate["model_error"]["belts_mps"]
+    with pytest.raises(ValueError, match="damaged: 'per_belts'"):
+        from_json(json.dumps(document | {"version": 5}))
     error = from_json(json.dumps(document)).plates["left"].model_error
     assert error.fastest_mps is None
     at_rest = np.broadcast_to(error.center, (200, len(error.center)))
     np.testing.assert_array_equal(*(error.variance(at_rest, 100.0, belts_mps=v) for v in (0, 3)))
+
+
+def as_version(calibration, version):
+    """The text of a calibration as a program of that version wrote it."""
+    document = json.loads(to_json(calibration)) | {"version": version}
+    for plate in document["plates"].values():
+        if version < 4:
+            del plate["model_error"], plate["lags_s"]
+        else:
+            del plate["model_error"]["per_belts"], plate["model_error"]["belts_mps"]
+        if version == 1:
+            del plate["setup"]["filter_method"]
+            plate["warnings"] = []
+    if version < 4:
+        del document["dynamic"], document["choice"]
+    if version < 3:
+        del document["sensors"], document["correlation"]
+    return json.dumps(document)
+
+
+@pytest.mark.parametrize("version", [1, 2, 3, 4])
+def test_a_file_of_an_earlier_version_says_the_same_when_it_is_written_anew(calibration, version):
+    old = from_json(as_version(calibration, version), SETUP)
+    text = to_json(old)
+    assert json.loads(text)["version"] == 5
+    again = from_json(text, SETUP)
+    at_rest = np.broadcast_to(old.plates["left"].acceleration_mean, (200, 6))
+    for side, model in old.plates.items():
+        new = again.plates[side]
+        np.testing.assert_array_equal(new.gain, model.gain)
+        expected = model.uncertainty(at_rest, belts_mps=3.0)
+        np.testing.assert_array_equal(new.uncertainty(at_rest, belts_mps=3.0), expected)
 
 
 def test_the_filter_of_the_fit_comes_back_from_the_file(laboratory):
@@ -144,7 +181,7 @@ def damaged(text, **changes):
         (lambda text: text[:100], "not JSON"),
         (lambda text: "[1, 2]", "not a calibration"),
         (lambda text: "{}", "not a calibration"),
-        (lambda text: text.replace('"version": 4', '"version": 9'), "version 9"),
+        (lambda text: text.replace('"version": 5', '"version": 9'), "version 9"),
         (lambda text: text.replace('"provenance"', '"origin"'), "damaged: 'provenance'"),
         (lambda text: text.replace('"sigma"', '"sugma"'), "damaged"),
         (lambda text: damaged(text, gain=[[1.0] * 6]), "inertia model"),

@@ -218,6 +218,27 @@ def test_recordings_at_one_speed_expect_the_same_at_every_speed(speeds):
     assert error.fastest_mps == (max(speeds) if speeds else None)
 
 
+def test_the_sign_of_belt_speeds_does_not_matter():
+    felt, known = belt_error(BELTS_MPS)
+    assert replace(known, belts_mps=-known.belts_mps).fastest_mps == 3.0
+    rng = np.random.default_rng(18)
+    left = [rng.normal(0, 1, (3000, 6)) for _ in range(3)]
+    errors = [
+        fit_model_error([felt] * 3, left, left, RATE_HZ, np.zeros(6), speeds)
+        for speeds in ((0.0, 1.3, 3.0), (0.0, -1.3, -3.0))
+    ]
+    np.testing.assert_array_equal(errors[0].per_belts, errors[1].per_belts)
+    np.testing.assert_array_equal(errors[0].belts_mps, errors[1].belts_mps)
+    assert errors[1].fastest_mps == 3.0
+
+
+def test_belt_speeds_of_other_than_all_recordings_are_refused():
+    rng = np.random.default_rng(18)
+    felt, left = [rng.normal(size=(500, 3))] * 2, [rng.normal(size=(500, 6))] * 2
+    with pytest.raises(ValueError, match="1 belt speeds for 2 recordings"):
+        fit_model_error(felt, left, left, RATE_HZ, np.zeros(6), (2.0,))
+
+
 def of_two_rollers(speed, rng):
     """What two equal rollers leave that are out of balance at a random angle to each other."""
     angles = rng.uniform(0, 2 * np.pi, (2, 6))

@@ -128,7 +128,7 @@ def test_a_trial_needs_the_channels_of_its_calibration(moving_study, tmp_path, c
         options += ["--accelerometer", text]
     assert main([*trial, *options]) == 2
     line = capsys.readouterr().err
-    assert "trial and calibration need the same channels" in line
+    assert "recording and calibration need the same channels" in line
     assert line.count("\n") == 1
     assert main([*trial, "--calibration", str(fitted), "--accelerometer", exchanged[0]]) == 2
     assert "name all of them and no others" in capsys.readouterr().err
@@ -208,6 +208,8 @@ def test_a_calibration_that_does_not_know_its_belts_says_so_when_it_is_fitted_an
     moving_study, tmp_path, capsys
 ):
     fit(empty(1), tmp_path)
-    assert "does not know the speed of its belts" in " ".join(capsys.readouterr().out.split())
+    assert "does not know how fast the belts run in empty.c3d" in " ".join(
+        capsys.readouterr().out.split()
+    )
     codes = [remark.note.code for remark in check_study(read_study(moving_study)).remarks]
     assert "uncertainty_calibration_belts_unknown" in codes

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pipeline.io.units import check_span, force_in_n, length_in_m, moment_in_nm
+from pipeline.io.units import check_span, force_in_n, length_in_m, moment_in_nm, speed_in_mps
 
 
 @pytest.mark.parametrize(
@@ -35,6 +35,31 @@ def test_forces(unit, newton):
 )
 def test_moments(unit, newton_metre):
     assert moment_in_nm(unit) == newton_metre
+
+
+@pytest.mark.parametrize(
+    ("unit", "metre_per_second"),
+    [
+        ("m/s", 1),
+        ("M/S", 1),
+        (" m / s ", 1),
+        ("m/sec", 1),
+        ("metres/second", 1),
+        ("cm/s", 1e-2),
+        ("mm/s", 1e-3),
+        ("km/h", 1 / 3.6),
+        ("kph", 1 / 3.6),
+        ("mph", 0.44704),
+    ],
+)
+def test_speeds(unit, metre_per_second):
+    assert speed_in_mps(unit) == metre_per_second
+
+
+@pytest.mark.parametrize("unit", ["", "m", "Nm/s", "rpm/s", "m/s²", "m/s/s", "m/s2", "deg/s"])
+def test_units_of_something_else_are_no_units_of_speed(unit):
+    with pytest.raises(ValueError, match="speed unit"):
+        speed_in_mps(unit)
 
 
 @pytest.mark.parametrize("convert", [length_in_m, force_in_n, moment_in_nm])

@@ -18,6 +18,7 @@ from pipeline.io.recording import Metadata
 from pipeline.io.stated import Stated
 from pipeline.run.check import check_study
 from pipeline.run.run import run_study
+from pipeline.trial.ground.empty_plates import read_empty
 from pipeline.trial.process import process_trial
 from tests.pipeline import lab
 
@@ -199,6 +200,27 @@ def test_what_a_run_would_refuse_is_a_fault(study, tmp_path, change_study, fault
     assert any(line.startswith(fault) for line in found.faults), found.faults
     outcomes = list(run_study(read_study(study), tmp_path / "out", conditions=["sway"]))
     assert [outcome.state for outcome in outcomes] == ["failed"]
+
+
+def with_channel(name, unit):
+    def analog(recording):
+        known = recording.analog
+        values = np.column_stack([known.values, np.full(len(known.time), 1.3)])
+        return replace(known, names=(*known.names, name), units=(*known.units, unit), values=values)
+
+    return analog
+
+
+def test_a_speed_of_belts_in_another_unit_is_one_fault_among_all(study):
+    belt = '[treadmill.belt]\ncalibration = "empty.c3d"\nspeed_channels = ["Belt.L"]\n'
+    edit(study / "study.toml", "[treadmill.platform]", belt + "[treadmill.platform]")
+    empty = read_empty(study / "empty.c3d", Stated())
+    lab.save(replace(empty, analog=with_channel("Belt.L", "m/s")(empty)), study / "empty.c3d")
+    for name in ("sub01_pitch", "sub01_sway"):
+        change(study, name, analog=with_channel("Belt.L", "N"))
+    faults = [fault for fault in findings(study).faults if "unknown speed unit" in fault]
+    assert {fault.split(":")[0] for fault in faults} == {"sub01_pitch.c3d", "sub01_sway.c3d"}
+    assert all("channel 'Belt.L'" in fault for fault in faults)
 
 
 def test_a_trial_without_the_belts_speed_is_a_fault(study):

@@ -3,8 +3,11 @@
 import platform
 import subprocess
 import sys
+import threading
 
 import pytest
+
+from pipeline.run.processes import _ignore_failing_manager
 
 ARRAYS_TWICE = """
 import resource, numpy as np
@@ -25,3 +28,13 @@ OTHER = LIBC != "glibc" or tuple(map(int, VERSION.split("."))) < (2, 36)
 def test_an_array_takes_the_place_of_a_freed_one_without_new_pages():
     done = subprocess.run([sys.executable, "-c", ARRAYS_TWICE], capture_output=True, text=True)
     assert int(done.stdout) < 100, done.stderr
+
+
+def test_failures_of_threads_are_filtered_once_however_often_a_run_is_interrupted(monkeypatch):
+    monkeypatch.setattr(threading, "excepthook", threading.excepthook)
+    _ignore_failing_manager.cache_clear()
+    _ignore_failing_manager()
+    installed = threading.excepthook
+    _ignore_failing_manager()
+    assert threading.excepthook is installed
+    _ignore_failing_manager.cache_clear()

@@ -161,7 +161,8 @@ def rewrite(source, target, change=lambda text: text, key=SUMMARY, drop=(), fram
     with pq.ParquetWriter(target, table.schema, store_schema=False) as file:
         file.write_table(table)
         file.add_key_value_metadata(metadata | {key: change(metadata[key]), DIGEST: NO_DIGEST})
-    write_digest(target)
+    with target.open("r+b") as file:
+        write_digest(file)
 
 
 @pytest.mark.parametrize(
@@ -187,6 +188,15 @@ def test_a_summary_of_another_format_gives_one_line(written, tmp_path, before, a
         ValueError, match=rf"^other\.parquet: {reason}.*'hbm run' makes it again; otherwise"
     ):
         read_summary(path)
+
+
+def test_a_file_without_a_place_for_the_checksum_is_refused_and_stays_as_it_is(tmp_path):
+    path = tmp_path / "other.parquet"
+    path.write_bytes(b"PAR1" + b"a" * 200)
+    reason = "no place for the checksum"
+    with path.open("r+b") as file, pytest.raises(ValueError, match=reason):
+        write_digest(file)
+    assert path.read_bytes() == b"PAR1" + b"a" * 200
 
 
 def test_equal_results_give_equal_bytes(processed, written, tmp_path):
@@ -309,7 +319,8 @@ def test_a_column_of_text_in_the_place_of_numbers_gives_one_line(written, tmp_pa
     with pq.ParquetWriter(path, other.schema, store_schema=False) as file:
         file.write_table(other)
         file.add_key_value_metadata(pq.read_metadata(written).metadata | {DIGEST: NO_DIGEST})
-    write_digest(path)
+    with path.open("r+b") as file:
+        write_digest(file)
     with pytest.raises(ValueError, match=r"^other\.parquet.*'hbm run' makes it again"):
         read_trial(path)
 

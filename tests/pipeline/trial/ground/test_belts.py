@@ -137,9 +137,9 @@ def test_the_pitch_axis_of_a_plate_does_not_depend_on_the_lab_axes(tmp_path):
 
 def test_a_channel_in_no_unit_of_speed_is_refused():
     recording = record_signal_trial(PULSES, seed=6)
-    with pytest.raises(ValueError, match=r"rear_left.X is in 'g', expected a speed"):
+    with pytest.raises(ValueError, match=r"'rear_left.X': unknown speed unit 'g'"):
         belt_speed(recording, "rear_left.X")
-    with pytest.raises(ValueError, match=r"no analog channel 'Belt' .*; present: rear_left.X"):
+    with pytest.raises(ValueError, match=r"no analog channel 'Belt'.*rear_left.X"):
         belt_speed(recording, "Belt")
 
 
@@ -203,3 +203,39 @@ def test_belts_recorded_without_accelerometers_are_fitted_as_measured_and_trials
     known = Laboratory(TREADMILL, platform, fit_belts(alone, BELT), notes=notes)
     ground = ground_wrenches(trial, known, trial.markers.time[100:-100], 0.0)
     assert "belts_without_accelerometers" in {note.code for note in ground.notes}
+
+
+def with_readings(recording, make):
+    """The recording with other readings of its first accelerometer, (N, 3)."""
+    values = recording.analog.values.copy()
+    values[:, :3] = make(values[:, :3])
+    return replace(recording, analog=replace(recording.analog, values=values))
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda readings: 0 * readings, "reads 0 m/s²"),
+        (lambda readings: readings * [0, 1, 1], "the belts' calibration needs its accelerometers"),
+    ],
+)
+def test_a_dead_accelerometer_in_the_belts_recording_is_refused(flexible, make, reason):
+    belts, platform, _ = flexible
+    with pytest.raises(ValueError, match=rf"^{belts.source.name}: .*{reason}"):
+        belts_alone(with_readings(belts, make), Laboratory(TREADMILL, platform))
+
+
+def test_a_noisy_accelerometer_in_the_belts_recording_is_not_subtracted_silently(flexible):
+    belts, platform, _ = flexible
+    rng = np.random.default_rng(0)
+    noisy = with_readings(belts, lambda readings: readings + rng.normal(0, 0.1, readings.shape))
+    _, (note,) = belts_alone(noisy, Laboratory(TREADMILL, platform))
+    assert note.code == "belts_recording_doubtful"
+    assert "outside the range of the calibration" in note.text
+
+
+def test_another_rate_of_the_belts_recording_is_not_called_that_of_a_trial(flexible):
+    _, platform, _ = flexible
+    belts = record_signal_trial(belt_signals(1, 1.0)[0], seed=7)
+    with pytest.raises(ValueError, match=rf"^{belts.source.name}: .*but the recording has"):
+        belts_alone(belts, Laboratory(TREADMILL, platform))

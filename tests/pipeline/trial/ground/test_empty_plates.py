@@ -140,7 +140,10 @@ def test_trials_whose_belts_are_faster_than_those_of_the_calibration_say_so(empt
     for speed in (0.0, 1.3, 2.05):
         assert belt_notes(with_belts(empty, speed), known) == []
     assert belt_notes(with_belts(empty, 2500.0, "mm/s"), known) == [
-        ("uncertainty_belts_faster", {"speed_mps": 2.5, "calibrated_mps": pytest.approx(2.0)})
+        (
+            "uncertainty_belts_faster",
+            {"speed_mps": pytest.approx(2.5), "calibrated_mps": pytest.approx(2.0)},
+        )
     ]
     assert belt_notes(empty, known) == [
         ("uncertainty_belts_unknown", {"calibrated_mps": pytest.approx(2.0)})
@@ -154,4 +157,22 @@ def test_a_calibration_of_which_one_belt_speed_is_unknown_says_so(empty, known):
     calibration = fit_calibration(signal, TREADMILL, beside=[other])
     assert calibration.plates["plate 1"].model_error.fastest_mps is None
     (found,) = belt_notes(with_belts(empty, 3.0), calibration)
-    assert found[0] == "uncertainty_calibration_belts_unknown"
+    recordings = "beside.c3d" if known else empty.source.name
+    assert found == ("uncertainty_calibration_belts_unknown", {"recordings": recordings})
+
+
+@pytest.mark.parametrize("resting", [0.0, 0.5, 0.9])
+def test_a_calibration_does_not_warn_of_the_speed_of_its_own_belts(empty, resting):
+    """Belts that rest for a part of it: its speed and the trial's are the same mean."""
+    recording = with_belts(empty, 3.0 * (np.linspace(0, 1, len(empty.analog.time)) >= resting))
+    assert belt_notes(recording, fit_calibration(recording, TREADMILL)) == []
+
+
+def test_two_speeds_of_which_one_is_too_fast_are_printed_apart(empty):
+    known = fit_calibration(with_belts(empty, 1.26), TREADMILL)
+    ground = ground_wrenches(
+        with_belts(empty, 1.34), Laboratory(TREADMILL, known), empty.markers.time, 0.0
+    )
+    (note,) = [note for note in ground.notes if note.code == "uncertainty_belts_faster"]
+    assert "1.34 m/s on average" in note.text
+    assert "in the calibration's recordings at 1.26 m/s at most" in note.text

@@ -1,9 +1,14 @@
-"""Ends of a signal that does not cover the plates are held; gaps are refused."""
+"""Ends of a signal that does not cover the plates are held; speeds of belts are found."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pipeline.trial.ground.instruments import hold_ends
+from pipeline.config.schema import Belt, Treadmill
+from pipeline.io.recording import Analog
+from pipeline.trial.ground.instruments import fastest_belt, hold_ends
+from tests.pipeline import lab
 
 TIME = np.arange(2000) / 1000
 
@@ -40,3 +45,67 @@ def test_a_long_end_is_refused():
         hold_ends(TIME, signal(600, 2000), "the pose")
     with pytest.raises(ValueError, match="the pose is nowhere known"):
         hold_ends(TIME, signal(2000, 2000), "the pose")
+
+
+FRAMES = 5
+SPEED = np.linspace(0.0, 2.0, FRAMES)
+
+
+def with_channels(**channels):
+    """A recording with these channels: name -> unit and values; a point is written as two _."""
+    recording = lab.without_people(1.0)
+    names = tuple(name.replace("__", ".") for name in channels)
+    units = tuple(unit for unit, _ in channels.values())
+    values = np.column_stack([values for _, values in channels.values()])
+    analog = Analog(TIME[:FRAMES], names, units, values)
+    return replace(recording, analog=analog)
+
+
+def fastest(**channels):
+    found = fastest_belt(with_channels(**channels), Treadmill())
+    return None if found is None else found[1]
+
+
+@pytest.mark.parametrize(("unit", "mps"), [("m/s", 1), ("MM/S", 1e-3), ("km/h", 1 / 3.6)])
+@pytest.mark.parametrize("name", ["Belt__Left", "TreadmillSpeed"])
+def test_the_speed_of_a_belt_is_found_by_name_and_unit(name, unit, mps):
+    np.testing.assert_allclose(fastest(**{name: (unit, -SPEED)}), SPEED * mps)
+
+
+@pytest.mark.parametrize("unit", ["Nm/s", "rpm/s", "m/s²", "N", ""])
+def test_a_channel_in_another_unit_is_no_speed_of_a_belt(unit):
+    assert fastest(Belt=(unit, SPEED)) is None
+    np.testing.assert_array_equal(
+        fastest(Belt=("m/s", SPEED), Belt__Load=(unit, 100 + SPEED)), SPEED
+    )
+
+
+@pytest.mark.parametrize("name", ["Treadmill__Sway__Velocity", "TreadmillPitch", "BeltPlatform"])
+def test_the_speed_of_the_platform_is_not_that_of_its_belts(name):
+    assert fastest(**{name: ("m/s", SPEED)}) is None
+
+
+def test_belts_whose_speed_is_nowhere_known_are_left_out():
+    unknown = np.full(FRAMES, np.nan)
+    assert fastest(BeltLeft=("m/s", unknown)) is None
+    assert fastest(BeltLeft=("m/s", unknown), BeltRight=("m/s", np.full(FRAMES, np.inf))) is None
+    np.testing.assert_array_equal(
+        fastest(BeltLeft=("m/s", unknown), BeltRight=("m/s", SPEED)), SPEED
+    )
+
+
+def test_where_one_belt_is_unknown_the_other_counts():
+    left, right = SPEED.copy(), np.full(FRAMES, 0.5)
+    left[1], right[3], left[0] = np.nan, np.nan, np.nan
+    right[0] = np.nan
+    np.testing.assert_array_equal(
+        fastest(BeltLeft=("m/s", left), BeltRight=("m/s", right)), [np.nan, 0.5, 1.0, 1.5, 2.0]
+    )
+
+
+def test_a_stated_channel_in_no_unit_of_speed_is_refused_by_file_and_name():
+    recording = with_channels(Load=("N", SPEED))
+    stated = Treadmill(belt=Belt(calibration="belts.c3d", speed_channels=("Load",)))
+    file = recording.source.name
+    with pytest.raises(ValueError, match=rf"^{file}: channel 'Load': unknown speed unit 'N'"):
+        fastest_belt(recording, stated)
