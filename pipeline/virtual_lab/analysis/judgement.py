@@ -1,5 +1,7 @@
 """Simulated laboratories judged by the cells of Table III with compensation."""
 
+from typing import Final
+
 import numpy as np
 import pandas as pd
 from scipy.stats import t as student
@@ -8,6 +10,9 @@ from hbm.spatial import Array
 from pipeline.virtual_lab.analysis.printed_table_3 import THESIS_SUBJECTS, removed
 from pipeline.virtual_lab.analysis.processed_study import CELLS, KEYS
 from pipeline.virtual_lab.analysis.unstated_estimate import CONFIDENCE, FITTED
+
+MAX_SHARE: Final = 0.5
+"""Of the thesis' value: where more is allowed, agreement says nothing."""
 
 
 def judge(
@@ -30,8 +35,9 @@ def judge(
     pandas.DataFrame
         A row per cell with compensation: ``condition, axis``; ``thesis``; ``simulated``;
         ``tolerance``, by how much the two may differ by chance in 95 % of such cells;
-        ``explained``, whether they do not differ by more; and ``removed`` as
-        `pipeline.virtual_lab.analysis.printed_table_3.removed` says.
+        ``undecided``, whether they do not differ by more but the tolerance exceeds `MAX_SHARE` of
+        the thesis' value; ``explained``, whether they do not differ by more and it does not; and
+        ``removed`` as `pipeline.virtual_lab.analysis.printed_table_3.removed` says.
 
     Notes
     -----
@@ -50,12 +56,14 @@ def judge(
     total = variances.sum(axis=0)
     joint = total**2 / (variances**2 / freedoms[:, None]).sum(axis=0)
     tolerance = student.ppf((1 + CONFIDENCE) / 2, joint) * np.sqrt(total)
-    mean = simulated.mean(axis=0)
+    mean, thesis = simulated.mean(axis=0), table["mean"].to_numpy()
+    near, sharp = np.abs(mean - thesis) <= tolerance, tolerance <= MAX_SHARE * thesis
     cells = CELLS.to_frame(index=False).assign(
-        thesis=table["mean"].to_numpy(),
+        thesis=thesis,
         simulated=mean,
         tolerance=tolerance,
-        explained=np.abs(mean - table["mean"].to_numpy()) <= tolerance,
+        explained=near & sharp,
+        undecided=near & ~sharp,
         removed=CELLS.droplevel("compensated").isin(removed(printed)),
     )
     return cells[~FITTED].drop(columns="compensated").reset_index(drop=True)

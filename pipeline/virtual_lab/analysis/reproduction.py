@@ -14,6 +14,7 @@ import pandas as pd
 from pydantic import BaseModel
 
 from hbm.spatial import Array
+from pipeline.virtual_lab.analysis.empty_plate import beside_a_runner
 from pipeline.virtual_lab.analysis.judgement import judge
 from pipeline.virtual_lab.analysis.printed_table_3 import printed_cells
 from pipeline.virtual_lab.analysis.processed_study import (
@@ -41,11 +42,11 @@ from pipeline.virtual_lab.protocol.walking_study import ProgressCallback
 AS_IS: Final = "as it is"
 DOCUMENTED: Final = "documented"
 ESTIMATED: Final = "estimated"
-ADDED: Final = "with an added residual"
+ADDED: Final = "with a constant residual per axis"
 LABORATORIES: Final = (AS_IS, DOCUMENTED, ESTIMATED)
 """The given one; with what the thesis documents; and with what it does not state as estimated from
-the cells without compensation. `ADDED` is the last one if each axis had a residual besides; it is
-not simulated."""
+the cells without compensation. `ADDED` is no laboratory but a fit with a constant residual per
+axis."""
 ITEMS: Final = {
     "real-time filter": ("protocol.filter",),
     "plates late by 4 and 2 ms": ("faults.plates.delay_s", "faults.plates.right_later_s"),
@@ -78,15 +79,18 @@ class Reproduction:
     unstated
         The estimates of what the thesis does not state.
     unstated_adding
-        The same with an added residual per axis.
+        The same with a constant residual per axis.
     judged
-        Cells with compensation of the documented and the estimated laboratory, and with an added
-        residual: laboratory, and the columns of `pipeline.virtual_lab.analysis.judgement.judge`.
+        Cells with compensation of the documented and the estimated laboratory, and of the fit with a
+        constant residual per axis: laboratory, and the columns of `pipeline.virtual_lab.analysis.judgement.judge`.
     single
         item, condition, compensated, axis, rms: of shorter studies with one of `ITEMS` each, mean
         over their subjects; item "none" for the laboratory as it is.
     cycle_s
         Mean duration of the perturbed gait cycles [s].
+    running
+        As `pipeline.virtual_lab.analysis.empty_plate.beside_a_runner` gives it, for the default,
+        for four times that, and for the lower end and the value of the estimate.
     """
 
     setting: Setting
@@ -97,6 +101,7 @@ class Reproduction:
     judged: pd.DataFrame
     single: pd.DataFrame
     cycle_s: float
+    running: pd.DataFrame
 
 
 def documented(setting: Setting, *items: str) -> Setting:
@@ -207,7 +212,13 @@ def reproduce(
         ),
         pd.concat(means, ignore_index=True),
         cycle_s=float(np.mean([span for study in studies.values() for span in study.cycles])),
+        running=beside_a_runner(runner_flexibilities(unstated)),
     )
+
+
+def runner_flexibilities(unstated: Estimate) -> list[float]:
+    """Give the flexibilities of the machines on which somebody runs."""
+    return sorted({1.0, 4.0, unstated.low.flexibility, unstated.value.flexibility})
 
 
 def judgements(
@@ -220,8 +231,9 @@ def judgements(
     documented_cells, estimated_cells
         Of the two laboratories by subject, (subjects, 36) [N, N·m].
     unstated, adding
-        The estimates of the second one, and those with an added residual: of these, people differ
-        as in the documented laboratory.
+        The estimates of the second one, and those with a constant residual per axis: of these,
+        people differ as in the documented laboratory, and as nothing is simulated with them, the
+        error of the interpolation is added.
 
     Returns
     -------
@@ -232,11 +244,12 @@ def judgements(
     interpolated = adding.predicted[adding.value.pose] * (
         documented_cells / documented_cells.mean(axis=0)
     )
+    interpolated_error = np.hypot(adding.error, adding.interpolation)
     return _joined(
         {
             DOCUMENTED: judge(documented_cells, printed),
             ESTIMATED: judge(estimated_cells, printed, unstated.error, unstated.freedom),
-            ADDED: judge(interpolated, printed, adding.error, adding.freedom),
+            ADDED: judge(interpolated, printed, interpolated_error, adding.freedom),
         }
     )
 

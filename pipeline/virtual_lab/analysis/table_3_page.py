@@ -93,6 +93,8 @@ def table_3_page(found: Reproduction) -> str:
             cycle_s=found.cycle_s,
             windows=_windows(_sway_windows(found, cells)),
             bandwidths=_bandwidths(found.cycle_s),
+            met=_met(found.cycle_s),
+            still_n=inertial_force(found.unstated.value.sway_hz, found.unstated.value.window_s),
             matches=_matches(_sway_windows(found, cells)),
             single=_single(found.single),
             weight_n=weight_n,
@@ -205,10 +207,11 @@ def _printed(cells: pd.DataFrame) -> pd.DataFrame:
 def _table(cells: pd.DataFrame) -> str:
     """Lay out all cells, a row per residual and condition, and one per window that is no headline.
 
-    Cells to which values were fitted are not marked.
+    Cells to which values were fitted, and those that are judged further down, are not marked.
     """
     shown = pd.concat([_printed(cells[cells["laboratory"] == AS_IS]), cells])
-    shown = shown.assign(within=shown["within"] & ~shown["fitted"])
+    judged = shown["laboratory"].isin((DOCUMENTED, ESTIMATED)) & shown["compensated"]
+    shown = shown.assign(within=shown["within"] & ~shown["fitted"] & ~judged)
     texts = _texts(shown, ("axis", "condition", "headline", "compensated", "laboratory"))
     columns = [(ic, name) for ic in (False, True) for name in ("thesis", *LABORATORIES)]
     heads = [f"{'IC' if ic else 'No IC'}: {name}" for ic, name in columns]
@@ -271,6 +274,19 @@ def _bandwidths(cycle_s: float) -> str:
     for name, window in windows.items():
         rows.append([name, *(f"{inertial_force(hz, *window):.0f}" for hz in BANDWIDTHS_HZ)])
     return markdown(rows)
+
+
+def _met(cycle_s: float) -> str:
+    """Say between which windows the force is the thesis' Fy, by bandwidth."""
+    own = printed_cells().set_index(["axis", "condition", "compensated"])["mean"]
+    wanted = own.loc["Fy", PERTURBED, False]
+    texts = []
+    for hz in BANDWIDTHS_HZ:
+        above = [s for s in LENGTHS_S if inertial_force(hz, s) > wanted]
+        after = [f"{s:g}" for s in LENGTHS_S if s > above[-1]] if above else []
+        if after:
+            texts.append(f"{hz:g} Hz: {above[-1]:g} to {after[0]} s")
+    return "; ".join(texts)
 
 
 def _single(single: pd.DataFrame) -> str:

@@ -54,7 +54,10 @@ class Estimate:
     predicted
         By pose, all 36 cells at the estimates, interpolated [N, N·m].
     error
-        Their standard error from the estimates, (36,) [N, N·m].
+        Their standard error from the estimates, (36,) [N, N·m]: of the linearised fit, and the
+        largest difference to the fits at other windows that are as good.
+    interpolation
+        Their standard error from the interpolation and the simulated subjects, (36,) [N, N·m].
     added
         Residual of each axis that every cell was taken to have besides, (6,) [N, N·m]; zero where
         it was not estimated.
@@ -68,6 +71,7 @@ class Estimate:
     freedom: int
     predicted: dict[Pose, Array]
     error: Array
+    interpolation: Array
     added: Array
 
 
@@ -100,6 +104,8 @@ def estimate(
     What the cells hardly tell is known to be within what was simulated: as precisely as a uniform
     distribution over that range. As actuators and window act alike, the numbers are also fitted at
     each of `LENGTHS_S`; intervals hold those of every such fit that is as good as the error allows.
+    The error of simulated means is a share of their value, so a cell that is simulated too large
+    counts less than one that is too small by as much.
     """
     table = printed.set_index(KEYS).loc[CELLS]
     fits = {pose: _fits(response, table, adding) for pose, response in responses.items()}
@@ -119,7 +125,9 @@ def estimate(
         for side in (-1.0, 1.0)
     ]
     at_edge = (np.isclose(x, low, atol=1e-3) | np.isclose(x, high, atol=1e-3))[: len(ESTIMATED)]
-    slope = _slope(responses[pose], x)
+    slope, cells = _slope(responses[pose], x), _cells(responses[pose], x)
+    apart = np.abs([_cells(responses[pose], fit.x) - cells for fit in as_good]).max(axis=0)
+    simulated = responses[pose].at(x)
     return Estimate(
         unstated_at(x, pose),
         unstated_at(ends[0].min(axis=0), pose),
@@ -128,9 +136,23 @@ def estimate(
         misfit,
         freedom,
         {name: _cells(response, x) for name, response in responses.items()},
-        np.sqrt(np.einsum("ci,ij,cj->c", slope, covariances[0], slope)),
+        np.sqrt(np.einsum("ci,ij,cj->c", slope, covariances[0], slope) + apart**2),
+        responses[pose].error * simulated**2 / cells,
         np.sqrt(x[len(ESTIMATED) :]) if adding else np.zeros(len(AXES)),
     )
+
+
+def simulated_range() -> tuple[Unstated, Unstated]:
+    """Give the ends of what was simulated, where intervals end as well.
+
+    Examples
+    --------
+    >>> low, high = simulated_range()
+    >>> (low.flexibility, high.flexibility), (low.window_s, high.window_s)
+    ((1.0, 16.0), (0.1, 0.9))
+    """
+    low, high = (unstated_at(end, "channels") for end in _bounds(adding=False))
+    return low, high
 
 
 def _cells(response: Response, x: Array) -> Array:
