@@ -13,6 +13,7 @@ import pandas as pd
 
 from compensation.signals.validation import validation_signals
 from hbm.signals.filtering import low_pass
+from pipeline.virtual_lab.analysis.unstated_estimate import Estimate
 from pipeline.virtual_lab.faults import Faults
 from pipeline.virtual_lab.machine.instrumented_treadmill import make_treadmill
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
@@ -33,13 +34,18 @@ PERSON_SEED: Final = 2
 TRIAL_SEED: Final = 3
 
 
-def beside_a_runner(flexibilities: Sequence[float]) -> pd.DataFrame:
+def flexibilities(unstated: Estimate) -> list[float]:
+    """Give the default, four times that, and the lower end and the value of an estimate."""
+    return sorted({1.0, 4.0, unstated.low.flexibility, unstated.value.flexibility})
+
+
+def beside_a_runner(structures: Sequence[float]) -> pd.DataFrame:
     """Simulate the thesis' validation trial with a runner on machines of several flexibilities.
 
     Parameters
     ----------
-    flexibilities
-        Of the structure; 1 is the laboratory's default.
+    structures
+        Flexibilities of the structure; 1 is the laboratory's default.
 
     Returns
     -------
@@ -62,7 +68,7 @@ def beside_a_runner(flexibilities: Sequence[float]) -> pd.DataFrame:
     load = bystander.running(time, np.random.default_rng(PERSON_SEED))
     inside = (time >= SETTLING_S) & (time < time[-1] - SETTLING_S)
     found: list[dict[str, object]] = []
-    for flexibility in flexibilities:
+    for flexibility in structures:
         structure = make_structure(Machine().assemblies, flexibility=flexibility)
         sway_hz, pitch_hz = natural_modes(structure)[0][:2]
         faults = Faults()
@@ -73,7 +79,5 @@ def beside_a_runner(flexibilities: Sequence[float]) -> pd.DataFrame:
         for force in (raw, low_pass(raw, ANALOG_HZ, CUTOFF_HZ, "zero_phase")):
             rms = dict(zip(FORCES, force[inside].std(axis=0), strict=True))
             modes = {"sway_hz": sway_hz, "pitch_hz": pitch_hz}
-            found.append(
-                {"flexibility": flexibility, **modes, "filtered": force is not raw, **rms}
-            )
+            found.append({"flexibility": flexibility, **modes, "filtered": force is not raw, **rms})
     return pd.DataFrame(found)

@@ -14,7 +14,7 @@ import pandas as pd
 from pydantic import BaseModel
 
 from hbm.spatial import Array
-from pipeline.virtual_lab.analysis.empty_plate import beside_a_runner
+from pipeline.virtual_lab.analysis.empty_plate import beside_a_runner, flexibilities
 from pipeline.virtual_lab.analysis.judgement import judge
 from pipeline.virtual_lab.analysis.printed_table_3 import printed_cells
 from pipeline.virtual_lab.analysis.processed_study import (
@@ -81,8 +81,9 @@ class Reproduction:
     unstated_adding
         The same with a constant residual per axis.
     judged
-        Cells with compensation of the documented and the estimated laboratory, and of the fit with a
-        constant residual per axis: laboratory, and the columns of `pipeline.virtual_lab.analysis.judgement.judge`.
+        Cells with compensation of the documented and the estimated laboratory, and of the fit with
+        a constant residual per axis: laboratory, and the columns of
+        `pipeline.virtual_lab.analysis.judgement.judge`.
     single
         item, condition, compensated, axis, rms: of shorter studies with one of `ITEMS` each, mean
         over their subjects; item "none" for the laboratory as it is.
@@ -212,13 +213,8 @@ def reproduce(
         ),
         pd.concat(means, ignore_index=True),
         cycle_s=float(np.mean([span for study in studies.values() for span in study.cycles])),
-        running=beside_a_runner(runner_flexibilities(unstated)),
+        running=beside_a_runner(flexibilities(unstated)),
     )
-
-
-def runner_flexibilities(unstated: Estimate) -> list[float]:
-    """Give the flexibilities of the machines on which somebody runs."""
-    return sorted({1.0, 4.0, unstated.low.flexibility, unstated.value.flexibility})
 
 
 def judgements(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cache
 from importlib.resources import files
 from typing import Final
 
@@ -129,6 +130,7 @@ def motion_s() -> float:
     return float(time[way >= ARRIVED * SWAY_M][0])
 
 
+@cache
 def inertial_force(bandwidth_hz: float, length_s: float, before_s: float = 0.0) -> float:
     """Give the force that moves both belt assemblies in a sway perturbation, RMS over a window [N].
 

@@ -26,6 +26,7 @@ from pipeline.virtual_lab.analysis.unstated_estimate import (
     simulated_range,
 )
 from pipeline.virtual_lab.analysis.unstated_response import PROTOCOL
+from pipeline.virtual_lab.person.bystander import MASS_KG
 
 QUANTITIES: Final = {
     "sway_hz": ("bandwidth of the sway actuators [Hz]", ".1f", "7, assumed"),
@@ -55,7 +56,6 @@ def unstated_parts(found: Reproduction) -> dict[str, object]:
         Name -> text or number.
     """
     estimate, adding = found.unstated, found.unstated_adding
-    ringing_n = _mean_cell(found, ESTIMATED, (PERTURBED, False, "Fy"))
     pose, other = estimate.value.pose, next(p for p in POSES if p != estimate.value.pose)
     judged = found.judged.set_index("laboratory")
     own = found.residuals[found.residuals["laboratory"] == ESTIMATED]
@@ -88,8 +88,12 @@ def unstated_parts(found: Reproduction) -> dict[str, object]:
         "left": _left_at_baseline(simulated),
         "printed_left": _left_at_baseline(printed),
         "running": _running(found.running),
+        "runner_kg": MASS_KG,
         "flexibility": estimate.value.flexibility,
-        "ringing_n": ringing_n,
+        "times": _times(found.running, estimate.value.flexibility),
+        "low_flexibility": estimate.low.flexibility,
+        "low_times": _times(found.running, estimate.low.flexibility),
+        "ringing_n": pd.Series(simulated, CELLS)[PERTURBED, False, "Fy"],
         "sway_hz": estimate.value.sway_hz,
         **_pitched(adding.predicted["none"], "no_pose"),
         **_pitched(adding.predicted["channels"], "pose"),
@@ -114,11 +118,6 @@ def _chance(estimate: Estimate) -> float:
     return float(chi2.ppf(CONFIDENCE, estimate.freedom))
 
 
-def _mean_cell(found: Reproduction, laboratory: str, cell: tuple[str, bool, str]) -> float:
-    own = headline_cells(found.residuals[found.residuals["laboratory"] == laboratory])
-    return float(pd.Series(own.mean(axis=0), CELLS)[cell])
-
-
 def _estimates(found: Reproduction) -> str:
     heads = ["Value", "Documented", "Simulated", "Estimated", "95 % interval"]
     rows = [[*heads, ADDED.capitalize(), "95 % interval"]]
@@ -135,7 +134,9 @@ def _estimates(found: Reproduction) -> str:
             row += [f"{value}{edge}", _interval(low, high, *limits)]
         rows.append(row)
     poses = [YES_OR_NO[own.value.pose] for own in (found.unstated, found.unstated_adding)]
-    rows.append(["the pose turned the forces into the lab", "yes", "yes, no", poses[0], "", poses[1], ""])
+    rows.append(
+        ["the pose turned the forces into the lab", "yes", "yes, no", poses[0], "", poses[1], ""]
+    )
     return markdown(rows)
 
 
@@ -226,6 +227,12 @@ def _running(running: pd.DataFrame) -> str:
         rows.append([f"{flexibility:.1f}", _listed(modes.to_numpy()), *map(_listed, forces)])
     rows.append(["thesis", "", _listed(np.array(THESIS_RUNNING_N)), ""])
     return markdown(rows)
+
+
+def _times(running: pd.DataFrame, flexibility: float) -> float:
+    """Give how many times the thesis' values those below 6 Hz are at least."""
+    own = running[running["filtered"] & (running["flexibility"] == flexibility)]
+    return float((own[list(FORCES)].to_numpy() / THESIS_RUNNING_N).min())
 
 
 def _listed(values: Array) -> str:

@@ -108,17 +108,34 @@ def test_the_level_is_that_of_all_subjects_and_differences_are_those_of_a_few():
     assert all_of_them.error == pytest.approx(np.hypot(few.error, 0.04))
 
 
+@pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("adding", [False, True])
-def test_cells_with_compensation_change_nothing_of_the_estimate(responses, adding):
-    own = printed("channels")
-    other = own.assign(mean=np.where(own["compensated"], 7 * own["mean"], own["mean"]))
-    other = other.assign(sd=np.where(own["compensated"], 3 * own["sd"], own["sd"]))
-    one = {"channels": responses["channels"]}
-    first, second = (estimate(one, cells, adding=adding) for cells in (own, other))
+def test_cells_with_compensation_change_nothing_of_the_estimate(responses, adding, pose):
+    """Even if they are those of a laboratory with the other pose."""
+    own, opposite = printed(pose), printed(next(name for name in POSES if name != pose))
+    other = own.assign(mean=np.where(own["compensated"], opposite["mean"], own["mean"]))
+    other = other.assign(sd=np.where(own["compensated"], opposite["sd"] / 3, own["sd"]))
+    first, second = (estimate(responses, cells, adding=adding) for cells in (own, other))
+    assert first.value.pose == pose
     assert (first.value, first.low, first.high) == (second.value, second.low, second.high)
     assert first.misfit == second.misfit
     assert (first.error == second.error).all()
     assert (first.added == second.added).all()
+
+
+def test_cells_that_depend_on_a_window_that_is_not_known_have_the_error_of_every_window():
+    own = made_up_response("none")
+    size = np.where(FITTED | (CELLS.get_level_values("condition") != "sway"), 0.0, -1.0)
+    unknown = own.coefficients[:1] + 0.0 * own.coefficients
+    unknown[:, 0] += size * np.log(LENGTHS_S)[:, None]
+    response = Response(unknown, own.error)
+    mean = response.at(TRUE)
+    found = estimate({"none": response}, table(mean, SHARE * mean))
+    assert (found.low.window_s, found.high.window_s) == (LENGTHS_S[0], LENGTHS_S[-1])
+    ratio = max(found.value.window_s / LENGTHS_S[0], LENGTHS_S[-1] / found.value.window_s)
+    at_least = (1 - 1 / ratio) * found.predicted["none"]
+    assert (found.error[size < 0] > 0.9 * at_least[size < 0]).all()
+    assert (found.error[size == 0] < 0.2 * at_least[size == 0]).all()
 
 
 def test_a_value_beyond_what_was_simulated_is_said_to_be_at_the_edge(responses):
@@ -172,6 +189,19 @@ def test_uncertain_estimates_allow_larger_differences():
     sure = judge(simulated, printed("none"))
     unsure = judge(simulated, printed("none"), 0.1 * mean, 13)
     assert (unsure["tolerance"] > sure["tolerance"] + 0.1 * mean[~FITTED]).all()
+
+
+def test_agreement_within_more_than_half_of_a_cell_is_undecided():
+    mean = np.exp(made_up_logs("none", TRUE, WINDOW_S))
+    simulated = people(mean, np.random.default_rng(1))
+    sharp = judge(simulated, table(mean, SHARE * mean))
+    assert not sharp["undecided"].any()
+    blunt = judge(simulated, table(mean, 0.9 * mean))
+    assert (blunt["tolerance"] > 0.5 * blunt["thesis"]).all()
+    assert blunt["undecided"].all()
+    assert not blunt["explained"].any()
+    other = judge(10 * simulated, table(mean, 0.9 * mean))
+    assert not (other["undecided"] | other["explained"]).any()
 
 
 def test_compensation_removes_something_where_the_table_says_so_and_nowhere_else():
