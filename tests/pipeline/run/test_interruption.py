@@ -8,14 +8,12 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
 import pytest
 
 from pipeline.cli.app import main
-from pipeline.run import processes
 
 ROOT = Path(__file__).resolve().parents[3]
 COMMAND = [sys.executable, "-m", "pipeline.cli"]
@@ -326,14 +324,3 @@ def test_a_folder_without_permission_gives_one_clear_line(moving_study, tmp_path
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
     assert "cannot write there" in lines[0]
-
-
-def test_the_thread_that_manages_killed_workers_prints_no_traceback(monkeypatch, capsys):
-    """It may meet a worker that is gone; other threads still report what fails."""
-    monkeypatch.setattr(threading, "excepthook", threading.__excepthook__)
-    processes._ignore_failing_manager()
-    for name, reported in ((processes.MANAGER, False), ("another", True)):
-        thread = threading.Thread(target={}.__getitem__, args=("worker",), name=name)
-        thread.start()
-        thread.join()
-        assert ("KeyError: 'worker'" in capsys.readouterr().err) == reported

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from pipeline.run.processes import _ignore_failing_manager
+from pipeline.run.processes import MANAGER, _ignore_failing_manager
 
 ARRAYS_TWICE = """
 import resource, numpy as np
@@ -30,11 +30,26 @@ def test_an_array_takes_the_place_of_a_freed_one_without_new_pages():
     assert int(done.stdout) < 100, done.stderr
 
 
-def test_failures_of_threads_are_filtered_once_however_often_a_run_is_interrupted(monkeypatch):
-    monkeypatch.setattr(threading, "excepthook", threading.excepthook)
+@pytest.fixture
+def filtered(monkeypatch):
+    """Threads whose failures are filtered anew, whatever other tests did before."""
+    monkeypatch.setattr(threading, "excepthook", threading.__excepthook__)
     _ignore_failing_manager.cache_clear()
     _ignore_failing_manager()
+    yield
+    _ignore_failing_manager.cache_clear()
+
+
+def test_the_thread_that_manages_killed_workers_prints_no_traceback(filtered, capsys):
+    """It may meet a worker that is gone; other threads still report what fails."""
+    for name, reported in ((MANAGER, False), ("another", True)):
+        thread = threading.Thread(target={}.__getitem__, args=("worker",), name=name)
+        thread.start()
+        thread.join()
+        assert ("KeyError: 'worker'" in capsys.readouterr().err) == reported
+
+
+def test_failures_of_threads_are_filtered_once_however_often_a_run_is_interrupted(filtered):
     installed = threading.excepthook
     _ignore_failing_manager()
     assert threading.excepthook is installed
-    _ignore_failing_manager.cache_clear()
