@@ -45,6 +45,12 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def last_written(path: Path) -> tuple[int, int]:
+    """Give what changes when a file is written anew: when it was written [ns], and its bytes."""
+    status = path.stat()
+    return status.st_mtime_ns, status.st_size
+
+
 def open_file(path: Path) -> BinaryIO:
     """Open a file to read its bytes.
 

@@ -9,6 +9,7 @@ from typing import Final, Literal
 
 from hbm.engines.choice import engine_identity
 from pipeline.config.study import Study
+from pipeline.io.input_file import last_written
 from pipeline.run.program import computation_digest
 from pipeline.run.store import read_summary, write_trial
 from pipeline.trial.summary import FORMAT_VERSION, TrialSummary
@@ -160,14 +161,14 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
 def file_digest(path: Path) -> str:
     """Give a file's SHA-256; for a file that cannot be read, a text that says why."""
     try:
-        status = path.stat()
-        return _digest(path, status.st_mtime_ns, status.st_size)
+        return _digest(path, last_written(path))
     except OSError as error:
         return f"unreadable: {error.strerror}"
 
 
 @lru_cache(maxsize=MAX_CACHED_DIGESTS)
-def _digest(path: Path, mtime_ns: int, size: int) -> str:
+def _digest(path: Path, version: tuple[int, int]) -> str:
     """Hash a file once, until it is written to again."""
+    del version  # part of the key
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

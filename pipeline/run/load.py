@@ -13,7 +13,7 @@ from pipeline.run.frames import MASKS
 from pipeline.run.store import StoredTrial, open_trial
 from pipeline.trial.gait.cycle_table import cycle_table
 from pipeline.trial.gait.cycles import normalise
-from pipeline.trial.residuals import AXES, UNITS, ResidualRow
+from pipeline.trial.residuals import AXES, UNIT_OF, ResidualRow
 from pipeline.trial.summary import TrialSummary
 
 CYCLE_COLUMNS: Final = (
@@ -170,7 +170,7 @@ def _by_cycle(stored: StoredTrial) -> pd.DataFrame:
     """Summarise one trial's gait cycles, as `pipeline.trial.residuals.cycles_of` does."""
     trial = stored.summary
     cycles = {} if trial.span else trial.cycles
-    table = cycle_table(*_residuals(stored), cycles, dict(zip(AXES, UNITS, strict=True)))
+    table = cycle_table(*_residuals(stored), cycles, UNIT_OF)
     table.insert(0, "condition", trial.condition)
     table.insert(0, "subject", trial.subject.id)
     return table

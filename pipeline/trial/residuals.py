@@ -18,6 +18,7 @@ from pipeline.trial.window import frames_within
 
 AXES: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 UNITS: Final = ("N", "N", "N", "N·m", "N·m", "N·m")
+UNIT_OF: Final = dict(zip(AXES, UNITS, strict=True))
 DIRECTIONS: Final = ("forward", "right", "up", "forward", "right", "up")
 REPORTED_SIGN: Final = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 """From lab axes, with Y to the left, to the reported ones, with y to the right."""
@@ -221,8 +222,7 @@ def cycles_of(result: TrialResult, condition: str) -> pd.DataFrame:
         for name, dynamics in variants(result).items()
     }
     cycles = {} if result.span else result.cycles
-    units = dict(zip(AXES, UNITS, strict=True))
-    table = cycle_table(result.motion.time, result.validity.counts, residuals, cycles, units)
+    table = cycle_table(result.motion.time, result.validity.counts, residuals, cycles, UNIT_OF)
     table.insert(0, "condition", condition)
     table.insert(0, "subject", result.subject.id)
     return table

@@ -14,7 +14,7 @@ from hbm.notes import Note
 from hbm.signals.resampling import interpolate, resample
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Belt, Treadmill
-from pipeline.io.input_file import naming
+from pipeline.io.input_file import last_written, naming
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.artefacts import plate_artefacts
@@ -154,10 +154,10 @@ def read_belts(
     ValueError, OSError
         If the file cannot be read or used.
     """
-    written, calibration = path.stat(), laboratory.calibration
+    calibration = laboratory.calibration
     return _fitted(
         path,
-        (written.st_mtime_ns, written.st_size),
+        last_written(path),
         to_json(calibration) if calibration is not None else None,
         laboratory.treadmill.model_dump_json(exclude={"platform"}),
         laboratory.plates,

@@ -13,6 +13,7 @@ from hbm.signals.resampling import interpolate
 from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
+from pipeline.io.input_file import last_written
 from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
@@ -106,10 +107,9 @@ def read_check(path: Path, laboratory: Laboratory, stated: Stated) -> DayCheck:
     Parameters, result and errors are those of `check_recording` and `read_empty`.
     """
     assert laboratory.calibration is not None
-    written = path.stat()
     return _checked(
         path,
-        (written.st_mtime_ns, written.st_size),
+        last_written(path),
         to_json(laboratory.calibration),
         laboratory.treadmill.model_dump_json(exclude={"platform"}),
         laboratory.plates,

@@ -8,7 +8,7 @@ from pathlib import Path
 from compensation import Calibration, from_json
 from pipeline.config.plate_correction import SAME_DELAY_S, PlateCorrection
 from pipeline.config.schema import Treadmill
-from pipeline.io.input_file import read_text
+from pipeline.io.input_file import last_written, read_text
 from pipeline.io.stated import Stated, as_stated
 from pipeline.trial.ground.calibration_recording import (
     PLATES_NAME,
@@ -75,7 +75,7 @@ def read_calibration(
         return calibration
     channels = treadmill.model_dump_json(exclude={"platform"})
     files = path, *beside
-    versions = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files)
+    versions = tuple(map(last_written, files))
     return _fitted(files, versions, channels, as_stated(stated), plates)
 
 

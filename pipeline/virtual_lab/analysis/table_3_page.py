@@ -11,7 +11,7 @@ import pandas as pd
 
 from hbm.signals.filtering import low_pass
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.trial.residuals import AXES, UNITS
+from pipeline.trial.residuals import AXES, UNIT_OF, UNITS
 from pipeline.virtual_lab.analysis.page_table import markdown
 from pipeline.virtual_lab.analysis.printed_table_3 import printed_cells, removed
 from pipeline.virtual_lab.analysis.processed_study import LENGTHS_S, PERTURBED
@@ -49,7 +49,6 @@ BANDWIDTHS_HZ: Final = (4.0, 7.0, 12.0, 20.0, 100.0)
 """Of the sway actuators, which the thesis does not state; the last one is all but ideal."""
 ARRIVED: Final = 0.99
 """Share of its way after which the platform is taken to have arrived."""
-UNIT: Final = dict(zip(AXES, UNITS, strict=True))
 
 
 def table_3_page(found: Reproduction) -> str:
@@ -188,7 +187,7 @@ def _by_laboratory(counts: pd.DataFrame) -> str:
 
 
 def _axes(unit: str) -> list[str]:
-    return [axis for axis in AXES if UNIT[axis] == unit]
+    return [axis for axis in AXES if UNIT_OF[axis] == unit]
 
 
 def _texts(cells: pd.DataFrame, keys: Iterable[str]) -> "pd.Series[str]":
@@ -220,7 +219,7 @@ def _table(cells: pd.DataFrame) -> str:
     heads[heads.index(f"No IC: {ESTIMATED}")] += ", fitted"
     rows = [["Residual", "Condition", *heads]]
     for axis in AXES:
-        label = f"{axis} ({UNIT[axis]})"
+        label = f"{axis} ({UNIT_OF[axis]})"
         for condition in ANALYSED_CONDITIONS:
             own = cells[(cells["condition"] == condition) & (cells["laboratory"] == AS_IS)]
             windows = own.drop_duplicates("headline").sort_values("headline", ascending=False)
@@ -251,7 +250,7 @@ def _windows(table: pd.DataFrame) -> str:
     windows = [str(window) for window in table["window"].unique()]
     printed = _printed(table[table["window"] == windows[0]]).assign(window="thesis")
     texts = _texts(pd.concat([table, printed]), ("window", "axis"))
-    rows = [["Window", *(f"{axis} ({UNIT[axis]})" for axis in SWAYED)]]
+    rows = [["Window", *(f"{axis} ({UNIT_OF[axis]})" for axis in SWAYED)]]
     for window in (*windows, "thesis"):
         rows.append([window, *(str(texts.loc[window, axis]) for axis in SWAYED)])
     return markdown(rows)

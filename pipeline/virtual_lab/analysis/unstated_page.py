@@ -7,7 +7,7 @@ import pandas as pd
 from scipy.stats import chi2
 
 from hbm.spatial import Array, Mask
-from pipeline.trial.residuals import AXES, UNITS
+from pipeline.trial.residuals import UNIT_OF
 from pipeline.virtual_lab.analysis.empty_plate import FORCES, THESIS_RUNNING_N
 from pipeline.virtual_lab.analysis.page_table import markdown
 from pipeline.virtual_lab.analysis.printed_table_3 import printed_cells
@@ -39,7 +39,6 @@ QUANTITIES: Final = {
 JUDGED: Final = (DOCUMENTED, ESTIMATED, ADDED)
 POSE_FITS: Final[dict[Pose, str]] = {"channels": "with", "none": "without"}
 YES_OR_NO: Final[dict[Pose, str]] = {"channels": "yes", "none": "no"}
-UNIT: Final = dict(zip(AXES, UNITS, strict=True))
 
 
 def unstated_parts(found: Reproduction) -> dict[str, object]:
@@ -168,7 +167,7 @@ def _judgement(judged: pd.DataFrame, *, removed: bool) -> str:
             + (", explained" if cell.explained else ", undecided" if cell.undecided else "")
             for cell in row
         ]
-        name = f"{first.axis} ({UNIT[str(first.axis)]})"
+        name = f"{first.axis} ({UNIT_OF[str(first.axis)]})"
         rows.append([name, str(first.condition), f"{first.thesis:.1f}", *texts])
     return markdown(rows)
 

@@ -1,5 +1,6 @@
 """One trial of the calibration ranking: the treadmill follows a signal, its left plate empty."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -23,6 +24,7 @@ from pipeline.virtual_lab.machine.readings import (
     measure_plates,
 )
 from pipeline.virtual_lab.machine.treadmill import TreadmillMotion
+from pipeline.virtual_lab.machine.vibration import Response
 
 BELT_CHANNEL: Final = "BeltSpeed"
 LABORATORY: Final = 0
@@ -79,15 +81,48 @@ def record_signal_trial(
     )
     people = None if load is None else (np.zeros_like(load), -load)
     response = undergo(treadmill, motion, of_motion, people, on_frame)
-    plates = measure_plates(treadmill, motion, response, of_plates)
+    streams = of_plates, of_sensors, of_belts
+    recording = record_without_markers(
+        f"{signal.name}.c3d", treadmill, motion, response, (BELT_CHANNEL,), streams
+    )
+    return replace(recording, plates=recording.plates[:1])
+
+
+def record_without_markers(
+    name: str,
+    treadmill: InstrumentedTreadmill,
+    motion: TreadmillMotion,
+    response: Response,
+    belts: tuple[str, ...],
+    streams: tuple[np.random.Generator, np.random.Generator, np.random.Generator],
+) -> Recording:
+    """Record plates, accelerometers and the speed of belts, by the names of their channels.
+
+    Parameters
+    ----------
+    name
+        Of the file.
+    treadmill, motion, response
+        The instruments, how the treadmill moved, and what they underwent.
+    belts
+        Channels of belt speed, the left one first.
+    streams
+        Sources of the noise of plates, accelerometers and belts.
+
+    Returns
+    -------
+    Recording
+        Its frames are at the cameras' rate and hold no marker.
+    """
+    of_plates, of_sensors, of_belts = streams
     names, units, readings = measure_accelerations(treadmill, motion, response, of_sensors)
-    belt, belt_unit, speed = measure_belts(treadmill, motion, response, (BELT_CHANNEL,), of_belts)
-    frames = time[:: round(rate_hz / FRAME_HZ)]
+    belts, belt_units, speeds = measure_belts(treadmill, motion, response, belts, of_belts)
+    frames = motion.time[:: round(motion.rate_hz / FRAME_HZ)]
     return Recording(
-        Path(f"{signal.name}.c3d"),
+        Path(name),
         Markers(frames, (), np.empty((len(frames), 0, 3))),
-        plates[:1],
-        Analog(time, names + belt, units + belt_unit, np.hstack([readings, speed])),
+        measure_plates(treadmill, motion, response, of_plates),
+        Analog(motion.time, names + belts, units + belt_units, np.hstack([readings, speeds])),
     )
 
 

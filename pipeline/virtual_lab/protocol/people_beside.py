@@ -1,26 +1,20 @@
 """People beside a plate that stays empty, as a calibration is advised to have them."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
 
 from compensation.signals.validation import RUNNING_MPS
-from hbm.markers import Markers
 from hbm.spatial import Array
-from pipeline.io.recording import Analog, Recording
+from pipeline.io.recording import Recording
 from pipeline.virtual_lab.machine.actuators import move_platform
 from pipeline.virtual_lab.machine.instrumented_treadmill import InstrumentedTreadmill, undergo
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ, FRAME_HZ, SAMPLES_PER_FRAME
-from pipeline.virtual_lab.machine.readings import (
-    BELT_CHANNELS,
-    measure_accelerations,
-    measure_belts,
-    measure_plates,
-)
+from pipeline.virtual_lab.machine.readings import BELT_CHANNELS
 from pipeline.virtual_lab.machine.treadmill import TreadmillMotion
 from pipeline.virtual_lab.person import bystander
+from pipeline.virtual_lab.protocol.calibration_trial import record_without_markers
 from pipeline.virtual_lab.protocol.walking_protocol import PERSONS, Setting
 
 
@@ -99,11 +93,5 @@ def run_beside(setting: Setting, treadmill: InstrumentedTreadmill, name: str) ->
     }[planned.place]
     on_frame = load if people is None else None
     response = undergo(treadmill, motion, of_motion, people, on_frame)
-    names, units, readings = measure_accelerations(treadmill, motion, response, of_sensors)
-    belts, speed_units, speeds = measure_belts(treadmill, motion, response, BELT_CHANNELS, of_belts)
-    return Recording(
-        Path(name),
-        Markers(time[::SAMPLES_PER_FRAME], (), np.empty((frames, 0, 3))),
-        measure_plates(treadmill, motion, response, of_plates),
-        Analog(time, names + belts, units + speed_units, np.hstack([readings, speeds])),
-    )
+    streams = of_plates, of_sensors, of_belts
+    return record_without_markers(name, treadmill, motion, response, BELT_CHANNELS, streams)
