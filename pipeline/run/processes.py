@@ -15,6 +15,7 @@ from multiprocessing import resource_tracker
 from typing import Any, Final
 
 from joblib import Parallel
+from threadpoolctl import threadpool_limits
 
 POLL_S: Final = 0.5
 """How often a process looks whether the one that started it is still there."""
@@ -57,10 +58,14 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
     -----
     Where this process is interrupted, its workers are killed at once; they see no interrupt
     themselves, although a terminal sends it to all. Where it is killed, they end within a second.
+
+    Linear algebra uses one thread, in other processes and in this one: several would sum in another
+    order, and results would differ in their last digits with the number of workers.
     """
     if workers == 1:
-        for function, arguments, options in tasks:
-            yield function(*arguments, **options)
+        with _one_thread():
+            for function, arguments, options in tasks:
+                yield function(*arguments, **options)
         return
     parallel = Parallel(
         workers,
@@ -121,9 +126,21 @@ def keep_freed_memory() -> None:
             mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
 
 
+def _one_thread() -> Any:
+    """Limit linear algebra to one thread until what this gives is left."""
+    import scipy.linalg  # noqa: F401 - only what is loaded can be limited
+
+    return threadpool_limits(1)
+
+
 def _begin() -> None:
-    """Ignore interrupts, keep memory, and end when the process that started this one has ended."""
+    """Prepare a process that works on tasks.
+
+    It ignores interrupts, keeps memory, uses one thread for linear algebra, and ends when the
+    process that started it has ended.
+    """
     keep_freed_memory()
+    _one_thread()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_wait_for_end_of_parent, daemon=True).start()
 

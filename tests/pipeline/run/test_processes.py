@@ -5,9 +5,12 @@ import subprocess
 import sys
 import threading
 
+import numpy as np
 import pytest
+from joblib import delayed
+from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipeline.run.processes import MANAGER, _ignore_failing_manager
+from pipeline.run.processes import MANAGER, _ignore_failing_manager, in_processes
 
 ARRAYS_TWICE = """
 import resource, numpy as np
@@ -53,3 +56,16 @@ def test_failures_of_threads_are_filtered_once_however_often_a_run_is_interrupte
     installed = threading.excepthook
     _ignore_failing_manager()
     assert threading.excepthook is installed
+
+
+def threads_of_linear_algebra():
+    np.ones((50, 50)) @ np.ones((50, 50))
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_linear_algebra_uses_one_thread_in_any_number_of_processes(workers):
+    """Sums in another order would make results differ with the number of processes."""
+    with threadpool_limits(2):
+        assert list(in_processes([delayed(threads_of_linear_algebra)()] * 2, workers)) == [{1}] * 2
+        assert threads_of_linear_algebra() == {2}
