@@ -45,14 +45,13 @@ class GroupShare:
     ----------
     groups
         Its groups, most often one.
-    share, low, high
-        Share of the mean square and the ends of its 95 % interval, (6,).
+    share, deviation
+        Share of the mean square and one standard deviation of it, (6,).
     """
 
     groups: tuple[str, ...]
     share: Array
-    low: Array
-    high: Array
+    deviation: Array
 
 
 @dataclass(frozen=True, slots=True)

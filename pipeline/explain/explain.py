@@ -168,11 +168,12 @@ def _shares(
     names.append("filter")
     every = np.concatenate([effects, left[None]])
     shares = shares_of_groups(residual, every, size, covariance, members)
-    groups = []
-    for joined in indistinct(shares.draws):
-        low, high = np.quantile(shares.draws[:, joined].sum(axis=1), [0.025, 0.975], axis=0)
-        own = tuple(names[g] for g in joined)
-        groups.append(GroupShare(own, shares.share[joined].sum(axis=0), low, high))
+    together = indistinct(shares)
+    joined = shares.joined(together)
+    groups = [
+        GroupShare(tuple(names[g] for g in own), share, deviation)
+        for own, share, deviation in zip(together, joined.share, joined.deviation, strict=True)
+    ]
     return tuple(groups), shares.unexplained
 
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from hbm.spatial import Array, read_only
 
-DRAWS: Final = 1000
-SEED: Final = 18
 INDISTINCT: Final = -0.5
 """Correlation of the shares of two groups below which they are named together: what one has too
 much the other has too little."""
@@ -26,23 +24,31 @@ class Shares:
     share
         Of each of G groups, (G, 6); with `unexplained` they sum to 1. A group that works against
         the others has a negative share.
-    low, high
-        Ends of the 95 % interval of each, (G, 6).
+    covariance
+        Between the shares of each axis, (6, G, G).
     unexplained
         What no group describes, (6,).
-    draws
-        Possible shares, (D, G, 6).
     """
 
     share: Array
-    low: Array
-    high: Array
+    covariance: Array
     unexplained: Array
-    draws: Array
 
     def __post_init__(self) -> None:
-        for name in ("share", "low", "high", "unexplained", "draws"):
+        for name in ("share", "covariance", "unexplained"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    @property
+    def deviation(self) -> Array:
+        """One standard deviation of each share, (G, 6)."""
+        return np.asarray(np.sqrt(np.einsum("xgg->gx", self.covariance)))
+
+    def joined(self, sets: Sequence[Sequence[int]]) -> "Shares":
+        """Give the shares of sets of groups."""
+        sums = np.zeros((len(sets), len(self.share)))
+        for row, own in zip(sums, sets, strict=True):
+            row[list(own)] = 1.0
+        return Shares(sums @ self.share, sums @ self.covariance @ sums.T, self.unexplained)
 
 
 def shares_of_groups(
@@ -70,7 +76,8 @@ def shares_of_groups(
     Shares
         Shapley values of the fall of the mean square when groups are taken away one after the
         other, over all orders: with ``r_g`` of group g, ``r_u`` of no group and ``r`` their sum,
-        ``⟨r_g, r + r_u⟩ / ⟨r, r⟩``; and ``⟨r_u, r_u⟩ / ⟨r, r⟩`` is not explained.
+        ``⟨r_g, r + r_u⟩ / ⟨r, r⟩``; and ``⟨r_u, r_u⟩ / ⟨r, r⟩`` is not explained. Their covariance
+        is that of the sizes, to first order.
 
     Notes
     -----
@@ -78,48 +85,42 @@ def shares_of_groups(
     ``2⟨r_g, r − r_S⟩ − ⟨r_g, r_g⟩``. Over all orders the mean of ``r_S`` is half of the sum of the
     other groups, which gives the above (Shapley 1953, Ann Math Stud 28:307).
     """
-    rng = np.random.default_rng(SEED)
-    drawn = rng.multivariate_normal(size, covariance, DRAWS, method="eigh")
-    each = np.empty((1 + DRAWS, len(groups), 6))
-    unexplained = np.empty(6)
-    sizes = np.vstack([size, drawn])
+    member = np.zeros((len(groups), len(size)))
+    for row, causes in zip(member, groups, strict=True):
+        row[list(causes)] = size[list(causes)]
+    inside = np.array([np.isin(np.arange(len(size)), causes) for causes in groups], float)
+    share = np.empty((len(groups), 6))
+    between = np.empty((6, len(groups), len(groups)))
     for axis in range(6):
         own, of_causes = residual[:, axis], effects[:, :, axis]
-        square = own @ own
-        gram, with_residual = of_causes @ of_causes.T, of_causes @ own
-        sums = sizes @ gram
-        for g, causes in enumerate(groups):
-            inside = sizes[:, causes]
-            each[:, g, axis] = inside @ (2 * with_residual[causes])
-            each[:, g, axis] -= (inside * sums[:, causes]).sum(axis=1)
-        each[:, :, axis] /= square
-        unexplained[axis] = 1 - each[0, :, axis].sum()
-    low, high = np.quantile(each[1:], [0.025, 0.975], axis=0)
-    return Shares(each[0], low, high, unexplained, each[1:])
+        square, gram = own @ own, of_causes @ of_causes.T
+        with_rest = 2 * (of_causes @ own) - gram @ size
+        share[:, axis] = member @ with_rest / square
+        slope = (inside * with_rest - member @ gram) / square
+        between[axis] = slope @ covariance @ slope.T
+    return Shares(share, between, 1 - share.sum(axis=0))
 
 
-def indistinct(draws: Array) -> list[list[int]]:
+def indistinct(shares: Shares) -> list[list[int]]:
     """Join groups that a trial cannot tell apart.
 
     Parameters
     ----------
-    draws
-        Possible shares of the groups, (D, G, 6).
+    shares
+        Of the groups.
 
     Returns
     -------
     list of list of int
         The groups that are named together, in their order; most alone.
     """
-    found = [[g] for g in range(draws.shape[1])]
+    found = [[g] for g in range(len(shares.share))]
     while len(found) > 1:
-        shares = np.stack([draws[:, own].sum(axis=1) for own in found])
-        away = shares - shares.mean(axis=1, keepdims=True)
-        products = np.einsum("adx,bdx->abx", away, away) / len(draws)
-        spread = np.sqrt(np.einsum("aax->ax", products))
-        doubted = np.minimum(spread[:, None], spread[None]) > MIN_DOUBT
-        bound = np.maximum(spread[:, None] * spread[None], MIN_DOUBT**2)
-        correlation = np.where(doubted, products / bound, 0.0).min(axis=2)
+        own = shares.joined(found)
+        spread = own.deviation.T
+        doubted = np.minimum(spread[:, :, None], spread[:, None]) > MIN_DOUBT
+        product = np.maximum(spread[:, :, None] * spread[:, None], MIN_DOUBT**2)
+        correlation = np.where(doubted, own.covariance / product, 0.0).min(axis=0)
         first, second = sorted(np.unravel_index(correlation.argmin(), correlation.shape))
         if correlation[first, second] > INDISTINCT:
             break
