@@ -1,0 +1,64 @@
+"""Causes of residuals: what may be wrong, how large it usually is, and what it does."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from hbm.spatial import Array
+from pipeline.explain.priors import Prior
+from pipeline.explain.processing_chain import ProcessingChain
+
+CauseGroup = Literal[
+    "delay",
+    "zero",
+    "gain",
+    "place",
+    "compensation",
+    "platform",
+    "inertia",
+    "markers",
+    "skin",
+    "soft_tissue",
+    "filter",
+]
+"""Causes whose shares are reported together."""
+
+Change = Callable[[ProcessingChain, float], ProcessingChain]
+"""Gives the chain with a cause of a size: as if the recording had that fault besides its own."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cause:
+    """Something that may be wrong with a trial, of unknown size.
+
+    Attributes
+    ----------
+    name
+        What it is, in words, such as "plate 1: zero of Fz".
+    group
+        Causes whose shares are reported together.
+    prior
+        How large it usually is.
+    change
+        What the chain is with it.
+    of_platform
+        Whether it follows the platform's motion, which does not repeat with the gait cycle.
+    """
+
+    name: str
+    group: CauseGroup
+    prior: Prior
+    change: Change
+    of_platform: bool = False
+
+    def effect(self, chain: ProcessingChain) -> Array:
+        """Give the residual that it adds per unit of its size, (T, 6) [N, N·m per unit].
+
+        Central difference over one standard deviation to either side, in lab axes about the pelvis
+        origin.
+        """
+        size = self.prior.size
+        more, less = (self.change(chain, each).residual for each in (size, -size))
+        return np.asarray((more - less) / (2 * size))

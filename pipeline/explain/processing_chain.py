@@ -1,0 +1,207 @@
+"""A trial from plates and coordinates to its residual, in steps that can be changed one by one."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from compensation import PlatformPose, to_lab
+from hbm.engines.choice import choose_engine
+from hbm.markers import Markers
+from hbm.model import Body
+from hbm.plausibility.outliers import solve_without_outliers
+from hbm.plausibility.repeated_positions import without_frozen_frames
+from hbm.signals.filtering import Filtered, butterworth, low_pass
+from hbm.spatial import Array, shift_wrench, transform_wrench
+from pipeline.config.schema import Settings
+from pipeline.io.recording import Plate, Recording
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.result import TrialResult
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProcessingChain:
+    """What the residual of a trial is computed from, and the residual.
+
+    Attributes
+    ----------
+    time
+        Frame times, (T,) [s].
+    settings
+        Filter and cut-off frequency.
+    body
+        The subject's body.
+    markers
+        Trajectories as the inverse kinematics was given them, T frames.
+    q
+        Coordinates before the filter, (T, 46) [m and rad].
+    plates
+        The plates: where they are with the platform in neutral.
+    wrenches
+        Per plate, in its own axes about the centre of its surface, at the frames and before the
+        filter, compensated where the trial is, (T, 6) [N, N·m].
+    pose
+        The platform's pose, T frames; None where it stands still.
+    motion
+        Filtered coordinates and their derivatives, (T, 46).
+    needed
+        Wrench that the body's motion needs, (T, 6) [N, N·m]: lab axes about the pelvis origin.
+    ground
+        Filtered sum of the plates' wrenches, (T, 6) [N, N·m]: lab axes about the lab origin.
+    """
+
+    time: Array
+    settings: Settings
+    body: Body
+    markers: Markers
+    q: Array
+    plates: tuple[Plate, ...]
+    wrenches: tuple[Array, ...]
+    pose: PlatformPose | None
+    motion: Filtered
+    needed: Array
+    ground: Array
+
+    @property
+    def residual(self) -> Array:
+        """Wrench on the pelvis that closes the equations of motion, (T, 6) [N, N·m].
+
+        Lab axes (X forward, Y left, Z up) about the pelvis origin.
+        """
+        return self.needed - shift_wrench(self.ground, self.motion.value[:, :3])
+
+    def with_body(self, body: Body) -> Self:
+        """Give the chain with another body in the same motion."""
+        return replace(self, body=body, needed=needed_wrench(body, self.motion))
+
+    def with_coordinates(self, q: Array) -> Self:
+        """Give the chain with other coordinates before the filter, (T, 46) [m and rad]."""
+        motion = butterworth(q, self.time, self.settings.cutoff_hz, self.settings.filter)
+        return replace(self, q=q, motion=motion, needed=needed_wrench(self.body, motion))
+
+    def with_wrenches(self, wrenches: Sequence[Array], pose: PlatformPose | None = None) -> Self:
+        """Give the chain with other wrenches of the plates, as `wrenches`, or another pose too."""
+        pose = pose or self.pose
+        total = np.sum(wrenches_in_lab(wrenches, self.plates, pose), axis=0)
+        return replace(self, wrenches=tuple(wrenches), pose=pose, ground=self.low_pass(total))
+
+    def low_pass(self, signal: Array) -> Array:
+        """Pass a signal at the frames, (T, …), through the filter of the trial."""
+        return low_pass(signal, self.time, self.settings.cutoff_hz, self.settings.filter)
+
+
+def needed_wrench(body: Body, motion: Filtered) -> Array:
+    """Give the wrench that a motion needs where gravity acts, (T, 6) [N, N·m].
+
+    Lab axes about the pelvis origin.
+    """
+    state = motion.value, motion.velocity, motion.acceleration
+    return choose_engine("kernels").free_dynamics(body, *state, (), 1).wrench
+
+
+def wrenches_in_lab(
+    wrenches: Sequence[Array], plates: Sequence[Plate], pose: PlatformPose | None
+) -> list[Array]:
+    """Bring wrenches in the plates' own axes to the lab, by their neutral places and the pose.
+
+    Parameters
+    ----------
+    wrenches
+        Per plate, about the centre of its surface, (T, 6) [N, N·m].
+    plates
+        The plates.
+    pose
+        The platform's pose, T frames; None where it stands still.
+
+    Returns
+    -------
+    list of Array
+        Per plate, lab axes about the lab origin, (T, 6) [N, N·m].
+    """
+    neutral = [
+        transform_wrench(wrench, plate.rotation, plate.center)
+        for wrench, plate in zip(wrenches, plates, strict=True)
+    ]
+    return neutral if pose is None else [to_lab(wrench, pose) for wrench in neutral]
+
+
+def wrenches_in_plates(
+    wrenches: Sequence[Array], plates: Sequence[Plate], pose: PlatformPose | None
+) -> list[Array]:
+    """Bring wrenches in the lab to the plates' own axes: the inverse of `wrenches_in_lab`."""
+    result = []
+    for wrench, plate in zip(wrenches, plates, strict=True):
+        center = plate.center[None] if pose is None else pose.to_lab(plate.center)
+        turned = plate.rotation[None] if pose is None else pose.rotation @ plate.rotation
+        own = shift_wrench(wrench, center).reshape(len(wrench), 2, 3)
+        result.append((own @ turned).reshape(-1, 6))
+    return result
+
+
+def processing_chain(
+    recording: Recording,
+    laboratory: Laboratory,
+    result: TrialResult,
+    frames: slice | None = None,
+) -> ProcessingChain:
+    """Repeat the steps of a trial that its residual is computed in.
+
+    Parameters
+    ----------
+    recording
+        The trial as read.
+    laboratory
+        The treadmill and its calibrations, as when it was processed.
+    result
+        The processed trial.
+    frames
+        Frames of it, one after another; by default all.
+
+    Returns
+    -------
+    ProcessingChain
+        Of these frames. Its residual is that of the trial as reported, compensated where the trial
+        is, but for the settling of the filter at the ends of `frames`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pipeline
+    >>> from pipeline.config.schema import Treadmill
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> walk = pipeline.read_c3d("walk.c3d")
+    >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
+    >>> chain = processing_chain(walk, Laboratory(Treadmill()), result)
+    >>> bool(np.nanmax(np.abs(chain.residual - result.measured.residual)) < 1e-6)
+    True
+    """
+    frames = frames or slice(None)
+    recording = with_corrected_plates(recording, laboratory.plates)
+    body, settings, time = result.body, result.settings, result.motion.time[frames]
+    unfrozen = without_frozen_frames(recording.markers, body.markers)
+    cut = Markers(unfrozen.time[frames], unfrozen.names, unfrozen.position[frames])
+    markers, unfiltered, _ = solve_without_outliers(body, cut, 1)
+    ground = ground_wrenches(
+        recording, laboratory, time, settings.plate_delay_s, settings.cutoff_hz
+    )
+    in_lab = ground.variants[ground.best]
+    wrenches = wrenches_in_plates(in_lab, recording.plates, ground.pose)
+    motion = butterworth(unfiltered.q, time, settings.cutoff_hz, settings.filter)
+    total = np.sum(in_lab, axis=0)
+    return ProcessingChain(
+        time=time,
+        settings=settings,
+        body=body,
+        markers=markers,
+        q=unfiltered.q,
+        plates=recording.plates,
+        wrenches=tuple(wrenches),
+        pose=ground.pose,
+        motion=motion,
+        needed=needed_wrench(body, motion),
+        ground=low_pass(total, time, settings.cutoff_hz, settings.filter),
+    )

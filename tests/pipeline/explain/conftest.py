@@ -1,0 +1,44 @@
+"""What tests of the causes of residuals share: a trial without faults, and one that moves."""
+
+import numpy as np
+import pytest
+
+import pipeline
+from pipeline.config.schema import Treadmill
+from pipeline.config.study import read_study
+from pipeline.explain.processing_chain import processing_chain
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
+
+
+@pytest.fixture(scope="session")
+def walk(walker):
+    """The recording of the walker and its result."""
+    recording = pipeline.read_c3d(walker)
+    subject = pipeline.Subject(sex="male")
+    return recording, pipeline.process_recording(recording, subject, pipeline.Settings())
+
+
+@pytest.fixture(scope="session")
+def chain(walk):
+    recording, result = walk
+    return processing_chain(recording, Laboratory(Treadmill()), result)
+
+
+@pytest.fixture(scope="session")
+def moving_chain(moving_study, processed):
+    """A trial on a platform that pitches, compensated."""
+    study = read_study(moving_study)
+    recording = read_study_file(study, study.subject("sub01").trials["pitch"].file)
+    return processing_chain(recording, read_study_laboratory(study), processed)
+
+
+@pytest.fixture(scope="session")
+def spans(walk):
+    _, result = walk
+    return max(result.cycles.values(), key=len)
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(18)

@@ -1,0 +1,77 @@
+"""The chain repeats what processing did, and each of its steps can be changed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.segments import Inertia
+from hbm.spatial import GRAVITY_MPS2, shift_wrench
+from pipeline.config.schema import Treadmill
+from pipeline.explain.processing_chain import (
+    processing_chain,
+    wrenches_in_lab,
+    wrenches_in_plates,
+)
+from pipeline.trial.ground.laboratory import Laboratory
+
+
+def test_the_residual_of_the_chain_is_the_measured_one(chain, walk):
+    np.testing.assert_allclose(chain.residual, walk[1].measured.residual, atol=1e-8)
+
+
+def test_the_residual_of_a_chain_on_a_moving_platform_is_the_compensated_one(
+    moving_chain, processed
+):
+    np.testing.assert_allclose(moving_chain.residual, processed.compensated.residual, atol=1e-8)
+
+
+def test_some_frames_of_a_trial_have_the_same_residual_but_for_their_ends(walk):
+    recording, result = walk
+    part = processing_chain(recording, Laboratory(Treadmill()), result, slice(500, 900))
+    expected = result.measured.residual[600:800]
+    np.testing.assert_allclose(part.residual[100:-100], expected, atol=1e-3)
+
+
+def test_wrenches_come_back_from_the_lab_on_a_moving_platform(moving_chain):
+    in_lab = wrenches_in_lab(moving_chain.wrenches, moving_chain.plates, moving_chain.pose)
+    again = wrenches_in_plates(in_lab, moving_chain.plates, moving_chain.pose)
+    np.testing.assert_allclose(again, moving_chain.wrenches, atol=1e-9)
+
+
+def test_a_heavier_pelvis_needs_its_own_weight_and_inertia_more(chain):
+    """A point mass in the pelvis origin, by Newton's second law on the filtered origin."""
+    pelvis = chain.body.segments["pelvis"]
+    total = pelvis.mass + 1.0
+    center = pelvis.mass * pelvis.center / total
+    # parallel axes: both parts about the common centre
+    apart, own = pelvis.center - center, -center
+    tensor = pelvis.tensor + pelvis.mass * (apart @ apart * np.eye(3) - np.outer(apart, apart))
+    tensor = tensor + (own @ own * np.eye(3) - np.outer(own, own))
+    segments = dict(chain.body.segments) | {"pelvis": Inertia(total, center, tensor)}
+    heavier = chain.with_body(replace(chain.body, segments=segments))
+    added = heavier.residual - chain.residual
+    expected = chain.motion.acceleration[:, :3] + [0, 0, GRAVITY_MPS2]
+    np.testing.assert_allclose(added[:, :3], expected, atol=1e-9)
+    np.testing.assert_allclose(added[:, 3:], 0, atol=1e-9)
+
+
+def test_a_load_on_a_plate_acts_on_the_residual_where_the_plate_is(chain):
+    load = np.array([0.0, 0.0, 10.0, 0.0, 0.0, 0.0])
+    wrenches = [chain.wrenches[0], chain.wrenches[1] + load]
+    added = (chain.with_wrenches(wrenches).residual - chain.residual)[200:-200]
+    plate, pelvis = chain.plates[1], chain.motion.value[200:-200, :3]
+    force = plate.rotation @ load[:3]
+    moment = np.cross(plate.center - pelvis, force)
+    np.testing.assert_allclose(added[:, :3], -np.tile(force, (len(added), 1)), atol=1e-6)
+    np.testing.assert_allclose(added[:, 3:], -moment, atol=1e-6)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_motion_elsewhere_needs_the_same_wrench_about_the_pelvis(chain, axis):
+    q = chain.q.copy()
+    q[:, axis] += 0.3
+    moved = chain.with_coordinates(q)
+    np.testing.assert_allclose(moved.needed, chain.needed, atol=1e-6)
+    expected = shift_wrench(chain.ground, moved.motion.value[:, :3])
+    np.testing.assert_allclose(moved.needed - moved.residual, expected, atol=1e-6)
