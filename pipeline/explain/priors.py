@@ -13,16 +13,22 @@ class Prior:
     Attributes
     ----------
     size
-        One standard deviation; the mean is zero.
+        One standard deviation.
     unit
         Of the size.
     source
         Where it is from.
+    advice
+        What a laboratory can do to know it better; empty where it has been done.
+    mean
+        What is expected: zero but where something is known of the trial.
     """
 
     size: float
     unit: str
     source: str
+    advice: str = ""
+    mean: float = 0.0
 
 
 @cache
