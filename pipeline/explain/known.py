@@ -94,9 +94,10 @@ def known_plates(chain: ProcessingChain, laboratory: Laboratory) -> KnownPlates:
             if calibration is not None:
                 one = calibrated(one, calibration, plate)
         zero = one.zero
-        if models and models[k].model_error is not None:
+        error = models[k].model_error if models else None
+        if error is not None:
             source = "the treadmill's calibration: zeros of its recordings"
-            spread = np.minimum([z.size for z in zero], models[k].model_error.zero)
+            spread = np.minimum([z.size for z in zero], error.zero)
             zero = tuple(
                 replace(z, size=max(float(size), MIN_NARROWED * z.size), source=source)
                 for z, size in zip(zero, spread, strict=True)
