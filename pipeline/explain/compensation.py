@@ -194,18 +194,19 @@ def _late_sensors(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
     """Make the accelerometers later [s]."""
     done = chain.subtracted
     assert done is not None
-    added = []
-    for model, felt in zip(done.models, done.felt, strict=True):
-        change = delayed(chain.time, felt, delay_s) - felt
-        added.append(change @ model.gain[:-1])
-    return _without(chain, 1.0, added=added)
+    later = tuple(delayed(chain.time, felt, delay_s) for felt in done.felt)
+    added = [
+        (after - before) @ model.gain[:-1]
+        for model, before, after in zip(done.models, done.felt, later, strict=True)
+    ]
+    return replace(_without(chain, 1.0, added=added), subtracted=replace(done, felt=later))
 
 
 def _late_belt(chain: ProcessingChain, delay_s: float, *, plate: int) -> ProcessingChain:
     """Make the channel of a belt's speed later [s]."""
     done = chain.subtracted
     assert done is not None
-    added = [np.zeros_like(wrench) for wrench in chain.wrenches]
-    belt = done.belts[plate]
-    added[plate] = delayed(chain.time, belt, delay_s) - belt
-    return _without(chain, 1.0, added=added)
+    later = list(done.belts)
+    later[plate] = delayed(chain.time, done.belts[plate], delay_s)
+    added = [after - before for before, after in zip(done.belts, later, strict=True)]
+    return replace(_without(chain, 1.0, added=added), subtracted=replace(done, belts=tuple(later)))

@@ -59,9 +59,8 @@ def platform_causes(chain: ProcessingChain, platform: Platform | None) -> Iterat
 def _late(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
     """Make the pose later [s]; the ends are held, gaps stay where they are."""
     pose = _pose(chain)
-    known = np.flatnonzero(np.isfinite(pose.position).all(axis=1))
-    first, last = chain.time[known[[0, -1]]]
-    later = interpolate_pose(pose, chain.time, np.clip(chain.time - delay_s, first, last))
+    known = chain.time[np.asarray(np.isfinite(pose.position).all(axis=1))]
+    later = interpolate_pose(pose, chain.time, np.clip(chain.time - delay_s, known[0], known[-1]))
     gap = np.isnan(later.position + pose.position).any(axis=1, keepdims=True)
     return _with_pose(
         chain,

@@ -1,6 +1,8 @@
 """A trial on a moving platform made of numbers (`tests.pipeline.lab`), ready to be explained."""
 
+import tempfile
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -17,17 +19,27 @@ MARKERS = Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
 CHANNELS = Platform(sway_channel="Sway", pitch_channel="Pitch", pivot_m=tuple(lab.PIVOT_M))
 
 
-def treadmill(platform=CHANNELS):
-    return Treadmill(accelerometers=lab.CHANNELS, platform=platform)
+@cache
+def laboratory():
+    empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0))
+    return Laboratory(treadmill(CHANNELS), fit_calibration(empty, treadmill(CHANNELS)))
 
 
-def calibration():
-    return fit_calibration(lab.on_platform(lab.without_people(20.0), lab.shaken(20.0)), treadmill())
+@cache
+def walker():
+    with tempfile.TemporaryDirectory() as folder:
+        return lab.walk(folder, duration_s=DURATION_S, marker_noise_m=0.0)
 
 
-def moved(walker, **faults):
+@cache
+def moving_chain():
+    """The chain of a trial without faults, its pose from the platform's channels."""
+    return chain_of(moved(), laboratory())
+
+
+def moved(**faults):
     """The walker on a platform that sways and pitches, recorded without noise."""
-    return lab.on_platform(walker, lab.shaken(DURATION_S, seed=3), noise=0.0, **faults)
+    return lab.on_platform(walker(), lab.shaken(DURATION_S, seed=3), noise=0.0, **faults)
 
 
 def chain_of(recording, laboratory):
@@ -37,12 +49,15 @@ def chain_of(recording, laboratory):
     return processing_chain(recording, laboratory, result)
 
 
-def with_pivot(laboratory, shift):
-    platform = laboratory.treadmill.platform
-    x, y, z = np.add(platform.pivot_m, shift).tolist()
-    stated = platform.model_copy(update={"pivot_m": (x, y, z)})
-    return replace(laboratory, treadmill=treadmill(stated))
+def with_platform(platform):
+    """The laboratory with another statement of how the pose is known."""
+    return replace(laboratory(), treadmill=treadmill(platform))
 
 
-def laboratory_of(calibration, platform=CHANNELS):
-    return Laboratory(treadmill(platform), calibration)
+def with_pivot(shift):
+    x, y, z = np.add(lab.PIVOT_M, shift).tolist()
+    return with_platform(CHANNELS.model_copy(update={"pivot_m": (x, y, z)}))
+
+
+def treadmill(platform):
+    return Treadmill(accelerometers=lab.CHANNELS, platform=platform)

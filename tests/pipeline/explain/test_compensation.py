@@ -9,7 +9,18 @@ from compensation import BeltModel
 from compensation.inertia.model_error import ModelError
 from pipeline.explain.compensation import compensation_causes, principal_directions
 from pipeline.explain.processing_chain import Subtracted
-from tests.pipeline.explain.moving_trial import SETTLED, chain_of, moved
+from tests.pipeline.explain.moving_trial import (
+    SETTLED,
+    chain_of,
+    laboratory,
+    moved,
+    moving_chain,
+)
+
+
+@pytest.fixture(name="chain", scope="module")
+def moving():
+    return moving_chain()
 
 
 @pytest.fixture(scope="module")
@@ -93,8 +104,8 @@ def test_what_a_model_leaves_of_a_motion_has_the_variance_that_the_calibration_e
     np.testing.assert_allclose(variance[:, [0, 2, 3, 4, 5]], 0, atol=1e-9)
 
 
-def test_late_accelerometers_leave_what_their_recording_leaves(walker, laboratory, chain):
-    late = chain_of(moved(walker, accelerometer_delay_s=0.005), laboratory)
+def test_late_accelerometers_leave_what_their_recording_leaves(chain):
+    late = chain_of(moved(accelerometer_delay_s=0.005), laboratory())
     expected = (late.residual - chain.residual)[SETTLED]
     (cause,) = [c for c in compensation_causes(chain) if c.name == "accelerometers are late"]
     found = (cause.change(chain, 0.005).residual - chain.residual)[SETTLED]

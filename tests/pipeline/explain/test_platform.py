@@ -12,10 +12,17 @@ from tests.pipeline.explain.moving_trial import (
     MARKERS,
     SETTLED,
     chain_of,
-    laboratory_of,
+    laboratory,
     moved,
+    moving_chain,
     with_pivot,
+    with_platform,
 )
+
+
+@pytest.fixture(name="chain")
+def moving():
+    return moving_chain()
 
 
 def cause(chain, name, platform=CHANNELS):
@@ -32,9 +39,9 @@ def pose_of(chain, **commands):
 
 @pytest.mark.parametrize("delay_s", [0.01, 0.03])
 def test_channels_that_are_late_leave_what_their_recording_leaves(
-    walker, laboratory, chain, delay_s
+    chain, delay_s
 ):
-    late = chain_of(moved(walker, command_delay_s=delay_s), laboratory)
+    late = chain_of(moved(command_delay_s=delay_s), laboratory())
     expected = (late.residual - chain.residual)[SETTLED]
     found = (cause(chain, "platform: late").change(chain, delay_s).residual - chain.residual)[
         SETTLED
@@ -45,10 +52,9 @@ def test_channels_that_are_late_leave_what_their_recording_leaves(
 
 @pytest.mark.parametrize(("letter", "along"), [("x", 0), ("z", 2)])
 def test_an_axis_of_pitch_stated_5_cm_off_leaves_what_the_study_leaves(
-    walker, laboratory, chain, letter, along
+    chain, letter, along
 ):
-    stated = with_pivot(laboratory, 0.05 * np.eye(3)[along])
-    expected = chain_of(moved(walker), stated).residual
+    expected = chain_of(moved(), with_pivot(0.05 * np.eye(3)[along])).residual
     found = cause(chain, f"platform: pivot along {letter}").change(chain, 0.05).residual
     assert np.abs(expected - chain.residual)[SETTLED].max() > 1.0
     np.testing.assert_allclose(found, expected, atol=1e-6)
@@ -94,9 +100,8 @@ def test_axes_turned_about_the_vertical_sway_forward_too(chain):
     )
 
 
-def test_a_pose_from_markers_has_neither_delay_nor_pivot(walker, calibration):
-    laboratory = laboratory_of(calibration, MARKERS)
-    chain = chain_of(moved(walker), laboratory)
+def test_a_pose_from_markers_has_neither_delay_nor_pivot():
+    chain = chain_of(moved(), with_platform(MARKERS))
     names = [each.name for each in platform_causes(chain, MARKERS)]
     assert names == ["platform: zero of sway", "platform: zero of pitch"]
 
