@@ -178,8 +178,8 @@ def _sensors_prior(done: Subtracted, known: dict[str, Prior]) -> Prior:
     if not stated or len(stated) < len(errors):
         return known["accelerometer_delay"]
     between = known["accelerometer_delay_between_days"]
-    size = float(np.hypot(max(stated), between.size))
-    source = f"the calibration's own error and between days: {between.source}"
+    size = float(np.linalg.norm([max(stated), done.sensors_apart_s, between.size]))
+    source = f"the calibration's own error, how sensors differ, and {between.source}"
     return replace(between, size=size, source=source)
 
 

@@ -243,7 +243,8 @@ def _delay(chain: ProcessingChain, laboratory: Laboratory, usual: Prior) -> Prio
         readings = done.felt[0][:, : len(done.models[0].acceleration_mean)]
         late = plate_marker_delay(chain.pose, readings, rate_hz)
         if late is not None:
-            size = float(np.hypot(late.standard_error, known["calibrated_delay"].size))
+            error, least = late.standard_error, known["calibrated_delay"].size
+            size = float(np.linalg.norm([error, done.sensors_apart_s, least]))
             source = "the platform's motion in its markers and accelerometers"
             return replace(usual, size=size, mean=late.seconds, source=source, advice="")
     return usual if chain.settings.plate_delay_s is None else known["stated_delay"]

@@ -49,6 +49,16 @@ class Subtracted:
     belt_models: tuple[BeltModel, ...]
     belts: tuple[Array, ...]
 
+    @property
+    def sensors_apart_s(self) -> float:
+        """By how much the accelerometers' delays differ, one standard deviation [s].
+
+        Accelerometers on one converter are equally late: where a platform bends, the calibration
+        takes bending for delay.
+        """
+        delays = [sensor.correction_s for sensor in self.sensors]
+        return float(np.std(delays, ddof=1)) if len(delays) > 1 else 0.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessingChain:

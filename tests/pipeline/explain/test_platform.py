@@ -38,9 +38,7 @@ def pose_of(chain, **commands):
 
 
 @pytest.mark.parametrize("delay_s", [0.01, 0.03])
-def test_channels_that_are_late_leave_what_their_recording_leaves(
-    chain, delay_s
-):
+def test_channels_that_are_late_leave_what_their_recording_leaves(chain, delay_s):
     late = chain_of(moved(command_delay_s=delay_s), laboratory())
     expected = (late.residual - chain.residual)[SETTLED]
     found = (cause(chain, "platform: late").change(chain, delay_s).residual - chain.residual)[
@@ -51,9 +49,7 @@ def test_channels_that_are_late_leave_what_their_recording_leaves(
 
 
 @pytest.mark.parametrize(("letter", "along"), [("x", 0), ("z", 2)])
-def test_an_axis_of_pitch_stated_5_cm_off_leaves_what_the_study_leaves(
-    chain, letter, along
-):
+def test_an_axis_of_pitch_stated_5_cm_off_leaves_what_the_study_leaves(chain, letter, along):
     expected = chain_of(moved(), with_pivot(0.05 * np.eye(3)[along])).residual
     found = cause(chain, f"platform: pivot along {letter}").change(chain, 0.05).residual
     assert np.abs(expected - chain.residual)[SETTLED].max() > 1.0
