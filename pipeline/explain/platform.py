@@ -59,9 +59,9 @@ def platform_causes(chain: ProcessingChain, platform: Platform | None) -> Iterat
 def _late(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
     """Make the pose later [s]; the ends are held, gaps stay where they are."""
     pose = _pose(chain)
-    known = chain.time[np.asarray(np.isfinite(pose.position).all(axis=1))]
+    known = chain.time[np.flatnonzero(np.isfinite(pose.position).all(axis=1))]
     later = interpolate_pose(pose, chain.time, np.clip(chain.time - delay_s, known[0], known[-1]))
-    gap = np.isnan(later.position + pose.position).any(axis=1, keepdims=True)
+    gap = np.asarray(np.isnan(later.position + pose.position).any(axis=1, keepdims=True))
     return _with_pose(
         chain,
         np.where(gap[:, None], pose.rotation, later.rotation),

@@ -149,7 +149,8 @@ def test_markers_on_the_platform_show_how_late_its_plates_are():
 
 
 def test_plates_of_a_compensated_trial_are_zero_as_the_calibration_left_them(chain):
-    always = [wrench + [0, 0, 100.0, 0, 0, 0] for wrench in chain.wrenches]
+    loaded_n = np.array([0, 0, 100.0, 0, 0, 0])
+    always = [wrench + loaded_n for wrench in chain.wrenches]
     found = known_plates(chain.with_wrenches(always), laboratory())
     usual = usual_plates(2)
     for one, before in zip(found.plates, usual.plates, strict=True):
