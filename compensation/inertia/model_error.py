@@ -147,9 +147,29 @@ class ModelError:
         known = np.isfinite(a).all(axis=1)
         if not len(self.directions):
             return np.where(known[:, None], floor, np.nan)
-        moved = np.where(known[:, None], a, np.nan) - self.center
-        energy = _energies(_bands(moved, rate_hz), self.directions, rate_hz)
+        energy = _smooth(self.motion(a, rate_hz) ** 2, rate_hz)
         return np.asarray(energy @ self.per_energy[int(slow)] + floor)
+
+    def motion(self, accelerations: ArrayLike, rate_hz: float) -> Array:
+        """Give the motion of a trial by direction and band, of whose energies the error is made.
+
+        Parameters
+        ----------
+        accelerations, rate_hz
+            As of `variance`.
+
+        Returns
+        -------
+        Array
+            About the calibration's mean, in the order of `per_energy`, (N, B k) [m/s²]; NaN where
+            the readings are unknown.
+        """
+        a = np.asarray(accelerations, float)
+        if not len(self.directions):
+            return np.empty((len(a), 0))
+        known = np.isfinite(a).all(axis=1, keepdims=True)
+        bands = _bands(np.where(known, a, np.nan) - self.center, rate_hz)
+        return _turned(bands, self.directions)
 
 
 def fit_model_error(
@@ -303,8 +323,12 @@ def _directions(recordings: Sequence[Array]) -> Array:
 
 def _energies(bands: Sequence[Array], directions: Array, rate_hz: float) -> Array:
     """Give squared readings in every direction of every band, averaged over time, (N, B k)."""
-    parts = [(band @ turned) ** 2 for band, turned in zip(bands, directions, strict=True)]
-    return _smooth(np.hstack(parts), rate_hz)
+    return _smooth(_turned(bands, directions) ** 2, rate_hz)
+
+
+def _turned(bands: Sequence[Array], directions: Array) -> Array:
+    """Give readings in every direction of every band, (N, B k)."""
+    return np.hstack([band @ turned for band, turned in zip(bands, directions, strict=True)])
 
 
 def _smooth(squares: Array, rate_hz: float) -> Array:

@@ -5,15 +5,22 @@ from functools import partial
 
 import numpy as np
 
-from hbm.signals.resampling import interpolate
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench, transform_wrench
 from pipeline.explain.cause import Cause
-from pipeline.explain.priors import priors
+from pipeline.explain.delay import delayed
+from pipeline.explain.known import KnownPlates, usual_plates
 from pipeline.explain.processing_chain import ProcessingChain
 
 
-def plate_causes(chain: ProcessingChain) -> Iterator[Cause]:
+def plate_causes(chain: ProcessingChain, known: KnownPlates | None = None) -> Iterator[Cause]:
     """Give what may be wrong with the plates of a trial.
+
+    Parameters
+    ----------
+    chain
+        The trial.
+    known
+        What is known of its plates, as `pipeline.explain.known` finds it; by default nothing.
 
     Yields
     ------
@@ -22,34 +29,33 @@ def plate_causes(chain: ProcessingChain) -> Iterator[Cause]:
         vertical force into the horizontal ones, and its place and direction. All are faults of the
         plate in its own axes, which move with the platform.
     """
-    known = priors()
-    yield Cause("plates are late", "delay", known["delay"], late)
-    for k, plate in enumerate(chain.plates):
+    known = known or usual_plates(len(chain.plates))
+    yield Cause("plates are late", "delay", known.delay, late)
+    for k, (plate, prior) in enumerate(zip(chain.plates, known.plates, strict=True)):
         name = f"plate {plate.number}"
         for i, component in enumerate(WRENCH_COMPONENTS):
-            zero = known["zero_force" if i < 3 else "zero_moment"]
             change = partial(_with_load, plate=k, gain=np.zeros((6, 6)), zero=np.eye(6)[i])
-            yield Cause(f"{name}: zero of {component}", "zero", zero, change)
+            yield Cause(f"{name}: zero of {component}", "zero", prior.zero[i], change)
         for i, component in enumerate(WRENCH_COMPONENTS):
             gain = np.diag(np.eye(6)[i])
             change = partial(_with_load, plate=k, gain=gain, zero=np.zeros(6))
-            yield Cause(f"{name}: gain of {component}", "gain", known["gain"], change)
+            yield Cause(f"{name}: gain of {component}", "gain", prior.gain[i], change)
         for i, component in enumerate(WRENCH_COMPONENTS[:2]):
             gain = np.zeros((6, 6))
             gain[i, 2] = 1.0
             change = partial(_with_load, plate=k, gain=gain, zero=np.zeros(6))
             title = f"{name}: Fz in {component}"
-            yield Cause(title, "gain", known["cross_talk"], change)
-        for axis, letter in zip(np.eye(3), "xyz", strict=True):
+            yield Cause(title, "gain", prior.cross_talk[i], change)
+        for i, (axis, letter) in enumerate(zip(np.eye(3), "xyz", strict=True)):
             moved, turned = partial(_moved, plate=k, by=axis), partial(_turned, plate=k, about=axis)
-            yield Cause(f"{name}: place along {letter}", "place", known["place"], moved)
-            yield Cause(f"{name}: direction about {letter}", "place", known["direction"], turned)
+            yield Cause(f"{name}: place along {letter}", "place", prior.place[i], moved)
+            title = f"{name}: direction about {letter}"
+            yield Cause(title, "place", prior.direction[i], turned)
 
 
 def late(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
-    """Make the plates later [s]; their first and last values are held."""
-    at = np.clip(chain.time - delay_s, chain.time[0], chain.time[-1])
-    return chain.with_wrenches([interpolate(chain.time, each, at) for each in chain.wrenches])
+    """Make the plates later [s] than markers and platform; the ends are held."""
+    return chain.with_wrenches([delayed(chain.time, each, delay_s) for each in chain.wrenches])
 
 
 def _with_load(

@@ -19,6 +19,9 @@ ROUNDS: Final = 60
 START: Final = 0.5
 """Of a residual that no cause describes, to begin with."""
 MIN_VARIANCE: Final = 1e-10
+PATTERNS_SHARE: Final = 0.99
+MOST_PATTERNS: Final = 10
+"""Of what follows the platform, by how it varies over cycles, and patterns that are told apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,45 +75,61 @@ def estimate_sizes(
     Returns
     -------
     Posterior
-        By expectation and maximisation of the size of what no cause describes and of the variance
-        between cycles.
+        By expectation and maximisation of the size of what no cause describes.
 
     Notes
     -----
     Coefficients of different frequencies and axes are taken as independent given the causes, which
     is what makes the noise coloured: each frequency has a variance of its own.
+
+    What the model misses of a person changes with a slope or a push too, so that cycles that differ
+    by them are no independent evidence. The causes that follow the platform vary over cycles in a
+    few patterns, their principal components; the part of the residual in each of them is treated
+    as the mean cycle is, with a size of its own of what no cause describes. What is left beside all
+    patterns shows the variance between cycles.
     """
     cycles = len(residual)
-    mean, effect = residual.mean(axis=0), effects.mean(axis=1)
-    deviation, moving = residual - mean, (effects - effect[:, None])[of_platform]
+    effect = effects.mean(axis=1)
+    moving = (effects - effect[:, None]) * of_platform[:, None, None, None]
+    pattern = _patterns(moving[of_platform] * prior[of_platform, None, None, None], residual)
+    beside = np.eye(cycles) - pattern.T @ pattern
+    degrees = max(cycles - len(pattern), 1)
+    along = np.tensordot(pattern, residual, 1)
+    added = np.einsum("pc,kcbx->kpbx", pattern, moving)
+    added[:, 0] = np.sqrt(cycles) * effect
     shape = 1 / (1 + (frequency / SMOOTH_HZ) ** 4)
-    spread = START * np.sqrt((mean**2).sum(axis=0) / shape.sum())
-    between = _by_frequency((deviation**2).sum(axis=0) / max(cycles - 1, 1), frequency)
+    spread = START * np.sqrt((along**2).sum(axis=1) / shape.sum())
+    rest = np.tensordot(beside, residual, 1)
+    between = _by_frequency((rest**2).sum(axis=0) / degrees, frequency)
     precision = np.diag(1 / prior**2)
-    follow = np.flatnonzero(of_platform)
     size, covariance = np.zeros(len(prior)), np.zeros((len(prior), len(prior)))
     for _ in range(ROUNDS):
-        unexplained = spread**2 * shape[:, None]
-        variance = unexplained + between / cycles + MIN_VARIANCE
-        weighted = (effect / variance).reshape(len(effect), -1)
-        information = weighted @ effect.reshape(len(effect), -1).T + precision
-        evidence = weighted @ mean.ravel()
-        if cycles > 1 and len(follow):
-            own = (moving / (between + MIN_VARIANCE)).reshape(len(moving), -1)
-            information[np.ix_(follow, follow)] += own @ moving.reshape(len(moving), -1).T
-            evidence[follow] += own @ deviation.ravel()
-        covariance = np.linalg.inv(information)
-        size = covariance @ evidence
+        unexplained = spread[:, None] ** 2 * shape[:, None]
+        variance = unexplained + between + MIN_VARIANCE
+        weighted = (added / variance).reshape(len(added), -1)
+        covariance = np.linalg.inv(weighted @ added.reshape(len(added), -1).T + precision)
+        size = covariance @ (weighted @ along.ravel())
 
-        left = mean - np.tensordot(size, effect, 1)
-        uncertain = np.einsum("kbx,kl,lbx->bx", effect, covariance, effect, optimize=True)
+        left = along - np.tensordot(size, added, 1)
+        uncertain = np.einsum("kpbx,kl,lpbx->pbx", added, covariance, added, optimize=True)
         gain = unexplained / variance
         square = (gain * left) ** 2 + unexplained * (1 - gain) + gain**2 * uncertain
-        spread = np.sqrt((square / shape[:, None]).mean(axis=0))
-        if cycles > 1 and len(follow):
-            remaining = deviation - np.tensordot(size[follow], moving, 1)
-            between = _by_frequency((remaining**2).sum(axis=0) / (cycles - 1), frequency)
-    return Posterior(size, covariance, spread)
+        spread = np.sqrt((square / shape[:, None]).mean(axis=1))
+    return Posterior(size, covariance, spread[0] / np.sqrt(cycles))
+
+
+def _patterns(moving: Array, residual: Array) -> Array:
+    """Give how effects vary over cycles, as orthonormal rows after that of their mean, (P, C)."""
+    cycles = len(residual)
+    constant = np.full((1, cycles), cycles**-0.5)
+    rms = np.sqrt(np.mean(residual**2, axis=(0, 1)) + MIN_VARIANCE)
+    table = np.moveaxis(moving / rms, 1, 0).reshape(cycles, -1)
+    if not table.any():
+        return constant
+    rows, sizes, _ = np.linalg.svd(table, full_matrices=False)
+    explained = np.cumsum(sizes**2) / np.sum(sizes**2)
+    count = min(int(np.searchsorted(explained, PATTERNS_SHARE)) + 1, MOST_PATTERNS)
+    return np.vstack([constant, rows[:, : min(count, (cycles - 1) // 2)].T])
 
 
 def _by_frequency(variance: Array, frequency: Array) -> Array:

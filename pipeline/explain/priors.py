@@ -18,13 +18,16 @@ class Prior:
         Of the size.
     source
         Where it is from.
+    advice
+        What a laboratory can do to know it better; empty where it has been done.
     mean
-        Its mean, where it is not zero.
+        What is expected: zero but where something is known of the trial.
     """
 
     size: float
     unit: str
     source: str
+    advice: str = ""
     mean: float = 0.0
 
 

@@ -54,6 +54,12 @@ class Ground:
         lab origin, (T, 6, 6); empty without a calibration of the platform.
     covariance
         As `covariances`, of the sum of all plates; None without a calibration of the platform.
+    felt
+        Per plate what the accelerometers felt at the markers' times, as its inertia model takes it,
+        (T, K) [m/s²]; empty without a calibration of the platform.
+    belts
+        Per plate what was subtracted of its accelerating belt, in the plate's own axes, (T, 6)
+        [N, N·m]; empty without a calibration of the belts.
     """
 
     variants: Mapping[str, Sequence[Array]]
@@ -61,6 +67,8 @@ class Ground:
     notes: tuple[Note, ...]
     covariances: tuple[Array, ...] = ()
     covariance: Array | None = None
+    felt: tuple[Array, ...] = ()
+    belts: tuple[Array, ...] = ()
 
     @property
     def best(self) -> str:
@@ -112,7 +120,7 @@ def ground_wrenches(
     measured = [resample(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)]
     notes = [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
 
-    compensated, felt = measured, list[Array]()
+    compensated, felt, added = measured, list[Array](), list[Array]()
     if laboratory.calibration is not None:
         compensated, felt, doubts = _without_inertia(recording, laboratory, times)
         notes += doubts
@@ -154,7 +162,9 @@ def ground_wrenches(
         ]
         if laboratory.calibration.correlation is None and len(plates) > 1:
             notes.append(Note.of("plates_taken_as_independent"))
-    return Ground(in_lab, pose, tuple(notes), tuple(covariances), covariance)
+    return Ground(
+        in_lab, pose, tuple(notes), tuple(covariances), covariance, tuple(felt), tuple(added)
+    )
 
 
 def _is_constant(plate: Plate) -> bool:
