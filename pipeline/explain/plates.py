@@ -47,9 +47,9 @@ def plate_causes(chain: ProcessingChain) -> Iterator[Cause]:
 
 
 def late(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
-    """Make the plates later [s]; the first and last values are held."""
+    """Make the plates later [s]; their first and last values are held."""
     at = np.clip(chain.time - delay_s, chain.time[0], chain.time[-1])
-    return chain.with_ground(interpolate(chain.time, chain.ground, at))
+    return chain.with_wrenches([interpolate(chain.time, each, at) for each in chain.wrenches])
 
 
 def _with_load(

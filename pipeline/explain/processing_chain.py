@@ -88,10 +88,6 @@ class ProcessingChain:
         total = np.sum(wrenches_in_lab(wrenches, self.plates, pose), axis=0)
         return replace(self, wrenches=tuple(wrenches), pose=pose, ground=self.low_pass(total))
 
-    def with_ground(self, ground: Array) -> Self:
-        """Give the chain with another filtered sum of the plates' wrenches, as `ground`."""
-        return replace(self, ground=ground)
-
     def low_pass(self, signal: Array) -> Array:
         """Pass a signal at the frames, (T, …), through the filter of the trial."""
         return low_pass(signal, self.time, self.settings.cutoff_hz, self.settings.filter)

@@ -1,0 +1,194 @@
+"""Why a trial's residuals are as large as they are: the causes, their sizes and their shares."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from hbm.spatial import Array
+from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
+from pipeline.explain.cause import Cause
+from pipeline.explain.cycle_series import CycleSeries, cycle_series
+from pipeline.explain.filtering import left_by_filter
+from pipeline.explain.linearised import linearised, rms, sizes_from_cycles
+from pipeline.explain.plates import plate_causes
+from pipeline.explain.posterior import Posterior
+from pipeline.explain.processing_chain import processing_chain
+from pipeline.explain.shares import indistinct, shares_of_groups
+from pipeline.io.recording import Recording
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.residuals import windows
+from pipeline.trial.result import TrialResult
+from pipeline.trial.validity import settling_s
+
+MAX_FRAMES: Final = 6000
+"""Of a long trial, a minute of which tells as much."""
+MIN_CYCLES: Final = 4
+"""For telling what repeats from what does not, and for judging half of them by the others."""
+HIGHEST_IN_CUTOFFS: Final = 1.5
+"""Frequency up to which residuals are explained, in cut-offs of the filter."""
+
+
+def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialResult) -> Budget:
+    """Find what the residuals of a trial are made of.
+
+    Parameters
+    ----------
+    recording
+        The trial as read.
+    laboratory
+        The treadmill and its calibrations, as when it was processed.
+    result
+        The processed trial.
+
+    Returns
+    -------
+    Budget
+        Of the compensated residuals where there are some.
+
+    Raises
+    ------
+    ValueError
+        If no frame of the trial counts.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.config.schema import Treadmill
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=12.0)
+    >>> walk = pipeline.read_c3d("walk.c3d")
+    >>> result = pipeline.process_recording(walk, pipeline.Subject(sex="male"), pipeline.Settings())
+    >>> budget = explain_trial(walk, Laboratory(Treadmill()), result)
+    >>> whole = sum(group.share for group in budget.groups) + budget.unexplained
+    >>> whole.round(6).tolist()
+    [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+    """
+    spans, found = _spans(result)
+    frames = _frames(spans, result, laboratory)
+    chain = processing_chain(recording, laboratory, result, frames)
+    inside = (spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])
+    spans = spans[inside]
+    causes = tuple(plate_causes(chain))
+    series = cycle_series(chain.time, spans, HIGHEST_IN_CUTOFFS * chain.settings.cutoff_hz)
+    left = left_by_filter(chain)
+    linear = linearised(chain, causes, left, series)
+
+    counts = np.zeros(len(chain.time), bool)
+    for cycle in series.frames:
+        counts[cycle] = True
+    residual, effects = chain.residual[counts], linear.effects[:, counts]
+    prior = np.array([cause.prior.size for cause in causes])
+    whole = rms(residual)
+    slope = np.einsum("tx,ktx->kx", residual, effects) / len(residual) / whole
+    spread = np.sqrt((prior[:, None] ** 2 * slope**2).sum(axis=0))
+    groups, unexplained = _shares(linear.posterior, causes, residual, effects, left[counts])
+    without = [
+        rms(residual - size * effect)
+        for size, effect in zip(linear.posterior.size, effects, strict=True)
+    ]
+    estimated = [
+        EstimatedCause(
+            name=cause.name,
+            group=cause.group,
+            unit=cause.prior.unit,
+            size=float(size),
+            deviation=float(deviation),
+            usual=cause.prior.size,
+            left=own,
+        )
+        for cause, size, deviation, own in zip(
+            causes, linear.posterior.size, linear.posterior.deviation, without, strict=True
+        )
+    ]
+    return Budget(
+        source=result.source,
+        compensated=result.compensated is not None,
+        rms=whole,
+        low=np.maximum(whole - 1.96 * spread, 0.0),
+        high=whole + 1.96 * spread,
+        cycles=len(spans) if found else 0,
+        found_cycles=found,
+        groups=groups,
+        unexplained=unexplained,
+        causes=tuple(sorted(estimated, key=lambda each: float((each.left / whole).min()))),
+        held_out=_held_out(chain.residual - left, linear.effects, causes, series),
+        notes=(),
+    )
+
+
+def _spans(result: TrialResult) -> tuple[Array, int]:
+    """Give what is explained, (C, 2) [s], and how many gait cycles it is: 0 for other stretches."""
+    time, counts = result.motion.time, result.validity.counts
+
+    def whole(span: Array) -> bool:
+        inside = (time >= span[0]) & (time < span[1])
+        return bool(inside.any() and counts[inside].all())
+
+    sides = [[span for span in own if whole(span)] for own in result.cycles.values()]
+    cycles = max(sides, key=len, default=[])
+    if cycles:
+        return np.array(cycles), len(cycles)
+    spans = [span for span in windows(result)[0].spans if whole(span)]
+    if not spans:
+        raise ValueError(
+            f"{result.source.name}: no gait cycle counts from end to end, so that nothing tells "
+            "what its residuals are made of"
+        )
+    return np.array(spans), 0
+
+
+def _frames(spans: Array, result: TrialResult, laboratory: Laboratory) -> slice:
+    """Give the frames of as many cycles one after another as are explained, and around them."""
+    time = result.motion.time
+    before_s, after_s = settling_s(laboratory.filters(result.settings))
+    longest_s = MAX_FRAMES * (time[-1] - time[0]) / (len(time) - 1)
+    last = np.searchsorted(spans[:, 1], spans[:, 0] + longest_s, side="right")
+    count = last - np.arange(len(spans))
+    most = np.flatnonzero(count == count.max())
+    first = most[len(most) // 2]
+    start, stop = spans[first, 0] - before_s, spans[max(last[first], first + 1) - 1, 1] + after_s
+    return slice(*np.searchsorted(time, (start, stop)))
+
+
+def _shares(
+    posterior: Posterior,
+    causes: Sequence[Cause],
+    residual: Array,
+    effects: Array,
+    left: Array,
+) -> tuple[tuple[GroupShare, ...], Array]:
+    """Give the shares of groups of causes and what the filter leaves, and what none describes."""
+    names = list(dict.fromkeys(cause.group for cause in causes))
+    members = [[k for k, c in enumerate(causes) if c.group == name] for name in names]
+    # what the filter leaves is known: a cause of size one
+    size = np.append(posterior.size, 1.0)
+    covariance = np.pad(posterior.covariance, (0, 1))
+    members.append([len(causes)])
+    names.append("filter")
+    every = np.concatenate([effects, left[None]])
+    shares = shares_of_groups(residual, every, size, covariance, members)
+    together = indistinct(shares)
+    joined = shares.joined(together)
+    groups = [
+        GroupShare(tuple(names[g] for g in own), share, deviation)
+        for own, share, deviation in zip(together, joined.share, joined.deviation, strict=True)
+    ]
+    return tuple(groups), shares.unexplained
+
+
+def _held_out(
+    residual: Array, effects: Array, causes: Sequence[Cause], series: CycleSeries
+) -> Array:
+    """Give the share of one half's mean square that causes found in the other half take away."""
+    if len(series) < MIN_CYCLES:
+        return np.full(6, np.nan)
+    middle = len(series) // 2
+    halves = series.some(slice(middle)), series.some(slice(middle, None))
+    before, after = np.zeros(6), np.zeros(6)
+    for own, other in (halves, halves[::-1]):
+        size = sizes_from_cycles(residual, effects, causes, own).size
+        left = other.coefficients(residual - np.tensordot(size, effects, 1))
+        before += (other.coefficients(residual) ** 2).sum(axis=(0, 1))
+        after += (left**2).sum(axis=(0, 1))
+    return np.asarray(1 - after / before)

@@ -1,0 +1,111 @@
+"""Effects of causes on a trial's residual, linearised around the sizes that explain it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from hbm.spatial import Array
+from pipeline.explain.cause import Cause
+from pipeline.explain.cycle_series import CycleSeries
+from pipeline.explain.posterior import Posterior, estimate_sizes
+from pipeline.explain.processing_chain import ProcessingChain
+
+TOLERANCE: Final = 0.05
+"""Of a residual's RMS that a change of all causes together may differ from the sum of their
+effects."""
+ROUNDS: Final = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """Causes of a trial, linearised where they explain it.
+
+    Attributes
+    ----------
+    effects
+        What each cause adds per unit, (K, T, 6).
+    posterior
+        Sizes of the causes.
+    """
+
+    effects: Array
+    posterior: Posterior
+
+
+def linearised(
+    chain: ProcessingChain, causes: Sequence[Cause], left: Array, series: CycleSeries
+) -> Linearised:
+    """Estimate the sizes of causes, again around the sizes found until that changes nothing.
+
+    Parameters
+    ----------
+    chain
+        The trial.
+    causes
+        What may be wrong with it.
+    left
+        What the filter leaves, (T, 6), which needs no cause.
+    series
+        Its gait cycles.
+
+    Returns
+    -------
+    Linearised
+        Effects and sizes.
+    """
+    corrected, size = chain, np.zeros(len(causes))
+    before = rms(chain.residual[series.frames[0].start : series.frames[-1].stop])
+    for _ in range(ROUNDS):
+        effects = np.nan_to_num([cause.effect(corrected) for cause in causes])
+        residual = corrected.residual - left + np.tensordot(size, effects, 1)
+        posterior = sizes_from_cycles(residual, effects, causes, series)
+        expected = residual - np.tensordot(posterior.size, effects, 1)
+        corrected, size = chain, posterior.size
+        for cause, own in zip(causes, size, strict=True):
+            corrected = cause.change(corrected, -own)
+        missed = rms((corrected.residual - left - expected)[series.frames[0].start :])
+        if (missed < TOLERANCE * before).all():
+            break
+    return Linearised(effects, posterior)
+
+
+def sizes_from_cycles(
+    residual: Array, effects: Array, causes: Sequence[Cause], series: CycleSeries
+) -> Posterior:
+    """Estimate the sizes of causes from some gait cycles.
+
+    Parameters
+    ----------
+    residual
+        (T, 6) [N, N·m].
+    effects
+        What each cause adds per unit, (K, T, 6).
+    causes
+        The causes.
+    series
+        The gait cycles.
+
+    Returns
+    -------
+    Posterior
+        Of all causes.
+    """
+    mean = np.array([cause.prior.mean for cause in causes])
+    prior = np.array([cause.prior.size for cause in causes])
+    of_platform = np.array([cause.of_platform for cause in causes])
+    usual = residual - np.tensordot(mean, effects, 1)
+    found = estimate_sizes(
+        series.coefficients(usual),
+        series.coefficients(effects),
+        prior,
+        series.frequency,
+        of_platform,
+    )
+    return Posterior(found.size + mean, found.covariance, found.unexplained)
+
+
+def rms(residual: Array) -> Array:
+    """Give the root mean square of each axis, (T, 6) to (6,)."""
+    return np.asarray(np.sqrt(np.mean(residual**2, axis=0)))
