@@ -73,6 +73,15 @@ def restated(recording: Recording, faults: Sequence[PlateFault]) -> Recording:
     return replace(recording, plates=plates)
 
 
+def shown_by(treadmill: InstrumentedTreadmill) -> list[Array]:
+    """Give what each plate shows of what it carries, about its own centre, (6, 6)."""
+    seen = misplaced(UNIT_WRENCHES, treadmill.faults.plates).T
+    return [
+        about(center) @ plate.gain @ seen @ about(-center)
+        for plate, center in zip(treadmill.plates, PLATE_CENTERS_M, strict=True)
+    ]
+
+
 def true_sizes(
     treadmill: InstrumentedTreadmill, recording: Recording, loads: Sequence[Array]
 ) -> dict[str, float]:
@@ -88,15 +97,15 @@ def true_sizes(
         Per plate what it carries in its own axes about its centre, (T, 6) [N, N·m]: linear errors
         that are not among the causes count as those of the causes that are most alike under them.
     """
-    seen_by = misplaced(UNIT_WRENCHES, treadmill.faults.plates).T
     delays = [plate.clock.delay_s for plate in treadmill.plates]
     sizes = {"plates are late": float(np.mean(delays))}
-    truth = zip(treadmill.plates, recording.plates, PLATE_CENTERS_M, loads, strict=True)
-    for plate, stated, center, load in truth:
+    truth = zip(
+        treadmill.plates, shown_by(treadmill), recording.plates, PLATE_CENTERS_M, loads, strict=True
+    )
+    for plate, shown, stated, center, load in truth:
         name = f"plate {stated.number}"
         zero = about(center) @ plate.offset
-        shown = about(center) @ plate.gain @ seen_by @ about(-center) - np.eye(6)
-        linear = _linear_sizes(shown, load)
+        linear = _linear_sizes(shown - np.eye(6), load)
         linear["place"] += stated.center - center
         linear["direction"] += Rotation.from_matrix(stated.rotation).as_rotvec()
         for k, component in enumerate(WRENCH_COMPONENTS):

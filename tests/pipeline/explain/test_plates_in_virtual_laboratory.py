@@ -43,7 +43,7 @@ class PerfectTrial:
 def perfect() -> PerfectTrial:
     faults = Faults.none()
     treadmill = make_treadmill(faults, 3)
-    walked = walk_on(treadmill, faults.body, 3, individuality=0.0)
+    walked = walk_on(treadmill, faults.body, (3,), individuality=0.0)
     recording, person = recorded(walked, treadmill), walked.walk.subject.person
     subject = Subject(sex=person.sex, mass_kg=person.mass_kg)
     result = process_recording(recording, subject, Settings())
