@@ -190,7 +190,7 @@ class VirtualLaboratory:
         )
 
     def with_faults(self, seeded: Seeded) -> InstrumentedTreadmill:
-        """Give the treadmill with faults of its instruments."""
+        """Give the treadmill with faults of its instruments; one converter has all but cameras."""
         faults = self.treadmill.faults
         turned, forward, left = seeded.placement
         placed = {
@@ -212,7 +212,7 @@ class VirtualLaboratory:
             replace(
                 sensor,
                 clock=Clock(
-                    sensor.clock.delay_s + seeded.sensors_late_s,
+                    sensor.clock.delay_s + seeded.late_s + seeded.sensors_late_s,
                     sensor.clock.rate,
                     sensor.clock.jitter_s,
                 ),
