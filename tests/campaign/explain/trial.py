@@ -113,9 +113,11 @@ def planned(laboratory: int, number: int) -> Plan:
     conditions = ("anywhere", *(("moving",) if moving else ()), where)
     names = possible(priors(), conditions)
     count = int(rng.integers(1, MAX_FAULTS, endpoint=True))
-    chosen = sorted(rng.choice(names, size=count, replace=False).tolist())
-    faults = {name: KINDS[name].draw(rng) for name in chosen}
-    keys = sorted({key for name in chosen for key in KINDS[name].priors}) or ["delay"]
+    chosen = set(rng.choice(names, size=count, replace=False).tolist())
+    if chosen & {"place", "direction"}:  # else sizes would add up to more than is usual
+        chosen.discard("placement of both")
+    faults = {name: KINDS[name].draw(rng) for name in sorted(chosen)}
+    keys = sorted({key for name in sorted(chosen) for key in KINDS[name].priors}) or ["delay"]
     wrong = str(rng.choice(keys)), float(rng.choice([WRONG, 1 / WRONG]))
     return Plan(laboratory, number, where, faults, wrong)
 
