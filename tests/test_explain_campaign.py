@@ -1,0 +1,145 @@
+"""The campaign of seeded faults: what it counts, and that it can fail."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hbm.spatial import Array
+from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
+from tests.campaign.explain import trial as campaign_trial
+from tests.campaign.explain.faults import KINDS, Seeded
+from tests.campaign.explain.plate_faults import PlateFault
+from tests.campaign.explain.rows import SHARES, SIZES, Tables, size_rows
+from tests.campaign.explain.summary import absent, kind_of, overall, ranks
+from tests.campaign.explain.trial import Outcome, Plan, carried_out, planned, wrong_prior
+from tests.campaign.explain.virtual_trial import VirtualLaboratory
+
+HEAVY_ZERO = Seeded(
+    plates=(PlateFault(zero=np.array([0, 0, 60.0, 0, 0, 0])), PlateFault()), late_s=0.002
+)
+PLAN = Plan(7, 1, "still", {"zero": HEAVY_ZERO}, ("zero_force", 3.0))
+
+
+def budget(groups: dict[str, Array], size: float = 60.0, deviation: float = 1.0) -> Budget:
+    cause = EstimatedCause(
+        name="plate 1: zero of Fz",
+        group="zero",
+        unit="N",
+        size=size,
+        deviation=deviation,
+        usual=3.0,
+        left=np.ones(6),
+    )
+    return Budget(
+        source=Path("walk.c3d"),
+        compensated=False,
+        rms=np.ones(6),
+        low=np.zeros(6),
+        high=np.ones(6),
+        cycles=4,
+        found_cycles=4,
+        groups=tuple(
+            GroupShare(tuple(name.split(" + ")), share, np.full(6, 0.01))
+            for name, share in groups.items()
+        ),
+        unexplained=1 - np.sum(list(groups.values()), axis=0),
+        causes=(cause,),
+        held_out=np.zeros(6),
+        notes=(),
+    )
+
+
+def outcome(found: Budget, number: int = 1) -> Outcome:
+    share = {"zero": np.array([0, 0, 0.9, 0, 0, 0])}
+    plan = replace(PLAN, number=number)
+    return Outcome(plan, {"plate 1: zero of Fz": 60.0}, share, {"as usual": found})
+
+
+def test_a_fault_truly_makes_what_is_missing_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = budget({"zero": np.full(6, 0.5)})
+    monkeypatch.setattr(campaign_trial, "explain_trial", lambda *_: found)
+    done = carried_out(VirtualLaboratory(7), PLAN)
+    assert done.true["plate 1: zero of Fz"] == pytest.approx(60.0)
+    assert done.true["plates are late"] == pytest.approx(0.002)
+    assert done.true["plate 2: zero of Fz"] == 0.0
+    assert done.share["zero"][2] > 0.8
+    assert done.budgets == {"as usual": found}
+
+
+def test_equal_seeds_plan_equal_trials_of_one_to_five_possible_faults() -> None:
+    plans = [planned(7, number) for number in range(60)]
+    assert [plan.name for plan in plans[:2]] == ["7.0", "7.1"]
+    assert {len(plan.faults) for plan in plans} == {1, 2, 3, 4, 5}
+    assert {plan.where for plan in plans} == {"still", "markers", "channels"}
+    with_places = {"still": set(), "markers": {"moving"}, "channels": {"moving", "channels"}}
+    for plan in plans:
+        places = {KINDS[name].where for name in plan.faults}
+        assert places <= {"anywhere"} | with_places[plan.where]
+    assert planned(7, 0).faults.keys() == plans[0].faults.keys()
+    assert planned(7, 0).wrong == plans[0].wrong
+
+
+def test_a_wrong_prior_is_right_again_afterwards() -> None:
+    known = campaign_trial.priors()
+    before = known["delay"]
+    with wrong_prior("delay", 3.0):
+        assert known["delay"].size == 3 * before.size
+    assert known["delay"] is before
+
+
+def test_trials_that_were_not_completed_are_repeated(tmp_path: Path) -> None:
+    tables, done = Tables(tmp_path), outcome(budget({"zero": np.full(6, 0.9)}))
+    tables.add(done)
+    cut_off = size_rows(replace(done, plan=replace(PLAN, number=2)))
+    cut_off.to_csv(tmp_path / SIZES, mode="a", header=False, index=False)
+    assert set(tables.read(SIZES).trial) == {"7.1", "7.2"}
+    assert tables.done() == {"7.1"}
+    assert set(tables.read(SIZES).trial) == {"7.1"}
+
+
+def test_intervals_that_are_too_narrow_do_not_hold() -> None:
+    z = np.random.default_rng(0).standard_normal(4000)
+    sizes = pd.DataFrame({"trial": np.arange(4000) // 40, "group": "zero", "usual": 1.0})
+    sizes = sizes.assign(true=1.0, z=z, held=np.abs(z) <= 1.96)
+    assert next(overall(sizes, "usual")).startswith(
+        "usual: sizes of seeded faults of instruments: 95."
+    )
+    narrow = sizes.assign(held=np.abs(2 * z) <= 1.96)
+    assert next(overall(narrow, "usual")).startswith(
+        "usual: sizes of seeded faults of instruments: 6"
+    )
+
+
+@pytest.mark.parametrize(
+    ("groups", "first", "alone"),
+    [
+        ({"zero": 0.8, "delay": 0.1}, "100.0", "100.0"),
+        ({"zero + place": 0.8, "delay": 0.1}, "100.0", "0.0"),
+        ({"zero": 0.3, "delay": 0.6}, "0.0", "100.0"),
+    ],
+)
+def test_the_right_group_is_first_or_not(
+    tmp_path: Path, groups: dict[str, float], first: str, alone: str
+) -> None:
+    tables = Tables(tmp_path)
+    tables.add(outcome(budget({name: np.full(6, share) for name, share in groups.items()})))
+    row = ranks(tables.read(SHARES), "as usual").iloc[0]
+    assert (row["first %"], row["named alone %"]) == (first, alone)
+
+
+def test_an_absent_group_that_is_claimed_is_counted(tmp_path: Path) -> None:
+    tables = Tables(tmp_path)
+    tables.add(outcome(budget({"zero": np.full(6, 0.5), "delay": np.full(6, 0.11)})))
+    tables.add(outcome(budget({"zero": np.full(6, 0.5), "delay": np.full(6, 0.09)}), number=2))
+    claimed, surely = absent(tables.read(SHARES), "as usual")
+    assert "50.0 % of 2: delay" in claimed
+    assert "0.0 % of 2: delay" in surely
+
+
+def test_causes_are_counted_by_kind() -> None:
+    assert kind_of("plate 2: gain of Mx") == "gain of M"
+    assert kind_of("left hip: centre along z") == "hip: centre"
+    assert kind_of("plates are late") == "plates are late"
