@@ -13,16 +13,19 @@ class Prior:
     Attributes
     ----------
     size
-        One standard deviation; the mean is zero.
+        One standard deviation.
     unit
         Of the size.
     source
         Where it is from.
+    mean
+        Its mean, where it is not zero.
     """
 
     size: float
     unit: str
     source: str
+    mean: float = 0.0
 
 
 @cache
