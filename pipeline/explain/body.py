@@ -67,16 +67,20 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
         if segments[0] in LONG_BONES:
             wider = partial(_with_gyration, own=own)
             yield Cause(f"{name}: radii of gyration", "inertia", known["gyration"], wider)
-    for joint, segment in [*JOINTS.items(), ("lumbar joint", "thorax")]:
-        for own in _sides(chain.body, segment):
-            side = own.removesuffix(segment).replace("_", " ")
-            for axis, letter in zip(np.eye(3), "xyz", strict=True):
-                altered = partial(_with_joint, segment=own, by=axis)
-                title = f"{side}{joint}: centre along {letter}"
-                yield _of_geometry(chain, title, known[f"{joint.partition(' ')[0]}_center"], altered)
+    for name, segment in _joints():
+        prior = known[f"{name.split()[-1]}_center"]
+        for axis, letter in zip(np.eye(3), "xyz", strict=True):
+            altered = partial(_with_joint, segment=segment, by=axis)
+            yield _of_geometry(chain, f"{name}: centre along {letter}", prior, altered)
     for side, letter in SIDES.items():
         altered = partial(_with_axis, coordinate=f"{letter}KneeFlexion")
         yield _of_geometry(chain, f"{side} knee: axis about z", known["knee_axis"], altered)
+
+
+def _joints() -> list[tuple[str, str]]:
+    """Name the joints whose centre may be wrong, with the segment that each carries."""
+    legs = [(f"{side} {joint}", f"{side}_{own}") for joint, own in JOINTS.items() for side in SIDES]
+    return [*legs, ("lumbar", "thorax")]
 
 
 def _sides(body: Body, segment: str) -> tuple[str, ...]:
@@ -141,7 +145,9 @@ def _of_geometry(
     Coordinates change in proportion to its size: as they do for a small one.
     """
     small = SMALL * prior.size
-    follow = np.nan_to_num((solve_ik(altered(chain.body, small), chain.markers).q - chain.q) / small)
+    follow = np.nan_to_num(
+        (solve_ik(altered(chain.body, small), chain.markers).q - chain.q) / small
+    )
 
     def change(of: ProcessingChain, size: float) -> ProcessingChain:
         return replace(of, body=altered(of.body, size)).with_coordinates(of.q + size * follow)

@@ -8,12 +8,12 @@ too: those that the filtered motion drives give the filtered force.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final
+from typing import Final, Literal, Self
 
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
-from hbm.coordinates import FIXED_TO, MOVING
+from hbm.coordinates import FIXED_TO, MOVING, SIDES
 from hbm.poses import segment_frames
 from hbm.segments import NO_INERTIA, Inertia
 from hbm.signals.samples import mean_rate_hz
@@ -44,19 +44,25 @@ TRUNK: Final = Tissue(share=0.5, frequency_hz=4.5, damping=0.5)
 THIGH: Final = Tissue(share=0.6, frequency_hz=9.0, damping=0.5)
 SHANK: Final = Tissue(share=0.6, frequency_hz=12.0, damping=0.5)
 TISSUES: Final[Mapping[str, Mapping[str, Tissue]]] = {
-    "trunk": {"pelvis": TRUNK, "mid_trunk": TRUNK, "thorax": TRUNK},
+    "pelvis": {"pelvis": TRUNK},
+    "trunk": {"mid_trunk": TRUNK, "thorax": TRUNK},
     "legs": {
-        "right_thigh": THIGH,
-        "left_thigh": THIGH,
-        "right_shank": SHANK,
-        "left_shank": SHANK,
+        **{f"{side}_thigh": THIGH for side in SIDES},
+        **{f"{side}_shank": SHANK for side in SIDES},
     },
 }
-"""x"""
+"""Part of the body -> its segments and their tissue. The masses on springs of Liu and Nigg (2000, J
+Biomech 33:219) are 50 of 63 kg of the upper body and 6 of 12 kg of a leg; their springs and dampers
+give 3.8 and 8.2 Hz and damping ratios of 0.8 and 1.0. Standing people are in resonance at 5 to 6 Hz
+(Matsumoto and Griffin 1998, J Sound Vib 212:85); muscles of the leg vibrate at 10 Hz and more,
+shank above thigh, damped the more the more active they are (Wakeling and Nigg 2001, J Appl Physiol
+90:412). Of the trunk, the viscera are an eighth of the body's mass at least (9 kg: Minetti and
+Belli 1994, J Biomech 27:97). The numbers lie between these; damping below that of the running model
+is assumed for walking, as resonances of standing people are seen at all."""
 
 DIRECTIONS: Final = {"vertical": np.diag([0.0, 0.0, 1.0]), "horizontal": np.diag([1.0, 1.0, 0.0])}
 STEP: Final = 0.1
-"""Of the damping ratio, for differences."""
+"""Of frequency and damping ratio, for differences."""
 
 
 def soft_tissue_causes(chain: ProcessingChain) -> Iterator[Cause]:
@@ -65,23 +71,25 @@ def soft_tissue_causes(chain: ProcessingChain) -> Iterator[Cause]:
     Yields
     ------
     Cause
-        Of trunk and legs, vertically and horizontally: that soft tissue moves, as a multiple of
-        published motion, which is therefore about one and not zero; and that it is damped more, as
-        a share of published damping, which makes its force later.
+        Of pelvis, trunk and legs, vertically and horizontally: the mass of soft tissue, as a
+        multiple of the published one, which is therefore about one and not zero; and by which share
+        its frequency and damping differ from the published ones, to first order.
     """
     known = priors()
     for part, tissues in TISSUES.items():
         masses = [_carried(chain, segment, tissue) for segment, tissue in tissues.items()]
         for direction, along in DIRECTIONS.items():
-            moves, more, less = (
-                np.sum([each.wrench(along, damping) for each in masses], axis=0)
-                for damping in (1.0, 1 + STEP, 1 - STEP)
-            )
-            name = f"soft tissue of {part}: {direction}"
-            changes = {"motion": moves, "damping": (more - less) / (2 * STEP)}
-            for kind, wrench in changes.items():
+            wrenches = {"mass": np.sum([each.wrench(along) for each in masses], axis=0)}
+            for kind in ("frequency_hz", "damping"):
+                more, less = (
+                    np.sum([each.times(factor, kind).wrench(along) for each in masses], axis=0)
+                    for factor in (1 + STEP, 1 - STEP)
+                )
+                wrenches[kind.removesuffix("_hz")] = (more - less) / (2 * STEP)
+            for kind, wrench in wrenches.items():
                 change = partial(_with_wrench, wrench=wrench)
-                yield Cause(f"{name} {kind}", "soft_tissue", known[f"tissue_{kind}"], change)
+                name = f"soft tissue of {part}: {kind} of {direction} motion"
+                yield Cause(name, "soft_tissue", known[f"tissue_{kind}"], change)
 
 
 def _with_wrench(chain: ProcessingChain, size: float, *, wrench: Array) -> ProcessingChain:
@@ -111,15 +119,17 @@ class WobblingMass:
     place: Array
     pull: Array
 
-    def wrench(self, along: Array, damping: float = 1.0) -> Array:
+    def times(self, factor: float, kind: Literal["frequency_hz", "damping"]) -> Self:
+        """Give the same with one of its numbers times a factor."""
+        return replace(self, **{kind: factor * getattr(self, kind)})
+
+    def wrench(self, along: Array) -> Array:
         """Give what it adds to the wrench on the ground by moving, (T, 6) [N, N·m].
 
         Parameters
         ----------
         along
             Projection on the directions in which it can move, (3, 3).
-        damping
-            Multiple of its damping ratio.
 
         Returns
         -------
@@ -138,15 +148,13 @@ class WobblingMass:
             column[:] = np.interp(frames, frames[seen], column[seen])
         drive -= drive[0]
         omega = 2 * np.pi * self.frequency_hz
-        loss = 2 * damping * self.damping * omega
-        system, step = [1.0, loss, omega**2], 1 / mean_rate_hz(self.time)
-        shift, speed = (
-            lfilter(np.ravel(up), down, drive, axis=0)
-            for up, down, _ in (
-                cont2discrete((numerator, system), step, method="foh")
-                for numerator in ([1.0], [1.0, 0.0])
-            )
-        )
+        loss = 2 * self.damping * omega
+        system, step = np.array([1.0, loss, omega**2]), 1 / mean_rate_hz(self.time)
+        filters = [
+            cont2discrete((np.array(numerator), system), step, method="foh")[:2]
+            for numerator in ([1.0], [1.0, 0.0])
+        ]
+        shift, speed = (lfilter(np.ravel(up), down, drive, axis=0) for up, down in filters)
         force = drive - loss * speed - omega**2 * shift
         moment = np.cross(self.place, force) + np.cross(shift, self.pull + force)
         return self.mass_kg * np.hstack([force, moment])
