@@ -36,7 +36,7 @@ as for all causes here. The segments of a part move almost together, so that the
 apart."""
 
 SMALL: Final = 0.1
-"""Of a standard deviation: for it coordinates change in proportion within 2 %."""
+"""Of a standard deviation: so small that squares do not matter, and far above rounding."""
 
 JOINTS: Final = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
 """Joint of a leg -> the segment that it carries."""
@@ -51,7 +51,8 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
         The mass of the body; of each part, limbs in pairs, the share of that mass and the centre;
         radii of gyration of thighs and shanks; centres of the joints of the legs and of the lumbar
         joint; and directions of the knees' axes in the horizontal plane. Joints move the segments
-        too: markers keep their places, and the inverse kinematics finds other coordinates.
+        too: markers keep their places, and the inverse kinematics finds other coordinates. Sizes
+        say by how much the body that is used is wrong.
     """
     known = priors()
     yield Cause("body mass", "inertia", known["body_mass"], _with_mass)

@@ -119,7 +119,7 @@ def test_coordinates_follow_a_moved_joint_but_for_what_its_square_adds():
     chain = person(moves=True)
     for name in (
         "right hip: centre along x",
-        "left knee: centre along x",
+        "right knee: centre along x",
         "right knee: axis about z",
     ):
         cause = causes(moves=True)[name]
@@ -137,7 +137,7 @@ def test_effects_of_small_faults_add_up():
     chain = person(moves=True)
     own = [
         causes(moves=True)[name]
-        for name in ("body mass", "left knee: centre along x", "feet: mass")
+        for name in ("body mass", "right knee: centre along x", "feet: mass")
     ]
     changed, expected = chain, np.zeros_like(chain.residual)
     for cause in own:
