@@ -1,0 +1,213 @@
+"""What may be wrong with the body: masses, centres of mass, and where and how its joints are."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from hbm.coordinates import FIRST_Q, FIXED_TO, INDEX, PARENT, SIDES, UP
+from hbm.kinematics import solve_ik
+from hbm.model import Body
+from hbm.segments import Inertia
+from hbm.spatial import Array, rotation_about
+from pipeline.explain.cause import Cause
+from pipeline.explain.priors import Prior, priors
+from pipeline.explain.processing_chain import ProcessingChain
+
+TRUNK: Final = ("thorax", "mid_trunk")
+ARMS: Final = ("upper_arm", "forearm", "hand")
+LONG_BONES: Final = ("thigh", "shank")
+"""Segments whose inertia lies between two joint centres that may be wrong."""
+
+PARTS: Final[Mapping[str, tuple[tuple[str, ...], str, str]]] = {
+    "pelvis": (("pelvis",), "pelvis_mass", "xyz"),
+    "trunk": (TRUNK, "trunk_mass", "xyz"),
+    "head": (("head",), "trunk_mass", "xy"),
+    "thighs": (("thigh",), "limb_mass", "xyz"),
+    "shanks": (("shank",), "limb_mass", "xyz"),
+    "feet": (("foot",), "foot_mass", "xyz"),
+    "arms": (ARMS, "limb_mass", "x"),
+}
+"""Part of the body -> its segments, limbs without their side; what is known of its mass; and the
+axes along which its centre of mass matters: more than 0.3 N or 0.1 N·m in a recording of walking,
+as for all causes here. The segments of a part move almost together, so that they cannot be told
+apart."""
+
+SMALL: Final = 0.1
+"""Of a standard deviation: so small that squares do not matter, and far above rounding."""
+
+JOINTS: Final = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
+"""Joint of a leg -> the segment that it carries."""
+
+
+def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
+    """Give what may be wrong with the body of a trial.
+
+    Yields
+    ------
+    Cause
+        The mass of the body; of each part, limbs in pairs, the share of that mass and the centre;
+        radii of gyration of thighs and shanks; centres of the joints of the legs and of the lumbar
+        joint; and directions of the knees' axes in the horizontal plane. Joints move the segments
+        too: markers keep their places, and the inverse kinematics finds other coordinates. Sizes
+        say by how much the body that is used is wrong.
+    """
+    known = priors()
+    yield Cause("body mass", "inertia", known["body_mass"], _with_mass)
+    for name, (segments, kind, axes) in PARTS.items():
+        own = tuple(each for segment in segments for each in _sides(chain.body, segment))
+        change = partial(_with_share, own=own)
+        yield Cause(f"{name}: mass", "inertia", known[kind], change)
+        for letter in axes:
+            axis = np.eye(3)["xyz".index(letter)]
+            prior = known["limb_center" if len(own) > len(segments) else f"trunk_center_{letter}"]
+            moved = partial(_with_center, own=own, by=axis)
+            yield Cause(f"{name}: centre of mass along {letter}", "inertia", prior, moved)
+        if segments[0] in LONG_BONES:
+            wider = partial(_with_gyration, own=own)
+            yield Cause(f"{name}: radii of gyration", "inertia", known["gyration"], wider)
+    for name, segment in _joints():
+        prior = known[f"{name.split()[-1]}_center"]
+        for axis, letter in zip(np.eye(3), "xyz", strict=True):
+            altered = partial(_with_joint, segment=segment, by=axis)
+            yield _of_geometry(chain, f"{name}: centre along {letter}", prior, altered)
+    for side, letter in SIDES.items():
+        altered = partial(_with_axis, coordinate=f"{letter}KneeFlexion")
+        yield _of_geometry(chain, f"{side} knee: axis about z", known["knee_axis"], altered)
+
+
+def _joints() -> list[tuple[str, str]]:
+    """Name the joints whose centre may be wrong, with the segment that each carries."""
+    legs = [(f"{side} {joint}", f"{side}_{own}") for joint, own in JOINTS.items() for side in SIDES]
+    return [*legs, ("lumbar", "thorax")]
+
+
+def _sides(body: Body, segment: str) -> tuple[str, ...]:
+    """Give a segment, or that of both sides."""
+    return (segment,) if segment in body.segments else tuple(f"{s}_{segment}" for s in SIDES)
+
+
+def _with_segments(chain: ProcessingChain, segments: Mapping[str, Inertia]) -> ProcessingChain:
+    every = {**chain.body.segments, **segments}
+    mass = sum(part.mass for part in every.values())
+    return chain.with_body(replace(chain.body, segments=every, mass=mass))
+
+
+def _with_mass(chain: ProcessingChain, share: float) -> ProcessingChain:
+    """Make the whole body heavier by a share."""
+    segments = chain.body.segments.items()
+    return _with_segments(chain, {name: _scaled(part, 1 + share) for name, part in segments})
+
+
+def _with_share(chain: ProcessingChain, share: float, *, own: tuple[str, ...]) -> ProcessingChain:
+    """Make segments heavier by a share and the others lighter, so that the body's mass stays."""
+    segments = chain.body.segments
+    mass = sum(segments[name].mass for name in own)
+    rest = sum(part.mass for part in segments.values()) - mass
+    scaled = {
+        name: _scaled(part, 1 + share if name in own else 1 - share * mass / rest)
+        for name, part in segments.items()
+    }
+    return _with_segments(chain, scaled)
+
+
+def _with_center(
+    chain: ProcessingChain, distance: float, *, own: tuple[str, ...], by: Array
+) -> ProcessingChain:
+    """Move centres of mass along an axis of their segments [m]; on the left, its mirror image."""
+    segments = dict(chain.body.segments)
+    for name in own:
+        mirrored = (1, -1, 1) if name.startswith("left") else (1, 1, 1)
+        _shift(segments, name, distance * by * mirrored)
+    return _with_segments(chain, segments)
+
+
+def _with_gyration(
+    chain: ProcessingChain, share: float, *, own: tuple[str, ...]
+) -> ProcessingChain:
+    """Make radii of gyration larger by a share."""
+    parts = {name: chain.body.segments[name] for name in own}
+    return _with_segments(
+        chain,
+        {
+            name: replace(part, tensor=(1 + share) ** 2 * part.tensor)
+            for name, part in parts.items()
+        },
+    )
+
+
+def _of_geometry(
+    chain: ProcessingChain, name: str, prior: Prior, altered: Callable[[Body, float], Body]
+) -> Cause:
+    """Give a cause that alters joints of the body, and so what the inverse kinematics finds.
+
+    Coordinates change in proportion to its size: as they do for a small one.
+    """
+    small = SMALL * prior.size
+    follow = np.nan_to_num(
+        (solve_ik(altered(chain.body, small), chain.markers).q - chain.q) / small
+    )
+
+    def change(of: ProcessingChain, size: float) -> ProcessingChain:
+        return replace(of, body=altered(of.body, size)).with_coordinates(of.q + size * follow)
+
+    return Cause(name, "markers", prior, change)
+
+
+def _with_joint(body: Body, distance: float, *, segment: str, by: Array) -> Body:
+    """Move a segment's proximal joint, by a vector in axes of its parent times a size [m].
+
+    Axes of parent and segment are taken as parallel: they are in the neutral pose, and almost in
+    the calibration pose that showed the joint. Markers and the other joints stay where they are.
+    Centres of mass of thighs and shanks keep their share of the way between the joints, those of
+    the other segments stay where they are.
+    """
+    step = distance * by
+    joints = list(body.joints)
+    for other, parent in PARENT.items():
+        i = FIRST_Q[other]
+        if other == segment:
+            joints[i] = replace(joints[i], offset=joints[i].offset + step)
+        elif parent == segment:
+            joints[i] = replace(joints[i], offset=joints[i].offset - step)
+    on_it = np.array([own == segment for own in body.marker_segment])
+    segments = dict(body.segments)
+    _shift(segments, segment, -_share_of_way(body, segment, otherwise=1.0) * step)
+    for name, carrier in FIXED_TO.items():
+        if carrier == segment:
+            _shift(segments, name, -step)
+    parent = PARENT[segment]
+    _shift(segments, parent, _share_of_way(body, parent, otherwise=0.0) * step)
+    return replace(
+        body,
+        joints=tuple(joints),
+        marker_position=body.marker_position - on_it[:, None] * step,
+        segments=segments,
+    )
+
+
+def _with_axis(body: Body, angle: float, *, coordinate: str) -> Body:
+    """Turn the axis of a hinge about the vertical axis of its parent [rad]."""
+    joints = list(body.joints)
+    i = INDEX[coordinate]
+    turn = rotation_about(np.array(UP), angle)
+    joints[i] = replace(joints[i], axis=turn @ joints[i].axis)
+    return replace(body, joints=tuple(joints))
+
+
+def _share_of_way(body: Body, segment: str, otherwise: float) -> float:
+    """Give how far along a long bone its centre of mass is, 0 to 1; what is stated for others."""
+    if not segment.endswith(LONG_BONES):
+        return otherwise
+    distal = next(body.offsets[s] for s, parent in PARENT.items() if parent == segment)
+    return float(body.segments[segment].center @ distal / (distal @ distal))
+
+
+def _shift(segments: dict[str, Inertia], name: str, by: Array) -> None:
+    segments[name] = replace(segments[name], center=segments[name].center + by)
+
+
+def _scaled(part: Inertia, factor: float) -> Inertia:
+    return Inertia(factor * part.mass, part.center, factor * part.tensor)
