@@ -1,0 +1,217 @@
+"""What may be wrong with markers: where they are on their segments, and skin that carries them."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from hbm.coordinates import MOVING
+from hbm.kinematics import solve_ik
+from hbm.markers import Markers
+from hbm.poses import segment_frames
+from hbm.signals.filtering import Filtered, butterworth
+from hbm.spatial import Array, Indices
+from pipeline.explain.cause import Cause, CauseGroup
+from pipeline.explain.priors import Prior, priors
+from pipeline.explain.processing_chain import ProcessingChain, needed_wrench
+
+CLUSTERS: Final = (
+    *("pelvis", "thorax", "head"),
+    *(f"{side}_{segment}" for segment in ("thigh", "shank") for side in ("right", "left")),
+)
+"""Segments whose markers may sit elsewhere: on feet and arms, 5 mm change no residual of a walk by
+more than a twentieth of its RMS."""
+ON_SKIN: Final = ("pelvis", "thorax", "thigh")
+"""Segments whose skin moves as much mass as counts, by the same measure."""
+HARMONICS: Final = 4
+"""Of the gait cycle: joint angles, which the skin follows (Bonci et al. 2014, J Biomech 47:2354),
+have less than a twentieth of their variance above."""
+DECREASE: Final = 1.5
+"""Harmonic h is as large as the first by h to minus this power, as in the angles of knee and ankle
+in walking."""
+STEP: Final = 0.001
+"""Displacement that the inverse kinematics is linearised by [m or rad]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Displacement:
+    """Markers of a segment displaced together, and what the inverse kinematics makes of it.
+
+    Attributes
+    ----------
+    columns
+        Columns of the markers, (K,).
+    position
+        Displacement of each per unit, (T, K, 3) [m per m or rad].
+    q
+        Change of the coordinates per unit, (T, 46).
+    """
+
+    columns: Indices
+    position: Array
+    q: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MarkerCause(Cause):
+    """Markers that are displaced over time.
+
+    Attributes
+    ----------
+    displacement
+        Which markers, and where to.
+    course
+        Its course over time, (T,).
+    """
+
+    _: KW_ONLY
+    displacement: Displacement
+    course: Array
+
+    def effect(self, chain: ProcessingChain) -> Array:
+        """Give the residual that it adds per unit of its size, as for every cause.
+
+        The change of the coordinates is filtered once, which is the same, the filter being linear.
+        """
+        step = self.prior.size * self.course[:, None] * self.displacement.q
+        settings = chain.settings
+        change = butterworth(step, chain.time, settings.cutoff_hz, settings.filter)
+        more, less = (_with_motion(chain, change, sign).residual for sign in (1, -1))
+        return np.asarray((more - less) / (2 * self.prior.size))
+
+
+def marker_causes(
+    chain: ProcessingChain, spans: Sequence[tuple[float, float]] | Array
+) -> Iterator[Cause]:
+    """Give what may be wrong with the markers of a trial.
+
+    Parameters
+    ----------
+    chain
+        The trial.
+    spans
+        Start and stop of the gait cycles of one side, (C, 2) [s].
+
+    Yields
+    ------
+    Cause
+        Per segment and axis: its markers are displaced together against the calibration pose; the
+        skin displaces them in the course of the gait cycle, as a Fourier series; and the skin of
+        the thorax turns about its long axis.
+
+    Notes
+    -----
+    Of what the skin does to the markers of a segment, displacements of all of them together are
+    most (Barré et al. 2017, J Biomech 62:21), and only they move the segment. Turns change the
+    residuals little (but for that of the thorax about its long axis, which no displacement does),
+    and so do the skin of shanks, feet, head and arms: they belong to what no cause describes, as
+    does what differs between cycles.
+    """
+    known = priors()
+    phase = 2 * np.pi * cycle_phase(chain.time, spans)
+    frames = segment_frames(chain.body, chain.q)
+    for segment in CLUSTERS:
+        name, kind = segment.replace("_", " "), segment.split("_")[-1]
+        columns = _columns(chain, segment)
+        if not len(columns):
+            continue
+        rotation, origin = (own[:, MOVING.index(segment)] for own in frames)
+        lever = chain.markers.position[:, columns] - origin[:, None]
+        for axis, letter in zip(np.moveaxis(rotation, 2, 0), "xyz", strict=True):
+            moved = _displacement(chain, columns, np.broadcast_to(axis[:, None], lever.shape))
+            still = np.ones(len(chain.time))
+            title = f"{name}: markers' place along {letter}"
+            yield _cause(title, "markers", known["marker_place"], moved, still)
+            if kind in ON_SKIN:
+                yield from _skin(f"{name}: skin along {letter}", known[f"skin_{kind}"], moved, phase)
+        if segment == "thorax":
+            turned = _displacement(chain, columns, np.cross(rotation[:, None, :, 2], lever))
+            yield from _skin("thorax: skin about z", known["skin_turn"], turned, phase)
+
+
+def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Array:
+    """Give the phase of the gait cycle.
+
+    Parameters
+    ----------
+    time
+        Frame times, (T,) [s].
+    spans
+        Start and stop of the cycles of one side, in order, (C, 2) [s].
+
+    Returns
+    -------
+    Array
+        In cycles since the first start, (T,): whole at every start and stop. Before, after and
+        between the cycles others of median duration are assumed.
+
+    Examples
+    --------
+    >>> cycle_phase(np.array([-0.5, 0.0, 0.6, 1.0, 2.5]), [(0.0, 1.2), (1.2, 2.0)]).tolist()
+    [-0.5, 0.0, 0.5, 0.8333333333333334, 2.5]
+    """
+    start, stop = np.transpose(spans)
+    duration = np.median(stop - start)
+    missing = np.append(0, np.round((start[1:] - stop[:-1]) / duration))
+    number = np.arange(len(start)) + np.cumsum(missing)
+    knots = np.column_stack([start, stop]).ravel()
+    inside = np.interp(time, knots, np.column_stack([number, number + 1]).ravel())
+    beyond = np.minimum(time - knots[0], 0) + np.maximum(time - knots[-1], 0)
+    return np.asarray(inside + beyond / duration)
+
+
+def _skin(name: str, first: Prior, moved: Displacement, phase: Array) -> Iterator[Cause]:
+    """Give the terms of a Fourier series, whose first harmonic has a prior."""
+    for h in range(1, HARMONICS + 1):
+        prior = replace(first, size=first.size / h**DECREASE)
+        for wave, course in (("sine", np.sin(h * phase)), ("cosine", np.cos(h * phase))):
+            yield _cause(f"{name}, {wave} {h} a cycle", "skin", prior, moved, course)
+
+
+def _cause(
+    name: str, group: CauseGroup, prior: Prior, moved: Displacement, course: Array
+) -> MarkerCause:
+    change = partial(_displaced, by=moved, course=course)
+    return MarkerCause(name, group, prior, change, displacement=moved, course=course)
+
+
+def _columns(chain: ProcessingChain, segment: str) -> Indices:
+    """Give the columns of a segment's markers."""
+    own = zip(chain.body.markers, chain.body.marker_segment, strict=True)
+    names = [name for name, on in own if on == segment and name in chain.markers.names]
+    return np.array([chain.markers.names.index(name) for name in names], int)
+
+
+def _displacement(chain: ProcessingChain, columns: Indices, position: Array) -> Displacement:
+    """Find what the inverse kinematics makes of markers that are displaced, (T, K, 3) per unit."""
+    markers = _with_displaced(chain.markers, columns, STEP * position)
+    q = (solve_ik(chain.body, markers).q - chain.q) / STEP
+    return Displacement(columns, position, q)
+
+
+def _displaced(
+    chain: ProcessingChain, size: float, *, by: Displacement, course: Array
+) -> ProcessingChain:
+    """Displace markers over time, and the coordinates as the inverse kinematics would."""
+    step = size * course
+    markers = _with_displaced(chain.markers, by.columns, step[:, None, None] * by.position)
+    return replace(chain, markers=markers).with_coordinates(chain.q + step[:, None] * by.q)
+
+
+def _with_displaced(markers: Markers, columns: Indices, by: Array) -> Markers:
+    position = markers.position.copy()
+    position[:, columns] += by
+    return Markers(markers.time, markers.names, position)
+
+
+def _with_motion(chain: ProcessingChain, change: Filtered, sign: int) -> ProcessingChain:
+    """Add a filtered change of the coordinates, or take it away."""
+    own = chain.motion
+    motion = Filtered(
+        own.value + sign * change.value,
+        own.velocity + sign * change.velocity,
+        own.acceleration + sign * change.acceleration,
+    )
+    return replace(chain, motion=motion, needed=needed_wrench(chain.body, motion))
