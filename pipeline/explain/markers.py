@@ -125,7 +125,9 @@ def marker_causes(
             title = f"{name}: markers' place along {letter}"
             yield _cause(title, "markers", known["marker_place"], moved, still)
             if kind in ON_SKIN:
-                yield from _skin(f"{name}: skin along {letter}", known[f"skin_{kind}"], moved, phase)
+                yield from _skin(
+                    f"{name}: skin along {letter}", known[f"skin_{kind}"], moved, phase
+                )
         if segment == "thorax":
             turned = _displacement(chain, columns, np.cross(rotation[:, None, :, 2], lever))
             yield from _skin("thorax: skin about z", known["skin_turn"], turned, phase)
