@@ -1,4 +1,4 @@
-"""What may be wrong with markers: where they are on their segments, and skin that carries them."""
+"""What may be wrong with markers: where they sit, skin that carries them, arms that have none."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import MOVING
+from hbm.coordinates import INDEX, LIMBS, MOVING, SIDES
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.poses import segment_frames
@@ -19,18 +19,19 @@ from pipeline.explain.processing_chain import ProcessingChain, needed_wrench
 
 CLUSTERS: Final = (
     *("pelvis", "thorax", "head"),
-    *(f"{side}_{segment}" for segment in ("thigh", "shank") for side in ("right", "left")),
+    *(f"{side}_{segment}" for segment in ("thigh", "shank") for side in SIDES),
 )
-"""Segments whose markers may sit elsewhere: on feet and arms, 5 mm change no residual of a walk by
-more than a twentieth of its RMS."""
-ON_SKIN: Final = ("pelvis", "thorax", "thigh")
-"""Segments whose skin moves as much mass as counts, by the same measure."""
+"""Segments whose markers may sit elsewhere: on feet and arms, the usual 5 mm change no residual of
+a walk by a twentieth of its RMS."""
+ON_SKIN: Final = ("pelvis", "thorax", "right_thigh", "left_thigh")
+"""Segments whose skin counts: a harmonic of the usual size on the shanks changes no residual by
+more than 6 %, on feet and arms by less."""
 HARMONICS: Final = 4
 """Of the gait cycle: joint angles, which the skin follows (Bonci et al. 2014, J Biomech 47:2354),
 have less than a twentieth of their variance above."""
 DECREASE: Final = 1.5
-"""Harmonic h is as large as the first by h to minus this power, as in the angles of knee and ankle
-in walking."""
+"""Harmonic h is as large as the first by h to minus this power; those of the hip's angle fall
+faster, those of the ankle's more slowly."""
 STEP: Final = 0.001
 """Displacement that the inverse kinematics is linearised by [m or rad]."""
 
@@ -42,7 +43,7 @@ class Displacement:
     Attributes
     ----------
     columns
-        Columns of the markers, (K,).
+        Columns of the markers, (K,); none where coordinates change that no marker shows.
     position
         Displacement of each per unit, (T, K, 3) [m per m or rad].
     q
@@ -56,12 +57,12 @@ class Displacement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkerCause(Cause):
-    """Markers that are displaced over time.
+    """Markers that are displaced in the course of time.
 
     Attributes
     ----------
     displacement
-        Which markers, and where to.
+        Which markers, where to, and the coordinates with them.
     course
         Its course over time, (T,).
     """
@@ -97,40 +98,33 @@ def marker_causes(
     Yields
     ------
     Cause
-        Per segment and axis: its markers are displaced together against the calibration pose; the
-        skin displaces them in the course of the gait cycle, as a Fourier series; and the skin of
-        the thorax turns about its long axis.
+        Per segment and axis: its markers are displaced together against the calibration pose, and
+        the skin displaces them in the course of the gait cycle, as a Fourier series; the skin of
+        the thorax also turns about its long axis. Arms without markers hang elsewhere and swing.
 
     Notes
     -----
     Of what the skin does to the markers of a segment, displacements of all of them together are
     most (Barré et al. 2017, J Biomech 62:21), and only they move the segment. Turns change the
     residuals little (but for that of the thorax about its long axis, which no displacement does),
-    and so do the skin of shanks, feet, head and arms: they belong to what no cause describes, as
+    and so does the skin of shanks, feet, head and arms: they belong to what no cause describes, as
     does what differs between cycles.
     """
-    known = priors()
     phase = 2 * np.pi * cycle_phase(chain.time, spans)
     frames = segment_frames(chain.body, chain.q)
     for segment in CLUSTERS:
-        name, kind = segment.replace("_", " "), segment.split("_")[-1]
         columns = _columns(chain, segment)
-        if not len(columns):
-            continue
-        rotation, origin = (own[:, MOVING.index(segment)] for own in frames)
-        lever = chain.markers.position[:, columns] - origin[:, None]
-        for axis, letter in zip(np.moveaxis(rotation, 2, 0), "xyz", strict=True):
-            moved = _displacement(chain, columns, np.broadcast_to(axis[:, None], lever.shape))
-            still = np.ones(len(chain.time))
-            title = f"{name}: markers' place along {letter}"
-            yield _cause(title, "markers", known["marker_place"], moved, still)
-            if kind in ON_SKIN:
-                yield from _skin(
-                    f"{name}: skin along {letter}", known[f"skin_{kind}"], moved, phase
-                )
-        if segment == "thorax":
-            turned = _displacement(chain, columns, np.cross(rotation[:, None, :, 2], lever))
-            yield from _skin("thorax: skin about z", known["skin_turn"], turned, phase)
+        if len(columns):
+            rotation, origin = (own[:, MOVING.index(segment)] for own in frames)
+            yield from _of_cluster(chain, segment, columns, rotation, origin, phase)
+    for side, letter in SIDES.items():
+        if not any(len(_columns(chain, segment)) for segment in LIMBS[f"{side} arm"][1:]):
+            q = np.zeros_like(chain.q)
+            q[:, INDEX[f"{letter}ShoulderFlexion"]] = 1.0
+            unseen = Displacement(np.array([], int), np.zeros((len(q), 0, 3)), q)
+            name, prior = f"{side} arm without markers: flexion", priors()["unseen_arm"]
+            yield _cause(name, "markers", prior, unseen, np.ones(len(q)))
+            yield from _series(name, "markers", prior, unseen, phase)
 
 
 def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Array:
@@ -151,8 +145,8 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
 
     Examples
     --------
-    >>> cycle_phase(np.array([-0.5, 0.0, 0.6, 1.0, 2.5]), [(0.0, 1.2), (1.2, 2.0)]).tolist()
-    [-0.5, 0.0, 0.5, 0.8333333333333334, 2.5]
+    >>> cycle_phase(np.array([-0.5, 0.0, 0.6, 1.6, 2.5]), [(0.0, 1.2), (1.2, 2.0)]).tolist()
+    [-0.5, 0.0, 0.5, 1.5, 2.5]
     """
     start, stop = np.transpose(spans)
     duration = np.median(stop - start)
@@ -164,12 +158,37 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
     return np.asarray(inside + beyond / duration)
 
 
-def _skin(name: str, first: Prior, moved: Displacement, phase: Array) -> Iterator[Cause]:
+def _of_cluster(
+    chain: ProcessingChain,
+    segment: str,
+    columns: Indices,
+    rotation: Array,
+    origin: Array,
+    phase: Array,
+) -> Iterator[MarkerCause]:
+    """Give what may be wrong with a segment's markers, by its orientation and origin."""
+    known, name = priors(), segment.replace("_", " ")
+    lever = chain.markers.position[:, columns] - origin[:, None]
+    for axis, letter in zip(np.moveaxis(rotation, 2, 0), "xyz", strict=True):
+        moved = _displacement(chain, columns, np.broadcast_to(axis[:, None], lever.shape))
+        title = f"{name}: markers' place along {letter}"
+        yield _cause(title, "markers", known["marker_place"], moved, np.ones(len(phase)))
+        if segment in ON_SKIN:
+            prior = known[f"skin_{segment.split('_')[-1]}"]
+            yield from _series(f"{name}: skin along {letter}", "skin", prior, moved, phase)
+    if segment == "thorax":
+        turned = _displacement(chain, columns, np.cross(rotation[:, None, :, 2], lever))
+        yield from _series(f"{name}: skin about z", "skin", known["skin_turn"], turned, phase)
+
+
+def _series(
+    name: str, group: CauseGroup, first: Prior, moved: Displacement, phase: Array
+) -> Iterator[MarkerCause]:
     """Give the terms of a Fourier series, whose first harmonic has a prior."""
     for h in range(1, HARMONICS + 1):
         prior = replace(first, size=first.size / h**DECREASE)
         for wave, course in (("sine", np.sin(h * phase)), ("cosine", np.cos(h * phase))):
-            yield _cause(f"{name}, {wave} {h} a cycle", "skin", prior, moved, course)
+            yield _cause(f"{name}, {wave} {h} a cycle", group, prior, moved, course)
 
 
 def _cause(

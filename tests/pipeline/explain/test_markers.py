@@ -11,6 +11,7 @@ from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions, segment_frames
 from hbm.signals.filtering import butterworth
+from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings
 from pipeline.explain.cause import Cause
 from pipeline.explain.markers import HARMONICS, cycle_phase, marker_causes
@@ -147,11 +148,25 @@ def test_the_phase_is_whole_at_every_start_and_goes_on_where_there_are_no_cycles
     np.testing.assert_allclose(cycle_phase(at, spans), expected, atol=1e-12)
 
 
-def test_what_has_no_markers_has_no_cause():
-    assert {name.split(":")[0] for name in causes("pelvis")} == {"pelvis"}
-    assert {name.split(":")[0] for name in causes()} == {
-        *("pelvis", "thorax", "head", "right thigh", "left thigh", "right shank", "left shank")
-    }
+def test_only_what_has_markers_has_displaced_ones_and_only_arms_without_swing_unseen():
+    trunk_and_legs = {"pelvis", "thorax", "right thigh", "left thigh", "right shank", "left shank"}
+    unseen = {"right arm without markers", "left arm without markers"}
+    assert {name.split(":")[0] for name in causes("pelvis")} == {"pelvis"} | unseen
+    assert {name.split(":")[0] for name in causes()} == {"head"} | trunk_and_legs
+
+
+def test_an_arm_that_hangs_forward_unseen_pitches_the_body_by_its_weight():
+    chain = walking("pelvis")
+    effect = causes("pelvis")["left arm without markers: flexion"].effect(chain)
+    parts = [f"left_{name}" for name in ("upper_arm", "forearm", "hand")]
+    own = [MOVING.index(name) for name in parts]
+    rotation, origin = (each[:, own] for each in segment_frames(chain.body, chain.motion.value))
+    masses = np.array([chain.body.segments[name].mass for name in parts])
+    centers = np.array([chain.body.segments[name].center for name in parts])
+    lever = origin + np.einsum("tsij,sj->tsi", rotation, centers) - origin[:, :1]
+    forward = (masses @ lever)[:, 2]  # per radian, what hangs below the shoulder goes forward
+    measured = effect[50:-50, 4].mean()
+    assert measured == pytest.approx(GRAVITY_MPS2 * forward[50:-50].mean(), rel=0.1)
 
 
 def test_a_gap_of_a_marker_stays_a_gap_and_the_others_still_tell():
