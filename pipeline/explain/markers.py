@@ -145,7 +145,8 @@ def cycle_phase(time: Array, spans: Sequence[tuple[float, float]] | Array) -> Ar
 
     Examples
     --------
-    >>> cycle_phase(np.array([-0.5, 0.0, 0.6, 1.6, 2.5]), [(0.0, 1.2), (1.2, 2.0)]).tolist()
+    >>> phase = cycle_phase(np.array([-0.5, 0.0, 0.6, 1.6, 2.5]), [(0.0, 1.2), (1.2, 2.0)])
+    >>> phase.round(3).tolist()
     [-0.5, 0.0, 0.5, 1.5, 2.5]
     """
     start, stop = np.transpose(spans)
