@@ -1,0 +1,180 @@
+"""Markers that sit elsewhere, and skin that carries them in the course of the gait cycle."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hbm.coordinates import INDEX, MOVING
+from hbm.kinematics import solve_ik
+from hbm.markers import Markers
+from hbm.poses import marker_positions, segment_frames
+from hbm.signals.filtering import butterworth
+from hbm.spatial import GRAVITY_MPS2
+from pipeline.config.schema import Settings
+from pipeline.explain.cause import Cause
+from pipeline.explain.markers import HARMONICS, cycle_phase, marker_causes
+from pipeline.explain.processing_chain import ProcessingChain, needed_wrench
+from tests.synthetic import synthetic_body
+
+TIME = np.arange(300) / 100
+SPANS = [(0.4, 1.4), (1.4, 2.4)]
+SWINGS = {
+    **{"PelvisZ": 0.02, "PelvisYaw": 0.1, "PelvisForwardPitch": 0.1, "TrunkFlexion": 0.1},
+    **{"RHipFlexion": 0.4, "RKneeFlexion": 0.5, "LHipFlexion": 0.4, "LKneeFlexion": 0.5},
+    **{"LHipAbduction": 0.1, "RShoulderFlexion": 0.3},
+}
+
+
+@cache
+def walking(only=None):
+    """A person who moves every segment, or one of whom only some segments have markers."""
+    body, settings = synthetic_body(), Settings()
+    q = np.zeros((len(TIME), 46))
+    for k, (name, size) in enumerate(SWINGS.items()):
+        q[:, INDEX[name]] = size * np.sin(2 * np.pi * (1 + k % 2) * TIME + k)
+    seen = [k for k, on in enumerate(body.marker_segment) if only is None or on == only]
+    names = tuple(body.markers[k] for k in seen)
+    markers = Markers(TIME, names, marker_positions(body, q)[:, seen])
+    q = solve_ik(body, markers).q
+    motion = butterworth(q, TIME, settings.cutoff_hz, settings.filter)
+    return ProcessingChain(
+        time=TIME,
+        settings=settings,
+        body=body,
+        markers=markers,
+        q=q,
+        plates=(),
+        wrenches=(),
+        pose=None,
+        motion=motion,
+        needed=needed_wrench(body, motion),
+        ground=np.zeros((len(TIME), 6)),
+    )
+
+
+@cache
+def causes(only=None):
+    return {cause.name: cause for cause in marker_causes(walking(only), SPANS)}
+
+
+def rms(wrench):
+    return np.sqrt(np.mean(wrench**2))
+
+
+def test_a_segment_goes_with_its_markers_where_no_other_markers_hold_it():
+    chain = walking("pelvis")
+    axes = segment_frames(chain.body, chain.q)[0][:, MOVING.index("pelvis")]
+    for i, letter in enumerate("xyz"):
+        moved = causes("pelvis")[f"pelvis: markers' place along {letter}"].change(chain, 0.01)
+        np.testing.assert_allclose(moved.q[:, :3] - chain.q[:, :3], 0.01 * axes[:, :, i], atol=1e-6)
+        np.testing.assert_allclose(moved.q[:, 3:], chain.q[:, 3:], atol=1e-6)
+
+
+@pytest.mark.parametrize("segment", ["pelvis", "thorax", "head", "left_thigh", "right_shank"])
+def test_a_body_built_with_displaced_markers_has_the_same_residual_the_other_way(segment):
+    chain, size = walking(), 0.001
+    for i, letter in enumerate("xyz"):
+        cause = causes()[f"{segment.replace('_', ' ')}: markers' place along {letter}"]
+        own = np.array([on == segment for on in chain.body.marker_segment])
+        position = chain.body.marker_position - size * own[:, None] * np.eye(3)[i]
+        body = replace(chain.body, marker_position=position)
+        rebuilt = chain.with_coordinates(solve_ik(body, chain.markers).q)
+        change, effect = rebuilt.residual - chain.residual, size * cause.effect(chain)
+        assert rms(change - effect) < 0.02 * rms(change)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["thorax: skin about z, sine 2 a cycle", "left thigh: skin along y, cosine 1 a cycle"],
+)
+def test_the_coordinates_are_those_of_the_displaced_markers(name):
+    chain = walking()
+    changed = causes()[name].change(chain, 0.001)
+    again = solve_ik(chain.body, changed.markers).q
+    assert rms(again - changed.q) < 0.01 * rms(again - chain.q)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "pelvis: markers' place along x",
+        "thorax: skin along z, sine 4 a cycle",
+        "thorax: skin about z, cosine 1 a cycle",
+    ],
+)
+def test_a_change_is_its_effect_times_its_size_the_more_so_the_smaller_it_is(name):
+    chain, cause = walking(), causes()[name]
+    effect = cause.effect(chain)
+    np.testing.assert_allclose(effect, Cause.effect(cause, chain), atol=1e-6 * rms(effect))
+
+    def missed(size):
+        change = cause.change(chain, size).residual - chain.residual
+        return rms(change - size * effect) / rms(change)
+
+    usual = cause.prior.size
+    assert missed(usual) < 0.05
+    assert missed(usual / 10) < 0.11 * missed(usual)
+
+
+def test_skin_that_rises_and_falls_is_felt_as_the_weight_it_accelerates():
+    chain = walking("pelvis")
+    frequency = HARMONICS * 1.0
+    rising = causes("pelvis")[f"pelvis: skin along z, sine {HARMONICS} a cycle"].effect(chain)
+    wave = np.sin(2 * np.pi * frequency * (TIME - SPANS[0][0]))
+    upright = segment_frames(chain.body, chain.q)[0][:, MOVING.index("pelvis"), 2, 2]
+    acceleration = butterworth(wave * upright, TIME, 6.0, chain.settings.filter).acceleration
+    np.testing.assert_allclose(
+        rising[50:-50, 2], chain.body.mass * acceleration[50:-50], rtol=1e-3, atol=1.0
+    )
+
+
+def test_skin_has_no_mean_over_the_cycles_and_every_harmonic_its_own_course():
+    skin = [c for c in causes().values() if c.name.startswith("pelvis: skin along x")]
+    (first, _), (_, last) = SPANS
+    inside = (first <= TIME) & (last > TIME)
+    courses = np.array([cause.course[inside] for cause in skin])
+    assert len(courses) == 2 * HARMONICS
+    np.testing.assert_allclose(courses.mean(axis=1), 0, atol=1e-9)
+    products = courses @ courses.T / inside.sum()
+    np.testing.assert_allclose(products, np.eye(len(courses)) / 2, atol=1e-9)
+
+
+def test_the_phase_is_whole_at_every_start_and_goes_on_where_there_are_no_cycles():
+    spans = [(1.0, 2.0), (2.0, 3.2), (5.2, 6.2)]  # two cycles of 1 s are missing
+    at = np.array([0.0, 0.5, 1.0, 1.5, 2.0, 2.6, 3.2, 4.2, 5.2, 6.2, 7.2, 7.7])
+    expected = [-1, -0.5, 0, 0.5, 1, 1.5, 2, 3, 4, 5, 6, 6.5]
+    np.testing.assert_allclose(cycle_phase(at, spans), expected, atol=1e-12)
+
+
+def test_only_what_has_markers_has_displaced_ones_and_only_arms_without_swing_unseen():
+    trunk_and_legs = {"pelvis", "thorax", "right thigh", "left thigh", "right shank", "left shank"}
+    unseen = {"right arm without markers", "left arm without markers"}
+    assert {name.split(":")[0] for name in causes("pelvis")} == {"pelvis"} | unseen
+    assert {name.split(":")[0] for name in causes()} == {"head"} | trunk_and_legs
+
+
+def test_an_arm_that_hangs_forward_unseen_pitches_the_body_by_its_weight():
+    chain = walking("pelvis")
+    effect = causes("pelvis")["left arm without markers: flexion"].effect(chain)
+    parts = [f"left_{name}" for name in ("upper_arm", "forearm", "hand")]
+    own = [MOVING.index(name) for name in parts]
+    rotation, origin = (each[:, own] for each in segment_frames(chain.body, chain.motion.value))
+    masses = np.array([chain.body.segments[name].mass for name in parts])
+    centers = np.array([chain.body.segments[name].center for name in parts])
+    lever = origin + np.einsum("tsij,sj->tsi", rotation, centers) - origin[:, :1]
+    forward = (masses @ lever)[:, 2]  # per radian, what hangs below the shoulder goes forward
+    measured = effect[50:-50, 4].mean()
+    assert measured == pytest.approx(GRAVITY_MPS2 * forward[50:-50].mean(), rel=0.1)
+
+
+def test_a_gap_of_a_marker_stays_a_gap_and_the_others_still_tell():
+    chain = walking()
+    position = chain.markers.position.copy()
+    position[100:110, chain.markers.names.index("LASIS")] = np.nan
+    gappy = replace(chain, markers=Markers(TIME, chain.markers.names, position))
+    cause = next(marker_causes(gappy, SPANS))
+    effect = cause.effect(gappy)
+    assert np.isfinite(effect).all()
+    assert np.isnan(cause.change(gappy, 0.001).markers.position).sum() == 30
