@@ -1,0 +1,112 @@
+"""What residuals are made of, on the command line: of one trial, or of a study's results."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from pipeline.cli.options import (
+    RESULT,
+    Jobs,
+    require_folder,
+    require_no_options,
+    takes_trial_request,
+)
+from pipeline.run.request import TrialRequest
+
+CAUSE_COLUMNS: Final = 20
+"""Of a narrow terminal, for the names of causes; six residuals share the other 60 of 80."""
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pipeline.budgets.explanation import Explanation
+
+
+@takes_trial_request
+def explain(
+    request: TrialRequest,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the output of one trial; default: results.")
+    ] = None,
+    jobs: Jobs = 1,
+) -> int:
+    """Say what the pelvis residuals of a trial are made of, how sure that is, and what to mend.
+
+    TRIAL may be a results folder of 'hbm run': all trials of the study are explained, from their
+    recordings, and 'hbm report' shows it. Nothing is corrected.
+    """
+    if request.trial.is_dir():
+        return _explain_results(request, out, jobs)
+    return _explain_trial(request, out or Path("results"))
+
+
+def _explain_trial(request: TrialRequest, out: Path) -> int:
+    from hbm.notes import warnings_first
+    from pipeline.budgets.explanation import SUFFIX, explain, write_explanation
+    from pipeline.cli.terminal import announcer, note_line, plain_console
+    from pipeline.figures.budget import budget_figure
+    from pipeline.figures.style import save_figure
+    from pipeline.run.one_trial import processed_trial
+
+    if request.trial.suffix == RESULT:
+        raise ValueError(
+            f"{request.trial} is a result, and only the recording shows what its residuals are "
+            "made of; give the recording, or the results folder of a study"
+        )
+    console = plain_console()
+    require_folder(out)
+    trial = processed_trial(request, announcer(console))
+    explanation = explain(trial.recording, trial.laboratory, trial.result)
+    name = request.trial.stem
+    write_explanation(explanation, out / f"{name}{SUFFIX}")
+    save_figure(budget_figure(explanation.budget), out / f"{name}_explained")
+    print_explanation(explanation, console)
+    for note in warnings_first(explanation.budget.notes):
+        console.print(note_line(note), soft_wrap=True)
+    console.print(
+        f"written to {out}: {name}{SUFFIX} (all numbers), {name}_explained.png and .svg",
+        soft_wrap=True,
+    )
+    return 0
+
+
+def print_explanation(explanation: "Explanation", console: "Console") -> None:
+    """Print what a trial's residuals are made of: a table of shares, and lines.
+
+    Parameters
+    ----------
+    explanation
+        Of the trial.
+    console
+        Where; in a narrow one, residuals are columns and causes are rows.
+    """
+    from rich.table import Table
+
+    from pipeline.budgets.explanation import explanation_lines
+    from pipeline.budgets.table import CAPTION, budget_table
+    from pipeline.cli.terminal import fits, print_table
+
+    shown = budget_table(explanation.budget)
+    wide = Table(title=shown.title, caption=CAPTION)
+    wide.add_column("")
+    for head, _ in shown.columns:
+        wide.add_column(head.replace(": ", "\n").replace(", or ", ",\nor "), justify="right")
+    for axis, *cells in zip(shown.axes, *(cells for _, cells in shown.columns), strict=True):
+        wide.add_row(axis, *cells)
+    if fits(wide, console):
+        console.print(wide)
+    else:
+        narrow = Table(title=shown.title, caption=CAPTION, box=None, padding=(0, 1, 0, 0))
+        narrow.add_column("", width=CAUSE_COLUMNS)
+        for axis in shown.axes:
+            narrow.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
+        for head, cells in shown.columns:
+            narrow.add_row(head, *cells)
+        print_table(narrow, console)
+    for line in explanation_lines(explanation):
+        console.print(line)
+
+
+def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
+    raise ValueError("x")
