@@ -1,7 +1,7 @@
 """What a trial's residuals are made of, with what follows from it: as a file, and as lines."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, Final
 
@@ -61,7 +61,8 @@ def explain(
     recording: Recording, laboratory: Laboratory, result: TrialResult, key: str = ""
 ) -> Explanation:
     """Explain the residuals of a processed trial; parameters as for `explain_trial`."""
-    budget = explain_trial(recording, laboratory, result)
+    found = explain_trial(recording, laboratory, result)
+    budget = replace(found, source=Path(found.source.name))
     mending = most_worth_mending(budget, result, laboratory)
     return Explanation(FORMAT_VERSION, key, budget, mending)
 

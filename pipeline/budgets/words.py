@@ -38,7 +38,10 @@ class GroupWords:
 
 GROUPS: Final[Mapping[CauseGroup, GroupWords]] = {
     "zero": GroupWords(
-        "plates'", "zero", "zero the plates ({cause})", "record 5 s of empty plates before the trial"
+        "plates'",
+        "zero",
+        "zero the plates ({cause})",
+        "record 5 s of empty plates before the trial",
     ),
     "inertia": GroupWords(
         "body's",

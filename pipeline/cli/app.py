@@ -58,7 +58,14 @@ def show_help(context: typer.Context) -> None:
 
 for command in (trial.residuals, trial.export, simulate.demo, study.init, study.check, study.run):
     app.command()(command)
-for command in (explain.explain, results.report, results.view, treadmill.plates, simulate.simulate, doctor.doctor):
+for command in (
+    explain.explain,
+    results.report,
+    results.view,
+    treadmill.plates,
+    simulate.simulate,
+    doctor.doctor,
+):
     app.command()(command)
 for command in (treadmill.fit, calibration_check.check, treadmill.signals, treadmill.rank):
     calibration.command()(command)

@@ -42,9 +42,8 @@ def explain(
 
 
 def _explain_trial(request: TrialRequest, out: Path) -> int:
-    from hbm.notes import warnings_first
     from pipeline.budgets.explanation import SUFFIX, explain, write_explanation
-    from pipeline.cli.terminal import announcer, note_line, plain_console
+    from pipeline.cli.terminal import announcer, plain_console
     from pipeline.figures.budget import budget_figure
     from pipeline.figures.style import save_figure
     from pipeline.run.one_trial import processed_trial
@@ -62,8 +61,6 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     write_explanation(explanation, out / f"{name}{SUFFIX}")
     save_figure(budget_figure(explanation.budget), out / f"{name}_explained")
     print_explanation(explanation, console)
-    for note in warnings_first(explanation.budget.notes):
-        console.print(note_line(note), soft_wrap=True)
     console.print(
         f"written to {out}: {name}{SUFFIX} (all numbers), {name}_explained.png and .svg",
         soft_wrap=True,
@@ -83,9 +80,10 @@ def print_explanation(explanation: "Explanation", console: "Console") -> None:
     """
     from rich.table import Table
 
+    from hbm.notes import warnings_first
     from pipeline.budgets.explanation import explanation_lines
     from pipeline.budgets.table import CAPTION, budget_table
-    from pipeline.cli.terminal import fits, print_table
+    from pipeline.cli.terminal import fits, note_line, print_table
 
     shown = budget_table(explanation.budget)
     wide = Table(title=shown.title, caption=CAPTION)
@@ -106,7 +104,50 @@ def print_explanation(explanation: "Explanation", console: "Console") -> None:
         print_table(narrow, console)
     for line in explanation_lines(explanation):
         console.print(line)
+    for note in warnings_first(explanation.budget.notes):
+        console.print(note_line(note), soft_wrap=True)
 
 
 def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
-    raise ValueError("x")
+    from pipeline.budgets.study import explain_planned, plan_explanations, study_of, up_to_date
+    from pipeline.budgets.visits import check_visits
+    from pipeline.cli.stopping import stoppable
+    from pipeline.cli.terminal import StepProgress, announcer, counted, plain_console
+    from pipeline.run.processes import keep_freed_memory
+
+    folder = request.trial
+    require_no_options(request, "the results of a study, whose files state everything")
+    if out is not None:
+        raise ValueError(f"leave out --out: explanations of a study go to {folder / 'explained'}")
+    console = plain_console()
+    keep_freed_memory()
+    planned = plan_explanations(study_of(folder), folder)
+    states = {"done": 0, "kept": 0, "failed": 0}
+
+    def kept() -> str:
+        done = states["done"] + states["kept"]
+        return f"explained are {done} of {counted(len(planned), 'trial')}; the same command goes on"
+
+    with stoppable(kept):
+        with StepProgress(console, "explaining", "trials") as progress:
+            outcomes = explain_planned(planned, folder, jobs=jobs, announce=announcer(console))
+            for finished, outcome in enumerate(outcomes, 1):
+                states[outcome.state] += 1
+                failed = outcome.failure is not None
+                progress.show(str(outcome), finished, len(planned), always=failed)
+        for job in planned:
+            explanation = up_to_date(job.target, job.key)
+            if explanation is not None:
+                console.print(f"\n{job.name}", soft_wrap=True)
+                print_explanation(explanation, console)
+        checks = list(check_visits(planned, jobs))
+    if checks:
+        console.print("\nCheck over the trials of each visit:", soft_wrap=True)
+    for check in checks:
+        console.print(f"- {check}", soft_wrap=True)
+    console.print(
+        f"\n{counted(states['done'], 'trial')} explained, {states['kept']} were there already, "
+        f"{states['failed']} failed; next: hbm report {folder}",
+        soft_wrap=True,
+    )
+    return 1 if states["failed"] else 0

@@ -43,9 +43,7 @@ def budget_figure(budget: Budget) -> Figure:
             base = np.where(share >= 0, above, below)
             panel.bar(AXES, share, 0.7, bottom=base, color=colour, label=name)
             above, below = above + np.maximum(share, 0), below + np.minimum(share, 0)
-        for k, (rms, low, high) in enumerate(
-            zip(budget.rms, budget.low, budget.high, strict=True)
-        ):
+        for k, (rms, low, high) in enumerate(zip(budget.rms, budget.low, budget.high, strict=True)):
             text = f"{rms:.1f} {UNITS[k]}\n[{low:.1f}–{high:.1f}]"
             panel.text(k, above[k] + 2, text, ha="center", va="bottom", fontsize=8)
         panel.set_ylim(min(below.min() * 1.1, 0), above.max() * 1.15)
