@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 from pipeline.explain.budget import EstimatedCause
@@ -110,7 +111,7 @@ def group_name(groups: Sequence[str]) -> str:
     """
     words = [_words(group) for group in groups]
     parts = [words[0].name]
-    for before, own in zip(words, words[1:], strict=False):
+    for before, own in pairwise(words):
         owner = "their" if own.owner and own.owner == before.owner else own.owner
         parts.append(f"{owner} {own.what}".strip())
     return ", or ".join(parts)

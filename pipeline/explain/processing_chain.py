@@ -186,10 +186,11 @@ def processing_chain(
     cut = Markers(unfrozen.time[frames], unfrozen.names, unfrozen.position[frames])
     markers, unfiltered, _ = solve_without_outliers(body, cut, 1)
     ground = ground_wrenches(
-        recording, laboratory, time, settings.plate_delay_s, settings.cutoff_hz
+        recording, laboratory, result.motion.time, settings.plate_delay_s, settings.cutoff_hz
     )
-    in_lab = ground.variants[ground.best]
-    wrenches = wrenches_in_plates(in_lab, recording.plates, ground.pose)
+    in_lab = [each[frames] for each in ground.variants[ground.best]]
+    pose = ground.pose and PlatformPose(ground.pose.rotation[frames], ground.pose.position[frames])
+    wrenches = wrenches_in_plates(in_lab, recording.plates, pose)
     motion = butterworth(unfiltered.q, time, settings.cutoff_hz, settings.filter)
     total = np.sum(in_lab, axis=0)
     return ProcessingChain(
@@ -200,7 +201,7 @@ def processing_chain(
         q=unfiltered.q,
         plates=recording.plates,
         wrenches=tuple(wrenches),
-        pose=ground.pose,
+        pose=pose,
         motion=motion,
         needed=needed_wrench(body, motion),
         ground=low_pass(total, time, settings.cutoff_hz, settings.filter),
