@@ -9,13 +9,17 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from pipeline.budgets.advice import Mending, most_worth_mending
-from pipeline.budgets.words import group_name, how_to_tell_apart, size_in_words
+from pipeline.budgets.words import (
+    group_name,
+    how_to_tell_apart,
+    shares_in_words,
+    size_in_words,
+)
 from pipeline.explain.budget import Budget
 from pipeline.explain.explain import explain_trial
 from pipeline.io.recording import Recording
 from pipeline.io.write import write_text
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
 from pipeline.trial.summary import fault_of
 
@@ -110,10 +114,7 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
         named = [f"{cause.name} {size_in_words(cause)}" for cause in certain]
         yield f"Largest causes (size ± 95 % interval): {'; '.join(named)}."
     else:
-        yield (
-            "No single cause is certain: the 95 % interval of every size contains zero. Only "
-            "together do they have the shares above."
-        )
+        yield "No single cause is certain: the 95 % interval of every size contains zero."
     if explanation.mending:
         yield f"Most worth mending: {'; '.join(map(str, explanation.mending))}."
     else:
@@ -124,8 +125,7 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
             how = f": {'; '.join(ways)}" if ways else ""
             yield f"This trial cannot tell apart {group_name(group.groups)}{how or ' from it'}."
     if not np.isnan(budget.held_out).any():
-        shares = [f"{100 * s:z.0f} % of {a}" for a, s in zip(AXES, budget.held_out, strict=True)]
         yield (
             "Held-out check: the causes found in one half of the cycles take away of the mean "
-            f"square of the other half {', '.join(shares)}."
+            f"square of the other half {shares_in_words(budget.held_out)}."
         )

@@ -2,16 +2,16 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-import numpy as np
 from joblib import delayed
 
 from hbm.spatial import Array
 from pipeline.budgets.study import processed, up_to_date
+from pipeline.budgets.words import shares_in_words
 from pipeline.explain.other_trials import SHARED, mean_squares
 from pipeline.run.job import Job
 from pipeline.run.processes import in_processes
-from pipeline.trial.residuals import AXES
 
 Sizes = Mapping[str, float]
 """Cause -> its size."""
@@ -37,12 +37,10 @@ class VisitCheck:
     share: Array
 
     def __str__(self) -> str:
-        shares = ", ".join(
-            f"{100 * share:z.0f} % of {axis}" for axis, share in zip(AXES, self.share, strict=True)
-        )
         return (
             f"{self.subject}: delay, gain and place of the plates and the body's masses from "
-            f"{self.condition} take away of the mean square in {' and '.join(self.others)} {shares}"
+            f"{self.condition} take away of the mean square in {' and '.join(self.others)} "
+            f"{shares_in_words(self.share)}"
         )
 
 
@@ -62,28 +60,26 @@ def check_visits(planned: Sequence[Job], jobs: int = 1) -> Iterator[VisitCheck]:
     VisitCheck
         Per explained trial of each subject that has several.
     """
-    known = {job: sizes for job in planned if (sizes := shared_sizes(job)) is not None}
-    pairs = {
-        job: [each for each in known if each.subject == job.subject and each is not job]
-        for job in known
+    known = {job.target: sizes for job in planned if (sizes := shared_sizes(job)) is not None}
+    explained = [job for job in planned if job.target in known]
+    others = {
+        job.target: [o for o in explained if o.subject == job.subject and o.target != job.target]
+        for job in explained
     }
+    judged = [job for job in explained if others[job.target]]
     tasks = [
-        delayed(_left)(job, [known[each] for each in others])
-        for job, others in pairs.items()
-        if others
+        delayed(_left)(job, {other.target: known[other.target] for other in others[job.target]})
+        for job in judged
     ]
-    judged = [job for job, others in pairs.items() if others]
-    results = list(in_processes(tasks, max(1, min(jobs, len(tasks))), ordered=True))
-    left = dict(zip(judged, results, strict=True))
+    results = in_processes(tasks, max(1, min(jobs, len(tasks))), ordered=True)
+    left = dict(zip([job.target for job in judged], results, strict=True))
     for job in judged:
-        others = [each for each in pairs[job] if left[each] is not None]
-        before = np.zeros(len(AXES))
-        after = np.zeros(len(AXES))
-        for each in others:
-            before += left[each][0]
-            after += left[each][1 + pairs[each].index(job)]
-        if others:
-            names = tuple(each.condition for each in others)
+        known_others = [other for other in others[job.target] if left[other.target]]
+        squares = [left[other.target] for other in known_others]
+        if squares:
+            before = sum(own[None] for own in squares)
+            after = sum(own[job.target] for own in squares)
+            names = tuple(other.condition for other in known_others)
             yield VisitCheck(job.subject, job.condition, names, 1 - after / before)
 
 
@@ -96,9 +92,13 @@ def shared_sizes(job: Job) -> dict[str, float] | None:
     return {cause.name: cause.size for cause in causes if cause.group in SHARED}
 
 
-def _left(job: Job, sizes: Sequence[Sizes]) -> Array | None:
-    """Give what is left of a trial's mean square with each of some sizes; None where it fails."""
+def _left(job: Job, sizes: Mapping[Path, Sizes]) -> dict[Path | None, Array]:
+    """Give the mean square of a trial as it is (None) and by the trial that sizes are from.
+
+    Empty where that fails.
+    """
     try:
-        return mean_squares(*processed(job), sizes)
+        squares = mean_squares(*processed(job), [*sizes.values()])
     except (OSError, ValueError):
-        return None
+        return {}
+    return dict(zip([None, *sizes], squares, strict=True))

@@ -5,8 +5,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
+from hbm.spatial import Array
 from pipeline.explain.budget import EstimatedCause
 from pipeline.explain.cause import CauseGroup
+from pipeline.trial.residuals import AXES
 
 NORMAL_95: Final = 1.96
 """Half a 95 % interval of a normal distribution, in standard deviations."""
@@ -150,6 +152,19 @@ def size_in_words(cause: EstimatedCause) -> str:
     size, half = factor * cause.size, factor * NORMAL_95 * cause.deviation
     digits = 2 if half < 0.95 else 1 if half < 9.5 else 0
     return f"{size:.{digits}f} ± {half:.{digits}f} {unit}"
+
+
+def shares_in_words(shares: Array) -> str:
+    """List a share of each residual, (6,), such as that which is taken away.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> shares_in_words(np.array([0.44, 0.26, -0.09, 0.65, 0.76, 0.47]))
+    '44 % of Fx, 26 % of Fy, -9 % of Fz, 65 % of Mx, 76 % of My, 47 % of Mz (negative: they add)'
+    """
+    named = [f"{100 * s:z.0f} % of {axis}" for s, axis in zip(shares, AXES, strict=True)]
+    return ", ".join(named) + " (negative: they add)" * bool((shares < 0).any())
 
 
 def _words(group: str) -> GroupWords:

@@ -78,6 +78,7 @@ def print_explanation(explanation: "Explanation", console: "Console") -> None:
     console
         Where; in a narrow one, residuals are columns and causes are rows.
     """
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
     from hbm.notes import warnings_first
@@ -86,16 +87,25 @@ def print_explanation(explanation: "Explanation", console: "Console") -> None:
     from pipeline.cli.terminal import fits, note_line, print_table
 
     shown = budget_table(explanation.budget)
-    wide = Table(title=shown.title, caption=CAPTION)
+    wide, narrow = (
+        Table(
+            title=shown.title,
+            caption=CAPTION,
+            box=box,
+            padding=(0, 1, 0, 0),
+            title_justify="left",
+            caption_justify="left",
+        )
+        for box in (SIMPLE_HEAD, None)
+    )
     wide.add_column("")
     for head, _ in shown.columns:
         wide.add_column(head.replace(": ", "\n").replace(", or ", ",\nor "), justify="right")
-    for axis, *cells in zip(shown.axes, *(cells for _, cells in shown.columns), strict=True):
-        wide.add_row(axis, *cells)
+    for row in zip(shown.axes, *(cells for _, cells in shown.columns), strict=True):
+        wide.add_row(*row)
     if fits(wide, console):
         console.print(wide)
     else:
-        narrow = Table(title=shown.title, caption=CAPTION, box=None, padding=(0, 1, 0, 0))
         narrow.add_column("", width=CAUSE_COLUMNS)
         for axis in shown.axes:
             narrow.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
@@ -109,6 +119,7 @@ def print_explanation(explanation: "Explanation", console: "Console") -> None:
 
 
 def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
+    from pipeline.budgets.explanation import explanation_lines
     from pipeline.budgets.study import explain_planned, plan_explanations, study_of, up_to_date
     from pipeline.budgets.visits import check_visits
     from pipeline.cli.stopping import stoppable
@@ -138,15 +149,15 @@ def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
         for job in planned:
             explanation = up_to_date(job.target, job.key)
             if explanation is not None:
-                console.print(f"\n{job.name}", soft_wrap=True)
-                print_explanation(explanation, console)
+                sizes, mending, *_ = explanation_lines(explanation)
+                console.print(f"{job.name}: {sizes} {mending}", soft_wrap=True)
         checks = list(check_visits(planned, jobs))
     if checks:
-        console.print("\nCheck over the trials of each visit:", soft_wrap=True)
+        console.print("Check over the trials of each visit:", soft_wrap=True)
     for check in checks:
         console.print(f"- {check}", soft_wrap=True)
     console.print(
-        f"\n{counted(states['done'], 'trial')} explained, {states['kept']} were there already, "
+        f"{counted(states['done'], 'trial')} explained, {states['kept']} were there already, "
         f"{states['failed']} failed; next: hbm report {folder}",
         soft_wrap=True,
     )
