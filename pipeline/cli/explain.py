@@ -148,10 +148,10 @@ def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
                 progress.show(str(outcome), finished, len(planned), always=failed)
         for job in planned:
             explanation = up_to_date(job.target, job.key)
-            if explanation is not None:
+            if explanation:
                 sizes, mending, *_ = explanation_lines(explanation)
                 console.print(f"{job.name}: {sizes} {mending}", soft_wrap=True)
-        checks = list(check_visits(planned, jobs))
+        checks = check_visits(planned, folder, jobs)
     if checks:
         console.print("Check over the trials of each visit:", soft_wrap=True)
     for check in checks:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pipeline.budgets.explanation import Explanation, explanation_lines
 from pipeline.budgets.study import explanations, unexplained
 from pipeline.budgets.table import CAPTION, budget_table
+from pipeline.budgets.visits import stored_checks
 from pipeline.report.tables import Table
 from pipeline.run.load import Results
 from pipeline.statistics.design import Design
@@ -40,10 +41,13 @@ class BudgetSection:
         The trials that were explained.
     unexplained
         Those that could not be, with the reasons.
+    visits
+        What the causes from one trial make of the subject's others.
     """
 
     trials: tuple[TrialBudget, ...]
     unexplained: tuple[str, ...]
+    visits: tuple[str, ...]
 
 
 def budget_section(results: Results, design: Design) -> BudgetSection | None:
@@ -66,7 +70,8 @@ def budget_section(results: Results, design: Design) -> BudgetSection | None:
     keys = _in_order(results.summaries, design)
     trials = tuple(_trial(" ".join(key), found[key]) for key in keys if key in found)
     failed = tuple(f"{name}: {reasons[name]}" for name in map(" ".join, keys) if name in reasons)
-    return BudgetSection(trials, failed) if trials or failed else None
+    visits = tuple(map(str, stored_checks(results.folder, found.values())))
+    return BudgetSection(trials, failed, visits) if trials or failed else None
 
 
 def _in_order(
