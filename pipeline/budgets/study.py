@@ -21,7 +21,7 @@ from pipeline.run.failures import record_failure, recorded_failures
 from pipeline.run.job import Job, Outcome, describe_error, trial_key
 from pipeline.run.program import explanation_digest
 from pipeline.run.run import Announce, plan, work_on
-from pipeline.run.store import StoredTrial, open_trial, recorded_study_folder
+from pipeline.run.store import StoredTrial, open_trial, read_summary, recorded_study_folder
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import AXES
 from pipeline.trial.result import TrialResult
@@ -58,19 +58,24 @@ def study_of(folder: Path) -> Study:
 
 
 def plan_explanations(study: Study, folder: Path) -> list[Job]:
-    """List the trials of a study to explain, each with the file of its explanation and its key."""
-    return [
-        replace(
-            job,
-            target=folder.resolve() / FOLDER / f"{job.target.stem}.json",
-            key=explanation_key(job.key),
-        )
-        for job in plan(study, folder)
-    ]
+    """List the trials of a study to explain, each with the file of its explanation and its key.
+
+    The key is that of the trial's result as it is stored: an explanation stays right when a
+    recording is gone.
+    """
+    jobs = []
+    for job in plan(study, folder):
+        try:
+            key = read_summary(job.target).key
+        except (OSError, ValueError):
+            key = job.key
+        target = folder.resolve() / FOLDER / f"{job.target.stem}.json"
+        jobs.append(replace(job, target=target, key=explanation_key(key)))
+    return jobs
 
 
 def explanation_key(trial: str) -> str:
-    """Give a digest of what an explanation depends on, from the key of its trial."""
+    """Give a digest of what an explanation depends on, from the key of the trial's result."""
     return hashlib.sha256(f"{trial} {explanation_digest()}".encode()).hexdigest()
 
 
