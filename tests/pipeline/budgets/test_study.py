@@ -40,6 +40,18 @@ def copy(study, explained, tmp_path):
     return shutil.copytree(explained, tmp_path / "results")
 
 
+@pytest.fixture
+def quick(monkeypatch):
+    """Save figures as empty files: their appearance is not tested here."""
+
+    def save(figure, path):
+        path.parent.mkdir(exist_ok=True)
+        for suffix in (".png", ".svg"):
+            path.with_suffix(suffix).write_bytes(b"")
+
+    monkeypatch.setattr("pipeline.report.write.save_figure", save)
+
+
 def states(out):
     return {
         outcome.job.condition: outcome.state
@@ -60,7 +72,7 @@ def test_an_interrupted_run_keeps_what_is_done(copy):
     assert list(states(copy).values()).count("kept") == 1
 
 
-def test_a_trial_whose_recording_is_gone_stops_no_other(copy, capsys):
+def test_a_trial_whose_recording_is_gone_stops_no_other(copy, capsys, quick):
     (copy.parent / "study" / "sub01_sway.c3d").unlink()
     (copy / FOLDER / "sub01_sway.json").unlink()
     assert main(["explain", str(copy)]) == 1
@@ -96,7 +108,7 @@ def test_a_trial_without_a_result_says_what_to_do(copy):
     assert reason == "it has no result; run 'hbm run' first"
 
 
-def test_the_report_has_a_table_and_the_lines_of_every_explained_trial(copy):
+def test_the_report_has_a_table_and_the_lines_of_every_explained_trial(copy, quick):
     page = unescape(write_report(copy, copy.parent / "study").read_text(encoding="utf-8"))
     section = page.partition('<section id="causes">')[2].partition("</section>")[0]
     assert section.count("<table") == 3
@@ -105,7 +117,7 @@ def test_the_report_has_a_table_and_the_lines_of_every_explained_trial(copy):
     assert section.count("take away of the mean square in") == 3
 
 
-def test_a_report_without_explanations_has_no_such_section(copy):
+def test_a_report_without_explanations_has_no_such_section(copy, quick):
     shutil.rmtree(copy / FOLDER)
     page = write_report(copy, copy.parent / "study").read_text(encoding="utf-8")
     assert 'id="causes"' not in page
