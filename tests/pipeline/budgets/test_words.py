@@ -71,7 +71,9 @@ class Calibrated:
 
 
 def test_a_mass_is_advised_as_the_scales_would_show_it():
-    (found,) = most_worth_mending(budget(replace(CAUSE, name=MASS, size=0.01)), Processed, Uncalibrated)
+    (found,) = most_worth_mending(
+        budget(replace(CAUSE, name=MASS, size=0.01)), Processed, Uncalibrated
+    )
     assert found.action == "state mass_kg = 70.0 of the subject, once scales confirm it"
 
 
@@ -86,4 +88,7 @@ def test_what_may_be_zero_is_not_worth_mending():
 
 
 def test_what_changes_no_residual_is_not_worth_mending():
-    assert most_worth_mending(budget(replace(CAUSE, left=2 * np.ones(6))), Processed, Uncalibrated) == ()
+    assert (
+        most_worth_mending(budget(replace(CAUSE, left=2 * np.ones(6))), Processed, Uncalibrated)
+        == ()
+    )
