@@ -74,10 +74,10 @@ for line in explanation_lines(explanation):
     print(line)
 
 # %% [markdown]
-# The delay is named first, with the planted 12 ms. The zeros are found too, in the plates' own axes,
-# whose x points to the left here and y forward. A zero of either plate does nearly the same to the
-# residuals, so that each plate is given a part of it, with a wide interval; the sum is what was
-# planted, 8 N to the left and 6 N forward:
+# The delay is named first, with the planted 12 ms. The zeros are found too, in the plates' own
+# axes: here, their x points to the left and their y forward. A zero of either plate does nearly the
+# same to the residuals, so that each plate is given a part of it, with a wide interval; the sum is
+# what was planted, 8 N to the left and 6 N forward:
 
 # %%
 zeros = {cause.name: cause for cause in explanation.budget.causes if cause.group == "zero"}
