@@ -14,6 +14,8 @@ from pathlib import Path
 
 from sphinx.application import Sphinx
 
+from pipeline.explain.priors import priors
+
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 PACKAGES = ("hbm", "compensation", "pipeline")
@@ -22,7 +24,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 project = PROJECT["name"]
 version = release = PROJECT["version"]
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["conf.py", "viewer_picture.py"]
+exclude_patterns = ["conf.py", "viewer_picture.py", "api/priors.md"]  # included
 
 html_theme = "furo"
 html_title = f"{project} {version}"
@@ -52,6 +54,7 @@ def setup(app: Sphinx) -> None:
     (DOCS / "api").mkdir(exist_ok=True)
     for name, page in {**{p: _public_names(p) for p in PACKAGES}, "modules": _modules()}.items():
         (DOCS / "api" / f"{name}.md").write_text(page, encoding="utf-8")
+    (DOCS / "api" / "priors.md").write_text(_priors(), encoding="utf-8")
     app.connect("include-read", _lead_links_to_the_root)
     app.connect("autodoc-process-signature", _shorten_arrays)
 
@@ -87,6 +90,16 @@ def _modules() -> str:
             rows = [f"| `{path.stem}` | {_title(path)} |" for path in paths]
             lines += ["", "| module | |", "|---|---|", *rows] if rows else []
     return "\n".join(lines) + "\n"
+
+
+def _priors() -> str:
+    """List how large each cause of residuals usually is, with the source."""
+    rows = [
+        f"| {kind.replace('_', ' ')} | {prior.mean:g} ± {prior.size:g} | {prior.unit} "
+        f"| {prior.source} |"
+        for kind, prior in priors().items()
+    ]
+    return "\n".join(["| cause | mean ± SD | unit | source |", "|---|---|---|---|", *rows]) + "\n"
 
 
 def _title(path: Path) -> str:

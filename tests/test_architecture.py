@@ -53,7 +53,9 @@ def test_every_package_of_pipeline_has_a_layer_which_the_documentation_shows():
     layers = {name.strip() for layer in contract["layers"] for name in layer.split("|")}
     assert layers == children("pipeline")
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-    rows = [set(re.findall(r"`(\w+)`", row)) for row in re.findall(r"^\| \d \|(.*?)\|", text, re.M)]
+    rows = [
+        set(re.findall(r"`(\w+)`", row)) for row in re.findall(r"^\| \d+ \|(.*?)\|", text, re.M)
+    ]
     assert rows == [set(layer.split(" | ")) for layer in contract["layers"]]
 
 

@@ -12,7 +12,16 @@ from typing import Annotated, Final
 import typer
 from typer.exceptions import TyperException
 
-from pipeline.cli import calibration_check, doctor, results, simulate, study, treadmill, trial
+from pipeline.cli import (
+    calibration_check,
+    doctor,
+    explain,
+    results,
+    simulate,
+    study,
+    treadmill,
+    trial,
+)
 from pipeline.cli.options import USAGE
 from pipeline.cli.output import accept_any_letter, drop_output, print_error
 from pipeline.cli.stopping import Stopped
@@ -49,7 +58,14 @@ def show_help(context: typer.Context) -> None:
 
 for command in (trial.residuals, trial.export, simulate.demo, study.init, study.check, study.run):
     app.command()(command)
-for command in (results.report, results.view, treadmill.plates, simulate.simulate, doctor.doctor):
+for command in (
+    explain.explain,
+    results.report,
+    results.view,
+    treadmill.plates,
+    simulate.simulate,
+    doctor.doctor,
+):
     app.command()(command)
 for command in (treadmill.fit, calibration_check.check, treadmill.signals, treadmill.rank):
     calibration.command()(command)

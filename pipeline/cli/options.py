@@ -1,5 +1,6 @@
 """Options that commands share, and those that a request for one trial is made of."""
 
+import os
 from collections.abc import Callable
 from dataclasses import MISSING, fields
 from functools import wraps
@@ -100,3 +101,26 @@ def _parameters(request: type[TrialRequest]) -> list[Parameter]:
         keyword = Parameter.POSITIONAL_OR_KEYWORD
         parameters.append(Parameter(field.name, keyword, default=default, annotation=kind))
     return parameters
+
+
+def require_no_options(request: TrialRequest, what: str) -> None:
+    """Refuse options of a trial where they can have no effect."""
+    given = [
+        f"--{field.name.replace('_', '-')}"
+        for field in fields(request)
+        if field.default is not MISSING and getattr(request, field.name) != field.default
+    ]
+    if given:
+        raise ValueError(
+            f"{request.trial.name} is {what}; leave out {', '.join(given)}, or give the recording "
+            "instead"
+        )
+
+
+def require_folder(out: Path) -> None:
+    """Refuse a folder that cannot be written to before minutes are spent on what goes into it."""
+    nearest = next(path for path in (out, *out.absolute().parents) if path.exists())
+    if not nearest.is_dir():
+        raise ValueError(f"--out {out}: {nearest} is a file, not a folder")
+    if not os.access(nearest, os.W_OK):
+        raise ValueError(f"--out {out}: no permission to write into {nearest}")

@@ -50,8 +50,7 @@ def plain_console() -> Console:
 
 def print_table(table: Table, console: Console) -> None:
     """Print a table, or a line for each of its rows where the terminal is too narrow for it."""
-    wide = console.options.update(max_width=WIDE)
-    if console.measure(table, options=wide).maximum <= console.width:
+    if fits(table, console):
         console.print(table)
         return
     if table.title:
@@ -64,6 +63,12 @@ def print_table(table: Table, console: Console) -> None:
         console.print(f"{' '.join(row[:names])}: {text}")
     if table.caption:
         console.print(table.caption)
+
+
+def fits(table: Table, console: Console) -> bool:
+    """Whether the terminal is wide enough for a table."""
+    wide = console.options.update(max_width=WIDE)
+    return console.measure(table, options=wide).maximum <= console.width
 
 
 def announcer(console: Console) -> Callable[[str], None]:

@@ -1,13 +1,17 @@
 """One trial on the command line: residuals, export."""
 
-import os
-from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pipeline.cli.options import RESULT, Out, takes_trial_request
+from pipeline.cli.options import (
+    RESULT,
+    Out,
+    require_folder,
+    require_no_options,
+    takes_trial_request,
+)
 from pipeline.run.request import TrialRequest
 
 if TYPE_CHECKING:
@@ -34,7 +38,7 @@ def residuals(request: TrialRequest, out: Out = Path("results")) -> None:
             f"{request.trial} is a result already; 'hbm view' shows it, 'hbm export' exports it"
         )
     console = plain_console()
-    _require_folder(out)
+    require_folder(out)
     result = process_request(request, announcer(console))
     name = request.trial.stem
     write_trial(result, name, "", out / f"{name}.parquet")
@@ -105,13 +109,13 @@ def export(
         )
     folder = _folder_of_c3d(c3d, out, frame)
     if folder and request.trial.is_dir():
-        _require_no_options(request, "a study, whose files state everything")
+        require_no_options(request, "a study, whose files state everything")
         if models or bids:
             raise ValueError("of a whole study only --c3d is exported; leave the others out")
         return export_study(request.trial, folder, frame)
     processed = request.trial.suffix == RESULT
     if processed:
-        _require_no_options(request, "a result that has been processed already")
+        require_no_options(request, "a result that has been processed already")
     if processed and (bids or c3d):
         raise ValueError(
             f"{request.trial.name} is a result; {'BIDS' if bids else 'C3D'} holds what was "
@@ -143,31 +147,8 @@ def _folder_of_c3d(c3d: bool, out: Path | None, frame: str | None) -> Path | Non
         return None
     if out is None:
         raise ValueError("--c3d needs a folder for its files: name --out DIR")
-    _require_folder(out)
+    require_folder(out)
     return out
-
-
-def _require_no_options(request: TrialRequest, what: str) -> None:
-    """Refuse options of a trial where they can have no effect."""
-    given = [
-        f"--{field.name.replace('_', '-')}"
-        for field in fields(request)
-        if field.default is not MISSING and getattr(request, field.name) != field.default
-    ]
-    if given:
-        raise ValueError(
-            f"{request.trial.name} is {what}; leave out {', '.join(given)}, or give the recording "
-            "instead"
-        )
-
-
-def _require_folder(out: Path) -> None:
-    """Refuse a folder that cannot be written to before minutes are spent on what goes into it."""
-    nearest = next(path for path in (out, *out.absolute().parents) if path.exists())
-    if not nearest.is_dir():
-        raise ValueError(f"--out {out}: {nearest} is a file, not a folder")
-    if not os.access(nearest, os.W_OK):
-        raise ValueError(f"--out {out}: no permission to write into {nearest}")
 
 
 def print_result(result: "TrialResult", console: "Console") -> None:

@@ -105,7 +105,12 @@ def body_faults(folder: Path, name: str, subject: SubjectFile, file: StudyFile |
 
 
 def trial_faults(
-    folder: Path, name: str, table: Table, conditions: Collection[str] | None
+    folder: Path,
+    name: str,
+    table: Table,
+    conditions: Collection[str] | None,
+    *,
+    recordings: bool = True,
 ) -> list[str]:
     """Check a subject's trials against the conditions and the folder.
 
@@ -119,6 +124,8 @@ def trial_faults(
         Its contents, unchecked: what else is wrong with it must not hide a missing recording.
     conditions
         Conditions of the study, if they are known.
+    recordings
+        Whether the trials' recordings have to be there.
 
     Returns
     -------
@@ -137,7 +144,7 @@ def trial_faults(
         if "file" not in trial:
             faults.append(f'{where}: needs a file, or exclude = "the reason why there is none"')
         for key in ("file", "forces", "record"):
-            if isinstance(trial.get(key), str) and trial[key]:
+            if recordings and isinstance(trial.get(key), str) and trial[key]:
                 faults += missing_file(folder, f"{where}.{key}", trial[key])
     for key in ("static", "hip_trial", "segments"):
         if isinstance(table.get(key), str) and table[key]:

@@ -84,13 +84,15 @@ class Study:
         return known[condition]
 
 
-def read_study(folder: str | Path) -> Study:
+def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     """Read a study's TOML files.
 
     Parameters
     ----------
     folder
         Folder with ``study.toml`` and one TOML file per subject, or ``study.toml`` itself.
+    recordings
+        Whether a recording of a trial that is not there is a fault.
 
     Returns
     -------
@@ -124,7 +126,7 @@ def read_study(folder: str | Path) -> Study:
         raise StudyFaults([f"{folder}: no study.toml here; write one with 'hbm init {folder}'"])
     faults: list[str] = []
     file, conditions = _study_file(folder / "study.toml", faults)
-    subjects = _subjects(folder, file, conditions, faults)
+    subjects = _subjects(folder, file, conditions, faults, recordings)
     marker_set = None
     if file is not None:
         marker_set = _own_marker_set(folder, file, faults)
@@ -152,7 +154,11 @@ def _study_file(path: Path, faults: list[str]) -> tuple[StudyFile | None, list[s
 
 
 def _subjects(
-    folder: Path, file: StudyFile | None, conditions: list[str] | None, faults: list[str]
+    folder: Path,
+    file: StudyFile | None,
+    conditions: list[str] | None,
+    faults: list[str],
+    recordings: bool,
 ) -> dict[str, SubjectFile]:
     subjects: dict[str, SubjectFile] = {}
     before = len(faults)
@@ -161,7 +167,7 @@ def _subjects(
             table = read_table(path)
             if _is_not_a_subject(table):
                 continue
-            faults += trial_faults(folder, path.name, table, conditions)
+            faults += trial_faults(folder, path.name, table, conditions, recordings=recordings)
             subject = check_table(path.name, table, SubjectFile)
         except StudyFaults as error:
             faults += error.faults

@@ -1,10 +1,34 @@
 """What a trial's residuals are made of: types only."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from hbm.notes import Note
-from hbm.spatial import Array
+import numpy as np
+from pydantic import PlainSerializer, PlainValidator
+
+from hbm.spatial import Array, read_only
+from pipeline.trial.residuals import AXES
+from pipeline.trial.summary import StoredNote
+
+
+def _by_axis(values: Array) -> dict[str, float | None]:
+    """Name numbers by their axes; null where one is unknown."""
+    known = zip(AXES, values.tolist(), strict=True)
+    return {axis: None if np.isnan(value) else value for axis, value in known}
+
+
+def _of_axes(stored: object) -> Array:
+    if isinstance(stored, Mapping):
+        if tuple(stored) != AXES:
+            raise ValueError(f"expected numbers by axis, {', '.join(AXES)}")
+        stored = list(stored.values())
+    return read_only(np.array(stored, float))
+
+
+ByAxis = Annotated[Array, PlainValidator(_of_axes), PlainSerializer(_by_axis)]
+"""Numbers of the six axes, (6,); in JSON they are named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +53,7 @@ class EstimatedCause:
     size: float
     deviation: float
     usual: float
-    left: Array
+    left: ByAxis
 
     @property
     def is_certain(self) -> bool:
@@ -50,8 +74,8 @@ class GroupShare:
     """
 
     groups: tuple[str, ...]
-    share: Array
-    deviation: Array
+    share: ByAxis
+    deviation: ByAxis
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +112,13 @@ class Budget:
 
     source: Path
     compensated: bool
-    rms: Array
-    low: Array
-    high: Array
+    rms: ByAxis
+    low: ByAxis
+    high: ByAxis
     cycles: int
     found_cycles: int
     groups: tuple[GroupShare, ...]
-    unexplained: Array
+    unexplained: ByAxis
     causes: tuple[EstimatedCause, ...]
-    held_out: Array
-    notes: tuple[Note, ...]
+    held_out: ByAxis
+    notes: tuple[StoredNote, ...]

@@ -1,11 +1,13 @@
 """Why a trial's residuals are as large as they are: the causes, their sizes and their shares."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array
+from hbm.notes import Note
+from hbm.spatial import Array, Mask
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 from pipeline.explain.cause import Cause
 from pipeline.explain.cycle_series import CycleSeries, cycle_series
@@ -13,7 +15,7 @@ from pipeline.explain.filtering import left_by_filter
 from pipeline.explain.linearised import linearised, rms, sizes_from_cycles
 from pipeline.explain.plates import plate_causes
 from pipeline.explain.posterior import Posterior
-from pipeline.explain.processing_chain import processing_chain
+from pipeline.explain.processing_chain import ProcessingChain, processing_chain
 from pipeline.explain.shares import indistinct, shares_of_groups
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
@@ -64,19 +66,11 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     >>> whole.round(6).tolist()
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     """
-    spans, found = _spans(result)
-    frames = _frames(spans, result, laboratory)
-    chain = processing_chain(recording, laboratory, result, frames)
-    inside = (spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])
-    spans = spans[inside]
-    causes = tuple(plate_causes(chain))
-    series = cycle_series(chain.time, spans, HIGHEST_IN_CUTOFFS * chain.settings.cutoff_hz)
+    part = explained_part(recording, laboratory, result)
+    chain, causes, series, counts = part.chain, part.causes, part.series, part.counts
     left = left_by_filter(chain)
     linear = linearised(chain, causes, left, series)
 
-    counts = np.zeros(len(chain.time), bool)
-    for cycle in series.frames:
-        counts[cycle] = True
     residual, effects = chain.residual[counts], linear.effects[:, counts]
     prior = np.array([cause.prior.size for cause in causes])
     whole = rms(residual)
@@ -107,14 +101,67 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
         rms=whole,
         low=np.maximum(whole - 1.96 * spread, 0.0),
         high=whole + 1.96 * spread,
-        cycles=len(spans) if found else 0,
-        found_cycles=found,
+        cycles=len(series) if part.found_cycles else 0,
+        found_cycles=part.found_cycles,
         groups=groups,
         unexplained=unexplained,
         causes=tuple(sorted(estimated, key=lambda each: float((each.left / whole).min()))),
         held_out=_held_out(chain.residual - left, linear.effects, causes, series),
-        notes=(),
+        notes=tuple(_notes(part)),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExplainedPart:
+    """The part of a trial whose residuals are explained, and the causes that may explain them.
+
+    Attributes
+    ----------
+    chain
+        Its frames, and those around them in which the filters settle.
+    causes
+        What may be wrong with it.
+    series
+        Its gait cycles; a single stretch where there are none.
+    found_cycles
+        How many cycles there are; 0 for a stretch of the recording.
+    """
+
+    chain: ProcessingChain
+    causes: tuple[Cause, ...]
+    series: CycleSeries
+    found_cycles: int
+
+    @property
+    def counts(self) -> Mask:
+        """Frames within the cycles, (T,)."""
+        result = np.zeros(len(self.chain.time), bool)
+        for cycle in self.series.frames:
+            result[cycle] = True
+        return result
+
+
+def explained_part(
+    recording: Recording, laboratory: Laboratory, result: TrialResult
+) -> ExplainedPart:
+    """Give the part of a trial that is explained; parameters and errors as for `explain_trial`."""
+    spans, found = _spans(result)
+    chain = processing_chain(recording, laboratory, result, _frames(spans, result, laboratory))
+    inside = (spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])
+    to_hz = HIGHEST_IN_CUTOFFS * chain.settings.cutoff_hz
+    series = cycle_series(chain.time, spans[inside], to_hz)
+    return ExplainedPart(chain, tuple(plate_causes(chain)), series, found)
+
+
+def _notes(part: ExplainedPart) -> Iterator[Note]:
+    """Note what could not be told, and why."""
+    cycles = part.series.frames
+    if not part.found_cycles:
+        step_s = float(np.median(np.diff(part.chain.time)))
+        duration_s = step_s * sum(each.stop - each.start for each in cycles)
+        yield Note.of("explained_without_cycles", duration_s=duration_s)
+    elif len(cycles) < MIN_CYCLES:
+        yield Note.of("explained_few_cycles", cycles=len(cycles), wanted=MIN_CYCLES)
 
 
 def _spans(result: TrialResult) -> tuple[Array, int]:

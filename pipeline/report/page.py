@@ -10,6 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from pipeline.config.comparison import groups
 from pipeline.config.study import Study
+from pipeline.report.budgets import BudgetSection, budget_section
 from pipeline.report.effects import ResidualTests, residual_tests
 from pipeline.report.figures import example_subject
 from pipeline.report.methods import cited, methods
@@ -75,6 +76,8 @@ class Page:
         The sections.
     example_subject, example_figures
         The subject whose gait cycles are drawn one by one, and the figures; None without cycles.
+    budgets
+        What the residuals of single trials are made of; None where none was explained.
     bibtex
         The works that the Methods cite.
     windows
@@ -92,6 +95,7 @@ class Page:
     example_subject: str | None
     example_figures: tuple[Picture, ...]
     trials: TrialSection
+    budgets: BudgetSection | None
     methods: tuple[str, ...]
     bibtex: str
     sources: Sources
@@ -125,6 +129,7 @@ def write_page(report: Report) -> str:
         example_subject=subject,
         example_figures=example_pictures(report.figures, subject),
         trials=trial_section(report.results, report.states, design),
+        budgets=budget_section(report.results, design),
         methods=tuple(methods(report.results, report.statistics, design, report.study)),
         bibtex=bibtex(cited(report.results), report.provenance.report["hbm-residuals"]),
         sources=source_section(report.provenance),

@@ -73,7 +73,7 @@ def write_report(
     Traceback (most recent call last):
     ValueError: results: no results of trials here; run 'hbm run STUDY --out results'
     """
-    study = read_study(study_folder) if study_folder is not None else None
+    study = read_study(study_folder, recordings=False) if study_folder is not None else None
     announce("collecting the trials")
     results = collect(folder)
     states = trial_states(results, read_failures(folder), study)

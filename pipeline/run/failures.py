@@ -4,7 +4,8 @@ One file per trial, since several runs may work on one results folder at the sam
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -63,17 +64,20 @@ def collect_failures(out: Path, known: Iterable[str]) -> dict[str, str]:
     """
     wanted = set(known)
     failures: dict[str, str] = {}
-    for path in sorted((out / "trials").glob(f"*{SUFFIX}")):
-        try:
-            stored = _reasons(path)
-        except (OSError, ValueError):
-            continue
+    for path, stored in recorded_failures(out / "trials"):
         if wanted.isdisjoint(stored):
             path.unlink(missing_ok=True)
         else:
             failures |= stored
     write_text(json.dumps(failures, indent=1, ensure_ascii=False), out / FAILURES)
     return failures
+
+
+def recorded_failures(folder: Path) -> Iterator[tuple[Path, dict[str, str]]]:
+    """Give the files of `record_failure` in a folder and what they say; damaged ones left out."""
+    for path in sorted(folder.glob(f"*{SUFFIX}")):
+        with suppress(OSError, ValueError):
+            yield path, _reasons(path)
 
 
 def read_failures(folder: Path) -> dict[str, str]:

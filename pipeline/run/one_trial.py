@@ -1,6 +1,7 @@
 """One trial without a study: the request checked, the files read, the trial processed."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from hbm.kernels.native import kernels
@@ -22,10 +23,36 @@ from pipeline.trial.result import TrialResult
 from pipeline.trial.study_files import naming_unused_renames, with_unused_renames
 
 
+@dataclass(frozen=True, slots=True)
+class ProcessedTrial:
+    """A trial with everything that it was made from.
+
+    Attributes
+    ----------
+    recording
+        As read.
+    laboratory
+        The treadmill and its calibrations.
+    result
+        The processed trial.
+    """
+
+    recording: Recording
+    laboratory: Laboratory
+    result: TrialResult
+
+
 def process_request(
     request: TrialRequest, announce: Callable[[str], None] | None = None
 ) -> TrialResult:
-    """Read and process one trial.
+    """Read and process one trial; parameters and errors as for `processed_trial`."""
+    return processed_trial(request, announce).result
+
+
+def processed_trial(
+    request: TrialRequest, announce: Callable[[str], None] | None = None
+) -> ProcessedTrial:
+    """Read and process one trial, and keep what it was made from.
 
     Parameters
     ----------
@@ -36,8 +63,8 @@ def process_request(
 
     Returns
     -------
-    TrialResult
-        The processed trial.
+    ProcessedTrial
+        The trial, its recording and its laboratory.
 
     Raises
     ------
@@ -60,8 +87,9 @@ def process_request(
     recording = with_unused_renames(recording, static, hip_trial)
     kernels(announce)
     try:
+        laboratory = requested_laboratory(request)
         with naming_unused_renames(recording):
-            return process_recording(
+            result = process_recording(
                 recording,
                 subject,
                 settings,
@@ -69,13 +97,14 @@ def process_request(
                 hip_trial=hip_trial,
                 segments=read_segments(request.segments) if request.segments else None,
                 marker_set=marker_set,
-                laboratory=requested_laboratory(request),
+                laboratory=laboratory,
                 window=window,
             )
     except ValueError as error:
         if request.trial.name not in str(error):
             error.add_note(f"while processing {request.trial.name}")
         raise
+    return ProcessedTrial(recording, laboratory, result)
 
 
 def read_requested(request: TrialRequest) -> Recording:

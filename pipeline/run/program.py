@@ -12,6 +12,8 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 PACKAGES: Final = ("hbm", "compensation", "pipeline")
 COMPUTATION: Final = ("hbm", "compensation", "pipeline/io", "pipeline/config", "pipeline/trial")
 """Folders whose sources the numbers of a trial depend on."""
+EXPLANATION: Final = ("pipeline/explain", "pipeline/budgets")
+"""Folders whose sources what explains a trial depends on besides."""
 SOURCES: Final = frozenset({".py", ".c", ".h", ".csv", ".toml", ".html", ".css"})
 LIBRARIES: Final = ("numpy", "scipy", "casadi")
 """Libraries whose version may change the last bits of a result."""
@@ -35,6 +37,12 @@ def computation_digest(root: Path = ROOT) -> str:
     for name in LIBRARIES:
         digest.update(f"{name} {version(name)}".encode())
     return digest.hexdigest()
+
+
+@cache
+def explanation_digest(root: Path = ROOT) -> str:
+    """Give the SHA-256 of everything that explains the residuals of a processed trial."""
+    return _sources(root, EXPLANATION).hexdigest()
 
 
 @cache

@@ -165,36 +165,51 @@ def run_jobs(
             yield there
         else:
             todo.append(job)
-    todo.sort(key=lambda job: job.size, reverse=True)
     if scheduler is not None and todo:
+        todo.sort(key=lambda job: job.size, reverse=True)
         yield from on_cluster(todo, scheduler)
-    elif min(workers, len(todo)) > 1:
-        yield from _in_parallel(todo, min(workers, len(todo)))
     else:
-        yield from map(process_job, todo)
+        yield from work_on(todo, process_job, workers)
 
 
-def _in_parallel(todo: list[Job], workers: int) -> Iterator[Outcome]:
-    """Process trials in processes of their own.
+def work_on(
+    todo: Iterable[Job], work: Callable[[Job], Outcome], workers: int = 1
+) -> Iterator[Outcome]:
+    """Do something with every trial, the longest first; outcomes as trials finish.
 
-    When one of them dies, for example for lack of memory, the pool ends all others. What is left is
-    then processed one by one, so that only the trial that cannot be processed fails.
+    Parameters
+    ----------
+    todo
+        The trials.
+    work
+        What to do with one, in a process of its own where there are several workers.
+    workers
+        How many trials at a time.
+
+    Notes
+    -----
+    When a process dies, for example for lack of memory, the pool ends all others. What is left is
+    then done one by one, so that only the trial that cannot be done fails.
     """
-    left = {job.target: job for job in todo}
+    left = {job.target: job for job in sorted(todo, key=lambda job: job.size, reverse=True)}
+    if min(workers, len(left)) < 2:
+        yield from map(work, left.values())
+        return
     try:
-        for outcome in in_processes((delayed(process_job)(job) for job in todo), workers):
+        tasks = [delayed(work)(job) for job in left.values()]
+        for outcome in in_processes(tasks, min(workers, len(left))):
             del left[outcome.job.target]
             yield outcome
     except BrokenProcessPool:
         for job in left.values():
-            yield _in_own_process(job)
+            yield _in_own_process(job, work)
 
 
-def _in_own_process(job: Job) -> Outcome:
+def _in_own_process(job: Job, work: Callable[[Job], Outcome]) -> Outcome:
     try:
         outcome: Outcome
-        # with one worker, it would be processed in this process
-        (outcome,) = in_processes([delayed(process_job)(job)], 2)
+        # with one worker, it would be done in this process
+        (outcome,) = in_processes([delayed(work)(job)], 2)
     except BrokenProcessPool:
         return Outcome(job, "failed", WORKER_DIED)
     return outcome

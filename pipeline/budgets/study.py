@@ -1,0 +1,210 @@
+"""What the residuals of a study's trials are made of: every trial once, in parallel, resumable."""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from hbm.kernels.native import kernels
+from hbm.notes import Note
+from pipeline.budgets.explanation import (
+    Explanation,
+    explain,
+    read_explanation,
+    write_explanation,
+)
+from pipeline.config.study import Study, read_study
+from pipeline.io.recording import Recording
+from pipeline.io.write import remove_leftovers, require_writable
+from pipeline.run.failures import record_failure, recorded_failures
+from pipeline.run.job import Job, Outcome, describe_error, trial_key
+from pipeline.run.program import explanation_digest
+from pipeline.run.run import Announce, plan, work_on
+from pipeline.run.store import StoredTrial, open_trial, read_summary, recorded_study_folder
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.residuals import AXES
+from pipeline.trial.result import TrialResult
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from pipeline.trial.summary import TrialSummary
+
+FOLDER: Final = "explained"
+"""In a results folder, beside ``trials``."""
+
+
+def study_of(folder: Path) -> Study:
+    """Read the study that a results folder is of, recordings or not.
+
+    Raises
+    ------
+    ValueError
+        If it is no results folder, or its study is unknown or gone.
+    StudyFaults
+        If the study's files are at fault.
+    """
+    if not (folder / "trials").is_dir():
+        if (folder / "study.toml").is_file():
+            raise ValueError(
+                f"{folder}: is a study; run it first, 'hbm run {folder}', and explain its results"
+            )
+        raise ValueError(f"{folder}: no results of trials here; run 'hbm run STUDY --out {folder}'")
+    where = recorded_study_folder(folder)
+    if where is None:
+        raise ValueError(
+            f"{folder}: the study that these results are of is not known or gone, and only its "
+            f"recordings show what residuals are made of; run 'hbm run STUDY --out {folder}' again"
+        )
+    return read_study(where, recordings=False)
+
+
+def plan_explanations(study: Study, folder: Path) -> list[Job]:
+    """List the trials of a study to explain, each with the file of its explanation and its key.
+
+    The key is that of the trial's result as it is stored: an explanation stays right when a
+    recording is gone.
+    """
+    jobs = []
+    for job in plan(study, folder):
+        try:
+            key = read_summary(job.target).key
+        except (OSError, ValueError):
+            key = job.key
+        target = folder.resolve() / FOLDER / f"{job.target.stem}.json"
+        jobs.append(replace(job, target=target, key=explanation_key(key)))
+    return jobs
+
+
+def explanation_key(trial: str) -> str:
+    """Give a digest of what an explanation depends on, from the key of the trial's result."""
+    return hashlib.sha256(f"{trial} {explanation_digest()}".encode()).hexdigest()
+
+
+def explain_planned(
+    planned: list[Job], folder: Path, *, jobs: int = 1, announce: Announce = lambda sentence: None
+) -> Iterator[Outcome]:
+    """Explain the trials whose explanation is not there yet.
+
+    Parameters
+    ----------
+    planned
+        From `plan_explanations`.
+    folder
+        Results folder; explanations go to ``explained`` in it.
+    jobs
+        How many trials at a time.
+    announce
+        Called with a sentence when something takes long.
+
+    Yields
+    ------
+    Outcome
+        As trials finish; first those that are explained already. A trial that cannot be explained
+        stops no other; why is stored in place of its explanation.
+    """
+    require_writable(folder / FOLDER)
+    remove_leftovers(folder / FOLDER)
+    kernels(announce)
+    todo = []
+    for job in planned:
+        if up_to_date(job.target, job.key) is None:
+            todo.append(job)
+        else:
+            yield _recorded(Outcome(job, "kept"))
+    for outcome in work_on(todo, explain_job, jobs):
+        yield _recorded(outcome)
+
+
+def _recorded(outcome: Outcome) -> Outcome:
+    record_failure(outcome.job.target, outcome.job.name, outcome.failure)
+    return outcome
+
+
+def up_to_date(path: Path, key: str) -> Explanation | None:
+    """Read the explanation with a key; None where there is none, or it is damaged or older."""
+    try:
+        found = read_explanation(path)
+    except (OSError, ValueError):
+        return None
+    return found if found.key == key else None
+
+
+def explain_job(job: Job) -> Outcome:
+    """Explain one trial and write what was found; failures become outcomes."""
+    try:
+        explanation = explain(*processed(job), job.key)
+        write_explanation(explanation, job.target)
+    except Exception as error:
+        return Outcome(job, "failed", describe_error(error))
+    return Outcome(job, "done")
+
+
+def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
+    """Read the recording, the laboratory and the result of a trial.
+
+    Raises
+    ------
+    ValueError
+        If the result is missing or not up to date, or the recording is gone.
+    """
+    stored = _stored(job)
+    trial = job.study.subjects[job.subject].trials[job.condition]
+    assert trial.file is not None  # it would not be planned
+    if not job.study.path(trial.file).is_file():
+        raise ValueError(_without_recording(stored.summary, trial.file).text)
+    if stored.summary.key != trial_key(job.study, job.subject, job.condition):
+        raise ValueError("its result is not up to date; run 'hbm run' first")
+    recording = read_study_file(job.study, trial.file, trial)
+    return recording, read_study_laboratory(job.study), stored.result()
+
+
+def _stored(job: Job) -> StoredTrial:
+    path = job.target.parent.parent / "trials" / f"{job.target.stem}.parquet"
+    try:
+        return open_trial(path)
+    except FileNotFoundError:
+        raise ValueError("it has no result; run 'hbm run' first") from None
+
+
+def _without_recording(trial: TrialSummary, file: str) -> Note:
+    rows = [row for row in trial.residuals if row.headline]
+    best = any(row.compensated for row in rows)
+    rms = {
+        axis: row.rms
+        for axis in AXES
+        for row in rows
+        if (row.axis, row.compensated) == (axis, best)
+    }
+    delay_s = float("nan") if trial.delay_s is None else trial.delay_s
+    return Note.of("explained_without_recording", file=file, rms=rms, delay_s=delay_s)
+
+
+def explanations(
+    folder: Path, trials: dict[tuple[str, str], TrialSummary]
+) -> dict[tuple[str, str], Explanation]:
+    """Give the explanations of trials as they are now.
+
+    Parameters
+    ----------
+    folder
+        Results folder.
+    trials
+        (subject, condition) -> summary.
+
+    Returns
+    -------
+    dict
+        The same key -> explanation, where there is one of this result by this program.
+    """
+    found = {
+        key: up_to_date(folder / FOLDER / f"{'_'.join(key)}.json", explanation_key(trial.key))
+        for key, trial in trials.items()
+    }
+    return {key: explanation for key, explanation in found.items() if explanation is not None}
+
+
+def unexplained(folder: Path) -> dict[str, str]:
+    """Give why trials could not be explained: "subject condition" -> reason."""
+    found: dict[str, str] = {}
+    for _, reasons in recorded_failures(folder / FOLDER):
+        found |= reasons
+    return found

@@ -1,0 +1,164 @@
+"""What residuals are made of, on the command line: of one trial, or of a study's results."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from pipeline.cli.options import (
+    RESULT,
+    Jobs,
+    require_folder,
+    require_no_options,
+    takes_trial_request,
+)
+from pipeline.run.request import TrialRequest
+
+CAUSE_COLUMNS: Final = 20
+"""Of a narrow terminal, for the names of causes; six residuals share the other 60 of 80."""
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pipeline.budgets.explanation import Explanation
+
+
+@takes_trial_request
+def explain(
+    request: TrialRequest,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the output of one trial; default: results.")
+    ] = None,
+    jobs: Jobs = 1,
+) -> int:
+    """Say what the pelvis residuals of a trial are made of, how sure that is, and what to mend.
+
+    TRIAL may be a results folder of 'hbm run': all trials of the study are explained, from their
+    recordings, and 'hbm report' shows it. Nothing is corrected.
+    """
+    if request.trial.is_dir():
+        return _explain_results(request, out, jobs)
+    return _explain_trial(request, out or Path("results"))
+
+
+def _explain_trial(request: TrialRequest, out: Path) -> int:
+    from pipeline.budgets.explanation import SUFFIX, explain, write_explanation
+    from pipeline.cli.terminal import announcer, plain_console
+    from pipeline.figures.budget import budget_figure
+    from pipeline.figures.style import save_figure
+    from pipeline.run.one_trial import processed_trial
+
+    if request.trial.suffix == RESULT:
+        raise ValueError(
+            f"{request.trial} is a result, and only the recording shows what its residuals are "
+            "made of; give the recording, or the results folder of a study"
+        )
+    console = plain_console()
+    require_folder(out)
+    trial = processed_trial(request, announcer(console))
+    explanation = explain(trial.recording, trial.laboratory, trial.result)
+    name = request.trial.stem
+    write_explanation(explanation, out / f"{name}{SUFFIX}")
+    save_figure(budget_figure(explanation.budget), out / f"{name}_explained")
+    print_explanation(explanation, console)
+    console.print(
+        f"written to {out}: {name}{SUFFIX} (all numbers), {name}_explained.png and .svg",
+        soft_wrap=True,
+    )
+    return 0
+
+
+def print_explanation(explanation: "Explanation", console: "Console") -> None:
+    """Print what a trial's residuals are made of: a table of shares, and lines.
+
+    Parameters
+    ----------
+    explanation
+        Of the trial.
+    console
+        Where; in a narrow one, residuals are columns and causes are rows.
+    """
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    from hbm.notes import warnings_first
+    from pipeline.budgets.explanation import explanation_lines
+    from pipeline.budgets.table import CAPTION, budget_table
+    from pipeline.cli.terminal import fits, note_line, print_table
+
+    shown = budget_table(explanation.budget)
+    wide, narrow = (
+        Table(
+            title=shown.title,
+            caption=CAPTION,
+            box=box,
+            padding=(0, 1, 0, 0),
+            title_justify="left",
+            caption_justify="left",
+        )
+        for box in (SIMPLE_HEAD, None)
+    )
+    wide.add_column("")
+    for head, _ in shown.columns:
+        wide.add_column(head.replace(": ", "\n").replace(", or ", ",\nor "), justify="right")
+    for row in zip(shown.axes, *(cells for _, cells in shown.columns), strict=True):
+        wide.add_row(*row)
+    if fits(wide, console):
+        console.print(wide)
+    else:
+        narrow.add_column("", width=CAUSE_COLUMNS)
+        for axis in shown.axes:
+            narrow.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
+        for head, cells in shown.columns:
+            narrow.add_row(head, *cells)
+        print_table(narrow, console)
+    for line in explanation_lines(explanation):
+        console.print(line)
+    for note in warnings_first(explanation.budget.notes):
+        console.print(note_line(note), soft_wrap=True)
+
+
+def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:
+    from pipeline.budgets.explanation import explanation_lines
+    from pipeline.budgets.study import explain_planned, plan_explanations, study_of, up_to_date
+    from pipeline.budgets.visits import check_visits
+    from pipeline.cli.stopping import stoppable
+    from pipeline.cli.terminal import StepProgress, announcer, counted, plain_console
+    from pipeline.run.processes import keep_freed_memory
+
+    folder = request.trial
+    require_no_options(request, "the results of a study, whose files state everything")
+    if out is not None:
+        raise ValueError(f"leave out --out: explanations of a study go to {folder / 'explained'}")
+    console = plain_console()
+    keep_freed_memory()
+    planned = plan_explanations(study_of(folder), folder)
+    states = {"done": 0, "kept": 0, "failed": 0}
+
+    def kept() -> str:
+        done = states["done"] + states["kept"]
+        return f"explained are {done} of {counted(len(planned), 'trial')}; the same command goes on"
+
+    with stoppable(kept):
+        with StepProgress(console, "explaining", "trials") as progress:
+            outcomes = explain_planned(planned, folder, jobs=jobs, announce=announcer(console))
+            for finished, outcome in enumerate(outcomes, 1):
+                states[outcome.state] += 1
+                failed = outcome.failure is not None
+                progress.show(str(outcome), finished, len(planned), always=failed)
+        for job in planned:
+            explanation = up_to_date(job.target, job.key)
+            if explanation:
+                sizes, mending, *_ = explanation_lines(explanation)
+                console.print(f"{job.name}: {sizes} {mending}", soft_wrap=True)
+        checks = check_visits(planned, folder, jobs)
+    if checks:
+        console.print("Check over the trials of each visit:", soft_wrap=True)
+    for check in checks:
+        console.print(f"- {check}", soft_wrap=True)
+    console.print(
+        f"{counted(states['done'], 'trial')} explained, {states['kept']} were there already, "
+        f"{states['failed']} failed; next: hbm report {folder}",
+        soft_wrap=True,
+    )
+    return 1 if states["failed"] else 0

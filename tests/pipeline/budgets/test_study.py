@@ -1,0 +1,163 @@
+"""A study's explanations: resumable, one trial's failure is its own, and checked over visits."""
+
+import re
+import shutil
+from html import unescape
+
+import pytest
+
+from pipeline.budgets.study import FOLDER, explain_planned, plan_explanations, study_of
+from pipeline.budgets.visits import check_visits
+from pipeline.cli.app import main
+from pipeline.config.study import read_study
+from pipeline.report.write import write_report
+from pipeline.run.run import run_study
+
+
+@pytest.fixture(scope="module")
+def study(moving_study, tmp_path_factory):
+    """One subject's three trials and their results, in a folder of their own."""
+    folder = shutil.copytree(moving_study, tmp_path_factory.mktemp("own") / "study")
+    for path in folder.glob("sub02*"):
+        path.unlink()
+    out = folder.parent / "results"
+    assert len(list(run_study(read_study(folder), out))) == 3
+    return folder, out
+
+
+@pytest.fixture(scope="module")
+def explained(study):
+    """The same, explained."""
+    out = study[1]
+    assert main(["explain", str(out)]) == 0
+    return out
+
+
+@pytest.fixture
+def copy(study, explained, tmp_path):
+    """A copy of study, results and explanations, to be changed."""
+    shutil.copytree(study[0], tmp_path / "study")
+    return shutil.copytree(explained, tmp_path / "results")
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Save figures as empty files: their appearance is not tested here."""
+
+    def save(figure, path):
+        path.parent.mkdir(exist_ok=True)
+        for suffix in (".png", ".svg"):
+            path.with_suffix(suffix).write_bytes(b"")
+
+    monkeypatch.setattr("pipeline.report.write.save_figure", save)
+
+
+def states(out):
+    return {
+        outcome.job.condition: outcome.state
+        for outcome in explain_planned(plan_explanations(study_of(out), out), out)
+    }
+
+
+def test_every_trial_is_explained_once(copy):
+    assert states(copy) == {"baseline": "kept", "sway": "kept", "pitch": "kept"}
+    (copy / FOLDER / "sub01_sway.json").write_text("{")
+    assert states(copy) == {"baseline": "kept", "sway": "done", "pitch": "kept"}
+
+
+def test_an_interrupted_run_keeps_what_is_done(copy):
+    shutil.rmtree(copy / FOLDER)
+    first = next(explain_planned(plan_explanations(study_of(copy), copy), copy))
+    assert first.state == "done"
+    assert list(states(copy).values()).count("kept") == 1
+
+
+def test_a_trial_whose_recording_is_gone_stops_no_other(copy, capsys, quick):
+    (copy.parent / "study" / "sub01_sway.c3d").unlink()
+    (copy / FOLDER / "sub01_sway.json").unlink()
+    assert main(["explain", str(copy)]) == 1
+    shown = capsys.readouterr().out
+    (line,) = (line for line in shown.splitlines() if line.startswith("FAILED"))
+    assert "sub01 sway: the recording sub01_sway.c3d is gone" in line
+    assert re.search(r"RMS, Fx \d\.\d, Fy .* Mz \d\.\d \(N, N·m\)", line)
+    assert "2 were there already, 1 failed" in shown
+
+    page = unescape(write_report(copy, copy.parent / "study").read_text(encoding="utf-8"))
+    assert "sub01 sway: the recording sub01_sway.c3d is gone" in page
+
+
+def test_an_explanation_outlives_its_recording(copy):
+    (copy.parent / "study" / "sub01_sway.c3d").unlink()
+    assert states(copy)["sway"] == "kept"
+
+
+def test_a_result_that_is_not_of_the_study_any_more_is_not_explained(copy):
+    file = copy.parent / "study" / "sub01.toml"
+    file.write_text(file.read_text().replace('sex = "', 'height_m = 1.9\nsex = "'))
+    shutil.rmtree(copy / FOLDER)
+    planned = plan_explanations(study_of(copy), copy)
+    reasons = {outcome.reason for outcome in explain_planned(planned, copy)}
+    assert reasons == {"its result is not up to date; run 'hbm run' first"}
+
+
+def test_a_trial_without_a_result_says_what_to_do(copy):
+    (copy / "trials" / "sub01_pitch.parquet").unlink()
+    (copy / FOLDER / "sub01_pitch.json").unlink()
+    planned = plan_explanations(study_of(copy), copy)
+    (reason,) = (o.reason for o in explain_planned(planned, copy) if o.failure)
+    assert reason == "it has no result; run 'hbm run' first"
+
+
+def test_the_report_has_a_table_and_the_lines_of_every_explained_trial(copy, quick):
+    page = unescape(write_report(copy, copy.parent / "study").read_text(encoding="utf-8"))
+    section = page.partition('<section id="causes">')[2].partition("</section>")[0]
+    assert section.count("<table") == 3
+    assert section.count("not explained") == 3 * 7  # head, and label of each row
+    assert "Held-out check: " in section
+    assert section.count("take away of the mean square in") == 3
+
+
+def test_a_report_without_explanations_has_no_such_section(copy, quick):
+    shutil.rmtree(copy / FOLDER)
+    page = write_report(copy, copy.parent / "study").read_text(encoding="utf-8")
+    assert 'id="causes"' not in page
+    assert "#causes" not in page
+
+
+def test_sizes_from_each_trial_are_judged_by_the_others_of_the_visit(copy):
+    planned = plan_explanations(study_of(copy), copy)
+    checks = {check.condition: check for check in check_visits(planned, copy)}
+    assert {name: check.others for name, check in checks.items()} == {
+        "baseline": ("sway", "pitch"),
+        "sway": ("baseline", "pitch"),
+        "pitch": ("baseline", "sway"),
+    }
+    for check in checks.values():
+        assert (check.share < 0.1).all(), "these plates have no fault that could be taken away"
+
+
+def test_the_check_is_kept_until_an_explanation_changes(copy, monkeypatch):
+    planned = plan_explanations(study_of(copy), copy)
+    before = check_visits(planned, copy)
+    monkeypatch.setattr("pipeline.budgets.visits.mean_squares", None)
+    assert list(map(str, check_visits(planned, copy))) == list(map(str, before))
+
+
+@pytest.mark.parametrize(
+    ("prepare", "words"),
+    [
+        (lambda out: (out / "run.json").unlink(), "is not known or gone"),
+        (lambda out: shutil.rmtree(out / "trials"), "no results of trials here"),
+    ],
+)
+def test_results_that_cannot_be_explained_give_one_line(copy, capsys, prepare, words):
+    prepare(copy)
+    assert main(["explain", str(copy)]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+
+
+def test_a_study_is_not_its_results(copy, capsys):
+    assert main(["explain", str(copy.parent / "study")]) == 2
+    assert "is a study; run it first" in capsys.readouterr().err

@@ -1,0 +1,78 @@
+"""What residuals are made of, on the command line."""
+
+import json
+
+import pytest
+
+from pipeline.cli.app import main
+
+
+@pytest.fixture(scope="module")
+def out(walker, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("explained")
+    assert main(["explain", str(walker.source), "--sex", "female", "--out", str(folder)]) == 0
+    return folder
+
+
+def printed(walker, tmp_path, monkeypatch, capsys, columns):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    command = ["explain", str(walker.source), "--sex", "female", "--out", str(tmp_path)]
+    assert main(command) == 0
+    return capsys.readouterr().out.splitlines()
+
+
+def test_all_numbers_and_a_figure_are_written_and_nothing_else(out):
+    assert sorted(path.name for path in out.iterdir()) == [
+        "walk_0_explained.json",
+        "walk_0_explained.png",
+        "walk_0_explained.svg",
+    ]
+    stored = json.loads((out / "walk_0_explained.json").read_text())
+    assert stored["key"] == ""
+    assert stored["budget"]["found_cycles"] >= 4
+
+
+def test_a_wide_terminal_has_a_row_per_residual(walker, tmp_path, monkeypatch, capsys):
+    lines = printed(walker, tmp_path, monkeypatch, capsys, 200)
+    rows = [line.split()[0] for line in lines if line.startswith((" F", " M"))]
+    assert rows == ["Fx,", "Fy,", "Fz,", "Mx,", "My,", "Mz,"]
+
+
+def test_eighty_columns_are_enough(walker, tmp_path, monkeypatch, capsys):
+    lines = printed(walker, tmp_path, monkeypatch, capsys, 80)
+    *said, _ = lines
+    assert max(map(len, said)) <= 80
+    assert any(line.split() == ["Fx", "Fy", "Fz", "Mx", "My", "Mz"] for line in said)
+    assert any(line.startswith("not explained ") for line in said)
+
+
+def test_the_command_says_what_it_wrote_and_checks_itself(walker, tmp_path, monkeypatch, capsys):
+    lines = printed(walker, tmp_path, monkeypatch, capsys, 200)
+    text = " ".join(lines)
+    assert "Held-out check: the causes found in one half of the cycles" in text
+    assert "Most worth mending" in text or "Nothing is clearly worth mending" in text
+    assert lines[-1].startswith(f"written to {tmp_path}: walk_0_explained.json")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["gone.c3d"], "gone.c3d"),
+        (["result.parquet"], "only the recording shows what its residuals are made of"),
+        (["walk.c3d", "--mass-kg", "5"], "mass"),
+        (["walk.c3d", "--accelerometer", "a=x,y,z"], "has no effect without --calibration"),
+        ([".", "--mass-kg", "70"], "leave out --mass-kg"),
+        ([".", "--out", "elsewhere"], "leave out --out"),
+        (["."], "no results of trials here"),
+    ],
+)
+def test_what_cannot_be_explained_gives_one_line(
+    walker, tmp_path, monkeypatch, capsys, arguments, words
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "walk.c3d").symlink_to(walker.source)
+    (tmp_path / "result.parquet").touch()
+    assert main(["explain", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
