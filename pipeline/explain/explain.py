@@ -10,10 +10,16 @@ from hbm.notes import Note
 from hbm.spatial import Array, Mask
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
 from pipeline.explain.cause import Cause
+from pipeline.explain.causes.body import body_causes
+from pipeline.explain.causes.compensation import compensation_causes
+from pipeline.explain.causes.filtering import left_by_filter
+from pipeline.explain.causes.known_plates import known_plates
+from pipeline.explain.causes.markers import marker_causes
+from pipeline.explain.causes.plates import plate_causes
+from pipeline.explain.causes.platform import platform_causes
+from pipeline.explain.causes.soft_tissue import soft_tissue_causes
 from pipeline.explain.cycle_series import CycleSeries, cycle_series
-from pipeline.explain.filtering import left_by_filter
 from pipeline.explain.linearised import linearised, rms, sizes_from_cycles
-from pipeline.explain.plates import plate_causes
 from pipeline.explain.posterior import Posterior
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
 from pipeline.explain.shares import indistinct, shares_of_groups
@@ -150,7 +156,15 @@ def explained_part(
     inside = (spans[:, 0] >= chain.time[0]) & (spans[:, 1] <= chain.time[-1])
     to_hz = HIGHEST_IN_CUTOFFS * chain.settings.cutoff_hz
     series = cycle_series(chain.time, spans[inside], to_hz)
-    return ExplainedPart(chain, tuple(plate_causes(chain)), series, found)
+    causes = (
+        *plate_causes(chain, known_plates(chain, laboratory)),
+        *platform_causes(chain, laboratory.treadmill.platform),
+        *compensation_causes(chain),
+        *body_causes(chain),
+        *marker_causes(chain, spans[inside]),
+        *soft_tissue_causes(chain),
+    )
+    return ExplainedPart(chain, causes, series, found)
 
 
 def _notes(part: ExplainedPart) -> Iterator[Note]:

@@ -1,7 +1,7 @@
 """A trial from plates and coordinates to its residual, in steps that can be changed one by one."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -91,6 +91,8 @@ class ProcessingChain:
         Filtered sum of the plates' wrenches, (T, 6) [N, N·m]: lab axes about the lab origin.
     subtracted
         What was subtracted from the plates, and by which models; None where nothing was.
+    soft_tissue
+        What soft tissue adds to the wrench on the ground, as `ground`: nothing unless a cause does.
     """
 
     time: Array
@@ -105,6 +107,7 @@ class ProcessingChain:
     needed: Array
     ground: Array
     subtracted: Subtracted | None = None
+    soft_tissue: Array = field(default_factory=lambda: np.zeros(6))
 
     @property
     def residual(self) -> Array:
@@ -112,7 +115,8 @@ class ProcessingChain:
 
         Lab axes (X forward, Y left, Z up) about the pelvis origin.
         """
-        return self.needed - shift_wrench(self.ground, self.motion.value[:, :3])
+        on_ground = self.ground + self.soft_tissue
+        return self.needed - shift_wrench(on_ground, self.motion.value[:, :3])
 
     def with_body(self, body: Body) -> Self:
         """Give the chain with another body in the same motion."""
@@ -128,6 +132,10 @@ class ProcessingChain:
         pose = pose or self.pose
         total = np.sum(wrenches_in_lab(wrenches, self.plates, pose), axis=0)
         return replace(self, wrenches=tuple(wrenches), pose=pose, ground=self.low_pass(total))
+
+    def with_soft_tissue(self, wrench: Array) -> Self:
+        """Give the chain with soft tissue that adds a wrench to that on the ground, as `ground`."""
+        return replace(self, soft_tissue=self.soft_tissue + wrench)
 
     def low_pass(self, signal: Array) -> Array:
         """Pass a signal at the frames, (T, …), through the filter of the trial."""
@@ -249,20 +257,23 @@ def processing_chain(
         motion=motion,
         needed=needed_wrench(body, motion),
         ground=low_pass(total, time, settings.cutoff_hz, settings.filter),
-        subtracted=_subtracted(recording, laboratory, ground),
+        subtracted=_subtracted(recording, laboratory, ground, frames),
     )
 
 
-def _subtracted(recording: Recording, laboratory: Laboratory, ground: Ground) -> Subtracted | None:
+def _subtracted(
+    recording: Recording, laboratory: Laboratory, ground: Ground, frames: slice
+) -> Subtracted | None:
+    """Give what was subtracted from the plates at some frames of a trial."""
     calibration = laboratory.calibration
     if not (ground.felt or ground.belts):
         return None
     names = [f"plate {plate.number}" for plate in recording.plates]
     return Subtracted(
         models=tuple(plate_models(recording, laboratory)),
-        felt=ground.felt,
+        felt=tuple(each[frames] for each in ground.felt),
         sensors=() if calibration is None else calibration.sensors,
         correlation=np.zeros((0, 0)) if calibration is None else calibration.correlation_of(names),
         belt_models=laboratory.belts,
-        belts=ground.belts,
+        belts=tuple(each[frames] for each in ground.belts),
     )

@@ -14,9 +14,8 @@ from pipeline.trial.study_files import read_study_file, read_study_laboratory
 @pytest.fixture(scope="session")
 def walk(walker):
     """The recording of the walker and its result."""
-    recording = pipeline.read_c3d(walker)
     subject = pipeline.Subject(sex="male")
-    return recording, pipeline.process_recording(recording, subject, pipeline.Settings())
+    return walker, pipeline.process_recording(walker, subject, pipeline.Settings())
 
 
 @pytest.fixture(scope="session")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Treadmill
+from pipeline.explain.causes.filtering import left_by_filter
 from pipeline.explain.explain import explain_trial
-from pipeline.explain.filtering import left_by_filter
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 

@@ -1,4 +1,4 @@
-"""Sizes of causes that follow a platform, where the person's own change with it is not described."""
+"""Sizes of causes that follow a platform, where nothing describes how a person answers to it."""
 
 import numpy as np
 import pytest

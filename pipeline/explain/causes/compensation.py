@@ -13,7 +13,7 @@ from compensation import InertiaModel
 from compensation.inertia.model import SLOW_HZ
 from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.explain.cause import Cause
-from pipeline.explain.delay import delayed
+from pipeline.explain.causes.delay import delayed
 from pipeline.explain.priors import Prior, priors
 from pipeline.explain.processing_chain import ProcessingChain, Subtracted, wrenches_in_lab
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from hbm.spatial import WRENCH_COMPONENTS, Array, rotation_about, shift_wrench, transform_wrench
 from pipeline.explain.cause import Cause
-from pipeline.explain.delay import delayed
-from pipeline.explain.known import KnownPlates, usual_plates
+from pipeline.explain.causes.delay import delayed
+from pipeline.explain.causes.known_plates import KnownPlates, usual_plates
 from pipeline.explain.processing_chain import ProcessingChain
 
 
@@ -20,7 +20,7 @@ def plate_causes(chain: ProcessingChain, known: KnownPlates | None = None) -> It
     chain
         The trial.
     known
-        What is known of its plates, as `pipeline.explain.known` finds it; by default nothing.
+        What is known of its plates, as `known_plates` finds it; by default nothing.
 
     Yields
     ------

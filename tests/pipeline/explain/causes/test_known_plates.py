@@ -8,8 +8,14 @@ import pytest
 from compensation import PlateCalibration, PlateCalibrations
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Settings, Treadmill
-from pipeline.explain.known import calibrated, known_plates, narrowed, swing_zero, usual_plates
-from pipeline.explain.plates import plate_causes
+from pipeline.explain.causes.known_plates import (
+    calibrated,
+    known_plates,
+    narrowed,
+    swing_zero,
+    usual_plates,
+)
+from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.priors import priors
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline.explain.moving_trial import (

@@ -93,7 +93,7 @@ def soft_tissue_causes(chain: ProcessingChain) -> Iterator[Cause]:
 
 
 def _with_wrench(chain: ProcessingChain, size: float, *, wrench: Array) -> ProcessingChain:
-    return chain.with_ground(chain.ground + size * wrench)
+    return chain.with_soft_tissue(size * wrench)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

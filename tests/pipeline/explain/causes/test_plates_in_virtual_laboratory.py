@@ -1,4 +1,4 @@
-"""Every cause of `pipeline.explain.plates` is what the same fault is in the virtual laboratory."""
+"""Every cause of plates is what the same fault is in the virtual laboratory."""
 
 from dataclasses import dataclass, replace
 
@@ -8,8 +8,8 @@ import pytest
 from hbm.spatial import WRENCH_COMPONENTS, Array
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.explain.cause import Cause
+from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.cycle_series import CycleSeries, cycle_series
-from pipeline.explain.plates import plate_causes
 from pipeline.explain.posterior import estimate_sizes
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
 from pipeline.trial.ground.laboratory import Laboratory

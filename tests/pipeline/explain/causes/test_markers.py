@@ -14,7 +14,7 @@ from hbm.signals.filtering import butterworth
 from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings
 from pipeline.explain.cause import Cause
-from pipeline.explain.markers import HARMONICS, cycle_phase, marker_causes
+from pipeline.explain.causes.markers import HARMONICS, cycle_phase, marker_causes
 from pipeline.explain.processing_chain import ProcessingChain, needed_wrench
 from tests.synthetic import synthetic_body
 

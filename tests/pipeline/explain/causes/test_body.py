@@ -8,7 +8,7 @@ import pytest
 from hbm.kinematics import solve_ik
 from hbm.poses import center_of_mass, marker_positions
 from hbm.spatial import GRAVITY_MPS2
-from pipeline.explain.body import JOINTS, body_causes
+from pipeline.explain.causes.body import JOINTS, body_causes
 from tests.pipeline.explain.chains import chain_of
 
 TIME = np.arange(200) / 100

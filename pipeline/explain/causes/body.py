@@ -69,7 +69,7 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
             wider = partial(_with_gyration, own=own)
             yield Cause(f"{name}: radii of gyration", "inertia", known["gyration"], wider)
     for name, segment in _joints():
-        prior = known[f"{name.split()[-1]}_center"]
+        prior = known[f"{name.removesuffix(' joint').split()[-1]}_center"]
         for axis, letter in zip(np.eye(3), "xyz", strict=True):
             altered = partial(_with_joint, segment=segment, by=axis)
             yield _of_geometry(chain, f"{name}: centre along {letter}", prior, altered)
@@ -81,7 +81,7 @@ def body_causes(chain: ProcessingChain) -> Iterator[Cause]:
 def _joints() -> list[tuple[str, str]]:
     """Name the joints whose centre may be wrong, with the segment that each carries."""
     legs = [(f"{side} {joint}", f"{side}_{own}") for joint, own in JOINTS.items() for side in SIDES]
-    return [*legs, ("lumbar", "thorax")]
+    return [*legs, ("lumbar joint", "thorax")]
 
 
 def _sides(body: Body, segment: str) -> tuple[str, ...]:

@@ -1,0 +1,1 @@
+"""What may be wrong with a trial: plates, platform, compensation, body, markers and filter."""
