@@ -12,7 +12,7 @@ from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.result import TrialResult
 
-SHARED: Final[tuple[CauseGroup, ...]] = ("delay", "gain", "place", "inertia")
+SHARED: Final[tuple[CauseGroup, ...]] = ("delay", "gain", "place", "inertia", "soft_tissue")
 """Groups of causes of the laboratory and the subject, which are the same in all trials of a visit.
 Zeros are not: plates may be zeroed between trials."""
 

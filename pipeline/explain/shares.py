@@ -9,8 +9,8 @@ import numpy as np
 from hbm.spatial import Array, read_only
 
 INDISTINCT: Final = -0.5
-"""Correlation of the shares of two groups below which they are named together: what one has too
-much the other has too little."""
+"""Correlation of the shares of two groups, over all six residuals, below which they are named
+together: what one has too much the other has too little."""
 MIN_DOUBT: Final = 0.05
 """Standard deviation of a share below which it is not in doubt, and its group stands alone."""
 
@@ -116,11 +116,11 @@ def indistinct(shares: Shares) -> list[list[int]]:
     """
     found = [[g] for g in range(len(shares.share))]
     while len(found) > 1:
-        own = shares.joined(found)
-        spread = own.deviation.T
-        doubted = np.minimum(spread[:, :, None], spread[:, None]) > MIN_DOUBT
-        product = np.maximum(spread[:, :, None] * spread[:, None], MIN_DOUBT**2)
-        correlation = np.where(doubted, own.covariance / product, 0.0).min(axis=0)
+        covariance = shares.joined(found).covariance.mean(axis=0)
+        spread = np.sqrt(np.diag(covariance))
+        doubted = np.minimum.outer(spread, spread) > MIN_DOUBT
+        product = np.maximum(np.outer(spread, spread), MIN_DOUBT**2)
+        correlation = np.where(doubted, covariance / product, 0.0)
         first, second = sorted(np.unravel_index(correlation.argmin(), correlation.shape))
         if correlation[first, second] > INDISTINCT:
             break
