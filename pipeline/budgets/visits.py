@@ -45,8 +45,8 @@ class VisitCheck:
 
     def __str__(self) -> str:
         return (
-            f"{self.subject}: delay, gain and place of the plates, the body's masses and soft tissue "
-            f"from {self.condition} take away of the mean square in {' and '.join(self.others)} "
+            f"{self.subject}: delay, gain and place of the plates, the body's masses and soft "
+            f"tissue from {self.condition} take away of the mean square in {' and '.join(self.others)} "
             f"{shares_in_words(self.share)}"
         )
 

@@ -1,8 +1,9 @@
 """A trial from plates and coordinates to its residual, in steps that can be changed one by one."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from functools import cached_property
+from typing import Any, Final, Self
 
 import numpy as np
 
@@ -60,7 +61,15 @@ class Subtracted:
         return float(np.std(delays, ddof=1)) if len(delays) > 1 else 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+COMPUTED_FROM: Final[Mapping[str, frozenset[str]]] = {
+    "motion": frozenset({"settings", "q"}),
+    "needed": frozenset({"settings", "q", "body"}),
+    "ground": frozenset({"settings", "plates", "wrenches", "pose"}),
+}
+"""What a chain computes when it is first asked for -> the fields on which it depends."""
+
+
+@dataclass(frozen=True, eq=False)
 class ProcessingChain:
     """What the residual of a trial is computed from, and the residual.
 
@@ -83,12 +92,6 @@ class ProcessingChain:
         filter, compensated where the trial is, (T, 6) [N, N·m].
     pose
         The platform's pose, T frames; None where it stands still.
-    motion
-        Filtered coordinates and their derivatives, (T, 46).
-    needed
-        Wrench that the body's motion needs, (T, 6) [N, N·m]: lab axes about the pelvis origin.
-    ground
-        Filtered sum of the plates' wrenches, (T, 6) [N, N·m]: lab axes about the lab origin.
     subtracted
         What was subtracted from the plates, and by which models; None where nothing was.
     soft_tissue
@@ -103,11 +106,24 @@ class ProcessingChain:
     plates: tuple[Plate, ...]
     wrenches: tuple[Array, ...]
     pose: PlatformPose | None
-    motion: Filtered
-    needed: Array
-    ground: Array
     subtracted: Subtracted | None = None
     soft_tissue: Array = field(default_factory=lambda: np.zeros(6))
+
+    @cached_property
+    def motion(self) -> Filtered:
+        """Filtered coordinates and their derivatives, (T, 46)."""
+        return butterworth(self.q, self.time, self.settings.cutoff_hz, self.settings.filter)
+
+    @cached_property
+    def needed(self) -> Array:
+        """Wrench that the motion needs, (T, 6) [N, N·m]: lab axes about the pelvis origin."""
+        return needed_wrench(self.body, self.motion)
+
+    @cached_property
+    def ground(self) -> Array:
+        """Filtered sum of the plates' wrenches, (T, 6) [N, N·m]: lab axes about the lab origin."""
+        in_lab = wrenches_in_lab(self.wrenches, self.plates, self.pose)
+        return self.low_pass(sum(in_lab, start=np.zeros((len(self.time), 6))))
 
     @property
     def residual(self) -> Array:
@@ -118,24 +134,35 @@ class ProcessingChain:
         on_ground = self.ground + self.soft_tissue
         return self.needed - shift_wrench(on_ground, self.motion.value[:, :3])
 
+    def changed(self, **fields: Any) -> Self:
+        """Give the chain with other fields; what does not depend on them is not computed again."""
+        other = replace(self, **fields)
+        for name, inputs in COMPUTED_FROM.items():
+            if name in self.__dict__ and inputs.isdisjoint(fields):
+                other.__dict__[name] = self.__dict__[name]
+        return other
+
+    def with_motion(self, motion: Filtered) -> Self:
+        """Give the chain with another filtered motion of the same body."""
+        other = self.changed(q=self.q)
+        other.__dict__["motion"] = motion
+        return other
+
     def with_body(self, body: Body) -> Self:
         """Give the chain with another body in the same motion."""
-        return replace(self, body=body, needed=needed_wrench(body, self.motion))
+        return self.changed(body=body)
 
     def with_coordinates(self, q: Array) -> Self:
         """Give the chain with other coordinates before the filter, (T, 46) [m and rad]."""
-        motion = butterworth(q, self.time, self.settings.cutoff_hz, self.settings.filter)
-        return replace(self, q=q, motion=motion, needed=needed_wrench(self.body, motion))
+        return self.changed(q=q)
 
     def with_wrenches(self, wrenches: Sequence[Array], pose: PlatformPose | None = None) -> Self:
         """Give the chain with other wrenches of the plates, as `wrenches`, or another pose too."""
-        pose = pose or self.pose
-        total = np.sum(wrenches_in_lab(wrenches, self.plates, pose), axis=0)
-        return replace(self, wrenches=tuple(wrenches), pose=pose, ground=self.low_pass(total))
+        return self.changed(wrenches=tuple(wrenches), pose=pose or self.pose)
 
     def with_soft_tissue(self, wrench: Array) -> Self:
         """Give the chain with soft tissue that adds a wrench to that on the ground, as `ground`."""
-        return replace(self, soft_tissue=self.soft_tissue + wrench)
+        return self.changed(soft_tissue=self.soft_tissue + wrench)
 
     def low_pass(self, signal: Array) -> Array:
         """Pass a signal at the frames, (T, …), through the filter of the trial."""
@@ -243,8 +270,6 @@ def processing_chain(
     if pose is not None:
         pose = PlatformPose(pose.rotation[frames], pose.position[frames])
     wrenches = wrenches_in_plates(in_lab, recording.plates, pose)
-    motion = butterworth(unfiltered.q, time, settings.cutoff_hz, settings.filter)
-    total = np.sum(in_lab, axis=0)
     return ProcessingChain(
         time=time,
         settings=settings,
@@ -254,9 +279,6 @@ def processing_chain(
         plates=recording.plates,
         wrenches=tuple(wrenches),
         pose=pose,
-        motion=motion,
-        needed=needed_wrench(body, motion),
-        ground=low_pass(total, time, settings.cutoff_hz, settings.filter),
         subtracted=_subtracted(recording, laboratory, ground, frames),
     )
 

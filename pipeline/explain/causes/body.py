@@ -151,7 +151,7 @@ def _of_geometry(
     )
 
     def change(of: ProcessingChain, size: float) -> ProcessingChain:
-        return replace(of, body=altered(of.body, size)).with_coordinates(of.q + size * follow)
+        return of.changed(body=altered(of.body, size), q=of.q + size * follow)
 
     return Cause(name, "markers", prior, change)
 

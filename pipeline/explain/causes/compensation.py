@@ -199,7 +199,8 @@ def _late_sensors(chain: ProcessingChain, delay_s: float) -> ProcessingChain:
         (after - before) @ model.gain[:-1]
         for model, before, after in zip(done.models, done.felt, later, strict=True)
     ]
-    return replace(_without(chain, 1.0, added=added), subtracted=replace(done, felt=later))
+    shown = replace(done, felt=later)
+    return _without(chain, 1.0, added=added).changed(subtracted=shown)
 
 
 def _late_belt(chain: ProcessingChain, delay_s: float, *, plate: int) -> ProcessingChain:
@@ -209,4 +210,5 @@ def _late_belt(chain: ProcessingChain, delay_s: float, *, plate: int) -> Process
     later = list(done.belts)
     later[plate] = delayed(chain.time, done.belts[plate], delay_s)
     added = [after - before for before, after in zip(done.belts, later, strict=True)]
-    return replace(_without(chain, 1.0, added=added), subtracted=replace(done, belts=tuple(later)))
+    shown = replace(done, belts=tuple(later))
+    return _without(chain, 1.0, added=added).changed(subtracted=shown)

@@ -1,6 +1,5 @@
 """What filtering coordinates and forces, each on its own, leaves in a residual."""
 
-from dataclasses import replace
 from typing import Final
 
 from hbm.spatial import Array
@@ -36,6 +35,4 @@ def left_by_filter(chain: ProcessingChain) -> Array:
     if higher_hz <= cutoff_hz:
         return chain.residual * 0.0
     settings = chain.settings.model_copy(update={"cutoff_hz": higher_hz, "filter": "zero_phase"})
-    open_chain = replace(chain, settings=settings).with_coordinates(chain.q)
-    unfiltered = open_chain.with_wrenches(chain.wrenches).residual
-    return chain.residual - chain.low_pass(unfiltered)
+    return chain.residual - chain.low_pass(chain.changed(settings=settings).residual)

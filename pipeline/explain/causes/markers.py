@@ -15,7 +15,7 @@ from hbm.signals.filtering import Filtered, butterworth
 from hbm.spatial import Array, Indices
 from pipeline.explain.cause import Cause, CauseGroup
 from pipeline.explain.priors import Prior, priors
-from pipeline.explain.processing_chain import ProcessingChain, needed_wrench
+from pipeline.explain.processing_chain import ProcessingChain
 
 CLUSTERS: Final = (
     *("pelvis", "thorax", "head"),
@@ -219,7 +219,7 @@ def _displaced(
     """Displace markers over time, and the coordinates as the inverse kinematics would."""
     step = size * course
     markers = _with_displaced(chain.markers, by.columns, step[:, None, None] * by.position)
-    return replace(chain, markers=markers).with_coordinates(chain.q + step[:, None] * by.q)
+    return chain.changed(markers=markers, q=chain.q + step[:, None] * by.q)
 
 
 def _with_displaced(markers: Markers, columns: Indices, by: Array) -> Markers:
@@ -236,4 +236,4 @@ def _with_motion(chain: ProcessingChain, change: Filtered, sign: int) -> Process
         own.velocity + sign * change.velocity,
         own.acceleration + sign * change.acceleration,
     )
-    return replace(chain, motion=motion, needed=needed_wrench(chain.body, motion))
+    return chain.with_motion(motion)

@@ -6,9 +6,8 @@ from hbm.coordinates import INDEX, N_Q
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.poses import marker_positions
-from hbm.signals.filtering import butterworth
 from pipeline.config.schema import Settings
-from pipeline.explain.processing_chain import ProcessingChain, needed_wrench
+from pipeline.explain.processing_chain import ProcessingChain
 from tests.synthetic import synthetic_body
 
 
@@ -20,7 +19,6 @@ def chain_of(time, coordinates):
         q[:, INDEX[name]] = course
     markers = Markers(time, body.markers, marker_positions(body, q))
     q = solve_ik(body, markers).q
-    motion = butterworth(q, time, settings.cutoff_hz, settings.filter)
     return ProcessingChain(
         time=time,
         settings=settings,
@@ -30,7 +28,4 @@ def chain_of(time, coordinates):
         plates=(),
         wrenches=(),
         pose=None,
-        motion=motion,
-        needed=needed_wrench(body, motion),
-        ground=np.zeros((len(time), 6)),
     )

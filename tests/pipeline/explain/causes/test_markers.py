@@ -15,7 +15,7 @@ from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings
 from pipeline.explain.cause import Cause
 from pipeline.explain.causes.markers import HARMONICS, cycle_phase, marker_causes
-from pipeline.explain.processing_chain import ProcessingChain, needed_wrench
+from pipeline.explain.processing_chain import ProcessingChain
 from tests.synthetic import synthetic_body
 
 TIME = np.arange(300) / 100
@@ -38,7 +38,6 @@ def walking(only=None):
     names = tuple(body.markers[k] for k in seen)
     markers = Markers(TIME, names, marker_positions(body, q)[:, seen])
     q = solve_ik(body, markers).q
-    motion = butterworth(q, TIME, settings.cutoff_hz, settings.filter)
     return ProcessingChain(
         time=TIME,
         settings=settings,
@@ -48,9 +47,6 @@ def walking(only=None):
         plates=(),
         wrenches=(),
         pose=None,
-        motion=motion,
-        needed=needed_wrench(body, motion),
-        ground=np.zeros((len(TIME), 6)),
     )
 
 
