@@ -61,7 +61,8 @@ def most_worth_mending(
     -------
     tuple of Mending
         Causes whose 95 % interval excludes zero and without which a residual would be smaller, the
-        one with the largest share first. A delay or a mass is given as the line that states it.
+        one with the largest share first; none that nothing in the laboratory changes. A delay or a
+        mass is given as the line that states it.
     """
     found = []
     for cause in budget.causes:
@@ -70,7 +71,8 @@ def most_worth_mending(
         if cause.is_certain and fall[axis] >= MIN_FALL:
             action = _stated(cause, result, laboratory)
             rms = float(budget.rms[axis]), float(cause.left[axis])
-            found.append((fall[axis], Mending(cause.name, action, AXES[axis], *rms)))
+            if action:
+                found.append((fall[axis], Mending(cause.name, action, AXES[axis], *rms)))
     return tuple(own for _, own in _largest(found))
 
 

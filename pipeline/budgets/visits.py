@@ -44,9 +44,10 @@ class VisitCheck:
     share: ByAxis
 
     def __str__(self) -> str:
+        others = " and ".join(self.others)
         return (
             f"{self.subject}: delay, gain and place of the plates, the body's masses and soft "
-            f"tissue from {self.condition} take away of the mean square in {' and '.join(self.others)} "
+            f"tissue from {self.condition} take away of the mean square in {others} "
             f"{shares_in_words(self.share)}"
         )
 

@@ -23,14 +23,15 @@ class GroupWords:
     owner, what
         Its name in two parts, such as "plates'" and "zero"; the first may be empty.
     mend
-        What to do about one of its causes, which takes the place of "{cause}".
+        What to do about one of its causes, which takes the place of "{cause}"; empty where nothing
+        in the laboratory changes it.
     know
         What tells the size of its causes in another way; empty where nothing simple does.
     """
 
     owner: str
     what: str
-    mend: str
+    mend: str = ""
     know: str = ""
 
     @property
@@ -49,7 +50,7 @@ GROUPS: Final[Mapping[CauseGroup, GroupWords]] = {
     "inertia": GroupWords(
         "body's",
         "masses",
-        "check the body's masses ({cause})",
+        "check the body's masses and centres of mass ({cause})",
         "weigh the subject on scales and state mass_kg in the subject's file",
     ),
     "delay": GroupWords(
@@ -89,8 +90,8 @@ GROUPS: Final[Mapping[CauseGroup, GroupWords]] = {
         "record swinging thighs (--hip functional) and markers on both sides of knees and ankles",
     ),
     "skin": GroupWords("", "skin motion", "place the markers where skin moves less ({cause})"),
-    "soft_tissue": GroupWords("", "soft tissue", "nothing in the laboratory changes {cause}"),
-    "filter": GroupWords("", "filter", "choose a higher cut-off frequency ({cause})"),
+    "soft_tissue": GroupWords("", "soft tissue"),
+    "filter": GroupWords("", "filter"),
 }
 """By group, those first that are the easiest to find out in another way."""
 
@@ -142,7 +143,10 @@ def how_to_tell_apart(groups: Sequence[str]) -> tuple[str, ...]:
 
 
 def mending(group: str, cause: str) -> str:
-    """Say what to do about a cause, such as "zero the plates (plate 1: zero of Fy)"."""
+    """Say what to do about a cause, such as "zero the plates (plate 1: zero of Fy)".
+
+    Empty where nothing in the laboratory changes it.
+    """
     return _words(group).mend.format(cause=cause)
 
 

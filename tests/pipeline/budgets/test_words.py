@@ -92,3 +92,10 @@ def test_what_changes_no_residual_is_not_worth_mending():
         most_worth_mending(budget(replace(CAUSE, left=2 * np.ones(6))), Processed, Uncalibrated)
         == ()
     )
+
+
+def test_what_nothing_in_the_laboratory_changes_is_not_worth_mending():
+    assert (
+        most_worth_mending(budget(replace(CAUSE, group="soft_tissue")), Processed, Uncalibrated)
+        == ()
+    )
