@@ -75,9 +75,9 @@ for line in explanation_lines(explanation):
 
 # %% [markdown]
 # The delay is named first; its interval contains the planted 12 ms. The zeros are found too, in the
-# plates' own axes: here, their x points to the left and their y forward. A zero of either plate does
-# nearly the same to the residuals, but each plate is unloaded while the other foot stands, and what
-# it reads then is its zero: plate 1 has 8 N to the left and 6 N forward, plate 2 has none.
+# plates' own axes: here, their x points to the left and their y forward. A zero of either plate
+# does nearly the same to the residuals, but each plate is unloaded while the other foot stands, and
+# what it reads then is its zero: plate 1 has 8 N to the left and 6 N forward, plate 2 has none.
 
 # %%
 zeros = {cause.name: cause for cause in explanation.budget.causes if cause.group == "zero"}
