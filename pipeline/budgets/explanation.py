@@ -23,7 +23,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.result import TrialResult
 from pipeline.trial.summary import fault_of
 
-FORMAT_VERSION: Final = 1
+FORMAT_VERSION: Final = 2
 """Of the files; raised with every change of what they hold."""
 MAX_CAUSES: Final = 5
 """Named one by one; the file has all."""
@@ -62,10 +62,14 @@ _JSON: Final = TypeAdapter(Explanation)
 
 
 def explain(
-    recording: Recording, laboratory: Laboratory, result: TrialResult, key: str = ""
+    recording: Recording,
+    laboratory: Laboratory,
+    result: TrialResult,
+    key: str = "",
+    draws: int = 0,
 ) -> Explanation:
     """Explain the residuals of a processed trial; parameters as for `explain_trial`."""
-    found = explain_trial(recording, laboratory, result)
+    found = explain_trial(recording, laboratory, result, draws)
     budget = replace(found, source=Path(found.source.name))
     mending = most_worth_mending(budget, result, laboratory)
     return Explanation(FORMAT_VERSION, key, budget, mending)

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import PlainSerializer, PlainValidator
+from pydantic import Field, PlainSerializer, PlainValidator
 
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array, Indices, read_only
 from pipeline.trial.residuals import AXES
 from pipeline.trial.summary import StoredNote
 
@@ -25,6 +25,10 @@ def _of_axes(stored: object) -> Array:
             raise ValueError(f"expected numbers by axis, {', '.join(AXES)}")
         stored = list(stored.values())
     return read_only(np.array(stored, float))
+
+
+def _as_it_is(bands: object) -> object:
+    return bands
 
 
 ByAxis = Annotated[Array, PlainValidator(_of_axes), PlainSerializer(_by_axis)]
@@ -79,6 +83,118 @@ class GroupShare:
 
 
 @dataclass(frozen=True, slots=True)
+class CauseUncertainty:
+    """What a cause of usual size does to the RMS of residuals.
+
+    Attributes
+    ----------
+    name, group
+        See `pipeline.explain.cause.Cause`.
+    change
+        What one standard deviation of it changes the RMS by; the sign tells which way, (6,).
+    square
+        One standard deviation of what its square changes the RMS by, (6,).
+    """
+
+    name: str
+    group: str
+    change: ByAxis
+    square: ByAxis
+
+
+@dataclass(frozen=True, slots=True)
+class RmsUncertainty:
+    """How sure the RMS of residuals is, by the delta method.
+
+    Attributes
+    ----------
+    compensated
+        Whether the plates are compensated.
+    rms
+        As measured, (6,) [N, N·m].
+    mean, deviation
+        Mean and standard deviation that the RMS has if errors of usual size are added, (6,).
+    of_noise
+        One standard deviation due to the noise of samples, (6,).
+    causes
+        What each cause does.
+    """
+
+    compensated: bool
+    rms: ByAxis
+    mean: ByAxis
+    deviation: ByAxis
+    of_noise: ByAxis
+    causes: tuple[CauseUncertainty, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """How sure the RMS of residuals is, by Monte Carlo through the whole chain.
+
+    Attributes
+    ----------
+    draws
+        How many.
+    mean, deviation
+        Of the RMS with errors of usual size added, (6,) [N, N·m].
+    low, high
+        Between which 95 % of the draws are, (6,).
+    """
+
+    draws: int
+    mean: ByAxis
+    deviation: ByAxis
+    low: ByAxis
+    high: ByAxis
+
+
+@dataclass(frozen=True, slots=True)
+class CycleRms:
+    """The RMS of residuals over a gait cycle, with its 95 % interval of measurement.
+
+    Attributes
+    ----------
+    start, stop
+        Of the cycle [s].
+    rms, low, high
+        As in `Budget`.
+    """
+
+    start: float
+    stop: float
+    rms: ByAxis
+    low: ByAxis
+    high: ByAxis
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bands:
+    """Residuals over time and how sure they are.
+
+    Attributes
+    ----------
+    time
+        The frames that were explained, (T,) [s].
+    cycle
+        The gait cycle that each belongs to, (T,): 0 for the first.
+    residual
+        Reported axes, (T, 6) [N, N·m].
+    deviation
+        One standard deviation of it, (T, 6): causes of usual size, and noise.
+    """
+
+    time: Array
+    cycle: Indices
+    residual: Array
+    deviation: Array
+
+    def __post_init__(self) -> None:
+        for name in ("time", "cycle", "residual", "deviation"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+
+@dataclass(frozen=True, slots=True)
 class Budget:
     """What a trial's residuals are made of, and how sure that is.
 
@@ -91,8 +207,7 @@ class Budget:
     rms
         Of each residual over the frames that were explained, reported axes, (6,) [N, N·m].
     low, high
-        Ends of its 95 % interval of measurement: the RMS if the causes had other sizes, as usual
-        as those of the trial.
+        Ends of its 95 % interval of measurement: what causes of usual size change it by.
     cycles
         How many gait cycles were explained; 0 for a stretch of the recording.
     found_cycles
@@ -108,6 +223,14 @@ class Budget:
         from the other half, (6,); NaN where there are too few.
     notes
         What could not be told, and why.
+    uncertainty
+        How sure the RMS is: with the plates as measured, and compensated where they are.
+    of_cycles
+        The RMS of each cycle.
+    drawn
+        Monte Carlo, where it was asked for.
+    bands
+        The residuals over time; not in files of JSON.
     """
 
     source: Path
@@ -122,3 +245,7 @@ class Budget:
     causes: tuple[EstimatedCause, ...]
     held_out: ByAxis
     notes: tuple[StoredNote, ...]
+    uncertainty: tuple[RmsUncertainty, ...] = ()
+    of_cycles: tuple[CycleRms, ...] = ()
+    drawn: Drawn | None = None
+    bands: Annotated[Bands | None, PlainValidator(_as_it_is), Field(exclude=True)] = None

@@ -19,6 +19,7 @@ from pipeline.explain.causes.plates import plate_causes
 from pipeline.explain.causes.platform import platform_causes
 from pipeline.explain.causes.soft_tissue import soft_tissue_causes
 from pipeline.explain.cycle_series import CycleSeries, cycle_series
+from pipeline.explain.intervals import Intervals, interval
 from pipeline.explain.linearised import linearised, rms, sizes_from_cycles
 from pipeline.explain.posterior import Posterior
 from pipeline.explain.processing_chain import ProcessingChain, processing_chain
@@ -37,7 +38,9 @@ HIGHEST_IN_CUTOFFS: Final = 1.5
 """Frequency up to which residuals are explained, in cut-offs of the filter."""
 
 
-def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialResult) -> Budget:
+def explain_trial(
+    recording: Recording, laboratory: Laboratory, result: TrialResult, draws: int = 0
+) -> Budget:
     """Find what the residuals of a trial are made of.
 
     Parameters
@@ -48,6 +51,8 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
         The treadmill and its calibrations, as when it was processed.
     result
         The processed trial.
+    draws
+        Of Monte Carlo, if any.
 
     Returns
     -------
@@ -78,10 +83,10 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
     linear = linearised(chain, causes, left, series)
 
     residual, effects = chain.residual[counts], linear.effects[:, counts]
-    prior = np.array([cause.prior.size for cause in causes])
     whole = rms(residual)
-    slope = np.einsum("tx,ktx->kx", residual, effects) / len(residual) / whole
-    spread = np.sqrt((prior[:, None] ** 2 * slope**2).sum(axis=0))
+    intervals = Intervals(chain, causes, linear.as_measured, series.frames)
+    uncertain = intervals.of_trial(result)
+    low, high = interval(whole, uncertain[-1].deviation)
     groups, unexplained = _shares(linear.posterior, causes, residual, effects, left[counts])
     without = [
         rms(residual - size * effect)
@@ -105,8 +110,8 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
         source=result.source,
         compensated=result.compensated is not None,
         rms=whole,
-        low=np.maximum(whole - 1.96 * spread, 0.0),
-        high=whole + 1.96 * spread,
+        low=low,
+        high=high,
         cycles=len(series) if part.found_cycles else 0,
         found_cycles=part.found_cycles,
         groups=groups,
@@ -114,6 +119,10 @@ def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialRes
         causes=tuple(sorted(estimated, key=lambda each: float((each.left / whole).min()))),
         held_out=_held_out(chain.residual - left, linear.effects, causes, series),
         notes=tuple(_notes(part)),
+        uncertainty=uncertain,
+        of_cycles=intervals.of_cycles(),
+        drawn=intervals.drawn(draws) if draws else None,
+        bands=intervals.bands(),
     )
 
 

@@ -28,10 +28,13 @@ class Linearised:
         What each cause adds per unit, (K, T, 6).
     posterior
         Sizes of the causes.
+    as_measured
+        Effects on the trial as it was measured, (K, T, 6).
     """
 
     effects: Array
     posterior: Posterior
+    as_measured: Array
 
 
 def linearised(
@@ -57,9 +60,12 @@ def linearised(
     """
     corrected, size = chain, np.zeros(len(causes))
     before = rms(chain.residual[series.frames[0].start : series.frames[-1].stop])
+    every: list[Array] = []
     for _ in range(ROUNDS):
+        measured = corrected.residual - left  # first: chains with effects keep its steps
         effects = np.nan_to_num([cause.effect(corrected) for cause in causes])
-        residual = corrected.residual - left + np.tensordot(size, effects, 1)
+        every = [*every[:1], effects]
+        residual = measured + np.tensordot(size, effects, 1)
         posterior = sizes_from_cycles(residual, effects, causes, series)
         expected = residual - np.tensordot(posterior.size, effects, 1)
         corrected, size = chain, posterior.size
@@ -68,7 +74,7 @@ def linearised(
         missed = rms((corrected.residual - left - expected)[series.frames[0].start :])
         if (missed < TOLERANCE * before).all():
             break
-    return Linearised(effects, posterior)
+    return Linearised(effects, posterior, every[0])
 
 
 def sizes_from_cycles(

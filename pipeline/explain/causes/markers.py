@@ -82,6 +82,14 @@ class MarkerCause(Cause):
         more, less = (_with_motion(chain, change, sign).residual for sign in (1, -1))
         return np.asarray((more - less) / (2 * self.prior.size))
 
+    def displace(self, position: Array, unseen: Array, size: float) -> None:
+        """Displace markers, (T, K, 3), by a size; where none shows it, coordinates, (T, 46)."""
+        moved, step = self.displacement, size * self.course
+        if len(moved.columns):
+            position[:, moved.columns] += step[:, None, None] * moved.position
+        else:
+            unseen += step[:, None] * moved.q
+
 
 def marker_causes(
     chain: ProcessingChain, spans: Sequence[tuple[float, float]] | Array

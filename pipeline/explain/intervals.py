@@ -1,0 +1,122 @@
+"""Intervals of measurement of a trial's residuals: over cycles, over time, and by Monte Carlo."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from hbm.dynamics import Dynamics
+from hbm.spatial import Array
+from pipeline.explain.budget import Bands, CauseUncertainty, CycleRms, Drawn, RmsUncertainty
+from pipeline.explain.cause import Cause
+from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.explain.uncertainty import (
+    draw_residuals,
+    noise_of_samples,
+    rms_uncertainty,
+    samples_in_a_frame,
+)
+from pipeline.trial.residuals import reported
+from pipeline.trial.result import TrialResult
+
+NORMAL_95: Final = 1.96
+"""Half of a 95 % interval, in standard deviations."""
+TAILS: Final = (2.5, 97.5)
+"""Percentiles between which 95 % are."""
+
+
+class Intervals:
+    """How sure the residuals of a trial are, from the effects of causes of usual size.
+
+    Parameters
+    ----------
+    chain
+        The trial.
+    causes
+        What may be wrong with it.
+    effects
+        What each adds to the residual as it was measured, per unit, (K, T, 6).
+    cycles
+        Frames of the gait cycles that are explained.
+    """
+
+    def __init__(
+        self,
+        chain: ProcessingChain,
+        causes: Sequence[Cause],
+        effects: Array,
+        cycles: Sequence[slice],
+    ) -> None:
+        self._chain, self._causes, self._cycles = chain, causes, cycles
+        self._usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
+        self._noise = noise_of_samples(chain)
+        self._frames = np.concatenate([np.arange(own.start, own.stop) for own in cycles])
+        self._samples = samples_in_a_frame(chain)
+
+    def bands(self) -> Bands:
+        """Give the residuals over time."""
+        number = np.repeat(
+            np.arange(len(self._cycles)), [own.stop - own.start for own in self._cycles]
+        )
+        usual = self._usual[:, self._frames]
+        return Bands(
+            time=self._chain.time[self._frames],
+            cycle=number,
+            residual=reported(self._chain.residual[self._frames]),
+            deviation=np.sqrt((usual**2).sum(axis=0) + self._noise**2),
+        )
+
+    def of_trial(self, result: TrialResult) -> tuple[RmsUncertainty, ...]:
+        """Give how sure the RMS over all cycles is: as measured, and compensated where it is."""
+        if result.compensated is None:
+            return (self._of(self._chain.residual, compensated=False),)
+        measured = self._of(_at(self._chain.time, result.measured), compensated=False)
+        return measured, self._of(self._chain.residual, compensated=True)
+
+    def _of(self, residual: Array, *, compensated: bool) -> RmsUncertainty:
+        """Give how sure an RMS is; without compensation, it adds nothing."""
+        own = [k for k, c in enumerate(self._causes) if compensated or c.group != "compensation"]
+        frames = self._frames
+        found = rms_uncertainty(
+            residual[frames], self._usual[own][:, frames], self._noise, self._samples
+        )
+        causes = tuple(
+            CauseUncertainty(self._causes[k].name, self._causes[k].group, change, square)
+            for k, change, square in zip(own, found.changes, found.squares, strict=True)
+        )
+        return RmsUncertainty(
+            compensated, found.rms, found.mean, found.deviation, found.of_noise, causes
+        )
+
+    def of_cycles(self) -> tuple[CycleRms, ...]:
+        """Give the RMS over each cycle."""
+        time, residual = self._chain.time, self._chain.residual
+        result = []
+        for own in self._cycles:
+            found = rms_uncertainty(residual[own], self._usual[:, own], self._noise, self._samples)
+            low, high = interval(found.rms, found.deviation)
+            start, stop = float(time[own.start]), float(time[own.stop - 1])
+            result.append(CycleRms(start, stop, found.rms, low, high))
+        return tuple(result)
+
+    def drawn(self, draws: int) -> Drawn:
+        """Draw the RMS over all cycles, through the whole chain."""
+        found = np.array(
+            [
+                np.sqrt((residual[self._frames] ** 2).mean(axis=0))
+                for residual in draw_residuals(self._chain, self._causes, draws)
+            ]
+        )
+        low, high = np.percentile(found, TAILS, axis=0)
+        return Drawn(draws, found.mean(axis=0), found.std(axis=0, ddof=1), low, high)
+
+
+def interval(rms: Array, deviation: Array) -> tuple[Array, Array]:
+    """Give the ends of a 95 % interval of an RMS, which is not negative."""
+    return np.maximum(rms - NORMAL_95 * deviation, 0.0), rms + NORMAL_95 * deviation
+
+
+def _at(time: Array, dynamics: Dynamics) -> Array:
+    """Give the residual at some frames of a trial, (T, 6)."""
+    first = int(np.searchsorted(dynamics.time, time[0]))
+    return dynamics.residual[first : first + len(time)]

@@ -1,0 +1,186 @@
+"""How sure the size of residuals is: what usual errors of a measurement change it by.
+
+Two ways lead there. The delta method adds the effects of all causes, each about as large as usual.
+Monte Carlo draws the causes at random, all at once, and repeats the whole chain from displaced
+markers on; it costs some hundred times as much and is the reference.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.special import gammaln
+
+from hbm.kinematics import solve_ik
+from hbm.markers import Markers
+from hbm.signals.samples import mean_rate_hz
+from hbm.spatial import Array
+from pipeline.explain.cause import Cause
+from pipeline.explain.causes.markers import MarkerCause
+from pipeline.explain.priors import priors
+from pipeline.explain.processing_chain import ProcessingChain
+
+REST_HZ: Final = 6.0
+"""Cut-off at which the noise of plates is stated."""
+TINY: Final = 1e-12
+"""Of a mean square, so that residuals of zero have a deviation of zero."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Uncertainty:
+    """How sure the RMS of residuals is over some frames, by the delta method.
+
+    Attributes
+    ----------
+    rms
+        As measured, (6,) [N, N·m].
+    mean, deviation
+        Mean and standard deviation that the RMS has if errors of usual size are added, (6,).
+    changes
+        What one usual size of each cause changes the RMS by, (K, 6); the sign tells which way.
+    squares
+        One standard deviation of what the square of each cause changes it by, (K, 6).
+    of_noise
+        One standard deviation of the RMS due to the noise of samples, (6,).
+    """
+
+    rms: Array
+    mean: Array
+    deviation: Array
+    changes: Array
+    squares: Array
+    of_noise: Array
+
+
+def rms_uncertainty(residual: Array, usual: Array, noise: Array, samples: float) -> Uncertainty:
+    """Propagate usual sizes of causes to the RMS of a residual.
+
+    Parameters
+    ----------
+    residual
+        At the frames that count, (T, 6) [N, N·m].
+    usual
+        What one usual size of each cause adds, (K, T, 6).
+    noise
+        One standard deviation of the noise of samples, (6,).
+    samples
+        Independent samples of it in a frame.
+
+    Returns
+    -------
+    Uncertainty
+        The causes are independent of each other and normally distributed.
+
+    Notes
+    -----
+    To first order in the causes, the residual is ``r + Σ sₖ eₖ`` with standard normal sizes s. Its
+    mean square, a quadratic form in them, has the mean ``⟨r, r⟩ + Σ ⟨eₖ, eₖ⟩`` and the variance
+    ``4 Σ ⟨r, eₖ⟩² + 2 ΣΣ ⟨eₖ, eₗ⟩²``, each ``⟨,⟩`` over T (Mathai and Provost 1992, Quadratic forms
+    in random variables, 3.2b). The RMS is the root of a gamma variable with that mean and variance.
+    The gradient of the RMS alone (JCGM 100:2008, 5.1.2) is wrong where errors are as large as the
+    residual, because their squares do not average out.
+
+    Examples
+    --------
+    >>> time = np.linspace(0, 1, 101)[:, None]
+    >>> residual = np.full((101, 6), 10.0)
+    >>> usual = np.ones((1, 101, 6))
+    >>> found = rms_uncertainty(residual, usual, np.zeros(6), samples=0.1)
+    >>> found.deviation.round(1).tolist(), found.changes[0].round(1).tolist()
+    ([1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+    """
+    frames = len(residual)
+    square = (residual**2).mean(axis=0)
+    columns = np.moveaxis(usual, 2, 0)
+    products = columns @ columns.transpose(0, 2, 1) / frames
+    linear = 2 * np.einsum("tx,ktx->kx", residual, usual) / frames
+    squares = np.sqrt(2 * (products**2).sum(axis=2).T)
+    of_noise = 2 * np.sqrt(square / (samples * frames)) * noise
+    variance = (linear**2 + squares**2).sum(axis=0) + of_noise**2 + TINY
+    expected = square + np.einsum("xkk->x", products) + noise**2 + TINY
+    shape = expected**2 / variance
+    mean = np.sqrt(expected / shape) * np.exp(gammaln(shape + 0.5) - gammaln(shape))
+    deviation = np.sqrt(np.maximum(expected - mean**2, 0.0))
+    scale = deviation / np.sqrt(variance)
+    return Uncertainty(
+        np.sqrt(square), mean, deviation, scale * linear, scale * squares, scale * of_noise
+    )
+
+
+def samples_in_a_frame(chain: ProcessingChain) -> float:
+    """Give how many independent samples of filtered noise a frame is: at 6 Hz of 100 Hz, 0.12."""
+    return 2 * chain.settings.cutoff_hz / mean_rate_hz(chain.time)
+
+
+def noise_of_samples(chain: ProcessingChain, seed: int = 0) -> Array:
+    """Draw once what noise of markers and plates changes the residual by: its RMS, (6,)."""
+    rng = np.random.default_rng(seed)
+    noisy = with_noise(chain, chain.markers.position, np.zeros_like(chain.q), rng)
+    return np.asarray(np.sqrt(np.nanmean((noisy.residual - chain.residual) ** 2, axis=0)))
+
+
+def with_noise(
+    chain: ProcessingChain, position: Array, unseen: Array, rng: np.random.Generator
+) -> ProcessingChain:
+    """Measure a chain again: markers somewhere, with other noise of markers and plates.
+
+    Parameters
+    ----------
+    chain
+        The trial, with the body that the inverse kinematics is to fit.
+    position
+        Of the markers, (T, K, 3) [m].
+    unseen
+        Change of coordinates that no marker shows, (T, 46).
+    rng
+        Noise is drawn from it.
+
+    Returns
+    -------
+    ProcessingChain
+        With the coordinates that the inverse kinematics finds.
+    """
+    known = priors()
+    noise = known["marker_noise"].size * rng.standard_normal(position.shape)
+    markers = Markers(chain.time, chain.markers.names, position + noise)
+    at_rest = np.repeat([known["plate_noise_force"].size, known["plate_noise_moment"].size], 3)
+    white = at_rest * np.sqrt(mean_rate_hz(chain.time) / (2 * REST_HZ))
+    wrenches = [each + white * rng.standard_normal(each.shape) for each in chain.wrenches]
+    q = solve_ik(chain.body, markers).q + unseen
+    return chain.with_wrenches(wrenches).with_coordinates(q)
+
+
+def draw_residuals(
+    chain: ProcessingChain, causes: Sequence[Cause], draws: int, seed: int = 0
+) -> Iterator[Array]:
+    """Draw residuals as they may have been measured, through the whole chain.
+
+    Parameters
+    ----------
+    chain
+        The trial.
+    causes
+        What may be wrong with it.
+    draws
+        How many.
+    seed
+        Of the draws.
+
+    Yields
+    ------
+    Array
+        The residual with all causes at once, each of a normally distributed size, and with other
+        noise, (T, 6) [N, N·m]: the inverse kinematics is solved again for markers and body.
+    """
+    rng = np.random.default_rng(seed)
+    for _ in range(draws):
+        size = rng.standard_normal(len(causes)) * [cause.prior.size for cause in causes]
+        changed, position = chain, chain.markers.position.copy()
+        unseen = np.zeros_like(chain.q)
+        for cause, own in zip(causes, size, strict=True):
+            if isinstance(cause, MarkerCause):
+                cause.displace(position, unseen, own)
+            else:
+                changed = cause.change(changed, own)
+        yield with_noise(changed, position, unseen, rng).residual
