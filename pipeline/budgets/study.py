@@ -8,6 +8,7 @@ from typing import Final
 
 from hbm.kernels.native import kernels
 from hbm.notes import Note
+from pipeline.budgets.bands import SUFFIX, read_bands, write_bands
 from pipeline.budgets.explanation import (
     Explanation,
     explain,
@@ -15,6 +16,7 @@ from pipeline.budgets.explanation import (
     write_explanation,
 )
 from pipeline.config.study import Study, read_study
+from pipeline.explain.budget import Bands
 from pipeline.io.recording import Recording
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.failures import record_failure, recorded_failures
@@ -132,6 +134,8 @@ def explain_job(job: Job) -> Outcome:
     """Explain one trial and write what was found; failures become outcomes."""
     try:
         explanation = explain(*processed(job), job.key)
+        if explanation.budget.bands:
+            write_bands(explanation.budget.bands, bands_path(job.target))
         write_explanation(explanation, job.target)
     except Exception as error:
         return Outcome(job, "failed", describe_error(error))
@@ -176,6 +180,22 @@ def _without_recording(trial: TrialSummary, file: str) -> Note:
     }
     delay_s = float("nan") if trial.delay_s is None else trial.delay_s
     return Note.of("explained_without_recording", file=file, rms=rms, delay_s=delay_s)
+
+
+def bands_path(explanation: Path) -> Path:
+    """Give the file of residuals over time that belongs to an explanation's."""
+    return explanation.with_name(f"{explanation.stem}{SUFFIX}")
+
+
+def bands_of(result: Path, trial: TrialSummary) -> Bands | None:
+    """Give the residuals over time of a stored result; None where it is not explained as it is."""
+    explanation = result.parent.parent / FOLDER / f"{result.stem}.json"
+    if up_to_date(explanation, explanation_key(trial.key)) is None:
+        return None
+    try:
+        return read_bands(bands_path(explanation))
+    except (OSError, ValueError):
+        return None
 
 
 def explanations(

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from hbm.spatial import Array
 from pipeline.budgets.words import NORMAL_95, group_name, size_in_words
 from pipeline.explain.budget import Budget, GroupShare
 from pipeline.trial.residuals import AXES, UNITS
@@ -56,6 +57,35 @@ def budget_table(budget: Budget) -> BudgetTable:
             ("95 %", tuple(map(_interval, budget.low, budget.high))),
             *((_head(budget, group), tuple(_shares(group))) for group in budget.groups),
             ("not explained", tuple(f"{100 * share:z.0f}" for share in budget.unexplained)),
+        ),
+    )
+
+
+def drawn_table(budget: Budget) -> BudgetTable:
+    """Lay out how sure the RMS is by the delta method and by Monte Carlo, side by side.
+
+    Raises
+    ------
+    ValueError
+        If nothing was drawn.
+    """
+    drawn, delta = budget.drawn, budget.uncertainty[-1]
+    if drawn is None:
+        raise ValueError("nothing was drawn")
+
+    def ones(values: Array) -> tuple[str, ...]:
+        return tuple(f"{value:.1f}" for value in values)
+
+    return BudgetTable(
+        title=f"RMS if errors of usual size are added to those of the trial, {drawn.draws} draws",
+        axes=tuple(f"{axis}, {unit}" for axis, unit in zip(AXES, UNITS, strict=True)),
+        columns=(
+            ("as measured", ones(delta.rms)),
+            ("mean, delta method", ones(delta.mean)),
+            ("mean, Monte Carlo", ones(drawn.mean)),
+            ("SD, delta method", ones(delta.deviation)),
+            ("SD, Monte Carlo", ones(drawn.deviation)),
+            ("95 % of the draws", tuple(map(_interval, drawn.low, drawn.high))),
         ),
     )
 

@@ -14,6 +14,7 @@ from pipeline.cli.options import (
 )
 from pipeline.run.request import TrialRequest
 
+MIN_DRAWS, MAX_DRAWS = 20, 100_000
 CAUSE_COLUMNS: Final = 20
 """Of a narrow terminal, for the names of causes; six residuals share the other 60 of 80."""
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from pipeline.budgets.explanation import Explanation
+    from pipeline.explain.budget import Budget
 
 
 @takes_trial_request
@@ -30,6 +32,14 @@ def explain(
         Path | None, typer.Option(help="Folder for the output of one trial; default: results.")
     ] = None,
     jobs: Jobs = 1,
+    draws: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            max=MAX_DRAWS,
+            help="Of Monte Carlo through the whole chain, beside the delta method; 200 are enough.",
+        ),
+    ] = 0,
 ) -> int:
     """Say what the pelvis residuals of a trial are made of, how sure that is, and what to mend.
 
@@ -37,13 +47,20 @@ def explain(
     recordings, and 'hbm report' shows it. Nothing is corrected.
     """
     if request.trial.is_dir():
+        if draws:
+            raise ValueError("--draws is for one trial; leave it out, or give a recording")
         return _explain_results(request, out, jobs)
-    return _explain_trial(request, out or Path("results"))
+    if draws in range(1, MIN_DRAWS):
+        raise ValueError(f"--draws {draws}: too few for an interval; at least {MIN_DRAWS}")
+    return _explain_trial(request, out or Path("results"), draws)
 
 
-def _explain_trial(request: TrialRequest, out: Path) -> int:
+def _explain_trial(request: TrialRequest, out: Path, draws: int) -> int:
+    from pipeline.budgets.bands import SUFFIX as BANDS
+    from pipeline.budgets.bands import write_bands
     from pipeline.budgets.explanation import SUFFIX, explain, write_explanation
     from pipeline.cli.terminal import announcer, plain_console
+    from pipeline.figures.bands import bands_figure
     from pipeline.figures.budget import budget_figure
     from pipeline.figures.style import save_figure
     from pipeline.run.one_trial import processed_trial
@@ -56,13 +73,17 @@ def _explain_trial(request: TrialRequest, out: Path) -> int:
     console = plain_console()
     require_folder(out)
     trial = processed_trial(request, announcer(console))
-    explanation = explain(trial.recording, trial.laboratory, trial.result)
-    name = request.trial.stem
+    explanation = explain(trial.recording, trial.laboratory, trial.result, draws=draws)
+    name, bands = request.trial.stem, explanation.budget.bands
     write_explanation(explanation, out / f"{name}{SUFFIX}")
     save_figure(budget_figure(explanation.budget), out / f"{name}_explained")
+    assert bands is not None  # it was not read from a file
+    write_bands(bands, out / f"{name}{BANDS}")
+    save_figure(bands_figure(bands, request.trial.name), out / f"{name}_bands")
     print_explanation(explanation, console)
     console.print(
-        f"written to {out}: {name}{SUFFIX} (all numbers), {name}_explained.png and .svg",
+        f"written to {out}: {name}{SUFFIX} (all numbers), {name}{BANDS} (residuals over time), "
+        f"{name}_explained and {name}_bands as .png and .svg",
         soft_wrap=True,
     )
     return 0
@@ -112,10 +133,29 @@ def print_explanation(explanation: "Explanation", console: "Console") -> None:
         for head, cells in shown.columns:
             narrow.add_row(head, *cells)
         print_table(narrow, console)
+    if explanation.budget.drawn is not None:
+        _print_drawn(explanation.budget, console)
     for line in explanation_lines(explanation):
         console.print(line)
     for note in warnings_first(explanation.budget.notes):
         console.print(note_line(note), soft_wrap=True)
+
+
+def _print_drawn(budget: "Budget", console: "Console") -> None:
+    """Put the delta method beside Monte Carlo."""
+    from rich.table import Table
+
+    from pipeline.budgets.table import drawn_table
+    from pipeline.cli.terminal import print_table
+
+    shown = drawn_table(budget)
+    table = Table(title=shown.title, box=None, padding=(0, 1, 0, 0), title_justify="left")
+    table.add_column("", width=CAUSE_COLUMNS)
+    for axis in shown.axes:
+        table.add_column(axis.replace(", ", "\n"), justify="right", no_wrap=True)
+    for head, cells in shown.columns:
+        table.add_row(head, *cells)
+    print_table(table, console)
 
 
 def _explain_results(request: TrialRequest, out: Path | None, jobs: int) -> int:

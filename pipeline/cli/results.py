@@ -57,6 +57,7 @@ def view(
     """Open a trial in the Rerun viewer: markers, body, plates, forces, residuals over time."""
     from rich.text import Text
 
+    from pipeline.budgets.study import bands_of
     from pipeline.cli.terminal import plain_console
     from pipeline.io.write import write_text
     from pipeline.run.program import program_digest
@@ -69,20 +70,22 @@ def view(
     if save is not None:
         with console.status(Text(f"preparing {result.stem}")):
             save.parent.mkdir(parents=True, exist_ok=True)
-            write_recording(read_trial(result), save)
+            write_recording(read_trial(result), save, bands=bands_of(result, read_summary(result)))
         console.print(f"recording: {save}", soft_wrap=True)
         return
     folder = result.parent.parent if result.parent.name == "trials" else result.parent
     stem = folder / "viewer" / result.stem
     trial, cycles, shown = (Path(f"{stem}{end}") for end in (".rrd", "_cycles.rrd", ".key"))
-    key = read_summary(result).key
-    made = f"{key} {program_digest()}"  # a key does not cover the viewer
+    summary = read_summary(result)
+    key, bands = summary.key, bands_of(result, summary)
+    known = "" if bands is None else " with bands"
+    made = f"{key} {program_digest()}{known}"  # a key does not cover the viewer
     fresh = trial.is_file() and cycles.is_file() and shown.is_file() and shown.read_text() == made
     if not (key and fresh):
         with console.status(Text(f"preparing {result.stem}")):
             stem.parent.mkdir(parents=True, exist_ok=True)
             stored = read_trial(result)
-            write_recording(stored, trial)
+            write_recording(stored, trial, bands=bands)
             write_cycles(stored, cycles)
         write_text(made, shown)
     show([trial, cycles], web=web, announce=lambda line: console.print(line, soft_wrap=True))

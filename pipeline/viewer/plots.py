@@ -72,12 +72,13 @@ def log_residual_curves(
     stream, timelines
         Recording to write to, and the time of each row.
     residuals
-        Variant -> residuals in the reported axes, (T, 6) [N, N·m].
+        Variant, or end of an interval -> residuals in the reported axes, (T, 6) [N, N·m].
     """
-    colours = [COLOURS[variant] for variant in residuals]
+    colours = [COLOURS.get(name, OTHER_COLOUR) for name in residuals]
+    widths = [1.5 if name in COLOURS else 0.75 for name in residuals]
     for k, axis in enumerate(AXES):
         curves = np.column_stack([value[:, k] for value in residuals.values()])
-        log_curves(stream, timelines, f"residual/{axis}", curves, list(residuals), colours)
+        log_curves(stream, timelines, f"residual/{axis}", curves, list(residuals), colours, widths)
 
 
 def log_marker_errors(

@@ -12,6 +12,8 @@ from hbm.coordinates import MOVING
 from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.spatial import Array
+from pipeline.explain.budget import Bands
+from pipeline.explain.intervals import NORMAL_95
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import COLOURS
 from pipeline.trial.gait.cycles import mean_and_sd, normalise
@@ -74,7 +76,13 @@ that could not be solved has no body.
 """
 
 
-def write_recording(result: TrialResult, path: Path, *, view_hz: float = VIEW_RATE_HZ) -> None:
+def write_recording(
+    result: TrialResult,
+    path: Path,
+    *,
+    view_hz: float = VIEW_RATE_HZ,
+    bands: Bands | None = None,
+) -> None:
     """Write a trial for the viewer, with its layout.
 
     Parameters
@@ -85,6 +93,8 @@ def write_recording(result: TrialResult, path: Path, *, view_hz: float = VIEW_RA
         The file, ``.rrd``.
     view_hz
         Rate of the scene and of the marker errors; residual curves keep the full rate.
+    bands
+        How sure the residuals are, where the trial is explained.
 
     Raises
     ------
@@ -136,6 +146,8 @@ def write_recording(result: TrialResult, path: Path, *, view_hz: float = VIEW_RA
             n: np.where(result.validity.counts[:, None], reported(d.residual), np.nan)
             for n, d in variants(result).items()
         }
+        if bands is not None:
+            curves |= _ends_of_bands(bands, motion.time)
         log_residual_curves(stream, whole, curves)
         log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
         log_phases(stream, clock, result.events)
@@ -200,6 +212,16 @@ def write_cycles(result: TrialResult, path: Path) -> None:
                 [COLOURS[name.partition(",")[0]] for name in curves],
                 [2.5 if name.endswith("mean") else 0.75 for name in curves],
             )
+
+
+def _ends_of_bands(bands: Bands, time: Array) -> dict[str, Array]:
+    """Give the ends of 95 % intervals at all frames of a trial, (T, 6); NaN where unexplained."""
+    frames = np.searchsorted(time, bands.time)
+    ends = {}
+    for name, sign in (("95 % low", -1), ("95 % high", 1)):
+        ends[name] = np.full((len(time), len(AXES)), np.nan)
+        ends[name][frames] = bands.residual + sign * NORMAL_95 * bands.deviation
+    return ends
 
 
 def _title(result: TrialResult) -> str:

@@ -1,0 +1,69 @@
+"""Residuals over the gait cycle with how sure they are."""
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from hbm.spatial import Array
+from pipeline.explain.budget import Bands
+from pipeline.explain.intervals import NORMAL_95
+from pipeline.figures.residuals import label_panels
+from pipeline.figures.style import BAND_OPACITY, COLOURS, STYLE
+from pipeline.trial.gait.cycles import mean_and_sd, normalise
+
+
+def bands_figure(bands: Bands, name: str) -> Figure:
+    """Draw the mean gait cycle of each residual, with two bands.
+
+    Parameters
+    ----------
+    bands
+        Of a trial.
+    name
+        Of the trial.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Six panels over the gait cycle; forces above, moments below. The wide band is the 95 %
+        interval of measurement: what causes of usual size change the residual by. It is much the
+        same in all cycles. The narrow one is one standard deviation between cycles.
+    """
+    spans = _spans(bands)
+    mean, between = mean_and_sd(normalise(bands.time, bands.residual, spans))
+    variance = normalise(bands.time, bands.deviation**2, spans)
+    half = NORMAL_95 * np.sqrt(np.nanmean(variance, axis=0))
+    percent = np.linspace(0, 100, len(mean))
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(9, 5), layout="constrained")
+        panels = figure.subplots(2, 3, sharex=True).ravel()
+        for k, panel in enumerate(panels):
+            for spread, colour, label in (
+                (half[:, k], "#777777", "95 % interval of measurement"),
+                (between[:, k], COLOURS["measured"], "SD between cycles"),
+            ):
+                panel.fill_between(
+                    percent,
+                    mean[:, k] - spread,
+                    mean[:, k] + spread,
+                    color=colour,
+                    alpha=BAND_OPACITY,
+                    lw=0,
+                    label=label,
+                )
+            panel.plot(percent, mean[:, k], color=COLOURS["measured"], label="mean")
+        label_panels(panels)
+        handles = panels[0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside lower center", ncols=3, frameon=False)
+        figure.suptitle(
+            f"{name}: pelvis residuals of {len(spans)} gait cycles and how sure they are",
+            fontsize=10,
+        )
+    return figure
+
+
+def _spans(bands: Bands) -> Array:
+    """Give start and stop of the cycles, (C, 2) [s]."""
+    first = np.flatnonzero(np.diff(bands.cycle, prepend=-1))
+    last = np.append(first[1:], len(bands.cycle)) - 1
+    return np.column_stack([bands.time[first], bands.time[last]])
