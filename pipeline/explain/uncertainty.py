@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import gammaln
 
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
@@ -23,8 +22,12 @@ from pipeline.explain.processing_chain import ProcessingChain
 
 REST_HZ: Final = 6.0
 """Cut-off at which the noise of plates is stated."""
-TINY: Final = 1e-12
-"""Of a mean square, so that residuals of zero have a deviation of zero."""
+ROUNDING: Final = 1e-13
+"""Of the largest eigenvalue, below which others are none."""
+TINY: Final = 1e-30
+"""Of a variance, so that nothing is divided by zero."""
+LOGARITHMS: Final = np.arange(-64.0, 64.0, 0.25)
+"""Of the variable of integration, in which the integrand falls by e^-32 towards either end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,9 +80,10 @@ def rms_uncertainty(residual: Array, usual: Array, noise: Array, samples: float)
     To first order in the causes, the residual is ``r + Σ sₖ eₖ`` with standard normal sizes s. Its
     mean square, a quadratic form in them, has the mean ``⟨r, r⟩ + Σ ⟨eₖ, eₖ⟩`` and the variance
     ``4 Σ ⟨r, eₖ⟩² + 2 ΣΣ ⟨eₖ, eₗ⟩²``, each ``⟨,⟩`` over T (Mathai and Provost 1992, Quadratic forms
-    in random variables, 3.2b). The RMS is the root of a gamma variable with that mean and variance.
-    The gradient of the RMS alone (JCGM 100:2008, 5.1.2) is wrong where errors are as large as the
-    residual, because their squares do not average out.
+    in random variables, 3.2b), which says how much of it is due to each cause. The mean of its root
+    follows from its moment-generating function, and with it the deviation: squares of causes do not
+    average out, and the gradient of the RMS alone (JCGM 100:2008, 5.1.2) is wrong where causes do
+    as much as the residual. Noise is a further cause that is independent of itself in each sample.
 
     Examples
     --------
@@ -94,18 +98,59 @@ def rms_uncertainty(residual: Array, usual: Array, noise: Array, samples: float)
     square = (residual**2).mean(axis=0)
     columns = np.moveaxis(usual, 2, 0)
     products = columns @ columns.transpose(0, 2, 1) / frames
-    linear = 2 * np.einsum("tx,ktx->kx", residual, usual) / frames
-    squares = np.sqrt(2 * (products**2).sum(axis=2).T)
+    along = np.einsum("tx,ktx->xk", residual, usual) / frames
     of_noise = 2 * np.sqrt(square / (samples * frames)) * noise
-    variance = (linear**2 + squares**2).sum(axis=0) + of_noise**2 + TINY
-    expected = square + np.einsum("xkk->x", products) + noise**2 + TINY
-    shape = expected**2 / variance
-    mean = np.sqrt(expected / shape) * np.exp(gammaln(shape + 0.5) - gammaln(shape))
-    deviation = np.sqrt(np.maximum(expected - mean**2, 0.0))
-    scale = deviation / np.sqrt(variance)
+    linear, squares = 2 * along.T, np.sqrt(2 * (products**2).sum(axis=2).T)
+    expected = square + np.einsum("xkk->x", products) + noise**2
+    mean = np.array(
+        [
+            mean_root(own + apart**2, gram, towards)
+            for own, apart, gram, towards in zip(square, noise, products, along, strict=True)
+        ]
+    )
+    found = np.maximum(expected - mean**2, 0.0) + of_noise**2 / (4 * expected + TINY)
+    deviation = np.sqrt(found)
+    variance = (linear**2 + squares**2).sum(axis=0) + of_noise**2
+    scale = deviation / np.sqrt(variance + TINY)
     return Uncertainty(
         np.sqrt(square), mean, deviation, scale * linear, scale * squares, scale * of_noise
     )
+
+
+def mean_root(square: float, products: Array, along: Array) -> float:
+    """Give the mean of the root of a quadratic form in standard normal variables.
+
+    Parameters
+    ----------
+    square, along, products
+        Of the form ``square + 2 along · s + s · products s``, which is nowhere negative: a number,
+        (K,) and (K, K).
+
+    Returns
+    -------
+    float
+        ``E √Q = ∫ t^(-3/2) (1 − E exp(−t Q)) dt / (2 √π)`` over t from 0 to infinity, by the
+        trapezoidal rule over the logarithm of t, where it converges exponentially.
+
+    Examples
+    --------
+    >>> print(f"{mean_root(0.0, np.eye(1), np.zeros(1)):.6f}")  # √(2/π), of a half-normal variable
+    0.797885
+    """
+    eigenvalue, axes = np.linalg.eigh(products)
+    expected = square + np.trace(products)
+    if not expected > 0:
+        return 0.0
+    some = eigenvalue > ROUNDING * eigenvalue[-1]
+    eigenvalue, towards = eigenvalue[some], axes.T[some] @ along
+    inside = towards**2 / eigenvalue
+    t = np.exp(LOGARITHMS)[:, None] / expected
+    widened = 1 + 2 * t * eigenvalue
+    exponent = -(t * inside / widened + np.log(widened) / 2).sum(axis=1)
+    t = t[:, 0]
+    exponent -= t * max(square - inside.sum(), 0.0)
+    integrand = -np.expm1(exponent) / np.sqrt(t)
+    return float(integrand.sum() * (LOGARITHMS[1] - LOGARITHMS[0]) / (2 * np.sqrt(np.pi)))
 
 
 def samples_in_a_frame(chain: ProcessingChain) -> float:

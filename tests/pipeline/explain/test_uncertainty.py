@@ -1,0 +1,162 @@
+"""How sure the RMS of residuals is: the delta method by known answers, and by drawing."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.config.schema import Treadmill
+from pipeline.config.study import read_study
+from pipeline.explain.cause import Cause
+from pipeline.explain.explain import explained_part
+from pipeline.explain.intervals import Intervals
+from pipeline.explain.uncertainty import (
+    draw_residuals,
+    noise_of_samples,
+    rms_uncertainty,
+    samples_in_a_frame,
+)
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
+
+NO_NOISE = np.zeros(6)
+TIME = np.linspace(0, 1, 200)
+
+
+def waves(*sizes):
+    """Effects that are sines of different frequencies in all axes."""
+    return np.array(
+        [
+            size * np.repeat(np.sin(2 * np.pi * (k + 1) * TIME)[:, None], 6, 1)
+            for k, size in enumerate(sizes)
+        ]
+    )
+
+
+def test_a_small_error_of_the_residuals_own_shape_changes_the_rms_by_its_own():
+    residual = waves(10.0)[0]
+    found = rms_uncertainty(residual, waves(0.01), NO_NOISE, 1.0)
+    np.testing.assert_allclose(found.deviation, 0.01 / np.sqrt(2), rtol=0.01)
+    np.testing.assert_allclose(found.changes[0], found.deviation, rtol=1e-3)
+
+
+def test_an_error_that_shrinks_the_residual_has_a_negative_change():
+    residual = waves(10.0)[0]
+    assert (rms_uncertainty(residual, -waves(0.01), NO_NOISE, 1.0).changes < 0).all()
+
+
+def test_errors_of_another_shape_add_by_their_squares_alone():
+    residual = waves(10.0)[0]
+    found = rms_uncertainty(residual, waves(0.0, 3.0)[1:], NO_NOISE, 1.0)
+    assert np.abs(found.changes).max() < 0.01 * found.squares.min()
+    assert (found.mean > found.rms).all()
+
+
+def test_the_rms_of_a_longer_time_is_surer_of_noise_and_no_surer_of_a_cause():
+    residual, usual, noise = waves(10.0)[0], waves(0.5), np.ones(6)
+    short = rms_uncertainty(residual, usual, noise, 0.1)
+    long = rms_uncertainty(np.tile(residual, (4, 1)), np.tile(usual, (1, 4, 1)), noise, 0.1)
+    np.testing.assert_allclose(long.changes, short.changes, rtol=0.02)
+    np.testing.assert_allclose(long.of_noise, short.of_noise / 2, rtol=0.02)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    st.lists(st.floats(0.1, 5.0), min_size=1, max_size=5),
+    st.floats(0.0, 10.0),
+    st.integers(0, 2**32 - 1),
+)
+def test_mean_and_deviation_are_those_of_drawn_sums(sizes, own, seed):
+    """Gaussian sizes, drawn and squared without the formulas of the delta method."""
+    rng = np.random.default_rng(seed)
+    mixed = np.einsum("kl,ltx->ktx", rng.uniform(-1, 1, (len(sizes),) * 2), waves(*sizes))
+    residual = own * mixed[0] + 1.0
+    drawn = residual + np.tensordot(rng.standard_normal((4000, len(sizes))), mixed, 1)
+    rms = np.sqrt((drawn**2).mean(axis=1))[:, 0]
+    found = rms_uncertainty(residual, mixed, NO_NOISE, 1.0)
+    assert found.mean[0] == pytest.approx(rms.mean(), rel=0.05)
+    assert found.deviation[0] == pytest.approx(rms.std(), rel=0.15)
+
+
+@pytest.fixture(scope="module")
+def part(walk):
+    recording, result = walk
+    found = explained_part(recording, Laboratory(Treadmill()), result)
+    assert np.isfinite(found.chain.residual).all()  # first: effects keep its steps
+    return found
+
+
+@pytest.fixture(scope="module")
+def effects(part):
+    return np.nan_to_num([cause.effect(part.chain) for cause in part.causes])
+
+
+def test_noise_of_samples_passes_the_filter_of_the_trial(part):
+    sharp = part.chain.changed(settings=part.chain.settings.model_copy(update={"cutoff_hz": 3.0}))
+    assert (noise_of_samples(sharp) < noise_of_samples(part.chain)).all()
+
+
+def test_a_draw_without_causes_is_the_residual_and_noise(part):
+    (drawn,) = draw_residuals(part.chain, [], 1)
+    difference = np.sqrt(((drawn - part.chain.residual) ** 2).mean(axis=0))
+    np.testing.assert_allclose(difference, noise_of_samples(part.chain, seed=3), rtol=0.3)
+
+
+def test_draws_of_one_seed_are_the_same(part):
+    first, second = (next(draw_residuals(part.chain, part.causes, 1, seed=4)) for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize("kind", ["markers' place", "skin", "knee: axis", "zero of Fz", "mass"])
+def test_one_drawn_cause_does_what_its_effect_says(part, kind):
+    """Through the inverse kinematics, which effects have linearised."""
+    own = next(cause for cause in part.causes if kind in cause.name)
+    (with_it,) = draw_residuals(part.chain, [own], 1, seed=1)
+    (noise,) = draw_residuals(part.chain, [_nothing(own)], 1, seed=1)
+    size = np.random.default_rng(1).standard_normal() * own.prior.size
+    expected = size * own.effect(part.chain)
+    missed = with_it - noise - expected
+    assert np.linalg.norm(missed) < 0.1 * np.linalg.norm(expected)
+
+
+def _nothing(cause):
+    """A cause that takes a draw and does nothing."""
+    return Cause("nothing", "zero", cause.prior, lambda chain, size: chain)
+
+
+def test_bands_hold_two_thirds_of_the_draws(part, effects):
+    bands = Intervals(part.chain, part.causes, effects, part.series.frames).bands()
+    drawn = np.array(
+        [residual[part.counts] for residual in draw_residuals(part.chain, part.causes, 40)]
+    )
+    spread = (drawn - part.chain.residual[part.counts]).std(axis=0)
+    ratio = np.sqrt((spread**2).mean(axis=0) / (bands.deviation**2).mean(axis=0))
+    np.testing.assert_allclose(ratio, 1.0, atol=0.3)
+
+
+@pytest.fixture(scope="module")
+def moving_part(moving_study, processed):
+    study = read_study(moving_study)
+    recording = read_study_file(study, study.subject("sub01").trials["pitch"].file)
+    found = explained_part(recording, read_study_laboratory(study), processed)
+    assert np.isfinite(found.chain.residual[found.counts]).all()
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("condition", ["part", "moving_part"])
+def test_delta_method_and_monte_carlo_agree_within_a_tenth(condition, request):
+    """Three standard errors of the draws' own deviation are allowed besides."""
+    draws, found = 200, request.getfixturevalue(condition)
+    effects = np.nan_to_num([cause.effect(found.chain) for cause in found.causes])
+    drawn = Intervals(found.chain, found.causes, effects, found.series.frames).drawn(draws)
+    usual = np.array([c.prior.size for c in found.causes])[:, None, None] * effects
+    delta = rms_uncertainty(
+        found.chain.residual[found.counts],
+        usual[:, found.counts],
+        noise_of_samples(found.chain),
+        samples_in_a_frame(found.chain),
+    )
+    error = 1 / np.sqrt(2 * draws)
+    np.testing.assert_allclose(delta.deviation, drawn.deviation, rtol=0.1 + 3 * error)
+    np.testing.assert_allclose(delta.mean, drawn.mean, rtol=0.1)
