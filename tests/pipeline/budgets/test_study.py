@@ -2,16 +2,19 @@
 
 import re
 import shutil
+from dataclasses import replace
 from html import unescape
 
+import numpy as np
 import pytest
 
-from pipeline.budgets.study import FOLDER, explain_planned, plan_explanations, study_of
+from pipeline.budgets.study import FOLDER, bands_of, explain_planned, plan_explanations, study_of
 from pipeline.budgets.visits import check_visits
 from pipeline.cli.app import main
 from pipeline.config.study import read_study
 from pipeline.report.write import write_report
 from pipeline.run.run import run_study
+from pipeline.run.store import read_summary
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +73,15 @@ def test_an_interrupted_run_keeps_what_is_done(copy):
     first = next(explain_planned(plan_explanations(study_of(copy), copy), copy))
     assert first.state == "done"
     assert list(states(copy).values()).count("kept") == 1
+
+
+def test_a_result_has_bands_while_its_explanation_is_of_it(copy):
+    path = copy / "trials" / "sub01_pitch.parquet"
+    trial = read_summary(path)
+    bands = bands_of(path, trial)
+    assert len(np.unique(bands.cycle)) >= 4
+    assert (bands.deviation > 0).all()
+    assert bands_of(path, replace(trial, key="of another result")) is None
 
 
 def test_a_trial_whose_recording_is_gone_stops_no_other(copy, capsys, quick):

@@ -21,8 +21,11 @@ def printed(walker, tmp_path, monkeypatch, capsys, columns):
     return capsys.readouterr().out.splitlines()
 
 
-def test_all_numbers_and_a_figure_are_written_and_nothing_else(out):
+def test_all_numbers_and_figures_are_written_and_nothing_else(out):
     assert sorted(path.name for path in out.iterdir()) == [
+        "walk_0_bands.parquet",
+        "walk_0_bands.png",
+        "walk_0_bands.svg",
         "walk_0_explained.json",
         "walk_0_explained.png",
         "walk_0_explained.svg",
@@ -54,6 +57,18 @@ def test_the_command_says_what_it_wrote_and_checks_itself(walker, tmp_path, monk
     assert lines[-1].startswith(f"written to {tmp_path}: walk_0_explained.json")
 
 
+def test_draws_stand_beside_the_delta_method(walker, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    command = ["explain", str(walker.source), "--sex", "female", "--out", str(tmp_path)]
+    assert main([*command, "--draws", "20"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith("SD, delta method") for line in lines)
+    assert any(line.startswith("SD, Monte Carlo") for line in lines)
+    stored = json.loads((tmp_path / "walk_0_explained.json").read_text())["budget"]["drawn"]
+    assert stored["draws"] == 20
+    assert stored["low"]["Fx"] < stored["mean"]["Fx"] < stored["high"]["Fx"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -64,6 +79,8 @@ def test_the_command_says_what_it_wrote_and_checks_itself(walker, tmp_path, monk
         ([".", "--mass-kg", "70"], "leave out --mass-kg"),
         ([".", "--out", "elsewhere"], "leave out --out"),
         (["."], "no results of trials here"),
+        ([".", "--draws", "200"], "--draws is for one trial"),
+        (["walk.c3d", "--draws", "5"], "--draws 5: too few for an interval; at least 20"),
     ],
 )
 def test_what_cannot_be_explained_gives_one_line(

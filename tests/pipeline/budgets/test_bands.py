@@ -1,0 +1,62 @@
+"""Residuals over time with how sure they are: in files, in a figure, in the viewer."""
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from pipeline.budgets.bands import read_bands, write_bands
+from pipeline.explain.budget import Bands
+from pipeline.figures.bands import bands_figure
+from pipeline.viewer.trial import write_recording
+from tests.pipeline.viewer.test_trial import Stored
+from tests.pipeline.viewer_trial import viewer_trial
+
+
+def bands_at(time):
+    residual = np.sin(2 * np.pi * time)[:, None] * np.arange(1, 7)
+    return Bands(time, (time - time[0]).astype(int), residual, np.full((len(time), 6), 0.5))
+
+
+BANDS = bands_at(np.arange(300) / 100)
+
+
+def test_bands_come_back_as_they_were_written(tmp_path):
+    path = tmp_path / "walk_bands.parquet"
+    write_bands(BANDS, path)
+    found = read_bands(path)
+    for name in ("time", "cycle", "residual", "deviation"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(BANDS, name))
+
+
+def test_columns_are_named_by_axis(tmp_path):
+    path = tmp_path / "walk_bands.parquet"
+    write_bands(BANDS, path)
+    assert pq.read_schema(path).names[:4] == ["time_s", "cycle", "residual.Fx", "residual.Fy"]
+
+
+@pytest.mark.parametrize("content", [b"", b"not a table"])
+def test_a_damaged_file_says_what_to_run(tmp_path, content):
+    path = tmp_path / "walk_bands.parquet"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match="run 'hbm explain' again"):
+        read_bands(path)
+
+
+def test_the_band_of_a_figure_is_the_interval_of_measurement_about_the_mean_cycle():
+    panel = bands_figure(BANDS, "walk").axes[2]
+    band = panel.collections[0].get_paths()[0].vertices[:, 1]
+    assert band.max() == pytest.approx(3 + 1.96 * 0.5, rel=0.01)
+    assert panel.lines[0].get_ydata().max() == pytest.approx(3, rel=0.01)
+
+
+def test_the_viewer_has_the_ends_of_the_interval_where_a_trial_is_explained(tmp_path):
+    trial = viewer_trial(200)
+    shown = slice(50, 150)
+    bands = bands_at(trial.motion.time[shown])
+    write_recording(trial, tmp_path / "walk.rrd", bands=bands)
+    stored = Stored(tmp_path / "walk.rrd")
+    names = list(stored.rows("residual/Fz", "names", static=True)[0])
+    assert names[-2:] == ["95 % low", "95 % high"]
+    curves = np.stack(stored.rows("residual/Fz", "scalars"))
+    np.testing.assert_allclose(curves[shown, -1], bands.residual[:, 2] + 1.96 * 0.5)
+    assert np.isnan(curves[:50, -2:]).all()
