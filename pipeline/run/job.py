@@ -12,6 +12,7 @@ from pipeline.config.study import Study
 from pipeline.io.input_file import last_written
 from pipeline.run.program import computation_digest
 from pipeline.run.store import read_summary, write_trial
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.summary import FORMAT_VERSION, TrialSummary
 
 WORKER_DIED: Final = "the process that worked on it died; too little memory?"
@@ -73,14 +74,22 @@ class Outcome:
         return self.reason if self.state == "failed" else None
 
 
-def process_job(job: Job) -> Outcome:
-    """Process one trial and write its result whole or not at all; failures become outcomes."""
-    from pipeline.trial.process import process_trial  # heavy, and not needed for keys
+def import_processing() -> None:
+    """Import what processes a trial: heavy, and not needed for keys."""
+    import pipeline.trial.process  # noqa: F401
+
+
+def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
+    """Process one trial and write its result whole or not at all; failures become outcomes.
+
+    Without a ``laboratory``, that of the study is read.
+    """
+    from pipeline.trial.process import process_trial
 
     try:
         if (there := stored_outcome(job)) is not None:
             return there
-        result = process_trial(job.study, job.subject, job.condition)
+        result = process_trial(job.study, job.subject, job.condition, laboratory=laboratory)
         if trial_key(job.study, job.subject, job.condition) != job.key:
             raise ValueError(
                 "one of its files changed while it was processed, or this process has another "

@@ -14,7 +14,7 @@ from functools import cache
 from multiprocessing import resource_tracker
 from typing import Any, Final
 
-from joblib import Parallel
+from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 POLL_S: Final = 0.5
@@ -67,6 +67,41 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
             for function, arguments, options in tasks:
                 yield function(*arguments, **options)
         return
+    with _started(tasks, workers, ordered) as results:
+        yield from results
+
+
+@contextmanager
+def starting_processes(workers: int, prepare: Callable[[], object]) -> Iterator[None]:
+    """Start the processes of `in_processes`, which prepare themselves while this one goes on.
+
+    Meanwhile linear algebra uses one thread in this process too.
+
+    Parameters
+    ----------
+    workers
+        How many; one is this process, which prepares nothing.
+    prepare
+        What each of them does first.
+
+    Raises
+    ------
+    concurrent.futures.process.BrokenProcessPool
+        If a process dies.
+    """
+    with ExitStack() as started:
+        results: Iterator[Any] = iter(())
+        if workers > 1:
+            results = started.enter_context(_started([delayed(prepare)()] * workers, workers))
+        with _one_thread():
+            yield
+        for _ in results:
+            pass
+
+
+@contextmanager
+def _started(tasks: Iterable[Task], workers: int, ordered: bool = False) -> Iterator[Iterator[Any]]:
+    """Start tasks in processes of their own, and give their results; see `in_processes`."""
     parallel = Parallel(
         workers,
         backend="loky",
@@ -81,7 +116,7 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
         with _interrupts_held():  # processes that start here inherit it
             results = started.enter_context(closing(parallel(tasks)))
         try:
-            yield from results
+            yield results
         except BaseException:  # workers are killed now
             _ignore_failing_manager()
             raise

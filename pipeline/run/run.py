@@ -14,9 +14,19 @@ from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
 from pipeline.run.failures import collect_failures, record_failure
-from pipeline.run.job import WORKER_DIED, Job, Outcome, process_job, stored_outcome, trial_key
-from pipeline.run.processes import in_processes
+from pipeline.run.job import (
+    WORKER_DIED,
+    Job,
+    Outcome,
+    import_processing,
+    process_job,
+    stored_outcome,
+    trial_key,
+)
+from pipeline.run.processes import in_processes, starting_processes
 from pipeline.run.store import record_study_folder
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.study_files import read_study_laboratory
 
 Announce = Callable[[str], None]
 """Called with a sentence when something takes long or cannot be written."""
@@ -168,33 +178,42 @@ def run_jobs(
     todo.sort(key=lambda job: job.size, reverse=True)
     if scheduler is not None and todo:
         yield from on_cluster(todo, scheduler)
-    elif min(workers, len(todo)) > 1:
-        yield from _in_parallel(todo, min(workers, len(todo)))
-    else:
-        yield from map(process_job, todo)
+    elif todo:
+        yield from _in_processes(todo, min(workers, len(todo)))
 
 
-def _in_parallel(todo: list[Job], workers: int) -> Iterator[Outcome]:
-    """Process trials in processes of their own.
+def _in_processes(todo: list[Job], workers: int) -> Iterator[Outcome]:
+    """Process trials in processes of their own, while whose start this one calibrates for all.
 
-    When one of them dies, for example for lack of memory, the pool ends all others. What is left is
+    With one worker, all happens in this process. When one of them dies, for example for lack of memory, the pool ends all others. What is left is
     then processed one by one, so that only the trial that cannot be processed fails.
     """
-    left = {job.target: job for job in todo}
+    left, laboratory = {job.target: job for job in todo}, None
     try:
-        for outcome in in_processes((delayed(process_job)(job) for job in todo), workers):
+        with starting_processes(workers, import_processing):
+            laboratory = _laboratory(todo[0].study)
+        tasks = (delayed(process_job)(job, laboratory) for job in todo)
+        for outcome in in_processes(tasks, workers):
             del left[outcome.job.target]
             yield outcome
     except BrokenProcessPool:
         for job in left.values():
-            yield _in_own_process(job)
+            yield _in_own_process(job, laboratory)
 
 
-def _in_own_process(job: Job) -> Outcome:
+def _laboratory(study: Study) -> Laboratory | None:
+    """Read a study's laboratory; None where every trial will fail for the same reason."""
+    try:
+        return read_study_laboratory(study)
+    except Exception:
+        return None
+
+
+def _in_own_process(job: Job, laboratory: Laboratory | None) -> Outcome:
     try:
         outcome: Outcome
         # with one worker, it would be processed in this process
-        (outcome,) = in_processes([delayed(process_job)(job)], 2)
+        (outcome,) = in_processes([delayed(process_job)(job, laboratory)], 2)
     except BrokenProcessPool:
         return Outcome(job, "failed", WORKER_DIED)
     return outcome
