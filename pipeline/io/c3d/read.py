@@ -187,11 +187,13 @@ def _other_channels(
     rest = [k for k in range(len(names)) if k not in taken]
     if not rest:
         return None
+    values = samples.analog.T.take(rest, axis=0)
+    values.setflags(write=False)
     return Analog(
         time,
         tuple(names[k] for k in rest),
         tuple(units[k] for k in rest),
-        samples.analog[:, rest],
+        values.T,
     )
 
 
