@@ -60,7 +60,9 @@ def refuse_gaps(values: Array, name: str) -> None:
 
 def refuse_constant(table: Array, name: str, channels: tuple[str, ...]) -> None:
     """Raise a ValueError that names the channels that never change."""
-    constant = [c for c, still in zip(channels, np.ptp(table, axis=0) == 0, strict=True) if still]
+    constant = [
+        c for c, still in zip(channels, (table == table[0]).all(axis=0), strict=True) if still
+    ]
     if constant:
         raise ValueError(
             f"{name}: constant in {', '.join(constant)} over all {len(table)} samples; "

@@ -80,6 +80,8 @@ def rotate_wrench(wrench: ArrayLike, rotation: ArrayLike) -> Array:
         Wrenches in the new axes, (..., 6).
     """
     wrench, rotation = np.asarray(wrench, float), np.asarray(rotation, float)
+    if rotation.ndim == 2:
+        return np.reshape(wrench.reshape(-1, 3) @ rotation.T, wrench.shape)
     parts = [(rotation @ wrench[..., k : k + 3, None])[..., 0] for k in (0, 3)]
     return np.concatenate(parts, axis=-1)
 

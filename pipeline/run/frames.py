@@ -178,8 +178,8 @@ def _by_coordinate(prefix: str, values: Array | Mask) -> dict[str, Column]:
 
 def _event_labels(time: Array, events: Iterable[Event]) -> list[str]:
     """Give the events of each frame as text."""
-    labels = [""] * len(time)
+    labels, between = [""] * len(time), (time[1:] + time[:-1]) / 2
     for event in events:
-        nearest = int(np.argmin(np.abs(time - event.time)))
+        nearest = int(np.searchsorted(between, event.time))
         labels[nearest] = " ".join(filter(None, (labels[nearest], f"{event.side} {event.label}")))
     return labels

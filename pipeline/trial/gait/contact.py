@@ -12,7 +12,7 @@ from hbm.coordinates import COORDINATES, MOVING
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.poses import segment_frames
-from hbm.signals.samples import stretches
+from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Mask
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.events import SIDES
@@ -312,7 +312,7 @@ class _Plate:
             doubtful = np.mean(self.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE
             feet = tuple(FEET[k] for k in own[first])
             changes = tuple(int(start + k) for k in first[1:])
-            nearest_m = float(np.median(nearest[start:stop]))
+            nearest_m = median_of(nearest[start:stop])
             contact = Contact(number, start, stop, feet, bool(doubtful), nearest_m, changes)
             found.append(contact)
             if doubtful:

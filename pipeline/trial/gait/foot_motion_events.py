@@ -10,8 +10,8 @@ from compensation.platform.pose import PlatformPose
 from hbm.body import Body
 from hbm.coordinates import MOVING
 from hbm.poses import segment_frames
-from hbm.signals.filtering import butterworth
-from hbm.signals.samples import stretches
+from hbm.signals.filtering import butterworth, low_pass
+from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array
 from pipeline.io.recording import Event
 from pipeline.trial.gait.events import MIN_EXCURSION_M, MIN_STRIDE_S, SIDES, in_order
@@ -134,7 +134,7 @@ def foot_motion_events(motion: FootMotion) -> tuple[Event, ...]:
 
 def _turns(time: Array, distance: Array) -> list[int]:
     """Find the frames in which a distance (T,) is largest; in a gap nothing is found."""
-    filtered = butterworth(distance, time, TURN_CUTOFF_HZ, "zero_phase").value
+    filtered = low_pass(distance, time, TURN_CUTOFF_HZ, "zero_phase")
     apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
     frames: list[int] = []
     for start, stop in stretches(np.isfinite(filtered)):
@@ -158,7 +158,7 @@ def _ground(
     middle, ground, walking = [], [], []
     for start, stop in stances:
         first, last = (round(start + share * (stop - start)) for share in MID_STANCE)
-        speed = float(np.median(ball_speed[first : last + 1]))
+        speed = median_of(ball_speed[first : last + 1])
         middle.append((time[first] + time[last]) / 2)
         ground.append(speed)
         walking.append(float(np.mean(pelvis_speed[start:stop])) - speed)

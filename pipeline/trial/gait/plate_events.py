@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.signals.samples import median_of
 from hbm.spatial import Array
 from pipeline.io.recording import Event
 from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact, Foot
@@ -174,7 +175,7 @@ def _crossing(
     if len(at_rest) * load.step_s < MIN_LEVEL_S or stop_s - start_s < MIN_STANCE_S:
         return None
     first, last = np.searchsorted(time, [start_s - MARGIN_S, stop_s])
-    above = load.force[first:last] - np.median(at_rest)
+    above = load.force[first:last] - median_of(at_rest)
     if not np.nanmax(above, initial=0.0) >= MIN_STEP_SHARE * weight_n:
         return None
     landed = int(np.argmax(above > LANDED_SHARE * weight_n))
