@@ -131,7 +131,8 @@ def _by_sensor(values: Array) -> Array:
 
 
 def _dead(model: InertiaModel, a: Array) -> tuple[Note, ...]:
-    size = np.median(np.linalg.norm(_by_sensor(a), axis=2), axis=0)
+    readings = _by_sensor(a)
+    size = np.median(np.sqrt(np.vecdot(readings, readings)), axis=0)
     still = (a == a[0]).all(axis=0)
     without_gravity = [
         Note.of("accelerometer_silent", sensor=sensor, median_mps2=size, gravity_mps2=GRAVITY_MPS2)

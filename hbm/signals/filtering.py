@@ -262,10 +262,11 @@ def _both_ways(
     omega = 2 / step * float(np.tan(np.pi * cutoff_hz * step)) / correction
     to_value, _, feedback = _section(omega, step)
 
+    at_rest = np.array([1 - to_value[0], to_value[2] - feedback[2]])[:, None]
+
     def reversed_pass(samples: Array) -> Array:
-        relative: Array = lfilter(to_value, feedback, samples - samples[0], axis=0)
-        relative += samples[0]
-        return np.flip(relative, axis=0)
+        passed, _ = lfilter(to_value, feedback, samples, axis=0, zi=at_rest * samples[0])
+        return np.flip(passed, axis=0)
 
     padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
     return reversed_pass(reversed_pass(extended(signal, padding))), padding, step

@@ -8,8 +8,7 @@ from scipy.signal import find_peaks
 
 from compensation.platform.pose import PlatformPose
 from hbm.body import Body
-from hbm.coordinates import MOVING
-from hbm.poses import segment_frames
+from hbm.poses import joint_positions
 from hbm.signals.filtering import butterworth, low_pass
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array
@@ -68,9 +67,8 @@ def foot_motion(body: Body, time: Array, q: Array, pose: PlatformPose | None) ->
     FootMotion
         NaN where the pose of body or platform is unknown.
     """
-    _, origin = segment_frames(body, q)
     names = "pelvis", "left_foot", "right_foot", "left_toes", "right_toes"
-    places = origin[:, [MOVING.index(name) for name in names]]
+    places = joint_positions(body, q, names)
     if pose is None:
         forward = places[..., 0]
     else:
