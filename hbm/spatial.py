@@ -5,6 +5,7 @@ A wrench is ``[fx fy fz mx my mz]``. Unless a suffix says otherwise it is expres
 dimensions and broadcasts them.
 """
 
+import math
 from typing import Final, Literal, overload
 
 import numpy as np
@@ -175,7 +176,7 @@ def fit_rotation(covariance: ArrayLike) -> Array:
 
 def unit(vector: Array) -> Array:
     """Give a vector's direction, (3,)."""
-    return np.asarray(vector / np.sqrt(vector @ vector))
+    return np.asarray(vector / math.sqrt(vector @ vector))
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -203,4 +204,5 @@ def axes_from(left: Array, up: Array, exact: Literal["left", "up"]) -> Array:
 
 def distance(a: Array, b: Array) -> float:
     """Give the distance between two points [m]."""
-    return float(np.linalg.norm(a - b))
+    apart = a - b
+    return math.sqrt(apart @ apart)
