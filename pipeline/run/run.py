@@ -1,10 +1,12 @@
 """A whole study: every trial once, in parallel, resumable, nothing half-written."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from joblib import delayed
 
@@ -28,6 +30,8 @@ from pipeline.run.store import record_study_folder
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.study_files import read_study_laboratory
 
+HASHED_AT_ONCE: Final = 2
+"""Files; more are not read any faster."""
 Announce = Callable[[str], None]
 """Called with a sentence when something takes long or cannot be written."""
 
@@ -105,19 +109,25 @@ def plan(
     wanted = [study.subject(s).id for s in dict.fromkeys(subjects or study.subjects)]
     for condition in conditions or ():
         study.condition(condition)
-    jobs = []
-    for subject in wanted:
-        for condition, trial in study.subjects[subject].trials.items():
-            if trial.exclude is None and (not conditions or condition in conditions):
-                target = out / "trials" / f"{subject}_{condition}.parquet"
-                key = trial_key(absolute, subject, condition)
-                jobs.append(Job(absolute, subject, condition, target, key))
-    if not jobs:
+    trials = [
+        (subject, condition)
+        for subject in wanted
+        for condition, trial in study.subjects[subject].trials.items()
+        if trial.exclude is None and (not conditions or condition in conditions)
+    ]
+    if not trials:
         raise ValueError(
             f"{study.folder}: nothing to process: all trials of these subjects and conditions are "
             "excluded, or there are none"
         )
-    return jobs
+    with ThreadPoolExecutor(HASHED_AT_ONCE) as pool:
+        keys = pool.map(lambda trial: trial_key(absolute, *trial), trials)
+        return [
+            Job(
+                absolute, subject, condition, out / "trials" / f"{subject}_{condition}.parquet", key
+            )
+            for (subject, condition), key in zip(trials, keys, strict=True)
+        ]
 
 
 def run_planned(
