@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import platform
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -161,6 +162,13 @@ def keep_freed_memory() -> None:
             mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
 
 
+def _stay_with_kept_memory() -> None:
+    """Let loky replace no process because it keeps memory; it does where psutil is installed."""
+    executor: Any = sys.modules.get("joblib.externals.loky.process_executor")
+    if hasattr(executor, "_USE_PSUTIL"):
+        executor._USE_PSUTIL = False
+
+
 def _one_thread() -> Any:
     """Limit linear algebra to one thread until what this gives is left."""
     import scipy.linalg  # noqa: F401 - only what is loaded can be limited
@@ -175,6 +183,7 @@ def _begin() -> None:
     process that started it has ended.
     """
     keep_freed_memory()
+    _stay_with_kept_memory()
     _one_thread()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_wait_for_end_of_parent, daemon=True).start()
