@@ -25,8 +25,8 @@ M_MMAP_THRESHOLD: Final = -3
 """Parameters of glibc's ``mallopt``."""
 KEPT_BYTES: Final = 2**30
 """Of freed memory that a process keeps: arrays of a long trial, again and again."""
-MAX_KEPT_ARRAY_BYTES: Final = 2**26
-"""A signal of a quarter of an hour at 1000 Hz; larger arrays are few."""
+MAX_KEPT_ARRAY_BYTES: Final = 2**28
+"""All markers of half an hour at 100 Hz; larger arrays are few."""
 MANAGER: Final = "ExecutorManagerThread"
 """How loky names the thread that manages workers."""
 Task = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
