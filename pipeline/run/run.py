@@ -193,10 +193,11 @@ def run_jobs(
 
 
 def _in_processes(todo: list[Job], workers: int) -> Iterator[Outcome]:
-    """Process trials in processes of their own, while whose start this one calibrates for all.
+    """Process trials in processes of their own, and calibrate for all of them while these start.
 
-    With one worker, all happens in this process. When one of them dies, for example for lack of memory, the pool ends all others. What is left is
-    then processed one by one, so that only the trial that cannot be processed fails.
+    With one worker, all happens in this process. When one of several dies, for example for lack of
+    memory, the pool ends all others. What is left is then processed one by one, so that only the
+    trial that cannot be processed fails.
     """
     left, laboratory = {job.target: job for job in todo}, None
     try:

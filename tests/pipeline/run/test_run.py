@@ -522,7 +522,7 @@ def test_the_laboratory_is_calibrated_once_for_all_processes(moving_study, out, 
 
 
 def test_the_biggest_recordings_come_first(moving_study, tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "process_job", lambda job: work.Outcome(job, "done"))
+    monkeypatch.setattr(run, "process_job", lambda job, laboratory: work.Outcome(job, "done"))
     study = read_study(moving_study)
     monkeypatch.setattr(work.Job, "size", property(lambda job: TRIALS.index(job.target.stem)))
     order = [outcome.job.target.stem for outcome in run_study(study, tmp_path)]
