@@ -87,9 +87,9 @@ def read_samples(
     unsigned = is_unsigned(parameters)
     frames = header.frames if max_frames is None else min(header.frames, max_frames)
     offset, scale, scale_notes = analog_scaling(header, parameters)
-    # every coordinate in one piece of memory, as markers have it
+    # every coordinate and channel in one piece of memory, as markers have it
     points = np.moveaxis(np.empty((n_points, 3, frames)), -1, 0)
-    analog = np.empty((frames, per_frame, channels))
+    analog = np.moveaxis(np.empty((channels, frames, per_frame)), 0, -1)
     with path.open("rb") as file, np.errstate(invalid="ignore", over="ignore"):
         file.seek(header.data_start)
         for start in range(0, frames, FRAMES_PER_SLICE):
