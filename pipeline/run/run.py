@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -20,7 +21,8 @@ from pipeline.run.job import (
     WORKER_DIED,
     Job,
     Outcome,
-    import_processing,
+    known_digests,
+    prepare_processing,
     process_job,
     stored_outcome,
     trial_key,
@@ -201,7 +203,7 @@ def _in_processes(todo: list[Job], workers: int) -> Iterator[Outcome]:
     """
     left, laboratory = {job.target: job for job in todo}, None
     try:
-        with starting_processes(workers, import_processing):
+        with starting_processes(workers, partial(prepare_processing, known_digests)):
             laboratory = _laboratory(todo[0].study)
         tasks = (delayed(process_job)(job, laboratory) for job in todo)
         for outcome in in_processes(tasks, workers):
