@@ -48,8 +48,9 @@ def read_signal(values: ArrayLike, name: str) -> Array:
 
 def refuse_gaps(values: Array, name: str) -> None:
     """Raise a ValueError that says how many samples are not finite and where they begin."""
-    bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
-    if bad.any():
+    finite = np.isfinite(values)
+    if not finite.all():
+        bad = ~finite.reshape(len(values), -1).all(axis=1)
         edges = np.flatnonzero(np.diff(bad.astype(int), prepend=0, append=0))
         longest = int(np.max(edges[1::2] - edges[::2]))
         raise ValueError(

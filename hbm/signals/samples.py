@@ -80,10 +80,15 @@ def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Ma
 
     Columns are a slice where all share them, which takes no copy.
     """
+    finite = np.isfinite(columns)
+    if finite.size and finite.all():
+        if len(columns) >= needed:
+            yield slice(0, len(columns)), slice(None)
+        return
     same_gaps: dict[bytes, list[int]] = {}
-    known = np.ascontiguousarray(np.isfinite(columns).T)
-    for number, finite in enumerate(known):
-        same_gaps.setdefault(finite.tobytes(), []).append(number)
+    known = np.ascontiguousarray(finite.T)
+    for number, of_column in enumerate(known):
+        same_gaps.setdefault(of_column.tobytes(), []).append(number)
     for numbers in same_gaps.values():
         chosen: Mask | slice = slice(None)
         if len(same_gaps) > 1:

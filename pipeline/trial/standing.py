@@ -61,9 +61,10 @@ def tenths(values: Array, time: Array, begin_s: float, count: int) -> Array:
     """
     edges = np.searchsorted(time, begin_s - _step_s(time) / 2 + TENTH_S * np.arange(count + 1))
     known = np.isfinite(values)
-    filled = values if known.all() else np.where(known, values, 0.0)
-    total, number = (_sums_between(edges, each) for each in (filled, known))
-    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+    number = np.diff(edges).reshape(-1, *(1,) * (values.ndim - 1))
+    if not known.all():
+        values, number = np.where(known, values, 0.0), _sums_between(edges, known)
+    return np.where(number > 0, _sums_between(edges, values) / np.maximum(number, 1), np.nan)
 
 
 def median_extent(position: Array) -> float:
