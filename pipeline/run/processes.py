@@ -1,6 +1,8 @@
 """Processes that work in parallel and end with the one that started them."""
 
+import atexit
 import ctypes
+import gc
 import multiprocessing
 import os
 import platform
@@ -179,9 +181,10 @@ def _one_thread() -> Any:
 def _begin() -> None:
     """Prepare a process that works on tasks.
 
-    It ignores interrupts, keeps memory, uses one thread for linear algebra, and ends when the
-    process that started it has ended.
+    It ignores interrupts, keeps memory, uses one thread for linear algebra, and ends at once when
+    there is nothing left to do, or when the process that started it has ended.
     """
+    atexit.register(gc.freeze)  # as in `pipeline.cli.app.main`
     keep_freed_memory()
     _stay_with_kept_memory()
     _one_thread()
