@@ -113,16 +113,13 @@ def _started(tasks: Iterable[Task], workers: int, ordered: bool = False) -> Iter
         return_as="generator" if ordered else "generator_unordered",
         initializer=_begin,
     )
+    _ignore_failing_manager()  # where this process is stopped, its workers are killed
     with warnings.catch_warnings(), ExitStack() as started:
         # a process whose memory has grown is replaced; where this one is stopped, tasks are left
         warnings.filterwarnings("ignore", "A worker stopped|.* tasks", UserWarning)
         with _interrupts_held():  # processes that start here inherit it
             results = started.enter_context(closing(parallel(tasks)))
-        try:
-            yield results
-        except BaseException:  # workers are killed now
-            _ignore_failing_manager()
-            raise
+        yield results
 
 
 @cache
