@@ -48,8 +48,9 @@ def read_signal(values: ArrayLike, name: str) -> Array:
 
 def refuse_gaps(values: Array, name: str) -> None:
     """Raise a ValueError that says how many samples are not finite and where they begin."""
-    bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
-    if bad.any():
+    finite = np.isfinite(values)
+    if not finite.all():
+        bad = ~finite.reshape(len(values), -1).all(axis=1)
         edges = np.flatnonzero(np.diff(bad.astype(int), prepend=0, append=0))
         longest = int(np.max(edges[1::2] - edges[::2]))
         raise ValueError(
@@ -60,7 +61,9 @@ def refuse_gaps(values: Array, name: str) -> None:
 
 def refuse_constant(table: Array, name: str, channels: tuple[str, ...]) -> None:
     """Raise a ValueError that names the channels that never change."""
-    constant = [c for c, still in zip(channels, np.ptp(table, axis=0) == 0, strict=True) if still]
+    constant = [
+        c for c, still in zip(channels, (table == table[0]).all(axis=0), strict=True) if still
+    ]
     if constant:
         raise ValueError(
             f"{name}: constant in {', '.join(constant)} over all {len(table)} samples; "

@@ -1,11 +1,17 @@
 """Poses of segments, positions of markers and of the centre of mass at given coordinates."""
 
+from collections.abc import Sequence
+from typing import Final
+
 import numpy as np
 
 from hbm.coordinates import MOVING
 from hbm.kernels.native import kernels
 from hbm.model import Body
 from hbm.spatial import Array
+
+FRAMES_AT_ONCE: Final = 4000
+"""Some megabytes."""
 
 
 def segment_frames(body: Body, q: Array, *, jobs: int = 1) -> tuple[Array, Array]:
@@ -30,6 +36,31 @@ def segment_frames(body: Body, q: Array, *, jobs: int = 1) -> tuple[Array, Array
     poses = kernels().segment_poses(q, body.geometry, jobs=jobs)[0]
     poses = poses.reshape(len(q), len(MOVING), 4, 3)
     return np.swapaxes(poses[:, :, :3], 2, 3), poses[:, :, 3]
+
+
+def joint_positions(body: Body, q: Array, segments: Sequence[str]) -> Array:
+    """Give the proximal joints of some segments.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    q
+        Coordinates, (T, 46) [m and rad].
+    segments
+        Of `hbm.coordinates.MOVING`.
+
+    Returns
+    -------
+    Array
+        Positions in the lab, (T, S, 3) [m].
+    """
+    own = [MOVING.index(segment) for segment in segments]
+    joints = np.empty((len(q), len(own), 3))
+    for first in range(0, len(q), FRAMES_AT_ONCE):  # the frames of all segments take much memory
+        block = slice(first, first + FRAMES_AT_ONCE)
+        joints[block] = segment_frames(body, q[block])[1][:, own]
+    return joints
 
 
 def marker_positions(body: Body, q: Array, *, jobs: int = 1) -> Array:

@@ -5,6 +5,7 @@ A wrench is ``[fx fy fz mx my mz]``. Unless a suffix says otherwise it is expres
 dimensions and broadcasts them.
 """
 
+import math
 from typing import Final, Literal, overload
 
 import numpy as np
@@ -80,6 +81,8 @@ def rotate_wrench(wrench: ArrayLike, rotation: ArrayLike) -> Array:
         Wrenches in the new axes, (..., 6).
     """
     wrench, rotation = np.asarray(wrench, float), np.asarray(rotation, float)
+    if rotation.ndim == 2:
+        return np.reshape(wrench.reshape(-1, 3) @ rotation.T, wrench.shape)
     parts = [(rotation @ wrench[..., k : k + 3, None])[..., 0] for k in (0, 3)]
     return np.concatenate(parts, axis=-1)
 
@@ -173,7 +176,7 @@ def fit_rotation(covariance: ArrayLike) -> Array:
 
 def unit(vector: Array) -> Array:
     """Give a vector's direction, (3,)."""
-    return np.asarray(vector / np.sqrt(vector @ vector))
+    return np.asarray(vector / math.sqrt(vector @ vector))
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -201,4 +204,5 @@ def axes_from(left: Array, up: Array, exact: Literal["left", "up"]) -> Array:
 
 def distance(a: Array, b: Array) -> float:
     """Give the distance between two points [m]."""
-    return float(np.linalg.norm(a - b))
+    apart = a - b
+    return math.sqrt(apart @ apart)

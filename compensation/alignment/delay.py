@@ -1,8 +1,8 @@
 """Delays between two devices that recorded the same motion, and how to undo them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,7 @@ from hbm.spatial import Array
 BLOCKS: Final = 40
 """Blocks of a trial whose errors are taken as independent: a second and more in half a minute."""
 MAX_STEPS: Final = 20
-"""Of Gauss–Newton; three to six are enough where there is one best delay."""
+"""Of Gauss–Newton; four to eight are enough where there is one best delay."""
 STEP_TOLERANCE: Final = 1e-9
 """Last step of the delay, in samples: far below any uncertainty."""
 MIN_EXPLAINED: Final = 0.1
@@ -36,6 +36,9 @@ MIN_SINGULAR_SHARE: Final = 1e-6
 """Of the reference's largest singular value; a channel below it is a combination of others."""
 MIN_VARIANCE: Final = 1e-12
 """Share of a channel's variance; keeps the weight of a channel without any noise finite."""
+
+
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,13 +154,10 @@ def estimate_delay(
         raise ValueError(f"the best agreement lies beyond {longest_s} s; seek longer delays")
 
     spline, inside = CubicSpline(np.arange(len(x)), x), np.arange(reach + 1, len(x) - reach - 1)
-    shift = float(lag)
-    for _ in range(MAX_STEPS):
-        step, error, explained = _gauss_newton(spline, y, inside, shift)
-        shift = float(np.clip(shift + np.clip(step, -1, 1), -reach, reach))
-        if abs(step) < STEP_TOLERANCE:
-            break
-    return Delay(shift / rate, error / rate, explained)
+    (shift,), (error, explained) = without_step(
+        lambda shifts: _gauss_newton(spline, y, inside, shifts), np.array([float(lag)]), reach
+    )
+    return Delay(float(shift / rate), error / rate, explained)
 
 
 def undo_delay(signal: ArrayLike, delay_s: float, rate_hz: float) -> Array:
@@ -242,21 +242,64 @@ def _best_lag(x: Array, y: Array, reach: int) -> tuple[int, float]:
     return int(lags[best]), float(power[best] / np.sum(y**2))
 
 
+def without_step(
+    step_of: Callable[[Array], tuple[Array, Found]], start: Array, limit: float = np.inf
+) -> tuple[Array, Found]:
+    """Give the shifts from which a Gauss–Newton step leads no farther.
+
+    Parameters
+    ----------
+    step_of
+        Gives the step from some shifts, (S,) [samples], and what else is found there.
+    start
+        (S,) [samples].
+    limit
+        Of each shift, either way [samples].
+
+    Returns
+    -------
+    shifts, found
+        (S,) [samples], and what else is found there.
+
+    Notes
+    -----
+    Where noise is in both signals, the steps are too short or too long by a constant factor, which
+    Broyden's method learns from each step and the next (Broyden 1965, Math Comput 19:577).
+    """
+    shifts, inverse = start, np.eye(len(start))
+    step, found = step_of(start)
+    for _ in range(MAX_STEPS):
+        before, shifts = shifts, np.clip(shifts + np.clip(inverse @ step, -1, 1), -limit, limit)
+        change, last = shifts - before, step
+        step, found = step_of(shifts)
+        shorter = inverse @ (last - step)
+        size = change @ shorter
+        if np.max(np.abs(step)) < STEP_TOLERANCE or not size:
+            break
+        inverse += np.outer(change - shorter, change @ inverse) / size
+    return shifts, found
+
+
+def linear_fit(x: Array, target: Array) -> tuple[Array, Array, Array]:
+    """Give an orthonormal basis of regressors (N, R), the gains of a fit, and what it leaves."""
+    u, s, vt = np.linalg.svd(x, full_matrices=False)
+    kept = s > s[0] * len(x) * np.finfo(float).eps
+    basis, along = u[:, kept], u[:, kept].T @ target
+    return basis, vt[kept].T @ (along / s[kept, None]), target - basis @ along
+
+
 def _gauss_newton(
-    spline: CubicSpline, y: Array, inside: NDArray[np.int64], shift: float
-) -> tuple[float, float, float]:
-    """Step of the delay, its standard error [samples], share of variance explained."""
-    at = inside - shift
-    x = np.column_stack([spline(at), np.ones(len(at))])
-    target = y[inside]
-    gain = np.linalg.lstsq(x, target)[0]
-    residual = target - x @ gain
+    spline: CubicSpline, y: Array, inside: NDArray[np.int64], shift: Array
+) -> tuple[Array, tuple[float, float]]:
+    """Step of the delay (1,), its standard error [samples], share of variance explained."""
+    at, target = inside - shift, y[inside]
+    basis, gain, residual = linear_fit(np.column_stack([spline(at), np.ones(len(at))]), target)
     slope = -spline(at, 1) @ gain[:-1]
-    slope -= x @ np.linalg.lstsq(x, slope)[0]
+    slope -= basis @ (basis.T @ slope)
     variance = np.maximum(np.mean(residual**2, axis=0), MIN_VARIANCE)
     scores = np.sum(slope * residual / variance, axis=1)
     information = float(np.sum(slope**2 / variance))
     blocks = np.array([block.sum() for block in np.array_split(scores, BLOCKS)])
     explained = 1 - float(np.sum(residual**2) / np.sum((target - target.mean(axis=0)) ** 2))
     error = clustered_standard_error([blocks], information)
-    return float(scores.sum()) / information, error, explained
+    return np.array([scores.sum() / information]), (error, explained)

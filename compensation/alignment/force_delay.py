@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 
 from compensation.alignment.delay import Delay, clustered_standard_error
 from hbm.signals.resampling import interpolate
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask
 
 MAX_DELAY_S: Final = 0.15
 """Delays are sought up to this, either way; walking repeats itself every half second."""
@@ -80,21 +80,30 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
             f"got {plate.shape} and {motion.shape}"
         )
     step = np.median(np.diff(time))
-    shifts = step * np.arange(-(MAX_DELAY_S // step), MAX_DELAY_S // step + 1)
-    disagreement = interpolate(time, plate, time[:, None] + shifts) - motion[:, None]
-    usable = np.isfinite(disagreement).all(axis=(1, 2))
-    block = np.unique(time[usable] // BLOCK_S, return_inverse=True)[1]
+    reach = int(MAX_DELAY_S // step)
+    lags = sorted(range(-reach, reach + 1), key=abs)  # of those that agree alike, the shortest
+    known = interpolate(time, plate, time)  # short stretches between gaps have no spline
+    searched = slice(reach, max(len(time) - reach, reach))
+    at, wanted = time[searched], motion[searched]
+    together: Mask = np.asarray(np.isfinite(known).all(axis=1))
+    usable: Mask = np.asarray(np.isfinite(wanted).all(axis=1))
+    for lag in lags:
+        usable &= together[reach + lag : reach + lag + len(at)]
+    block = np.unique(at[usable] // BLOCK_S, return_inverse=True)[1]
     if len(set(block)) < MIN_BLOCKS:
         raise ValueError(
             f"the delay between plates and markers needs {MIN_BLOCKS * BLOCK_S:g} s of frames "
             f"without gaps, got {usable.sum()} such frames"
         )
-    at, wanted = time[usable], motion[usable]
-    disagreement = disagreement[usable]
-    offset = np.median(disagreement, axis=0)
-    spread = np.mean(abs(disagreement - offset), axis=(0, 2))
-    best = int(np.argmin(spread))
-    scale = max(NOISE_FLOOR_N, spread[best])
+    at, wanted = at[usable], wanted[usable]
+    frames = reach + np.flatnonzero(usable)
+    offsets, spreads = np.empty((len(lags), 3)), np.empty(len(lags))
+    for k, lag in enumerate(lags):
+        disagreement = known[frames + lag] - wanted
+        offsets[k] = np.median(disagreement, axis=0)
+        spreads[k] = np.mean(np.abs(disagreement - offsets[k]))
+    best = int(np.argmin(spreads))
+    scale = max(NOISE_FLOOR_N, spreads[best])
 
     @lru_cache(maxsize=2)  # slopes by the offsets need the same shift again
     def shifted(delay_s: float) -> Array:
@@ -106,14 +115,14 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     free = np.full(3, np.inf)
     fit = least_squares(
         residual,
-        x0=[shifts[best], *offset[best]],
-        bounds=([shifts[0], *-free], [shifts[-1], *free]),
+        x0=[step * lags[best], *offsets[best]],
+        bounds=([-step * reach, *-free], [step * reach, *free]),
         x_scale=[step, *np.full(3, scale)],
         loss="soft_l1",
         f_scale=scale,
     )
     delay_s, error = float(fit.x[0]), fit.fun.reshape(-1, 3)
-    if min(delay_s - shifts[0], shifts[-1] - delay_s) < step:
+    if step * reach - abs(delay_s) < step:
         raise ValueError(
             f"plates and markers agree nowhere within ±{1000 * MAX_DELAY_S:.0f} ms; "
             "are they of the same trial, in the same axes?"

@@ -8,12 +8,12 @@ from scipy.interpolate import CubicSpline
 
 from compensation.alignment.delay import (
     BLOCKS,
-    MAX_STEPS,
     MIN_VARIANCE,
-    STEP_TOLERANCE,
     Delay,
     decimated,
     estimate_delay,
+    linear_fit,
+    without_step,
 )
 from compensation.inputs import read_rate, read_table
 from hbm.spatial import Array
@@ -90,11 +90,7 @@ def sensor_delays(
     y, _ = decimated(w, rate_hz)
     model = _LateSensors(x, y, round(longest_s * rate))
     delays = _search(model, np.full(count, all_alike.seconds * rate), SOUGHT_S * rate)
-    for _ in range(MAX_STEPS):
-        step, covariance = model.gauss_newton(delays)
-        delays = delays + np.clip(step, -1, 1)
-        if np.max(np.abs(step)) < STEP_TOLERANCE:
-            break
+    delays, covariance = without_step(model.gauss_newton, delays)
     errors = np.hypot(np.sqrt(np.diag(covariance)) / rate, MODEL_ERROR_S)
     if not np.all(errors < MAX_SEPARATE_ERROR_S):
         return tuple(all_alike for _ in range(count))
@@ -122,12 +118,8 @@ class _LateSensors:
         return np.hstack(parts)
 
     def _fit(self, delays: Array) -> tuple[Array, Array, Array]:
-        """Give an orthonormal basis of the regressors, the gains, and what they leave."""
         x = np.column_stack([self._ahead(delays, 0), np.ones(len(self.inside))])
-        gain = np.linalg.lstsq(x, self.wrench)[0]
-        u, s, _ = np.linalg.svd(x, full_matrices=False)
-        basis: Array = u[:, s > s[0] * len(x) * np.finfo(float).eps]
-        return basis, np.asarray(gain, float), self.wrench - x @ gain
+        return linear_fit(x, self.wrench)
 
     def misfit(self, delays: Array) -> float:
         """Give how little all channels have in common: the logarithm of their covariance's volume.
@@ -148,10 +140,11 @@ class _LateSensors:
         basis, gain, left = self._fit(delays)
         weight = 1 / np.maximum(np.mean(left**2, axis=0), MIN_VARIANCE)
         rates = self._ahead(delays, 1)
-        slopes = np.stack([rates[:, s] @ gain[s] for s in self.sensors], axis=1)
-        slopes -= np.einsum("nr,rsc->nsc", basis, np.einsum("nr,nsc->rsc", basis, slopes))
-        scores = np.einsum("nsc,nc->ns", slopes, left * weight)
-        inverse = np.linalg.pinv(np.einsum("nsc,ntc,c->st", slopes, slopes, weight))
+        slopes = [rates[:, s] @ gain[s] for s in self.sensors]
+        slopes = [(slope - basis @ (basis.T @ slope)) * np.sqrt(weight) for slope in slopes]
+        weighted = left * np.sqrt(weight)
+        scores = np.column_stack([np.vecdot(slope, weighted) for slope in slopes])
+        inverse = np.linalg.pinv([[np.vdot(one, other) for other in slopes] for one in slopes])
         blocks = np.stack([block.sum(axis=0) for block in np.array_split(scores, BLOCKS)])
         covariance = inverse @ (blocks.T @ blocks) @ inverse * BLOCKS / (BLOCKS - 1)
         return inverse @ scores.sum(axis=0), covariance

@@ -131,8 +131,9 @@ def _by_sensor(values: Array) -> Array:
 
 
 def _dead(model: InertiaModel, a: Array) -> tuple[Note, ...]:
-    size = np.median(np.linalg.norm(_by_sensor(a), axis=2), axis=0)
-    still = np.ptp(a, axis=0) == 0
+    readings = _by_sensor(a)
+    size = np.median(np.sqrt(np.vecdot(readings, readings)), axis=0)
+    still = (a == a[0]).all(axis=0)
     without_gravity = [
         Note.of("accelerometer_silent", sensor=sensor, median_mps2=size, gravity_mps2=GRAVITY_MPS2)
         for sensor, size in zip(model.sensors, size, strict=True)

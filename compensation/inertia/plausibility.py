@@ -21,7 +21,7 @@ MAX_LEVER_M: Final = 10.0
 def refuse_other_units(a: Array, sensors: tuple[str, ...]) -> None:
     """Raise a ValueError where an accelerometer does not measure gravity, about 9.81 m/s²."""
     for name, reading in zip(sensors, np.split(a, len(sensors), axis=1), strict=True):
-        size = float(np.median(np.linalg.norm(reading, axis=1)))
+        size = float(np.median(np.sqrt(np.vecdot(reading, reading))))
         if not GRAVITY_MPS2 / GRAVITY_FACTOR < size < GRAVITY_FACTOR * GRAVITY_MPS2:
             raise ValueError(
                 f"accelerometer {name} reads {size:.3g} m/s² in the median, expected gravity "

@@ -41,13 +41,15 @@ def recording_weights(trials: Sequence[tuple[Array, Array]]) -> Array:
     if len(trials) == 1:
         return weights
     about = [(a - a.mean(axis=0), w - w.mean(axis=0)) for a, w in trials]
-    squares = [(a.T @ a, a.T @ w) for a, w in about]
-    least = MIN_LEFT_OF_WRENCH**2 * np.array([np.var(w, axis=0) for _, w in about])
+    grams, rights, sizes = (
+        np.array(each)
+        for each in zip(*((a.T @ a, a.T @ w, np.vecdot(w.T, w.T)) for a, w in about), strict=True)
+    )
+    least = MIN_LEFT_OF_WRENCH**2 * sizes / counts[:, None]
     for _ in range(WEIGHT_ITERATIONS):
-        normal = np.sum([q * g for q, (g, _) in zip(weights, squares, strict=True)], axis=0)
-        right = np.sum([q * r for q, (_, r) in zip(weights, squares, strict=True)], axis=0)
-        gain = np.linalg.lstsq(normal, right)[0]
-        left = np.array([np.var(w - a @ gain, axis=0) for a, w in about])
+        gain = np.linalg.lstsq(np.tensordot(weights, grams, 1), np.tensordot(weights, rights, 1))[0]
+        explained = np.sum(gain * (2 * rights - grams @ gain), axis=1)
+        left = (sizes - explained) / counts[:, None]
         left = np.maximum(left, np.maximum(least, np.finfo(float).tiny))
         weights = 1 / np.mean(left / left[0], axis=1)
     return np.asarray(weights * counts.sum() / (weights @ counts))

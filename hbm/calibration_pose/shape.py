@@ -152,7 +152,7 @@ class _Builder:
     def ends(self, segment: str, proximal: Array, distal: Array, left: Array) -> None:
         """Store the ends that a segment's inertia is scaled to, in its frame."""
         R, o = self.frames[FIXED_TO.get(segment, segment)]
-        self.shape.ends[segment] = np.stack([R.T @ (proximal - o), R.T @ (distal - o), R.T @ left])
+        self.shape.ends[segment] = np.array([proximal - o, distal - o, left]) @ R
 
     def trunk_and_head(self) -> None:
         at, length = self.at, self.length

@@ -37,7 +37,7 @@ class Markers:
     position: Array
 
     def __post_init__(self) -> None:
-        time, position = np.asarray(self.time, float), np.array(self.position, float)
+        time, position = np.asarray(self.time, float), np.asarray(self.position, float)
         names = tuple(self.names)
         if position.ndim != 3 or position.shape != (len(time), len(names), 3):
             raise ValueError(
@@ -51,6 +51,8 @@ class Markers:
             )
         if len(time) > 1 and not np.all(np.diff(time) > 0):
             raise ValueError("marker times must increase")
+        # a copy with every coordinate in one piece of memory: most take marker by marker
+        position = np.moveaxis(np.array(np.moveaxis(position, 0, -1), order="C"), -1, 0)
         position[np.isnan(position).any(axis=-1)] = np.nan
         object.__setattr__(self, "time", read_only(time))
         object.__setattr__(self, "names", names)

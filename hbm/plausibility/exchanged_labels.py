@@ -53,15 +53,19 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     LHEE/RHEE 0.3 0.6
     """
     names = [name for name in names if name in markers.names]
-    position = markers.position[:, [markers.names.index(name) for name in names]]
-    expected = _extrapolated(markers.time, position)
-    jump = np.linalg.norm(position - expected, axis=-1)
+    if not names:
+        return ()
+    paths = [markers.position[:, markers.names.index(name)] for name in names]
+    expected = [_extrapolated(markers.time, path) for path in paths]
+    pairs = zip(paths, expected, strict=True)
+    jump = np.column_stack([np.linalg.norm(path - where, axis=-1) for path, where in pairs])
     jumped: Mask = jump > MIN_JUMP_M
     found: dict[str, list[float]] = {}
     jumped[1:][frozen_frames(markers, names)[:-1]] = False
     for frame in np.flatnonzero(jumped.sum(axis=1) > 1):
         own = np.flatnonzero(jumped[frame])
-        apart = np.linalg.norm(position[frame, own, None] - expected[frame, own], axis=-1)
+        here, there = (np.array([each[k][frame] for k in own]) for each in (paths, expected))
+        apart = np.linalg.norm(here[:, None] - there, axis=-1)
         nearest = apart.argmin(axis=1)
         for a, b in enumerate(nearest):
             farther = max(apart[a, b], apart[b, a])
@@ -83,13 +87,12 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     )
 
 
-def _extrapolated(time: Array, position: Array) -> Array:
-    """Give where each marker (T, K, 3) would be by its last two positions; NaN where unknown."""
-    expected = np.full(position.shape, np.nan)
-    for k in range(position.shape[1]):
-        frames = np.flatnonzero(np.isfinite(position[:, k, 0]))
-        at, seen = time[frames], position[frames, k]
-        share = (at[2:] - at[1:-1]) / (at[1:-1] - at[:-2])
-        share[at[2:] - at[:-2] > MAX_GAP_S] = np.nan
-        expected[frames[2:], k] = seen[1:-1] + share[:, None] * (seen[1:-1] - seen[:-2])
+def _extrapolated(time: Array, path: Array) -> Array:
+    """Give where a marker (T, 3) would be by its last two positions; NaN where unknown."""
+    expected = np.full(path.shape, np.nan)
+    frames = np.flatnonzero(np.isfinite(path[:, 0]))
+    at, seen = time[frames], path[frames]
+    share = (at[2:] - at[1:-1]) / (at[1:-1] - at[:-2])
+    share[at[2:] - at[:-2] > MAX_GAP_S] = np.nan
+    expected[frames[2:]] = seen[1:-1] + share[:, None] * (seen[1:-1] - seen[:-2])
     return expected

@@ -52,9 +52,13 @@ def frozen_frames(markers: Markers, names: Iterable[str]) -> Mask:
     [21, 39]
     """
     wanted = set(names)
-    own = [k for k, name in enumerate(markers.names) if name in wanted]
-    seen, repeated = _repeated(markers.position[:, own])
-    frozen: Mask = np.asarray(seen.any(axis=1) & (repeated | ~seen).all(axis=1))
+    frozen, visible = np.ones(len(markers.time), bool), np.zeros(len(markers.time), bool)
+    for name, path in zip(markers.names, np.swapaxes(markers.position, 0, 1), strict=True):
+        if name in wanted:
+            seen, repeated = _repeated(path)
+            frozen &= repeated | ~seen
+            visible |= seen
+    frozen &= visible
     result: Mask = np.zeros(len(frozen), bool)
     for stretch in _lasting(frozen, markers.time, MIN_FROZEN_S):
         result[stretch] = True
@@ -132,8 +136,8 @@ def _constant_times(body: Body, markers: Markers) -> dict[str, float]:
         segment = segment_of[name]
         others = [at[o] for o in at if segment_of[o] == segment and o != name]
         others = others or [at[o] for o in at if segment_of[o] == PARENT.get(segment)]
-        _, repeated = _repeated(position[:, None])
-        for stretch in _lasting(repeated[:, 0], markers.time, MIN_CONSTANT_S):
+        _, repeated = _repeated(position)
+        for stretch in _lasting(repeated, markers.time, MIN_CONSTANT_S):
             if any(_extent(other[stretch]) > MIN_MOTION_M for other in others):
                 lasted_s = float(markers.time[stretch.stop - 1] - markers.time[stretch.start - 1])
                 constant_s[name] = constant_s.get(name, 0.0) + lasted_s
@@ -141,10 +145,10 @@ def _constant_times(body: Body, markers: Markers) -> dict[str, float]:
 
 
 def _repeated(position: Array) -> tuple[Mask, Mask]:
-    """Give which positions (T, K, 3) are known, and which equal those of the frame before."""
-    seen = np.isfinite(position[..., 0])
+    """Give which positions (T, 3) are known, and which equal those of the frame before."""
+    seen = np.isfinite(position[:, 0])
     repeated = np.zeros(seen.shape, bool)
-    x, y, z = np.moveaxis(position[1:] == position[:-1], -1, 0)
+    x, y, z = (position[1:] == position[:-1]).T
     repeated[1:] = x & y & z
     return seen, repeated
 

@@ -11,9 +11,9 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
+from hbm.signals.quintic_spline import spline_derivatives
 from hbm.signals.samples import (
     blocks_without_gaps,
     extended,
@@ -246,11 +246,9 @@ def _step_by_step(signal: Array, step: Array, omega: float) -> tuple[Array, Arra
 def _zero_phase(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
     """Filter (T, K) samples forward and backward; differentiate the spline through the result."""
     filtered, padding, step = _both_ways(signal, time, cutoff_hz, DOUBLE_PASS_MINUS_3_DB)
-    sample = np.arange(-padding, len(time) + padding)
-    spline = make_interp_spline(sample * step, filtered, k=5)
     kept = slice(padding, padding + len(time))
-    at = sample[kept] * step
-    return filtered[kept], spline(at, 1), spline(at, 2)
+    velocity, acceleration = spline_derivatives(filtered, step)
+    return filtered[kept], velocity[kept], acceleration[kept]
 
 
 def _both_ways(
@@ -264,9 +262,11 @@ def _both_ways(
     omega = 2 / step * float(np.tan(np.pi * cutoff_hz * step)) / correction
     to_value, _, feedback = _section(omega, step)
 
+    at_rest = np.array([1 - to_value[0], to_value[2] - feedback[2]])[:, None]
+
     def reversed_pass(samples: Array) -> Array:
-        relative: Array = lfilter(to_value, feedback, samples - samples[0], axis=0)
-        return np.flip(relative + samples[0], axis=0)
+        passed, _ = lfilter(to_value, feedback, samples, axis=0, zi=at_rest * samples[0])
+        return np.flip(passed, axis=0)
 
     padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
     return reversed_pass(reversed_pass(extended(signal, padding))), padding, step

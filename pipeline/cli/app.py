@@ -3,6 +3,8 @@
 A command imports what it needs when it runs, so that ``--help`` answers at once.
 """
 
+import atexit
+import gc
 import sys
 import traceback
 from collections.abc import Sequence
@@ -90,6 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         program; 130 interrupted; 141 the output is not read; 143 terminated.
     """
     accept_any_letter()
+    atexit.register(gc.freeze)  # to look for garbage among all that is imported takes 0.3 s
     given = list(sys.argv[1:] if arguments is None else arguments)
     typed = [argument for argument in given if argument != "--debug"]
     try:

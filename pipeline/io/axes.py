@@ -162,9 +162,10 @@ def settle_axes(
 
 def mean_force(force: Array) -> Array:
     """Give the mean of a plate's forces, (N, 3), without gaps and damaged samples, (3,) [N]."""
+    components = np.ascontiguousarray(force.T)
     with np.errstate(invalid="ignore"):
-        measured = np.all(np.abs(force) < MAX_FORCE_N, axis=-1, keepdims=True)
-    return np.asarray(np.where(measured, force, 0.0).sum(axis=0) / max(len(force), 1))
+        measured = np.all(np.abs(components) < MAX_FORCE_N, axis=0)
+    return np.asarray(np.where(measured, components, 0.0).sum(axis=1) / max(len(force), 1))
 
 
 def _not_forward(axes: str, position: Array, sites: Sites) -> tuple[Note, ...]:

@@ -87,7 +87,7 @@ def study_figures(
 
 def drawn_conditions(cycles: pd.DataFrame, design: Design) -> list[str]:
     """Give conditions with gait cycles of their own: all but the reference, which is in each."""
-    conditions = design.in_order(cycles["condition"])
+    conditions = design.in_order(cycles["condition"].unique())
     return [name for name in conditions if name != design.reference] or conditions
 
 

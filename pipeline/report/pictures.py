@@ -54,7 +54,7 @@ def study_pictures(results: Results, folder: Path, design: Design) -> tuple[Pict
     plates = "with the plates as measured"
     if results.residuals["compensated"].any():
         plates = "without (no IC) and with inertia compensation (IC)"
-    present = set(results.cycles["condition"])
+    present = set(results.cycles["condition"].unique())
     of_conditions = [
         _gait_cycle_picture(folder, condition, plates, design, design.reference in present)
         for condition in drawn_conditions(results.cycles, design)

@@ -176,10 +176,10 @@ def _by_coordinate(prefix: str, values: Array | Mask) -> dict[str, Column]:
     return {name: columns[name] for name in (f"{prefix}.{c}" for c in HBM_ORDER)}
 
 
-def _event_labels(time: Array, events: Iterable[Event]) -> list[str]:
+def _event_labels(time: Array, events: Sequence[Event]) -> list[str]:
     """Give the events of each frame as text."""
-    labels = [""] * len(time)
-    for event in events:
-        nearest = int(np.argmin(np.abs(time - event.time)))
+    labels, between = [""] * len(time), (time[1:] + time[:-1]) / 2
+    frames = np.searchsorted(between, [event.time for event in events])
+    for nearest, event in zip(frames.tolist(), events, strict=True):
         labels[nearest] = " ".join(filter(None, (labels[nearest], f"{event.side} {event.label}")))
     return labels

@@ -2,8 +2,8 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Final, Literal
 
@@ -12,11 +12,14 @@ from pipeline.config.study import Study
 from pipeline.io.input_file import last_written
 from pipeline.run.program import computation_digest
 from pipeline.run.store import read_summary, write_trial
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.summary import FORMAT_VERSION, TrialSummary
 
 WORKER_DIED: Final = "the process that worked on it died; too little memory?"
-MAX_CACHED_DIGESTS: Final = 4096
-"""Files whose digests are remembered; more than any study has."""
+FileVersion = tuple[Path, tuple[int, int]]
+"""A file, and what changes when it is written anew (`pipeline.io.input_file.last_written`)."""
+known_digests: Final[dict[FileVersion, str]] = {}
+"""SHA-256 of files that were hashed in this process, or in the one that started it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +76,24 @@ class Outcome:
         return self.reason if self.state == "failed" else None
 
 
-def process_job(job: Job) -> Outcome:
-    """Process one trial and write its result whole or not at all; failures become outcomes."""
-    from pipeline.trial.process import process_trial  # heavy, and not needed for keys
+def prepare_processing(digests: Mapping[FileVersion, str]) -> None:
+    """Import what processes a trial, heavy and not needed for keys; know digests of files."""
+    import pipeline.trial.process  # noqa: F401
+
+    known_digests.update(digests)
+
+
+def process_job(job: Job, laboratory: Laboratory | None = None) -> Outcome:
+    """Process one trial and write its result whole or not at all; failures become outcomes.
+
+    Without a ``laboratory``, that of the study is read.
+    """
+    from pipeline.trial.process import process_trial
 
     try:
         if (there := stored_outcome(job)) is not None:
             return there
-        result = process_trial(job.study, job.subject, job.condition)
+        result = process_trial(job.study, job.subject, job.condition, laboratory=laboratory)
         if trial_key(job.study, job.subject, job.condition) != job.key:
             raise ValueError(
                 "one of its files changed while it was processed, or this process has another "
@@ -159,16 +172,15 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
 
 
 def file_digest(path: Path) -> str:
-    """Give a file's SHA-256; for a file that cannot be read, a text that says why."""
+    """Give a file's SHA-256; for a file that cannot be read, a text that says why.
+
+    It is hashed once, until it is written to again.
+    """
     try:
-        return _digest(path, last_written(path))
+        file = path, last_written(path)
+        if file not in known_digests:
+            with path.open("rb") as content:
+                known_digests[file] = hashlib.file_digest(content, "sha256").hexdigest()
+        return known_digests[file]
     except OSError as error:
         return f"unreadable: {error.strerror}"
-
-
-@lru_cache(maxsize=MAX_CACHED_DIGESTS)
-def _digest(path: Path, version: tuple[int, int]) -> str:
-    """Hash a file once, until it is written to again."""
-    del version  # part of the key
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,10 +1,13 @@
 """Processes that work in parallel and end with the one that started them."""
 
+import atexit
 import ctypes
+import gc
 import multiprocessing
 import os
 import platform
 import signal
+import sys
 import threading
 import time
 import warnings
@@ -14,7 +17,7 @@ from functools import cache
 from multiprocessing import resource_tracker
 from typing import Any, Final
 
-from joblib import Parallel
+from joblib import Parallel, delayed
 from threadpoolctl import threadpool_limits
 
 POLL_S: Final = 0.5
@@ -24,8 +27,8 @@ M_MMAP_THRESHOLD: Final = -3
 """Parameters of glibc's ``mallopt``."""
 KEPT_BYTES: Final = 2**30
 """Of freed memory that a process keeps: arrays of a long trial, again and again."""
-MAX_KEPT_ARRAY_BYTES: Final = 2**26
-"""A signal of a quarter of an hour at 1000 Hz; larger arrays are few."""
+MAX_KEPT_ARRAY_BYTES: Final = 2**28
+"""All markers of half an hour at 100 Hz; larger arrays are few."""
 MANAGER: Final = "ExecutorManagerThread"
 """How loky names the thread that manages workers."""
 Task = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
@@ -67,6 +70,41 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
             for function, arguments, options in tasks:
                 yield function(*arguments, **options)
         return
+    with _started(tasks, workers, ordered) as results:
+        yield from results
+
+
+@contextmanager
+def starting_processes(workers: int, prepare: Callable[[], object]) -> Iterator[None]:
+    """Start the processes of `in_processes`, which prepare themselves while this one goes on.
+
+    Meanwhile linear algebra uses one thread in this process too.
+
+    Parameters
+    ----------
+    workers
+        How many; one is this process, which prepares nothing.
+    prepare
+        What each of them does first.
+
+    Raises
+    ------
+    concurrent.futures.process.BrokenProcessPool
+        If a process dies.
+    """
+    with ExitStack() as started:
+        results: Iterator[Any] = iter(())
+        if workers > 1:
+            results = started.enter_context(_started([delayed(prepare)()] * workers, workers))
+        with _one_thread():
+            yield
+        for _ in results:
+            pass
+
+
+@contextmanager
+def _started(tasks: Iterable[Task], workers: int, ordered: bool = False) -> Iterator[Iterator[Any]]:
+    """Start tasks in processes of their own, and give their results; see `in_processes`."""
     parallel = Parallel(
         workers,
         backend="loky",
@@ -75,16 +113,13 @@ def in_processes(tasks: Iterable[Task], workers: int, *, ordered: bool = False) 
         return_as="generator" if ordered else "generator_unordered",
         initializer=_begin,
     )
+    _ignore_failing_manager()  # where this process is stopped, its workers are killed
     with warnings.catch_warnings(), ExitStack() as started:
         # a process whose memory has grown is replaced; where this one is stopped, tasks are left
         warnings.filterwarnings("ignore", "A worker stopped|.* tasks", UserWarning)
         with _interrupts_held():  # processes that start here inherit it
             results = started.enter_context(closing(parallel(tasks)))
-        try:
-            yield from results
-        except BaseException:  # workers are killed now
-            _ignore_failing_manager()
-            raise
+        yield results
 
 
 @cache
@@ -126,6 +161,13 @@ def keep_freed_memory() -> None:
             mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
 
 
+def _stay_with_kept_memory() -> None:
+    """Let loky replace no process because it keeps memory; it does where psutil is installed."""
+    executor: Any = sys.modules.get("joblib.externals.loky.process_executor")
+    if hasattr(executor, "_USE_PSUTIL"):
+        executor._USE_PSUTIL = False
+
+
 def _one_thread() -> Any:
     """Limit linear algebra to one thread until what this gives is left."""
     import scipy.linalg  # noqa: F401 - only what is loaded can be limited
@@ -136,10 +178,12 @@ def _one_thread() -> Any:
 def _begin() -> None:
     """Prepare a process that works on tasks.
 
-    It ignores interrupts, keeps memory, uses one thread for linear algebra, and ends when the
-    process that started it has ended.
+    It ignores interrupts, keeps memory, uses one thread for linear algebra, and ends at once when
+    there is nothing left to do, or when the process that started it has ended.
     """
+    atexit.register(gc.freeze)  # as in `pipeline.cli.app.main`
     keep_freed_memory()
+    _stay_with_kept_memory()
     _one_thread()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_wait_for_end_of_parent, daemon=True).start()

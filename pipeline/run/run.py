@@ -1,10 +1,13 @@
 """A whole study: every trial once, in parallel, resumable, nothing half-written."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Final
 
 from joblib import delayed
 
@@ -14,10 +17,23 @@ from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
 from pipeline.run.failures import collect_failures, record_failure
-from pipeline.run.job import WORKER_DIED, Job, Outcome, process_job, stored_outcome, trial_key
-from pipeline.run.processes import in_processes
+from pipeline.run.job import (
+    WORKER_DIED,
+    Job,
+    Outcome,
+    known_digests,
+    prepare_processing,
+    process_job,
+    stored_outcome,
+    trial_key,
+)
+from pipeline.run.processes import in_processes, starting_processes
 from pipeline.run.store import record_study_folder
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.study_files import read_study_laboratory
 
+HASHED_AT_ONCE: Final = 2
+"""Files; more are not read any faster."""
 Announce = Callable[[str], None]
 """Called with a sentence when something takes long or cannot be written."""
 
@@ -95,19 +111,25 @@ def plan(
     wanted = [study.subject(s).id for s in dict.fromkeys(subjects or study.subjects)]
     for condition in conditions or ():
         study.condition(condition)
-    jobs = []
-    for subject in wanted:
-        for condition, trial in study.subjects[subject].trials.items():
-            if trial.exclude is None and (not conditions or condition in conditions):
-                target = out / "trials" / f"{subject}_{condition}.parquet"
-                key = trial_key(absolute, subject, condition)
-                jobs.append(Job(absolute, subject, condition, target, key))
-    if not jobs:
+    trials = [
+        (subject, condition)
+        for subject in wanted
+        for condition, trial in study.subjects[subject].trials.items()
+        if trial.exclude is None and (not conditions or condition in conditions)
+    ]
+    if not trials:
         raise ValueError(
             f"{study.folder}: nothing to process: all trials of these subjects and conditions are "
             "excluded, or there are none"
         )
-    return jobs
+    with ThreadPoolExecutor(HASHED_AT_ONCE) as pool:
+        keys = pool.map(lambda trial: trial_key(absolute, *trial), trials)
+        return [
+            Job(
+                absolute, subject, condition, out / "trials" / f"{subject}_{condition}.parquet", key
+            )
+            for (subject, condition), key in zip(trials, keys, strict=True)
+        ]
 
 
 def run_planned(
@@ -168,8 +190,21 @@ def run_jobs(
     if scheduler is not None and todo:
         todo.sort(key=lambda job: job.size, reverse=True)
         yield from on_cluster(todo, scheduler)
-    else:
-        yield from work_on(todo, process_job, workers)
+    elif todo:
+        workers, laboratory = min(workers, len(todo)), None
+        # calibrated for all of them while processes start; one that dies there is missed later
+        prepare = partial(prepare_processing, known_digests)
+        with suppress(BrokenProcessPool), starting_processes(workers, prepare):
+            laboratory = _laboratory(todo[0].study)
+        yield from work_on(todo, partial(process_job, laboratory=laboratory), workers)
+
+
+def _laboratory(study: Study) -> Laboratory | None:
+    """Read a study's laboratory; None where every trial will fail for the same reason."""
+    try:
+        return read_study_laboratory(study)
+    except Exception:
+        return None
 
 
 def work_on(
@@ -192,12 +227,9 @@ def work_on(
     then done one by one, so that only the trial that cannot be done fails.
     """
     left = {job.target: job for job in sorted(todo, key=lambda job: job.size, reverse=True)}
-    if min(workers, len(left)) < 2:
-        yield from map(work, left.values())
-        return
     try:
         tasks = [delayed(work)(job) for job in left.values()]
-        for outcome in in_processes(tasks, min(workers, len(left))):
+        for outcome in in_processes(tasks, max(1, min(workers, len(tasks)))):
             del left[outcome.job.target]
             yield outcome
     except BrokenProcessPool:

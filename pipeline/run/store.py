@@ -32,8 +32,9 @@ DIGEST_START: Final = DIGEST + b"\x18\x40"
 """How a Parquet file stores that key, with type and length of the 64 characters that follow."""
 COMPRESSION: Final = "snappy"
 """Half the time of zstd for 7 % more."""
-COMPRESSED: Final = ("marker.", "observed.", "valid.", "time_s", "event")
-"""What columns begin with that a third can be saved of; computed numbers do not compress."""
+COMPRESSED: Final = ("observed.", "valid.", "time_s", "event")
+"""What columns begin with that compress well. Computed numbers do not, and of markers' positions a
+quarter would be saved, 9 % of a file, for half the time that it takes to write it."""
 MAX_REASON: Final = 120
 """Characters of a library's message, or of a file's name, within ours."""
 STUDY_POINTER: Final = "run.json"

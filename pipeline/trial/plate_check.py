@@ -127,10 +127,12 @@ def _zero_samples(recording: Recording) -> tuple[Note, ...]:
         longest = round(MAX_HELD_S / float(np.median(np.diff(plate.time))))
         for component in plate.wrench_in_plate.T:
             least = MIN_BESIDE * np.nanmax(np.abs(component), initial=0.0)
-            for start, stop in stretches(component == 0):
-                inside = start > 0 and stop < len(component) and stop - start <= longest
-                if inside and min(abs(component[start - 1]), abs(component[stop])) > least:
-                    zero[start:stop] = True
+            starts, stops = stretches(component == 0).T
+            inside = (starts > 0) & (stops < len(component)) & (stops - starts <= longest)
+            starts, stops = starts[inside], stops[inside]
+            beside = np.minimum(np.abs(component[starts - 1]), np.abs(component[stops]))
+            for start, stop in zip(starts[beside > least], stops[beside > least], strict=True):
+                zero[start:stop] = True
         if zero.any():
             samples, first_s = int(zero.sum()), plate.time[np.argmax(zero)]
             note = Note.of(

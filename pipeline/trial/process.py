@@ -280,7 +280,14 @@ def process_recording(
     )
 
 
-def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) -> TrialResult:
+def process_trial(
+    study: Study,
+    subject: str,
+    condition: str,
+    *,
+    laboratory: Laboratory | None = None,
+    jobs: int = 1,
+) -> TrialResult:
     r"""Process one trial of a study.
 
     Parameters
@@ -289,6 +296,8 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
         The study.
     subject, condition
         Which trial.
+    laboratory
+        The study's, where it was read before.
     jobs
         Threads.
 
@@ -337,7 +346,7 @@ def process_trial(study: Study, subject: str, condition: str, *, jobs: int = 1) 
             hip_trial=hip_trial,
             segments=read_segments(study.path(person.segments)) if person.segments else None,
             marker_set=study.marker_set,
-            laboratory=read_study_laboratory(study),
+            laboratory=laboratory or read_study_laboratory(study),
             condition=rule,
             window=rule.wanted,
             contacts=trial.contacts,

@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array, Indices
+from hbm.spatial import Array, Indices, Mask
 
 TENTH_S: Final = 0.1
 """Noise of plates and markers averages out in it, and a subject who stands hardly moves."""
@@ -61,10 +61,10 @@ def tenths(values: Array, time: Array, begin_s: float, count: int) -> Array:
     """
     edges = np.searchsorted(time, begin_s - _step_s(time) / 2 + TENTH_S * np.arange(count + 1))
     known = np.isfinite(values)
-    total, number = (
-        _sums_between(edges, each) for each in (np.where(known, values, 0.0), known.astype(float))
-    )
-    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+    number = np.diff(edges).reshape(-1, *(1,) * (values.ndim - 1))
+    if not known.all():
+        values, number = np.where(known, values, 0.0), _sums_between(edges, known)
+    return np.where(number > 0, _sums_between(edges, values) / np.maximum(number, 1), np.nan)
 
 
 def median_extent(position: Array) -> float:
@@ -90,8 +90,8 @@ def _step_s(time: Array) -> float:
     return float(time[-1] - time[0]) / (len(time) - 1)
 
 
-def _sums_between(edges: Indices, values: Array) -> Array:
+def _sums_between(edges: Indices, values: Array | Mask) -> Array:
     """Give the sums of the samples, (N, ...), from each edge, (E,), to the next, (E − 1, ...)."""
     sums, filled = np.zeros((len(edges) - 1, *values.shape[1:])), np.diff(edges) > 0
-    sums[filled] = np.add.reduceat(values[: edges[-1]], edges[:-1][filled], axis=0)
+    sums[filled] = np.add.reduceat(values[: edges[-1]], edges[:-1][filled], axis=0, dtype=float)
     return sums

@@ -162,7 +162,10 @@ def _weigh(recording: Recording, expected_kg: float | None) -> _Weighing | None:
     if count < WEIGHING_TENTHS:
         return None
     place = tenths(markers.position, markers.time, begin_s, count)
-    loads = [tenths(plate.wrench[:, 2], plate.time, begin_s, count) for plate in plates]
+    loads = [
+        tenths(plate.wrench_in_plate[:, :3] @ plate.rotation[2], plate.time, begin_s, count)
+        for plate in plates
+    ]
     mass = np.sum(loads, axis=0) / GRAVITY_MPS2
     long = sliding_window_view(mass, min(LONG_TENTHS, count)).mean(axis=1)
     least = max(MIN_MASS_KG, MIN_WHOLE_SHARE * np.max(long[np.isfinite(long)], initial=0.0))

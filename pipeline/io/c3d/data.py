@@ -87,8 +87,9 @@ def read_samples(
     unsigned = is_unsigned(parameters)
     frames = header.frames if max_frames is None else min(header.frames, max_frames)
     offset, scale, scale_notes = analog_scaling(header, parameters)
-    points = np.empty((frames, n_points, 3))
-    analog = np.empty((frames, per_frame, channels))
+    # every coordinate and channel in one piece of memory, as markers have it
+    points = np.moveaxis(np.empty((n_points, 3, frames)), -1, 0)
+    analog = np.moveaxis(np.empty((channels, frames, per_frame)), 0, -1)
     with path.open("rb") as file, np.errstate(invalid="ignore", over="ignore"):
         file.seek(header.data_start)
         for start in range(0, frames, FRAMES_PER_SLICE):
@@ -167,11 +168,11 @@ def _check_scale(header: Header, parameters: Parameters) -> None:
 
 
 def _is_missing(points: NDArray[np.number]) -> NDArray[np.bool_]:
-    position, residual = points[..., :3], points[..., 3]
-    invalid: NDArray[np.bool_] = ~np.isfinite(position).all(axis=-1)
-    invalid |= ~position.any(axis=-1)
-    invalid |= ~np.greater_equal(residual, 0)
-    return invalid
+    x, y, z, residual = np.moveaxis(points, -1, 0)
+    known: NDArray[np.bool_] = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
+    known &= (x != 0) | (y != 0) | (z != 0)
+    known &= np.greater_equal(residual, 0)
+    return ~known
 
 
 def frame_rate_hz(header: Header, parameters: Parameters) -> tuple[float, tuple[Note, ...]]:

@@ -114,7 +114,8 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
     plates, plate_notes = plate_layouts(parameters, names, units, stated)
     wrenches = [plate.wrench(samples.analog[:, plate.channels]) for plate in plates]
 
-    position = samples.points[:, list(labels.markers.values())] * metre
+    position = samples.points[:, list(labels.markers.values())]
+    position *= metre
     stated.check_span(position, unit)
     axes, axes_notes = settle_axes(
         stated.axes,
@@ -129,6 +130,7 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
         screen_up=parameters.text("POINT", "Y_SCREEN"),
     )
     to_lab = parse_axes(axes)
+    in_lab = np.moveaxis(to_lab @ np.moveaxis(position, 0, -1), -1, 0)
     time = np.arange(len(position)) / samples.rate_hz
     analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
     first_frame, frame_notes = _first_frame(header, parameters)
@@ -141,7 +143,7 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
     compensation = read_compensation(parameters)
     return Recording(
         source=path,
-        markers=Markers(time, tuple(labels.markers), position @ to_lab.T),
+        markers=Markers(time, tuple(labels.markers), in_lab),
         plates=tuple(
             _plate(plate, wrench, analog_time, to_lab)
             for plate, wrench in zip(plates, wrenches, strict=True)
@@ -187,11 +189,13 @@ def _other_channels(
     rest = [k for k in range(len(names)) if k not in taken]
     if not rest:
         return None
+    values = samples.analog.T.take(rest, axis=0)
+    values.setflags(write=False)
     return Analog(
         time,
         tuple(names[k] for k in rest),
         tuple(units[k] for k in rest),
-        samples.analog[:, rest],
+        values.T,
     )
 
 

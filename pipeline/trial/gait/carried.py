@@ -114,7 +114,7 @@ def carried_frames(
         for start, stop in np.searchsorted(time, stances(events, side)):
             inside = slice(start, stop)
             loaded = feet[f"{side}_foot"][inside, 2] > threshold_n
-            if len(loaded) and np.mean(loaded) < MIN_LOADED_SHARE:
+            if np.count_nonzero(loaded) < MIN_LOADED_SHARE * len(loaded):
                 missing[inside] |= np.mean(deficit[inside]) > MIN_STANCE_DEFICIT
     settled = np.flatnonzero((time >= time[0] + 1 / cutoff_hz) & (time <= time[-1] - 1 / cutoff_hz))
     if len(settled):

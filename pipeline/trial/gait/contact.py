@@ -8,11 +8,11 @@ import numpy as np
 
 from compensation import center_of_pressure
 from hbm.body import Body
-from hbm.coordinates import COORDINATES, MOVING
+from hbm.coordinates import COORDINATES
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.poses import segment_frames
-from hbm.signals.samples import stretches
+from hbm.poses import joint_positions
+from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Mask
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.events import SIDES
@@ -95,11 +95,9 @@ class SharedPlates:
 
 def feet_of(body: Body, motion: Motion) -> Array:
     """Give the middle of the left and right foot, ankle to toes, in the lab, (T, 2, 3) [m]."""
-    _, origin = segment_frames(body, motion.q)
-    ends = [
-        [MOVING.index(f"{side}_{part}") for part in ("foot", "toes")] for side in ("left", "right")
-    ]
-    return np.asarray(origin[:, ends].mean(axis=2))
+    names = [f"{side}_{part}" for side in ("left", "right") for part in ("foot", "toes")]
+    joints = joint_positions(body, motion.q, names)
+    return np.asarray((joints[:, 0::2] + joints[:, 1::2]) / 2)
 
 
 def share_between_feet(
@@ -312,7 +310,7 @@ class _Plate:
             doubtful = np.mean(self.uncertain[start:stop]) > MAX_DOUBTFUL_SHARE
             feet = tuple(FEET[k] for k in own[first])
             changes = tuple(int(start + k) for k in first[1:])
-            nearest_m = float(np.median(nearest[start:stop]))
+            nearest_m = median_of(nearest[start:stop])
             contact = Contact(number, start, stop, feet, bool(doubtful), nearest_m, changes)
             found.append(contact)
             if doubtful:

@@ -108,10 +108,8 @@ def cut_cycles(
         for start, stop in spans:
             inside = slice(*np.searchsorted(time, (start, stop)))
             cycle = {"side": side, "start_s": start, "stop_s": stop}
-            carried, counted = (
-                float(np.mean(mask[inside])) if inside.stop > inside.start else 0.0
-                for mask in masks
-            )
+            frames = max(inside.stop - inside.start, 1)
+            carried, counted = (np.count_nonzero(mask[inside]) / frames for mask in masks)
             reason = None
             if start < time[0] or stop > time[-1]:
                 reason = Note.of("cycle_outside", **cycle)

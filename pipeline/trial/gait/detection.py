@@ -187,8 +187,9 @@ def combined_events(
 
 def _corrected(times: Array, known: Array, offset: Array) -> Array:
     """Move times (E,) by the median offset of the nearest of those (K,) whose offset is known."""
-    nearest = [np.argsort(np.abs(known - time), kind="stable")[:NEAREST] for time in times]
-    return np.asarray(times + [float(np.median(offset[near])) for near in nearest])
+    apart = np.abs(known - times[:, None])
+    nearest = np.argsort(apart, axis=1, kind="stable")[:, :NEAREST]
+    return np.asarray(times + np.median(offset[nearest], axis=1))
 
 
 def _of_plates(sources: EventSources) -> tuple[Event, ...]:

@@ -8,10 +8,9 @@ from scipy.signal import find_peaks
 
 from compensation.platform.pose import PlatformPose
 from hbm.body import Body
-from hbm.coordinates import MOVING
-from hbm.poses import segment_frames
-from hbm.signals.filtering import butterworth
-from hbm.signals.samples import stretches
+from hbm.poses import joint_positions
+from hbm.signals.filtering import butterworth, low_pass
+from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array
 from pipeline.io.recording import Event
 from pipeline.trial.gait.events import MIN_EXCURSION_M, MIN_STRIDE_S, SIDES, in_order
@@ -68,9 +67,8 @@ def foot_motion(body: Body, time: Array, q: Array, pose: PlatformPose | None) ->
     FootMotion
         NaN where the pose of body or platform is unknown.
     """
-    _, origin = segment_frames(body, q)
     names = "pelvis", "left_foot", "right_foot", "left_toes", "right_toes"
-    places = origin[:, [MOVING.index(name) for name in names]]
+    places = joint_positions(body, q, names)
     if pose is None:
         forward = places[..., 0]
     else:
@@ -134,7 +132,7 @@ def foot_motion_events(motion: FootMotion) -> tuple[Event, ...]:
 
 def _turns(time: Array, distance: Array) -> list[int]:
     """Find the frames in which a distance (T,) is largest; in a gap nothing is found."""
-    filtered = butterworth(distance, time, TURN_CUTOFF_HZ, "zero_phase").value
+    filtered = low_pass(distance, time, TURN_CUTOFF_HZ, "zero_phase")
     apart = max(1, round(MIN_STRIDE_S / np.median(np.diff(time))))
     frames: list[int] = []
     for start, stop in stretches(np.isfinite(filtered)):
@@ -158,7 +156,7 @@ def _ground(
     middle, ground, walking = [], [], []
     for start, stop in stances:
         first, last = (round(start + share * (stop - start)) for share in MID_STANCE)
-        speed = float(np.median(ball_speed[first : last + 1]))
+        speed = median_of(ball_speed[first : last + 1])
         middle.append((time[first] + time[last]) / 2)
         ground.append(speed)
         walking.append(float(np.mean(pelvis_speed[start:stop])) - speed)

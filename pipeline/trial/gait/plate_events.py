@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from hbm.signals.samples import median_of
 from hbm.spatial import Array
 from pipeline.io.recording import Event
 from pipeline.trial.gait.contact import FEET, MIN_STANCE_S, Contact, Foot
@@ -169,16 +170,16 @@ def _crossing(
     None where the level without load is unknown, or what follows is no step.
     """
     time, since = load.time, max(free_s, start_s - LEVEL_S - MARGIN_S)
-    before = slice(np.searchsorted(time, since), np.searchsorted(time, start_s - MARGIN_S, "right"))
-    at_rest = load.force[before][np.isfinite(load.force[before])]
+    before = load.force[time.searchsorted(since) : time.searchsorted(start_s - MARGIN_S, "right")]
+    at_rest = before[np.isfinite(before)]
     if len(at_rest) * load.step_s < MIN_LEVEL_S or stop_s - start_s < MIN_STANCE_S:
         return None
-    first, last = np.searchsorted(time, [start_s - MARGIN_S, stop_s])
-    above = load.force[first:last] - np.median(at_rest)
-    if not np.nanmax(above, initial=0.0) >= MIN_STEP_SHARE * weight_n:
+    first, last = time.searchsorted([start_s - MARGIN_S, stop_s])
+    above = load.force[first:last] - median_of(at_rest)
+    if not np.fmax.reduce(above, initial=0.0) >= MIN_STEP_SHARE * weight_n:
         return None
     landed = int(np.argmax(above > LANDED_SHARE * weight_n))
-    threshold_n = max(EVENT_THRESHOLD_N, float(np.std(at_rest)) / MAX_NOISE_SHARE)
+    threshold_n = max(EVENT_THRESHOLD_N, float(at_rest.std()) / MAX_NOISE_SHARE)
     below = np.flatnonzero(above[:landed] <= threshold_n)
     if not len(below) or not np.isfinite(above[below[-1] + 1]):
         return None

@@ -80,7 +80,7 @@ def plate_loads(
         times, sensors = [plate.time for plate in plates], laboratory.calibration.sensors
         felt = at_times_of_plates(clock, readings, times, treadmill, sensors, models[0].lags_s)
         forces = [
-            force - _predicted(model, one) @ plate.rotation[2]
+            force - _predicted(model, one, plate.rotation[2])
             for force, model, one, plate in zip(forces, models, felt, plates, strict=True)
         ]
     delays = plate_delays_s(plates, laboratory.plates, plate_delay_s)
@@ -90,9 +90,7 @@ def plate_loads(
     )
 
 
-def _predicted(model: InertiaModel, acceleration: Array) -> Array:
-    """Predict forces (N, 3) at the samples whose acceleration is known; the others are gaps."""
-    known = np.isfinite(acceleration).all(axis=1)
-    force = np.full((len(acceleration), 3), np.nan)
-    force[known] = model.predict(acceleration[known])[:, :3]
-    return force
+def _predicted(model: InertiaModel, acceleration: Array, normal: Array) -> Array:
+    """Predict the force along a direction of the plate, (N,); NaN where the acceleration is."""
+    gain = model.gain[:, :3] @ normal
+    return np.asarray(acceleration @ gain[:-1] + gain[-1])

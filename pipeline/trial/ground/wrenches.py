@@ -168,7 +168,7 @@ def ground_wrenches(
 
 
 def _is_constant(plate: Plate) -> bool:
-    return not np.ptp(plate.wrench_in_plate, axis=0).any()
+    return bool((plate.wrench_in_plate == plate.wrench_in_plate[0]).all())
 
 
 def _without_inertia(

@@ -7,9 +7,18 @@ import sys
 import numpy as np
 import pytest
 from joblib import delayed
+from joblib.externals.loky import process_executor
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from pipeline.run.processes import MANAGER, in_processes
+from pipeline.config.study import read_study
+from pipeline.run import run
+from pipeline.run.job import Outcome
+from pipeline.run.processes import (
+    MANAGER,
+    _stay_with_kept_memory,
+    in_processes,
+    starting_processes,
+)
 
 ARRAYS_TWICE = """
 import resource, numpy as np
@@ -59,11 +68,41 @@ def threads_of_linear_algebra():
     return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
 
+threads_counted = pytest.mark.skipif(
+    not threads_of_linear_algebra(),
+    reason="the threads of this linear algebra cannot be counted",
+)
+
+
+@threads_counted
 @pytest.mark.parametrize("workers", [1, 2])
 def test_linear_algebra_uses_one_thread_in_any_number_of_processes(workers):
     """Sums in another order would make results differ with the number of processes."""
-    if not threads_of_linear_algebra():
-        pytest.skip("the threads of this linear algebra cannot be counted")
     with threadpool_limits(2):
+        with starting_processes(workers, threads_of_linear_algebra):
+            assert threads_of_linear_algebra() == {1}
         assert list(in_processes([delayed(threads_of_linear_algebra)()] * 2, workers)) == [{1}] * 2
         assert threads_of_linear_algebra() == {2}
+
+
+@threads_counted
+def test_one_job_at_a_time_calibrates_and_processes_with_one_thread_as_two_do(
+    moving_study, tmp_path, monkeypatch
+):
+    found = []
+
+    def note_threads(*_):
+        found.append(threads_of_linear_algebra())
+        return ""
+
+    monkeypatch.setattr(run, "read_study_laboratory", note_threads)
+    monkeypatch.setattr(run, "process_job", lambda job, _: Outcome(job, "failed", note_threads()))
+    with threadpool_limits(2):
+        list(run.run_study(read_study(moving_study), tmp_path, conditions=["sway"]))
+    assert found == [{1}] * 3
+
+
+def test_a_version_of_joblib_that_replaces_no_process_for_its_memory_is_left_alone(monkeypatch):
+    monkeypatch.delattr(process_executor, "_USE_PSUTIL")
+    _stay_with_kept_memory()
+    assert not hasattr(process_executor, "_USE_PSUTIL")

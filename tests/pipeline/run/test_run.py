@@ -20,8 +20,9 @@ from pipeline.run import cluster, program, run
 from pipeline.run import job as work
 from pipeline.run.job import process_job
 from pipeline.run.run import plan, run_jobs, run_study
-from pipeline.run.store import read_summary, recorded_study_folder
+from pipeline.run.store import read_summary, read_trial, recorded_study_folder
 from pipeline.trial import process
+from pipeline.trial.ground.laboratory import Laboratory
 
 TRIALS = [f"sub0{n}_{c}" for n in (1, 2) for c in ("baseline", "pitch", "sway")]
 
@@ -509,8 +510,19 @@ def test_what_another_run_finished_meanwhile_is_kept(moving_study, out, monkeypa
     assert process_job(replace(job, key="another")).state == "failed"
 
 
+def test_the_laboratory_is_calibrated_once_for_all_processes(moving_study, out, monkeypatch):
+    """Workers take what they are given, here one without a calibration."""
+    forget(out, "sub01_sway", "sub02_pitch")
+    monkeypatch.setattr(
+        run, "read_study_laboratory", lambda study: Laboratory(study.file.treadmill)
+    )
+    outcomes = list(run_study(read_study(moving_study), out, jobs=2))
+    done = [outcome.job.target for outcome in outcomes if outcome.state == "done"]
+    assert [read_trial(path).compensated for path in done] == [None, None]
+
+
 def test_the_biggest_recordings_come_first(moving_study, tmp_path, monkeypatch):
-    monkeypatch.setattr(run, "process_job", lambda job: work.Outcome(job, "done"))
+    monkeypatch.setattr(run, "process_job", lambda job, laboratory: work.Outcome(job, "done"))
     study = read_study(moving_study)
     monkeypatch.setattr(work.Job, "size", property(lambda job: TRIALS.index(job.target.stem)))
     order = [outcome.job.target.stem for outcome in run_study(study, tmp_path)]
