@@ -12,14 +12,13 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager
 from functools import cache
 from multiprocessing import resource_tracker
 from typing import Any, Final
 
 from joblib import Parallel, delayed
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import threadpool_limits
 
 POLL_S: Final = 0.5
 """How often a process looks whether the one that started it is still there."""
@@ -173,9 +172,7 @@ def _one_thread() -> Any:
     """Limit linear algebra to one thread until what this gives is left."""
     import scipy.linalg  # noqa: F401 - only what is loaded can be limited
 
-    # the search calls back from C, where an interrupt of this thread would be lost
-    with ThreadPoolExecutor(1) as beside:
-        return beside.submit(ThreadpoolController).result().limit(limits=1)
+    return threadpool_limits(1)
 
 
 def _begin() -> None:
