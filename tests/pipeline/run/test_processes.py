@@ -1,5 +1,6 @@
 """Processes that work on trials."""
 
+import os
 import platform
 import subprocess
 import sys
@@ -61,6 +62,33 @@ def test_only_the_thread_that_manages_killed_workers_prints_no_traceback():
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("Traceback") == 1
     assert "Exception in thread another" in done.stderr
+
+
+INTERRUPTED_IN_THE_SEARCH = """
+import os, signal, time
+import scipy.linalg
+from joblib import delayed
+from pipeline.run.processes import in_processes
+realpath = os.path.realpath
+def interrupt(path, **options):
+    os.path.realpath = realpath
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.1)
+    return realpath(path, **options)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+os.path.realpath = interrupt
+try:
+    print(*in_processes([delayed(int)()], 1))
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+def test_no_interrupt_is_lost_while_libraries_of_linear_algebra_are_searched():
+    command = [sys.executable, "-c", INTERRUPTED_IN_THE_SEARCH]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.stdout == "interrupted\n", done.stderr
 
 
 def threads_of_linear_algebra():
