@@ -124,7 +124,9 @@ def test_one_job_at_a_time_calibrates_and_processes_with_one_thread_as_two_do(
         return ""
 
     monkeypatch.setattr(run, "read_study_laboratory", note_threads)
-    monkeypatch.setattr(run, "process_job", lambda job, laboratory: Outcome(job, "failed", note_threads()))
+    monkeypatch.setattr(
+        run, "process_job", lambda job, laboratory: Outcome(job, "failed", note_threads())
+    )
     with threadpool_limits(2):
         list(run.run_study(read_study(moving_study), tmp_path, conditions=["sway"]))
     assert found == [{1}] * 3
