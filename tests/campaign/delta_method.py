@@ -2,8 +2,8 @@
 
 ``python -m tests.campaign.delta_method [--draws N]``
 
-A simulated study with a subject who walks on a treadmill that stands still, sways and pitches, and a
-real recording where there is one. Prints the ratio of the standard deviations of both.
+A simulated study with a subject who walks on a treadmill that stands still, sways and pitches, and
+a real recording where there is one. Prints the ratio of the standard deviations of both.
 """
 
 import argparse
