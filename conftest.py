@@ -1,6 +1,11 @@
-"""Examples in docstrings: an empty folder to write files in; for `hbm`, a subject to show."""
+"""One thread per process; for examples in docstrings an empty folder and, for `hbm`, a subject."""
+
+import os
 
 import pytest
+
+# before NumPy is loaded: tests run on every core, and more threads than cores only wait
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 @pytest.fixture(autouse=True)

@@ -24,6 +24,7 @@ UP = BODY_N * np.array([1.2, 0.75, 1.2])
 FAULT = {fault.name: fault for fault in FAULTS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "share"),
     [("gain of Fz", 1.1), ("Fz in Fx", 0.9), ("offset along", 1.1), ("vibration", 3.0)],

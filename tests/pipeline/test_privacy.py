@@ -98,6 +98,7 @@ def test_the_reader_knows_the_subject_and_says_it_nowhere(study):
     assert found_in(" ".join(map(str, recording.notes))) == []
 
 
+@pytest.mark.slow
 def test_no_output_of_a_study_holds_a_name_from_a_header(study, tmp_path, capfd):
     """Terminal, results, report, tables, BIDS data set and viewer files."""
     walk, out = str(study / "walk.c3d"), tmp_path / "out"

@@ -16,6 +16,7 @@ from tests.campaign.inverse_kinematics import (
 FRAMES = 12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("trial", "static"),
     [

@@ -252,6 +252,7 @@ def test_the_protocol_has_28_and_24_calibration_and_6_validation_trials():
     assert len(planned) == ranking_study.TRIALS
 
 
+@pytest.mark.slow
 def test_one_command_simulates_fits_and_ranks(tmp_path, monkeypatch, capsys):
     every = list(ranking_study.planned_trials(0))
     few = [every[k] for k in (0, 14, 28, 29, 54, 55, 56, 57)]

@@ -17,6 +17,7 @@ def trial(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_without_pinocchio_the_engine_that_results_name_changes_and_nothing_else(trial, tmp_path):
     assert_only_the_engine_differs(trial, tmp_path)
 

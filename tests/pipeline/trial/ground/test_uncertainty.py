@@ -90,6 +90,7 @@ def noisy(seed, duration_s=40.0):
     return replace(recording, analog=replace(recording.analog, values=values))
 
 
+@pytest.mark.slow
 def test_the_sum_of_all_plates_is_as_uncertain_as_stated():
     """The same accelerometers compensate both plates: their errors are not independent.
 

@@ -189,6 +189,7 @@ def rms_residual(walked):
     return left
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("condition", ["sway", "pitch"])
 def test_compensation_leaves_what_is_left_where_the_treadmills_own_wrench_is_known(
     rms_residual, condition

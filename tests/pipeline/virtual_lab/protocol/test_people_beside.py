@@ -61,6 +61,7 @@ def test_equal_seeds_give_equal_recordings_and_each_recording_its_own_steps():
     assert np.abs(first - other).max() > 100
 
 
+@pytest.mark.slow
 def test_a_simulated_study_is_calibrated_with_people_beside_every_plate(tmp_path):
     protocol = Protocol(
         conditions=("baseline",),

@@ -178,6 +178,7 @@ def beyond(perturbed, signal):
     return [name for name, trial in trials.items() if check_trial(model, trial)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_demos_calibration_covers_its_own_perturbations_on_a_rigid_machine(
     perturbed_rigid, seed
@@ -186,10 +187,12 @@ def test_the_demos_calibration_covers_its_own_perturbations_on_a_rigid_machine(
     assert beyond(perturbed_rigid, drawn[DEMO.calibration]) == []
 
 
+@pytest.mark.slow
 def test_a_flexible_machine_is_shaken_more_by_the_jerk_of_a_sway_than_by_its_calibration(perturbed):
     drawn = {signal.name: signal for signal in pitch_and_sway_signals(1, 3.0)}
     assert beyond(perturbed, drawn[DEMO.calibration]) == ["sway"]
 
 
+@pytest.mark.slow
 def test_random_motion_for_a_minute_covers_neither(perturbed):
     assert beyond(perturbed, pitch_and_sway_signals(1, 3.0)[0]) == ["sway", "pitch"]
