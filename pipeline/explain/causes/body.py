@@ -38,6 +38,9 @@ apart."""
 SMALL: Final = 0.1
 """Of a standard deviation: so small that squares do not matter, and far above rounding."""
 
+LEAST_MASS: Final = 0.1
+"""Of a segment's own, which a size drawn at random may undercut."""
+
 JOINTS: Final = {"hip": "thigh", "knee": "shank", "ankle": "foot"}
 """Joint of a leg -> the segment that it carries."""
 
@@ -210,4 +213,6 @@ def _shift(segments: dict[str, Inertia], name: str, by: Array) -> None:
 
 
 def _scaled(part: Inertia, factor: float) -> Inertia:
+    """Make a segment heavier; what asks for almost no mass or less, leaves a little."""
+    factor = max(factor, LEAST_MASS)
     return Inertia(factor * part.mass, part.center, factor * part.tensor)

@@ -151,3 +151,10 @@ def test_effects_of_small_faults_add_up():
 def test_there_are_fewer_than_sixty_causes_in_the_body_and_none_has_two_names():
     names = [cause.name for cause in body_causes(person(moves=False))]
     assert len(names) == len(set(names)) < 60
+
+
+def test_a_size_beyond_all_mass_leaves_a_little():
+    chain = chain_of(TIME, {})
+    feet = next(cause for cause in body_causes(chain) if cause.name == "feet: mass")
+    light = feet.change(chain, -3.0).body.segments["left_foot"]
+    assert 0 < light.mass < chain.body.segments["left_foot"].mass
