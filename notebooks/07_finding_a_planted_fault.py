@@ -74,25 +74,23 @@ for line in explanation_lines(explanation):
     print(line)
 
 # %% [markdown]
-# The delay is named first, with the planted 12 ms. The zeros are found too, in the plates' own
-# axes: here, their x points to the left and their y forward. A zero of either plate does nearly the
-# same to the residuals, so that each plate is given a part of it, with a wide interval; the sum is
-# what was planted, 8 N to the left and 6 N forward:
+# The delay is named first; its interval contains the planted 12 ms. The zeros are found too, in the
+# plates' own axes: here, their x points to the left and their y forward. A zero of either plate
+# does nearly the same to the residuals, but each plate is unloaded while the other foot stands, and
+# what it reads then is its zero: plate 1 has 8 N to the left and 6 N forward, plate 2 has none.
 
 # %%
 zeros = {cause.name: cause for cause in explanation.budget.causes if cause.group == "zero"}
 for component in ("Fx", "Fy"):
     both = [zeros[f"plate {number}: zero of {component}"] for number in (1, 2)]
-    each = ", ".join(map(size_in_words, both))
-    print(f"{component}: {each}; together {sum(cause.size for cause in both):.1f} N")
+    print(f"{component}: plate 1 {size_in_words(both[0])}, plate 2 {size_in_words(both[1])}")
 
 # %% [markdown]
 # ## What it cannot say
 #
 # Where two groups of causes do much the same to the residuals of this trial, they are named
-# together, with what would tell them apart. Which of two plates has the zero, the trial says only
-# in part: 5 s of empty plates would. Nothing is corrected unless we state it. What the trial does
-# not explain stays *not explained*.
+# together, with what would tell them apart: a gain of a plate and its place, for one. Nothing is
+# corrected unless we state it. What the trial does not explain stays *not explained*.
 #
 # ## Doing what it says
 #

@@ -7,7 +7,7 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from compensation import BeltModel, InertiaModel, PlatformPose, Sensor, to_lab
+from compensation import PlatformPose, to_lab
 from hbm.engines.choice import choose_engine
 from hbm.markers import Markers
 from hbm.model import Body
@@ -16,50 +16,12 @@ from hbm.plausibility.repeated_positions import without_frozen_frames
 from hbm.signals.filtering import Filtered, butterworth, low_pass
 from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.config.schema import Settings
+from pipeline.explain.subtracted import Subtracted, subtracted_from
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, plate_models
-from pipeline.trial.ground.wrenches import Ground, ground_wrenches
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.result import TrialResult
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Subtracted:
-    """What platform and belts add to the plates of a trial, as it was predicted and subtracted.
-
-    Attributes
-    ----------
-    models
-        Inertia model of each plate; empty without a calibration of the platform, as the next three.
-    felt
-        Per plate what its model takes of the accelerometers, T frames, (T, K) [m/s²].
-    sensors
-        The accelerometers as the calibration found them.
-    correlation
-        Between the components of all plates of what the models leave, (6 P, 6 P).
-    belt_models
-        Belt model of each plate; empty without a calibration of the belts, as `belts`.
-    belts
-        Per plate the wrench of its accelerating belt in its own axes, (T, 6) [N, N·m].
-    """
-
-    models: tuple[InertiaModel, ...]
-    felt: tuple[Array, ...]
-    sensors: tuple[Sensor, ...]
-    correlation: Array
-    belt_models: tuple[BeltModel, ...]
-    belts: tuple[Array, ...]
-
-    @property
-    def sensors_apart_s(self) -> float:
-        """By how much the accelerometers' delays differ, one standard deviation [s].
-
-        Accelerometers on one converter are equally late: where a platform bends, the calibration
-        takes bending for delay.
-        """
-        delays = [sensor.correction_s for sensor in self.sensors]
-        return float(np.std(delays, ddof=1)) if len(delays) > 1 else 0.0
-
 
 COMPUTED_FROM: Final[Mapping[str, frozenset[str]]] = {
     "motion": frozenset({"settings", "q"}),
@@ -279,23 +241,5 @@ def processing_chain(
         plates=recording.plates,
         wrenches=tuple(wrenches),
         pose=pose,
-        subtracted=_subtracted(recording, laboratory, ground, frames),
-    )
-
-
-def _subtracted(
-    recording: Recording, laboratory: Laboratory, ground: Ground, frames: slice
-) -> Subtracted | None:
-    """Give what was subtracted from the plates at some frames of a trial."""
-    calibration = laboratory.calibration
-    if not (ground.felt or ground.belts):
-        return None
-    names = [f"plate {plate.number}" for plate in recording.plates]
-    return Subtracted(
-        models=tuple(plate_models(recording, laboratory)),
-        felt=tuple(each[frames] for each in ground.felt),
-        sensors=() if calibration is None else calibration.sensors,
-        correlation=np.zeros((0, 0)) if calibration is None else calibration.correlation_of(names),
-        belt_models=laboratory.belts,
-        belts=tuple(each[frames] for each in ground.belts),
+        subtracted=subtracted_from(recording, laboratory, ground, frames),
     )

@@ -15,7 +15,8 @@ from hbm.spatial import WRENCH_COMPONENTS, Array, shift_wrench
 from pipeline.explain.cause import Cause
 from pipeline.explain.causes.delay import delayed
 from pipeline.explain.priors import Prior, priors
-from pipeline.explain.processing_chain import ProcessingChain, Subtracted, wrenches_in_lab
+from pipeline.explain.processing_chain import ProcessingChain, wrenches_in_lab
+from pipeline.explain.subtracted import Subtracted
 
 SHARE: Final = 0.95
 MOST: Final = 12
