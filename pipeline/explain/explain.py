@@ -41,6 +41,7 @@ RELATED: Final[Mapping[str, str]] = {"soft_tissue": "inertia", "skin": "markers"
 """Groups that are named with another: soft tissue is mass too, and skin displaces markers in the
 course of a gait cycle as their place does throughout."""
 
+
 def explain_trial(recording: Recording, laboratory: Laboratory, result: TrialResult) -> Budget:
     """Find what the residuals of a trial are made of.
 

@@ -98,9 +98,7 @@ def shares_of_groups(
     return Shares(share, between, 1 - share.sum(axis=0))
 
 
-def indistinct(
-    shares: Shares, together: Sequence[Sequence[int]] | None = None
-) -> list[list[int]]:
+def indistinct(shares: Shares, together: Sequence[Sequence[int]] | None = None) -> list[list[int]]:
     """Join groups that a trial cannot tell apart.
 
     Two are joined while the share of both is surer than that of the less sure of them: what one
@@ -121,11 +119,11 @@ def indistinct(
     found = [list(own) for own in together or [[g] for g in range(len(shares.share))]]
     while len(found) > 1:
         covariance = shares.joined(found).covariance.mean(axis=0)
-        variance = np.diag(covariance)
-        larger = np.maximum.outer(variance, variance)
+        variance = np.maximum(np.diag(covariance), MIN_DOUBT**2)
         of_both = np.add.outer(variance, variance) + 2 * covariance
         doubted = np.minimum.outer(variance, variance) > MIN_DOUBT**2
-        left = np.where(doubted & ~np.eye(len(found), dtype=bool), of_both / np.maximum(larger, MIN_DOUBT**2), 1.0)
+        np.fill_diagonal(doubted, False)
+        left = np.where(doubted, of_both / np.maximum.outer(variance, variance), 1.0)
         first, second = sorted(np.unravel_index(left.argmin(), left.shape))
         if left[first, second] >= 1:
             break
