@@ -33,9 +33,9 @@ MAX_FRAMES: Final = 6000
 """Of a long trial, a minute of which tells as much."""
 MIN_CYCLES: Final = 4
 """For telling what repeats from what does not, and for judging half of them by the others."""
-HIGHEST_IN_CUTOFFS: Final = 1.0
-"""Frequency up to which sizes are estimated, in cut-offs of the filter: above it the filter takes
-most of a residual away, and soft tissue oscillates in ways that no cause describes well."""
+HIGHEST_IN_CUTOFFS: Final = 1.1
+"""Frequency up to which sizes are estimated, in cut-offs of the filter: above it soft tissue
+oscillates in ways that no cause describes well, and delays would be taken for them."""
 
 RELATED: Final[Mapping[str, str]] = {"soft_tissue": "inertia", "skin": "markers"}
 """Groups that are named with another: soft tissue is mass too, and skin displaces markers in the
