@@ -124,7 +124,7 @@ def _conditional(along: Array, added: Array, variance: Array, prior: Array) -> t
     """Give sizes and their covariance where the variance of all else is known."""
     weighted = (added / variance).reshape(len(added), -1)
     precision = weighted @ added.reshape(len(added), -1).T + np.diag(1 / prior**2)
-    covariance = np.linalg.inv(precision)
+    covariance = np.asarray(np.linalg.inv(precision))
     return covariance @ (weighted @ along.ravel()), covariance
 
 
