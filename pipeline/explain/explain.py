@@ -1,6 +1,6 @@
 """Why a trial's residuals are as large as they are: the causes, their sizes and their shares."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -34,8 +34,13 @@ MAX_FRAMES: Final = 6000
 """Of a long trial, a minute of which tells as much."""
 MIN_CYCLES: Final = 4
 """For telling what repeats from what does not, and for judging half of them by the others."""
-HIGHEST_IN_CUTOFFS: Final = 1.5
-"""Frequency up to which residuals are explained, in cut-offs of the filter."""
+HIGHEST_IN_CUTOFFS: Final = 1.1
+"""Frequency up to which sizes are estimated, in cut-offs of the filter: above it soft tissue
+oscillates in ways that no cause describes well, and delays would be taken for them."""
+
+RELATED: Final[Mapping[str, str]] = {"soft_tissue": "inertia", "skin": "markers"}
+"""Groups that are named with another: soft tissue is mass too, and skin displaces markers in the
+course of a gait cycle as their place does throughout."""
 
 
 def explain_trial(
@@ -238,7 +243,10 @@ def _shares(
     names.append("filter")
     every = np.concatenate([effects, left[None]])
     shares = shares_of_groups(residual, every, size, covariance, members)
-    together = indistinct(shares)
+    related: dict[str, list[int]] = {}
+    for g, name in enumerate(names):
+        related.setdefault(RELATED.get(name, name), []).append(g)
+    together = indistinct(shares, list(related.values()))
     joined = shares.joined(together)
     groups = [
         GroupShare(tuple(names[g] for g in own), share, deviation)
@@ -258,7 +266,8 @@ def _held_out(
     before, after = np.zeros(6), np.zeros(6)
     for own, other in (halves, halves[::-1]):
         size = sizes_from_cycles(residual, effects, causes, own).size
-        left = other.coefficients(residual - np.tensordot(size, effects, 1))
-        before += (other.coefficients(residual) ** 2).sum(axis=(0, 1))
-        after += (left**2).sum(axis=(0, 1))
+        left = residual - np.tensordot(size, effects, 1)
+        for frames in other.frames:
+            before += (residual[frames] ** 2).sum(axis=0)
+            after += (left[frames] ** 2).sum(axis=0)
     return np.asarray(1 - after / before)

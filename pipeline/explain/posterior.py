@@ -1,9 +1,11 @@
 """Sizes of causes from the residuals of gait cycles: linear, Gaussian, with a model that is wrong.
 
 The mean gait cycle of a residual is what its causes add, plus what no cause describes, plus the
-mean of what differs between cycles. What no cause describes is as smooth in time as a residual is,
-and its size per axis is estimated with the causes (Kennedy and O'Hagan 2001, J R Stat Soc B
-63:425); without it, intervals would shrink with every cycle although the model stays wrong.
+mean of what differs between cycles. What no cause describes has one size per axis at all
+frequencies, as forces of motions that the model does not know: they follow accelerations, which do
+not decrease with frequency as motions do. It is estimated with the causes (Kennedy and O'Hagan
+2001, J R Stat Soc B 63:425); without it, intervals would shrink with every cycle although the model
+stays wrong.
 """
 
 from dataclasses import dataclass
@@ -13,8 +15,6 @@ import numpy as np
 
 from hbm.spatial import Array, Mask, read_only
 
-SMOOTH_HZ: Final = 3.0
-"""Up to this frequency what no cause describes is as large as any part of a residual."""
 ROUNDS: Final = 60
 START: Final = 0.5
 """Of a residual that no cause describes, to begin with."""
@@ -35,8 +35,7 @@ class Posterior:
     covariance
         Of the sizes, (K, K).
     unexplained
-        One standard deviation of a coefficient at low frequency of what no cause describes, (6,)
-        [N, N·m].
+        One standard deviation of a coefficient of what no cause describes, (6,) [N, N·m].
     """
 
     size: Array
@@ -82,6 +81,11 @@ def estimate_sizes(
     Coefficients of different frequencies and axes are taken as independent given the causes, which
     is what makes the noise coloured: each frequency has a variance of its own.
 
+    The size of what no cause describes is uncertain itself, as few coefficients tell of it when the
+    causes have described what they can. Expectation and maximisation find the mode of an inverse χ²
+    distribution with that many degrees of freedom, n; intervals take its mean, larger by
+    ``n / (n - 2)``.
+
     What the model misses of a person changes with a slope or a push too, so that cycles that differ
     by them are no independent evidence. The causes that follow the platform vary over cycles in a
     few patterns, their principal components; the part of the residual in each of them is treated
@@ -97,25 +101,31 @@ def estimate_sizes(
     along = np.tensordot(pattern, residual, 1)
     added = np.einsum("pc,kcbx->kpbx", pattern, moving)
     added[:, 0] = np.sqrt(cycles) * effect
-    shape = 1 / (1 + (frequency / SMOOTH_HZ) ** 4)
-    spread = START * np.sqrt((along**2).sum(axis=1) / shape.sum())
+    spread = START * np.sqrt((along**2).mean(axis=1))
     rest = np.tensordot(beside, residual, 1)
     between = _by_frequency((rest**2).sum(axis=0) / degrees, frequency)
-    precision = np.diag(1 / prior**2)
-    size, covariance = np.zeros(len(prior)), np.zeros((len(prior), len(prior)))
     for _ in range(ROUNDS):
-        unexplained = spread[:, None] ** 2 * shape[:, None]
+        unexplained = spread[:, None] ** 2
         variance = unexplained + between + MIN_VARIANCE
-        weighted = (added / variance).reshape(len(added), -1)
-        covariance = np.linalg.inv(weighted @ added.reshape(len(added), -1).T + precision)
-        size = covariance @ (weighted @ along.ravel())
-
+        size, covariance = _conditional(along, added, variance, prior)
         left = along - np.tensordot(size, added, 1)
         uncertain = np.einsum("kpbx,kl,lpbx->pbx", added, covariance, added, optimize=True)
         gain = unexplained / variance
-        square = (gain * left) ** 2 + unexplained * (1 - gain) + gain**2 * uncertain
-        spread = np.sqrt((square / shape[:, None]).mean(axis=1))
+        doubt = unexplained * (1 - gain) + gain**2 * uncertain
+        spread = np.sqrt(((gain * left) ** 2 + doubt).mean(axis=1))
+    told = (1 - doubt / np.maximum(unexplained, MIN_VARIANCE)).sum(axis=1)
+    spread *= np.sqrt(np.maximum(told / np.maximum(told - 2, 1), 1))
+    variance = spread[:, None] ** 2 + between + MIN_VARIANCE
+    size, covariance = _conditional(along, added, variance, prior)
     return Posterior(size, covariance, spread[0] / np.sqrt(cycles))
+
+
+def _conditional(along: Array, added: Array, variance: Array, prior: Array) -> tuple[Array, Array]:
+    """Give sizes and their covariance where the variance of all else is known."""
+    weighted = (added / variance).reshape(len(added), -1)
+    precision = weighted @ added.reshape(len(added), -1).T + np.diag(1 / prior**2)
+    covariance = np.asarray(np.linalg.inv(precision))
+    return covariance @ (weighted @ along.ravel()), covariance
 
 
 def _patterns(moving: Array, residual: Array) -> Array:

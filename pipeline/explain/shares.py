@@ -8,9 +8,6 @@ import numpy as np
 
 from hbm.spatial import Array, read_only
 
-INDISTINCT: Final = -0.5
-"""Correlation of the shares of two groups, over all six residuals, below which they are named
-together: what one has too much the other has too little."""
 MIN_DOUBT: Final = 0.05
 """Standard deviation of a share below which it is not in doubt, and its group stands alone."""
 
@@ -101,28 +98,34 @@ def shares_of_groups(
     return Shares(share, between, 1 - share.sum(axis=0))
 
 
-def indistinct(shares: Shares) -> list[list[int]]:
+def indistinct(shares: Shares, together: Sequence[Sequence[int]] | None = None) -> list[list[int]]:
     """Join groups that a trial cannot tell apart.
+
+    Two are joined while the share of both is surer than that of the less sure of them: what one
+    has too much the other has too little. Variances are means over the six residuals.
 
     Parameters
     ----------
     shares
         Of the groups.
+    together
+        Sets of groups that are named together anyway; by default each is alone.
 
     Returns
     -------
     list of list of int
-        The groups that are named together, in their order; most alone.
+        The groups that are named together, in their order.
     """
-    found = [[g] for g in range(len(shares.share))]
+    found = [list(own) for own in together or [[g] for g in range(len(shares.share))]]
     while len(found) > 1:
         covariance = shares.joined(found).covariance.mean(axis=0)
-        spread = np.sqrt(np.diag(covariance))
-        doubted = np.minimum.outer(spread, spread) > MIN_DOUBT
-        product = np.maximum(np.outer(spread, spread), MIN_DOUBT**2)
-        correlation = np.where(doubted, covariance / product, 0.0)
-        first, second = sorted(np.unravel_index(correlation.argmin(), correlation.shape))
-        if correlation[first, second] > INDISTINCT:
+        variance = np.maximum(np.diag(covariance), MIN_DOUBT**2)
+        of_both = np.add.outer(variance, variance) + 2 * covariance
+        doubted = np.minimum.outer(variance, variance) > MIN_DOUBT**2
+        np.fill_diagonal(doubted, False)
+        left = np.where(doubted, of_both / np.maximum.outer(variance, variance), 1.0)
+        first, second = sorted(np.unravel_index(left.argmin(), left.shape))
+        if left[first, second] >= 1:
             break
         found[first] = sorted(found[first] + found.pop(second))
     return found

@@ -25,7 +25,7 @@ PARTS: Final[Mapping[str, tuple[tuple[str, ...], str, str]]] = {
     "pelvis": (("pelvis",), "pelvis_mass", "xyz"),
     "trunk": (TRUNK, "trunk_mass", "xyz"),
     "head": (("head",), "trunk_mass", "xy"),
-    "thighs": (("thigh",), "limb_mass", "xyz"),
+    "thighs": (("thigh",), "thigh_mass", "xyz"),
     "shanks": (("shank",), "limb_mass", "xyz"),
     "feet": (("foot",), "foot_mass", "xyz"),
     "arms": (ARMS, "limb_mass", "x"),

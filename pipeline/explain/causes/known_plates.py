@@ -82,8 +82,9 @@ def known_plates(chain: ProcessingChain, laboratory: Laboratory) -> KnownPlates:
     KnownPlates
         Usual sizes, but where one of these says more: of the delay, a calibration of the plates, a
         statement, or the platform's own motion in markers and accelerometers; of gain, cross-talk,
-        place and direction, a calibration of the plates; of zeros, the treadmill's calibration, and
-        what the plates read in this trial while nobody is on them.
+        place and direction, a calibration of the plates; of zeros, what the plates read in this
+        trial while nobody is on them, and only without that the treadmill's calibration: zeros
+        drift, and may be set anew, from one recording to the next.
     """
     usual = usual_plates(len(chain.plates))
     models = () if chain.subtracted is None else chain.subtracted.models
@@ -93,18 +94,20 @@ def known_plates(chain: ProcessingChain, laboratory: Laboratory) -> KnownPlates:
             calibration = laboratory.plates.calibrations.of(plate.number)
             if calibration is not None:
                 one = calibrated(one, calibration, plate)
-        zero = one.zero
-        error = models[k].model_error if models else None
-        if error is not None:
-            source = "the treadmill's calibration: zeros of its recordings"
-            spread = np.minimum([z.size for z in zero], error.zero)
-            zero = tuple(
-                replace(z, size=max(float(size), MIN_NARROWED * z.size), source=source)
-                for z, size in zip(zero, spread, strict=True)
-            )
         threshold_n = chain.settings.contact_threshold_n
         swing = swing_zero(chain.time, chain.wrenches[k], plate, threshold_n)
-        plates.append(replace(one, zero=zero if swing is None else narrowed(zero, *swing)))
+        error = models[k].model_error if models else None
+        if swing is not None:
+            one = replace(one, zero=narrowed(one.zero, *swing))
+        elif error is not None:
+            source = "the treadmill's calibration: zeros of its recordings"
+            spread = np.minimum([z.size for z in one.zero], error.zero)
+            zero = tuple(
+                replace(z, size=max(float(size), MIN_NARROWED * z.size), source=source)
+                for z, size in zip(one.zero, spread, strict=True)
+            )
+            one = replace(one, zero=zero)
+        plates.append(one)
     return KnownPlates(_delay(chain, laboratory, usual.delay), tuple(plates))
 
 

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from pipeline.explain.explain import RELATED
 from pipeline.io.write import markdown
 from tests.campaign.explain.faults import ALWAYS_THERE
 from tests.campaign.explain.rows import SHARES, SIZES, TOGETHER, Tables
@@ -102,7 +103,14 @@ def wrong_prior(sizes: pd.DataFrame) -> Iterator[str]:
 
 
 def faults_and_claims(shares: pd.DataFrame, prior: str) -> Iterator[dict[str, object]]:
-    """Give every fault that makes a large share of an axis, and the rank of its group there."""
+    """Give every fault that makes a large share of an axis, and the rank of its group there.
+
+    Its group is truly the largest where it makes more than any other that was seeded, and than all
+    that was not: what the person is without it, and what no cause describes.
+    """
+    seeded = shares[shares.seeded.notna()]
+    groups = seeded.assign(groups=seeded.groups.replace(dict(RELATED)))
+    truth = groups.groupby(["trial", "axis", "groups"]).true.sum()
     said = shares[(shares.prior == prior) & (shares.groups != "not explained")]
     by_axis = {key: own for key, own in said.groupby(["trial", "axis"])}
     for fault in shares[shares.seeded.notna() & (shares.true >= LARGE)].itertuples():
@@ -111,6 +119,8 @@ def faults_and_claims(shares: pd.DataFrame, prior: str) -> Iterator[dict[str, ob
         rank = next((k for k, each in enumerate(names) if fault.groups in each), len(names))
         others = [each for each in names[:rank] if not each <= set(ALWAYS_THERE)]
         share = float(own.share.iloc[rank]) if rank < len(names) else 0.0
+        true = truth[fault.trial, fault.axis]
+        makes = true[RELATED.get(fault.groups, fault.groups)]
         yield {
             "trial": fault.trial,
             "axis": fault.axis,
@@ -119,6 +129,7 @@ def faults_and_claims(shares: pd.DataFrame, prior: str) -> Iterator[dict[str, ob
             "share": share,
             "alone": rank < len(names) and len(names[rank]) == 1,
             "first": rank == 0,
+            "largest": makes >= max(true.max(), 1 - true.sum()),
             "first of instruments": not others and rank < len(names),
         }
 
@@ -149,12 +160,15 @@ def first(shares: pd.DataFrame, prior: str) -> Iterator[str]:
     found = pd.DataFrame(list(faults_and_claims(shares, prior)))
     if found.empty:
         return
-    for at_least in (LARGE, LARGEST):
-        own = found[found.true >= at_least]
+    for at_least, own, where in (
+        (LARGE, found, ""),
+        (LARGEST, found[found.true >= LARGEST], ""),
+        (LARGE, found[found.largest], " and is truly the largest"),
+    ):
         most = own.loc[own.groupby(["trial", "fault"]).true.idxmax()] if len(own) else own
         yield (
-            f"right cause first where a fault makes {100 * at_least:.0f} % of an axis or more: "
-            f"{percent(own['first'])} % of {len(own)} axes, in its largest axis "
+            f"right cause first where a fault makes {100 * at_least:.0f} % of an axis or more"
+            f"{where}: {percent(own['first'])} % of {len(own)} axes, in its largest axis "
             f"{percent(most['first'])} % of {len(most)} faults; among instruments "
             f"{percent(own['first of instruments'])} % of axes, "
             f"{percent(most['first of instruments'])} % of faults"

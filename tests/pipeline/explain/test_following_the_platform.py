@@ -6,15 +6,14 @@ import pytest
 from pipeline.explain.posterior import estimate_sizes
 
 CYCLES, FREQUENCY = 30, np.repeat(np.arange(6), 2)[1:] / 1.1
-SHAPE = 1 / (1 + (FREQUENCY[:, None] / 3) ** 4)
 TILT = np.sin(2 * np.pi * np.arange(CYCLES) / CYCLES)[:, None, None]
 
 
 def trial(rng, size, response):
     """Residual and effects: one cause of the plates, one that follows a slow tilt, and a person."""
-    cycle, tilted = rng.normal(0, 1, (2, len(FREQUENCY), 6)) * SHAPE
+    cycle, tilted = rng.normal(0, 1, (2, len(FREQUENCY), 6))
     effects = np.stack([np.tile(cycle, (CYCLES, 1, 1)), TILT * tilted])
-    missed, changed = rng.normal(0, 1, (2, len(FREQUENCY), 6)) * np.sqrt(SHAPE)
+    missed, changed = rng.normal(0, 1, (2, len(FREQUENCY), 6))
     noise = rng.normal(0, 0.3, (CYCLES, len(FREQUENCY), 6))
     residual = np.tensordot(size, effects, 1) + missed + response * TILT * changed + noise
     return residual, effects

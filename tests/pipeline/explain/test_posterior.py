@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from pipeline.explain.posterior import MIN_VARIANCE, SMOOTH_HZ, estimate_sizes
+from pipeline.explain.posterior import MIN_VARIANCE, estimate_sizes
 
 FREQUENCY = np.repeat(np.arange(9), 2)[1:] / 1.1
 B = len(FREQUENCY)
-SHAPE = 1 / (1 + (FREQUENCY / SMOOTH_HZ) ** 4)
 
 
 def effects_of(rng, causes, cycles):
     """Effects that repeat but for a tenth."""
-    mean = rng.normal(size=(causes, 1, B, 6)) * np.sqrt(SHAPE)[:, None]
+    mean = rng.normal(size=(causes, 1, B, 6))
     return mean * (1 + 0.1 * rng.normal(size=(causes, cycles, 1, 1)))
 
 
@@ -27,10 +26,10 @@ def test_without_noise_and_with_few_causes_the_sizes_are_found(rng):
 def test_the_sizes_are_those_of_least_squares_with_the_priors_as_observations(rng):
     """One cycle: the variance is that of what no cause describes alone."""
     effects, prior = effects_of(rng, 12, 1), np.linspace(0.5, 2, 12)
-    residual = rng.normal(size=(1, B, 6)) * np.sqrt(SHAPE)[:, None]
+    residual = rng.normal(size=(1, B, 6))
     found = estimate_sizes(residual, effects, prior, FREQUENCY, np.zeros(12, bool))
     again = estimate_sizes(residual, effects, prior, FREQUENCY, np.zeros(12, bool))
-    deviation = np.sqrt(found.unexplained**2 * SHAPE[:, None] + MIN_VARIANCE).ravel()
+    deviation = np.tile(np.sqrt(found.unexplained**2 + MIN_VARIANCE), B)
     rows = np.vstack([(effects[:, 0].reshape(12, -1) / deviation).T, np.diag(1 / prior)])
     wanted = np.concatenate([residual.ravel() / deviation, np.zeros(12)])
     expected, *_ = np.linalg.lstsq(rows, wanted)
@@ -51,12 +50,12 @@ def test_what_the_residual_does_not_tell_keeps_its_prior(rng):
 
 @pytest.mark.parametrize("undescribed", [0.0, 1.0])
 def test_intervals_contain_the_sizes_as_often_as_they_say(rng, undescribed):
-    """Whether causes describe the residual or something smooth besides them does."""
+    """Whether causes describe the residual or something besides them does."""
     prior, inside = np.array([1.0, 0.5, 2.0, 1.0]), []
     for _ in range(150):
         effects, true = effects_of(rng, 4, 8), prior * rng.normal(size=4)
-        other = undescribed * np.sqrt(SHAPE)[:, None] * rng.normal(size=(B, 6))
-        noise = 0.5 * np.sqrt(SHAPE)[:, None] * rng.normal(size=(8, B, 6))
+        other = undescribed * rng.normal(size=(B, 6))
+        noise = 0.5 * rng.normal(size=(8, B, 6))
         residual = np.tensordot(true, effects, 1) + other + noise
         found = estimate_sizes(residual, effects, prior, FREQUENCY, np.zeros(4, bool))
         inside.append(np.abs(found.size - true) < 1.96 * found.deviation)
@@ -69,7 +68,7 @@ def test_more_cycles_do_not_make_sure_what_a_wrong_model_leaves_open(rng):
     deviations = []
     for cycles in (10, 1000):
         effects = np.repeat(effects_of(rng, 4, 1), cycles, axis=1)
-        other = np.sqrt(SHAPE)[:, None] * rng.normal(size=(B, 6))
+        other = rng.normal(size=(B, 6))
         residual = other + 0.3 * rng.normal(size=(cycles, B, 6))
         found = estimate_sizes(residual, effects, np.ones(4), FREQUENCY, np.zeros(4, bool))
         deviations.append(found.deviation)
