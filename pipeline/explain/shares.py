@@ -8,6 +8,11 @@ import numpy as np
 
 from hbm.spatial import Array, read_only
 
+INDISTINCT: Final = -0.5
+"""Correlation of the shares of two groups, over all six residuals, below which they are named
+together: what one has too much the other has too little."""
+NORMAL_95: Final = 1.96
+"""Half of a 95 % interval, in standard deviations."""
 MIN_DOUBT: Final = 0.05
 """Standard deviation of a share below which it is not in doubt, and its group stands alone."""
 
@@ -101,8 +106,8 @@ def shares_of_groups(
 def indistinct(shares: Shares, together: Sequence[Sequence[int]] | None = None) -> list[list[int]]:
     """Join groups that a trial cannot tell apart.
 
-    Two are joined while the share of both is surer than that of the less sure of them: what one
-    has too much the other has too little. Variances are means over the six residuals.
+    Two are joined where what one has too much the other has too little, unless one of them is sure:
+    its share's 95 % interval leaves out zero.
 
     Parameters
     ----------
@@ -118,14 +123,16 @@ def indistinct(shares: Shares, together: Sequence[Sequence[int]] | None = None) 
     """
     found = [list(own) for own in together or [[g] for g in range(len(shares.share))]]
     while len(found) > 1:
-        covariance = shares.joined(found).covariance.mean(axis=0)
-        variance = np.maximum(np.diag(covariance), MIN_DOUBT**2)
-        of_both = np.add.outer(variance, variance) + 2 * covariance
-        doubted = np.minimum.outer(variance, variance) > MIN_DOUBT**2
-        np.fill_diagonal(doubted, False)
-        left = np.where(doubted, of_both / np.maximum.outer(variance, variance), 1.0)
-        first, second = sorted(np.unravel_index(left.argmin(), left.shape))
-        if left[first, second] >= 1:
+        own = shares.joined(found)
+        covariance = own.covariance.mean(axis=0)
+        spread = np.sqrt(np.diag(covariance))
+        size = np.sqrt((own.share**2).mean(axis=1))
+        unsure = np.where(size < NORMAL_95 * spread, spread, 0.0)
+        doubted = np.minimum.outer(unsure, unsure) > MIN_DOUBT
+        product = np.maximum(np.outer(spread, spread), MIN_DOUBT**2)
+        correlation = np.where(doubted, covariance / product, 0.0)
+        first, second = sorted(np.unravel_index(correlation.argmin(), correlation.shape))
+        if correlation[first, second] > INDISTINCT:
             break
         found[first] = sorted(found[first] + found.pop(second))
     return found

@@ -60,7 +60,7 @@ def test_groups_that_do_the_same_are_named_together(rng):
     effects = rng.normal(size=(3, 200, 6))
     effects[2] = effects[0] + 1e-3 * rng.normal(size=(200, 6))
     size = np.array([1.0, 1.0, 1.0])
-    covariance = 0.04 * np.array([[1, 0, -0.99], [0, 0.01, 0], [-0.99, 0, 1]])
+    covariance = 0.64 * np.array([[1, 0, -0.999], [0, 0.001, 0], [-0.999, 0, 1]])
     residual = np.tensordot(size, effects, 1)
     found = shares_of_groups(residual, effects, size, covariance, [[0], [1], [2]])
     assert indistinct(found) == [[0, 2], [1]]
@@ -75,13 +75,21 @@ def test_groups_that_are_sure_stand_alone(rng):
     assert indistinct(found) == [[0], [1], [2], [3]]
 
 
-@pytest.mark.parametrize(("correlation", "together"), [(-0.4, [[0, 1]]), (-0.1, [[0], [1]])])
-def test_two_groups_are_named_together_if_their_sum_is_surer_than_the_less_sure(
-    correlation, together
+@pytest.mark.parametrize(
+    ("share", "correlation", "together"),
+    [
+        ((0.3, 0.1), -0.6, [[0, 1]]),
+        ((0.3, 0.1), -0.4, [[0], [1]]),
+        ((0.7, 0.1), -0.6, [[0], [1]]),
+    ],
+)
+def test_two_groups_are_named_together_if_one_has_what_the_other_lacks_and_neither_is_sure(
+    share, correlation, together
 ):
-    """Of 30 and 10 %: their sum is sure to 27.6 % in the first case, to 30.7 % in the second."""
+    """Sure to 30 and 10 %; of the last case, the first group is there whatever the second is."""
     covariance = np.array([[0.09, 0.03 * correlation], [0.03 * correlation, 0.01]])
-    shares = Shares(np.full((2, 6), 0.4), np.tile(covariance, (6, 1, 1)), np.full(6, 0.2))
+    both = np.repeat(np.array(share)[:, None], 6, axis=1)
+    shares = Shares(both, np.tile(covariance, (6, 1, 1)), np.full(6, 0.2))
     assert indistinct(shares) == together
 
 
