@@ -50,15 +50,20 @@ def hips(trial, marker_set):
     return functional_hips(trial.markers, marker_set)
 
 
-@pytest.fixture(scope="module")
-def true_masses(shared_data):
-    root = ElementTree.parse(shared_data / "truth_walk" / "subject01.osim").getroot()
+def masses_of_model(folder):
+    """Masses of the segments of the model that the walk was generated from [kg]."""
+    root = ElementTree.parse(folder / "subject01.osim").getroot()
     mass = {
         b.get("name"): float(b.findtext("mass"))
         for b in root.iter("Body")
         if b.find("mass") is not None
     }
     return {s: sum(mass[name] for name in parts) for s, parts in PARTS.items()}
+
+
+@pytest.fixture(scope="module")
+def true_masses(shared_data):
+    return masses_of_model(shared_data / "truth_walk")
 
 
 def build(trial, marker_set, hips, **options):

@@ -1,0 +1,71 @@
+"""What residuals of recordings are made of: halves predict each other, known causes are found."""
+
+import numpy as np
+import pytest
+
+import pipeline
+from hbm.markers import read_marker_set
+from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.explain.causes.filtering import left_by_filter
+from pipeline.explain.explain import explain_trial, explained_part
+from pipeline.explain.linearised import linearised, rms
+from pipeline.io.opensim.trial import read_opensim_trial
+from pipeline.trial.ground.laboratory import Laboratory
+from tests.recordings.test_generated_walk import (
+    MARKER_SETS,
+    MASS_KG,
+    STATURE_M,
+    masses_of_model,
+)
+
+STILL = Laboratory(Treadmill())
+LINEAR_PROTOTYPE = [[11.8, 5.8, 13.9, 2.4, 3.3, 1.8], [9.5, 6.3, 13.6, 2.4, 3.1, 1.8]]
+"""What 56 linear effects of the plates and the body, fitted to one half, left in the other."""
+NOT_ITS_CAUSES = ("delay", "zero", "gain", "place", "skin")
+"""Its plates are exact, and its markers rigid."""
+
+
+def test_causes_found_in_half_of_the_cycles_hold_in_the_other(shared_data):
+    """On every axis better than effects that are linear and know nothing of usual sizes."""
+    walk = pipeline.read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+    result = pipeline.process_recording(walk, Subject(mass_kg=55.3), Settings())
+    part = explained_part(walk, STILL, result)
+    chain, middle = part.chain, len(part.series) // 2
+    left, halves = left_by_filter(chain), (slice(middle), slice(middle, None))
+    for own, other, limits in zip(halves, halves[::-1], LINEAR_PROTOTYPE, strict=True):
+        found = linearised(chain, part.causes, left, part.series.some(own))
+        without = chain.residual - left - np.tensordot(found.posterior.size, found.effects, 1)
+        cycles = part.series.some(other).frames
+        assert (rms(np.concatenate([without[each] for each in cycles])) < limits).all()
+
+
+@pytest.fixture(scope="module")
+def generated(shared_data):
+    folder = shared_data / "truth_walk"
+    walk = read_opensim_trial(folder / "markers.trc", folder / "grf.mot", "forward,up,right")
+    text = (MARKER_SETS / "arnold2013.toml").read_text(encoding="utf-8")
+    result = pipeline.process_recording(
+        walk,
+        Subject(sex="male", mass_kg=MASS_KG, height_m=STATURE_M),
+        Settings(),
+        marker_set=read_marker_set(text, "arnold2013"),
+    )
+    return result.body, explain_trial(walk, STILL, result)
+
+
+def test_no_cause_is_certain_that_a_generated_walk_does_not_have(generated):
+    _, budget = generated
+    certain = {cause.name: cause.group for cause in budget.causes if cause.is_certain}
+    assert not set(certain.values()) & set(NOT_ITS_CAUSES), certain
+
+
+@pytest.mark.parametrize("segment", ["foot", "thigh", "shank"])
+def test_masses_of_a_generated_walk_are_found_by_how_much_they_are_wrong(
+    generated, shared_data, segment
+):
+    body, budget = generated
+    true = masses_of_model(shared_data / "truth_walk")[segment]
+    wrong = body.segments[f"left_{segment}"].mass / true - 1
+    name = {"foot": "feet"}.get(segment, f"{segment}s")
+    found = next(cause for cause in budget.causes if cause.name == f"{name}: mass")
+    assert abs(found.size - wrong) < 1.96 * found.deviation
