@@ -2,19 +2,41 @@
 
 from dataclasses import dataclass
 from math import inf, isnan, nan
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
 from hbm.spatial import Array
-from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
+from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
+from pipeline.statistics.measurement import (
+    Covariances,
+    deviation,
+    half_interval,
+    mean_covariance,
+)
 from pipeline.statistics.sample_size import subjects_needed
 
-CONFIDENCE: Final = 0.95
-
 Answer = Literal["at baseline", "above", "inconclusive", "no interval", "no data"]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementInterval:
+    """Between which a difference from the reference would be in 95 % of repeated measurements.
+
+    Attributes
+    ----------
+    low, high
+        Of ``ic - baseline``.
+    low_percent, high_percent
+        Of ``ic / baseline - 1`` [%].
+    """
+
+    low: float
+    high: float
+    low_percent: float
+    high_percent: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +66,8 @@ class Verdict:
         Standard deviation of the differences between subjects.
     n
         Subjects.
+    measurement
+        How sure the difference is of the measurement itself; None where that is not known.
     needed, needed_as_observed
         Subjects who would show "at baseline" with 80 % power, if the true difference is zero and
         if it is the one observed; None where it cannot be shown or is not known.
@@ -63,6 +87,7 @@ class Verdict:
     high_percent: float = nan
     sd: float = nan
     n: int = 0
+    measurement: MeasurementInterval | None = None
     needed: int | None = None
     needed_as_observed: int | None = None
 
@@ -71,13 +96,21 @@ class Verdict:
         """Whether more subjects are needed than there were, if the true difference is zero."""
         return self.needed is None or self.needed > self.n
 
+    def margin_is_in_measurement(self, margin: float) -> bool:
+        """Whether the interval of measurement has ratios on both sides of ``1 + margin``."""
+        own = self.measurement
+        return own is not None and own.low_percent < 100 * margin < own.high_percent
+
     def percent(self, value: float) -> float:
         """Give a difference in percent of the baseline."""
         return 100 * value / self.baseline if self.baseline > 0 else nan
 
 
 def verdicts(
-    residuals: pd.DataFrame, statistics: pd.DataFrame, design: Design = EXPERIMENT_3
+    residuals: pd.DataFrame,
+    statistics: pd.DataFrame,
+    design: Design = EXPERIMENT_3,
+    measurement: Covariances | None = None,
 ) -> list[Verdict]:
     """Compare every residual in every condition with the reference.
 
@@ -89,6 +122,8 @@ def verdicts(
         The table that `pipeline.statistics.comparison.statistics` returned for it.
     design
         The design that it was computed for.
+    measurement
+        Covariances of the residuals by errors of measurement, if they are known.
 
     Returns
     -------
@@ -104,7 +139,7 @@ def verdicts(
     baseline" is a test of non-inferiority with the design's margin (one side of Schuirmann 1987),
     by default the 20 % of bioequivalence, as a residual below the baseline is no error: the paired
     t-test of ``ic - 1.2 baseline`` against zero. A difference that is not significant is no
-    evidence for it.
+    evidence for it. No answer depends on the intervals of measurement.
     """
     found = []
     reference = (False, design.reference)
@@ -136,12 +171,18 @@ def verdicts(
             ]
             relative = ratio_interval(both[judged].to_numpy(), both[reference].to_numpy(), alpha)
             low_percent, high_percent = (100 * (bound - 1) for bound in relative)
+            ic = float(both[judged].mean())
+            uncertain = None
+            if measurement is not None:
+                compared = (condition, design.compensated), (design.reference, False)
+                covariance = mean_covariance(measurement[axis], both.index, compared)
+                uncertain = _interval_of_measurement(ic, baseline, covariance)
             found.append(
                 Verdict(
                     *(axis, unit, condition),
                     answer=_answer(low, within=within),
                     no_ic=float(both[False, condition].mean(skipna=False)),
-                    ic=float(both[judged].mean()),
+                    ic=ic,
                     baseline=baseline,
                     difference=difference,
                     low=low,
@@ -150,6 +191,7 @@ def verdicts(
                     high_percent=high_percent,
                     sd=float(differences.std()),
                     n=len(both),
+                    measurement=uncertain,
                     needed=needed[0],
                     needed_as_observed=needed[1],
                 )
@@ -206,17 +248,34 @@ def ratio_interval(first: Array, second: Array, alpha: float) -> tuple[float, fl
     """
     if len(first) < MIN_SUBJECTS:
         return nan, nan
-    mean = np.array([first.mean(), second.mean()])
     error = stats.t.isf(alpha, len(first) - 1) ** 2 * np.cov(first, second) / len(first)
+    return _fieller(float(first.mean()), float(second.mean()), error)
+
+
+def _fieller(first: float, second: float, error: Array) -> tuple[float, float]:
+    """Give the ratios r for which ``first - r second`` is no further from zero than its error.
+
+    Infinite where ``second`` may be zero. The error, (2, 2), is the covariance of both, times the
+    square of the quantile.
+    """
     squared, half, constant = (
-        mean[1] ** 2 - error[1, 1],
-        mean[0] * mean[1] - error[0, 1],
-        mean[0] ** 2 - error[0, 0],
+        second**2 - error[1, 1],
+        first * second - error[0, 1],
+        first**2 - error[0, 0],
     )
     if squared <= 0:
         return -inf, inf
     root = np.sqrt(max(half**2 - squared * constant, 0.0))
     return float((half - root) / squared), float((half + root) / squared)
+
+
+def _interval_of_measurement(ic: float, baseline: float, covariance: Array) -> MeasurementInterval:
+    """Give the interval of a difference, and Fieller's of a ratio, by the covariance of both."""
+    half = half_interval(deviation(covariance))
+    bounds = _fieller(ic, baseline, half_interval(1.0) ** 2 * covariance)
+    return MeasurementInterval(
+        ic - baseline - half, ic - baseline + half, *(100 * (bound - 1) for bound in bounds)
+    )
 
 
 def _upper_bound(values: Array, alpha: float) -> float:
