@@ -54,7 +54,7 @@ def _uncertain(compared: Sequence[Verdict], order: Sequence[str], design: Design
     ]
     if parts:
         yield (
-            f"For {join_names(parts)}, the interval of measurement contains the margin of "
+            f"For {', and '.join(parts)}, the interval of measurement contains the margin of "
             f"{100 * design.margin:g} %: errors of usual size alone could turn the answer."
         )
 

@@ -1,7 +1,7 @@
 """The verdicts of a study in sentences: each thing once, and what is missing at the end."""
 
 from pipeline.statistics.headline import headline, headlines
-from pipeline.statistics.verdict import Verdict
+from pipeline.statistics.verdict import MeasurementInterval, Verdict
 
 
 def verdict(condition="sway", answer="inconclusive", n=9, needed=12):
@@ -58,3 +58,19 @@ def test_more_subjects_are_not_asked_for_where_there_were_enough():
         "For 1, these subjects would have been enough if there were no difference: there may be "
         "one."
     )
+
+
+def test_intervals_of_measurement_that_contain_the_margin_are_named_last():
+    wide, narrow = (MeasurementInterval(-9, 9, *percent) for percent in ((5, 30), (5, 15)))
+    cells = (("Fx", "sway", wide), ("Fy", "sway", narrow), ("Fx", "pitch", wide))
+    found = [
+        Verdict(axis, "N", condition, "at baseline", n=9, measurement=own)
+        for axis, condition, own in cells
+    ]
+    *others, last = headlines(found)
+    assert last == (
+        "For Fx in sway, and Fx in pitch, the interval of measurement contains the margin of 20 %: "
+        "errors of usual size alone could turn the answer."
+    )
+    assert len(others) == 2
+    assert headlines([found[1]])[-1].startswith("In sway")
