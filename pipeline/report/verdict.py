@@ -221,12 +221,10 @@ def _cell(verdict: Verdict, reach: float, most: int, design: Design) -> VerdictC
     percent = number(verdict.percent(verdict.difference), "+z.0f")
     lines = [first, f"from {design.reference} {difference} {unit} ({percent} %)"]
     if not isnan(verdict.high):
-        percents = verdict.low_percent, verdict.high_percent
-        lines.append(f"CI {low} to {high} {unit}{_relative(*percents)}")
+        lines.append(f"CI {low} to {high} {unit}{_relative(verdict)}")
     if own := verdict.measurement:
         low, high = (number(value, "+z.1f") for value in (own.low, own.high))
-        percents = own.low_percent, own.high_percent
-        lines.append(f"measurement {low} to {high} {unit}{_relative(*percents)}")
+        lines.append(f"measurement {low} to {high} {unit}")
     if isnan(verdict.high):
         return VerdictCell(symbol, label, css_class, tuple(lines))
     lines += [f"n = {verdict.n}"] * (verdict.n < most)
@@ -236,8 +234,9 @@ def _cell(verdict: Verdict, reach: float, most: int, design: Design) -> VerdictC
     return VerdictCell(symbol, label, css_class, tuple(lines), graph)
 
 
-def _relative(*bounds: float) -> str:
-    """Give an interval in percent of the reference, where it has an end."""
+def _relative(verdict: Verdict) -> str:
+    """Give the interval in percent of the reference, where it has an end."""
+    bounds = verdict.low_percent, verdict.high_percent
     if not all(map(isfinite, bounds)):
         return ""
     low, high = (number(value, "+z.0f") for value in bounds)

@@ -46,16 +46,17 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
 
 def _uncertain(compared: Sequence[Verdict], order: Sequence[str], design: Design) -> Iterator[str]:
     """Say which intervals of measurement contain the margin, if any."""
-    own = [verdict for verdict in compared if verdict.margin_is_in_measurement(design.margin)]
-    parts = [
-        f"{join_names([v.axis for v in own if v.condition == condition])} in {condition}"
-        for condition in order
-        if any(v.condition == condition for v in own)
-    ]
+    parts = []
+    for condition in order:
+        of_condition = [v for v in compared if v.condition == condition and v.measurement]
+        named = [v.axis for v in of_condition if v.measurement and v.measurement.contains_margin]
+        every = 1 < len(named) == len(of_condition)
+        if named:
+            parts.append(f"{'all residuals' if every else join_names(named)} in {condition}")
     if parts:
         yield (
             f"For {', and '.join(parts)}, the interval of measurement contains the margin of "
-            f"{100 * design.margin:g} %: errors of usual size alone could turn the answer."
+            f"{100 * design.margin:g} %: errors of usual size alone could turn the verdict."
         )
 
 

@@ -91,10 +91,16 @@ def mean_covariance(
     return np.asarray(block.mean(axis=(1, 3)))
 
 
-def deviation(covariance: Array) -> float:
-    """Give the standard deviation of a value, (1, 1), or of a minus b, (2, 2), by covariance."""
-    weights = np.array([1.0, -1.0])[: len(covariance)]
-    return float(np.sqrt(max(weights @ covariance @ weights, 0.0)))
+def deviation(covariance: Array, weights: Sequence[float]) -> float:
+    """Give the standard deviation of a linear combination of means, by their covariance.
+
+    Examples
+    --------
+    >>> deviation(np.array([[9.0, 0.0], [0.0, 16.0]]), (1.0, -1.0))
+    5.0
+    """
+    shares = np.asarray(weights)
+    return float(np.sqrt(max(shares @ covariance @ shares, 0.0)))
 
 
 def half_interval(sd: float) -> float:

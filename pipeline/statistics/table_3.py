@@ -127,7 +127,9 @@ def _measurement_sds(
 
     def sd(table: pd.DataFrame, *cells: tuple[str, bool]) -> float:
         subjects = table[[(ic, name) for name, ic in cells]].dropna().index
-        return deviation(mean_covariance(covariance, subjects, cells)) if len(subjects) else nan
+        if not len(subjects):
+            return nan
+        return deviation(mean_covariance(covariance, subjects, cells), (1.0, -1.0)[: len(cells)])
 
     found = {f"mean_{name}": sd(rms.loc[complete], (condition, ic)) for name, ic in MEANS.items()}
     for name, first, second in DIFFERENCES:

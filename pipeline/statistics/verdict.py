@@ -23,20 +23,19 @@ Answer = Literal["at baseline", "above", "inconclusive", "no interval", "no data
 
 @dataclass(frozen=True, slots=True)
 class MeasurementInterval:
-    """Between which a difference from the reference would be in 95 % of repeated measurements.
+    """What errors of measurement of usual size make of a difference from the reference.
 
     Attributes
     ----------
     low, high
-        Of ``ic - baseline``.
-    low_percent, high_percent
-        Of ``ic / baseline - 1`` [%].
+        The 95 % interval of ``ic - baseline`` by them.
+    contains_margin
+        Whether that of ``ic - 1.2 baseline``, with the margin of the design, contains zero.
     """
 
     low: float
     high: float
-    low_percent: float
-    high_percent: float
+    contains_margin: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +94,6 @@ class Verdict:
     def lacks_subjects(self) -> bool:
         """Whether more subjects are needed than there were, if the true difference is zero."""
         return self.needed is None or self.needed > self.n
-
-    def margin_is_in_measurement(self, margin: float) -> bool:
-        """Whether the interval of measurement has ratios on both sides of ``1 + margin``."""
-        own = self.measurement
-        return own is not None and own.low_percent < 100 * margin < own.high_percent
 
     def percent(self, value: float) -> float:
         """Give a difference in percent of the baseline."""
@@ -171,18 +165,23 @@ def verdicts(
             ]
             relative = ratio_interval(both[judged].to_numpy(), both[reference].to_numpy(), alpha)
             low_percent, high_percent = (100 * (bound - 1) for bound in relative)
-            ic = float(both[judged].mean())
             uncertain = None
             if measurement is not None:
                 compared = (condition, design.compensated), (design.reference, False)
                 covariance = mean_covariance(measurement[axis], both.index, compared)
-                uncertain = _interval_of_measurement(ic, baseline, covariance)
+                half, of_excess = (
+                    half_interval(deviation(covariance, (1.0, -share)))
+                    for share in (1.0, 1 + design.margin)
+                )
+                uncertain = MeasurementInterval(
+                    difference - half, difference + half, abs(difference - margin) < of_excess
+                )
             found.append(
                 Verdict(
                     *(axis, unit, condition),
                     answer=_answer(low, within=within),
                     no_ic=float(both[False, condition].mean(skipna=False)),
-                    ic=ic,
+                    ic=float(both[judged].mean()),
                     baseline=baseline,
                     difference=difference,
                     low=low,
@@ -248,34 +247,17 @@ def ratio_interval(first: Array, second: Array, alpha: float) -> tuple[float, fl
     """
     if len(first) < MIN_SUBJECTS:
         return nan, nan
+    mean = np.array([first.mean(), second.mean()])
     error = stats.t.isf(alpha, len(first) - 1) ** 2 * np.cov(first, second) / len(first)
-    return _fieller(float(first.mean()), float(second.mean()), error)
-
-
-def _fieller(first: float, second: float, error: Array) -> tuple[float, float]:
-    """Give the ratios r for which ``first - r second`` is no further from zero than its error.
-
-    Infinite where ``second`` may be zero. The error, (2, 2), is the covariance of both, times the
-    square of the quantile.
-    """
     squared, half, constant = (
-        second**2 - error[1, 1],
-        first * second - error[0, 1],
-        first**2 - error[0, 0],
+        mean[1] ** 2 - error[1, 1],
+        mean[0] * mean[1] - error[0, 1],
+        mean[0] ** 2 - error[0, 0],
     )
     if squared <= 0:
         return -inf, inf
     root = np.sqrt(max(half**2 - squared * constant, 0.0))
     return float((half - root) / squared), float((half + root) / squared)
-
-
-def _interval_of_measurement(ic: float, baseline: float, covariance: Array) -> MeasurementInterval:
-    """Give the interval of a difference, and Fieller's of a ratio, by the covariance of both."""
-    half = half_interval(deviation(covariance))
-    bounds = _fieller(ic, baseline, half_interval(1.0) ** 2 * covariance)
-    return MeasurementInterval(
-        ic - baseline - half, ic - baseline + half, *(100 * (bound - 1) for bound in bounds)
-    )
 
 
 def _upper_bound(values: Array, alpha: float) -> float:

@@ -61,16 +61,19 @@ def test_more_subjects_are_not_asked_for_where_there_were_enough():
 
 
 def test_intervals_of_measurement_that_contain_the_margin_are_named_last():
-    wide, narrow = (MeasurementInterval(-9, 9, *percent) for percent in ((5, 30), (5, 15)))
-    cells = (("Fx", "sway", wide), ("Fy", "sway", narrow), ("Fx", "pitch", wide))
+    wide, narrow = (MeasurementInterval(-9, 9, contains) for contains in (True, False))
+    cells = (
+        *(("Fx", "sway", wide), ("Fy", "sway", narrow)),
+        *(("Fx", "pitch", wide), ("Fy", "pitch", wide)),
+    )
     found = [
         Verdict(axis, "N", condition, "at baseline", n=9, measurement=own)
         for axis, condition, own in cells
     ]
     *others, last = headlines(found)
     assert last == (
-        "For Fx in sway, and Fx in pitch, the interval of measurement contains the margin of 20 %: "
-        "errors of usual size alone could turn the answer."
+        "For Fx in sway, and all residuals in pitch, the interval of measurement contains the "
+        "margin of 20 %: errors of usual size alone could turn the verdict."
     )
     assert len(others) == 2
     assert headlines([found[1]])[-1].startswith("In sway")

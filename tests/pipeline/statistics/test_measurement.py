@@ -36,10 +36,11 @@ def equal(level, subjects=4, change=CHANGE):
     return errors(*((cell, "error", level, change) for cell in cells(subjects)))
 
 
-def means(table, subjects, *wanted):
-    return mean_covariance(
-        measurement_covariances(table)["Fx"], [f"s{k}" for k in range(subjects)], wanted
-    )
+def sd(table, subjects, *wanted):
+    """The standard deviation of a mean over subjects, or of one minus another."""
+    names = [f"s{k}" for k in range(subjects)]
+    found = mean_covariance(measurement_covariances(table)["Fx"], names, wanted)
+    return deviation(found, (1, -1)[: len(wanted)])
 
 
 @given(
@@ -48,7 +49,7 @@ def means(table, subjects, *wanted):
 )
 @settings(deadline=None, max_examples=30)
 def test_only_what_the_laboratory_shares_does_not_shrink_in_the_mean_over_subjects(level, subjects):
-    found = deviation(means(equal(level, subjects), subjects, ("sway", True)))
+    found = sd(equal(level, subjects), subjects, ("sway", True))
     shrinks = 1.0 if level == "laboratory" else subjects**-0.5
     assert found == pytest.approx(CHANGE * shrinks)
 
@@ -67,32 +68,32 @@ def test_equal_changes_cancel_in_the_difference_of_values_that_share_them(
 ):
     subjects = 4
     each = CHANGE * subjects**-0.5
-    conditions = means(equal(level, subjects), subjects, ("sway", False), ("baseline", False))
-    variants = means(equal(level, subjects), subjects, ("sway", True), ("sway", False))
-    assert deviation(conditions) == pytest.approx(each * between_conditions)
-    assert deviation(variants) == pytest.approx(each * between_variants)
+    conditions = sd(equal(level, subjects), subjects, ("sway", False), ("baseline", False))
+    variants = sd(equal(level, subjects), subjects, ("sway", True), ("sway", False))
+    assert conditions == pytest.approx(each * between_conditions)
+    assert variants == pytest.approx(each * between_variants)
 
 
 def test_changes_of_opposite_sign_add_up_in_the_difference_and_cancel_in_the_mean():
     changes = {"baseline": -CHANGE, "sway": CHANGE}
     table = errors(*((c, "late", "laboratory", changes[c[1]]) for c in cells(3)))
-    assert deviation(means(table, 3, ("sway", False), ("baseline", False))) == pytest.approx(6.0)
+    assert sd(table, 3, ("sway", False), ("baseline", False)) == pytest.approx(6.0)
     subjects = errors(
         *((c, "late", "laboratory", CHANGE if c[0] == "s0" else -CHANGE) for c in cells(2))
     )
-    assert deviation(means(subjects, 2, ("sway", False))) == pytest.approx(0.0)
+    assert sd(subjects, 2, ("sway", False)) == pytest.approx(0.0)
 
 
 def test_different_errors_are_independent():
     table = pd.concat([equal("laboratory"), equal("laboratory").assign(error="other")])
-    assert deviation(means(table, 4, ("sway", False))) == pytest.approx(2**0.5 * CHANGE)
+    assert sd(table, 4, ("sway", False)) == pytest.approx(2**0.5 * CHANGE)
 
 
 def test_an_error_that_a_trial_does_not_have_changes_nothing_there():
     sway = [c for c in cells(2) if c[1] == "sway"]
     table = pd.concat([equal("sample", 2, 0.0), errors(*((c, "own", "trial", 1.0) for c in sway))])
-    assert deviation(means(table, 2, ("baseline", False))) == 0
-    assert deviation(means(table, 2, ("sway", False))) == pytest.approx(2**-0.5)
+    assert sd(table, 2, ("baseline", False)) == 0
+    assert sd(table, 2, ("sway", False)) == pytest.approx(2**-0.5)
 
 
 def test_an_axis_has_its_own_errors():

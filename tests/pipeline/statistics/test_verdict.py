@@ -177,19 +177,21 @@ def test_the_margin_is_in_the_interval_where_errors_move_the_mean_beyond_it(exce
     verdict = with_errors(study(excess, spread=0.5), "laboratory", 2.0, 0.0)
     moved = [verdict.ic + sign * 1.96 * 2.0 for sign in (-1, 1)]
     beyond = [value > 1.2 * verdict.baseline for value in moved]
-    assert verdict.margin_is_in_measurement(EXPERIMENT_3.margin) == (beyond == [False, True])
-    assert verdict.margin_is_in_measurement(EXPERIMENT_3.margin) == contained
+    assert verdict.measurement.contains_margin == (beyond == [False, True])
+    assert verdict.measurement.contains_margin == contained
 
 
-def test_an_error_that_scales_all_values_leaves_their_ratio():
+def test_an_error_that_scales_all_values_never_turns_a_verdict():
     table = study(excess=8, spread=1)
-    errors = table.assign(error="gain", level="laboratory", change=0.02 * table["rms"])
+    gain = 0.2 * (table["rms"] if EXPERIMENT_3.margin else 0)
+    errors = table.assign(error="gain", level="laboratory", change=gain)
     found = verdicts(table, statistics(table), measurement=measurement_covariances(errors))
     own = next(v for v in found if v.condition == "sway")
-    ratio = 100 * (own.ic / own.baseline - 1)
-    assert own.measurement.low_percent == pytest.approx(ratio)
-    assert own.measurement.high_percent == pytest.approx(ratio)
-    assert own.measurement.high - own.measurement.low > 0
+    excess = own.ic - 1.2 * own.baseline
+    half = 1.96 * 0.2 * abs(excess)
+    assert half < abs(excess)
+    assert not own.measurement.contains_margin
+    assert own.measurement.low < own.difference < own.measurement.high
 
 
 def test_one_subject_has_an_interval_of_measurement():
