@@ -23,7 +23,7 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
         The compared conditions first, then the reference; at the end, where verdicts are
         inconclusive, how many subjects would decide them. So few subjects that no exact test can
         become significant are called a demonstration there, and only there. Last, where intervals
-        of measurement are known, which contain the margin.
+        of measurement are known, where they leave open on which side of the margin a residual is.
     """
     compared = [v for v in found if v.n >= MIN_SUBJECTS]
     subjects = max((v.n for v in compared), default=0)
@@ -45,7 +45,7 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
 
 
 def _uncertain(compared: Sequence[Verdict], order: Sequence[str], design: Design) -> Iterator[str]:
-    """Say which intervals of measurement contain the margin, if any."""
+    """Say where errors of measurement leave open on which side of the margin a residual is."""
     parts = []
     for condition in order:
         of_condition = [v for v in compared if v.condition == condition and v.measurement]
@@ -55,8 +55,9 @@ def _uncertain(compared: Sequence[Verdict], order: Sequence[str], design: Design
             parts.append(f"{'all residuals' if every else join_names(named)} in {condition}")
     if parts:
         yield (
-            f"For {', and '.join(parts)}, the interval of measurement contains the margin of "
-            f"{100 * design.margin:g} %: errors of usual size alone could turn the verdict."
+            f"For {', and '.join(parts)}, errors of usual size alone could turn the verdict: by "
+            f"measurement, the residual may be on either side of the margin of "
+            f"{100 * design.margin:g} %."
         )
 
 

@@ -1,7 +1,7 @@
 """How sure measured values and their means are: errors that trials share do not average out."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -15,7 +15,7 @@ Level = Literal["laboratory", "subject", "trial", "sample"]
 and without compensation; one value."""
 CELL: Final = ("subject", "condition", "compensated")
 """What a value is of."""
-LEVELS: Final[tuple[Level, ...]] = ("laboratory", "subject", "trial", "sample")
+LEVELS: Final[tuple[Level, ...]] = get_args(Level)
 """Each has one column of `CELL` more that tells its errors apart than the one before."""
 Covariances = Mapping[str, pd.DataFrame]
 """Residual -> covariance of its values by errors of measurement; rows and columns are cells."""

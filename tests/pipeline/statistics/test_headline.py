@@ -60,7 +60,7 @@ def test_more_subjects_are_not_asked_for_where_there_were_enough():
     )
 
 
-def test_intervals_of_measurement_that_contain_the_margin_are_named_last():
+def test_verdicts_that_errors_of_measurement_could_turn_are_named_last():
     wide, narrow = (MeasurementInterval(-9, 9, contains) for contains in (True, False))
     cells = (
         *(("Fx", "sway", wide), ("Fy", "sway", narrow)),
@@ -72,8 +72,8 @@ def test_intervals_of_measurement_that_contain_the_margin_are_named_last():
     ]
     *others, last = headlines(found)
     assert last == (
-        "For Fx in sway, and all residuals in pitch, the interval of measurement contains the "
-        "margin of 20 %: errors of usual size alone could turn the verdict."
+        "For Fx in sway, and all residuals in pitch, errors of usual size alone could turn the "
+        "verdict: by measurement, the residual may be on either side of the margin of 20 %."
     )
     assert len(others) == 2
     assert headlines([found[1]])[-1].startswith("In sway")
