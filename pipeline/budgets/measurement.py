@@ -28,7 +28,7 @@ def study_covariances(
     explained
         Explanations of its trials.
     residuals
-        Long table of RMS residuals.
+        Long table of RMS residuals, each of the window that its condition asks for.
 
     Returns
     -------
@@ -36,26 +36,37 @@ def study_covariances(
         As `pipeline.statistics.measurement.measurement_covariances` gives it; None unless every
         trial of the table is explained.
     """
-    wanted = trials_of(residuals)
-    if not wanted or not wanted <= set(explained):
+    wanted, budgets = _trials(residuals), _budgets(explained, residuals)
+    if not wanted or not wanted <= set(budgets):
         return None
-    rows = [row for trial in sorted(wanted) for row in _errors(trial, explained[trial].budget)]
+    rows = [row for trial in sorted(wanted) for row in _errors(trial, budgets[trial])]
     return measurement_covariances(pd.DataFrame(rows, columns=COLUMNS))
 
 
 def what_is_missing(explained: Mapping[Trial, Explanation], residuals: pd.DataFrame) -> str:
     """Say why there are no intervals of measurement, and what adds them; empty where there are."""
-    wanted = trials_of(residuals)
-    have = len(wanted & set(explained))
+    wanted = _trials(residuals)
+    have = len(wanted & set(_budgets(explained, residuals)))
     if have == len(wanted):
         return ""
     some = f"; {have} of {len(wanted)} trials are explained" * (have > 0)
     return f"'hbm explain RESULTS' adds intervals of measurement{some}."
 
 
-def trials_of(residuals: pd.DataFrame) -> set[Trial]:
-    """Give the trials that a long table of residuals has."""
+def _trials(residuals: pd.DataFrame) -> set[Trial]:
     return set(residuals[["subject", "condition"]].itertuples(index=False, name=None))
+
+
+def _budgets(
+    explained: Mapping[Trial, Explanation], residuals: pd.DataFrame
+) -> dict[Trial, Budget]:
+    """Give what is known of trials, as far as it is of the window that their residuals are of."""
+    of_part = _trials(residuals[~residuals["window"].isin(("cycle", "span"))])
+    return {
+        trial: own.budget
+        for trial, own in explained.items()
+        if trial not in of_part or own.budget.of_window
+    }
 
 
 def _errors(trial: Trial, budget: Budget) -> Iterator[tuple[object, ...]]:

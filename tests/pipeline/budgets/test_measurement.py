@@ -44,8 +44,8 @@ def explanation(*values, of_window=()):
     return Explanation(FORMAT_VERSION, "", budget, ())
 
 
-def table(*trials):
-    return pd.DataFrame(trials, columns=["subject", "condition"])
+def table(*trials, window="cycle"):
+    return pd.DataFrame(trials, columns=["subject", "condition"]).assign(window=window)
 
 
 TRIALS = (("s1", "baseline"), ("s1", "sway"))
@@ -72,6 +72,14 @@ def test_groups_are_shared_as_stated(group, together):
 def test_the_part_of_the_cycles_that_a_condition_asks_for_goes_before_whole_cycles():
     part = explanation(uncertainty(1.0), of_window=(uncertainty(5.0),))
     np.testing.assert_allclose(covariance(part, part), 25.0)
+
+
+def test_a_part_of_the_cycles_is_not_taken_to_be_as_sure_as_whole_ones():
+    residuals = table(TRIALS[0], window="motion")
+    whole = {TRIALS[0]: explanation(uncertainty(1.0))}
+    assert study_covariances(whole, residuals) is None
+    part = {TRIALS[0]: explanation(uncertainty(1.0), of_window=(uncertainty(5.0),))}
+    np.testing.assert_allclose(study_covariances(part, residuals)["Fx"], 25.0)
 
 
 def test_measured_and_compensated_plates_are_values_of_their_own():
