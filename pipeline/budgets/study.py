@@ -8,6 +8,7 @@ from typing import Final
 
 from hbm.kernels.native import kernels
 from hbm.notes import Note
+from hbm.spelling import listed
 from pipeline.budgets.bands import SUFFIX, read_bands, write_bands
 from pipeline.budgets.explanation import (
     Explanation,
@@ -228,3 +229,40 @@ def unexplained(folder: Path) -> dict[str, str]:
     for _, reasons in recorded_failures(folder / FOLDER):
         found |= reasons
     return found
+
+
+def stale_explanations(folder: Path) -> list[str]:
+    """Name the trials whose explanation is of another result or program, or damaged.
+
+    Parameters
+    ----------
+    folder
+        Results folder.
+
+    Returns
+    -------
+    list of str
+        "subject condition"; those with a stored reason why they could not be explained are left
+        out, and those without a result.
+    """
+    reasons = unexplained(folder)
+    found = []
+    for result in sorted((folder / "trials").glob("*.parquet")):
+        path = folder / FOLDER / f"{result.stem}.json"
+        if path.is_file():
+            trial = read_summary(result)
+            name = f"{trial.subject.id} {trial.condition}"
+            if name not in reasons and up_to_date(path, explanation_key(trial.key)) is None:
+                found.append(name)
+    return found
+
+
+def stale_sentence(folder: Path, shown: str = "RESULTS") -> str:
+    """Say which explanations are not shown and what makes them anew; empty where all are right."""
+    names = stale_explanations(folder)
+    if not names:
+        return ""
+    return (
+        f"Not shown are the explanations of {listed(names)}: they are of other results or made by "
+        f"another version of hbm, or damaged; run 'hbm explain {shown}'."
+    )

@@ -46,8 +46,8 @@ class VisitCheck:
     def __str__(self) -> str:
         others = " and ".join(self.others)
         return (
-            f"{self.subject}: delay, gain and place of the plates, the body's masses and soft "
-            f"tissue from {self.condition} take away of the mean square in {others} "
+            f"{self.subject}: causes of the laboratory and of the subject, as found in "
+            f"{self.condition}, take away of the mean square in {others} "
             f"{shares_in_words(self.share)}"
         )
 

@@ -28,6 +28,7 @@ def report(
     """Write tables, statistics, figures and report.html from the results of hbm run."""
     from rich.text import Text
 
+    from pipeline.budgets.study import stale_sentence
     from pipeline.cli.terminal import plain_console
     from pipeline.report.write import write_report
     from pipeline.run.store import recorded_study_folder
@@ -42,6 +43,8 @@ def report(
         )
     if plan:
         console.print((page.parent / "plan.md").read_text(encoding="utf-8"), soft_wrap=True)
+    if stale := stale_sentence(folder, str(folder)):
+        console.print(stale, soft_wrap=True)
     console.print(f"report: {page}", soft_wrap=True)
 
 

@@ -225,6 +225,9 @@ class Budget:
         What could not be told, and why.
     uncertainty
         How sure the RMS is: with the plates as measured, and compensated where they are.
+    of_window
+        The same over the part of the gait cycles that the condition asks for; empty where it asks
+        for whole ones.
     of_cycles
         The RMS of each cycle.
     drawn
@@ -246,6 +249,7 @@ class Budget:
     held_out: ByAxis
     notes: tuple[StoredNote, ...]
     uncertainty: tuple[RmsUncertainty, ...] = ()
+    of_window: tuple[RmsUncertainty, ...] = ()
     of_cycles: tuple[CycleRms, ...] = ()
     drawn: Drawn | None = None
     bands: Annotated[Bands | None, PlainValidator(_as_it_is), Field(exclude=True)] = None

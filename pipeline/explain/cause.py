@@ -1,14 +1,15 @@
 """Causes of residuals: what may be wrong, how large it usually is, and what it does."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
 from hbm.spatial import Array
 from pipeline.explain.priors import Prior
 from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.statistics.measurement import Level
 
 CauseGroup = Literal[
     "delay",
@@ -24,6 +25,22 @@ CauseGroup = Literal[
     "filter",
 ]
 """Causes whose shares are reported together."""
+
+SHARED_WITHIN: Final[Mapping[CauseGroup, Level]] = {
+    "delay": "laboratory",
+    "gain": "laboratory",
+    "place": "laboratory",
+    "platform": "laboratory",
+    "inertia": "subject",
+    "markers": "subject",
+    "soft_tissue": "subject",
+    "zero": "trial",
+    "compensation": "trial",
+    "skin": "trial",
+}
+"""Within what a cause has one size: all trials, those of a subject's visit, or a trial. Plates may
+be zeroed between trials; the directions of what compensation leaves are those of a trial's motion;
+skin follows the gait of a trial. What the filter leaves is computed and has no size."""
 
 Change = Callable[[ProcessingChain, float], ProcessingChain]
 """Gives the chain with a cause of a size: as if the recording had that fault besides its own."""

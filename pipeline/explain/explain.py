@@ -125,6 +125,7 @@ def explain_trial(
         held_out=_held_out(chain.residual - left, linear.effects, causes, series),
         notes=tuple(_notes(part)),
         uncertainty=uncertain,
+        of_window=intervals.of_window(result),
         of_cycles=intervals.of_cycles(),
         drawn=intervals.drawn(draws) if draws else None,
         bands=intervals.bands(),

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from hbm.dynamics import Dynamics
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 from pipeline.explain.budget import Bands, CauseUncertainty, CycleRms, Drawn, RmsUncertainty
 from pipeline.explain.cause import Cause
 from pipeline.explain.processing_chain import ProcessingChain
@@ -16,7 +16,7 @@ from pipeline.explain.uncertainty import (
     rms_uncertainty,
     samples_in_a_frame,
 )
-from pipeline.trial.residuals import reported
+from pipeline.trial.residuals import counted, reported
 from pipeline.trial.result import TrialResult
 
 NORMAL_95: Final = 1.96
@@ -68,15 +68,26 @@ class Intervals:
 
     def of_trial(self, result: TrialResult) -> tuple[RmsUncertainty, ...]:
         """Give how sure the RMS over all cycles is: as measured, and compensated where it is."""
-        if result.compensated is None:
-            return (self._of(self._chain.residual, compensated=False),)
-        measured = self._of(_at(self._chain.time, result.measured), compensated=False)
-        return measured, self._of(self._chain.residual, compensated=True)
+        return self._over(self._frames, result)
 
-    def _of(self, residual: Array, *, compensated: bool) -> RmsUncertainty:
+    def of_window(self, result: TrialResult) -> tuple[RmsUncertainty, ...]:
+        """Give the same over the part of the cycles that the condition asks for, if it does."""
+        if result.part is None:
+            return ()
+        first = _first(result.motion.time, self._chain.time)
+        wanted = self._frames[counted(result)[first + self._frames]]
+        return self._over(wanted, result) if len(wanted) else ()
+
+    def _over(self, frames: Indices, result: TrialResult) -> tuple[RmsUncertainty, ...]:
+        """Give how sure the RMS over some frames is: as measured, and compensated where it is."""
+        if result.compensated is None:
+            return (self._of(frames, self._chain.residual, compensated=False),)
+        measured = self._of(frames, _at(self._chain.time, result.measured), compensated=False)
+        return measured, self._of(frames, self._chain.residual, compensated=True)
+
+    def _of(self, frames: Indices, residual: Array, *, compensated: bool) -> RmsUncertainty:
         """Give how sure an RMS is; without compensation, it adds nothing."""
         own = [k for k, c in enumerate(self._causes) if compensated or c.group != "compensation"]
-        frames = self._frames
         found = rms_uncertainty(
             residual[frames], self._usual[own][:, frames], self._noise, self._samples
         )
@@ -118,5 +129,10 @@ def interval(rms: Array, deviation: Array) -> tuple[Array, Array]:
 
 def _at(time: Array, dynamics: Dynamics) -> Array:
     """Give the residual at some frames of a trial, (T, 6)."""
-    first = int(np.searchsorted(dynamics.time, time[0]))
+    first = _first(dynamics.time, time)
     return dynamics.residual[first : first + len(time)]
+
+
+def _first(whole: Array, part: Array) -> int:
+    """Give the frame of a trial at which a part of it begins."""
+    return int(np.searchsorted(whole, part[0]))

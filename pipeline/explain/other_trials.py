@@ -6,15 +6,16 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.explain.cause import CauseGroup
+from pipeline.explain.cause import SHARED_WITHIN, CauseGroup
 from pipeline.explain.explain import explained_part
 from pipeline.io.recording import Recording
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.result import TrialResult
 
-SHARED: Final[tuple[CauseGroup, ...]] = ("delay", "gain", "place", "inertia", "soft_tissue")
-"""Groups of causes of the laboratory and the subject, which are the same in all trials of a visit.
-Zeros are not: plates may be zeroed between trials."""
+SHARED: Final[frozenset[CauseGroup]] = frozenset(
+    group for group, level in SHARED_WITHIN.items() if level in ("laboratory", "subject")
+)
+"""Groups of causes that are the same in all trials of a visit."""
 
 
 def mean_squares(

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from pipeline.budgets.explanation import Explanation, explanation_lines
-from pipeline.budgets.study import explanations, unexplained
+from pipeline.budgets.study import stale_sentence, unexplained
 from pipeline.budgets.table import CAPTION, budget_table
 from pipeline.budgets.visits import stored_checks
 from pipeline.report.tables import Table
@@ -43,20 +43,27 @@ class BudgetSection:
         Those that could not be, with the reasons.
     visits
         What the causes from one trial make of the subject's others.
+    stale
+        Which explanations are not those of these results, if any.
     """
 
     trials: tuple[TrialBudget, ...]
     unexplained: tuple[str, ...]
     visits: tuple[str, ...]
+    stale: str
 
 
-def budget_section(results: Results, design: Design) -> BudgetSection | None:
+def budget_section(
+    results: Results, found: Mapping[tuple[str, str], Explanation], design: Design
+) -> BudgetSection | None:
     """Show what the residuals of every trial are made of.
 
     Parameters
     ----------
     results
         The trials.
+    found
+        Their explanations, by subject and condition.
     design
         The order of the conditions.
 
@@ -65,13 +72,13 @@ def budget_section(results: Results, design: Design) -> BudgetSection | None:
     BudgetSection or None
         In order of subject and condition; None where no trial was explained.
     """
-    found = explanations(results.folder, results.summaries)
     reasons = unexplained(results.folder)
     keys = _in_order(results.summaries, design)
     trials = tuple(_trial(" ".join(key), found[key]) for key in keys if key in found)
     failed = tuple(f"{name}: {reasons[name]}" for name in map(" ".join, keys) if name in reasons)
     visits = tuple(map(str, stored_checks(results.folder, found.values())))
-    return BudgetSection(trials, failed, visits) if trials or failed else None
+    stale = stale_sentence(results.folder)
+    return BudgetSection(trials, failed, visits, stale) if trials or failed or stale else None
 
 
 def _in_order(

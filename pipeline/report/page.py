@@ -1,6 +1,6 @@
 """The page of a study's report: the verdict first, then everything that it is based on."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -8,6 +8,7 @@ from typing import Final
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from pipeline.budgets.explanation import Explanation
 from pipeline.config.comparison import groups
 from pipeline.config.study import Study
 from pipeline.report.budgets import BudgetSection, budget_section
@@ -49,6 +50,10 @@ class Report:
         Folder of the drawn figures.
     study
         The study, if its folder is available.
+    explained
+        What the residuals of single trials are made of, by subject and condition.
+    measurement
+        What adds intervals of measurement to the tables; empty where they have them.
     """
 
     results: Results
@@ -60,6 +65,8 @@ class Report:
     provenance: Provenance
     figures: Path
     study: Study | None
+    explained: Mapping[tuple[str, str], Explanation]
+    measurement: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +89,8 @@ class Page:
         The works that the Methods cite.
     windows
         What of the trials the residuals are of.
+    measurement
+        What adds intervals of measurement, if anything.
     """
 
     name: str
@@ -100,6 +109,7 @@ class Page:
     bibtex: str
     sources: Sources
     windows: str
+    measurement: str
 
 
 def write_page(report: Report) -> str:
@@ -129,11 +139,12 @@ def write_page(report: Report) -> str:
         example_subject=subject,
         example_figures=example_pictures(report.figures, subject),
         trials=trial_section(report.results, report.states, design),
-        budgets=budget_section(report.results, design),
+        budgets=budget_section(report.results, report.explained, design),
         methods=tuple(methods(report.results, report.statistics, design, report.study)),
         bibtex=bibtex(cited(report.results), report.provenance.report["hbm-residuals"]),
         sources=source_section(report.provenance),
         windows=windows_sentence(residuals),
+        measurement=report.measurement,
     )
     return TEMPLATES.get_template("page.html").render(page=page)
 

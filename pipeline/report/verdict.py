@@ -220,9 +220,13 @@ def _cell(verdict: Verdict, reach: float, most: int, design: Design) -> VerdictC
         first = f"{number(verdict.no_ic, '.1f')} → {first}{relative}"
     percent = number(verdict.percent(verdict.difference), "+z.0f")
     lines = [first, f"from {design.reference} {difference} {unit} ({percent} %)"]
+    if not isnan(verdict.high):
+        lines.append(f"CI {low} to {high} {unit}{_relative(verdict)}")
+    if own := verdict.measurement:
+        low, high = (number(value, "+z.1f") for value in (own.low, own.high))
+        lines.append(f"measurement {low} to {high} {unit}")
     if isnan(verdict.high):
         return VerdictCell(symbol, label, css_class, tuple(lines))
-    lines.append(f"CI {low} to {high} {unit}{_relative(verdict)}")
     lines += [f"n = {verdict.n}"] * (verdict.n < most)
     if verdict.answer == "inconclusive":
         lines.append(_needed(verdict))

@@ -7,6 +7,8 @@ from pathlib import Path
 import pandas as pd
 
 from hbm.spelling import did_you_mean, listed, short
+from pipeline.budgets.measurement import study_covariances, what_is_missing
+from pipeline.budgets.study import explanations
 from pipeline.config.comparison import groups, study_design
 from pipeline.config.schema import COVARIATES
 from pipeline.config.study import Study, read_study
@@ -86,13 +88,17 @@ def write_report(
     design = _design(results.residuals, study, covariates)
     results = replace(results, residuals=design.comparable(results.residuals))
     tests = statistics(results.residuals, _all_subjects(results.subjects, study), design)
-    table = table_3(results.residuals, tests, design)
+    explained = explanations(folder, results.summaries)
+    compared = results.residuals[results.residuals["condition"].isin(design.conditions)]
+    measurement = study_covariances(explained, compared)
+    missing = what_is_missing(explained, compared)
+    table = table_3(results.residuals, tests, design, measurement)
 
     write_csv(tests, folder / "statistics.csv")
     write_csv(table, folder / "table_3.csv")
-    windows = windows_sentence(results.residuals)
-    write_text(f"{table_3_markdown(table, design)}\n{windows}\n", folder / "table_3.md")
-    found = verdicts(results.residuals, tests, design)
+    below = "\n".join(filter(None, (windows_sentence(results.residuals), missing)))
+    write_text(f"{table_3_markdown(table, design)}\n{below}\n", folder / "table_3.md")
+    found = verdicts(results.residuals, tests, design, measurement)
     write_csv(plan_table(found, design), folder / "plan.csv")
     write_text(plan_markdown(found, design), folder / "plan.md")
     with whole_file(folder / "cycles.parquet") as temporary:
@@ -106,7 +112,8 @@ def write_report(
     for name, figure in study_figures(results, tests, design):
         announce(f"drawing {name}")
         save_figure(figure, figures / name)
-    page = write_page(Report(results, design, tests, table, found, states, source, figures, study))
+    about = results, design, tests, table, found, states, source, figures, study
+    page = write_page(Report(*about, explained=explained, measurement=missing))
     write_text(page, folder / "report.html")
     return folder / "report.html"
 

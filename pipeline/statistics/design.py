@@ -10,6 +10,8 @@ COMPENSATION: Final = "IC"
 """Name of the factor inertia compensation; its levels are "no IC" and "IC"."""
 MIN_SUBJECTS: Final = 2
 """A single subject has no variance."""
+CONFIDENCE: Final = 0.95
+"""Of all intervals."""
 Correction = Literal["bonferroni", "holm"]
 
 

@@ -1,10 +1,10 @@
 """The verdicts of a study in sentences."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
+from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
 from pipeline.statistics.sample_size import MAX_SUBJECTS, POWER
-from pipeline.statistics.verdict import CONFIDENCE, Verdict
+from pipeline.statistics.verdict import Verdict
 
 
 def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[str, ...]:
@@ -22,7 +22,8 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
     tuple of str
         The compared conditions first, then the reference; at the end, where verdicts are
         inconclusive, how many subjects would decide them. So few subjects that no exact test can
-        become significant are called a demonstration there, and only there.
+        become significant are called a demonstration there, and only there. Last, where intervals
+        of measurement are known, where they leave open on which side of the margin a residual is.
     """
     compared = [v for v in found if v.n >= MIN_SUBJECTS]
     subjects = max((v.n for v in compared), default=0)
@@ -34,13 +35,30 @@ def headlines(found: Sequence[Verdict], design: Design = EXPERIMENT_3) -> tuple[
         for condition in order
         if any(v.condition == condition and (not few or v not in undecided) for v in compared)
     ]
-    if not undecided:
-        return tuple(sentences)
-    verb = "is" if len(undecided) == 1 else "are"
-    result = f"{len(undecided)} of {len(compared)} comparisons {verb} inconclusive"
-    if few:
-        result = f"{subjects} subjects are a demonstration: {result}"
-    return (*sentences, f"{result}. {_enough(undecided)}.")
+    if undecided:
+        verb = "is" if len(undecided) == 1 else "are"
+        result = f"{len(undecided)} of {len(compared)} comparisons {verb} inconclusive"
+        if few:
+            result = f"{subjects} subjects are a demonstration: {result}"
+        sentences.append(f"{result}. {_enough(undecided)}.")
+    return (*sentences, *_uncertain(compared, order, design))
+
+
+def _uncertain(compared: Sequence[Verdict], order: Sequence[str], design: Design) -> Iterator[str]:
+    """Say where errors of measurement leave open on which side of the margin a residual is."""
+    parts = []
+    for condition in order:
+        of_condition = [v for v in compared if v.condition == condition and v.measurement]
+        named = [v.axis for v in of_condition if v.measurement and v.measurement.contains_margin]
+        every = 1 < len(named) == len(of_condition)
+        if named:
+            parts.append(f"{'all residuals' if every else join_names(named)} in {condition}")
+    if parts:
+        yield (
+            f"For {', and '.join(parts)}, errors of usual size alone could turn the verdict: by "
+            f"measurement, the residual may be on either side of the margin of "
+            f"{100 * design.margin:g} %."
+        )
 
 
 def _enough(undecided: Sequence[Verdict]) -> str:

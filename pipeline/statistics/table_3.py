@@ -1,16 +1,32 @@
 """The thesis' Table III: residuals without and with compensation, and the planned pairs."""
 
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
-from math import isnan, nan
+from math import inf, isnan, nan
 from textwrap import fill
-from typing import Final
+from typing import Any, Final
 
 import pandas as pd
 
 from pipeline.statistics.design import EXPERIMENT_3, Design
+from pipeline.statistics.measurement import (
+    Covariances,
+    deviation,
+    half_interval,
+    mean_covariance,
+)
 
 MIN_PRINTED_P = 0.001
 """A p-value has three decimals and is never printed as zero."""
+MEANS: Final = {"no_ic": False, "ic": True}
+"""Name of a mean in its columns -> whether compensated."""
+DIFFERENCES: Final = (
+    ("no_ic_minus_baseline_no_ic", False, False),
+    ("ic_minus_baseline_no_ic", True, False),
+    ("ic_minus_baseline_ic", True, True),
+)
+"""Name of the column; whether the condition is compensated, and the reference."""
+MEASUREMENT: Final = "measurement_sd_"
 MARKDOWN_WIDTH: Final = 100
 """Characters in a line of text."""
 
@@ -24,7 +40,10 @@ def reduction_percent(uncompensated: float, compensated: float) -> float:
 
 
 def table_3(
-    residuals: pd.DataFrame, statistics: pd.DataFrame, design: Design = EXPERIMENT_3
+    residuals: pd.DataFrame,
+    statistics: pd.DataFrame,
+    design: Design = EXPERIMENT_3,
+    measurement: Covariances | None = None,
 ) -> pd.DataFrame:
     """Arrange the residuals and the planned comparisons as the thesis' Table III.
 
@@ -36,6 +55,8 @@ def table_3(
         The table that `pipeline.statistics.comparison.statistics` returned for it.
     design
         The design that it was computed for.
+    measurement
+        Covariances of the residuals by errors of measurement, if they are known.
 
     Returns
     -------
@@ -50,7 +71,9 @@ def table_3(
         - `reduction_percent`, of the means;
         - p-values with the design's correction, paired t and exact Wilcoxon, of IC against no IC
           (`p_t`, `p_wilcoxon`) and against the baseline without IC (`p_t_baseline`,
-          `p_wilcoxon_baseline`; without compensation, of the condition against the baseline).
+          `p_wilcoxon_baseline`; without compensation, of the condition against the baseline);
+        - with `measurement`, one standard deviation of each mean and difference by errors of
+          measurement: its name with `measurement_sd_` before it.
 
     Notes
     -----
@@ -80,11 +103,7 @@ def table_3(
                 "mean_ic": ic.mean(),
                 "sd_ic": ic.std(),
             }
-            for name, first, second in (
-                ("no_ic_minus_baseline_no_ic", False, False),
-                ("ic_minus_baseline_no_ic", True, False),
-                ("ic_minus_baseline_ic", True, True),
-            ):
+            for name, first, second in DIFFERENCES:
                 difference = rms[first, condition] - rms[second, design.reference]
                 row[name] = nan if condition == design.reference else difference.mean()
             row["reduction_percent"] = reduction_percent(no_ic.mean(), ic.mean())
@@ -95,8 +114,28 @@ def table_3(
             for test, name in (("paired t", "p_t"), ("Wilcoxon exact", "p_wilcoxon")):
                 for suffix, pair in pairs.items():
                     row[name + suffix] = _corrected_p(tests, test, pair, design)
+            if measurement is not None:
+                row |= _measurement_sds(measurement[str(axis)], rms, own.index, condition, design)
             rows.append(row)
     return pd.DataFrame(rows)
+
+
+def _measurement_sds(
+    covariance: pd.DataFrame, rms: pd.DataFrame, complete: pd.Index, condition: str, design: Design
+) -> dict[str, float]:
+    """Give the standard deviations by errors of measurement of a row's means and differences."""
+
+    def sd(table: pd.DataFrame, *cells: tuple[str, bool]) -> float:
+        subjects = table[[(ic, name) for name, ic in cells]].dropna().index
+        if not len(subjects):
+            return nan
+        return deviation(mean_covariance(covariance, subjects, cells), (1.0, -1.0)[: len(cells)])
+
+    found = {f"mean_{name}": sd(rms.loc[complete], (condition, ic)) for name, ic in MEANS.items()}
+    for name, first, second in DIFFERENCES:
+        of_two = sd(rms, (condition, first), (design.reference, second))
+        found[name] = nan if condition == design.reference else of_two
+    return {f"{MEASUREMENT}{name}": value for name, value in found.items()}
 
 
 def _corrected_p(tests: pd.DataFrame, test: str, effect: str, design: Design) -> float:
@@ -144,10 +183,15 @@ def printed_columns(table: pd.DataFrame, design: Design) -> tuple[Column, ...]:
     reference, rows = design.reference, table.to_dict("records")
 
     def column(head: str, name: str, form: str, unit: str = "") -> Column:
-        return Column(head, tuple(number(row[name], form, unit) for row in rows))
+        cells = (number(row[name], form, unit) + _in_brackets(row, name, form) for row in rows)
+        return Column(head, tuple(cells))
 
     def means(head: str, name: str) -> Column:
-        cells = (mean_sd(row[f"mean_{name}"], row[f"sd_{name}"]) for row in rows)
+        cells = (
+            mean_sd(row[f"mean_{name}"], row[f"sd_{name}"])
+            + _in_brackets(row, f"mean_{name}", ".1f", lowest=0.0)
+            for row in rows
+        )
         return Column(head, tuple(cells))
 
     def p_values(head: str, name: str) -> Column:
@@ -182,6 +226,16 @@ def printed_columns(table: pd.DataFrame, design: Design) -> tuple[Column, ...]:
     )
 
 
+def _in_brackets(row: Mapping[Hashable, Any], name: str, form: str, lowest: float = -inf) -> str:
+    """Write the 95 % interval of measurement of a value, if it is known."""
+    sd = row.get(f"{MEASUREMENT}{name}", nan)
+    if isnan(sd):
+        return ""
+    half = half_interval(sd)
+    low, high = max(row[name] - half, lowest), row[name] + half
+    return f" [{number(low, form)}, {number(high, form)}]"
+
+
 def table_3_legend(table: pd.DataFrame, design: Design) -> str:
     """Explain the columns of Table III, and name subjects without a cell."""
     incomplete = {
@@ -195,6 +249,11 @@ def table_3_legend(table: pd.DataFrame, design: Design) -> str:
             ", without and with inertia compensation (IC). Differences are from "
             f"{design.reference} without and with compensation, as labelled; reduction is "
             "100 · (1 − IC / no IC)"
+        )
+    if any(str(name).startswith(MEASUREMENT) for name in table):
+        parts.append(
+            "In brackets the 95 % interval of measurement: what errors of usual size change the "
+            "value by, those shared by trials included"
         )
     corrected = ""
     if len(design.pairs) > 1:

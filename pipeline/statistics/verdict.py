@@ -2,19 +2,40 @@
 
 from dataclasses import dataclass
 from math import inf, isnan, nan
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
 from hbm.spatial import Array
-from pipeline.statistics.design import EXPERIMENT_3, MIN_SUBJECTS, Design
+from pipeline.statistics.design import CONFIDENCE, EXPERIMENT_3, MIN_SUBJECTS, Design
+from pipeline.statistics.measurement import (
+    Covariances,
+    deviation,
+    half_interval,
+    mean_covariance,
+)
 from pipeline.statistics.sample_size import subjects_needed
 
-CONFIDENCE: Final = 0.95
-
 Answer = Literal["at baseline", "above", "inconclusive", "no interval", "no data"]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementInterval:
+    """What errors of measurement of usual size make of a difference from the reference.
+
+    Attributes
+    ----------
+    low, high
+        The 95 % interval of ``ic - baseline`` by them.
+    contains_margin
+        Whether that of ``ic - 1.2 baseline``, with the margin of the design, contains zero.
+    """
+
+    low: float
+    high: float
+    contains_margin: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +65,8 @@ class Verdict:
         Standard deviation of the differences between subjects.
     n
         Subjects.
+    measurement
+        How sure the difference is of the measurement itself; None where that is not known.
     needed, needed_as_observed
         Subjects who would show "at baseline" with 80 % power, if the true difference is zero and
         if it is the one observed; None where it cannot be shown or is not known.
@@ -63,6 +86,7 @@ class Verdict:
     high_percent: float = nan
     sd: float = nan
     n: int = 0
+    measurement: MeasurementInterval | None = None
     needed: int | None = None
     needed_as_observed: int | None = None
 
@@ -77,7 +101,10 @@ class Verdict:
 
 
 def verdicts(
-    residuals: pd.DataFrame, statistics: pd.DataFrame, design: Design = EXPERIMENT_3
+    residuals: pd.DataFrame,
+    statistics: pd.DataFrame,
+    design: Design = EXPERIMENT_3,
+    measurement: Covariances | None = None,
 ) -> list[Verdict]:
     """Compare every residual in every condition with the reference.
 
@@ -89,6 +116,8 @@ def verdicts(
         The table that `pipeline.statistics.comparison.statistics` returned for it.
     design
         The design that it was computed for.
+    measurement
+        Covariances of the residuals by errors of measurement, if they are known.
 
     Returns
     -------
@@ -104,7 +133,7 @@ def verdicts(
     baseline" is a test of non-inferiority with the design's margin (one side of Schuirmann 1987),
     by default the 20 % of bioequivalence, as a residual below the baseline is no error: the paired
     t-test of ``ic - 1.2 baseline`` against zero. A difference that is not significant is no
-    evidence for it.
+    evidence for it. No answer depends on the intervals of measurement.
     """
     found = []
     reference = (False, design.reference)
@@ -136,6 +165,17 @@ def verdicts(
             ]
             relative = ratio_interval(both[judged].to_numpy(), both[reference].to_numpy(), alpha)
             low_percent, high_percent = (100 * (bound - 1) for bound in relative)
+            uncertain = None
+            if measurement is not None:
+                compared = (condition, design.compensated), (design.reference, False)
+                covariance = mean_covariance(measurement[axis], both.index, compared)
+                half, of_excess = (
+                    half_interval(deviation(covariance, (1.0, -share)))
+                    for share in (1.0, 1 + design.margin)
+                )
+                uncertain = MeasurementInterval(
+                    difference - half, difference + half, abs(difference - margin) < of_excess
+                )
             found.append(
                 Verdict(
                     *(axis, unit, condition),
@@ -150,6 +190,7 @@ def verdicts(
                     high_percent=high_percent,
                     sd=float(differences.std()),
                     n=len(both),
+                    measurement=uncertain,
                     needed=needed[0],
                     needed_as_observed=needed[1],
                 )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.budgets.explanation import (
+    FORMAT_VERSION,
     Explanation,
     explain,
     explanation_lines,
@@ -99,7 +100,7 @@ def test_the_file_names_axes_and_has_no_number_that_json_does_not_know(few):
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [
-        ('"version": 1', '"version": 99', "written by another version"),
+        (f'"version": {FORMAT_VERSION}', '"version": 99', "written by another version"),
         ('"Fx"', '"FX"', "expected numbers by axis"),
         ('"cycles"', '"strides"', "damaged"),
         ("{", "", "damaged"),

@@ -6,8 +6,10 @@ from dataclasses import replace
 from html import unescape
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from pipeline.budgets.explanation import read_explanation
 from pipeline.budgets.study import FOLDER, bands_of, explain_planned, plan_explanations, study_of
 from pipeline.budgets.visits import check_visits
 from pipeline.cli.app import main
@@ -173,3 +175,71 @@ def test_results_that_cannot_be_explained_give_one_line(copy, capsys, prepare, w
 def test_a_study_is_not_its_results(copy, capsys):
     assert main(["explain", str(copy.parent / "study")]) == 2
     assert "is a study; run it first" in capsys.readouterr().err
+
+
+MEASUREMENT = "95 % interval of measurement"
+
+
+def test_once_all_trials_are_explained_tables_and_verdicts_have_intervals_of_measurement(
+    copy, quick
+):
+    page = unescape(write_report(copy, copy.parent / "study").read_text(encoding="utf-8"))
+    table = pd.read_csv(copy / "table_3.csv").set_index(["axis", "condition"])
+    sds = table.filter(like="measurement_sd_")
+    assert (sds["measurement_sd_mean_ic"] > 0).all()
+    compared = table.index.get_level_values("condition") != "baseline"
+    assert (sds["measurement_sd_ic_minus_baseline_no_ic"].notna() == compared).all()
+    text = (copy / "table_3.md").read_text(encoding="utf-8")
+    assert MEASUREMENT in " ".join(text.split())
+    assert "hbm explain" not in text
+    assert MEASUREMENT in page
+    assert "<p>measurement " in page.partition('<section id="residuals">')[0]
+
+
+def test_otherwise_tables_are_without_them_and_a_line_says_what_adds_them(copy, quick):
+    (copy / FOLDER / "sub01_sway.json").unlink()
+    page = unescape(write_report(copy, copy.parent / "study").read_text(encoding="utf-8"))
+    text = (copy / "table_3.md").read_text(encoding="utf-8")
+    assert not [name for name in pd.read_csv(copy / "table_3.csv") if "measurement" in name]
+    assert "[" not in text
+    line = "'hbm explain RESULTS' adds intervals of measurement; 2 of 3 trials are explained."
+    assert line in text.splitlines()
+    assert line in page
+    assert "<p>measurement " not in page
+
+
+def test_a_report_says_which_explanations_it_does_not_show(copy, quick, capsys):
+    sway, pitch = (copy / FOLDER / f"sub01_{name}.json" for name in ("sway", "pitch"))
+    sway.write_text(sway.read_text().replace('"key": "', '"key": "0'))
+    pitch.write_text("{")
+    assert main(["report", str(copy)]) == 0
+    shown = capsys.readouterr().out
+    (line,) = (line for line in shown.splitlines() if line.startswith("Not shown"))
+    assert "the explanations of sub01 pitch, sub01 sway: " in line
+    assert f"run 'hbm explain {copy}'" in line
+    page = unescape((copy / "report.html").read_text(encoding="utf-8"))
+    assert page.count("the explanations of sub01 pitch, sub01 sway: ") == 1
+    assert str(copy) not in page
+
+
+def test_a_report_with_all_explanations_has_no_such_line(copy, quick, capsys):
+    assert main(["report", str(copy)]) == 0
+    assert "Not shown" not in capsys.readouterr().out
+
+
+def test_the_uncertainty_of_a_perturbed_trial_is_also_of_the_part_that_counts(explained):
+    budgets = {
+        name: read_explanation(explained / FOLDER / f"sub01_{name}.json").budget
+        for name in ("baseline", "sway")
+    }
+    assert budgets["baseline"].of_window == ()
+    rows = read_summary(explained / "trials" / "sub01_sway.parquet").residuals
+    for window, values in (
+        ("motion", budgets["sway"].of_window),
+        ("cycle", budgets["sway"].uncertainty),
+    ):
+        for own in values:
+            rms = [r.rms for r in rows if (r.window, r.compensated) == (window, own.compensated)]
+            np.testing.assert_allclose(own.rms, rms, rtol=0.5)  # of one side's cycles
+            loads = np.array(rms) > 100
+            np.testing.assert_allclose(own.rms[loads], np.array(rms)[loads], rtol=0.05)

@@ -5,6 +5,7 @@ import re
 import pytest
 
 from pipeline.report.write import write_report
+from pipeline.statistics.measurement import measurement_covariances
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.fake_results import write_fake_results, write_fake_study
 
@@ -17,8 +18,17 @@ def folder(tmp_path_factory):
     study = write_fake_study(folder / "study", subjects=3)
     results = folder / "results"
     write_fake_results(results, subjects=3, cycles=3, without={("sub02", "sway")})
-    write_report(results, study)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipeline.report.write.study_covariances", large_errors)
+        patch.setattr("pipeline.report.write.what_is_missing", lambda *about: "")
+        write_report(results, study)
     return results
+
+
+def large_errors(explained, residuals):
+    """Errors of measurement of which tables have as much to show as of any."""
+    errors = residuals.assign(error="gain", level="trial", change=0.4 * residuals["rms"])
+    return measurement_covariances(errors)
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +44,11 @@ def test_the_page_raises_no_error_and_requests_nothing_but_itself(browser):
     assert [url for url in browser.requests if not url.startswith("data:")] == [
         url for url in browser.requests if re.fullmatch(r"file:.*report\.html", url)
     ]
+
+
+def test_intervals_of_measurement_stand_below_their_values(browser):
+    cell = "[...document.querySelectorAll('.table3 td')].find(c => c.innerText.includes('['))"
+    assert re.fullmatch(r"\d+\.\d ± \d+\.\d\n\[[\d., ]+\]", browser.evaluate(f"{cell}.innerText"))
 
 
 def test_every_figure_is_drawn(browser):

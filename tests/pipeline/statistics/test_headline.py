@@ -1,7 +1,7 @@
 """The verdicts of a study in sentences: each thing once, and what is missing at the end."""
 
 from pipeline.statistics.headline import headline, headlines
-from pipeline.statistics.verdict import Verdict
+from pipeline.statistics.verdict import MeasurementInterval, Verdict
 
 
 def verdict(condition="sway", answer="inconclusive", n=9, needed=12):
@@ -58,3 +58,22 @@ def test_more_subjects_are_not_asked_for_where_there_were_enough():
         "For 1, these subjects would have been enough if there were no difference: there may be "
         "one."
     )
+
+
+def test_verdicts_that_errors_of_measurement_could_turn_are_named_last():
+    wide, narrow = (MeasurementInterval(-9, 9, contains) for contains in (True, False))
+    cells = (
+        *(("Fx", "sway", wide), ("Fy", "sway", narrow)),
+        *(("Fx", "pitch", wide), ("Fy", "pitch", wide)),
+    )
+    found = [
+        Verdict(axis, "N", condition, "at baseline", n=9, measurement=own)
+        for axis, condition, own in cells
+    ]
+    *others, last = headlines(found)
+    assert last == (
+        "For Fx in sway, and all residuals in pitch, errors of usual size alone could turn the "
+        "verdict: by measurement, the residual may be on either side of the margin of 20 %."
+    )
+    assert len(others) == 2
+    assert headlines([found[1]])[-1].startswith("In sway")

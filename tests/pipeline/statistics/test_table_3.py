@@ -5,6 +5,8 @@ import pandas as pd
 import pytest
 
 from pipeline.statistics.comparison import statistics
+from pipeline.statistics.design import design_of
+from pipeline.statistics.measurement import measurement_covariances
 from pipeline.statistics.table_3 import format_p, reduction_percent, table_3, table_3_markdown
 
 PRINTED = {  # mean without IC, mean with IC, reduction [%] of baseline, sway, pitch
@@ -136,3 +138,59 @@ def test_the_table_read_back_from_csv_is_the_same(tmp_path, table):
     again = pd.read_csv(path).assign(without="")  # nobody is missing here
     np.testing.assert_allclose(again["p_t"], table["p_t"])
     assert table_3_markdown(again) == table_3_markdown(table)
+
+
+SDS = ("mean_no_ic", "mean_ic", "no_ic_minus_baseline_no_ic", "ic_minus_baseline_no_ic")
+
+
+def errors(residuals, level, of_condition):
+    """Errors that change each value of a condition alike."""
+    change = residuals["condition"].map(of_condition)
+    return measurement_covariances(residuals.assign(error="late", level=level, change=change))
+
+
+def test_with_errors_of_measurement_means_and_differences_have_intervals_in_brackets(residuals):
+    known = errors(residuals, "laboratory", {"baseline": 1.0, "sway": 3.0, "pitch": 1.0})
+    table = table_3(residuals, statistics(residuals), measurement=known)
+    rows = table.set_index(["axis", "condition"])[[f"measurement_sd_{name}" for name in SDS]]
+    np.testing.assert_allclose(rows.loc["Fx", "baseline"], [1, 1, np.nan, np.nan])
+    np.testing.assert_allclose(rows.loc["Fx", "sway"], [3, 3, 2, 2])
+    np.testing.assert_allclose(rows.loc["Mz", "pitch"], [1, 1, 0, 0])
+    text = table_3_markdown(table)
+    (line,) = (line for line in text.splitlines() if line.startswith("|  | sway | 9 | 44.7"))
+    assert "[38.8, 50.6] | 47.4 ±" in line  # 44.7 ± 1.96 · 3
+    assert "| +10.3 [+6.4, +14.2] |" in line  # 47.4 - 37.1 ± 1.96 · 2
+    assert "In brackets the 95 % interval of measurement" in text
+    assert "nan" not in text
+
+
+def test_an_rms_is_not_negative_and_neither_is_its_interval(residuals):
+    known = errors(residuals, "laboratory", dict.fromkeys(("baseline", "sway", "pitch"), 50.0))
+    assert "[0.0, 135.1]" in table_3_markdown(
+        table_3(residuals, statistics(residuals), measurement=known)
+    )
+
+
+def test_without_errors_of_measurement_there_are_no_such_columns(table):
+    assert not [name for name in table if "measurement" in name]
+    assert "[" not in table_3_markdown(table)
+
+
+def test_means_of_incomplete_subjects_have_the_uncertainty_of_those_who_are_complete(residuals):
+    gap = (residuals["subject"] < "sub05") & (residuals["condition"] == "sway")
+    known = errors(residuals, "subject", dict.fromkeys(("baseline", "sway", "pitch"), 6.0))
+    left = residuals[~gap]
+    table = table_3(left, statistics(left), measurement=known)
+    np.testing.assert_allclose(table["measurement_sd_mean_ic"][:3], [2, 3, 2])
+
+
+def test_without_compensation_only_the_plates_as_measured_have_intervals(residuals):
+    design = design_of(["baseline", "sway", "pitch"], compensated=False)
+    measured = residuals[~residuals["compensated"]]
+    known = errors(measured, "trial", {"baseline": 3.0, "sway": 4.0, "pitch": 0.0})
+    found = statistics(measured, design=design)
+    table = table_3(measured, found, design, known)
+    difference = table["measurement_sd_no_ic_minus_baseline_no_ic"]
+    np.testing.assert_allclose(difference[:3], [np.nan, 5 / 3, 1])
+    assert table["measurement_sd_mean_ic"].isna().all()
+    assert "nan" not in table_3_markdown(table, design)

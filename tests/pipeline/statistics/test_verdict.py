@@ -9,6 +9,7 @@ from scipy import stats
 
 from pipeline.statistics.comparison import statistics
 from pipeline.statistics.design import EXPERIMENT_3
+from pipeline.statistics.measurement import measurement_covariances
 from pipeline.statistics.verdict import ratio_interval, verdicts
 
 CONDITIONS = ("baseline", "sway", "pitch")
@@ -144,3 +145,57 @@ def test_a_ratio_is_in_its_interval_where_a_paired_t_test_does_not_refuse_it(see
 
 def test_a_ratio_to_what_may_be_zero_has_no_bounds():
     assert ratio_interval(np.array([1.0, 2, 3]), np.array([-4.0, 1, 5]), 0.025) == (-np.inf, np.inf)
+
+
+def with_errors(table, level, of_sway, of_others):
+    """The verdict on sway with an error that changes each value by so much."""
+    change = np.where(table["condition"] == "sway", of_sway, of_others)
+    errors = table.assign(error="late", level=level, change=change)
+    known = measurement_covariances(errors)
+    found = verdicts(table, statistics(table), measurement=known)
+    return next(v for v in found if v.condition == "sway")
+
+
+def test_an_error_of_the_laboratory_is_as_large_in_the_difference_as_its_changes_differ():
+    verdict = with_errors(study(excess=8, spread=1), "laboratory", 3.0, 1.0)
+    half = (verdict.measurement.high - verdict.measurement.low) / 2
+    assert half == pytest.approx(1.96 * 2, rel=1e-3)
+    assert verdict.measurement.high - half == pytest.approx(verdict.difference)
+
+
+def test_no_answer_depends_on_errors_of_measurement():
+    for excess in (0.5, 7, 30):
+        table = study(excess, spread=2)
+        assert with_errors(table, "laboratory", 20.0, 0.0).answer == sway(table).answer
+        assert sway(table).measurement is None
+
+
+@pytest.mark.parametrize(
+    ("excess", "contained"), [(0, False), (6, True), (8, True), (10, True), (18, False)]
+)
+def test_the_margin_is_in_the_interval_where_errors_move_the_mean_beyond_it(excess, contained):
+    verdict = with_errors(study(excess, spread=0.5), "laboratory", 2.0, 0.0)
+    moved = [verdict.ic + sign * 1.96 * 2.0 for sign in (-1, 1)]
+    beyond = [value > 1.2 * verdict.baseline for value in moved]
+    assert verdict.measurement.contains_margin == (beyond == [False, True])
+    assert verdict.measurement.contains_margin == contained
+
+
+def test_an_error_that_scales_all_values_never_turns_a_verdict():
+    table = study(excess=8, spread=1)
+    gain = 0.2 * (table["rms"] if EXPERIMENT_3.margin else 0)
+    errors = table.assign(error="gain", level="laboratory", change=gain)
+    found = verdicts(table, statistics(table), measurement=measurement_covariances(errors))
+    own = next(v for v in found if v.condition == "sway")
+    excess = own.ic - 1.2 * own.baseline
+    half = 1.96 * 0.2 * abs(excess)
+    assert half < abs(excess)
+    assert not own.measurement.contains_margin
+    assert own.measurement.low < own.difference < own.measurement.high
+
+
+def test_one_subject_has_an_interval_of_measurement():
+    verdict = with_errors(study(excess=1, spread=1, n=1), "trial", 3.0, 4.0)
+    assert verdict.answer == "no interval"
+    half = (verdict.measurement.high - verdict.measurement.low) / 2
+    assert half == pytest.approx(1.96 * 5, rel=1e-3)

@@ -1,0 +1,119 @@
+"""Errors of measurement of a study, from the explanations of its trials."""
+
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.budgets.explanation import FORMAT_VERSION, Explanation
+from pipeline.budgets.measurement import study_covariances, what_is_missing
+from pipeline.budgets.words import GROUPS
+from pipeline.explain.budget import Budget, CauseUncertainty, RmsUncertainty
+from pipeline.explain.cause import SHARED_WITHIN, CauseGroup
+from pipeline.explain.other_trials import SHARED
+from pipeline.trial.residuals import AXES
+
+DOCS = Path(__file__).parents[3] / "docs"
+NONE = np.full(6, np.nan)
+
+
+def uncertainty(change, square=0.0, noise=0.0, group="delay", compensated=False):
+    cause = CauseUncertainty("late", group, np.full(6, change), np.full(6, square))
+    return RmsUncertainty(compensated, NONE, NONE, NONE, np.full(6, noise), (cause,))
+
+
+def explanation(*values, of_window=()):
+    budget = Budget(
+        source=Path("walk.c3d"),
+        compensated=False,
+        rms=NONE,
+        low=NONE,
+        high=NONE,
+        cycles=5,
+        found_cycles=5,
+        groups=(),
+        unexplained=NONE,
+        causes=(),
+        held_out=NONE,
+        notes=(),
+        uncertainty=values,
+        of_window=of_window,
+    )
+    return Explanation(FORMAT_VERSION, "", budget, ())
+
+
+def table(*trials, window="cycle"):
+    return pd.DataFrame(trials, columns=["subject", "condition"]).assign(window=window)
+
+
+TRIALS = (("s1", "baseline"), ("s1", "sway"))
+
+
+def covariance(first, second):
+    """Of Mz of two trials of a subject."""
+    found = study_covariances(dict(zip(TRIALS, (first, second), strict=True)), table(*TRIALS))
+    assert tuple(found) == AXES
+    return found["Mz"].to_numpy()
+
+
+def test_a_cause_its_square_and_noise_add_up_as_squares_and_the_shared_ones_covary():
+    found = covariance(*(explanation(uncertainty(c, 4.0, 12.0)) for c in (3.0, -3.0)))
+    np.testing.assert_allclose(found, [[169, 7], [7, 169]])  # 9 + 16 + 144; -9 + 16
+
+
+@pytest.mark.parametrize(("group", "together"), [("zero", 0), ("inertia", 9), ("place", 9)])
+def test_groups_are_shared_as_stated(group, together):
+    found = covariance(*(explanation(uncertainty(3.0, group=group)) for _ in TRIALS))
+    np.testing.assert_allclose(found, [[9, together], [together, 9]])
+
+
+def test_the_part_of_the_cycles_that_a_condition_asks_for_goes_before_whole_cycles():
+    part = explanation(uncertainty(1.0), of_window=(uncertainty(5.0),))
+    np.testing.assert_allclose(covariance(part, part), 25.0)
+
+
+def test_a_part_of_the_cycles_is_not_taken_to_be_as_sure_as_whole_ones():
+    residuals = table(TRIALS[0], window="motion")
+    whole = {TRIALS[0]: explanation(uncertainty(1.0))}
+    assert study_covariances(whole, residuals) is None
+    part = {TRIALS[0]: explanation(uncertainty(1.0), of_window=(uncertainty(5.0),))}
+    np.testing.assert_allclose(study_covariances(part, residuals)["Fx"], 25.0)
+
+
+def test_measured_and_compensated_plates_are_values_of_their_own():
+    both = explanation(uncertainty(2.0), uncertainty(7.0, compensated=True))
+    found = study_covariances({TRIALS[0]: both}, table(TRIALS[0]))["Fx"]
+    assert list(found) == [(*TRIALS[0], False), (*TRIALS[0], True)]
+    np.testing.assert_allclose(found, [[4, 14], [14, 49]])
+
+
+def test_a_trial_without_explanation_leaves_the_study_without_intervals_and_a_line_says_so():
+    known = {TRIALS[0]: explanation(uncertainty(1.0))}
+    assert study_covariances(known, table(*TRIALS)) is None
+    assert what_is_missing(known, table(*TRIALS)) == (
+        "'hbm explain RESULTS' adds intervals of measurement; 1 of 2 trials are explained."
+    )
+    assert what_is_missing({}, table(*TRIALS)) == (
+        "'hbm explain RESULTS' adds intervals of measurement."
+    )
+    assert what_is_missing(known, table(TRIALS[0])) == ""
+
+
+def test_every_group_with_a_size_is_shared_within_something():
+    assert set(SHARED_WITHIN) == set(get_args(CauseGroup)) - {"filter"}
+
+
+def test_what_trials_of_a_visit_share_is_what_a_check_over_them_takes_from_one_to_another():
+    assert {SHARED_WITHIN[group] for group in SHARED} == {"laboratory", "subject"}
+    assert not {"zero", "compensation", "skin"} & SHARED
+
+
+def test_the_page_says_how_each_group_is_shared():
+    text = (DOCS / "explain.md").read_text(encoding="utf-8")
+    table = text.partition("How errors are shared")[2].partition("Each cause enters")[0]
+    rows = dict(zip(("laboratory", "subject", "trial"), table.splitlines()[4:], strict=False))
+    for group, level in SHARED_WITHIN.items():
+        assert GROUPS[group].name in rows[level], group
+        assert level in rows[level]

@@ -1,0 +1,88 @@
+"""Errors of measurement of a study against draws of every cause, once for all that shares it."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.budgets.explanation import explain
+from pipeline.budgets.measurement import study_covariances
+from pipeline.config.study import read_study
+from pipeline.explain.cause import SHARED_WITHIN
+from pipeline.explain.causes.filtering import left_by_filter
+from pipeline.explain.explain import explained_part
+from pipeline.explain.linearised import linearised
+from pipeline.statistics.measurement import deviation, mean_covariance
+from pipeline.trial.process import process_trial
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
+
+DRAWS = 4000
+CONDITIONS = ("baseline", "pitch")
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def trials(moving_study):
+    """Recording, laboratory and result of two trials of a subject."""
+    study = read_study(moving_study)
+    laboratory = read_study_laboratory(study)
+    files = {name: study.subject("sub01").trials[name].file for name in CONDITIONS}
+    return {
+        name: (read_study_file(study, file), laboratory, process_trial(study, "sub01", name))
+        for name, file in files.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def drawn(trials):
+    """The RMS of each, compensated, with all causes of drawn sizes at once, (draws, 6)."""
+    rng = np.random.default_rng(18)
+    sizes: dict[object, np.ndarray] = {}
+    found = {}
+    for name, trial in trials.items():
+        part = explained_part(*trial)
+        chain, counts = part.chain, part.counts
+        linear = linearised(chain, part.causes, left_by_filter(chain), part.series)
+        square = np.zeros((DRAWS, 6))
+        own = [
+            sizes.setdefault(
+                (cause.name, name if SHARED_WITHIN[cause.group] == "trial" else ""),
+                cause.prior.size * rng.standard_normal(DRAWS),
+            )
+            for cause in part.causes
+        ]
+        frames = np.flatnonzero(counts)
+        for frame in frames:
+            residual = chain.residual[frame] + np.transpose(own) @ linear.as_measured[:, frame]
+            square += residual**2 / len(frames)
+        found[name] = np.sqrt(square)
+    return found
+
+
+@pytest.fixture(scope="module")
+def covariances(trials):
+    """The same by the delta method."""
+    found = {("sub01", name): explain(*trial) for name, trial in trials.items()}
+    table = pd.DataFrame(list(found), columns=["subject", "condition"]).assign(window="cycle")
+    return study_covariances(found, table)
+
+
+def by_delta(covariances, cells, weights):
+    return [
+        deviation(mean_covariance(own, ["sub01"], cells), weights) for own in covariances.values()
+    ]
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_a_value_is_as_sure_as_draws_say(drawn, covariances, condition):
+    known = by_delta(covariances, [(condition, True)], [1.0])
+    np.testing.assert_allclose(known, drawn[condition].std(axis=0), rtol=0.1)
+
+
+def test_what_two_values_share_cancels_in_their_difference(drawn, covariances):
+    known = by_delta(covariances, [(name, True) for name in CONDITIONS], [1.0, -1.0])
+    expected = (drawn["baseline"] - drawn["pitch"]).std(axis=0)
+    independent = np.hypot(*(values.std(axis=0) for values in drawn.values()))
+    assert (expected < 0.75 * independent).all()
+    assert (known < expected).all(), "products of causes count as the same in both"
+    assert (known > 0.6 * expected).all()
