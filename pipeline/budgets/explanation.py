@@ -23,7 +23,7 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.result import TrialResult
 from pipeline.trial.summary import fault_of
 
-FORMAT_VERSION: Final = 2
+FORMAT_VERSION: Final = 1
 """Of the files; raised with every change of what they hold."""
 MAX_CAUSES: Final = 5
 """Named one by one; the file has all."""

@@ -3,19 +3,17 @@
 from collections.abc import Iterator, Mapping
 from typing import Final
 
+import numpy as np
 import pandas as pd
 
-from hbm.spatial import Array
 from pipeline.budgets.explanation import Explanation
-from pipeline.explain.budget import Budget, RmsUncertainty
-from pipeline.explain.cause import SHARED_WITHIN
-from pipeline.statistics.measurement import Covariances, Level, measurement_covariances
+from pipeline.explain.budget import Budget
+from pipeline.statistics.measurement import Covariances, measurement_covariances
 from pipeline.trial.residuals import AXES
 
 Trial = tuple[str, str]
 """Subject and condition."""
 COLUMNS: Final = ("subject", "condition", "compensated", "axis", "error", "level", "change")
-LEVELS: Final[Mapping[str, Level]] = {str(group): own for group, own in SHARED_WITHIN.items()}
 
 
 def study_covariances(
@@ -70,17 +68,9 @@ def _budgets(
 
 
 def _errors(trial: Trial, budget: Budget) -> Iterator[tuple[object, ...]]:
-    """List what each error changes the RMS of a trial's residuals by."""
+    """List what errors change the RMS of a trial's residuals by: draws, which trials share."""
     for values in budget.of_window or budget.uncertainty:
-        for error, level, change in _changes(values):
-            for axis, own in zip(AXES, change.tolist(), strict=True):
-                yield (*trial, values.compensated, axis, error, level, own)
-
-
-def _changes(values: RmsUncertainty) -> Iterator[tuple[str, Level, Array]]:
-    """Give name, level and change of the errors of a value; a cause and its square are two."""
-    for cause in values.causes:
-        level = LEVELS[cause.group]
-        yield cause.name, level, cause.change
-        yield f"{cause.name}, squared", level, cause.square
-    yield "noise", "sample", values.of_noise
+        apart = (values.draws - values.draws.mean(axis=0)) / np.sqrt(len(values.draws) - 1)
+        for number, changes in enumerate(apart.tolist()):
+            for axis, change in zip(AXES, changes, strict=True):
+                yield (*trial, values.compensated, axis, number, "laboratory", change)

@@ -31,6 +31,21 @@ def _as_it_is(bands: object) -> object:
     return bands
 
 
+def _draws_by_axis(values: Array) -> dict[str, list[float]]:
+    return {axis: own.tolist() for axis, own in zip(AXES, values.T, strict=True)}
+
+
+def _draws_of_axes(stored: object) -> Array:
+    if isinstance(stored, Mapping):
+        if tuple(stored) != AXES:
+            raise ValueError(f"expected draws by axis, {', '.join(AXES)}")
+        stored = np.transpose(list(stored.values()))
+    return read_only(np.array(stored, float))
+
+
+Draws = Annotated[Array, PlainValidator(_draws_of_axes), PlainSerializer(_draws_by_axis)]
+"""Drawn numbers of the six axes, (N, 6); in JSON a list for each."""
+
 ByAxis = Annotated[Array, PlainValidator(_of_axes), PlainSerializer(_by_axis)]
 """Numbers of the six axes, (6,); in JSON they are named."""
 
@@ -118,6 +133,9 @@ class RmsUncertainty:
         One standard deviation due to the noise of samples, (6,).
     causes
         What each cause does.
+    draws
+        The RMS with causes of drawn sizes, (N, 6): the nth draw of a cause has the same size in all
+        trials that share it, so that draws tell how residuals of different trials vary together.
     """
 
     compensated: bool
@@ -126,6 +144,7 @@ class RmsUncertainty:
     deviation: ByAxis
     of_noise: ByAxis
     causes: tuple[CauseUncertainty, ...]
+    draws: Draws
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,13 +34,13 @@ SHARED_WITHIN: Final[Mapping[CauseGroup, Level]] = {
     "inertia": "subject",
     "markers": "subject",
     "soft_tissue": "subject",
+    "compensation": "laboratory",
     "zero": "trial",
-    "compensation": "trial",
     "skin": "trial",
 }
 """Within what a cause has one size: all trials, those of a subject's visit, or a trial. Plates may
-be zeroed between trials; the directions of what compensation leaves are those of a trial's motion;
-skin follows the gait of a trial. What the filter leaves is computed and has no size."""
+be zeroed between trials, and skin follows the gait of a trial. What the filter leaves is computed
+and has no size."""
 
 Change = Callable[[ProcessingChain, float], ProcessingChain]
 """Gives the chain with a cause of a size: as if the recording had that fault besides its own."""
@@ -62,6 +62,9 @@ class Cause:
         What the chain is with it.
     of_platform
         Whether it follows the platform's motion, which does not repeat with the gait cycle.
+    along
+        Of a combination of independent errors that all trials share, the part of each, (D,) of
+        length one; None for an error of its own.
     """
 
     name: str
@@ -69,6 +72,7 @@ class Cause:
     prior: Prior
     change: Change
     of_platform: bool = False
+    along: Array | None = None
 
     def effect(self, chain: ProcessingChain) -> Array:
         """Give the residual that it adds per unit of its size, (T, 6) [N, N·m per unit].

@@ -89,7 +89,8 @@ def explain_trial(
 
     residual, effects = chain.residual[counts], linear.effects[:, counts]
     whole = rms(residual)
-    intervals = Intervals(chain, causes, linear.as_measured, series.frames)
+    names = result.subject.id, result.source.name
+    intervals = Intervals(chain, causes, linear.as_measured, series.frames, *names)
     uncertain = intervals.of_trial(result)
     low, high = interval(whole, uncertain[-1].deviation)
     groups, unexplained = _shares(linear.posterior, causes, residual, effects, left[counts])

@@ -15,12 +15,17 @@ from pipeline.explain.uncertainty import (
     noise_of_samples,
     rms_uncertainty,
     samples_in_a_frame,
+    shared_sizes,
 )
 from pipeline.trial.residuals import counted, reported
 from pipeline.trial.result import TrialResult
 
 NORMAL_95: Final = 1.96
 """Half of a 95 % interval, in standard deviations."""
+DRAWS: Final = 1000
+"""Of what trials share: a standard deviation is then sure to 2 %."""
+DECIMALS: Final = 3
+"""Of draws of an RMS [N, N·m]."""
 TAILS: Final = (2.5, 97.5)
 """Percentiles between which 95 % are."""
 
@@ -38,6 +43,8 @@ class Intervals:
         What each adds to the residual as it was measured, per unit, (K, T, 6).
     cycles
         Frames of the gait cycles that are explained.
+    subject, trial
+        Names of them: what trials share is drawn alike in all of them.
     """
 
     def __init__(
@@ -46,12 +53,15 @@ class Intervals:
         causes: Sequence[Cause],
         effects: Array,
         cycles: Sequence[slice],
+        subject: str = "",
+        trial: str = "",
     ) -> None:
         self._chain, self._causes, self._cycles = chain, causes, cycles
         self._usual = np.array([cause.prior.size for cause in causes])[:, None, None] * effects
         self._noise = noise_of_samples(chain)
         self._frames = np.concatenate([np.arange(own.start, own.stop) for own in cycles])
         self._samples = samples_in_a_frame(chain)
+        self._sizes = shared_sizes(causes, subject, trial, DRAWS)
 
     def bands(self) -> Bands:
         """Give the residuals over time."""
@@ -88,15 +98,22 @@ class Intervals:
     def _of(self, frames: Indices, residual: Array, *, compensated: bool) -> RmsUncertainty:
         """Give how sure an RMS is; without compensation, it adds nothing."""
         own = [k for k, c in enumerate(self._causes) if compensated or c.group != "compensation"]
+        sizes = self._sizes[:, [*own, -1]]
         found = rms_uncertainty(
-            residual[frames], self._usual[own][:, frames], self._noise, self._samples
+            residual[frames], self._usual[own][:, frames], self._noise, self._samples, sizes
         )
         causes = tuple(
             CauseUncertainty(self._causes[k].name, self._causes[k].group, change, square)
             for k, change, square in zip(own, found.changes, found.squares, strict=True)
         )
         return RmsUncertainty(
-            compensated, found.rms, found.mean, found.deviation, found.of_noise, causes
+            compensated=compensated,
+            rms=found.rms,
+            mean=found.mean,
+            deviation=found.deviation,
+            of_noise=found.of_noise,
+            causes=causes,
+            draws=found.draws.round(DECIMALS),
         )
 
     def of_cycles(self) -> tuple[CycleRms, ...]:

@@ -13,9 +13,12 @@ from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.result import TrialResult
 
 SHARED: Final[frozenset[CauseGroup]] = frozenset(
-    group for group, level in SHARED_WITHIN.items() if level in ("laboratory", "subject")
+    group
+    for group, level in SHARED_WITHIN.items()
+    if level in ("laboratory", "subject") and group != "compensation"
 )
-"""Groups of causes that are the same in all trials of a visit."""
+"""Groups of causes that are the same in all trials of a visit, by name: of what compensation
+leaves, each trial has directions of its own."""
 
 
 def mean_squares(

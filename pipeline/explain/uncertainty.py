@@ -5,6 +5,7 @@ Monte Carlo draws the causes at random, all at once, and repeats the whole chain
 markers on; it costs some hundred times as much and is the reference.
 """
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -15,7 +16,7 @@ from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.signals.samples import mean_rate_hz
 from hbm.spatial import Array
-from pipeline.explain.cause import Cause
+from pipeline.explain.cause import SHARED_WITHIN, Cause
 from pipeline.explain.causes.markers import MarkerCause
 from pipeline.explain.priors import priors
 from pipeline.explain.processing_chain import ProcessingChain
@@ -46,6 +47,8 @@ class Uncertainty:
         One standard deviation of what the square of each cause changes it by, (K, 6).
     of_noise
         One standard deviation of the RMS due to the noise of samples, (6,).
+    draws
+        The RMS with causes of drawn sizes, (N, 6).
     """
 
     rms: Array
@@ -54,9 +57,12 @@ class Uncertainty:
     changes: Array
     squares: Array
     of_noise: Array
+    draws: Array
 
 
-def rms_uncertainty(residual: Array, usual: Array, noise: Array, samples: float) -> Uncertainty:
+def rms_uncertainty(
+    residual: Array, usual: Array, noise: Array, samples: float, sizes: Array | None = None
+) -> Uncertainty:
     """Propagate usual sizes of causes to the RMS of a residual.
 
     Parameters
@@ -69,6 +75,9 @@ def rms_uncertainty(residual: Array, usual: Array, noise: Array, samples: float)
         One standard deviation of the noise of samples, (6,).
     samples
         Independent samples of it in a frame.
+    sizes
+        Of the causes, in usual sizes, and of the noise as a whole, drawn N times, (N, K + 1); by
+        default none.
 
     Returns
     -------
@@ -112,9 +121,56 @@ def rms_uncertainty(residual: Array, usual: Array, noise: Array, samples: float)
     deviation = np.sqrt(found)
     variance = (linear**2 + squares**2).sum(axis=0) + of_noise**2
     scale = deviation / np.sqrt(variance + TINY)
+    of_noise = scale * of_noise
+    drawn = np.zeros((0, len(usual) + 1)) if sizes is None else sizes
+    size, apart = drawn[:, :-1], drawn[:, -1:]
+    added = [(size @ gram * size).sum(axis=1) for gram in products]
+    form = square + 2 * size @ along.T + np.transpose(added)
+    draws = np.maximum(np.sqrt(np.maximum(form, 0.0)) + apart * of_noise, 0.0)
     return Uncertainty(
-        np.sqrt(square), mean, deviation, scale * linear, scale * squares, scale * of_noise
+        np.sqrt(square), mean, deviation, scale * linear, scale * squares, of_noise, draws
     )
+
+
+def shared_sizes(causes: Sequence[Cause], subject: str, trial: str, draws: int) -> Array:
+    """Draw sizes of causes: in all trials that share a cause, the same.
+
+    Parameters
+    ----------
+    causes
+        Of a trial.
+    subject, trial
+        Names of them.
+    draws
+        How many.
+
+    Returns
+    -------
+    Array
+        In usual sizes, and in the last column of the noise of the trial, (draws, K + 1): standard
+        normal numbers that depend on the cause's name and on the laboratory, subject or trial
+        (`pipeline.explain.cause.SHARED_WITHIN`) alone.
+
+    Examples
+    --------
+    >>> shared_sizes([], "sub01", "walk.c3d", draws=2).shape
+    (2, 1)
+    """
+    within = {"laboratory": "", "subject": subject, "trial": f"{subject}/{trial}"}
+    columns = []
+    for cause in causes:
+        if cause.along is None:
+            columns.append(_normal(draws, within[SHARED_WITHIN[cause.group]], cause.name))
+        else:
+            errors = _normal((draws, len(cause.along)), cause.group, str(len(cause.along)))
+            columns.append(errors @ cause.along)
+    return np.column_stack([*columns, _normal(draws, within["trial"], "noise")])
+
+
+def _normal(shape: int | tuple[int, int], *names: str) -> Array:
+    """Draw standard normal numbers that depend on names alone."""
+    seed = hashlib.sha256("\n".join(names).encode()).digest()
+    return np.random.default_rng(int.from_bytes(seed)).standard_normal(shape)
 
 
 def mean_root(square: float, products: Array, along: Array) -> float:

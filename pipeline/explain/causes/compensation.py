@@ -41,12 +41,13 @@ def compensation_causes(chain: ProcessingChain) -> Iterator[Cause]:
         return
     known = priors()
     if done.models:
-        for number, added in enumerate(principal_directions(chain), start=1):
+        for number, (along, added) in enumerate(principal_directions(chain), start=1):
             plate, component = _largest(added)
             where = f"{WRENCH_COMPONENTS[component]} of plate {chain.plates[plate].number}"
             title = f"compensation: direction {number}, mostly {where}"
             subtract = partial(_without, added=added)
-            yield Cause(title, "compensation", known["inertia_model"], subtract, of_platform=True)
+            usual = known["inertia_model"]
+            yield Cause(title, "compensation", usual, subtract, of_platform=True, along=along)
         late = _sensors_prior(done, known)
         yield Cause("accelerometers are late", "compensation", late, _late_sensors, True)
     for k, (model, belt) in enumerate(zip(done.belt_models, done.belts, strict=True)):
@@ -63,7 +64,7 @@ def compensation_causes(chain: ProcessingChain) -> Iterator[Cause]:
         yield Cause(f"{name}: belt's speed is late", "compensation", known["belt_delay"], later)
 
 
-def principal_directions(chain: ProcessingChain) -> list[list[Array]]:
+def principal_directions(chain: ProcessingChain) -> list[tuple[Array, list[Array]]]:
     """Find the few errors of the inertia models that do most to the residual.
 
     Parameters
@@ -74,7 +75,8 @@ def principal_directions(chain: ProcessingChain) -> list[list[Array]]:
     Returns
     -------
     list
-        Of each direction, the largest first, what one standard deviation of it adds to the
+        Of each direction, the largest first: the part of each of the models' independent errors,
+        (D,), the same errors in all trials; and what one standard deviation of it adds to the
         predicted wrench of each plate, in its own axes, (T, 6) [N, N·m]. Together they have 95 %
         of the variance, unless that takes more than 12; axes of the residual count by its own root
         mean square.
@@ -119,11 +121,14 @@ def principal_directions(chain: ProcessingChain) -> list[list[Array]]:
     count = int(np.searchsorted(explained, SHARE)) + 1
     signals = [_scaled(model, basis, slow) for model, basis in zip(done.models, bases, strict=True)]
     return [
-        [
-            np.einsum("tsc,sc->tc", signal, (factor[6 * k : 6 * k + 6] @ sizes).T)
-            for k, signal in enumerate(signals)
-        ]
-        for sizes in (vectors[:, n].reshape(whole.shape[:2]) for n in order[:count])
+        (
+            vectors[:, n],
+            [
+                np.einsum("tsc,sc->tc", signal, (factor[6 * k : 6 * k + 6] @ sizes).T)
+                for k, signal in enumerate(signals)
+            ],
+        )
+        for n, sizes in ((n, vectors[:, n].reshape(whole.shape[:2])) for n in order[:count])
     ]
 
 

@@ -5,12 +5,11 @@ from typing import get_args
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from pipeline.budgets.explanation import FORMAT_VERSION, Explanation
 from pipeline.budgets.measurement import study_covariances, what_is_missing
 from pipeline.budgets.words import GROUPS
-from pipeline.explain.budget import Budget, CauseUncertainty, RmsUncertainty
+from pipeline.explain.budget import Budget, RmsUncertainty
 from pipeline.explain.cause import SHARED_WITHIN, CauseGroup
 from pipeline.explain.other_trials import SHARED
 from pipeline.trial.residuals import AXES
@@ -19,9 +18,17 @@ DOCS = Path(__file__).parents[3] / "docs"
 NONE = np.full(6, np.nan)
 
 
-def uncertainty(change, square=0.0, noise=0.0, group="delay", compensated=False):
-    cause = CauseUncertainty("late", group, np.full(6, change), np.full(6, square))
-    return RmsUncertainty(compensated, NONE, NONE, NONE, np.full(6, noise), (cause,))
+def uncertainty(*draws, compensated=False):
+    """With draws of the RMS, the same on all axes."""
+    return RmsUncertainty(
+        compensated=compensated,
+        rms=NONE,
+        mean=NONE,
+        deviation=NONE,
+        of_noise=NONE,
+        causes=(),
+        draws=np.repeat(np.array(draws, float)[:, None], 6, axis=1),
+    )
 
 
 def explanation(*values, of_window=()):
@@ -58,39 +65,34 @@ def covariance(first, second):
     return found["Mz"].to_numpy()
 
 
-def test_a_cause_its_square_and_noise_add_up_as_squares_and_the_shared_ones_covary():
-    found = covariance(*(explanation(uncertainty(c, 4.0, 12.0)) for c in (3.0, -3.0)))
-    np.testing.assert_allclose(found, [[169, 7], [7, 169]])  # 9 + 16 + 144; -9 + 16
-
-
-@pytest.mark.parametrize(("group", "together"), [("zero", 0), ("inertia", 9), ("place", 9)])
-def test_groups_are_shared_as_stated(group, together):
-    found = covariance(*(explanation(uncertainty(3.0, group=group)) for _ in TRIALS))
-    np.testing.assert_allclose(found, [[9, together], [together, 9]])
+def test_residuals_of_two_trials_vary_together_as_their_draws_do():
+    first, second = (9.0, 11.0, 13.0, 7.0), (1.0, 4.0, 4.0, -1.0)
+    found = covariance(explanation(uncertainty(*first)), explanation(uncertainty(*second)))
+    np.testing.assert_allclose(found, np.cov(first, second))
 
 
 def test_the_part_of_the_cycles_that_a_condition_asks_for_goes_before_whole_cycles():
-    part = explanation(uncertainty(1.0), of_window=(uncertainty(5.0),))
-    np.testing.assert_allclose(covariance(part, part), 25.0)
+    part = explanation(uncertainty(1.0, 3.0), of_window=(uncertainty(1.0, 11.0),))
+    np.testing.assert_allclose(covariance(part, part), 50.0)
 
 
 def test_a_part_of_the_cycles_is_not_taken_to_be_as_sure_as_whole_ones():
     residuals = table(TRIALS[0], window="motion")
-    whole = {TRIALS[0]: explanation(uncertainty(1.0))}
+    whole = {TRIALS[0]: explanation(uncertainty(1.0, 3.0))}
     assert study_covariances(whole, residuals) is None
-    part = {TRIALS[0]: explanation(uncertainty(1.0), of_window=(uncertainty(5.0),))}
-    np.testing.assert_allclose(study_covariances(part, residuals)["Fx"], 25.0)
+    part = {TRIALS[0]: explanation(uncertainty(1.0, 3.0), of_window=(uncertainty(1.0, 11.0),))}
+    np.testing.assert_allclose(study_covariances(part, residuals)["Fx"], 50.0)
 
 
 def test_measured_and_compensated_plates_are_values_of_their_own():
-    both = explanation(uncertainty(2.0), uncertainty(7.0, compensated=True))
+    both = explanation(uncertainty(0.0, 2.0), uncertainty(0.0, 6.0, compensated=True))
     found = study_covariances({TRIALS[0]: both}, table(TRIALS[0]))["Fx"]
     assert list(found) == [(*TRIALS[0], False), (*TRIALS[0], True)]
-    np.testing.assert_allclose(found, [[4, 14], [14, 49]])
+    np.testing.assert_allclose(found, [[2, 6], [6, 18]])
 
 
 def test_a_trial_without_explanation_leaves_the_study_without_intervals_and_a_line_says_so():
-    known = {TRIALS[0]: explanation(uncertainty(1.0))}
+    known = {TRIALS[0]: explanation(uncertainty(1.0, 2.0))}
     assert study_covariances(known, table(*TRIALS)) is None
     assert what_is_missing(known, table(*TRIALS)) == (
         "'hbm explain RESULTS' adds intervals of measurement; 1 of 2 trials are explained."
@@ -107,7 +109,7 @@ def test_every_group_with_a_size_is_shared_within_something():
 
 def test_what_trials_of_a_visit_share_is_what_a_check_over_them_takes_from_one_to_another():
     assert {SHARED_WITHIN[group] for group in SHARED} == {"laboratory", "subject"}
-    assert not {"zero", "compensation", "skin"} & SHARED
+    assert not {"zero", "skin", "compensation"} & SHARED
 
 
 def test_the_page_says_how_each_group_is_shared():

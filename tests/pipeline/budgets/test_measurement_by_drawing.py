@@ -44,13 +44,13 @@ def drawn(trials):
         chain, counts = part.chain, part.counts
         linear = linearised(chain, part.causes, left_by_filter(chain), part.series)
         square = np.zeros((DRAWS, 6))
-        own = [
-            sizes.setdefault(
-                (cause.name, name if SHARED_WITHIN[cause.group] == "trial" else ""),
-                cause.prior.size * rng.standard_normal(DRAWS),
-            )
-            for cause in part.causes
-        ]
+        own = []
+        for cause in part.causes:
+            many = (DRAWS,) if cause.along is None else (DRAWS, len(cause.along))
+            of = name if SHARED_WITHIN[cause.group] == "trial" else ""
+            key = (cause.name, of) if cause.along is None else many
+            size = sizes.setdefault(key, rng.standard_normal(many))
+            own.append(cause.prior.size * (size if cause.along is None else size @ cause.along))
         frames = np.flatnonzero(counts)
         for frame in frames:
             residual = chain.residual[frame] + np.transpose(own) @ linear.as_measured[:, frame]
@@ -84,5 +84,4 @@ def test_what_two_values_share_cancels_in_their_difference(drawn, covariances):
     expected = (drawn["baseline"] - drawn["pitch"]).std(axis=0)
     independent = np.hypot(*(values.std(axis=0) for values in drawn.values()))
     assert (expected < 0.75 * independent).all()
-    assert (known < expected).all(), "products of causes count as the same in both"
-    assert (known > 0.6 * expected).all()
+    np.testing.assert_allclose(known, expected, rtol=0.1)

@@ -10,11 +10,13 @@ from pipeline.config.study import read_study
 from pipeline.explain.cause import Cause
 from pipeline.explain.explain import explained_part
 from pipeline.explain.intervals import Intervals
+from pipeline.explain.priors import priors
 from pipeline.explain.uncertainty import (
     draw_residuals,
     noise_of_samples,
     rms_uncertainty,
     samples_in_a_frame,
+    shared_sizes,
 )
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
@@ -122,6 +124,48 @@ def test_one_drawn_cause_does_what_its_effect_says(part, kind):
 def _nothing(cause):
     """A cause that takes a draw and does nothing."""
     return Cause("nothing", "zero", cause.prior, lambda chain, size: chain)
+
+
+def cause(group, name="error", along=None):
+    return Cause(name, group, priors()["delay"], lambda chain, size: chain, along=along)
+
+
+@pytest.mark.parametrize(
+    ("group", "alike"),
+    [
+        ("delay", {"another trial", "another subject"}),
+        ("inertia", {"another trial"}),
+        ("zero", set()),
+    ],
+)
+def test_a_size_is_drawn_alike_in_all_that_shares_the_cause(group, alike):
+    own = shared_sizes([cause(group)], "sub01", "walk.c3d", 50)
+    others = {
+        "another trial": shared_sizes([cause(group)], "sub01", "sway.c3d", 50),
+        "another subject": shared_sizes([cause(group)], "sub02", "walk.c3d", 50),
+    }
+    assert {name for name, other in others.items() if (other == own)[:, 0].all()} == alike
+
+
+def test_directions_of_two_trials_covary_as_far_as_they_point_the_same_way():
+    """Combinations of the same errors of a calibration."""
+    first, second = np.array([1.0, 0.0, 0.0]), np.array([0.6, 0.8, 0.0])
+    sizes = [
+        shared_sizes([cause("compensation", name, along)], "s", name, 20_000)[:, 0]
+        for name, along in (("walk", first), ("sway", second))
+    ]
+    np.testing.assert_allclose(np.cov(sizes), [[1.0, 0.6], [0.6, 1.0]], atol=0.03)
+
+
+def test_draws_have_mean_and_deviation_of_the_delta_method(part, effects):
+    usual = np.array([each.prior.size for each in part.causes])[:, None, None] * effects
+    sizes = shared_sizes(part.causes, "sub01", "walk.c3d", 2000)
+    frames = np.flatnonzero(part.counts)
+    noise, samples = noise_of_samples(part.chain), samples_in_a_frame(part.chain)
+    residual = part.chain.residual[frames]
+    found = rms_uncertainty(residual, usual[:, frames], noise, samples, sizes)
+    np.testing.assert_allclose(found.draws.mean(axis=0), found.mean, rtol=0.05)
+    np.testing.assert_allclose(found.draws.std(axis=0), found.deviation, rtol=0.08)
 
 
 def test_bands_hold_two_thirds_of_the_draws(part, effects):

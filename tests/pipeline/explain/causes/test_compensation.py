@@ -37,7 +37,7 @@ def of_gains(chain):
 def test_each_direction_of_the_gains_is_what_other_gains_leave(of_gains):
     done = of_gains.subtracted
     directions = [c for c in compensation_causes(of_gains) if "direction" in c.name]
-    for cause, added in zip(directions, principal_directions(of_gains), strict=True):
+    for cause, (_, added) in zip(directions, principal_directions(of_gains), strict=True):
         wrong = []
         for model, felt, more, wrench in zip(
             done.models, done.felt, added, of_gains.wrenches, strict=True
@@ -97,7 +97,7 @@ def test_what_a_model_leaves_of_a_motion_has_the_variance_that_the_calibration_e
         for model in done.models
     )
     done = replace(done, models=models, felt=(felt, felt), correlation=np.eye(12))
-    added = principal_directions(replace(chain, subtracted=done))
+    added = [each for _, each in principal_directions(replace(chain, subtracted=done))]
     variance = np.sum([each[0] ** 2 for each in added], axis=0)[SETTLED]
     expected = error.variance(felt, 100.0)[SETTLED]
     np.testing.assert_allclose(variance[:, 1], expected[:, 1], rtol=0.08)
