@@ -10,6 +10,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from pipeline.budgets.advice import Mending, most_worth_mending
 from pipeline.budgets.words import (
+    are_apart,
     group_name,
     how_to_tell_apart,
     shares_in_words,
@@ -124,7 +125,7 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
     else:
         yield "Nothing is clearly worth mending: no certain cause makes much of a residual."
     for group in budget.groups:
-        if len(group.groups) > 1:
+        if are_apart(group.groups):
             ways = how_to_tell_apart(group.groups)
             how = f": {'; '.join(ways)}" if ways else ""
             yield f"This trial cannot tell apart {group_name(group.groups)}{how or ' from it'}."

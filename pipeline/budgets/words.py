@@ -7,7 +7,7 @@ from typing import Final
 
 from hbm.spatial import Array
 from pipeline.explain.budget import EstimatedCause
-from pipeline.explain.cause import CauseGroup
+from pipeline.explain.cause import OF_PERSON, CauseGroup
 from pipeline.trial.residuals import AXES
 
 NORMAL_95: Final = 1.96
@@ -95,6 +95,9 @@ GROUPS: Final[Mapping[CauseGroup, GroupWords]] = {
 }
 """By group, those first that are the easiest to find out in another way."""
 
+PERSON: Final = GroupWords("", "body and markers", know=GROUPS["inertia"].know)
+"""Of several groups of `OF_PERSON`."""
+
 SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
     "s": (1000.0, "ms"),
     "m": (1000.0, "mm"),
@@ -111,8 +114,10 @@ def group_name(groups: Sequence[str]) -> str:
     --------
     >>> group_name(["zero", "place", "inertia"])
     "plates' zero, or their place and direction, or body's masses"
+    >>> group_name(["inertia", "markers", "skin", "soft_tissue"])
+    'body and markers'
     """
-    words = [_words(group) for group in groups]
+    words = _apart(groups)
     parts = [words[0].name]
     for before, own in pairwise(words):
         owner = "their" if own.owner and own.owner == before.owner else own.owner
@@ -131,15 +136,22 @@ def how_to_tell_apart(groups: Sequence[str]) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        For all of them but one, the easiest first: what tells their sizes in another way.
+        For all of them but one, the easiest first: what tells their sizes in another way. Body and
+        markers count as one.
 
     Examples
     --------
     >>> how_to_tell_apart(["gain", "zero"])
     ('record 5 s of empty plates before the trial',)
     """
-    known = [words.know for group, words in GROUPS.items() if group in groups and words.know]
-    return tuple(known[: len(groups) - 1])
+    ease = [*GROUPS]
+    apart = _apart(sorted(groups, key=lambda group: ease.index(group)))
+    return tuple([words.know for words in apart if words.know][: len(apart) - 1])
+
+
+def are_apart(groups: Sequence[str]) -> bool:
+    """Tell whether groups that are named together are more than one to their reader."""
+    return len(_apart(groups)) > 1
 
 
 def mending(group: str, cause: str) -> str:
@@ -169,6 +181,18 @@ def shares_in_words(shares: Array) -> str:
     """
     named = [f"{100 * s:z.0f} % of {axis}" for s, axis in zip(shares, AXES, strict=True)]
     return ", ".join(named) + " (negative: they add)" * bool((shares < 0).any())
+
+
+def _apart(groups: Sequence[str]) -> list[GroupWords]:
+    """Give the words of groups, those of the person as one."""
+    person = [group for group in groups if group in OF_PERSON]
+    if len(person) < 2:
+        return [_words(group) for group in groups]
+    return [
+        PERSON if group == person[0] else _words(group)
+        for group in groups
+        if group not in person[1:]
+    ]
 
 
 def _words(group: str) -> GroupWords:

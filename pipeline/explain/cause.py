@@ -26,6 +26,10 @@ CauseGroup = Literal[
 ]
 """Causes whose shares are reported together."""
 
+OF_PERSON: Final[tuple[CauseGroup, ...]] = ("inertia", "soft_tissue", "markers", "skin")
+"""Groups that are always named together: in simulated trials, of which the truth is known, walking
+shows that body or markers are wrong, and takes one for the other (docs/explain.md)."""
+
 SHARED_WITHIN: Final[Mapping[CauseGroup, Level]] = {
     "delay": "laboratory",
     "gain": "laboratory",

@@ -1,6 +1,6 @@
 """Why a trial's residuals are as large as they are: the causes, their sizes and their shares."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,7 +9,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.spatial import Array, Mask
 from pipeline.explain.budget import Budget, EstimatedCause, GroupShare
-from pipeline.explain.cause import Cause
+from pipeline.explain.cause import OF_PERSON, Cause
 from pipeline.explain.causes.body import body_causes
 from pipeline.explain.causes.compensation import compensation_causes
 from pipeline.explain.causes.filtering import left_by_filter
@@ -37,10 +37,6 @@ MIN_CYCLES: Final = 4
 HIGHEST_IN_CUTOFFS: Final = 1.1
 """Frequency up to which sizes are estimated, in cut-offs of the filter: above it soft tissue
 oscillates in ways that no cause describes well, and delays would be taken for them."""
-
-RELATED: Final[Mapping[str, str]] = {"soft_tissue": "inertia", "skin": "markers"}
-"""Groups that are named with another: soft tissue is mass too, and skin displaces markers in the
-course of a gait cycle as their place does throughout."""
 
 
 def explain_trial(
@@ -245,10 +241,10 @@ def _shares(
     names.append("filter")
     every = np.concatenate([effects, left[None]])
     shares = shares_of_groups(residual, every, size, covariance, members)
-    related: dict[str, list[int]] = {}
+    named: dict[str, list[int]] = {}
     for g, name in enumerate(names):
-        related.setdefault(RELATED.get(name, name), []).append(g)
-    together = indistinct(shares, list(related.values()))
+        named.setdefault("person" if name in OF_PERSON else name, []).append(g)
+    together = indistinct(shares, list(named.values()))
     joined = shares.joined(together)
     groups = [
         GroupShare(tuple(names[g] for g in own), share, deviation)

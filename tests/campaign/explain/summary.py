@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from pipeline.explain.explain import RELATED
+from pipeline.explain.cause import OF_PERSON
 from pipeline.io.write import markdown
 from tests.campaign.explain.faults import ALWAYS_THERE
 from tests.campaign.explain.rows import SHARES, SIZES, TOGETHER, Tables
@@ -15,13 +15,12 @@ from tests.campaign.explain.rows import SHARES, SIZES, TOGETHER, Tables
 INSIDE: Final = 1.96
 LARGE: Final = 0.2
 """Share of the mean square of an axis above which a cause should be found first."""
-LARGEST: Final = 0.5
-"""Share above which nothing else can be larger."""
 CLAIMED: Final = 0.1
 """Share above which a group of causes counts as claimed."""
 NOTHING: Final = 0.02
 """Of a usual size: what is smaller counts as absent."""
 USUAL: Final = "as usual"
+PERSON: Final = "body and markers"
 
 
 def summary(tables: Tables) -> str:
@@ -105,33 +104,39 @@ def wrong_prior(sizes: pd.DataFrame) -> Iterator[str]:
 def faults_and_claims(shares: pd.DataFrame, prior: str) -> Iterator[dict[str, object]]:
     """Give every fault that makes a large share of an axis, and the rank of its group there.
 
-    Its group is truly the largest where it makes more than any other that was seeded, and than all
-    that was not: what the person is without it, and what no cause describes.
+    Its group is truly the largest where it makes more than any other. What was not seeded is the
+    person's: other inertias, joints and skin than the model's are in every trial.
     """
     seeded = shares[shares.seeded.notna()]
-    groups = seeded.assign(groups=seeded.groups.replace(dict(RELATED)))
+    groups = seeded.assign(groups=[named(group) for group in seeded.groups])
     truth = groups.groupby(["trial", "axis", "groups"]).true.sum()
     said = shares[(shares.prior == prior) & (shares.groups != "not explained")]
     by_axis = {key: own for key, own in said.groupby(["trial", "axis"])}
-    for fault in shares[shares.seeded.notna() & (shares.true >= LARGE)].itertuples():
+    for fault in groups[groups.true >= LARGE].itertuples():
         own = by_axis[fault.trial, fault.axis].sort_values("share", ascending=False)
-        names = [set(each.split(TOGETHER)) for each in own.groups]
+        names = [{named(group) for group in each.split(TOGETHER)} for each in own.groups]
         rank = next((k for k, each in enumerate(names) if fault.groups in each), len(names))
-        others = [each for each in names[:rank] if not each <= set(ALWAYS_THERE)]
+        others = [each for each in names[:rank] if not each <= {PERSON, *ALWAYS_THERE}]
         share = float(own.share.iloc[rank]) if rank < len(names) else 0.0
-        true = truth[fault.trial, fault.axis]
-        makes = true[RELATED.get(fault.groups, fault.groups)]
+        makes = truth[fault.trial, fault.axis].to_dict()
+        makes[PERSON] = makes.get(PERSON, 0.0) + 1 - sum(makes.values())
         yield {
             "trial": fault.trial,
             "axis": fault.axis,
             "fault": fault.seeded,
+            "instrument": fault.groups != PERSON,
             "true": fault.true,
             "share": share,
             "alone": rank < len(names) and len(names[rank]) == 1,
             "first": rank == 0,
-            "largest": makes >= max(true.max(), 1 - true.sum()),
+            "largest": makes[fault.groups] >= max(makes.values()),
             "first of instruments": not others and rank < len(names),
         }
+
+
+def named(group: str) -> str:
+    """Give the group as which a group is named."""
+    return PERSON if group in OF_PERSON else group
 
 
 def ranks(shares: pd.DataFrame, prior: str) -> pd.DataFrame:
@@ -160,18 +165,20 @@ def first(shares: pd.DataFrame, prior: str) -> Iterator[str]:
     found = pd.DataFrame(list(faults_and_claims(shares, prior)))
     if found.empty:
         return
-    for at_least, own, where in (
-        (LARGE, found, ""),
-        (LARGEST, found[found.true >= LARGEST], ""),
-        (LARGE, found[found.largest], " and is truly the largest"),
+    instruments = found[found.instrument]
+    for own, words in (
+        (found, "a fault"),
+        (found[found.largest], "a fault that is truly the largest"),
+        (instruments, "a fault of an instrument"),
+        (instruments[instruments.largest], "a fault of an instrument that is truly the largest"),
     ):
         most = own.loc[own.groupby(["trial", "fault"]).true.idxmax()] if len(own) else own
         yield (
-            f"right cause first where a fault makes {100 * at_least:.0f} % of an axis or more"
-            f"{where}: {percent(own['first'])} % of {len(own)} axes, in its largest axis "
-            f"{percent(most['first'])} % of {len(most)} faults; among instruments "
-            f"{percent(own['first of instruments'])} % of axes, "
-            f"{percent(most['first of instruments'])} % of faults"
+            f"{words} that makes {100 * LARGE:.0f} % of an axis or more: its group is first in "
+            f"{percent(own['first'])} % of {len(own)} axes, and in {percent(most['first'])} % of "
+            f"{len(most)} faults in their largest axis; first of all instruments in "
+            f"{percent(own['first of instruments'])} % and "
+            f"{percent(most['first of instruments'])} %"
         )
 
 
@@ -179,10 +186,14 @@ def absent(shares: pd.DataFrame, prior: str) -> Iterator[str]:
     """Say how often absent causes are claimed."""
     said = shares[(shares.prior == prior) & shares.absent.astype(str).eq("True")]
     claimed = said.assign(
-        claimed=said.share > CLAIMED, sure=said.share - INSIDE * said.deviation > CLAIMED
+        above=said.share > CLAIMED,
+        claimed=(said.share > CLAIMED) & (said.share > INSIDE * said.deviation),
     )
-    per_trial = claimed.groupby(["trial", "groups"])[["claimed", "sure"]].any()
-    for name, words in (("claimed", "its share"), ("sure", "the low end of its interval")):
+    per_trial = claimed.groupby(["trial", "groups"])[["above", "claimed"]].any()
+    for name, words in (
+        ("above", "a share"),
+        ("claimed", "a share that is not zero by its interval and"),
+    ):
         each = per_trial[name]
         groups = ", ".join(
             f"{group} {percent(own)} % of {len(own)}" for group, own in each.groupby("groups")

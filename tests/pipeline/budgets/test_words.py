@@ -7,9 +7,15 @@ import numpy as np
 import pytest
 
 from pipeline.budgets.advice import MASS, most_worth_mending
-from pipeline.budgets.words import GROUPS, group_name, how_to_tell_apart, size_in_words
+from pipeline.budgets.words import (
+    GROUPS,
+    are_apart,
+    group_name,
+    how_to_tell_apart,
+    size_in_words,
+)
 from pipeline.explain.budget import Budget, EstimatedCause
-from pipeline.explain.cause import CauseGroup
+from pipeline.explain.cause import OF_PERSON, CauseGroup
 
 CAUSE = EstimatedCause("x", "gain", "1", 0.012, 0.001, 0.01, np.ones(6))
 
@@ -26,7 +32,15 @@ def test_groups_of_one_owner_are_named_as_his():
 
 def test_all_but_one_of_the_groups_have_to_be_known_to_tell_them_apart():
     assert len(how_to_tell_apart(["zero", "gain", "inertia"])) == 2
-    assert how_to_tell_apart(["soft_tissue", "skin"]) == ()
+    assert len(how_to_tell_apart(["zero", *OF_PERSON])) == 1
+
+
+def test_body_and_markers_are_one_to_the_reader():
+    assert group_name(["zero", *OF_PERSON]) == "plates' zero, or body and markers"
+    assert group_name(["markers"]) == "joints and markers"
+    assert not are_apart(OF_PERSON)
+    assert are_apart(["gain", *OF_PERSON])
+    assert how_to_tell_apart(OF_PERSON) == ()
 
 
 @pytest.mark.parametrize(
