@@ -144,8 +144,7 @@ def how_to_tell_apart(groups: Sequence[str]) -> tuple[str, ...]:
     >>> how_to_tell_apart(["gain", "zero"])
     ('record 5 s of empty plates before the trial',)
     """
-    ease = [*GROUPS]
-    apart = _apart(sorted(groups, key=lambda group: ease.index(group)))
+    apart = _apart(sorted(groups, key=[str(group) for group in GROUPS].index))
     return tuple([words.know for words in apart if words.know][: len(apart) - 1])
 
 
