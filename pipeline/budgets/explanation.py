@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, Final
 
-import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from pipeline.budgets.advice import Mending, most_worth_mending
@@ -17,7 +16,7 @@ from pipeline.budgets.words import (
     size_in_words,
 )
 from pipeline.explain.budget import Budget
-from pipeline.explain.explain import explain_trial
+from pipeline.explain.explain import MIN_CYCLES, explain_trial
 from pipeline.io.recording import Recording
 from pipeline.io.write import write_text
 from pipeline.trial.ground.laboratory import Laboratory
@@ -129,8 +128,8 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
             ways = how_to_tell_apart(group.groups)
             how = f": {'; '.join(ways)}" if ways else ""
             yield f"This trial cannot tell apart {group_name(group.groups)}{how or ' from it'}."
-    if not np.isnan(budget.held_out).any():
-        yield (
-            "Held-out check: the causes found in one half of the cycles take away of the mean "
-            f"square of the other half {shares_in_words(budget.held_out)}."
-        )
+    of = "cycles" if budget.cycles >= MIN_CYCLES else "frames"
+    yield (
+        f"Held-out check: the causes found in one half of the {of} take away of the mean square of "
+        f"the other half {shares_in_words(budget.held_out)}."
+    )

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from hbm.spatial import Array
-from pipeline.budgets.words import NORMAL_95, group_name, size_in_words
+from pipeline.budgets.words import group_name, size_in_words
 from pipeline.explain.budget import Budget, GroupShare
+from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.residuals import AXES, UNITS
 
 CAPTION: Final = (

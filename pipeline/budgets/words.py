@@ -8,10 +8,8 @@ from typing import Final
 from hbm.spatial import Array
 from pipeline.explain.budget import EstimatedCause
 from pipeline.explain.cause import OF_PERSON, CauseGroup
+from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.residuals import AXES
-
-NORMAL_95: Final = 1.96
-"""Half a 95 % interval of a normal distribution, in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,12 +3,13 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import numpy as np
 from pydantic import Field, PlainSerializer, PlainValidator
 
 from hbm.spatial import Array, Indices, read_only
+from pipeline.explain.shares import NORMAL_95
 from pipeline.trial.residuals import AXES
 from pipeline.trial.summary import StoredNote
 
@@ -50,6 +51,11 @@ ByAxis = Annotated[Array, PlainValidator(_of_axes), PlainSerializer(_by_axis)]
 """Numbers of the six axes, (6,); in JSON they are named."""
 
 
+TOLD: Final = 0.8
+"""Of the deviation before a trial is looked at, to which it has to shrink. What is usually there,
+as soft tissue is, would be certain of a trial that says nothing of it."""
+
+
 @dataclass(frozen=True, slots=True)
 class EstimatedCause:
     """A cause with its size.
@@ -76,8 +82,9 @@ class EstimatedCause:
 
     @property
     def is_certain(self) -> bool:
-        """Whether its 95 % interval excludes zero."""
-        return abs(self.size) > 1.96 * self.deviation
+        """Whether its 95 % interval excludes zero, and the trial tells so, not the usual size."""
+        told = self.deviation < TOLD * self.usual
+        return told and abs(self.size) > NORMAL_95 * self.deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,7 +246,8 @@ class Budget:
         All causes, the one that explains most first.
     held_out
         Share of the mean square of one half of the cycles that causes take away whose sizes are
-        from the other half, (6,); NaN where there are too few.
+        from the other half, (6,); of fewer than four cycles, one half of the frames of each from
+        the other.
     notes
         What could not be told, and why.
     uncertainty

@@ -33,7 +33,8 @@ from pipeline.trial.validity import settling_s
 MAX_FRAMES: Final = 6000
 """Of a long trial, a minute of which tells as much."""
 MIN_CYCLES: Final = 4
-"""For telling what repeats from what does not, and for judging half of them by the others."""
+"""For telling what repeats from what does not, and for judging half of them by the others; of fewer
+one half of the frames judges the other."""
 HIGHEST_IN_CUTOFFS: Final = 1.1
 """Frequency up to which sizes are estimated, in cut-offs of the filter: above it soft tissue
 oscillates in ways that no cause describes well, and delays would be taken for them."""
@@ -119,7 +120,7 @@ def explain_trial(
         groups=groups,
         unexplained=unexplained,
         causes=tuple(sorted(estimated, key=lambda each: float((each.left / whole).min()))),
-        held_out=_held_out(chain.residual - left, linear.effects, causes, series),
+        held_out=_held_out(chain.residual - left, linear.effects, causes, part.halves),
         notes=tuple(_notes(part)),
         uncertainty=uncertain,
         of_window=intervals.of_window(result),
@@ -143,12 +144,15 @@ class ExplainedPart:
         Its gait cycles; a single stretch where there are none.
     found_cycles
         How many cycles there are; 0 for a stretch of the recording.
+    to_hz
+        Frequency up to which sizes are estimated [Hz].
     """
 
     chain: ProcessingChain
     causes: tuple[Cause, ...]
     series: CycleSeries
     found_cycles: int
+    to_hz: float
 
     @property
     def counts(self) -> Mask:
@@ -157,6 +161,22 @@ class ExplainedPart:
         for cycle in self.series.frames:
             result[cycle] = True
         return result
+
+    @property
+    def halves(self) -> tuple[CycleSeries, CycleSeries]:
+        """Both halves of the cycles; of fewer than four, of the frames of each."""
+        if len(self.series) >= MIN_CYCLES:
+            middle = len(self.series) // 2
+            return self.series.some(slice(middle)), self.series.some(slice(middle, None))
+        bounds = [
+            np.linspace(*self.chain.time[[own.start, own.stop - 1]], 3)
+            for own in self.series.frames
+        ]
+        first, second = (
+            cycle_series(self.chain.time, [own[half : half + 2] for own in bounds], self.to_hz)
+            for half in (0, 1)
+        )
+        return first, second
 
 
 def explained_part(
@@ -176,7 +196,7 @@ def explained_part(
         *marker_causes(chain, spans[inside]),
         *soft_tissue_causes(chain),
     )
-    return ExplainedPart(chain, causes, series, found)
+    return ExplainedPart(chain, causes, series, found, to_hz)
 
 
 def _notes(part: ExplainedPart) -> Iterator[Note]:
@@ -254,13 +274,12 @@ def _shares(
 
 
 def _held_out(
-    residual: Array, effects: Array, causes: Sequence[Cause], series: CycleSeries
+    residual: Array,
+    effects: Array,
+    causes: Sequence[Cause],
+    halves: tuple[CycleSeries, CycleSeries],
 ) -> Array:
     """Give the share of one half's mean square that causes found in the other half take away."""
-    if len(series) < MIN_CYCLES:
-        return np.full(6, np.nan)
-    middle = len(series) // 2
-    halves = series.some(slice(middle)), series.some(slice(middle, None))
     before, after = np.zeros(6), np.zeros(6)
     for own, other in (halves, halves[::-1]):
         size = sizes_from_cycles(residual, effects, causes, own).size

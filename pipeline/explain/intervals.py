@@ -10,6 +10,7 @@ from hbm.spatial import Array, Indices
 from pipeline.explain.budget import Bands, CauseUncertainty, CycleRms, Drawn, RmsUncertainty
 from pipeline.explain.cause import Cause
 from pipeline.explain.processing_chain import ProcessingChain
+from pipeline.explain.shares import NORMAL_95
 from pipeline.explain.uncertainty import (
     draw_residuals,
     noise_of_samples,
@@ -20,8 +21,6 @@ from pipeline.explain.uncertainty import (
 from pipeline.trial.residuals import counted, reported
 from pipeline.trial.result import TrialResult
 
-NORMAL_95: Final = 1.96
-"""Half of a 95 % interval, in standard deviations."""
 DRAWS: Final = 1000
 """Of what trials share: a standard deviation is then sure to 2 %."""
 DECIMALS: Final = 3

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from hbm.spatial import Array
 from pipeline.explain.budget import Bands
-from pipeline.explain.intervals import NORMAL_95
+from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.residuals import label_panels
 from pipeline.figures.style import BAND_OPACITY, COLOURS, STYLE
 from pipeline.trial.gait.cycles import mean_and_sd, normalise

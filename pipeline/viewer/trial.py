@@ -13,7 +13,7 @@ from hbm.markers import Markers
 from hbm.poses import segment_frames
 from hbm.spatial import Array
 from pipeline.explain.budget import Bands
-from pipeline.explain.intervals import NORMAL_95
+from pipeline.explain.shares import NORMAL_95
 from pipeline.figures.residuals import residual_figure
 from pipeline.figures.style import COLOURS
 from pipeline.trial.gait.cycles import mean_and_sd, normalise

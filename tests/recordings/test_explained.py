@@ -9,6 +9,7 @@ from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.explain.causes.filtering import left_by_filter
 from pipeline.explain.explain import explain_trial, explained_part
 from pipeline.explain.linearised import linearised, rms
+from pipeline.io.opensim.trc import read_trc
 from pipeline.io.opensim.trial import read_opensim_trial
 from pipeline.trial.ground.laboratory import Laboratory
 from tests.recordings.test_generated_walk import (
@@ -69,3 +70,24 @@ def test_masses_of_a_generated_walk_are_found_by_how_much_they_are_wrong(
     name = {"foot": "feet"}.get(segment, f"{segment}s")
     found = next(cause for cause in budget.causes if cause.name == f"{name}: mass")
     assert abs(found.size - wrong) < 1.96 * found.deviation
+
+
+def test_causes_found_in_half_of_the_frames_of_one_gait_cycle_hold_in_the_other(shared_data):
+    """Of the vertical force and the moments; half a cycle of walking over two plates does not tell
+    what the horizontal forces of the other half are made of."""
+    folder = shared_data / "opensim_subject01"
+    axes = "forward,up,right"
+    walk = read_opensim_trial(
+        folder / "subject01_walk1.trc", folder / "subject01_walk1_grf.mot", axes
+    )
+    text = (MARKER_SETS / "gait2354.toml").read_text(encoding="utf-8")
+    result = pipeline.process_recording(
+        walk,
+        Subject(mass_kg=72.6),
+        Settings(),
+        static=read_trc(folder / "subject01_static.trc", axes),
+        marker_set=read_marker_set(text, "gait2354"),
+    )
+    budget = explain_trial(walk, STILL, result)
+    assert (budget.cycles, [note.code for note in budget.notes]) == (1, ["explained_few_cycles"])
+    assert (budget.held_out[2:] > 0.4).all()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Treadmill
+from pipeline.explain.budget import EstimatedCause
 from pipeline.explain.causes.filtering import left_by_filter
 from pipeline.explain.explain import explain_trial
 from pipeline.trial.ground.laboratory import Laboratory
@@ -56,6 +57,16 @@ def test_a_planted_fault_is_found(faulty, name, true):
 def test_causes_found_in_one_half_of_the_cycles_take_the_others_residual_away(faulty):
     assert faulty.held_out[0] > 0.8
     assert faulty.held_out[1] > 0.8
+
+
+@pytest.mark.parametrize(
+    ("size", "deviation", "certain"),
+    [(5.0, 2.0, True), (3.0, 2.0, False), (-5.0, 2.0, True), (8.0, 3.0, False)],
+)
+def test_a_cause_is_certain_if_it_cannot_be_zero_and_the_trial_tells_so(size, deviation, certain):
+    """Of 3 N usually, a deviation of 3 N after the trial says that it told nothing."""
+    cause = EstimatedCause("x", "zero", "N", size, deviation, 3.0, np.ones(6))
+    assert cause.is_certain == certain
 
 
 def test_a_delay_comes_first_where_it_makes_most_of_the_residual(faulty):
