@@ -168,12 +168,10 @@ class ExplainedPart:
         if len(self.series) >= MIN_CYCLES:
             middle = len(self.series) // 2
             return self.series.some(slice(middle)), self.series.some(slice(middle, None))
-        bounds = [
-            np.linspace(*self.chain.time[[own.start, own.stop - 1]], 3)
-            for own in self.series.frames
-        ]
+        time, frames = self.chain.time, self.series.frames
+        bounds = [np.linspace(time[own.start], time[own.stop - 1], 3) for own in frames]
         first, second = (
-            cycle_series(self.chain.time, [own[half : half + 2] for own in bounds], self.to_hz)
+            cycle_series(time, [(own[half], own[half + 1]) for own in bounds], self.to_hz)
             for half in (0, 1)
         )
         return first, second
