@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
+from pipeline.explain.budget import TOLD
 from pipeline.explain.cause import OF_PERSON
 from pipeline.io.write import markdown
 from tests.campaign.explain.faults import ALWAYS_THERE
@@ -80,8 +81,11 @@ def overall(sizes: pd.DataFrame, title: str) -> Iterator[str]:
     """Give the coverage of all intervals."""
     seeded = ~np.isclose(sizes.true, 0, atol=NOTHING * sizes.usual)
     instruments = ~sizes.group.isin(ALWAYS_THERE)
+    told = sizes.deviation < TOLD * sizes.usual
     for name, chosen in (
         ("sizes of seeded faults of instruments", seeded & instruments),
+        ("of these, sizes that the trial tells of", seeded & instruments & told),
+        ("of these, sizes that it does not tell of", seeded & instruments & ~told),
         ("sizes of faults that are absent", ~seeded),
         ("sizes of the body", seeded & ~instruments),
         ("all", seeded | True),
