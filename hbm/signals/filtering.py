@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
 from hbm.signals.quintic_spline import spline_derivatives
+from hbm.signals.realtime_filter import longest_step_s
 from hbm.signals.samples import (
     blocks_without_gaps,
     extended,
@@ -111,7 +112,8 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
 
     Deviations from the original
     ----------------------------
-    - The original restarts where time runs backwards; here that is an error.
+    - The original restarts where time runs backwards; here that is an error. In real time a step
+      longer than a quarter of the cut-off's period (42 ms at 6 Hz) is a gap.
     - The original's off-line variant runs backward first and is not pre-warped; here forward
       first, and pre-warped, which makes the −3 dB frequency exact.
     - Both restart after a gap.
@@ -201,15 +203,15 @@ def _filtered(
             f"cut-off must lie between 0 and half the sampling rate ({rate_hz / 2:g} Hz), "
             f"got {cutoff_hz:g} Hz"
         )
-    needed = 2
+    needed, shortest = 2, 1
     if method != "realtime":
-        needed = int(np.ceil(rate_hz / cutoff_hz))
+        needed = shortest = int(np.ceil(rate_hz / cutoff_hz))
         require_equal_steps(time)
     require_length(time, needed)
 
     columns = signal.reshape(len(time), -1)
     results = np.full((outputs, *columns.shape), np.nan)
-    for rows, sharing in blocks_without_gaps(columns, needed):
+    for rows, sharing in blocks_without_gaps(columns, shortest):
         parts = kernels[method](columns[rows, sharing], time[rows], cutoff_hz)
         for result, part in zip(results, parts, strict=True):
             result[rows, sharing] = part
@@ -218,6 +220,14 @@ def _filtered(
 
 def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
     """Filter (T, K) samples causally; the signal's first value is the state of rest."""
+    gaps = np.flatnonzero(np.diff(time) > longest_step_s(cutoff_hz)) + 1
+    if len(gaps):
+        parts = zip(np.split(signal, gaps), np.split(time, gaps), strict=True)
+        filtered = [_realtime(own, own_time, cutoff_hz) for own, own_time in parts]
+        value, velocity, acceleration = map(np.concatenate, zip(*filtered, strict=True))
+        return value, velocity, acceleration
+    if len(time) == 1:
+        return signal, np.zeros_like(signal), np.zeros_like(signal)
     omega, step = 2 * np.pi * cutoff_hz, np.diff(time)[:, None]
     start, relative = signal[0], signal - signal[0]
     if np.ptp(step) <= EQUAL_STEPS_TOLERANCE * np.mean(step):

@@ -1,0 +1,139 @@
+"""Signals at other times by cubic convolution: a weighted mean over a short, symmetric reach.
+
+What arrives while it is measured can be resampled by it: a value is known once the samples within
+its reach have arrived, and no later sample changes it. Times of samples need not be equal steps.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from hbm.spatial import Array, Indices
+
+REACH_STEPS: Final = 2
+"""To either side, in steps of the slower one of the two clocks."""
+MAX_LOST_SAMPLES: Final = 2.5
+"""Longest step between samples within the reach, in steps of their own; a longer one is a gap."""
+MAX_GAP_STEPS: Final = 1.5
+"""The same in steps of the slower clock: over a longer one the weights nearly cancel."""
+SMALLEST_WEIGHT: Final = 1e-9
+"""Below it there is no sample, or no second one that would show a slope."""
+INSTANTS_AT_ONCE: Final = 4000
+"""Bounds the memory for samples within reach."""
+
+
+@dataclass(frozen=True, slots=True)
+class Convolution:
+    """How samples at one rate are brought to instants at another.
+
+    Attributes
+    ----------
+    step_s
+        Of the samples [s].
+    scale_s
+        Step of the slower one of the two clocks [s].
+
+    Notes
+    -----
+    The value at t is the mean of the samples with the weights ``h((t_k − t) / scale)``, h the cubic
+    convolution kernel (Keys 1981, IEEE Trans Acoust Speech Signal Process 29:1153), plus what makes
+    it reproduce straight lines whatever the steps. At equal rates it interpolates, and quadratic
+    functions are reproduced; from a faster clock it passes 6 Hz to 0.03 % and 10 Hz to 0.2 % at
+    100 Hz, and what would alias to below 6 Hz is 65 dB down. It delays nothing, and needs the
+    samples of two steps (20 ms at 100 Hz) to either side.
+
+    Examples
+    --------
+    >>> resampling = Convolution.between(1000.0, 100.0)
+    >>> resampling.reach_s
+    0.02
+    >>> time = np.arange(0, 1, 0.001)
+    >>> at = np.array([0.5, 0.51])
+    >>> resampling.evaluate(time, np.sin(2 * np.pi * time)[:, None], at).round(4).ravel()
+    array([ 0.    , -0.0628])
+    """
+
+    step_s: float
+    scale_s: float
+
+    @classmethod
+    def between(cls, rate_hz: float, new_rate_hz: float) -> "Convolution":
+        """Give what brings samples at one rate to another.
+
+        Rates [Hz] are rounded to whole ones, so that the weights do not depend on how long a
+        recording was when its rate was measured, nor on the drift of a clock.
+        """
+        step_s, new_step_s = (1 / max(round(rate), 1) for rate in (rate_hz, new_rate_hz))
+        return cls(step_s, max(step_s, new_step_s))
+
+    @property
+    def reach_s(self) -> float:
+        """How far samples count to either side [s]."""
+        return REACH_STEPS * self.scale_s
+
+    def evaluate(self, time: Array, values: Array, at: Array) -> Array:
+        """Give a signal at some instants.
+
+        Parameters
+        ----------
+        time
+            Sample times, (N,) [s], increasing.
+        values
+            Samples, (N, K); NaN where missing.
+        at
+            Wanted instants, (T,) [s].
+
+        Returns
+        -------
+        Array
+            (T, K); NaN where a sample within reach is NaN, where the samples leave a gap, and where
+            they end before the reach does.
+        """
+        result = np.empty((len(at), values.shape[1]))
+        for first in range(0, len(at), INSTANTS_AT_ONCE):
+            block = slice(first, first + INSTANTS_AT_ONCE)
+            result[block] = self._evaluate(time, values, at[block])
+        return result
+
+    def _evaluate(self, time: Array, values: Array, at: Array) -> Array:
+        start = np.searchsorted(time, at - self.reach_s, side="right")
+        stop = np.searchsorted(time, at + self.reach_s, side="left")
+        count = int((stop - start).max(initial=0))
+        if not count:
+            return np.full((len(at), values.shape[1]), np.nan)
+        if count == stop[0] - start[0] and len(at) == 1:  # one instant, as it is measured
+            near, of_samples = time[None, start[0] : stop[0]], values[None, start[0] : stop[0]]
+            inside: Array | bool = True
+        else:
+            index: Indices = start[:, None] + np.arange(count)
+            inside = index < stop[:, None]
+            index = np.minimum(index, len(time) - 1)
+            near, of_samples = time[index], values[index]
+            of_samples = np.where(inside[..., None], of_samples, 0.0)
+        weights, known = self._weights(near - at[:, None], inside)
+        result = (weights[:, None, :] @ of_samples)[:, 0]
+        result[~known] = np.nan
+        return np.asarray(result)
+
+    def _weights(self, later: Array, inside: Array | bool) -> tuple[Array, Array]:
+        """Give the weights of samples, (T, n), by how much later they are, and which are known."""
+        reach_s = self.reach_s
+        longest_s = min(MAX_LOST_SAMPLES * self.step_s, MAX_GAP_STEPS * self.scale_s)
+        placed = np.where(inside, later, reach_s)
+        ends = np.full((len(later), 1), reach_s)
+        steps = np.diff(np.concatenate([-ends, placed, ends], axis=1), axis=1)
+        known = steps.max(axis=1) <= longest_s
+        u = np.abs(later) / self.scale_s
+        cubic = np.where(u < 1, (1.5 * u - 2.5) * u * u + 1, ((-0.5 * u + 2.5) * u - 4) * u + 2)
+        weights = np.where(inside, cubic, 0.0)
+        total = weights.sum(axis=1, keepdims=True)
+        total[~known] = 1.0
+        weights /= total
+        near = np.where(inside, (1 - (u / REACH_STEPS) ** 2) ** 2, 0.0)
+        total = np.maximum(near.sum(axis=1, keepdims=True), SMALLEST_WEIGHT)
+        tilt = near * (later - (near * later).sum(axis=1, keepdims=True) / total)
+        moment, arm = ((x * later).sum(axis=1, keepdims=True) for x in (weights, tilt))
+        several = arm > SMALLEST_WEIGHT * self.scale_s**2
+        weights -= tilt * np.divide(moment, arm, out=np.zeros_like(moment), where=several)
+        return weights, known
