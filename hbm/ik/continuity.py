@@ -66,6 +66,19 @@ def continuous(q: Array) -> Array:
     return result
 
 
+def nearest_equivalent(q: Array, before: Array) -> Array:
+    """Give the equivalent coordinates of a pose, (46,), that are nearest to those before, (46,)."""
+    result = q.copy()
+    for i in BALL_JOINTS:
+        joint, last = slice(i, i + 3), before[i : i + 3]
+        sets = np.array([q[joint], _other_set(q[joint])])
+        apart = np.square(_within_half_turn(sets - last)).sum(axis=1)
+        result[joint] = sets[int(apart.argmin())]
+    turns = list(ROTATIONS)
+    result[turns] = before[turns] + _within_half_turn(result[turns] - before[turns])
+    return result
+
+
 def _continuous_joint(angles: Array) -> Array:
     """Give a joint's three angles, (F, 3), in the set that is nearer to the frame before."""
     first = _within_half_turn(angles)

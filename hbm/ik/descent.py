@@ -9,9 +9,9 @@ far, so that it slows the directions that markers hardly show and no others.
 """
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -168,7 +168,7 @@ def solve_frames(
     return solved
 
 
-class _Problem(ctypes.Structure):
+class DescentProblem(ctypes.Structure):
     """The structure ``problem`` of ``descent.c``, field by field."""
 
     _fields_: ClassVar = [
@@ -199,37 +199,65 @@ def _compiled(
 ) -> Solved:
     """Hand blocks of frames to the compiled descent."""
     solved = Solved.empty(len(rows), len(attachment.segment))
-    fixed = {name: getattr(attachment, name).ctypes.data for name in MarkerAttachment.__slots__}
-    per_frame = {"row": rows, "start": start, "prior": prior, "reference": reference}
+    per_frame: dict[str, Any] = {
+        "row": rows,
+        "start": start,
+        "prior": prior,
+        "reference": reference,
+    }
     per_frame |= {name: getattr(solved, name) for name in Solved.__slots__}
 
     def solve_block(first: int, last: int) -> None:
-        pointers = {name: x.ctypes.data + first * x.strides[0] for name, x in per_frame.items()}
-        problem = _Problem(
-            frames=last - first,
-            markers=len(attachment.segment),
-            measured=attachment.position.shape[1],
-            prior_stride=prior.strides[0] // prior.itemsize,
-            reference_stride=reference.strides[0] // reference.itemsize,
-            max_iterations=MAX_ITERATIONS,
-            tolerance=tolerance,
-            damping=DAMPING,
-            max_step=MAX_STEP,
-            near_optimum=NEAR_OPTIMUM,
-            relative_rise=MAX_RELATIVE_RISE,
-            absolute_rise=MAX_ABSOLUTE_RISE,
-            damping_factor=DAMPING_FACTOR,
-            damping_divisor=DAMPING_DIVISOR,
-            negligible_damping=NEGLIGIBLE_DAMPING,
-            negligible_gain=NEGLIGIBLE_GAIN,
-            saddle=-MAX_SADDLE_CURVATURE,
-            **fixed,
-            **pointers,
-        )
-        call(ctypes.byref(problem))
+        call(ctypes.byref(descent_problem(attachment, per_frame, tolerance, first, last)))
 
     in_threads(solve_block, len(rows), jobs)
     return solved
+
+
+def descent_problem(
+    attachment: MarkerAttachment,
+    per_frame: Mapping[str, Any],
+    tolerance: float,
+    first: int,
+    last: int,
+) -> DescentProblem:
+    """Give a block of frames to ``descent.c``; the arrays must live as long as it.
+
+    Parameters
+    ----------
+    attachment
+        Markers on the skeleton.
+    per_frame
+        ``row``, ``start``, ``prior``, ``reference`` and the fields of `Solved`, (F, …).
+    tolerance
+        Largest last step [rad or m].
+    first, last
+        First frame of the block, and the one after its last.
+    """
+    fixed = {name: getattr(attachment, name).ctypes.data for name in MarkerAttachment.__slots__}
+    pointers = {name: x.ctypes.data + first * x.strides[0] for name, x in per_frame.items()}
+    prior, reference = per_frame["prior"], per_frame["reference"]
+    return DescentProblem(
+        frames=last - first,
+        markers=len(attachment.segment),
+        measured=attachment.position.shape[1],
+        prior_stride=prior.strides[0] // prior.itemsize,
+        reference_stride=reference.strides[0] // reference.itemsize,
+        max_iterations=MAX_ITERATIONS,
+        tolerance=tolerance,
+        damping=DAMPING,
+        max_step=MAX_STEP,
+        near_optimum=NEAR_OPTIMUM,
+        relative_rise=MAX_RELATIVE_RISE,
+        absolute_rise=MAX_ABSOLUTE_RISE,
+        damping_factor=DAMPING_FACTOR,
+        damping_divisor=DAMPING_DIVISOR,
+        negligible_damping=NEGLIGIBLE_DAMPING,
+        negligible_gain=NEGLIGIBLE_GAIN,
+        saddle=-MAX_SADDLE_CURVATURE,
+        **fixed,
+        **pointers,
+    )
 
 
 def _interpreted(

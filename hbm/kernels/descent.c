@@ -10,7 +10,7 @@
 
 /* Markers attached to a skeleton, where they were measured, and frames to solve. `row` is the row of
  * each frame in the measured markers; a prior or reference that is the same for all frames has a
- * stride of 0. The fields are those of `hbm.ik.descent._Problem`, in the same order. */
+ * stride of 0. The fields are those of `hbm.ik.descent.DescentProblem`, in the same order. */
 typedef struct {
   long long frames, markers, measured, prior_stride, reference_stride;
   long long max_iterations;

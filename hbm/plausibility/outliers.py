@@ -63,7 +63,7 @@ def solve_without_outliers(
         position[:, columns] = np.where(outliers[..., None], np.nan, position[:, columns])
         solved = Markers(markers.time, markers.names, position)
         motion = solve_ik(body, solved, jobs=jobs)
-    return solved, motion, _notes(markers, solved)
+    return solved, motion, outlier_notes(markers, solved)
 
 
 def outlying_samples(body: Body, motion: Motion) -> Mask:
@@ -121,7 +121,8 @@ def _median(error: Array) -> Array:
     return result
 
 
-def _notes(before: Markers, after: Markers) -> tuple[Note, ...]:
+def outlier_notes(before: Markers, after: Markers) -> tuple[Note, ...]:
+    """Say how many positions of which markers were left out of a trial, if any were."""
     gone = np.isnan(after.position[..., 0]) & ~np.isnan(before.position[..., 0])
     if not gone.any():
         return ()

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array, Indices
+from hbm.spatial import Array, Indices, Mask
 
 REACH_STEPS: Final = 2
 """To either side, in steps of the slower one of the two clocks."""
@@ -104,7 +104,7 @@ class Convolution:
             return np.full((len(at), values.shape[1]), np.nan)
         if count == stop[0] - start[0] and len(at) == 1:  # one instant, as it is measured
             near, of_samples = time[None, start[0] : stop[0]], values[None, start[0] : stop[0]]
-            inside: Array | bool = True
+            inside = np.ones(near.shape, bool)
         else:
             index: Indices = start[:, None] + np.arange(count)
             inside = index < stop[:, None]
@@ -116,7 +116,7 @@ class Convolution:
         result[~known] = np.nan
         return np.asarray(result)
 
-    def _weights(self, later: Array, inside: Array | bool) -> tuple[Array, Array]:
+    def _weights(self, later: Array, inside: Mask) -> tuple[Array, Mask]:
         """Give the weights of samples, (T, n), by how much later they are, and which are known."""
         reach_s = self.reach_s
         longest_s = min(MAX_LOST_SAMPLES * self.step_s, MAX_GAP_STEPS * self.scale_s)

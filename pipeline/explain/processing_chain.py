@@ -11,8 +11,6 @@ from compensation import PlatformPose, to_lab
 from hbm.engines.choice import choose_engine
 from hbm.markers import Markers
 from hbm.model import Body
-from hbm.plausibility.outliers import solve_without_outliers
-from hbm.plausibility.repeated_positions import without_frozen_frames
 from hbm.signals.filtering import Filtered, butterworth, low_pass
 from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.config.schema import Settings
@@ -21,6 +19,7 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
+from pipeline.trial.motion import solve_motion
 from pipeline.trial.result import TrialResult
 
 COMPUTED_FROM: Final[Mapping[str, frozenset[str]]] = {
@@ -220,12 +219,17 @@ def processing_chain(
     frames = frames or slice(None)
     recording = with_corrected_plates(recording, laboratory.plates)
     body, settings, time = result.body, result.settings, result.motion.time[frames]
-    unfrozen = without_frozen_frames(recording.markers, body.markers)
-    cut = Markers(unfrozen.time[frames], unfrozen.names, unfrozen.position[frames])
-    markers, unfiltered, _ = solve_without_outliers(body, cut, 1)
+    whole = recording.markers
+    cut = Markers(whole.time[frames], whole.names, whole.position[frames])
+    markers, unfiltered, _ = solve_motion(body, cut, settings.filter, 1)
     # of the whole trial: neutral is where the platform is at its start
     ground = ground_wrenches(
-        recording, laboratory, result.motion.time, settings.plate_delay_s, settings.cutoff_hz
+        recording,
+        laboratory,
+        result.motion.time,
+        settings.plate_delay_s,
+        settings.cutoff_hz,
+        settings.filter,
     )
     in_lab = [wrench[frames] for wrench in ground.variants[ground.best]]
     pose = ground.pose

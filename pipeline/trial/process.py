@@ -11,8 +11,6 @@ from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
-from hbm.plausibility.outliers import solve_without_outliers
-from hbm.plausibility.repeated_positions import without_frozen_frames
 from hbm.signals.filtering import low_pass
 from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.config.schema import (
@@ -47,6 +45,7 @@ from pipeline.trial.ground.loads import plate_loads
 from pipeline.trial.ground.uncertainty import standard_deviation, uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches
 from pipeline.trial.marker_check import check_markers
+from pipeline.trial.motion import solve_motion
 from pipeline.trial.motion_check import check_motion, known_frames, shown_frames
 from pipeline.trial.plate_check import check_plates
 from pipeline.trial.result import CompensationUncertainty, PlateSurface, TrialResult
@@ -148,13 +147,18 @@ def process_recording(
         hip_trial=hip_trial,
         segments=segments,
     )
-    markers, unfiltered, outlier_notes = solve_without_outliers(
-        body, without_frozen_frames(recording.markers, body.markers), jobs
+    markers, unfiltered, outlier_notes = solve_motion(
+        body, recording.markers, settings.filter, jobs
     )
     motion = filter_motion(unfiltered, cutoff=settings.cutoff_hz, method=settings.filter)
 
     ground = ground_wrenches(
-        recording, laboratory, motion.time, settings.plate_delay_s, settings.cutoff_hz
+        recording,
+        laboratory,
+        motion.time,
+        settings.plate_delay_s,
+        settings.cutoff_hz,
+        settings.filter,
     )
     best, feet = ground.variants[ground.best], feet_of(body, unfiltered)
     under_feet = share_between_feet(
@@ -164,6 +168,7 @@ def process_recording(
         settings.contact_threshold_n,
         numbers=[plate.number for plate in recording.plates],
         stated=contacts,
+        method=settings.filter,
     )
     shared = {
         variant: under_feet.with_wrenches(plates) for variant, plates in ground.variants.items()
@@ -385,8 +390,16 @@ def _agreement(
 
 
 def _filtered(by_foot: Mapping[str, Array], motion: Motion, settings: Settings) -> dict[str, Array]:
-    """Pass the wrench under each foot through the filter of the motion."""
+    """Pass the wrench under each foot through the filter of the motion.
+
+    In real time a gap of one foot is one of both: who carries a plate that is unknown is unknown.
+    """
+    gaps = np.zeros((len(motion.time), 1), bool)
+    if settings.filter == "realtime":
+        gaps = np.isnan(np.hstack([*by_foot.values()])).any(axis=1, keepdims=True)
     return {
-        foot: low_pass(wrench, motion.time, settings.cutoff_hz, settings.filter)
+        foot: low_pass(
+            np.where(gaps, np.nan, wrench), motion.time, settings.cutoff_hz, settings.filter
+        )
         for foot, wrench in by_foot.items()
     }

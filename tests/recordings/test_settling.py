@@ -26,7 +26,7 @@ def test_cropping_treadmill_walking_at_heel_strikes_changes_no_cycle(shared_data
         assert (change < LIMIT).all()
         kept = slice(first, first + len(part.markers.time))
         difference = np.abs(result.measured.residual - whole.measured.residual[kept])
-        assert difference.max() > 20
+        assert np.nanmax(difference) > 20
         assert difference[result.validity.counts].max() < 1
     assert cycles >= 40
 

@@ -6,27 +6,22 @@ from typing import Final, Literal
 
 import numpy as np
 
-from compensation import center_of_pressure
 from hbm.body import Body
 from hbm.coordinates import COORDINATES
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.poses import joint_positions
+from hbm.signals.filtering import Method
 from hbm.signals.samples import median_of, stretches
 from hbm.spatial import Array, Mask
 from pipeline.config.schema import PlateContact
 from pipeline.trial.gait.events import SIDES
+from pipeline.trial.gait.pressure import pressure_beside
 
 Foot = Literal["left_foot", "right_foot"]
 FEET: Final[tuple[Foot, Foot]] = ("left_foot", "right_foot")
 LEGS: Final = ("Hip", "Knee", "Ankle", "Foot", "Toe")
 """Joints of a leg, as the names of their coordinates begin after the side."""
-MIN_DISTANCE_DIFFERENCE_M: Final = 0.1
-"""How much nearer a foot must be: one that swings may pass a shoe's length from the pressure."""
-MAX_PRESSURE_DISTANCE_M: Final = 0.2
-"""Farther from the middle of a foot, ankle to toes, there is no pressure under it."""
-MAX_HEIGHT_DIFFERENCE_M: Final = 0.03
-"""Two feet that both stand are level; one that swings past is not."""
 MIN_STANCE_S: Final = 0.1
 """No foot stands for less: a shorter stretch of pressure near it is noise of a light load."""
 MAX_DOUBTFUL_SHARE: Final = 0.5
@@ -108,6 +103,7 @@ def share_between_feet(
     *,
     numbers: Sequence[int] | None = None,
     stated: Sequence[PlateContact] = (),
+    method: Method = "zero_phase",
 ) -> SharedPlates:
     """Give each plate's wrench to the foot that stood on it.
 
@@ -127,6 +123,8 @@ def share_between_feet(
         Of the plates in the file, which may lack some; by default from 1.
     stated
         Contacts whose foot a person states; they overrule the centre of pressure.
+    method
+        With "realtime" the foot of a frame depends on no later one.
 
     Returns
     -------
@@ -144,18 +142,23 @@ def share_between_feet(
     A loaded frame belongs to the foot whose middle is nearer to the centre of pressure by
     ``MIN_DISTANCE_DIFFERENCE_M`` at least. Within a contact, stretches of one foot that are shorter
     than ``MIN_STANCE_S`` do not count beside longer ones. Of the frames between two stretches,
-    unloaded or undecided, each half belongs to the nearer one's foot. Residuals do not depend on
-    this choice, joint moments do.
+    unloaded or undecided, each half belongs to the nearer one's foot. In real time no stretch is
+    too short, all frames between two belong to the first one's foot, and frames alone are doubtful,
+    not whole contacts. Residuals do not depend on this choice, joint moments do.
     """
     numbers = numbers or range(1, len(wrenches) + 1)
     require_contacts(stated, numbers, time)
     ambiguous, contacts, foot_of_plates = np.zeros(len(feet), bool), list[Contact](), list[Array]()
     for number, wrench in zip(numbers, wrenches, strict=True):
         plate = _Plate(time, wrench, feet, threshold_n)
+        live = method == "realtime"
+        if not live:
+            plate.drop_brief()
         plate.overrule([each for each in stated if each.plate == number])
-        foot_index = plate.foot_of_frames()
+        foot_index = plate.last_foot_of_frames() if live else plate.foot_of_frames()
+        doubtful = plate.uncertain.copy()
         contacts += plate.contacts(number, foot_index)
-        ambiguous |= plate.uncertain
+        ambiguous |= doubtful if live else plate.uncertain
         foot_of_plates.append(foot_index)
     by_foot = _by_foot(wrenches, foot_of_plates)
     return SharedPlates(by_foot, ambiguous, tuple(contacts), tuple(foot_of_plates))
@@ -225,25 +228,18 @@ class _Plate:
     """One plate's load over time, and the foot of each frame as far as it is decided."""
 
     def __init__(self, time: Array, wrench: Array, feet: Array, threshold_n: float) -> None:
-        surface = feet[..., 2].min(axis=1)
-        pressure = center_of_pressure(wrench, threshold_n, surface)[:, :2]
-        distance = np.linalg.norm(feet[..., :2] - pressure[:, None], axis=-1)
-        self.time = time
-        self.loaded: Mask = np.isfinite(distance).all(axis=1)
-        self.distance = np.where(self.loaded[:, None], distance, 0.0)
-        left, right = self.distance.T
-        undecided = np.abs(left - right) < MIN_DISTANCE_DIFFERENCE_M
-        level = np.abs(np.diff(feet[..., 2], axis=1)[:, 0]) < MAX_HEIGHT_DIFFERENCE_M
-        under_none = np.minimum(left, right) > MAX_PRESSURE_DISTANCE_M
-        self.nearer = (right < left).astype(int)
-        self.decided: Mask = self.loaded & ~undecided
-        self.uncertain: Mask = self.loaded & (under_none | (undecided & level))
-        self.stretches = [(int(a), int(b)) for a, b in stretches(self.loaded)]
+        pressure = pressure_beside(wrench, feet, threshold_n)
+        self.time, self.distance, self.nearer = time, pressure.distance, pressure.nearer
+        self.decided: Mask = pressure.decided
+        self.uncertain: Mask = pressure.uncertain
+        self.stretches = [(int(a), int(b)) for a, b in stretches(pressure.loaded)]
+
+    def drop_brief(self) -> None:
+        """Leave brief stretches of one foot undecided beside a longer one of the same contact."""
         for start, stop in self.stretches:
             self._drop_brief(start, stop)
 
     def _drop_brief(self, start: int, stop: int) -> None:
-        """Leave brief stretches of one foot undecided beside a longer one of the same contact."""
         decided = start + np.flatnonzero(self.decided[start:stop])
         if not len(decided):
             return
@@ -298,6 +294,12 @@ class _Plate:
             return np.asarray(self.nearer)
         nearest = known[np.searchsorted((known[1:] + known[:-1]) / 2, np.arange(len(self.time)))]
         return np.asarray(self.nearer[nearest])
+
+    def last_foot_of_frames(self) -> Array:
+        """Give the foot that was decided last in every frame, 0 left and 1 right, (T,)."""
+        frames = np.arange(len(self.time))
+        last = np.maximum.accumulate(np.where(self.decided, frames, -1))
+        return np.asarray(self.nearer[np.where(last < 0, frames, last)])
 
     def contacts(self, number: int, foot_index: Array) -> list[Contact]:
         """List the contacts with their feet; one that is mostly uncertain is so throughout."""

@@ -7,7 +7,6 @@ samples.
 
 from collections.abc import Sequence
 from itertools import cycle
-from typing import Final
 
 import numpy as np
 
@@ -18,9 +17,7 @@ from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.empty_plates import FILTER
 from pipeline.trial.ground.instruments import belt_speed
-
-MODEL_RATE_HZ: Final = 100.0
-"""The belt model's rate: belts accelerate below 10 Hz."""
+from pipeline.trial.ground.realtime import MODEL_RATE_HZ, RealtimeBelts
 
 
 def belt_axes(plate: Plate) -> Array:
@@ -71,11 +68,7 @@ def belt_wrenches(
     ValueError
         If there are other plates than models, or a channel is missing.
     """
-    if len(models) != len(recording.plates):
-        raise ValueError(
-            f"{recording.source.name}: {len(recording.plates)} plates, but the belt calibration "
-            f"has {len(models)}"
-        )
+    _require_as_many(recording, models)
     wrenches = []
     for model, time, (plate, (model_time, acceleration)) in zip(
         models, times, belt_accelerations(recording, belt), strict=True
@@ -83,6 +76,26 @@ def belt_wrenches(
         moment = interpolate(model_time, model.predict(acceleration), time)
         wrenches.append(np.hstack([np.zeros((len(time), 3)), moment[:, None] * belt_side(plate)]))
     return wrenches
+
+
+def belt_wrenches_in_real_time(
+    recording: Recording, models: Sequence[BeltModel], belt: Belt, times: Sequence[Array]
+) -> list[Array]:
+    """Give what `belt_wrenches` gives, as it is known while a trial is measured.
+
+    The speeds pass no low-pass: the wrenches pass one afterwards, and the models are linear.
+    """
+    _require_as_many(recording, models)
+    assert recording.analog is not None
+    clock, rate_hz = recording.analog.time, recording.analog.rate_hz
+    channels = [name for name, _ in zip(cycle(belt.speed_channels), recording.plates, strict=False)]
+    speeds = np.column_stack([belt_speed(recording, name) for name in channels])
+    belts = RealtimeBelts.of(models, rate_hz, float(recording.markers.time[0]))
+    moments = belts.moments(clock, speeds, times)
+    return [
+        np.hstack([np.zeros((len(moment), 3)), moment[:, None] * belt_side(plate)])
+        for moment, plate in zip(moments, recording.plates, strict=True)
+    ]
 
 
 def belt_side(plate: Plate) -> Array:
@@ -101,3 +114,11 @@ def belt_accelerations(recording: Recording, belt: Belt) -> list[tuple[Plate, tu
         acceleration = belt_acceleration(speed, rate_hz, belt.cutoff_hz, FILTER)
         result.append((plate, (model_time, interpolate(clock, acceleration, model_time))))
     return result
+
+
+def _require_as_many(recording: Recording, models: Sequence[BeltModel]) -> None:
+    if len(models) != len(recording.plates):
+        raise ValueError(
+            f"{recording.source.name}: {len(recording.plates)} plates, but the belt calibration "
+            f"has {len(models)}"
+        )

@@ -53,6 +53,8 @@ class Laboratory:
     def filters(self, settings: Settings) -> tuple[tuple[Method, float], ...]:
         """Give method and cut-off [Hz] of every low-pass between a recording and its residuals."""
         found = [(settings.filter, settings.cutoff_hz)]
+        if settings.filter == "realtime":  # compensation waits for no later sample
+            return tuple(found)
         if self.calibration is not None:
             found.append((FILTER, self.treadmill.cutoff_hz))
         if self.treadmill.belt is not None:

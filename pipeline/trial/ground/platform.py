@@ -30,7 +30,10 @@ MAX_MARKER_ERROR_M: Final = 0.01
 
 
 def platform_pose(
-    recording: Recording, platform: Platform | None, time: Array
+    recording: Recording,
+    platform: Platform | None,
+    time: Array,
+    at_markers: Callable[[Array, Array, Array], Array] = resample,
 ) -> tuple[PlatformPose | None, tuple[Note, ...]]:
     """Find the platform's pose at the markers' times.
 
@@ -42,6 +45,8 @@ def platform_pose(
         How the pose is known; None for a treadmill that stands still.
     time
         Marker times, (T,) [s].
+    at_markers
+        Brings a channel, its times and samples, to other times.
 
     Returns
     -------
@@ -61,7 +66,7 @@ def platform_pose(
         return _pose_from_markers(recording, platform.markers)
     if not platform.channels:
         raise ValueError("the platform's pose needs its markers, or its sway or pitch channel")
-    return _commanded_pose(recording, platform, time)
+    return _commanded_pose(recording, platform, time, at_markers)
 
 
 def pose_at(recording: Recording, pose: PlatformPose, time: Array) -> PlatformPose:
@@ -156,7 +161,10 @@ def _pose_from_markers(
 
 
 def _commanded_pose(
-    recording: Recording, platform: Platform, time: Array
+    recording: Recording,
+    platform: Platform,
+    time: Array,
+    at_markers: Callable[[Array, Array, Array], Array],
 ) -> tuple[PlatformPose, tuple[Note, ...]]:
     """Give the pose where both commands are known; the delay leaves a gap at one end."""
 
@@ -164,7 +172,7 @@ def _commanded_pose(
         if channel is None:
             return np.zeros(len(time))
         clock, values = read_channel(recording, channel, unit_in_si)
-        return resample(clock, values, time + platform.delay_s)
+        return at_markers(clock, values, time + platform.delay_s)
 
     sway = command(platform.sway_channel, length_in_m)
     pitch = command(platform.pitch_channel, angle_in_rad)

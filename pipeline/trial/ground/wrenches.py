@@ -14,6 +14,7 @@ from compensation import (
 )
 from compensation.inertia.model import SLOW_HZ
 from hbm.notes import Note
+from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Plate, Recording
@@ -23,13 +24,14 @@ from pipeline.trial.ground.accelerometers import (
     corrected_sensors,
 )
 from pipeline.trial.ground.artefacts import compensation_doubts
-from pipeline.trial.ground.belts import belt_wrenches
+from pipeline.trial.ground.belts import belt_wrenches, belt_wrenches_in_real_time
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
-from pipeline.trial.ground.empty_plates import BESIDE, setup_of
+from pipeline.trial.ground.empty_plates import BESIDE, FILTER, setup_of
 from pipeline.trial.ground.instruments import fastest_belt
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
-from pipeline.trial.ground.platform import platform_pose
+from pipeline.trial.ground.platform import NEUTRAL_FRAMES, platform_pose
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
+from pipeline.trial.ground.realtime import RealtimeAccelerometers, in_real_time
 from pipeline.trial.ground.uncertainty import belt_speed_notes, sum_covariance, wrench_spread
 
 ASSUMED_PIVOT_ERROR_M: Final = 0.01
@@ -82,6 +84,7 @@ def ground_wrenches(
     time: Array,
     plate_delay_s: float | None,
     cutoff_hz: float = SLOW_HZ,
+    method: Method = "zero_phase",
 ) -> Ground:
     """Bring every plate to the markers' times and into the lab, as measured and compensated.
 
@@ -97,6 +100,9 @@ def ground_wrenches(
         How much later the plates are than the markers [s]; None as their calibration states it.
     cutoff_hz
         Of the filter that the wrenches pass next, which leaves less of their noise [Hz].
+    method
+        Of that filter. With "realtime" nothing here waits for the end of the trial either
+        (`pipeline.trial.ground.realtime`).
 
     Returns
     -------
@@ -117,19 +123,28 @@ def ground_wrenches(
     plates, treadmill = recording.plates, laboratory.treadmill
     delays_s = plate_delays_s(plates, laboratory.plates, plate_delay_s)
     times = [time + delay for delay in delays_s]
-    measured = [resample(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)]
+    at_markers = in_real_time if method == "realtime" else resample
+    measured = [
+        at_markers(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)
+    ]
     notes = [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
 
     compensated, felt, added = measured, list[Array](), list[Array]()
     if laboratory.calibration is not None:
-        compensated, felt, doubts = _without_inertia(recording, laboratory, times)
-        notes += doubts
+        models = plate_models(recording, laboratory)
+        if method == "realtime":
+            plain, felt = measured, _felt_in_real_time(recording, laboratory, times, models[0])
+        else:
+            plain, felt = _low_passed(recording, laboratory, times, models[0])
+        compensated = [_compensated(*each) for each in zip(models, felt, plain, strict=True)]
+        notes += _compensation_notes(recording, laboratory, models, method)
     if laboratory.belts and treadmill.belt is not None:
-        added = belt_wrenches(recording, laboratory.belts, treadmill.belt, times)
+        in_time = belt_wrenches_in_real_time if method == "realtime" else belt_wrenches
+        added = in_time(recording, laboratory.belts, treadmill.belt, times)
         compensated = [w - belt for w, belt in zip(compensated, added, strict=True)]
         notes.append(Note.of("belts_compensated", channels=treadmill.belt.speed_channels))
 
-    pose, pose_notes = platform_pose(recording, treadmill.platform, time)
+    pose, pose_notes = platform_pose(recording, treadmill.platform, time, at_markers)
     notes += pose_notes
     if pose is None and laboratory.calibration is not None:
         notes.append(Note.of("platform_taken_as_level"))
@@ -139,10 +154,12 @@ def ground_wrenches(
     if compensated is not measured:
         variants["compensated"] = compensated
     in_lab = {name: _in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
+    if method == "realtime" and treadmill.platform is not None and treadmill.platform.markers:
+        for wrench in (w for wrenches in in_lab.values() for w in wrenches):
+            wrench[:NEUTRAL_FRAMES] = np.nan
     covariances, covariance = list[Array](), None
     if felt:
         assert laboratory.calibration is not None
-        models = plate_models(recording, laboratory)
         if pose is not None and treadmill.platform is not None and treadmill.platform.markers:
             readings = felt[0][:, : len(models[0].acceleration_mean)]
             late = plate_marker_delay(pose, readings, recording.markers.rate_hz)
@@ -171,49 +188,84 @@ def _is_constant(plate: Plate) -> bool:
     return bool((plate.wrench_in_plate == plate.wrench_in_plate[0]).all())
 
 
-def _without_inertia(
-    recording: Recording, laboratory: Laboratory, times: Sequence[Array]
-) -> tuple[list[Array], list[Array], list[Note]]:
-    """Subtract what the platform's motion adds to each plate; its times (T,) are on its clock.
+def _low_passed(
+    recording: Recording, laboratory: Laboratory, times: Sequence[Array], model: InertiaModel
+) -> tuple[list[Array], list[Array]]:
+    """Give each plate, (T, 6), and what the accelerometers felt for it, (T, K).
 
-    Gives what the accelerometers felt at each plate's times too, (T, K).
-
-    Plates and accelerometers both pass the low-pass that both passed in the calibration: filtering
-    only one of them would leave the part of the artefact that the filter takes from the other.
+    Both pass the low-pass that both passed in the calibration: filtering only one of them would
+    leave the part of the artefact that the filter takes from the other. Times are on the plates'
+    clock.
     """
     plates, treadmill = recording.plates, laboratory.treadmill
     clock, readings = accelerations(recording, treadmill)
-    models = plate_models(recording, laboratory)
     setup = setup_of(recording, treadmill)
     assert laboratory.calibration is not None
     sensors, filtered = laboratory.calibration.sensors, setup.low_pass(readings, clock)
-    late = relative_delays_s(plates, laboratory.plates)
-    earlier = [time - late_s for time, late_s in zip(times, late, strict=True)]
-    felt = at_times_of_plates(clock, filtered, earlier, treadmill, sensors, models[0].lags_s)
-    compensated = []
-    for plate, model, time, acceleration in zip(plates, models, times, felt, strict=True):
-        wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
-        wrench = resample(plate.time, wrench, time)
-        compensated.append(_compensated(model, acceleration, wrench))
-    notes = compensation_doubts(plates, models, readings, treadmill)
-    notes.append(
-        Note.of(
-            "plates_compensated",
-            accelerometers=tuple(treadmill.accelerometers),
-            filter=setup.filter_method,
-            cutoff_hz=treadmill.cutoff_hz,
-        )
+    earlier = _of_accelerometers(recording, laboratory, times)
+    felt = at_times_of_plates(clock, filtered, earlier, treadmill, sensors, model.lags_s)
+    wrenches = [
+        resample(plate.time, setup.low_pass(plate.wrench_in_plate, plate.time), time)
+        for plate, time in zip(plates, times, strict=True)
+    ]
+    return wrenches, felt
+
+
+def _felt_in_real_time(
+    recording: Recording, laboratory: Laboratory, times: Sequence[Array], model: InertiaModel
+) -> list[Array]:
+    """Give what the accelerometers felt for each plate, (T, K), without their low-pass."""
+    assert laboratory.calibration is not None
+    assert recording.analog is not None
+    clock, readings = accelerations(recording, laboratory.treadmill)
+    sensors = RealtimeAccelerometers.of(
+        laboratory.treadmill,
+        laboratory.calibration.sensors,
+        model.lags_s,
+        recording.analog.rate_hz,
+        recording.markers.rate_hz,
     )
+    earlier = _of_accelerometers(recording, laboratory, times)
+    return [sensors.felt(clock, readings, at) for at in earlier]
+
+
+def _of_accelerometers(
+    recording: Recording, laboratory: Laboratory, times: Sequence[Array]
+) -> list[Array]:
+    """Give the instants at which accelerometers are read for each plate: as for the first one."""
+    late = relative_delays_s(recording.plates, laboratory.plates)
+    return [time - late_s for time, late_s in zip(times, late, strict=True)]
+
+
+def _compensation_notes(
+    recording: Recording, laboratory: Laboratory, models: list[InertiaModel], method: Method
+) -> list[Note]:
+    """Say how plates are compensated, and what is doubtful about it."""
+    treadmill, calibration = laboratory.treadmill, laboratory.calibration
+    assert calibration is not None
+    _, readings = accelerations(recording, treadmill)
+    notes = compensation_doubts(recording.plates, models, readings, treadmill)
+    sensors = tuple(treadmill.accelerometers)
+    if method == "realtime":
+        notes.append(Note.of("plates_compensated_in_real_time", accelerometers=sensors))
+    else:
+        notes.append(
+            Note.of(
+                "plates_compensated",
+                accelerometers=sensors,
+                filter=FILTER,
+                cutoff_hz=treadmill.cutoff_hz,
+            )
+        )
     if models[0].lags_s:
         lags_ms = tuple(f"{1000 * lag_s:g}" for lag_s in models[0].lags_s)
         notes.append(Note.of("compensated_dynamically", lags_ms=lags_ms))
     if any(model.model_error is None for model in models):
         notes.append(Note.of("uncertainty_of_noise_alone"))
-    elif BESIDE not in laboratory.calibration.provenance:
+    elif BESIDE not in calibration.provenance:
         notes.append(Note.of("uncertainty_without_people"))
-    notes += belt_speed_notes(recording, treadmill, laboratory.calibration)
-    notes += [*corrected_sensors(sensors), *laboratory.notes]
-    return compensated, felt, notes
+    notes += belt_speed_notes(recording, treadmill, calibration)
+    return [*notes, *corrected_sensors(calibration.sensors), *laboratory.notes]
 
 
 def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Array:

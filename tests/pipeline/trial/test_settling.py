@@ -42,9 +42,8 @@ def test_cropping_a_trial_at_heel_strikes_changes_no_cycle(walker, whole):
         change = cycle_change(result, whole, first)
         count += len(change)
         assert (change < LIMIT).all()
-        ends = result.measured.residual[[0, -1]]
-        before = whole.measured.residual[[first, first + len(part.markers.time) - 1]]
-        assert np.abs(ends - before).max() > 20
+        same = whole.measured.residual[first : first + len(part.markers.time)]
+        assert np.nanmax(np.abs(result.measured.residual - same)) > 20
         assert sum(map(len, result.cycles.values())) == result.found_cycles
     assert count >= 12
 
@@ -164,7 +163,8 @@ def test_filters_that_follow_one_another_settle_as_the_slowest_of_them():
     belt = Belt(calibration="belts.c3d", speed_channels=("Speed",), cutoff_hz=4.0)
     laboratory = Laboratory(Treadmill(belt=belt))
     assert settling_s(laboratory.filters(Settings())) == (0.25, 0.25)
-    assert settling_s(laboratory.filters(Settings(filter="realtime"))) == (0.25, 0.25)
+    in_real_time = Settings(filter="realtime")  # in which compensation has no filter of its own
+    assert settling_s(laboratory.filters(in_real_time)) == (0.25, 0.0)
     still = Laboratory(Treadmill())
     assert settling_s(still.filters(Settings(filter="realtime", cutoff_hz=5.0))) == (0.3, 0.0)
 

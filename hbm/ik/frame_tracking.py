@@ -1,0 +1,188 @@
+"""Inverse kinematics frame by frame: each starts from the one before and knows none after it.
+
+Where the start is no good (the first frame, after frames without a solution, where markers return,
+where the optimum is far from it) the frame is solved from a segment-wise rigid fit too, and the
+lower optimum is kept. Coordinates that markers do not show keep their last shown values.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from hbm.coordinates import N_Q
+from hbm.ik.continuity import MIN_JUMP_RAD, continuous, nearest_equivalent
+from hbm.ik.descent import Solved
+from hbm.ik.one_frame import OneFrame
+from hbm.ik.problem import Problem
+from hbm.ik.tracking import (
+    MAX_DISTANCE_FROM_START,
+    MAX_UNRELATED_PIVOT,
+    MIN_PIVOT,
+    MIN_PIVOT_SHARE,
+    Tracker,
+)
+from hbm.markers import Markers
+from hbm.model import Body
+from hbm.spatial import Array, Mask
+
+TOLERANCE: Final = 1e-6
+"""Largest last step of any coordinate [rad or m]; what remains is its square."""
+ROW: Final = np.zeros(1, int)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSolution:
+    """One frame, as `hbm.motion.Motion` holds many.
+
+    Attributes
+    ----------
+    q
+        Coordinates, (46,) [m and rad]; NaN where the frame could not be solved.
+    marker_error
+        Distance of each marker from the model, (K,) [m]; NaN where it was missing.
+    converged
+        Whether the inverse kinematics converged.
+    observed
+        Whether the visible markers determined each coordinate, (46,).
+    gradient
+        Largest entry of the cost's gradient at the last step [m and m²/rad].
+    pivots
+        Of the Hessian's factorisation, (46,).
+    """
+
+    q: Array
+    marker_error: Array
+    converged: bool
+    observed: Mask
+    gradient: float
+    pivots: Array
+
+
+class FrameTracker:
+    """A subject's markers, frame by frame.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    labels
+        Of the markers that are given, (M,); those that the body does not know are ignored.
+
+    Attributes
+    ----------
+    markers
+        Names of the markers that it solves from, (K,).
+    columns
+        Their columns among the labels, (K,).
+
+    Raises
+    ------
+    ValueError
+        If none of the body's markers is among the labels.
+    """
+
+    def __init__(self, body: Body, labels: Sequence[str]) -> None:
+        nowhere = np.full((1, len(labels), 3), np.nan)
+        markers = Markers(np.zeros(1), tuple(labels), nowhere)
+        problem = Problem(body, markers, {}, {}, {}, tolerance=TOLERANCE, jobs=1)
+        self.position = nowhere.copy()
+        problem.attachment = replace(problem.attachment, position=self.position)
+        self.problem, self.tracker = problem, Tracker(problem)
+        self.descent = OneFrame(problem.attachment, problem.prior, problem.reference, TOLERANCE)
+        self.markers, self.columns = problem.names, problem.attachment.column
+        self.carriers, self.free = self.tracker.carriers, ~problem.locked
+        self.least = np.full(N_Q, MIN_PIVOT * problem.attachment.weight.max())
+        self.q: Array | None = None
+        self.tracked = np.zeros(N_Q, bool)
+        self.shown = np.zeros(N_Q)
+        self.usual_pivots = np.zeros(N_Q)
+        self.seen = np.zeros(len(self.markers), bool)
+
+    def solve(self, position: Array) -> FrameSolution:
+        """Solve a frame that follows the last one kept, and keep nothing.
+
+        Parameters
+        ----------
+        position
+            Measured markers in the lab, (M, 3) [m]; NaN where missing.
+        """
+        self.position[0] = position
+        found = self._from_last()
+        observed = self._observed(found)
+        if not found.converged[0] or (observed & ~self.tracked).any():
+            found = self._from_rigid_fit(found)
+            observed = self._observed(found)
+        unsolved = np.zeros(N_Q, bool)
+        if not found.converged[0]:
+            unsolved = self.tracker.leave_limbs_out(found)[0]
+            observed = self._observed(found) & ~unsolved
+        solved = bool(observed[self.carriers].all())
+        if solved and not observed[self.free].all():
+            self._hold(found, observed, unsolved)
+        solved = solved and bool(found.converged[0])
+        q = found.q[0].copy()
+        if not solved:
+            q[:] = np.nan
+        elif self.q is None:
+            q = continuous(q[None])[0]
+        elif np.abs(q - self.q).max() > MIN_JUMP_RAD:
+            q = nearest_equivalent(q, self.q)
+        error = found.error[0].copy() if solved else np.full(len(self.markers), np.nan)
+        return FrameSolution(
+            q, error, solved, observed & solved, float(found.gradient[0]), found.pivots[0].copy()
+        )
+
+    def keep(self, solution: FrameSolution) -> None:
+        """Take a solution as the one that the next frame follows."""
+        self.tracked = solution.observed
+        if not solution.converged:
+            return
+        visible = np.isfinite(solution.marker_error)
+        self.q, self.seen = solution.q, self.seen | visible
+        self.shown[solution.observed] = solution.q[solution.observed]
+        if visible[self.seen].all():
+            self.usual_pivots = solution.pivots
+
+    def _from_last(self) -> Solved:
+        """Solve the frame from the last one; far from it, from a rigid fit too."""
+        if self.q is None:
+            return self.problem.newton(ROW, np.full((1, N_Q), np.nan))
+        found = self.descent.solve(self.q)
+        if np.abs(found.q[0] - self.q).max() > MAX_DISTANCE_FROM_START:
+            found.converged[0] = False
+        return found
+
+    def _from_rigid_fit(self, found: Solved) -> Solved:
+        """Solve the frame from a rigid fit, and keep the lower optimum."""
+        start = self.problem.rigid_fit(ROW)
+        if self.q is None:
+            found = self.problem.newton(ROW, start)
+            doubtful = bool(self.tracker.doubtful(found)[0])
+        else:
+            found = self.descent.solve(self.q)
+            doubtful = bool(self.tracker.try_start(found, ROW, start)[0])
+        if doubtful:
+            self.tracker.look_for_lower(found, ROW)
+        return found
+
+    def _observed(self, found: Solved) -> Mask:
+        """Which coordinates the visible markers determine, (46,), as `Tracker.observed`.
+
+        What is usual is what it was when no marker was missing last.
+        """
+        from_markers = found.pivots[0] - self.problem.prior_weight
+        observed = (from_markers > self.least) & self.free
+        if np.isnan(found.error[0, self.seen]).any():
+            observed &= from_markers > MIN_PIVOT_SHARE * self.usual_pivots
+        return np.asarray(observed)
+
+    def _hold(self, found: Solved, observed: Mask, unsolved: Mask) -> None:
+        """Hold coordinates that markers do not show, and solve the others again if need be."""
+        lost = ~observed & self.free
+        related = (found.pivots[0] - self.problem.prior_weight > MAX_UNRELATED_PIVOT) & ~unsolved
+        related |= not found.converged[0]
+        found.q[0, lost] = self.shown[lost]
+        if (lost & related).any():
+            found.overwrite(slice(0, 1), self.problem.newton(ROW, found.q, (lost[None], found.q)))

@@ -1,0 +1,170 @@
+"""A subject's motion frame by frame, without markers that cannot be where they are.
+
+What `hbm.plausibility.outliers` and `hbm.plausibility.repeated_positions` find in a whole trial is
+found here by what was measured so far, so that a frame's result is known as soon as it is measured.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from hbm.coordinates import CARRIERS, LIMBS, N_Q
+from hbm.ik.frame_tracking import FrameSolution, FrameTracker
+from hbm.markers import Markers
+from hbm.model import Body
+from hbm.motion import Motion
+from hbm.notes import Note
+from hbm.plausibility.outliers import (
+    MAX_ROUNDS,
+    MIN_EXCESS_M,
+    MIN_LOST,
+    MIN_LOST_SHARE,
+    outlier_notes,
+)
+from hbm.plausibility.repeated_positions import MIN_FROZEN_S, ROUNDING_S
+from hbm.spatial import Array, Mask
+
+USUAL_ERROR_M: Final = 0.02
+"""Distance of a marker from the model that is taken for usual at first."""
+USUAL_ERROR_MPS: Final = 0.02
+"""By which the usual distance moves towards each new one, so that half of them lie on either side
+of it: a running median."""
+
+
+class MarkerTracker:
+    """One subject's markers, frame by frame.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    labels
+        Of the markers that are given, (M,).
+
+    Attributes
+    ----------
+    frozen
+        Whether all visible markers have repeated their positions exactly for 0.05 s; then none was
+        measured.
+    left_out
+        Markers that were left out of the last frame, (K,).
+
+    Examples
+    --------
+    With ``static``, the markers of a calibration pose, and ``body``, built from them:
+
+    >>> import hbm, numpy as np
+    >>> tracker = MarkerTracker(body, static.names)
+    >>> solution = tracker.step(static.time[0], static.position[0])
+    >>> bool(np.nanmax(solution.marker_error) < 1e-9)
+    True
+    """
+
+    def __init__(self, body: Body, labels: Sequence[str]) -> None:
+        self.tracker = FrameTracker(body, labels)
+        self.markers, self.columns = self.tracker.markers, self.tracker.columns
+        segment_of = body.segment_of
+        segments = [segment_of[name] for name in self.markers]
+        parts = (CARRIERS, *LIMBS.values())
+        owned = [np.flatnonzero([s in part for s in segments]) for part in parts]
+        self.parts = [own for own in owned if len(own)]
+        self.limbs = [own for own in owned[1:] if len(own)]
+        self.usual_m = np.full(len(self.markers), USUAL_ERROR_M)
+        self.time = self.moved_s = -np.inf
+        self.before = np.full((len(self.markers), 3), np.nan)
+        self.frozen = False
+        self.left_out: Mask = np.zeros(len(self.markers), bool)
+
+    def step(self, time: float, position: Array) -> FrameSolution:
+        """Solve the next frame.
+
+        Parameters
+        ----------
+        time
+            Of the frame, after the last one [s].
+        position
+            Measured markers in the lab, (M, 3) [m]; NaN where missing.
+        """
+        since_s, self.time = time - self.time, time
+        self.frozen = self._is_frozen(time, position[self.columns])
+        if self.frozen:
+            position = np.full(position.shape, np.nan)
+        solution = self._without_outliers(position)
+        self.tracker.keep(solution)
+        error = solution.marker_error
+        largest_m = USUAL_ERROR_MPS * min(since_s, 1.0)
+        self.usual_m += np.nan_to_num(np.clip(error - self.usual_m, -largest_m, largest_m))
+        return solution
+
+    def _is_frozen(self, time: float, own: Array) -> bool:
+        seen = np.isfinite(own[:, 0])
+        repeated = (own == self.before).all(axis=1) | ~seen
+        self.before = own
+        if not (repeated.all() and seen.any()):
+            self.moved_s = time
+        return bool(time - self.moved_s > MIN_FROZEN_S - ROUNDING_S)
+
+    def _without_outliers(self, position: Array) -> FrameSolution:
+        """Solve a frame again and again without the marker that is farthest off on each limb."""
+        solution = self.tracker.solve(position)
+        self.left_out = np.zeros(len(self.markers), bool)
+        for _ in range(MAX_ROUNDS):
+            excess_m = np.nan_to_num(solution.marker_error - 2 * self.usual_m, nan=-np.inf)
+            if excess_m.max() <= MIN_EXCESS_M:
+                break
+            for own in self.parts:
+                worst = own[excess_m[own].argmax()]
+                self.left_out[worst] |= excess_m[worst] > MIN_EXCESS_M
+            for own in self.limbs:
+                few = self.left_out[own]
+                if few.sum() >= MIN_LOST and few.mean() >= MIN_LOST_SHARE:
+                    self.left_out[own] = True
+            position = position.copy()
+            position[self.columns[self.left_out]] = np.nan
+            solution = self.tracker.solve(position)
+        return solution
+
+
+def track_motion(body: Body, markers: Markers) -> tuple[Markers, Motion, tuple[Note, ...]]:
+    """Solve the inverse kinematics of a trial frame by frame, as while it is measured.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    markers
+        Trajectories.
+
+    Returns
+    -------
+    markers
+        The same with gaps in place of outliers and frozen frames.
+    motion
+        Of these; coordinates that markers do not show keep their last shown values.
+    notes
+        ``marker_outliers`` with how many positions of which markers were left out, if any.
+    """
+    tracker = MarkerTracker(body, markers.names)
+    frames, position = len(markers.time), markers.position.copy()
+    solutions, frozen = [], np.zeros(frames, bool)
+    for k, time in enumerate(markers.time):
+        solutions.append(tracker.step(float(time), markers.position[k]))
+        position[k, tracker.columns[tracker.left_out]] = np.nan
+        frozen[k] = tracker.frozen
+    unfrozen = np.where(frozen[:, None, None], np.nan, markers.position)
+    cleaned = Markers(markers.time, markers.names, np.where(np.isnan(unfrozen), np.nan, position))
+    not_yet = np.full((frames, N_Q), np.nan)
+    motion = Motion(
+        markers.time,
+        np.array([s.q for s in solutions]),
+        not_yet,
+        not_yet,
+        tracker.markers,
+        np.array([s.marker_error for s in solutions]),
+        np.array([s.converged for s in solutions]),
+        np.array([s.observed for s in solutions]),
+        np.array([s.gradient for s in solutions]),
+    )
+    before = Markers(markers.time, markers.names, unfrozen)
+    return cleaned, motion, outlier_notes(before, cleaned)
