@@ -1,6 +1,12 @@
 """The base of everything that a user types."""
 
-from pydantic import BaseModel, ConfigDict
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from hbm.spelling import printable
+
+Text = Annotated[str, Field(min_length=1), AfterValidator(printable)]
 
 
 class InputModel(BaseModel):

@@ -10,13 +10,12 @@ from pydantic import Field, field_validator
 from hbm.spatial import Array
 from hbm.toml_text import Table
 from pipeline.config.consistency import missing_file
-from pipeline.config.input_model import InputModel
+from pipeline.config.input_model import InputModel, Text
 from pipeline.config.schema import (
     AxesText,
     CoordinateM,
     LengthUnit,
     PlateUnitsText,
-    Text,
 )
 from pipeline.config.toml_file import check_table, read_table
 from pipeline.config.validation import StudyFaults

@@ -20,7 +20,8 @@ from hbm.markers import MarkerSet
 from hbm.segments import Sex
 from hbm.signals.filtering import Method
 from hbm.spelling import printable
-from pipeline.config.input_model import InputModel
+from pipeline.config.input_model import InputModel, Text
+from pipeline.config.live import Live
 from pipeline.config.window import Interval, Window
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import PlateUnits, Stated
@@ -37,7 +38,6 @@ RESERVED: Final = (
     *(f"{p}{n}" for p in ("com", "lpt") for n in range(10)),
 )
 """Devices of Windows: no file there may have such a name, whatever follows after a full stop."""
-Text = Annotated[str, Field(min_length=1), AfterValidator(printable)]
 Labels = Annotated[tuple[Text, ...], Field(strict=False)]
 Channels = Annotated[tuple[Text, Text, Text], Field(strict=False)]
 """Labels of a sensor's x, y and z channels."""
@@ -499,6 +499,7 @@ class StudyFile(RecordingRules):
     settings: Settings = Settings()
     plates: Plates = Plates()
     treadmill: Treadmill = Treadmill()
+    live: Live = Live()
     comparison: Comparison | None = None
     conditions: Annotated[dict[Name, Condition], Field(min_length=1)]
 

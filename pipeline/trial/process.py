@@ -12,7 +12,7 @@ from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
 from hbm.signals.filtering import low_pass
-from hbm.spatial import GRAVITY_MPS2, Array
+from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import (
     Condition,
     EventMethod,
@@ -394,9 +394,9 @@ def _filtered(by_foot: Mapping[str, Array], motion: Motion, settings: Settings) 
 
     In real time a gap of one foot is one of both: who carries a plate that is unknown is unknown.
     """
-    gaps = np.zeros((len(motion.time), 1), bool)
+    gaps: Mask = np.zeros((len(motion.time), 1), bool)
     if settings.filter == "realtime":
-        gaps = np.isnan(np.hstack([*by_foot.values()])).any(axis=1, keepdims=True)
+        gaps[:, 0] = np.isnan(np.hstack([*by_foot.values()])).any(axis=1)
     return {
         foot: low_pass(
             np.where(gaps, np.nan, wrench), motion.time, settings.cutoff_hz, settings.filter

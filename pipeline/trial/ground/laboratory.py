@@ -1,11 +1,11 @@
 """A laboratory's treadmill: as stated, with its calibration."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from compensation import BeltModel, Calibration, InertiaModel
+from compensation import BeltModel, Calibration, InertiaModel, Setup
 from hbm.notes import Note
 from hbm.signals.filtering import Method
 from pipeline.config.plate_correction import PlateCorrection
@@ -84,14 +84,39 @@ def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaMo
     """
     if laboratory.calibration is None:
         return []
-    known, name = laboratory.calibration.in_use, recording.source.name
-    wanted = [f"plate {plate.number}" for plate in recording.plates]
+    _require_same_channels(recording, laboratory)
+    setup = setup_of(recording, laboratory.treadmill)
+    numbers = [plate.number for plate in recording.plates]
+    return models_of_plates(laboratory.calibration, numbers, setup, recording.source.name)
+
+
+def models_of_plates(
+    calibration: Calibration, numbers: Sequence[int], setup: Setup, name: str
+) -> list[InertiaModel]:
+    """Give the inertia models of some plates.
+
+    Parameters
+    ----------
+    calibration
+        Of the platform.
+    numbers
+        Of the plates, from 1.
+    setup
+        How plates and accelerometers are recorded.
+    name
+        What is compensated, for the error.
+
+    Raises
+    ------
+    ValueError
+        If the calibration was made for other plates, sensors, rates or units.
+    """
+    known, wanted = calibration.in_use, [f"plate {number}" for number in numbers]
     if unknown := [plate for plate in wanted if plate not in known]:
         raise ValueError(f"{name}: the calibration has no {unknown[0]}; it has {', '.join(known)}")
-    _require_same_channels(recording, laboratory)
     for plate in wanted:
         try:
-            known[plate].require(setup_of(recording, laboratory.treadmill))
+            known[plate].require(setup)
         except ValueError as error:
             raise ValueError(f"{name}: {plate}: {error}") from error
     return [known[plate] for plate in wanted]

@@ -90,6 +90,11 @@ class RealtimeAccelerometers:
         """How much later than an instant the last sample is that it needs [s]."""
         return max(self.delays_s) + max(self.lags_s, default=0.0) + self.resampling.reach_s
 
+    @property
+    def behind_s(self) -> float:
+        """How much earlier than an instant the first sample is that it needs [s]."""
+        return max(self.lags_s, default=0.0) + self.resampling.reach_s - min(self.delays_s)
+
     def felt(self, time: Array, readings: Array, at: Array) -> Array:
         """Give what they felt, as an inertia model takes it.
 

@@ -1,0 +1,49 @@
+"""What a study states of live streams: which stream and which channel is what."""
+
+from typing import Annotated, Final
+
+from pydantic import Field, model_validator
+
+from pipeline.config.input_model import InputModel, Text
+
+COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+Six = Annotated[tuple[Text, Text, Text, Text, Text, Text], Field(strict=False)]
+PlateNumber = Annotated[str, Field(pattern=r"^[1-9][0-9]?$")]
+
+
+class Live(InputModel):
+    """Which streams are received, and what their channels are.
+
+    Attributes
+    ----------
+    markers
+        Name of the stream of markers.
+    analog
+        Names of the streams of plates, accelerometers, belts and platform.
+    plates
+        Number of a plate -> its channels Fx Fy Fz Mx My Mz, in the plate's own axes about the
+        centre of its surface; by default FP1.Fx and so on.
+    wait_s
+        How long a frame waits for samples that are late.
+
+    Examples
+    --------
+    >>> Live().channels_of(2)
+    ('FP2.Fx', 'FP2.Fy', 'FP2.Fz', 'FP2.Mx', 'FP2.My', 'FP2.Mz')
+    """
+
+    markers: Text = "Markers"
+    analog: Annotated[tuple[Text, ...], Field(strict=False, min_length=1)] = ("Plates",)
+    plates: dict[PlateNumber, Six] = Field(default_factory=dict)
+    wait_s: Annotated[float, Field(gt=0, le=2)] = 0.2
+
+    @model_validator(mode="after")
+    def _different(self) -> "Live":
+        names = [self.markers, *self.analog]
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"stream {', '.join(repeated)} is named more than once")
+        return self
+
+    def channels_of(self, plate: int) -> tuple[str, ...]:
+        """Give the six channels of a plate."""
+        return self.plates.get(str(plate)) or tuple(f"FP{plate}.{c}" for c in COMPONENTS)

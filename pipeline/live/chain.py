@@ -1,0 +1,255 @@
+"""From samples that arrive to residuals, frame by frame: nothing waits for what comes later."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+
+from hbm.coordinates import N_Q
+from hbm.model import Body
+from hbm.plausibility.marker_tracking import MarkerTracker
+from hbm.signals.realtime_filter import RealtimeFilter
+from hbm.spatial import Array
+from pipeline.config.live import Live
+from pipeline.config.schema import Settings
+from pipeline.io.recording import Plate
+from pipeline.live.buffer import SampleBuffer
+from pipeline.live.channels import AnalogStreams
+from pipeline.live.dynamics import LiveDynamics
+from pipeline.live.feet import LiveFeet
+from pipeline.live.frame import LiveFrame, Quality
+from pipeline.live.ground import LiveGround
+from pipeline.live.settling import LiveValidity
+from pipeline.live.stream import Samples, StreamDescription
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.residuals import reported
+from pipeline.trial.validity import settling_s
+
+ROUNDING_S: Final = 1e-6
+"""Of time stamps; what lies so near the end of a reach has no weight."""
+MAX_WAITING_FRAMES: Final = 1000
+"""Ten seconds at 100 Hz; more come at once only from a file, and wait for nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """Frames and samples that a chain received.
+
+    Attributes
+    ----------
+    received, solved, marked
+        Frames: all, those that count, those that do not. Those that wait for samples are neither.
+    late
+        Marked frames whose samples did not arrive in time.
+    doubled, out_of_order
+        Samples of all streams that were left out since one as late, or later, was there already.
+    """
+
+    received: int
+    solved: int
+    marked: int
+    late: int
+    doubled: int
+    out_of_order: int
+
+
+class LiveChain:
+    """What `pipeline.trial.process` computes with ``filter = "realtime"``, as samples arrive.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    laboratory
+        The treadmill and its calibrations.
+    settings
+        How trials are processed; the filter is the real-time one whatever they state.
+    live
+        Which streams and channels are what.
+    streams
+        What is received.
+    plates
+        Places of the plates, such as a static recording's.
+
+    Attributes
+    ----------
+    wait_s
+        From a frame's time to that of the last sample that it needs [s].
+    filter_delay_s
+        By which the filter makes coordinates, forces and residuals late [s].
+
+    Raises
+    ------
+    ValueError
+        A stream, channel or marker that is stated is not received, or the calibration does not fit.
+
+    Notes
+    -----
+    A frame is computed when the last sample that it needs has arrived, or when `Live.wait_s` after
+    that sample's time has passed on the streams' clock; then it is marked as late. Equal samples
+    give equal frames, whatever the chunks in which they arrive.
+    """
+
+    def __init__(
+        self,
+        body: Body,
+        laboratory: Laboratory,
+        settings: Settings,
+        live: Live,
+        streams: Sequence[StreamDescription],
+        plates: Sequence[Plate],
+    ) -> None:
+        markers, analog = _described(live, streams)
+        self.body, self.settings, self.live, self.stream = body, settings, live, markers
+        self.analog = AnalogStreams(analog)
+        self.ground = LiveGround(
+            laboratory,
+            settings,
+            plates,
+            [live.channels_of(plate.number) for plate in plates],
+            self.analog,
+            markers.labels,
+            markers.rate_hz,
+        )
+        self.wait_s = max(0.0, *self.ground.ahead_s)
+        self.filter_delay_s = float(np.sqrt(2) / (2 * np.pi * settings.cutoff_hz))
+        self.tracker = MarkerTracker(body, markers.labels)
+        self.feet = LiveFeet(len(plates), settings.contact_threshold_n)
+        self.dynamics = LiveDynamics(body)
+        in_real_time = settings.model_copy(update={"filter": "realtime"})
+        after_s, _ = settling_s(laboratory.filters(in_real_time))
+        self.validity = LiveValidity(body, self.tracker.markers, after_s)
+        self.motion = RealtimeFilter(settings.cutoff_hz, N_Q)
+        self.forces = RealtimeFilter(settings.cutoff_hz, 12 * len(self.ground.variants))
+        self.waiting = deque[tuple[float, Array]]()
+        self.order = SampleBuffer(0, 1)
+        self.received = self.solved = self.marked = self.late = 0
+
+    @property
+    def counts(self) -> Counts:
+        """What was received so far."""
+        buffers = [self.order, *self.analog.buffers.values()]
+        return Counts(
+            self.received,
+            self.solved,
+            self.marked,
+            self.late,
+            sum(buffer.doubled for buffer in buffers),
+            sum(buffer.out_of_order for buffer in buffers),
+        )
+
+    def push(self, samples: Samples) -> list[LiveFrame]:
+        """Take what arrived of one stream.
+
+        Parameters
+        ----------
+        samples
+            Of one of the streams; those of others are ignored.
+
+        Returns
+        -------
+        list of LiveFrame
+            Frames that are now complete, or that have waited too long, in order.
+        """
+        if samples.stream == self.stream.name:
+            self._take_frames(samples)
+        elif samples.stream in self.analog.buffers:
+            self.analog.append(samples)
+        frames = []
+        while self.waiting and (complete := self._complete(self.waiting[0][0])) is not None:
+            frames.append(self._next(complete))
+        return frames
+
+    def finish(self) -> list[LiveFrame]:
+        """Give the frames that still wait for samples, as late ones."""
+        return [self._next(complete=False) for _ in range(len(self.waiting))]
+
+    def _take_frames(self, samples: Samples) -> None:
+        positions = samples.values.reshape(len(samples.time), -1, 3)
+        for time, position in zip(samples.time.tolist(), positions, strict=True):
+            if self.order.append(np.array([time]), np.empty((1, 0))):
+                self.waiting.append((time, position))
+                self.received += 1
+
+    def _complete(self, time: float) -> bool | None:
+        """Whether all samples of a frame are there; None where they may still come."""
+        needed_s = time + self.wait_s - ROUNDING_S
+        newest = [buffer.newest_s for buffer in self.analog.buffers.values()]
+        if min(newest, default=np.inf) >= needed_s:
+            return True
+        now_s = max(self.order.newest_s, *newest)
+        if now_s > needed_s + self.live.wait_s or len(self.waiting) > MAX_WAITING_FRAMES:
+            return False
+        return None
+
+    def _next(self, complete: bool) -> LiveFrame:
+        """Compute the frame that has waited longest."""
+        started = perf_counter()
+        time, position = self.waiting.popleft()
+        solution = self.tracker.step(time, position)
+        self.motion.step(time, solution.q)
+        ground = self.ground.at(time, position)
+        feet = self.dynamics.feet(solution.q)
+        best = ground.variants[self.ground.variants[-1]]
+        on, uncertain = self.feet.on_plates(best, feet)
+        raw = {name: _by_foot(wrenches, on) for name, wrenches in ground.variants.items()}
+        self.forces.step(time, np.concatenate([each.ravel() for each in raw.values()]))
+
+        by_foot = dict(zip(raw, self.forces.value.reshape(-1, 2, 6).copy(), strict=True))
+        q, v, a = self.motion.value, self.motion.velocity, self.motion.acceleration
+        needed = self.dynamics.needed(q, v, a)
+        found = {name: self.dynamics.under(needed, w, q[:3]) for name, w in by_foot.items()}
+        quality = self.validity.of_pose(time, solution)
+        quality |= Quality.LATE * (not complete)
+        quality |= Quality.PLATFORM_UNKNOWN * (not ground.platform_known)
+        quality |= Quality.FORCES_UNKNOWN * bool(np.isnan(best).any() and ground.platform_known)
+        quality |= Quality.FOOT_UNCERTAIN * uncertain
+        quality |= Quality.MARKERS_LEFT_OUT * bool(self.tracker.left_out.any())
+        quality |= Quality.MARKERS_FROZEN * self.tracker.frozen
+        unknown = any(np.isnan(residual).any() for _, residual in found.values())
+        limb = bool(quality & Quality.LIMB_UNSEEN)
+        quality |= Quality.SETTLING * (not self.validity.settled(time, unknown or limb))
+        self.solved += quality.counts
+        self.marked += not quality.counts
+        self.late += not complete
+        return LiveFrame(
+            self.solved + self.marked - 1,
+            time,
+            q.copy(),
+            {name: tau for name, (tau, _) in found.items()},
+            {name: reported(residual) for name, (_, residual) in found.items()},
+            by_foot,
+            raw[self.ground.variants[-1]][:, 2] > self.settings.contact_threshold_n,
+            solution.marker_error,
+            quality,
+            perf_counter() - started,
+        )
+
+
+def _by_foot(wrenches: Array, on: Array) -> Array:
+    """Add up the wrenches of the plates, (P, 6), under each foot, (2, 6); NaN if one is unknown."""
+    if np.isnan(wrenches).any():
+        return np.full((2, 6), np.nan)
+    return np.stack([wrenches[on == foot].sum(axis=0) for foot in (0, 1)])
+
+
+def _described(
+    live: Live, streams: Sequence[StreamDescription]
+) -> tuple[StreamDescription, list[StreamDescription]]:
+    """Give the streams that are stated: that of the markers, and the analog ones."""
+    known = {stream.name: stream for stream in streams}
+    if missing := [name for name in (live.markers, *live.analog) if name not in known]:
+        raise ValueError(
+            f"[live] names the streams {', '.join(missing)}, which are not received; received: "
+            f"{', '.join(known) or 'none'}"
+        )
+    for name, kind in ((live.markers, "markers"), *((name, "analog") for name in live.analog)):
+        if known[name].kind != kind or not known[name].rate_hz > 0:
+            raise ValueError(
+                f"[live]: stream {name} must be one of {kind} with a nominal rate, got "
+                f"{known[name].kind} at {known[name].rate_hz:g} Hz"
+            )
+    return known[live.markers], [known[name] for name in live.analog]

@@ -1,0 +1,93 @@
+"""What is known of one frame as soon as it is measured."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+
+from hbm.spatial import Array, Mask
+
+
+class Quality(IntFlag):
+    """Why a frame does not count, or counts in part; 0 where nothing is doubtful.
+
+    Examples
+    --------
+    >>> (Quality.SETTLING | Quality.MARKERS_LEFT_OUT).counts
+    False
+    >>> Quality.MARKERS_LEFT_OUT.counts
+    True
+    """
+
+    POSE_UNKNOWN = 1
+    """Markers do not show pelvis and trunk."""
+    LIMB_UNSEEN = 2
+    """Markers do not show a leg, one of its joints, or the pelvis: it keeps its last pose."""
+    FORCES_UNKNOWN = 4
+    """A plate, an accelerometer or a belt has no samples around the frame."""
+    PLATFORM_UNKNOWN = 8
+    """The platform's pose is not known, or its neutral one is still measured."""
+    LATE = 16
+    """Samples did not arrive in time."""
+    SETTLING = 32
+    """The filters have not settled since the start or since a gap."""
+    FOOT_UNCERTAIN = 64
+    """Whose foot is on a plate: the joint moments of the legs are uncertain, residuals are not."""
+    MARKERS_LEFT_OUT = 128
+    """Single markers were far from where the body can be."""
+    MARKERS_FROZEN = 256
+    """All markers repeat their positions exactly: they are not measured."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether the residuals of the frame count."""
+        return not self & ~(Quality.FOOT_UNCERTAIN | Quality.MARKERS_LEFT_OUT)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveFrame:
+    """One frame.
+
+    Attributes
+    ----------
+    number
+        Of the frame among those received, from 0.
+    time
+        On the streams' clock [s].
+    q
+        Filtered coordinates, (46,) [m and rad].
+    tau
+        "measured" and, with a calibration, "compensated" -> generalized forces, (46,) [N, N·m].
+    residual
+        The same -> residual on the pelvis in the reported axes (x forward, y right, z up) about
+        mid-hip, (6,) [N, N·m].
+    by_foot
+        The same -> wrench under the left and the right foot, filtered, lab axes about the lab
+        origin, (2, 6) [N, N·m].
+    contact
+        Whether a plate carries the left and the right foot, (2,).
+    marker_error
+        Distance of each marker from the model, (K,) [m]; NaN where it was not used.
+    quality
+        Why it does not count.
+    computing_s
+        Time that it took to compute [s].
+    """
+
+    number: int
+    time: float
+    q: Array
+    tau: Mapping[str, Array]
+    residual: Mapping[str, Array]
+    by_foot: Mapping[str, Array]
+    contact: Mask
+    marker_error: Array
+    quality: Quality
+    computing_s: float
+
+    @property
+    def rms_marker_error_m(self) -> float:
+        """Root mean square of the marker errors; NaN where there are none [m]."""
+        seen = self.marker_error[np.isfinite(self.marker_error)]
+        return float(np.sqrt(np.mean(seen**2))) if len(seen) else float("nan")

@@ -1,0 +1,122 @@
+"""The platform's pose, frame by frame."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from compensation import PlatformPose, commanded_pose, fit_pose, neutral_markers
+from hbm.signals.convolution import Convolution
+from hbm.spatial import Array
+from pipeline.config.schema import Platform
+from pipeline.io.units import angle_in_rad, length_in_m
+from pipeline.live.channels import AnalogStreams, Channels
+from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
+
+UNKNOWN = PlatformPose(np.full((1, 3, 3), np.nan), np.full((1, 3), np.nan))
+
+
+class MarkedPlatform:
+    """The pose from markers on the platform, whose first frames show it in neutral.
+
+    Parameters
+    ----------
+    platform
+        As stated.
+    labels
+        Of the markers' stream, (M,).
+
+    Attributes
+    ----------
+    problem
+        Why there is no neutral pose; empty where there is one, or none yet.
+
+    Raises
+    ------
+    ValueError
+        A platform marker is not in the stream.
+    """
+
+    ahead_s = 0.0
+
+    def __init__(self, platform: Platform, labels: Sequence[str]) -> None:
+        missing = [name for name in platform.markers if name not in labels]
+        if missing:
+            raise ValueError(
+                f"platform markers {', '.join(missing)} are not in the stream of markers; markers "
+                f"there: {', '.join(labels)}"
+            )
+        self.columns = [list(labels).index(name) for name in platform.markers]
+        self.first = list[Array]()
+        self.neutral: Array | None = None
+        self.problem = ""
+
+    def pose(self, time: float, position: Array) -> PlatformPose:
+        """Give the pose of a frame, its markers (M, 3) [m]; NaN where unknown."""
+        own = position[self.columns][None]
+        if self.neutral is None:
+            self.first.append(own[0].copy())
+            if len(self.first) == NEUTRAL_FRAMES:
+                self._find_neutral()
+            return UNKNOWN
+        try:
+            return fit_pose(own, self.neutral, MAX_MARKER_ERROR_M).pose
+        except ValueError as error:
+            self.problem = str(error)
+            return UNKNOWN
+
+    def _find_neutral(self) -> None:
+        try:
+            self.neutral, self.problem = neutral_markers(np.array(self.first)), ""
+        except ValueError as error:
+            self.problem = str(error)
+            del self.first[0]
+
+
+class CommandedPlatform:
+    """The pose as commanded.
+
+    Parameters
+    ----------
+    platform
+        As stated.
+    analog
+        All analog streams.
+    frames_hz
+        Rate of the frames [Hz].
+
+    Raises
+    ------
+    ValueError
+        A channel is in no stream, or in another unit.
+    """
+
+    def __init__(self, platform: Platform, analog: AnalogStreams, frames_hz: float) -> None:
+        self.pivot_m, self.delay_s, self.problem = platform.pivot_m, platform.delay_s, ""
+        self.commands = list[tuple[Channels, Convolution] | None]()
+        channels = (platform.sway_channel, length_in_m), (platform.pitch_channel, angle_in_rad)
+        for channel, unit_in_si in channels:
+            found = None
+            if channel is not None:
+                stream = analog.find([channel], unit_in_si)
+                found = stream, Convolution.between(stream.rate_hz, frames_hz)
+            self.commands.append(found)
+        reaches = [command[1].reach_s for command in self.commands if command is not None]
+        self.ahead_s = self.delay_s + max(reaches)
+
+    def pose(self, time: float, position: Array) -> PlatformPose:
+        """Give the pose of a frame; NaN where a command is not known."""
+        at, values = time + self.delay_s, []
+        for command in self.commands:
+            value = 0.0
+            if command is not None:
+                channels, resampling = command
+                samples = channels.samples(at - resampling.reach_s, at + resampling.reach_s)
+                value = float(resampling.evaluate(*samples, np.array([at]))[0, 0])
+            values.append(value)
+        if not np.isfinite(values).all():
+            return UNKNOWN
+        try:
+            return commanded_pose([values[0]], [values[1]], self.pivot_m)
+        except ValueError as error:
+            self.problem = str(error)
+            return UNKNOWN
