@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask
 
 
 class SampleBuffer:
@@ -23,8 +23,8 @@ class SampleBuffer:
     Examples
     --------
     >>> buffer = SampleBuffer(columns=1, length=3)
-    >>> buffer.append(np.array([0.0, 0.1, 0.1, 0.2]), np.ones((4, 1)))
-    3
+    >>> buffer.append(np.array([0.0, 0.1, 0.1, 0.2]), np.ones((4, 1))).tolist()
+    [True, True, False, True]
     >>> buffer.newest_s, buffer.doubled
     (0.2, 1)
     """
@@ -46,14 +46,11 @@ class SampleBuffer:
         """The samples, (N, K); valid until the next are appended."""
         return self._values[: self._stop]
 
-    def append(self, time: Array, values: Array) -> int:
-        """Take samples, (N,) [s] and (N, K), that follow the last one; give how many do."""
-        if len(time) and not (
-            time[0] > self.newest_s and (np.diff(time) > 0).all() and time[-1] < np.inf
-        ):
-            kept = self._in_order(time)
-            time, values = time[kept], values[kept]
-        taken = len(time)
+    def append(self, time: Array, values: Array) -> Mask:
+        """Take samples, (N,) [s] and (N, K), that follow the last one; give which do, (N,)."""
+        taken = np.ones(len(time), bool) if self._follow(time) else self._in_order(time)
+        if not taken.all():
+            time, values = time[taken], values[taken]
         time, values = time[-self.length :], values[-self.length :]
         if self._stop + len(time) > len(self._time):
             kept_before = slice(max(0, self._stop - self.length + len(time)), self._stop)
@@ -74,7 +71,7 @@ class SampleBuffer:
         ends = time[0] > self.newest_s and time[-1] < np.inf
         return bool(ends and (len(time) == 1 or (time[1:] > time[:-1]).all()))
 
-    def _in_order(self, time: Array) -> Array:
+    def _in_order(self, time: Array) -> Mask:
         """Give which samples are later than all before them, (N,), and count the others."""
         known = np.where(np.isfinite(time), time, -np.inf)
         before = np.maximum.accumulate(np.concatenate([[self.newest_s], known]))

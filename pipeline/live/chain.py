@@ -125,7 +125,7 @@ class LiveChain:
         self.motion = RealtimeFilter(settings.cutoff_hz, N_Q)
         self.forces = RealtimeFilter(settings.cutoff_hz, 12 * len(self.ground.variants))
         self.waiting = deque[tuple[float, Array]]()
-        self.order = SampleBuffer(0, 1)
+        self.order = SampleBuffer(0, MAX_WAITING_FRAMES)
         self.received = self.solved = self.marked = self.late = 0
 
     @property
@@ -168,11 +168,10 @@ class LiveChain:
         return [self._next(complete=False) for _ in range(len(self.waiting))]
 
     def _take_frames(self, samples: Samples) -> None:
-        positions = samples.values.reshape(len(samples.time), -1, 3)
-        for time, position in zip(samples.time.tolist(), positions, strict=True):
-            if self.order.append(np.array([time]), np.empty((1, 0))):
-                self.waiting.append((time, position))
-                self.received += 1
+        values = samples.values.reshape(len(samples.time), -1, 3)
+        kept = self.order.append(samples.time, np.empty((len(values), 0)))
+        self.waiting.extend(zip(samples.time[kept].tolist(), values[kept], strict=True))
+        self.received = len(self.waiting) + self.solved + self.marked
 
     def _complete(self, time: float) -> bool | None:
         """Whether all samples of a frame are there; None where they may still come."""

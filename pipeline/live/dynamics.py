@@ -22,9 +22,9 @@ class LiveDynamics:
     """
 
     def __init__(self, body: Body) -> None:
-        self.body, self.kernels = body, kernels()
+        self.kernels = kernels()
+        self.geometry, self.inertia = body.geometry, body.inertia_vector
         self.chains = [np.array(support(LAST_Q[foot])) for foot in FEET]
-        self.motion = np.empty((1, N_Q, 6))
 
     def feet(self, q: Array) -> Array:
         """Give the middle of the left and the right foot, ankle to toes, (2, 3) [m].
@@ -34,7 +34,7 @@ class LiveDynamics:
         q
             Coordinates, (46,) [m and rad].
         """
-        (poses,) = self.kernels.segment_poses(q[None], self.body.geometry)
+        (poses,) = self.kernels.segment_poses(q[None], self.geometry)
         joints = poses.reshape(len(MOVING), 4, 3)[:, 3]
         return np.asarray((joints[ANKLES] + joints[TOES]) / 2)
 
@@ -51,7 +51,7 @@ class LiveDynamics:
             Of each coordinate per unit rate, (46, 6).
         """
         tau, wrench, motion = self.kernels.newton_euler(
-            q[None], v[None], a[None], self.body.geometry, self.body.inertia_vector
+            q[None], v[None], a[None], self.geometry, self.inertia
         )
         return tau[0], shift_wrench(wrench[0], q[:3]), motion.reshape(N_Q, 6)
 

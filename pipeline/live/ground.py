@@ -79,16 +79,16 @@ class LiveGround:
     ) -> None:
         treadmill = laboratory.treadmill
         self.plates, self.laboratory = plates, laboratory
-        self.channels = [_plate_channels(analog, six) for six in channels]
-        self.resampling = [Convolution.between(c.rate_hz, frames_hz) for c in self.channels]
         self.delays_s = plate_delays_s(plates, laboratory.plates, settings.plate_delay_s)
-        self.corrections = [_correction(plate, laboratory) for plate in plates]
+        each = [_plate_channels(analog, six) for six in channels]
+        self.groups = _grouped(each, self.delays_s, frames_hz)
+        corrections = [_correction(plate, laboratory) for plate in plates]
+        self.corrections, self.offsets = map(np.array, zip(*corrections, strict=True))
         self.to_lab = np.array([transform_wrench(np.eye(6), p.rotation, p.center) for p in plates])
-        reaches = [r.reach_s for r in self.resampling]
-        self.ahead_s = [d + r for d, r in zip(self.delays_s, reaches, strict=True)]
+        self.ahead_s = [delay_s + how.reach_s for _, _, how, delay_s in self.groups]
         self.gains = list[tuple[Array, Array]]()
         if laboratory.calibration is not None:
-            sensors, rate_hz = treadmill.accelerometers, round(self.channels[0].rate_hz, 6)
+            sensors, rate_hz = treadmill.accelerometers, round(each[0].rate_hz, 6)
             setup = Setup(tuple(sensors), rate_hz, treadmill.cutoff_hz, filter_method=FILTER)
             numbers = [plate.number for plate in plates]
             models = models_of_plates(laboratory.calibration, numbers, setup, LIVE)
@@ -119,7 +119,7 @@ class LiveGround:
 
     def at(self, time: float, position: Array) -> GroundFrame:
         """Give the plates at a frame's time [s], of which the markers are given, (M, 3) [m]."""
-        measured = np.array([self._measured(k, time) for k in range(len(self.plates))])
+        measured = self._measured(time)
         compensated = measured
         if self.gains:
             compensated = compensated - self._inertia(time)
@@ -131,19 +131,17 @@ class LiveGround:
         pose = None if self.platform is None else self.platform.pose(time, position)
         in_lab = {name: (x[:, None] @ self.to_lab)[:, 0] for name, x in variants.items()}
         if pose is not None:
-            in_lab = {
-                name: transform_wrench(x, pose.rotation[0], pose.position[0])
-                for name, x in in_lab.items()
-            }
-        return GroundFrame(in_lab, pose is None or bool(np.isfinite(pose.position[0, 0])))
+            in_lab = {name: transform_wrench(x, *pose) for name, x in in_lab.items()}
+        return GroundFrame(in_lab, pose is None or bool(np.isfinite(pose[1][0])))
 
-    def _measured(self, k: int, time: float) -> Array:
-        """Give a plate's own wrench, corrected, (6,)."""
-        resampling, at = self.resampling[k], time + self.delays_s[k]
-        samples = self.channels[k].samples(at - resampling.reach_s, at + resampling.reach_s)
-        wrench = resampling.evaluate(*samples, np.array([at]))[0]
-        matrix, offset = self.corrections[k]
-        return np.asarray(wrench @ matrix + offset)
+    def _measured(self, time: float) -> Array:
+        """Give each plate's own wrench, corrected, (P, 6)."""
+        found = np.empty((len(self.plates), 6))
+        for plates, channels, resampling, delay_s in self.groups:
+            at = time + delay_s
+            samples = channels.samples(at - resampling.reach_s, at + resampling.reach_s)
+            found[plates] = resampling.evaluate(*samples, np.array([at])).reshape(-1, 6)
+        return np.asarray((found[:, None] @ self.corrections)[:, 0] + self.offsets)
 
     def _inertia(self, time: float) -> Array:
         """Give what the platform's motion adds to each plate, (P, 6)."""
@@ -182,6 +180,26 @@ class LiveGround:
             self.belts = LiveBelts(self.laboratory.belts, speeds, time)
         moments = self.belts.moments_at([time + delay_s for delay_s in self.delays_s])
         return np.asarray(moments[:, None] * self.sides)
+
+
+Group = tuple[list[int], Channels, Convolution, float]
+"""Plates of one stream that are equally late: which, their channels, and how they are resampled."""
+
+
+def _grouped(each: Sequence[Channels], delays_s: Sequence[float], frames_hz: float) -> list[Group]:
+    """Put plates together that are resampled alike."""
+    together: dict[tuple[int, float], list[int]] = {}
+    for k, (channels, delay_s) in enumerate(zip(each, delays_s, strict=True)):
+        together.setdefault((id(channels.buffer), delay_s), []).append(k)
+    groups = []
+    for (_, delay_s), plates in together.items():
+        own = [each[k] for k in plates]
+        columns = np.concatenate([channels.columns for channels in own])
+        factor = np.concatenate([channels.factor for channels in own])
+        of_all = Channels(own[0].buffer, columns, factor, own[0].rate_hz)
+        how = Convolution.between(own[0].rate_hz, frames_hz)
+        groups.append((plates, of_all, how, delay_s))
+    return groups
 
 
 def _plate_channels(analog: AnalogStreams, six: Sequence[str]) -> Channels:

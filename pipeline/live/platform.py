@@ -1,18 +1,22 @@
 """The platform's pose, frame by frame."""
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
-from compensation import PlatformPose, commanded_pose, fit_pose, neutral_markers
+from compensation import commanded_pose, fit_pose, neutral_markers
+from compensation.platform.markers import MAX_DISTANCE_M
 from hbm.signals.convolution import Convolution
-from hbm.spatial import Array
+from hbm.spatial import Array, fit_rotation
 from pipeline.config.schema import Platform
 from pipeline.io.units import angle_in_rad, length_in_m
 from pipeline.live.channels import AnalogStreams, Channels
 from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
 
-UNKNOWN = PlatformPose(np.full((1, 3, 3), np.nan), np.full((1, 3), np.nan))
+Pose = tuple[Array, Array]
+"""Rotation, (3, 3), and position, (3,) [m]; NaN where unknown."""
+UNKNOWN: Final[Pose] = (np.full((3, 3), np.nan), np.full(3, np.nan))
 
 
 class MarkedPlatform:
@@ -50,23 +54,32 @@ class MarkedPlatform:
         self.neutral: Array | None = None
         self.problem = ""
 
-    def pose(self, time: float, position: Array) -> PlatformPose:
+    def pose(self, time: float, position: Array) -> Pose:
         """Give the pose of a frame, its markers (M, 3) [m]; NaN where unknown."""
-        own = position[self.columns][None]
+        own = position[self.columns]
         if self.neutral is None:
-            self.first.append(own[0].copy())
+            self.first.append(own)
             if len(self.first) == NEUTRAL_FRAMES:
                 self._find_neutral()
             return UNKNOWN
+        rotation = fit_rotation((own - own.mean(axis=0)).T @ self.centered) if _seen(own) else None
+        if rotation is not None:
+            model = self.centered @ rotation.T + own.mean(axis=0)
+            if np.square(own - model).sum(axis=1).max() <= MAX_MARKER_ERROR_M**2:
+                return rotation, model[0] - rotation @ self.neutral[0]
         try:
-            return fit_pose(own, self.neutral, MAX_MARKER_ERROR_M).pose
+            pose = fit_pose(own[None], self.neutral, MAX_MARKER_ERROR_M).pose
         except ValueError as error:
             self.problem = str(error)
             return UNKNOWN
+        return pose.rotation[0], pose.position[0]
 
     def _find_neutral(self) -> None:
         try:
-            self.neutral, self.problem = neutral_markers(np.array(self.first)), ""
+            neutral = neutral_markers(np.array(self.first))
+            fit_pose(neutral[None], neutral, MAX_MARKER_ERROR_M)  # refuses markers in a line
+            self.neutral, self.problem = neutral, ""
+            self.centered = neutral - neutral.mean(axis=0)
         except ValueError as error:
             self.problem = str(error)
             del self.first[0]
@@ -103,7 +116,7 @@ class CommandedPlatform:
         reaches = [command[1].reach_s for command in self.commands if command is not None]
         self.ahead_s = self.delay_s + max(reaches)
 
-    def pose(self, time: float, position: Array) -> PlatformPose:
+    def pose(self, time: float, position: Array) -> Pose:
         """Give the pose of a frame; NaN where a command is not known."""
         at, values = time + self.delay_s, []
         for command in self.commands:
@@ -116,7 +129,13 @@ class CommandedPlatform:
         if not np.isfinite(values).all():
             return UNKNOWN
         try:
-            return commanded_pose([values[0]], [values[1]], self.pivot_m)
+            pose = commanded_pose([values[0]], [values[1]], self.pivot_m)
         except ValueError as error:
             self.problem = str(error)
             return UNKNOWN
+        return pose.rotation[0], pose.position[0]
+
+
+def _seen(position: Array) -> bool:
+    """Whether all markers are seen, at places where `fit_pose` takes them."""
+    return bool((np.abs(position) < MAX_DISTANCE_M).all())
