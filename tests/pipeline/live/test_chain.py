@@ -1,0 +1,170 @@
+"""The live chain gives, frame by frame, what ``filter = "realtime"`` gives of the recording."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from compensation import BeltModel
+from hbm.coordinates import LIMBS
+from hbm.markers import Markers
+from pipeline.config.schema import Belt, Platform, Settings, Subject, Treadmill
+from pipeline.config.study import read_study
+from pipeline.io.c3d.read import read_c3d
+from pipeline.live.frame import Quality
+from pipeline.trial.ground.calibration_recording import fit_calibration
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import reported
+from pipeline.trial.study_files import read_study_file, read_study_laboratory
+from tests.pipeline import lab
+from tests.pipeline.live.playing import arrivals, chain_of, play
+
+PERSON = Subject(sex="male", mass_kg=74.6)
+REALTIME = Settings(filter="realtime")
+MARKED = Treadmill(
+    accelerometers=lab.CHANNELS, platform=Platform(markers=tuple(lab.PLATFORM_MARKERS_M))
+)
+MAX_ANGLE_RAD = 1e-9
+MAX_FORCE_N = 1e-4
+
+
+def assert_same(recording, laboratory, settings=REALTIME, start_s=0.0, body=None):
+    """Process a recording both ways and compare every frame that was not late."""
+    whole = process_recording(recording, PERSON, settings, laboratory=laboratory)
+    chain = chain_of(whole.body, laboratory, settings, recording)
+    frames = play(chain, arrivals(recording, start_s=start_s))
+    assert len(frames) == len(whole.motion.time) == chain.counts.received
+    in_time = np.array([not frame.quality & Quality.LATE for frame in frames])
+    assert np.count_nonzero(~in_time) <= round(chain.wait_s * 100) + 1
+
+    def compare(found, expected, largest):
+        found = np.array(found)[in_time]
+        np.testing.assert_array_equal(np.isnan(found), np.isnan(expected[in_time]))
+        assert np.nanmax(np.abs(found - expected[in_time])) < largest
+
+    compare([frame.q for frame in frames], whole.motion.q, MAX_ANGLE_RAD)
+    errors = [frame.marker_error for frame in frames]
+    compare(errors, whole.motion.marker_error, MAX_ANGLE_RAD)
+    variants = {"measured": whole.measured, "compensated": whole.compensated}
+    for name, dynamics in variants.items():
+        if dynamics is None:
+            assert name not in frames[0].residual
+            continue
+        residual = [frame.residual[name] for frame in frames]
+        compare(residual, reported(dynamics.residual), MAX_FORCE_N)
+        for k, foot in enumerate(("left_foot", "right_foot")):
+            by_foot = [frame.by_foot[name][k] for frame in frames]
+            compare(by_foot, whole.ground[name][foot], MAX_FORCE_N)
+        tau = np.array([frame.tau[name] for frame in frames])
+        known = np.isfinite(dynamics.tau) & in_time[:, None]
+        assert np.count_nonzero(known) > 0.5 * known.size
+        assert np.abs(tau - dynamics.tau)[known].max() < MAX_FORCE_N
+    counts = np.array([frame.quality.counts for frame in frames])
+    known = whole.validity.motion & whole.validity.settled
+    np.testing.assert_array_equal(counts[in_time], known[in_time])
+    assert counts.any()
+    return whole, frames
+
+
+@pytest.fixture(scope="module")
+def study(moving_study):
+    return read_study(moving_study)
+
+
+@pytest.fixture(scope="module")
+def laboratory(study):
+    return read_study_laboratory(study)
+
+
+@pytest.fixture(scope="module")
+def pitch(study):
+    return read_study_file(study, "sub01_pitch.c3d")
+
+
+def without(recording, names, start_s, stop_s):
+    position, time = recording.markers.position.copy(), recording.markers.time
+    rows = (time >= start_s) & (time < stop_s)
+    for name in names:
+        position[rows, recording.markers.names.index(name)] = np.nan
+    return replace(recording, markers=Markers(time, recording.markers.names, position))
+
+
+@pytest.mark.parametrize("condition", ["baseline", "sway", "pitch"])
+def test_on_a_moving_platform_with_compensation(study, laboratory, condition):
+    assert_same(read_study_file(study, f"sub01_{condition}.c3d"), laboratory)
+
+
+def test_on_a_treadmill_that_stands_still(walker):
+    assert_same(walker, Laboratory(Treadmill()), Settings(filter="realtime", cutoff_hz=10.0))
+
+
+def test_whatever_the_streams_clock_shows(pitch, laboratory):
+    assert_same(pitch, laboratory, start_s=123456.789)
+
+
+def test_with_single_markers_missing(pitch, laboratory):
+    gaps = without(pitch, ("LHEE", "RASIS"), 3.0, 4.0)
+    assert_same(without(gaps, ("C7", "LLEK"), 3.5, 3.6), laboratory)
+
+
+@pytest.mark.parametrize("limb", ["left leg", "right arm"])
+def test_with_a_limb_unseen_for_a_second(pitch, laboratory, limb):
+    body = process_recording(pitch, PERSON, REALTIME, laboratory=laboratory).body
+    names = [name for name, s in body.segment_of.items() if s in LIMBS[limb]]
+    _, frames = assert_same(without(pitch, names, 5.0, 6.0), laboratory)
+    unseen = [bool(frame.quality & Quality.LIMB_UNSEEN) for frame in frames[500:600]]
+    assert all(unseen) == any(unseen) == (limb == "left leg")
+
+
+def test_without_markers_for_a_while_and_with_one_that_jumps(pitch, laboratory):
+    gone = without(pitch, pitch.markers.names, 4.0, 4.3)
+    position = gone.markers.position.copy()
+    position[700:720, gone.markers.names.index("RHEE")] += 0.4
+    jumped = replace(gone, markers=Markers(gone.markers.time, gone.markers.names, position))
+    _, frames = assert_same(jumped, laboratory)
+    left_out = [k for k, f in enumerate(frames) if f.quality & Quality.MARKERS_LEFT_OUT]
+    assert left_out == list(range(700, 720))
+    assert all(frame.quality & Quality.POSE_UNKNOWN for frame in frames[400:430])
+
+
+def test_with_belts_that_accelerate(walker):
+    """Models that read ahead, and a speed with noise."""
+    moved = lab.on_platform(walker, lab.pitching(12.0))
+    time, random = moved.analog.time, np.random.default_rng(5)
+    speed = 1.3 + 0.3 * np.sin(2 * np.pi * 0.9 * time) + random.normal(0, 0.001, len(time))
+    analog = replace(
+        moved.analog,
+        names=(*moved.analog.names, "Left", "Right"),
+        units=(*moved.analog.units, "m/s", "mm/s"),
+        values=np.column_stack([moved.analog.values, speed, 1000 * np.flip(speed)]),
+    )
+    belt = Belt(calibration="belts.c3d", speed_channels=("Left", "Right"))
+    treadmill = MARKED.model_copy(update={"belt": belt})
+    models = tuple(BeltModel([-1.2, 0.5, 2.0, -1.0, 0.5], advance=s) for s in (0, 2))
+    whole, _ = assert_same(replace(moved, analog=analog), Laboratory(treadmill, belts=models))
+    added = whole.measured.residual - whole.compensated.residual
+    assert np.nanmax(np.abs(added[:, 4])) > 1
+
+
+@pytest.mark.parametrize("model", ["static", "dynamic"])
+def test_with_accelerometers_and_plates_that_are_late(walker, model):
+    late = {"plate_delay_s": 0.012, "accelerometer_delay_s": 0.019}
+    empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0), **late)
+    treadmill = MARKED.model_copy(update={"inertia_model": model})
+    laboratory = Laboratory(treadmill, fit_calibration(empty, treadmill))
+    settings = Settings(filter="realtime", plate_delay_s=0.012)
+    assert_same(lab.on_platform(walker, lab.pitching(12.0), **late), laboratory, settings)
+
+
+def test_with_a_platform_as_commanded(walker):
+    platform = Platform(
+        sway_channel="Sway", pitch_channel="Pitch", pivot_m=tuple(lab.PIVOT_M), delay_s=0.03
+    )
+    moved = lab.on_platform(walker, lab.pitching(12.0), command_delay_s=0.03)
+    assert_same(moved, Laboratory(MARKED.model_copy(update={"platform": platform})))
+
+
+def test_on_a_real_recording(shared_data):
+    recording = read_c3d(shared_data / "treadmill_hbm2" / "treadmill_events.c3d")
+    assert_same(recording, Laboratory(Treadmill()))
