@@ -1,5 +1,7 @@
 """Recordings played into a live chain, sample by sample, without network or clock."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from pipeline.config.live import COMPONENTS, Live
@@ -46,7 +48,7 @@ def arrivals(recording, chunk_s=0.01, late_s=None, start_s=0.0):
     for (described, time, values), step_s in zip(streams, chunks, strict=True):
         ends = np.arange(time[0] + step_s, time[-1] + step_s, step_s)
         borders = np.unique([0, *np.searchsorted(time, ends), len(time)])
-        for a, b in zip(borders[:-1], borders[1:], strict=True):
+        for a, b in pairwise(borders):
             samples = Samples(described.name, time[a:b] + start_s, values[a:b])
             found.append((time[b - 1] + late.get(described.name, 0.0), samples))
     return [samples for _, samples in sorted(found, key=lambda each: each[0])]

@@ -147,12 +147,24 @@ def test_with_belts_that_accelerate(walker):
     assert np.nanmax(np.abs(added[:, 4])) > 1
 
 
-@pytest.mark.parametrize("model", ["static", "dynamic"])
-def test_with_accelerometers_and_plates_that_are_late(walker, model):
+def with_differences(calibration, lags_s=(0.01, 0.02, 0.04)):
+    """The same calibration with dynamic models, whose differences have gains of their own."""
+    random, models = np.random.default_rng(0), {}
+    for name, model in calibration.plates.items():
+        more = random.normal(0, 5, (len(lags_s) * (len(model.gain) - 1), 6))
+        gain = np.vstack([model.gain[:-1], more, model.gain[-1:]])
+        covariance = np.tile(1e-6 * np.eye(len(gain)), (6, 1, 1))
+        models[name] = replace(model, gain=gain, covariance=covariance, lags_s=lags_s)
+    return replace(calibration, dynamic=models)
+
+
+@pytest.mark.parametrize("dynamic", [False, True])
+def test_with_accelerometers_and_plates_that_are_late(walker, dynamic):
     late = {"plate_delay_s": 0.012, "accelerometer_delay_s": 0.019}
     empty = lab.on_platform(lab.without_people(20.0), lab.shaken(20.0), **late)
-    treadmill = MARKED.model_copy(update={"inertia_model": model})
-    laboratory = Laboratory(treadmill, fit_calibration(empty, treadmill))
+    static = MARKED.model_copy(update={"inertia_model": "static"})
+    calibration = fit_calibration(empty, static)
+    laboratory = Laboratory(static, with_differences(calibration) if dynamic else calibration)
     settings = Settings(filter="realtime", plate_delay_s=0.012)
     assert_same(lab.on_platform(walker, lab.pitching(12.0), **late), laboratory, settings)
 

@@ -239,3 +239,16 @@ def test_another_rate_of_the_belts_recording_is_not_called_that_of_a_trial(flexi
     belts = record_signal_trial(belt_signals(1, 1.0)[0], seed=7)
     with pytest.raises(ValueError, match=rf"^{belts.source.name}: .*but the recording has"):
         belts_alone(belts, Laboratory(TREADMILL, platform))
+
+
+def test_in_real_time_as_little_of_belt_pulses_is_left(models):
+    """The model was fitted without delay; the real-time filter afterwards delays both alike."""
+    recording = record_signal_trial(PULSES, seed=3)
+    laboratory, time = Laboratory(TREADMILL, None, models), recording.markers.time
+    ground = ground_wrenches(recording, laboratory, time, 0.0, 6.0, "realtime")
+    about = {
+        name: low_pass(plates[0][:, 4], 100.0, 6.0, "realtime")[100:-100].std()
+        for name, plates in ground.variants.items()
+    }
+    assert about["measured"] > 5
+    assert about["compensated"] < 0.05 * about["measured"]
