@@ -94,7 +94,9 @@ class MarkerTracker:
         self.tracker.keep(solution)
         error = solution.marker_error
         largest_m = USUAL_ERROR_MPS * min(since_s, 1.0)
-        self.usual_m += np.nan_to_num(np.clip(error - self.usual_m, -largest_m, largest_m))
+        change_m = np.clip(error - self.usual_m, -largest_m, largest_m)
+        change_m[np.isnan(change_m)] = 0.0
+        self.usual_m += change_m
         return solution
 
     def _is_frozen(self, time: float, own: Array) -> bool:
@@ -110,9 +112,10 @@ class MarkerTracker:
         solution = self.tracker.solve(position)
         self.left_out = np.zeros(len(self.markers), bool)
         for _ in range(MAX_ROUNDS):
-            excess_m = np.nan_to_num(solution.marker_error - 2 * self.usual_m, nan=-np.inf)
-            if excess_m.max() <= MIN_EXCESS_M:
+            excess_m = solution.marker_error - 2 * self.usual_m
+            if not (excess_m > MIN_EXCESS_M).any():
                 break
+            excess_m[np.isnan(excess_m)] = -np.inf
             for own in self.parts:
                 worst = own[excess_m[own].argmax()]
                 self.left_out[worst] |= excess_m[worst] > MIN_EXCESS_M

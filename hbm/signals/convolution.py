@@ -17,8 +17,11 @@ MAX_LOST_SAMPLES: Final = 2.5
 """Longest step between samples within the reach, in steps of their own; a longer one is a gap."""
 MAX_GAP_STEPS: Final = 1.5
 """The same in steps of the slower clock: over a longer one the weights nearly cancel."""
-SMALLEST_WEIGHT: Final = 1e-9
-"""Below it there is no sample, or no second one that would show a slope."""
+SMALLEST_ARM: Final = 1e-9
+"""Sum of squared distances, in steps of the slower clock, below which no second sample shows a
+slope."""
+TINY: Final = 1e-300
+"""Avoids the division of zero by zero where there is no sample."""
 INSTANTS_AT_ONCE: Final = 4000
 """Bounds the memory for samples within reach."""
 
@@ -102,38 +105,45 @@ class Convolution:
         count = int((stop - start).max(initial=0))
         if not count:
             return np.full((len(at), values.shape[1]), np.nan)
-        if count == stop[0] - start[0] and len(at) == 1:  # one instant, as it is measured
-            near, of_samples = time[None, start[0] : stop[0]], values[None, start[0] : stop[0]]
-            inside = np.ones(near.shape, bool)
+        if len(at) == 1:  # as it is measured
+            near, of_samples, inside = (
+                time[None, start[0] : stop[0]],
+                values[start[0] : stop[0]],
+                None,
+            )
         else:
             index: Indices = start[:, None] + np.arange(count)
             inside = index < stop[:, None]
             index = np.minimum(index, len(time) - 1)
-            near, of_samples = time[index], values[index]
-            of_samples = np.where(inside[..., None], of_samples, 0.0)
+            near, of_samples = time[index], np.where(inside[..., None], values[index], 0.0)
         weights, known = self._weights(near - at[:, None], inside)
         result = (weights[:, None, :] @ of_samples)[:, 0]
         result[~known] = np.nan
         return np.asarray(result)
 
-    def _weights(self, later: Array, inside: Mask) -> tuple[Array, Mask]:
-        """Give the weights of samples, (T, n), by how much later they are, and which are known."""
+    def _weights(self, later: Array, inside: Mask | None) -> tuple[Array, Mask]:
+        """Give the weights of samples, (T, n), by how much later they are, and which are known.
+
+        Samples that are not inside the reach have none; None if all are.
+        """
         reach_s = self.reach_s
+        if inside is not None:
+            later = np.where(inside, later, reach_s)
         longest_s = min(MAX_LOST_SAMPLES * self.step_s, MAX_GAP_STEPS * self.scale_s)
-        placed = np.where(inside, later, reach_s)
-        ends = np.full((len(later), 1), reach_s)
-        steps = np.diff(np.concatenate([-ends, placed, ends], axis=1), axis=1)
-        known = steps.max(axis=1) <= longest_s
+        known = (later[:, 0] + reach_s <= longest_s) & (reach_s - later[:, -1] <= longest_s)
+        if later.shape[1] > 1:
+            known &= (later[:, 1:] - later[:, :-1]).max(axis=1) <= longest_s
         u = np.abs(later) / self.scale_s
-        cubic = np.where(u < 1, (1.5 * u - 2.5) * u * u + 1, ((-0.5 * u + 2.5) * u - 4) * u + 2)
-        weights = np.where(inside, cubic, 0.0)
+        weights = np.where(u < 1, (1.5 * u - 2.5) * u * u + 1, ((-0.5 * u + 2.5) * u - 4) * u + 2)
         total = weights.sum(axis=1, keepdims=True)
         total[~known] = 1.0
         weights /= total
-        near = np.where(inside, (1 - (u / REACH_STEPS) ** 2) ** 2, 0.0)
-        total = np.maximum(near.sum(axis=1, keepdims=True), SMALLEST_WEIGHT)
+        near = 1 - (u / REACH_STEPS) ** 2
+        near *= near
+        total = near.sum(axis=1, keepdims=True) + TINY
         tilt = near * (later - (near * later).sum(axis=1, keepdims=True) / total)
-        moment, arm = ((x * later).sum(axis=1, keepdims=True) for x in (weights, tilt))
-        several = arm > SMALLEST_WEIGHT * self.scale_s**2
-        weights -= tilt * np.divide(moment, arm, out=np.zeros_like(moment), where=several)
+        moment = (weights * later).sum(axis=1, keepdims=True)
+        arm = (tilt * later).sum(axis=1, keepdims=True)
+        moment[arm <= SMALLEST_ARM * self.scale_s**2] = 0.0
+        weights -= tilt * (moment / (arm + TINY))
         return weights, known

@@ -24,7 +24,7 @@ class RealtimeFilter:
     Attributes
     ----------
     value, velocity, acceleration
-        Of the last step, (K,): filtered signal and derivatives. They are overwritten by the next.
+        Of the last step, (K,): filtered signal and derivatives; the next step makes new arrays.
 
     Examples
     --------

@@ -191,48 +191,50 @@ class LiveChain:
         solution = self.tracker.step(time, position)
         self.motion.step(time, solution.q)
         ground = self.ground.at(time, position)
-        feet = self.dynamics.feet(solution.q)
-        best = ground.variants[self.ground.variants[-1]]
-        on, uncertain = self.feet.on_plates(best, feet)
-        raw = {name: _by_foot(wrenches, on) for name, wrenches in ground.variants.items()}
-        self.forces.step(time, np.concatenate([each.ravel() for each in raw.values()]))
+        best = ground.wrenches[-1]
+        on, uncertain = self.feet.on_plates(best, self.dynamics.feet(solution.q))
+        raw = _by_foot(ground.wrenches, on)
+        self.forces.step(time, raw.ravel())
 
-        by_foot = dict(zip(raw, self.forces.value.reshape(-1, 2, 6).copy(), strict=True))
+        by_foot = self.forces.value.reshape(raw.shape)
         q, v, a = self.motion.value, self.motion.velocity, self.motion.acceleration
         needed = self.dynamics.needed(q, v, a)
-        found = {name: self.dynamics.under(needed, w, q[:3]) for name, w in by_foot.items()}
+        tau, residual = self.dynamics.under(needed, by_foot, q[:3])
         quality = self.validity.of_pose(time, solution)
         quality |= Quality.LATE * (not complete)
         quality |= Quality.PLATFORM_UNKNOWN * (not ground.platform_known)
-        quality |= Quality.FORCES_UNKNOWN * bool(np.isnan(best).any() and ground.platform_known)
+        quality |= Quality.FORCES_UNKNOWN * bool(ground.platform_known and np.isnan(best).any())
         quality |= Quality.FOOT_UNCERTAIN * uncertain
         quality |= Quality.MARKERS_LEFT_OUT * bool(self.tracker.left_out.any())
         quality |= Quality.MARKERS_FROZEN * self.tracker.frozen
-        unknown = any(np.isnan(residual).any() for _, residual in found.values())
-        limb = bool(quality & Quality.LIMB_UNSEEN)
-        quality |= Quality.SETTLING * (not self.validity.settled(time, unknown or limb))
+        gap = bool(np.isnan(residual).any() or quality & Quality.LIMB_UNSEEN)
+        quality |= Quality.SETTLING * (not self.validity.settled(time, gap))
         self.solved += quality.counts
         self.marked += not quality.counts
         self.late += not complete
+        names = self.ground.variants
         return LiveFrame(
-            self.solved + self.marked - 1,
-            time,
-            q.copy(),
-            {name: tau for name, (tau, _) in found.items()},
-            {name: reported(residual) for name, (_, residual) in found.items()},
-            by_foot,
-            raw[self.ground.variants[-1]][:, 2] > self.settings.contact_threshold_n,
-            solution.marker_error,
-            quality,
-            perf_counter() - started,
+            number=self.solved + self.marked - 1,
+            time=time,
+            q=q,
+            tau=dict(zip(names, tau, strict=True)),
+            residual=dict(zip(names, reported(residual), strict=True)),
+            by_foot=dict(zip(names, by_foot, strict=True)),
+            contact=raw[-1, :, 2] > self.settings.contact_threshold_n,
+            marker_error=solution.marker_error,
+            quality=quality,
+            computing_s=perf_counter() - started,
         )
 
 
 def _by_foot(wrenches: Array, on: Array) -> Array:
-    """Add up the wrenches of the plates, (P, 6), under each foot, (2, 6); NaN if one is unknown."""
-    if np.isnan(wrenches).any():
-        return np.full((2, 6), np.nan)
-    return np.stack([wrenches[on == foot].sum(axis=0) for foot in (0, 1)])
+    """Add up the wrenches of the plates, (V, P, 6), under each foot, (V, 2, 6).
+
+    NaN where a plate of a variant is unknown.
+    """
+    by_foot = (on == np.array([[0], [1]])).astype(float) @ wrenches
+    by_foot[np.isnan(wrenches).any(axis=(1, 2))] = np.nan
+    return np.asarray(by_foot)
 
 
 def _described(

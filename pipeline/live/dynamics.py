@@ -58,19 +58,24 @@ class LiveDynamics:
     def under(
         self, needed: tuple[Array, Array, Array], by_foot: Array, pelvis: Array
     ) -> tuple[Array, Array]:
-        """Give the generalized forces, (46,), and the residual, (6,), with wrenches on the feet.
+        """Give generalized forces and residuals with wrenches on the feet, of V variants.
 
         Parameters
         ----------
         needed
             As `needed` gives it.
         by_foot
-            On the left and the right foot, lab axes about the lab origin, (2, 6) [N, N·m].
+            On the left and the right foot, lab axes about the lab origin, (V, 2, 6) [N, N·m].
         pelvis
             Mid-hip in the lab, (3,) [m].
+
+        Returns
+        -------
+        tau, residual
+            (V, 46) and (V, 6) [N, N·m].
         """
-        tau, wrench, motion = needed
-        tau = tau.copy()
-        for chain, acting in zip(self.chains, by_foot, strict=True):
-            tau[chain] -= motion[chain] @ acting
-        return tau, wrench - shift_wrench(by_foot[0] + by_foot[1], pelvis)
+        alone, wrench, motion = needed
+        tau = np.tile(alone, (len(by_foot), 1))
+        for foot, chain in enumerate(self.chains):
+            tau[:, chain] -= by_foot[:, foot] @ motion[chain].T
+        return tau, wrench - shift_wrench(by_foot.sum(axis=1), pelvis)

@@ -1,6 +1,6 @@
 """The wrenches of the plates, frame by frame, as measured and compensated, in the lab."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -31,14 +31,14 @@ class GroundFrame:
 
     Attributes
     ----------
-    variants
-        "measured" and, with a calibration of platform or belts, "compensated" -> the wrench of
-        each plate, lab axes about the lab origin, unfiltered, (P, 6) [N, N·m]; NaN where unknown.
+    wrenches
+        Of each variant and plate, lab axes about the lab origin, unfiltered, (V, P, 6) [N, N·m];
+        NaN where unknown.
     platform_known
         Whether the platform's pose is, or it stands still.
     """
 
-    variants: Mapping[str, Array]
+    wrenches: Array
     platform_known: bool
 
 
@@ -113,26 +113,26 @@ class LiveGround:
 
     @property
     def variants(self) -> tuple[str, ...]:
-        """Names of what it gives."""
+        """Names of what it gives, that of the wrenches nearest to the truth last."""
         compensated = self.gains or self.speeds is not None
         return ("measured", "compensated") if compensated else ("measured",)
 
     def at(self, time: float, position: Array) -> GroundFrame:
         """Give the plates at a frame's time [s], of which the markers are given, (M, 3) [m]."""
-        measured = self._measured(time)
-        compensated = measured
-        if self.gains:
-            compensated = compensated - self._inertia(time)
-        if self.speeds is not None:
-            compensated = compensated - self._belts(time, self.speeds)
-        variants = {"measured": measured}
-        if compensated is not measured:
-            variants["compensated"] = compensated
-        pose = None if self.platform is None else self.platform.pose(time, position)
-        in_lab = {name: (x[:, None] @ self.to_lab)[:, 0] for name, x in variants.items()}
-        if pose is not None:
-            in_lab = {name: transform_wrench(x, *pose) for name, x in in_lab.items()}
-        return GroundFrame(in_lab, pose is None or bool(np.isfinite(pose[1][0])))
+        variants = [self._measured(time)]
+        if len(self.variants) > 1:
+            compensated = variants[0].copy()
+            if self.gains:
+                compensated -= self._inertia(time)
+            if self.speeds is not None:
+                compensated -= self._belts(time, self.speeds)
+            variants.append(compensated)
+        wrenches = (np.array(variants)[:, :, None] @ self.to_lab)[:, :, 0]
+        if self.platform is None:
+            return GroundFrame(wrenches, platform_known=True)
+        rotation, position = self.platform.pose(time, position)
+        known = not np.isnan(position[0])
+        return GroundFrame(transform_wrench(wrenches, rotation, position), bool(known))
 
     def _measured(self, time: float) -> Array:
         """Give each plate's own wrench, corrected, (P, 6)."""

@@ -243,9 +243,17 @@ def _forces(trials: Sequence[TrialSummary], study: Study | None) -> str:
     return (
         f"{text} The model used {count} triaxial accelerometer{'s' * (count > 1)} and was fitted "
         "to a recording of the empty, moving treadmill; plates and accelerometers of this "
-        "recording and of each trial were low-pass filtered with zero phase (−3 dB at "
+        f"recording{_also_of_trials(trials)} were low-pass filtered with zero phase (−3 dB at "
         f"{treadmill.cutoff_hz:g} Hz)."
     )
+
+
+def _also_of_trials(trials: Sequence[TrialSummary]) -> str:
+    """Say whether trials passed the calibration's filter too, which in real time they do not."""
+    in_real_time = {trial.settings.filter == "realtime" for trial in trials}
+    if in_real_time == {True}:
+        return ""
+    return " and of each trial" + " with that filter" * (True in in_real_time)
 
 
 def _differences(trials: Sequence[TrialSummary]) -> str:

@@ -1,7 +1,7 @@
 """The filter that runs sample by sample is the one that filters whole recordings in real time."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.signals.filtering import butterworth
@@ -30,12 +30,14 @@ def assert_same(signal, time, cutoff_hz):
 
 
 @given(st.integers(0, 1000), st.floats(1, 20))
+@settings(deadline=None)
 def test_equal_steps(seed, cutoff_hz):
     signal = 100 + np.random.default_rng(seed).normal(size=(200, 3))
     assert_same(signal, np.arange(200) / 100, cutoff_hz)
 
 
 @given(st.integers(0, 1000))
+@settings(deadline=None)
 def test_steps_that_jitter(seed):
     random = np.random.default_rng(seed)
     time = 1e5 + np.cumsum(random.uniform(0.007, 0.013, 200))
@@ -43,6 +45,7 @@ def test_steps_that_jitter(seed):
 
 
 @given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 2)), max_size=30))
+@settings(deadline=None)
 def test_gaps_of_any_column_even_around_a_single_sample(missing):
     signal = np.random.default_rng(1).normal(size=(100, 3))
     for row, column in missing:
