@@ -75,6 +75,11 @@ class Convolution:
         """How far samples count to either side [s]."""
         return REACH_STEPS * self.scale_s
 
+    @property
+    def longest_s(self) -> float:
+        """Longest step between samples that is no gap [s]."""
+        return min(MAX_LOST_SAMPLES * self.step_s, MAX_GAP_STEPS * self.scale_s)
+
     def evaluate(self, time: Array, values: Array, at: Array) -> Array:
         """Give a signal at some instants.
 
@@ -93,52 +98,70 @@ class Convolution:
             (T, K); NaN where a sample within reach is NaN, where the samples leave a gap, and where
             they end before the reach does.
         """
+        if len(at) == 1:
+            return self._at_one(time, values, float(at[0]))[None]
         result = np.empty((len(at), values.shape[1]))
         for first in range(0, len(at), INSTANTS_AT_ONCE):
             block = slice(first, first + INSTANTS_AT_ONCE)
-            result[block] = self._evaluate(time, values, at[block])
+            result[block] = self._at_many(time, values, at[block])
         return result
 
-    def _evaluate(self, time: Array, values: Array, at: Array) -> Array:
+    def _at_many(self, time: Array, values: Array, at: Array) -> Array:
         start = np.searchsorted(time, at - self.reach_s, side="right")
         stop = np.searchsorted(time, at + self.reach_s, side="left")
         count = int((stop - start).max(initial=0))
         if not count:
             return np.full((len(at), values.shape[1]), np.nan)
-        if len(at) == 1:  # as it is measured
-            near, of_samples, inside = (
-                time[None, start[0] : stop[0]],
-                values[start[0] : stop[0]],
-                None,
-            )
-        else:
-            index: Indices = start[:, None] + np.arange(count)
-            inside = index < stop[:, None]
-            index = np.minimum(index, len(time) - 1)
-            near, of_samples = time[index], np.where(inside[..., None], values[index], 0.0)
-        weights, known = self._weights(near - at[:, None], inside)
-        result = (weights[:, None, :] @ of_samples)[:, 0]
+        index: Indices = start[:, None] + np.arange(count)
+        inside = index < stop[:, None]
+        index = np.minimum(index, len(time) - 1)
+        later = np.where(inside, time[index] - at[:, None], self.reach_s)
+        weights, known = self._weights(later)
+        result = (weights[:, None, :] @ np.where(inside[..., None], values[index], 0.0))[:, 0]
         result[~known] = np.nan
         return np.asarray(result)
 
-    def _weights(self, later: Array, inside: Mask | None) -> tuple[Array, Mask]:
+    def _at_one(self, time: Array, values: Array, at: float) -> Array:
+        """Do the same for one instant, (K,), in a third of the time."""
+        start = int(time.searchsorted(at - self.reach_s, side="right"))
+        stop = int(time.searchsorted(at + self.reach_s, side="left"))
+        later = time[start:stop] - at
+        if not self._is_known(later):
+            return np.full(values.shape[1], np.nan)
+        u = np.abs(later) / self.scale_s
+        weights = _cubic(u)
+        weights /= weights.sum()
+        near = 1 - u * u / REACH_STEPS**2
+        near *= near
+        tilt = near * (later - near.dot(later) / near.sum())
+        arm = float(tilt.dot(later))
+        if arm > SMALLEST_ARM * self.scale_s**2:
+            weights -= tilt * (weights.dot(later) / arm)
+        return np.asarray(weights @ values[start:stop])
+
+    def _is_known(self, later: Array) -> bool:
+        if not len(later):
+            return False
+        reach_s, longest_s = self.reach_s, self.longest_s
+        if later[0] + reach_s > longest_s or reach_s - later[-1] > longest_s:
+            return False
+        return len(later) == 1 or bool((later[1:] - later[:-1]).max() <= longest_s)
+
+    def _weights(self, later: Array) -> tuple[Array, Mask]:
         """Give the weights of samples, (T, n), by how much later they are, and which are known.
 
-        Samples that are not inside the reach have none; None if all are.
+        Samples that are as late as the reach have none.
         """
-        reach_s = self.reach_s
-        if inside is not None:
-            later = np.where(inside, later, reach_s)
-        longest_s = min(MAX_LOST_SAMPLES * self.step_s, MAX_GAP_STEPS * self.scale_s)
+        reach_s, longest_s = self.reach_s, self.longest_s
         known = (later[:, 0] + reach_s <= longest_s) & (reach_s - later[:, -1] <= longest_s)
         if later.shape[1] > 1:
             known &= (later[:, 1:] - later[:, :-1]).max(axis=1) <= longest_s
         u = np.abs(later) / self.scale_s
-        weights = np.where(u < 1, (1.5 * u - 2.5) * u * u + 1, ((-0.5 * u + 2.5) * u - 4) * u + 2)
+        weights = _cubic(u)
         total = weights.sum(axis=1, keepdims=True)
         total[~known] = 1.0
         weights /= total
-        near = 1 - (u / REACH_STEPS) ** 2
+        near = 1 - u * u / REACH_STEPS**2
         near *= near
         total = near.sum(axis=1, keepdims=True) + TINY
         tilt = near * (later - (near * later).sum(axis=1, keepdims=True) / total)
@@ -147,3 +170,10 @@ class Convolution:
         moment[arm <= SMALLEST_ARM * self.scale_s**2] = 0.0
         weights -= tilt * (moment / (arm + TINY))
         return weights, known
+
+
+def _cubic(u: Array) -> Array:
+    """Give the cubic convolution kernel at distances up to 2 steps."""
+    from_one = 1 - u
+    inner = np.maximum(from_one, 0)
+    return np.asarray(0.5 * from_one * (2 - u) ** 2 + inner * inner * (2 * u - 1))

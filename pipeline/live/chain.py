@@ -56,6 +56,19 @@ class Counts:
     out_of_order: int
 
 
+@dataclass(frozen=True, slots=True)
+class _Pose:
+    """What the markers of a frame show: all that needs no analog sample."""
+
+    time: float
+    position: Array
+    q: Array
+    feet: Array
+    needed: tuple[Array, Array, Array]
+    marker_error: Array
+    quality: Quality
+
+
 class LiveChain:
     """What `pipeline.trial.process` computes with ``filter = "realtime"``, as samples arrive.
 
@@ -124,7 +137,7 @@ class LiveChain:
         self.motion = RealtimeFilter(settings.cutoff_hz, N_Q)
         self.validity = LiveValidity(body, self.tracker.markers, after_s, self.motion.longest_s)
         self.forces = RealtimeFilter(settings.cutoff_hz, 12 * len(self.ground.variants))
-        self.waiting = deque[tuple[float, Array]]()
+        self.waiting = deque[_Pose]()
         self.order = SampleBuffer(0, MAX_WAITING_FRAMES)
         self.received = self.solved = self.marked = self.late = 0
 
@@ -154,23 +167,26 @@ class LiveChain:
         list of LiveFrame
             Frames that are now complete, or that have waited too long, in order.
         """
+        started = perf_counter()
         if samples.stream == self.stream.name:
             self._take_frames(samples)
         elif samples.stream in self.analog.buffers:
             self.analog.append(samples)
         frames = []
-        while self.waiting and (complete := self._complete(self.waiting[0][0])) is not None:
-            frames.append(self._next(complete))
+        while self.waiting and (complete := self._complete(self.waiting[0].time)) is not None:
+            frames.append(self._next(complete, started))
+            started = perf_counter()
         return frames
 
     def finish(self) -> list[LiveFrame]:
         """Give the frames that still wait for samples, as late ones."""
-        return [self._next(complete=False) for _ in range(len(self.waiting))]
+        return [self._next(False, perf_counter()) for _ in range(len(self.waiting))]
 
     def _take_frames(self, samples: Samples) -> None:
         values = samples.values.reshape(len(samples.time), -1, 3)
         kept = self.order.append(samples.time, np.empty((len(values), 0)))
-        self.waiting.extend(zip(samples.time[kept].tolist(), values[kept], strict=True))
+        for time, position in zip(samples.time[kept].tolist(), values[kept], strict=True):
+            self.waiting.append(self._pose(time, position))
         self.received = len(self.waiting) + self.solved + self.marked
 
     def _complete(self, time: float) -> bool | None:
@@ -184,29 +200,33 @@ class LiveChain:
             return False
         return None
 
-    def _next(self, complete: bool) -> LiveFrame:
-        """Compute the frame that has waited longest."""
-        started = perf_counter()
-        time, position = self.waiting.popleft()
+    def _pose(self, time: float, position: Array) -> _Pose:
+        """Solve a frame's markers, (M, 3) [m]."""
         solution = self.tracker.step(time, position)
         self.motion.step(time, solution.q)
-        ground = self.ground.at(time, position)
+        q, v, a = self.motion.value, self.motion.velocity, self.motion.acceleration
+        quality = self.validity.of_pose(time, solution)
+        quality |= Quality.MARKERS_LEFT_OUT * bool(self.tracker.left_out.any())
+        quality |= Quality.MARKERS_FROZEN * self.tracker.frozen
+        feet, needed = self.dynamics.feet(solution.q), self.dynamics.needed(q, v, a)
+        return _Pose(time, position, q, feet, needed, solution.marker_error, quality)
+
+    def _next(self, complete: bool, started: float) -> LiveFrame:
+        """Compute the frame that has waited longest; its last sample arrived when it started."""
+        pose = self.waiting.popleft()
+        time, quality = pose.time, pose.quality
+        ground = self.ground.at(time, pose.position)
         best = ground.wrenches[-1]
-        on, uncertain = self.feet.on_plates(best, self.dynamics.feet(solution.q))
+        on, uncertain = self.feet.on_plates(best, pose.feet)
         raw = _by_foot(ground.wrenches, on)
         self.forces.step(time, raw.ravel())
 
         by_foot = self.forces.value.reshape(raw.shape)
-        q, v, a = self.motion.value, self.motion.velocity, self.motion.acceleration
-        needed = self.dynamics.needed(q, v, a)
-        tau, residual = self.dynamics.under(needed, by_foot, q[:3])
-        quality = self.validity.of_pose(time, solution)
+        tau, residual = self.dynamics.under(pose.needed, by_foot, pose.q[:3])
         quality |= Quality.LATE * (not complete)
         quality |= Quality.PLATFORM_UNKNOWN * (not ground.platform_known)
         quality |= Quality.FORCES_UNKNOWN * bool(ground.platform_known and np.isnan(best).any())
         quality |= Quality.FOOT_UNCERTAIN * uncertain
-        quality |= Quality.MARKERS_LEFT_OUT * bool(self.tracker.left_out.any())
-        quality |= Quality.MARKERS_FROZEN * self.tracker.frozen
         gap = bool(np.isnan(residual).any() or quality & Quality.LIMB_UNSEEN)
         quality |= Quality.SETTLING * (not self.validity.settled(time, gap))
         self.solved += quality.counts
@@ -216,12 +236,12 @@ class LiveChain:
         return LiveFrame(
             number=self.solved + self.marked - 1,
             time=time,
-            q=q,
+            q=pose.q,
             tau=dict(zip(names, tau, strict=True)),
             residual=dict(zip(names, reported(residual), strict=True)),
             by_foot=dict(zip(names, by_foot, strict=True)),
             contact=raw[-1, :, 2] > self.settings.contact_threshold_n,
-            marker_error=solution.marker_error,
+            marker_error=pose.marker_error,
             quality=quality,
             computing_s=perf_counter() - started,
         )

@@ -72,7 +72,7 @@ class LiveFrame:
     quality
         Why it does not count.
     computing_s
-        Time that it took to compute [s].
+        From the arrival of its last sample until it was known [s].
     """
 
     number: int

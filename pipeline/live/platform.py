@@ -62,11 +62,12 @@ class MarkedPlatform:
             if len(self.first) == NEUTRAL_FRAMES:
                 self._find_neutral()
             return UNKNOWN
-        rotation = fit_rotation((own - own.mean(axis=0)).T @ self.centered) if _seen(own) else None
-        if rotation is not None:
-            model = self.centered @ rotation.T + own.mean(axis=0)
-            if np.square(own - model).sum(axis=1).max() <= MAX_MARKER_ERROR_M**2:
-                return rotation, model[0] - rotation @ self.neutral[0]
+        if (np.abs(own) < MAX_DISTANCE_M).all():
+            center = own.mean(axis=0)
+            rotation = fit_rotation((own - center).T @ self.centered)
+            error = self.centered @ rotation.T + center - own
+            if (error * error).sum(axis=1).max() <= MAX_MARKER_ERROR_M**2:
+                return rotation, center - rotation @ self.neutral_center
         try:
             pose = fit_pose(own[None], self.neutral, MAX_MARKER_ERROR_M).pose
         except ValueError as error:
@@ -79,7 +80,8 @@ class MarkedPlatform:
             neutral = neutral_markers(np.array(self.first))
             fit_pose(neutral[None], neutral, MAX_MARKER_ERROR_M)  # refuses markers in a line
             self.neutral, self.problem = neutral, ""
-            self.centered = neutral - neutral.mean(axis=0)
+            self.neutral_center = neutral.mean(axis=0)
+            self.centered = neutral - self.neutral_center
         except ValueError as error:
             self.problem = str(error)
             del self.first[0]
@@ -134,8 +136,3 @@ class CommandedPlatform:
             self.problem = str(error)
             return UNKNOWN
         return pose.rotation[0], pose.position[0]
-
-
-def _seen(position: Array) -> bool:
-    """Whether all markers are seen, at places where `fit_pose` takes them."""
-    return bool((np.abs(position) < MAX_DISTANCE_M).all())

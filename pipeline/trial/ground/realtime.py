@@ -117,15 +117,18 @@ class RealtimeAccelerometers:
         for lag_s in self.lags_s:
             later, earlier = (self._readings(time, readings, at + s) for s in (lag_s, -lag_s))
             kinds.append(later - 2 * now + earlier)
-        return np.hstack(kinds)
+        return np.hstack(kinds) if self.lags_s else now
 
     def _readings(self, time: Array, readings: Array, at: Array) -> Array:
-        if len(set(self.delays_s)) == 1:
-            found = self.resampling.evaluate(time, readings, at + self.delays_s[0])
+        evaluate, delays_s = self.resampling.evaluate, self.delays_s
+        if len(set(delays_s)) == 1:
+            found = evaluate(time, readings, at + delays_s[0])
         else:
-            parts = zip(np.split(readings, len(self.delays_s), axis=1), self.delays_s, strict=True)
-            each = [self.resampling.evaluate(time, own, at + delay_s) for own, delay_s in parts]
-            found = np.hstack(each)
+            each = [
+                evaluate(time, readings[:, 3 * k : 3 * k + 3], at + delay_s)
+                for k, delay_s in enumerate(delays_s)
+            ]
+            found = np.concatenate(each, axis=1)
         return np.asarray(found / self.scale)
 
 
