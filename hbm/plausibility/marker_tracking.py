@@ -21,8 +21,14 @@ from hbm.plausibility.outliers import (
     MIN_LOST,
     MIN_LOST_SHARE,
     outlier_notes,
+    solve_without_outliers,
 )
-from hbm.plausibility.repeated_positions import MIN_FROZEN_S, ROUNDING_S
+from hbm.plausibility.repeated_positions import (
+    MIN_FROZEN_S,
+    ROUNDING_S,
+    without_frozen_frames,
+)
+from hbm.signals.filtering import Method
 from hbm.spatial import Array, Mask
 
 USUAL_ERROR_M: Final = 0.02
@@ -127,6 +133,36 @@ class MarkerTracker:
             position[self.columns[self.left_out]] = np.nan
             solution = self.tracker.solve(position)
         return solution
+
+
+def solve_motion(
+    body: Body, markers: Markers, method: Method, jobs: int
+) -> tuple[Markers, Motion, tuple[Note, ...]]:
+    """Find the coordinates of a trial, without marker positions that cannot be.
+
+    Parameters
+    ----------
+    body
+        The subject.
+    markers
+        Trajectories, T frames.
+    method
+        Of the filter that follows; with "realtime" no frame depends on a later one.
+    jobs
+        Threads; one in real time.
+
+    Returns
+    -------
+    markers
+        The same with gaps in place of positions that were left out.
+    motion
+        Of these, unfiltered.
+    notes
+        What was left out.
+    """
+    if method == "realtime":
+        return track_motion(body, markers)
+    return solve_without_outliers(body, without_frozen_frames(markers, body.markers), jobs)
 
 
 def track_motion(body: Body, markers: Markers) -> tuple[Markers, Motion, tuple[Note, ...]]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import firwin, kaiserord, oaconvolve
 
+from hbm.signals.convolution import Convolution
 from hbm.signals.cubic_spline import cubic_spline
 from hbm.signals.samples import (
     blocks_without_gaps,
@@ -110,6 +111,28 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
         place = inside if isinstance(sharing, slice) else np.ix_(inside, sharing)
         result[place] = cubic_spline(time[rows], columns[rows, sharing], wanted[inside])
     return result.reshape(*at.shape, *values.shape[1:])
+
+
+def resample_in_real_time(time: Array, values: Array, new_time: Array) -> Array:
+    """Bring a signal to other sample times as while it is measured, by `Convolution`.
+
+    Parameters
+    ----------
+    time
+        Sample times, (N,) [s].
+    values
+        Samples, (N, ...).
+    new_time
+        Wanted times, (T,) [s].
+
+    Returns
+    -------
+    Array
+        (T, ...); NaN where the samples around it are not all known.
+    """
+    resampling = Convolution.between(mean_rate_hz(time), mean_rate_hz(new_time))
+    found = resampling.evaluate(time, values.reshape(len(time), -1), new_time)
+    return found.reshape(len(new_time), *values.shape[1:])
 
 
 def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:

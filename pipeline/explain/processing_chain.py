@@ -11,6 +11,7 @@ from compensation import PlatformPose, to_lab
 from hbm.engines.choice import choose_engine
 from hbm.markers import Markers
 from hbm.model import Body
+from hbm.plausibility.marker_tracking import solve_motion
 from hbm.signals.filtering import Filtered, butterworth, low_pass
 from hbm.spatial import Array, shift_wrench, transform_wrench
 from pipeline.config.schema import Settings
@@ -19,7 +20,6 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.wrenches import ground_wrenches
-from pipeline.trial.motion import solve_motion
 from pipeline.trial.result import TrialResult
 
 COMPUTED_FROM: Final[Mapping[str, frozenset[str]]] = {

@@ -8,7 +8,7 @@ from compensation import BeltModel
 from hbm.spatial import Array
 from pipeline.live.buffer import SampleBuffer
 from pipeline.live.channels import Channels
-from pipeline.trial.ground.realtime import MODEL_RATE_HZ, RealtimeBelts, between_steps
+from pipeline.trial.ground.belts import MODEL_RATE_HZ, RealtimeBelts, between_steps
 
 KEPT_STEPS = 50
 """Of the models' output: half a second."""

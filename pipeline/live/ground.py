@@ -15,11 +15,11 @@ from pipeline.io.units import acceleration_in_mps2, force_in_n, moment_in_nm, sp
 from pipeline.live.belts import LiveBelts
 from pipeline.live.channels import AnalogStreams, Channels
 from pipeline.live.platform import CommandedPlatform, MarkedPlatform
-from pipeline.trial.ground.belts import belt_side
+from pipeline.trial.ground.accelerometers import RealtimeAccelerometers
+from pipeline.trial.ground.belts import RealtimeBelts, belt_side
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
 from pipeline.trial.ground.empty_plates import FILTER
 from pipeline.trial.ground.laboratory import Laboratory, models_of_plates
-from pipeline.trial.ground.realtime import RealtimeAccelerometers, RealtimeBelts
 
 LIVE: Final = "live"
 """What is compensated, in messages."""

@@ -11,6 +11,7 @@ from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
+from hbm.plausibility.marker_tracking import solve_motion
 from hbm.signals.filtering import low_pass
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import (
@@ -45,7 +46,6 @@ from pipeline.trial.ground.loads import plate_loads
 from pipeline.trial.ground.uncertainty import standard_deviation, uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches
 from pipeline.trial.marker_check import check_markers
-from pipeline.trial.motion import solve_motion
 from pipeline.trial.motion_check import check_motion, known_frames, shown_frames
 from pipeline.trial.plate_check import check_plates
 from pipeline.trial.result import CompensationUncertainty, PlateSurface, TrialResult

@@ -2,12 +2,14 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from compensation import Sensor, dynamic_channels
 from hbm.notes import Note
+from hbm.signals.convolution import Convolution
 from hbm.signals.resampling import resample
 from hbm.spatial import Array
 from hbm.spelling import short
@@ -198,6 +200,94 @@ def at_times_of_plates(
         ]
         felt += same[:1] or [at_plate_times(clock, readings, time, treadmill, sensors, lags_s)]
     return felt
+
+
+@dataclass(frozen=True, slots=True)
+class RealtimeAccelerometers:
+    """How what accelerometers felt follows from their samples.
+
+    Attributes
+    ----------
+    resampling
+        From their clock to the frames'.
+    delays_s
+        How much later each sensor is than the plates [s].
+    scale
+        Reading by true acceleration of each channel, (k,).
+    lags_s
+        Of a dynamic model's differences [s].
+    """
+
+    resampling: Convolution
+    delays_s: tuple[float, ...]
+    scale: Array
+    lags_s: tuple[float, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        treadmill: Treadmill,
+        sensors: Sequence[Sensor],
+        lags_s: Sequence[float],
+        rate_hz: float,
+        frames_hz: float,
+    ) -> "RealtimeAccelerometers":
+        """Give it for sensors as a calibration found them, or as stated where it found none."""
+        stated = [treadmill.accelerometer_delay_s or 0.0] * len(treadmill.accelerometers)
+        resampling = Convolution.between(rate_hz, frames_hz)
+        samples = [max(round(lag_s / resampling.step_s), 1) for lag_s in lags_s]
+        return cls(
+            resampling,
+            tuple(s.correction_s for s in sensors) or tuple(stated),
+            np.repeat([s.scale for s in sensors] or np.ones(len(stated)), 3),
+            tuple(count * resampling.step_s for count in samples),
+        )
+
+    @property
+    def ahead_s(self) -> float:
+        """How much later than an instant the last sample is that it needs [s]."""
+        return max(self.delays_s) + max(self.lags_s, default=0.0) + self.resampling.reach_s
+
+    @property
+    def behind_s(self) -> float:
+        """How much earlier than an instant the first sample is that it needs [s]."""
+        return max(self.lags_s, default=0.0) + self.resampling.reach_s - min(self.delays_s)
+
+    def felt(self, time: Array, readings: Array, at: Array) -> Array:
+        """Give what they felt, as an inertia model takes it.
+
+        Parameters
+        ----------
+        time
+            Sample times, (N,) [s].
+        readings
+            Three columns per sensor, (N, k) [m/s²].
+        at
+            Instants on the plates' clock, (T,) [s].
+
+        Returns
+        -------
+        Array
+            (T, k (1 + lags)) [m/s²]; NaN where unknown.
+        """
+        now = self._readings(time, readings, at)
+        kinds = [now]
+        for lag_s in self.lags_s:
+            later, earlier = (self._readings(time, readings, at + s) for s in (lag_s, -lag_s))
+            kinds.append(later - 2 * now + earlier)
+        return np.hstack(kinds) if self.lags_s else now
+
+    def _readings(self, time: Array, readings: Array, at: Array) -> Array:
+        evaluate, delays_s = self.resampling.evaluate, self.delays_s
+        if len(set(delays_s)) == 1:
+            found = evaluate(time, readings, at + delays_s[0])
+        else:
+            each = [
+                evaluate(time, readings[:, 3 * k : 3 * k + 3], at + delay_s)
+                for k, delay_s in enumerate(delays_s)
+            ]
+            found = np.concatenate(each, axis=1)
+        return np.asarray(found / self.scale)
 
 
 def corrected_sensors(sensors: Sequence[Sensor]) -> tuple[Note, ...]:

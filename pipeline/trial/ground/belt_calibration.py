@@ -19,6 +19,7 @@ from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
 from pipeline.trial.ground.artefacts import plate_artefacts
 from pipeline.trial.ground.belts import (
+    MODEL_RATE_HZ,
     belt_accelerations,
     belt_side,
     belt_wrenches,
@@ -28,7 +29,6 @@ from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.empty_plates import FILTER, read_empty
 from pipeline.trial.ground.instruments import belt_speed
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.realtime import MODEL_RATE_HZ
 
 FILTER_EDGE_S: Final = 0.5
 """Left out at both ends of the calibration, where the low-pass has no neighbours."""

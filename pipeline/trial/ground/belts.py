@@ -6,18 +6,24 @@ samples.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import cycle
+from typing import Final
 
 import numpy as np
 
 from compensation import BeltModel, belt_acceleration
+from hbm.signals.convolution import Convolution
 from hbm.signals.resampling import interpolate
+from hbm.signals.samples import stretches
 from hbm.spatial import Array
 from pipeline.config.schema import Belt
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.empty_plates import FILTER
 from pipeline.trial.ground.instruments import belt_speed
-from pipeline.trial.ground.realtime import MODEL_RATE_HZ, RealtimeBelts
+
+MODEL_RATE_HZ: Final = 100.0
+"""The belt model's rate: belts accelerate below 10 Hz."""
 
 
 def belt_axes(plate: Plate) -> Array:
@@ -96,6 +102,99 @@ def belt_wrenches_in_real_time(
         np.hstack([np.zeros((len(moment), 3)), moment[:, None] * belt_side(plate)])
         for moment, plate in zip(moments, recording.plates, strict=True)
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class RealtimeBelts:
+    """How the moments of accelerating belts follow from the belts' speeds.
+
+    Attributes
+    ----------
+    models
+        Of each plate's belt.
+    first_s
+        A time of the models' steps: that of the first frame [s].
+    resampling
+        From the speeds' clock to the models' steps.
+    """
+
+    models: Sequence[BeltModel]
+    first_s: float
+    resampling: Convolution
+
+    @classmethod
+    def of(cls, models: Sequence[BeltModel], rate_hz: float, first_s: float) -> "RealtimeBelts":
+        """Give it for speeds sampled at a rate [Hz]."""
+        return cls(models, first_s, Convolution.between(rate_hz, MODEL_RATE_HZ))
+
+    @property
+    def advance(self) -> int:
+        """Steps by which the model that reads farthest ahead does so."""
+        return max(model.advance for model in self.models)
+
+    @property
+    def ahead_s(self) -> float:
+        """How much later than an instant the last sample is that it needs [s]."""
+        to_step_s = self.resampling.step_s + self.resampling.reach_s
+        between = Convolution.between(MODEL_RATE_HZ, MODEL_RATE_HZ)
+        return to_step_s + self.advance / MODEL_RATE_HZ + between.reach_s + between.step_s
+
+    def accelerations(self, time: Array, speeds: Array, steps: Array) -> Array:
+        """Give the belts' accelerations at steps of the models.
+
+        Parameters
+        ----------
+        time
+            Sample times, (N,) [s].
+        speeds
+            One column per plate, (N, P) [m/s].
+        steps
+            Numbers of the steps from that of the first frame, (G,).
+
+        Returns
+        -------
+        Array
+            (G, P) [m/s²]: central differences over one sample, as of
+            `compensation.belt_acceleration`; NaN where unknown.
+        """
+        at, half_s = self.first_s + steps / MODEL_RATE_HZ, self.resampling.step_s
+        later, earlier = (self.resampling.evaluate(time, speeds, at + s) for s in (half_s, -half_s))
+        return np.asarray((later - earlier) / (2 * half_s))
+
+    def moments(self, time: Array, speeds: Array, at: Sequence[Array]) -> list[Array]:
+        """Give the moments of a whole trial.
+
+        Parameters
+        ----------
+        time
+            Sample times, (N,) [s].
+        speeds
+            One column per plate, (N, P) [m/s].
+        at
+            Per plate the wanted instants, (T,) [s].
+
+        Returns
+        -------
+        list of Array
+            Per plate, (T,) [N·m]; NaN where unknown. A model begins at constant speed.
+        """
+        first, last = ((t - self.first_s) * MODEL_RATE_HZ for t in (time[0], time[-1]))
+        steps = np.arange(np.ceil(first), np.floor(last) + 1)
+        acceleration = self.accelerations(time, speeds, steps)
+        step_times, found = self.first_s + steps / MODEL_RATE_HZ, []
+        for model, own, instants in zip(self.models, acceleration.T, at, strict=True):
+            moment = np.full(len(own), np.nan)
+            for start, stop in stretches(np.isfinite(own)):
+                if stop - start > model.advance:
+                    predicted = model.predict(own[start:stop])
+                    moment[start : stop - model.advance] = predicted[: stop - start - model.advance]
+            found.append(between_steps(step_times, moment[:, None], instants)[:, 0])
+        return found
+
+
+def between_steps(step_times: Array, moments: Array, at: Array) -> Array:
+    """Give the belts' moments, (G, P) at steps of their models, at instants between: (T, P)."""
+    return Convolution.between(MODEL_RATE_HZ, MODEL_RATE_HZ).evaluate(step_times, moments, at)
 
 
 def belt_side(plate: Plate) -> Array:

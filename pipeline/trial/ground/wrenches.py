@@ -15,10 +15,11 @@ from compensation import (
 from compensation.inertia.model import SLOW_HZ
 from hbm.notes import Note
 from hbm.signals.filtering import Method
-from hbm.signals.resampling import interpolate, resample
+from hbm.signals.resampling import interpolate, resample, resample_in_real_time
 from hbm.spatial import Array, transform_wrench
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import (
+    RealtimeAccelerometers,
     accelerations,
     at_times_of_plates,
     corrected_sensors,
@@ -31,7 +32,6 @@ from pipeline.trial.ground.instruments import fastest_belt
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import NEUTRAL_FRAMES, platform_pose
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
-from pipeline.trial.ground.realtime import RealtimeAccelerometers, in_real_time
 from pipeline.trial.ground.uncertainty import belt_speed_notes, sum_covariance, wrench_spread
 
 ASSUMED_PIVOT_ERROR_M: Final = 0.01
@@ -101,8 +101,10 @@ def ground_wrenches(
     cutoff_hz
         Of the filter that the wrenches pass next, which leaves less of their noise [Hz].
     method
-        Of that filter. With "realtime" nothing here waits for the end of the trial either
-        (`pipeline.trial.ground.realtime`).
+        Of that filter. With "realtime" nothing here waits for the end of the trial either: plates,
+        accelerometers and belts are brought to the markers' times by a convolution of short reach
+        and nothing else. Compensation is linear, so that the real-time filter that the difference
+        passes afterwards does the same as one on plates and accelerometers before.
 
     Returns
     -------
@@ -123,7 +125,7 @@ def ground_wrenches(
     plates, treadmill = recording.plates, laboratory.treadmill
     delays_s = plate_delays_s(plates, laboratory.plates, plate_delay_s)
     times = [time + delay for delay in delays_s]
-    at_markers = in_real_time if method == "realtime" else resample
+    at_markers = resample_in_real_time if method == "realtime" else resample
     measured = [
         at_markers(p.time, p.wrench_in_plate, t) for p, t in zip(plates, times, strict=True)
     ]
