@@ -25,7 +25,7 @@ class TrialRequest:
     """
 
     trial: Annotated[
-        Path, Help("The trial: C3D, TRC, D-Flow, .mox or Nexus ASCII, recognised by content.")
+        Path, Help("The trial: C3D, TRC, D-Flow, .mox, Nexus ASCII or XDF, recognised by content.")
     ]
     static: Annotated[Path | None, Help("Calibration pose; default: the trial itself.")] = None
     forces: Annotated[Path | None, Help("Ground reaction forces (.mot) of a .trc trial.")] = None
@@ -50,6 +50,9 @@ class TrialRequest:
     label_prefix: Annotated[
         str | None,
         Help("Label prefix of the subject, or its number, where several carry the same labels."),
+    ] = None
+    marker_stream: Annotated[
+        str | None, Help("Stream that holds the markers, where several of an XDF file do.")
     ] = None
     units: Annotated[str | None, Help("Unit of the markers, e.g. mm; default: the file's.")] = None
     plate_units: Annotated[
