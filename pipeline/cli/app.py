@@ -18,6 +18,7 @@ from pipeline.cli import (
     calibration_check,
     doctor,
     explain,
+    live,
     results,
     simulate,
     study,
@@ -66,6 +67,7 @@ for command in (
     results.view,
     treadmill.plates,
     simulate.simulate,
+    live.live,
     doctor.doctor,
 ):
     app.command()(command)

@@ -30,6 +30,8 @@ from pipeline.trial.validity import settling_s
 
 ROUNDING_S: Final = 1e-6
 """Of time stamps; what lies so near the end of a reach has no weight."""
+MAX_DISTANCE_M: Final = 100.0
+"""From the origin; a marker that is farther, or infinitely far, was not seen."""
 MAX_WAITING_FRAMES: Final = 1000
 """Ten seconds at 100 Hz; more come at once only from a file, and wait for nothing."""
 
@@ -184,6 +186,9 @@ class LiveChain:
 
     def _take_frames(self, samples: Samples) -> None:
         values = samples.values.reshape(len(samples.time), -1, 3)
+        if not (np.abs(values) < MAX_DISTANCE_M).all():
+            seen = (np.abs(values) < MAX_DISTANCE_M).all(axis=2)
+            values = np.where(seen[..., None], values, np.nan)
         kept = self.order.append(samples.time, np.empty((len(values), 0)))
         for time, position in zip(samples.time[kept].tolist(), values[kept], strict=True):
             self.waiting.append(self._pose(time, position))

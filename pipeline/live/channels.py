@@ -61,8 +61,11 @@ class AnalogStreams:
         }
 
     def append(self, samples: Samples) -> None:
-        """Take what arrived of one of the streams."""
-        self.buffers[samples.stream].append(samples.time, samples.values)
+        """Take what arrived of one of the streams; what is no number is a gap."""
+        values = samples.values
+        if not np.isfinite(values).all():
+            values = np.where(np.isfinite(values), values, np.nan)
+        self.buffers[samples.stream].append(samples.time, values)
 
     def find(
         self, labels: Sequence[str], unit_in_si: Callable[[str], float], unit: str | None = None

@@ -104,7 +104,9 @@ def send_cycles(
         rr.LineStrips2D.columns(strips=strips, colors=rgba(*colours)).partition([len(strips)]),
         strict=True,
     )
-    places = np.array([_corner(k) + [-24, y] for k in range(len(AXES)) for y in (-10, SIZE[1] - 16)])
+    places = np.array(
+        [_corner(k) + [-24, y] for k in range(len(AXES)) for y in (-10, SIZE[1] - 16)]
+    )
     labels = np.array([f"{sign}{limit:g}" for limit in limits for sign in ("+", "−")])
     send(
         stream,

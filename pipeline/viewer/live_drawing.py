@@ -218,9 +218,7 @@ def _arguments(screen: Screen, data: int, page: int) -> tuple[list[str], tuple[i
     return [*unseen, *arguments], (data,)
 
 
-def _wait_until_sent(
-    stream: rr.RecordingStream, process: Popen[bytes], inbox: _Input
-) -> None:
+def _wait_until_sent(stream: rr.RecordingStream, process: Popen[bytes], inbox: _Input) -> None:
     """Wait until the viewer has taken all, or has ended, or the input has."""
     while process.poll() is None and not inbox.ended.is_set():
         try:

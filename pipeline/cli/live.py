@@ -1,0 +1,286 @@
+"""The same numbers while the subject walks, on the command line."""
+
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from pipeline.live.chain import LiveChain
+    from pipeline.live.monitor import Monitor
+    from pipeline.live.preparation import Preparation, Subjected
+    from pipeline.live.recorder.recorder import Recorder
+    from pipeline.live.session import Session
+    from pipeline.live.stream import Source
+
+LOOPBACK: Final = "127.0.0.1"
+STREAMS, PARTS = "streams.xdf", "results"
+SHOWN_S: Final = 0.02
+"""Between looks at what is new."""
+STATUS_S: Final = 0.5
+RECEIVERS_S: Final = 10.0
+SWITCH_S: Final = 5e-4
+"""After which another thread gets its turn: Python's own 5 ms would make frames late."""
+
+
+def live(
+    study: Annotated[
+        Path | None, typer.Option(help="Folder of the study, whose study.toml has [live].")
+    ] = None,
+    subject: Annotated[str | None, typer.Option(help="Who walks; default: the only one.")] = None,
+    static: Annotated[
+        Path | None, typer.Option(help="Calibration pose, and places of the plates.")
+    ] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Of the moving treadmill; default: the study's.")
+    ] = None,
+    pose: Annotated[
+        bool, typer.Option("--pose", help="Build the body from a pose that the subject shows now.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="New folder for streams and results; default: live/TIME.")
+    ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show the body in a window.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="Show the body to a browser here.")] = False,
+    qualisys: Annotated[
+        str | None, typer.Option(help="Address of Qualisys Track Manager, in place of LSL.")
+    ] = None,
+    listen: Annotated[
+        str, typer.Option(help="This computer's address, at which streams are searched for.")
+    ] = LOOPBACK,
+    duration_s: Annotated[
+        float | None, typer.Option(min=0.1, help="Ends after so long; default: with Ctrl-C.")
+    ] = None,
+    replay: Annotated[
+        Path | None, typer.Option(help="Play this recording as streams, and nothing else.")
+    ] = None,
+    speed: Annotated[float, typer.Option(min=0.01, max=1000, help="Of --replay.")] = 1.0,
+) -> int:
+    """Compute residuals while the subject walks, from streams of LSL or of Qualisys.
+
+    Everything is recorded; Ctrl-C ends with a summary. With --replay, play a recording as streams
+    for another 'hbm live' to receive.
+    """
+    from pipeline.cli.terminal import plain_console
+
+    console = plain_console()
+    if replay is not None:
+        return _replay(replay, speed, listen, study, console)
+    from pipeline.live.preparation import prepare
+
+    prepared = prepare(study, subject, static, calibration)
+    return _run(prepared, console, out, pose, view, web, qualisys, listen, duration_s)
+
+
+def _replay(path: Path, speed: float, listen: str, study: Path | None, console: "Console") -> int:
+    from pipeline.config.study import read_study
+    from pipeline.io.read import read_as_stated
+    from pipeline.io.stated import Stated
+    from pipeline.live.replay import Replay
+
+    stated = read_study(study, recordings=False).stated if study is not None else Stated()
+    recording = read_as_stated(path, stated)
+    played = Replay(recording, speed=speed, listen=listen)
+    console.print(
+        f"playing {path.name} as {', '.join(played.names)}, once all of them are received or "
+        f"{RECEIVERS_S:g} s have passed (stop with Ctrl-C)",
+        soft_wrap=True,
+    )
+    try:
+        played.start(RECEIVERS_S)
+        while not played.ended:
+            time.sleep(SHOWN_S)
+    except KeyboardInterrupt:
+        console.print("stopped")
+    finally:
+        played.close()
+    return 0
+
+
+def _run(
+    prepared: "Preparation",
+    console: "Console",
+    out: Path | None,
+    pose: bool,
+    shown: bool,
+    web: bool,
+    qualisys: str | None,
+    listen: str,
+    duration_s: float | None,
+) -> int:
+    from pipeline.cli.terminal import note_line
+    from pipeline.live.chain import LiveChain
+    from pipeline.live.monitor import Monitor
+    from pipeline.live.outlet import RESULTS, Outlet, result_channels
+    from pipeline.live.recorder.descriptions import described_streams
+    from pipeline.live.recorder.recorder import Recorder
+    from pipeline.live.result_row import result_columns
+    from pipeline.live.session import Session
+
+    folder = out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
+    plates = prepared.plates
+    with ExitStack() as stack:
+        source = _source(prepared, qualisys, listen)
+        stack.callback(source.close)
+        names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
+        console.print(f"receiving {names}", soft_wrap=True)
+        subjected = _shown(prepared, source, console) if pose else prepared.body()
+        for note in subjected.notes:
+            console.print(note_line(note), soft_wrap=True)
+        chain = LiveChain(
+            subjected.body,
+            prepared.laboratory,
+            prepared.settings,
+            prepared.live,
+            source.streams,
+            plates,
+        )
+        described = described_streams(source.streams, prepared.live, plates)
+        recorder = stack.enter_context(Recorder(folder, described, result_columns()))
+        outlet = None
+        if qualisys is None:
+            outlet = Outlet(
+                RESULTS, "Residuals", result_channels(), chain.stream.rate_hz, listen=listen
+            )
+            stack.callback(outlet.close)
+        session = Session(source, chain, recorder, outlet)
+        monitor = Monitor(chain, [plate.number for plate in plates])
+        console.print(
+            f"recording to {folder}; values are {1000 * chain.filter_delay_s:.0f} ms late by the "
+            f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)",
+            soft_wrap=True,
+        )
+        _follow(session, monitor, console, duration_s)
+    _summarise(chain, monitor, session, recorder, folder, console)
+    return 0 if session.fault is None and recorder.fault is None else 1
+
+
+def _source(prepared: "Preparation", qualisys: str | None, listen: str) -> "Source":
+    if qualisys is not None:
+        from pipeline.live.sources.qualisys import QualisysSource
+
+        return QualisysSource(qualisys, stated=prepared.stated)
+    from pipeline.live.sources.lsl import LslSource
+
+    streams = prepared.live
+    return LslSource(streams.markers, streams.analog, stated=prepared.stated, listen=listen)
+
+
+def _shown(prepared: "Preparation", source: "Source", console: "Console") -> "Subjected":
+    """Wait until the subject shows the calibration pose, and build the body from it."""
+    from pipeline.live.pose import PoseFinder
+    from pipeline.live.session import RECEIVE_S
+
+    console.print("stand still on the plates, arms out to the sides")
+    finder, told = PoseFinder(prepared.live, source.streams, prepared.plates), ""
+    while True:
+        for samples in source.receive(RECEIVE_S):
+            pose = finder.add(samples)
+            if pose is None:
+                continue
+            try:
+                return prepared.body(pose)
+            except ValueError as error:
+                if str(error) != told:
+                    told = str(error)
+                    console.print(f"no body yet: {told}", soft_wrap=True)
+
+
+def _follow(
+    session: "Session", monitor: "Monitor", console: "Console", duration_s: float | None
+) -> None:
+    """Show what is new until it is stopped, by Ctrl-C, after a time, or by a fault."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_S)
+    began = shown_s = time.monotonic()
+    told = 0
+    session.start()
+    try:
+        with console.status("waiting for frames") as line:
+            while session.runs and (duration_s is None or time.monotonic() - began < duration_s):
+                time.sleep(SHOWN_S)
+                take_new(session, monitor)
+                monitor.look_for_silence()
+                told = _tell(monitor, told, console)
+                if time.monotonic() - shown_s >= STATUS_S:
+                    shown_s = time.monotonic()
+                    line.update(monitor.status())
+    except KeyboardInterrupt:
+        pass
+    finally:
+        session.stop()
+        sys.setswitchinterval(before)
+    take_new(session, monitor)
+    _tell(monitor, told, console)
+
+
+def take_new(session: "Session", monitor: "Monitor") -> None:
+    """Bring what is new in a session to its monitor."""
+    while session.samples:
+        monitor.samples(session.samples.popleft())
+    while session.frames:
+        monitor.frame(*session.frames.popleft())
+
+
+def _tell(monitor: "Monitor", told: int, console: "Console") -> int:
+    """Print the notes that are new; give how many there are now."""
+    from pipeline.cli.terminal import note_line
+
+    for timed in list(monitor.notes)[len(monitor.notes) - (monitor.noted - told) :]:
+        console.print(note_line(timed.note), soft_wrap=True)
+    return monitor.noted
+
+
+def _summarise(
+    chain: "LiveChain",
+    monitor: "Monitor",
+    session: "Session",
+    recorder: "Recorder",
+    folder: Path,
+    console: "Console",
+) -> None:
+    """Say what was received, what came of it, and where it is."""
+    from pipeline.live.monitor import in_words
+
+    counts = chain.counts
+    why = ", ".join(f"{count} {words(name)}" for name, count in monitor.reasons.most_common())
+    lines = [
+        f"{counts.received} frames received: {counts.solved} count, {counts.marked} do not"
+        f"{f' ({why})' if why else ''}",
+        f"{counts.late} frames late, {counts.doubled} samples doubled, {counts.out_of_order} out "
+        "of order",
+    ]
+    for variant, rms in monitor.condition.rms.items():
+        limits = monitor.limits[variant]
+        lines.append(
+            f"residuals {variant}, {monitor.condition.cycles} gait cycles: RMS {in_words(rms)}; "
+            f"peaks {limits.force_n:.0f} N (published limit {limits.max_force_n:.0f} N) and "
+            f"{limits.moment_nm:.0f} N·m ({limits.max_moment_nm:.0f} N·m)"
+        )
+    lines.append(
+        f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "
+        f"{monitor.latency_ms(99):.2f} ms"
+    )
+    if session.fault is not None:
+        lines.append(f"ended by itself: {session.fault}")
+    if recorder.fault is not None:
+        lines.append(f"{recorder.fault}; {recorder.lost} entries are missing")
+    lines.append(f"recorded: {folder / STREAMS} (any command reads it), {folder / PARTS}")
+    for text in lines:
+        console.print(text, soft_wrap=True)
+
+
+def words(reason: str) -> str:
+    """Put a reason why frames do not count into words.
+
+    Examples
+    --------
+    >>> words("FORCES_UNKNOWN")
+    'forces unknown'
+    """
+    return reason.lower().replace("_", " ")

@@ -1,0 +1,178 @@
+"""Gait events and cycles as soon as they are known."""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from hbm.spatial import Array
+from pipeline.io.recording import Event
+from pipeline.live.frame import LiveFrame
+from pipeline.trial.gait.cycles import MAX_DURATION, MIN_DURATION
+from pipeline.trial.gait.events import MIN_CONTACT_S, MIN_STRIDE_S, SIDES
+
+MAX_CYCLE_S: Final = 2.5
+"""Beyond it, the subject has stood still."""
+TYPICAL_OF: Final = 10
+"""Cycles whose median duration is the usual one."""
+PERCENT: Final = np.arange(101)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveCycle:
+    """A gait cycle that has just ended.
+
+    Attributes
+    ----------
+    side
+        "left" or "right".
+    start_s, stop_s
+        From foot strike to foot strike, half-open [s].
+    time
+        Of its N frames that count [s].
+    residual
+        Variant -> residuals of these frames in the reported axes, (N, 6) [N, N·m].
+    peak_ground_n
+        Largest ground reaction force of both feet in them, by variant [N].
+    curve
+        Variant -> residuals over 0 to 100 %, (101, 6); NaN where frames do not count.
+    valid_share
+        Share of its frames that count.
+    """
+
+    side: str
+    start_s: float
+    stop_s: float
+    time: Array
+    residual: Mapping[str, Array]
+    peak_ground_n: Mapping[str, float]
+    curve: Mapping[str, Array]
+    valid_share: float
+
+    @property
+    def rms(self) -> dict[str, Array]:
+        """Variant -> root mean square over the frames that count, (6,); NaN where none does."""
+        if not len(self.time):
+            return {variant: np.full(6, np.nan) for variant in self.residual}
+        return {v: np.sqrt(np.mean(r**2, axis=0)) for v, r in self.residual.items()}
+
+
+@dataclass(slots=True)
+class _Foot:
+    """What is known of a foot: the state that is sure, and since when another one shows."""
+
+    loaded: bool | None = None
+    changed_s: float | None = None
+    strike_s: float | None = None
+    others_strikes: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Gait:
+    """What a frame has made known.
+
+    Attributes
+    ----------
+    events
+        Foot strikes and foot offs, each at the frame where it was, not where it became known.
+    cycles
+        Gait cycles that have ended.
+    """
+
+    events: tuple[Event, ...] = ()
+    cycles: tuple[LiveCycle, ...] = ()
+
+
+@dataclass(slots=True)
+class GaitTracker:
+    """Finds gait events and cycles frame by frame.
+
+    A contact and its loss count once they last 0.1 s, as in trials (``MIN_CONTACT_S``), and are
+    known that much later. A cycle counts if it takes 0.4 to 2.5 s and 0.6 to 1.5 of the median of
+    the last ten, and the other foot has struck once in it, if that foot strikes at all. Contacts
+    are those of the filtered forces, and as late as these.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from pipeline.live.frame import Quality
+    >>> still = LiveFrame(0, 0.0, np.zeros(46), {}, {}, {}, np.zeros(2, bool), np.zeros(1),
+    ...                   Quality(0), 0.0)
+    >>> tracker, events = GaitTracker(), []
+    >>> for k in range(100):
+    ...     right = 20 <= k < 80
+    ...     frame = replace(still, time=k / 100, contact=np.array([False, right]))
+    ...     events += tracker.add(frame).events
+    >>> [(event.side, event.label, round(event.time, 2)) for event in events]
+    [('right', 'foot_strike', 0.2), ('right', 'foot_off', 0.8)]
+    """
+
+    _frames: deque[LiveFrame] = field(default_factory=deque)
+    _feet: tuple[_Foot, _Foot] = field(default_factory=lambda: (_Foot(), _Foot()))
+    _durations: deque[float] = field(default_factory=lambda: deque(maxlen=TYPICAL_OF))
+
+    def add(self, frame: LiveFrame) -> Gait:
+        """Take a frame and give what it makes known."""
+        self._frames.append(frame)
+        while frame.time - self._frames[0].time > MAX_CYCLE_S + 2 * MIN_CONTACT_S:
+            self._frames.popleft()
+        events, cycles = list[Event](), list[LiveCycle]()
+        for side, foot, other, loaded in zip(
+            SIDES, self._feet, self._feet[::-1], frame.contact.tolist(), strict=True
+        ):
+            at = _change(foot, loaded, frame.time)
+            if at is None:
+                continue
+            events.append(Event(at, "foot_strike" if loaded else "foot_off", side))
+            if not loaded:
+                continue
+            other.others_strikes += 1
+            if foot.strike_s is not None and self._is_cycle(foot, other, at):
+                cycles.append(self._cycle(side, foot.strike_s, at))
+            foot.strike_s, foot.others_strikes = at, 0
+        return Gait(tuple(events), tuple(cycles))
+
+    def _is_cycle(self, foot: _Foot, other: _Foot, stop_s: float) -> bool:
+        assert foot.strike_s is not None
+        duration = stop_s - foot.strike_s
+        usual = float(np.median(self._durations)) if self._durations else duration
+        if not MIN_STRIDE_S <= duration <= MAX_CYCLE_S:
+            return False
+        self._durations.append(duration)
+        alternates = other.strike_s is None or foot.others_strikes == 1
+        return alternates and MIN_DURATION <= duration / usual <= MAX_DURATION
+
+    def _cycle(self, side: str, start_s: float, stop_s: float) -> LiveCycle:
+        inside = [f for f in self._frames if start_s <= f.time < stop_s]
+        counted = [f for f in inside if f.quality.counts]
+        time = np.array([f.time for f in inside])
+        counts = np.array([f.quality.counts for f in inside])
+        percent = 100 * (time - start_s) / (stop_s - start_s)
+        residual, curve, peak = {}, {}, {}
+        for variant in inside[0].residual:
+            every = np.array([f.residual[variant] for f in inside])
+            every[~counts] = np.nan
+            residual[variant] = every[counts]
+            columns = [np.interp(PERCENT, percent, column) for column in every.T]
+            curve[variant] = np.column_stack(columns)
+            forces = [np.linalg.norm(f.by_foot[variant][:, :3].sum(axis=0)) for f in counted]
+            peak[variant] = float(max(forces, default=np.nan))
+        share = len(counted) / len(inside)
+        return LiveCycle(side, start_s, stop_s, time[counts], residual, peak, curve, share)
+
+
+def _change(foot: _Foot, loaded: bool, time: float) -> float | None:
+    """Give when a foot changed between ground and air, once that is sure."""
+    if foot.loaded is None:
+        foot.loaded = loaded
+    if loaded == foot.loaded:
+        foot.changed_s = None
+        return None
+    if foot.changed_s is None:
+        foot.changed_s = time
+    if time - foot.changed_s < MIN_CONTACT_S:
+        return None
+    at, foot.loaded, foot.changed_s = foot.changed_s, loaded, None
+    return at

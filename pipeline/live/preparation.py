@@ -1,0 +1,161 @@
+"""What has to be known before the first frame: the study, the body, the places of the plates."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from hbm.model import Body
+from hbm.notes import Note
+from hbm.plausibility.body import implausible
+from pipeline.config.live import Live
+from pipeline.config.schema import Settings, SubjectFile, Treadmill
+from pipeline.config.study import Study, read_study
+from pipeline.config.toml_file import read_segments
+from pipeline.io.read import read_as_stated
+from pipeline.io.recording import Plate, Recording
+from pipeline.io.stated import Stated
+from pipeline.trial.ground.calibration_file import read_calibration
+from pipeline.trial.ground.corrected_plates import with_corrected_plates
+from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
+from pipeline.trial.study_files import read_study_laboratory
+from pipeline.trial.subject_body import subject_body
+from pipeline.trial.weighing import body_mass
+
+
+@dataclass(frozen=True, slots=True)
+class Subjected:
+    """A body, and what is to be said of it."""
+
+    body: Body
+    notes: tuple[Note, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """What is stated about a session.
+
+    Attributes
+    ----------
+    study
+        The study; None where only files are stated.
+    person
+        Who walks, and that person's files.
+    settings, live, laboratory
+        How frames are computed, what streams are, the treadmill and its calibrations.
+    static
+        Recording of the calibration pose; None where the subject shows it live.
+    """
+
+    study: Study | None
+    person: SubjectFile
+    settings: Settings
+    live: Live
+    laboratory: Laboratory
+    static: Recording | None
+
+    @property
+    def stated(self) -> Stated:
+        """What is stated of axes, labels and units."""
+        return self.study.stated if self.study is not None else Stated()
+
+    @property
+    def plates(self) -> tuple[Plate, ...]:
+        """Places of the plates, as the static recording has them.
+
+        Raises
+        ------
+        ValueError
+            There is none, or it has no plates.
+        """
+        if self.static is None or not self.static.plates:
+            name = "no static file is stated" if self.static is None else self.static.source.name
+            raise ValueError(
+                f"the places of the plates are not known ({name}); state a recording that has "
+                "them: --static FILE, or static in the subject's file"
+            )
+        return self.static.plates
+
+    def body(self, pose: Recording | None = None) -> Subjected:
+        """Build the subject's body.
+
+        Parameters
+        ----------
+        pose
+            Recording of the calibration pose; by default the static file.
+
+        Raises
+        ------
+        ValueError
+            As `pipeline.trial.subject_body.subject_body`; or the mass is not known.
+        """
+        pose = pose or self.static
+        if pose is None:
+            raise ValueError("no calibration pose: state --static FILE, or show it live")
+        pose = with_corrected_plates(pose, self.laboratory.plates)
+        subject, study = self.person.person, self.study
+        mass = body_mass(subject, pose)
+        hip_trial = self.person.hip_trial
+        segments = self.person.segments
+        body = subject_body(
+            pose,
+            subject,
+            self.settings,
+            mass.mass_kg,
+            marker_set=study.marker_set if study else None,
+            hip_trial=read_as_stated(study.path(hip_trial), self.stated)
+            if study and hip_trial
+            else None,
+            segments=read_segments(study.path(segments)) if study and segments else None,
+        )
+        return Subjected(body, (mass.note, *body.notes, *implausible(body)))
+
+
+def prepare(
+    study: Path | None,
+    subject: str | None,
+    static: Path | None = None,
+    calibration: Path | None = None,
+) -> Preparation:
+    """Read what is stated about a session.
+
+    Parameters
+    ----------
+    study
+        Folder of a study or its ``study.toml``.
+    subject
+        Its subject; may be left out where there is one.
+    static
+        Recording of the calibration pose; by default the subject's.
+    calibration
+        The moving treadmill's; by default the study's.
+
+    Raises
+    ------
+    ValueError, OSError
+        If a file cannot be read or used, or it is not clear who the subject is.
+    """
+    if study is None:
+        if subject is not None:
+            raise ValueError(f"--subject {subject} needs the study: --study FOLDER")
+        laboratory = read_laboratory(calibration, ()) if calibration else Laboratory(Treadmill())
+        recording = read_as_stated(static, Stated()) if static else None
+        return Preparation(
+            None, SubjectFile(id="subject", trials={}), Settings(), Live(), laboratory, recording
+        )
+    read = read_study(study.parent if study.is_file() else study, recordings=False)
+    person = read.subject(subject) if subject else _only_subject(read)
+    laboratory = read_study_laboratory(read)
+    if calibration is not None:
+        fitted = read_calibration(calibration, read.file.treadmill, read.stated, laboratory.plates)
+        laboratory = replace(laboratory, calibration=fitted)
+    path = static or (read.path(person.static) if person.static else None)
+    recording = read_as_stated(path, read.stated) if path else None
+    return Preparation(read, person, read.file.settings, read.file.live, laboratory, recording)
+
+
+def _only_subject(study: Study) -> SubjectFile:
+    if len(study.subjects) != 1:
+        raise ValueError(
+            f"the study has {len(study.subjects)} subjects; state who walks: --subject, one of "
+            f"{', '.join(study.subjects)}"
+        )
+    return next(iter(study.subjects.values()))

@@ -1,0 +1,111 @@
+"""The loop that receives, computes and sends, on a thread of its own that waits for nobody."""
+
+import threading
+from collections import deque
+from time import perf_counter
+from typing import Final, TypeVar
+
+import numpy as np
+
+from pipeline.live.chain import LiveChain
+from pipeline.live.frame import LiveFrame
+from pipeline.live.outlet import Outlet
+from pipeline.live.recorder.recorder import Recorder
+from pipeline.live.result_row import result_row
+from pipeline.live.stream import Samples, Source
+
+Kept = TypeVar("Kept")
+RECEIVE_S: Final = 0.02
+"""Longest wait for samples, after which it is looked whether to stop."""
+WAITING: Final = 12_000
+"""Frames, and chunks of samples, that are kept for whoever shows them: a minute or so."""
+
+
+class Session:
+    """Receives samples and computes frames until it is stopped.
+
+    Parameters
+    ----------
+    source
+        Where samples come from.
+    chain
+        What computes frames.
+    recorder, outlet
+        Where samples and results go, if anywhere; neither makes the loop wait.
+
+    Attributes
+    ----------
+    frames, samples
+        What is new for whoever shows it; the oldest is dropped, and counted in ``not_shown``, where
+        nobody takes it.
+    not_shown
+        How much was dropped.
+    fault
+        Why it ended by itself; None as long as it runs, or after `stop`.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        chain: LiveChain,
+        recorder: Recorder | None = None,
+        outlet: Outlet | None = None,
+    ) -> None:
+        self._source, self._chain = source, chain
+        self._recorder, self._outlet = recorder, outlet
+        self.frames: deque[tuple[LiveFrame, float]] = deque()
+        self.samples: deque[Samples] = deque()
+        self.not_shown = 0
+        self.fault: Exception | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="live", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End, after the frames that wait for samples."""
+        self._stop.set()
+        self._thread.join()
+
+    @property
+    def runs(self) -> bool:
+        """Whether it has not ended."""
+        return self._thread.is_alive()
+
+    def _run(self) -> None:
+        markers = self._chain.stream.name
+        try:
+            while not self._stop.is_set():
+                received = self._source.receive(RECEIVE_S)
+                # markers last: after a pause all streams have much to send, and none of it is late
+                for samples in sorted(received, key=lambda each: each.stream == markers):
+                    self._take(samples)
+        except (ValueError, OSError) as error:
+            self.fault = error
+        for frame in self._chain.finish():
+            self._give(frame, perf_counter())
+
+    def _take(self, samples: Samples) -> None:
+        arrived = perf_counter()
+        for frame in self._chain.push(samples):
+            self._give(frame, arrived)
+        if self._recorder is not None:
+            self._recorder.samples(samples)
+        self._keep(self.samples, samples)
+
+    def _give(self, frame: LiveFrame, arrived: float) -> None:
+        row = result_row(frame)
+        if self._outlet is not None:
+            self._outlet.push_one(frame.time, row)
+        latency_s = perf_counter() - arrived
+        if self._recorder is not None:
+            self._recorder.frame(np.concatenate([[frame.time], row]))
+        self._keep(self.frames, (frame, latency_s))
+
+    def _keep(self, kept: deque[Kept], entry: Kept) -> None:
+        if len(kept) >= WAITING:
+            kept.popleft()
+            self.not_shown += 1
+        kept.append(entry)

@@ -1,0 +1,66 @@
+"""Plates that are later than the markers, from the motion of the subject."""
+
+from collections import deque
+from typing import Final
+
+import numpy as np
+
+from compensation import marker_plate_delay
+from hbm.notes import Note
+from pipeline.live.frame import LiveFrame
+from pipeline.trial.residuals import REPORTED_SIGN
+
+KEPT_S: Final = 20.0
+"""Some fifteen gait cycles."""
+JUDGED_S: Final = 10.0
+MIN_DELAY_S: Final = 0.005
+SURE: Final = 3.0
+"""Standard errors from zero."""
+CHANGED_S: Final = 0.002
+"""By which a delay has changed to be noted again."""
+
+
+class DelayWatch:
+    """Notes how much later the plates are than the markers, every ten seconds of walking.
+
+    Notes
+    -----
+    As `compensation.marker_plate_delay`. The acceleration of the real-time filter is half a frame
+    older than its value, which is added. A delay of less than 5 ms or three standard errors is
+    none.
+    """
+
+    def __init__(self) -> None:
+        self._frames: deque[LiveFrame] = deque()
+        self._judged_s = -np.inf
+        self._noted_s = np.nan
+
+    def add(self, frame: LiveFrame) -> tuple[Note, ...]:
+        """Take a frame; give what it and those before show."""
+        self._frames.append(frame)
+        while frame.time - self._frames[0].time > KEPT_S:
+            self._frames.popleft()
+        if frame.time - max(self._judged_s, self._frames[0].time) < JUDGED_S:
+            return ()
+        self._judged_s = frame.time
+        return self._judge()
+
+    def _judge(self) -> tuple[Note, ...]:
+        variant = list(self._frames[-1].residual)[-1]
+        time = np.array([frame.time for frame in self._frames])
+        plate = np.array([frame.by_foot[variant][:, :3].sum(axis=0) for frame in self._frames])
+        residual = np.array([frame.residual[variant][:3] for frame in self._frames])
+        motion = plate + residual * REPORTED_SIGN[:3]
+        motion[[not frame.quality.counts for frame in self._frames]] = np.nan
+        try:
+            found = marker_plate_delay(plate, motion, time)
+        except ValueError:  # too little walking in it
+            return ()
+        half_a_frame_s = float(np.median(np.diff(time))) / 2
+        delay_s, error_s = found.seconds + half_a_frame_s, found.standard_error
+        if not abs(delay_s) > max(MIN_DELAY_S, SURE * error_s):
+            return ()
+        if abs(delay_s - self._noted_s) < CHANGED_S:
+            return ()
+        self._noted_s = delay_s
+        return (Note.of("live_plates_late", delay_s=delay_s, uncertainty_s=error_s),)

@@ -1,0 +1,92 @@
+"""``hbm live``: a replayed recording gives its residuals, a recording and a summary."""
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from pipeline.cli import main
+from pipeline.live.recorder.recorder import RESULTS, STREAMS
+from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+
+DURATION_S = 14.0
+SPEED = 1
+PATIENCE_S = 60
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    path = tmp_path_factory.mktemp("live") / "walk.c3d"
+    simulate_trial(path, duration_s=DURATION_S)
+    return path
+
+
+@contextmanager
+def hbm(*arguments):
+    command = [sys.executable, "-m", "pipeline.cli", "live", *map(str, arguments)]
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=Path(__file__).resolve().parents[3],
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def refused(capsys, *arguments):
+    assert main(["live", *map(str, arguments)]) == 2
+    return capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_replayed_walk_gives_its_residuals_until_ctrl_c_and_is_recorded(walk, tmp_path, capsys):
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    out = tmp_path / "out"
+    with hbm("--replay", walk, "--speed", SPEED) as replay:
+        assert "playing walk.c3d as Markers, Plates" in replay.stdout.readline()
+        with hbm("--static", walk, "--out", out) as live:
+            assert replay.wait(PATIENCE_S) == 0
+            time.sleep(1.0)
+            live.send_signal(signal.SIGINT)
+            said = live.communicate(timeout=PATIENCE_S)[0]
+            assert live.returncode == 0
+    assert "receiving Markers (100 Hz), Plates (1000 Hz)" in said
+    received, solved, marked = map(
+        int, re.search(r"(\d+) frames received: (\d+) count, (\d+) do not", said).groups()
+    )
+    assert received == solved + marked >= 100 * DURATION_S - 20
+    assert solved > 0.5 * received  # a busy machine makes some late
+    assert len(pd.read_parquet(out / RESULTS)) == received
+    rms = re.search(r"residuals measured, \d+ gait cycles: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said)
+
+    capsys.readouterr()
+    options = ["--static", str(walk), "--filter", "realtime", "--out", str(tmp_path / "offline")]
+    assert main(["residuals", str(out / STREAMS), *options]) == 0
+    table = pd.read_csv(tmp_path / "offline" / "streams_residuals.csv").set_index("axis")
+    for axis, ours in zip(("Fx", "Fy", "Fz"), rms.groups(), strict=True):
+        assert float(ours) == pytest.approx(table.rms[axis], rel=0.2, abs=1)
+
+
+def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
+    assert "places of the plates are not known" in refused(capsys)
+    assert "--subject anna needs the study" in refused(capsys, "--subject", "anna")
+    assert "no such file" in refused(capsys, "--static", tmp_path / "absent.c3d")
+
+
+def test_streams_that_are_not_there_are_named(walk, capsys):
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    assert "no stream is called 'Markers', 'Plates' within 5 s" in refused(
+        capsys, "--static", walk, "--out", walk.parent / "none"
+    )
+    assert not (walk.parent / "none").exists()

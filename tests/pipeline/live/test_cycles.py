@@ -1,0 +1,119 @@
+"""Gait cycles and running root mean squares are those of the trial, known as soon as they end."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.config.schema import Settings, Subject
+from pipeline.live.condition import ConditionSoFar
+from pipeline.live.cycles import MAX_CYCLE_S, GaitTracker
+from pipeline.live.frame import LiveFrame, Quality
+from pipeline.trial.gait.events import MIN_CONTACT_S, event_times
+from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import reported
+
+FRAME_S = 0.01
+
+
+@pytest.fixture(scope="module")
+def result(walker):
+    return process_recording(walker, Subject(sex="female"), Settings())
+
+
+@pytest.fixture(scope="module")
+def frames(result):
+    """The trial's frames, as they would be known live."""
+    ground = np.stack([result.ground["measured"][f"{s}_foot"] for s in ("left", "right")], 1)
+    residual = reported(result.measured.residual)
+    threshold_n = result.settings.contact_threshold_n
+    return [
+        LiveFrame(
+            number=k,
+            time=float(time),
+            q=result.motion.q[k],
+            tau={"measured": result.measured.tau[k]},
+            residual={"measured": residual[k]},
+            by_foot={"measured": ground[k]},
+            contact=ground[k, :, 2] > threshold_n,
+            marker_error=result.motion.marker_error[k],
+            quality=Quality(0) if result.validity.counts[k] else Quality.SETTLING,
+            computing_s=1e-4,
+        )
+        for k, time in enumerate(result.motion.time)
+    ]
+
+
+@pytest.fixture(scope="module")
+def followed(frames):
+    """What becomes known, and when."""
+    tracker = GaitTracker()
+    return [(frame.time, tracker.add(frame)) for frame in frames]
+
+
+def test_events_are_those_of_the_trial_and_known_a_tenth_of_a_second_later(result, followed):
+    found = [event for _, gait in followed for event in gait.events]
+    for side in ("left", "right"):
+        for label in ("foot_strike", "foot_off"):
+            true = event_times(result.events, label, side)
+            ours = event_times(found, label, side)
+            nearest = [np.abs(ours - each).min() for each in true[1:-1]]
+            assert max(nearest) < 0.04
+    delays = [now - event.time for now, gait in followed for event in gait.events]
+    np.testing.assert_allclose(delays, MIN_CONTACT_S, atol=FRAME_S + 1e-9)
+
+
+def test_the_running_root_mean_square_is_over_every_frame_of_the_cycles_once(
+    result, frames, followed
+):
+    """Cycles of both sides overlap; all cycles of the trial but the first ones are there."""
+    so_far, inside = ConditionSoFar(), np.zeros(len(frames), bool)
+    for _, gait in followed:
+        for cycle in gait.cycles:
+            so_far.add(cycle)
+            inside |= (result.motion.time >= cycle.start_s) & (result.motion.time < cycle.stop_s)
+    inside &= result.validity.counts
+    expected = np.sqrt(np.mean(reported(result.measured.residual[inside]) ** 2, axis=0))
+    np.testing.assert_allclose(so_far.rms["measured"], expected, rtol=1e-9)
+    assert so_far.cycles >= sum(map(len, result.cycles.values())) - 2
+
+
+def test_a_cycle_has_its_curve_and_the_root_mean_square_of_its_frames(frames, followed):
+    cycle = next(cycle for _, gait in followed[600:] for cycle in gait.cycles)
+    inside = [f for f in frames if cycle.start_s <= f.time < cycle.stop_s]
+    every = np.array([f.residual["measured"] for f in inside])
+    rms = np.sqrt(np.mean(every**2, axis=0))
+    np.testing.assert_allclose(cycle.rms["measured"], rms, rtol=1e-9)
+    np.testing.assert_allclose(cycle.curve["measured"][0], every[0], rtol=1e-9)
+    assert cycle.curve["measured"].shape == (101, 6)
+    assert cycle.valid_share == 1
+
+
+def test_limits_are_shares_of_the_ground_reaction(followed):
+    so_far = ConditionSoFar()
+    for _, gait in followed:
+        for cycle in gait.cycles:
+            so_far.add(cycle)
+    limits = so_far.limits(1.0)["measured"]
+    assert limits.max_force_n == pytest.approx(5 * limits.max_moment_nm)
+    assert limits.kept == (
+        limits.force_n < limits.max_force_n and limits.moment_nm < limits.max_moment_nm
+    )
+
+
+def test_a_subject_who_stands_makes_no_cycle_and_no_memory_grows(frames):
+    tracker = GaitTracker()
+    for k in range(2000):
+        standing = replace(frames[0], time=k * FRAME_S, contact=np.ones(2, bool))
+        assert tracker.add(standing).cycles == ()
+    assert len(tracker._frames) <= (MAX_CYCLE_S + 2 * MIN_CONTACT_S) / FRAME_S + 2
+
+
+def test_a_pause_is_no_gait_cycle(frames):
+    """Walking, 5 s of standing, walking: no cycle spans the pause."""
+    tracker, cycles = GaitTracker(), []
+    middle = len(frames) // 2
+    for k, frame in enumerate([*frames[:middle], *[frames[middle]] * 500, *frames[middle:]]):
+        cycles += tracker.add(replace(frame, time=k * FRAME_S)).cycles
+    assert len(cycles) > 8
+    assert max(cycle.stop_s - cycle.start_s for cycle in cycles) < 1.6

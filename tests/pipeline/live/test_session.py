@@ -1,0 +1,187 @@
+"""A session gives, shows and records every frame, whatever its neighbours do."""
+
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.config.live import Live
+from pipeline.config.schema import Settings, Subject, Treadmill
+from pipeline.io.read import read_recording
+from pipeline.live import session as module
+from pipeline.live.monitor import Monitor
+from pipeline.live.pose import PoseFinder
+from pipeline.live.recorded import RecordedSource
+from pipeline.live.recorder.descriptions import described_streams
+from pipeline.live.recorder.recorder import RESULTS, STREAMS, Recorder
+from pipeline.live.result_row import result_columns, result_row
+from pipeline.live.session import Session
+from pipeline.live.stream import Samples
+from pipeline.trial.ground.laboratory import Laboratory
+from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import headline_rows, residual_rows
+from tests.pipeline.live.perturbed import Faults, PerturbedSource
+from tests.pipeline.live.playing import chain_of
+
+REALTIME = Settings(filter="realtime")
+STILL = Laboratory(Treadmill())
+
+
+@pytest.fixture(scope="module")
+def result(walker):
+    return process_recording(walker, Subject(sex="female"), REALTIME)
+
+
+def chain(walker, result):
+    return chain_of(result.body, STILL, REALTIME, walker)
+
+
+def ended(session, source, timeout_s=60.0):
+    """Run a session to the end of its source."""
+    session.start()
+    deadline = time.monotonic() + timeout_s
+    while session.runs and not source.ended and time.monotonic() < deadline:
+        time.sleep(0.01)
+    session.stop()
+
+
+@pytest.fixture(scope="module")
+def followed(walker, result, tmp_path_factory):
+    """A session of the whole walk, recorded, and what its monitor saw."""
+    folder = tmp_path_factory.mktemp("session") / "live"
+    source, computed = RecordedSource(walker), chain(walker, result)
+    described = described_streams(source.streams, computed.live, walker.plates)
+    with Recorder(folder, described, result_columns()) as recorder:
+        session = Session(source, computed, recorder)
+        ended(session, source)
+    assert (session.fault, session.not_shown, recorder.fault, recorder.lost) == (None, 0, None, 0)
+    monitor = Monitor(computed, [plate.number for plate in walker.plates])
+    frames = []
+    for samples in session.samples:
+        monitor.samples(samples)
+    for frame, latency_s in session.frames:
+        monitor.frame(frame, latency_s)
+        frames.append(frame)
+    return computed, monitor, frames, folder
+
+
+def test_every_frame_is_given_once_and_in_order(walker, followed):
+    computed, _, frames, _ = followed
+    counts = computed.counts
+    assert counts.received == counts.solved + counts.marked == len(frames)
+    np.testing.assert_array_equal([frame.time for frame in frames], walker.markers.time)
+
+
+def test_what_was_recorded_is_the_walk(walker, followed):
+    read = read_recording(followed[3] / STREAMS)
+    np.testing.assert_array_equal(read.markers.position, walker.markers.position)
+    for ours, true in zip(read.plates, walker.plates, strict=True):
+        np.testing.assert_array_equal(ours.wrench_in_plate, true.wrench_in_plate)
+        np.testing.assert_array_equal(ours.corners, true.corners)
+        np.testing.assert_array_equal(ours.rotation, true.rotation)
+
+
+def test_a_recorded_session_processed_afterwards_gives_the_residuals_of_the_trial(result, followed):
+    again = process_recording(
+        read_recording(followed[3] / STREAMS), Subject(sex="female"), REALTIME
+    )
+    rows = (headline_rows(residual_rows(each, "level")) for each in (again, result))
+    ours, true = ([row.rms for row in each] for each in rows)
+    np.testing.assert_allclose(ours, true, rtol=1e-6)
+
+
+def test_results_on_disk_are_those_of_the_frames(followed):
+    _, _, frames, folder = followed
+    table = pd.read_parquet(folder / RESULTS)
+    assert tuple(table.columns) == result_columns()
+    expected = np.array([result_row(frame) for frame in frames])
+    np.testing.assert_array_equal(table.to_numpy()[:, 1:], expected)
+    assert table["residual.compensated.Fx"].isna().all()
+
+
+def test_the_monitor_has_the_residuals_of_the_trial(result, followed):
+    """Gait cycles by the plates' contacts, of the trial by the motion of the feet."""
+    monitor = followed[1]
+    true = [row.rms for row in headline_rows(residual_rows(result, "level"))]
+    np.testing.assert_allclose(monitor.condition.rms["measured"], true, rtol=0.15)
+    assert monitor.condition.cycles > 12
+    assert f"{monitor.condition.cycles} gait cycles · RMS Fx" in monitor.status()
+    assert [timed.note.code for timed in monitor.notes] == []
+    assert monitor.reasons["SETTLING"] > 0
+
+
+def test_a_source_that_fails_ends_the_session_and_says_why(walker, result):
+    class Failing(RecordedSource):
+        def receive(self, timeout_s):
+            if self.ended:
+                raise ConnectionError("the cameras do not answer any more")
+            return super().receive(timeout_s)
+
+    source = Failing(walker)
+    session = Session(source, computed := chain(walker, result))
+    session.start()
+    session._thread.join(60)
+    assert str(session.fault) == "the cameras do not answer any more"
+    assert computed.counts.received == computed.counts.solved + computed.counts.marked
+
+
+def test_where_nobody_takes_frames_the_oldest_are_dropped_and_counted(walker, result, monkeypatch):
+    monkeypatch.setattr(module, "WAITING", 100)
+    source = RecordedSource(walker)
+    session = Session(source, chain(walker, result))
+    ended(session, source)
+    assert len(session.frames) == len(session.samples) == 100
+    assert session.not_shown > 1000
+
+
+def test_late_lost_doubled_and_disordered_samples_are_all_accounted_for(walker, result):
+    faults = Faults(drop=0.01, duplicate=0.01, reorder=0.01, delay_s={"Plates": 0.05})
+    source = PerturbedSource(RecordedSource(walker), faults)
+    session = Session(source, computed := chain(walker, result))
+    ended(session, source)
+    counts = computed.counts
+    assert session.fault is None
+    assert counts.received == counts.solved + counts.marked == len(session.frames)
+    assert counts.received < len(walker.markers.time)
+    assert counts.doubled + counts.out_of_order > 0
+
+
+def test_a_pose_is_found_where_the_subject_stands_and_gives_the_same_body(walker, result):
+    source = RecordedSource(walker)
+    finder = PoseFinder(Live(), source.streams, walker.plates)
+    pose = None
+    while pose is None:
+        for samples in source.receive(0.0):
+            pose = pose or finder.add(samples)
+    assert samples.time[-1] < 1.5
+    body = process_recording(walker, Subject(sex="female"), REALTIME, static=pose).body
+    assert body.mass == pytest.approx(result.body.mass, rel=0.005)
+    for name, segment in body.segments.items():
+        np.testing.assert_allclose(segment.center, result.body.segments[name].center, atol=1e-3)
+
+
+def test_no_pose_is_found_while_the_subject_walks(walker):
+    source = RecordedSource(walker)
+    finder = PoseFinder(Live(), source.streams, walker.plates)
+    while not source.ended:
+        for samples in source.receive(0.0):
+            if samples.time[0] > 4.0:
+                assert finder.add(samples) is None
+
+
+def test_streams_that_fall_silent_and_return_are_noted(followed, monkeypatch):
+    computed, _, frames, _ = followed
+    monitor, now = Monitor(computed, [1, 2]), [100.0]
+    monkeypatch.setattr("pipeline.live.monitor.monotonic", lambda: now[0])
+    plates = Samples("Plates", np.array([1.0]), np.zeros((1, 12)))
+    monitor.samples(plates)
+    monitor.frame(frames[0], 0.001)
+    now[0] += 0.5
+    monitor.look_for_silence()
+    assert not monitor.notes
+    now[0] += 1.0
+    monitor.look_for_silence()
+    monitor.look_for_silence()
+    monitor.samples(plates)
+    assert [t.note.code for t in monitor.notes] == ["live_stream_silent", "live_stream_back"]
