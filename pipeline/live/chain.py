@@ -186,9 +186,9 @@ class LiveChain:
 
     def _take_frames(self, samples: Samples) -> None:
         values = samples.values.reshape(len(samples.time), -1, 3)
-        if not (np.abs(values) < MAX_DISTANCE_M).all():
-            seen = (np.abs(values) < MAX_DISTANCE_M).all(axis=2)
-            values = np.where(seen[..., None], values, np.nan)
+        near = np.abs(values) < MAX_DISTANCE_M
+        if not near.all():
+            values = np.where(near.all(axis=2, keepdims=True), values, np.nan)
         kept = self.order.append(samples.time, np.empty((len(values), 0)))
         for time, position in zip(samples.time[kept].tolist(), values[kept], strict=True):
             self.waiting.append(self._pose(time, position))

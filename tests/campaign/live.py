@@ -27,7 +27,7 @@ from pipeline.config.study import read_study
 from pipeline.io.recording import Recording
 from pipeline.live.chain import LiveChain
 from pipeline.live.monitor import Monitor
-from pipeline.live.recorded import RecordedSource
+from pipeline.live.sources.recorded import RecordedSource
 from pipeline.live.stream import Samples
 from pipeline.trial.process import process_recording
 from pipeline.trial.study_files import read_study_file, read_study_laboratory

@@ -12,11 +12,11 @@ from pipeline.io.read import read_recording
 from pipeline.live import session as module
 from pipeline.live.monitor import Monitor
 from pipeline.live.pose import PoseFinder
-from pipeline.live.recorded import RecordedSource
 from pipeline.live.recorder.descriptions import described_streams
 from pipeline.live.recorder.recorder import RESULTS, STREAMS, Recorder
 from pipeline.live.result_row import result_columns, result_row
 from pipeline.live.session import Session
+from pipeline.live.sources.recorded import RecordedSource
 from pipeline.live.stream import Samples
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
