@@ -9,14 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.console import Console
 
+    from pipeline.io.recording import Plate
     from pipeline.live.chain import LiveChain
     from pipeline.live.monitor import Monitor
     from pipeline.live.preparation import Preparation, Subjected
     from pipeline.live.recorder.recorder import Recorder
     from pipeline.live.session import Session
     from pipeline.live.stream import Source
+    from pipeline.viewer.live import LiveView
+    from pipeline.viewer.live_frames import Screen
 
 LOOPBACK: Final = "127.0.0.1"
 STREAMS, PARTS = "streams.xdf", "results"
@@ -149,13 +154,16 @@ def _run(
             )
             stack.callback(outlet.close)
         session = Session(source, chain, recorder, outlet)
+        view = _view(chain, plates, "browser" if web else "window") if shown or web else None
+        if view is not None:
+            stack.callback(view.close)
         monitor = Monitor(chain, [plate.number for plate in plates])
         console.print(
             f"recording to {folder}; values are {1000 * chain.filter_delay_s:.0f} ms late by the "
             f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)",
             soft_wrap=True,
         )
-        _follow(session, monitor, console, duration_s)
+        _follow(session, monitor, view, console, duration_s)
     _summarise(chain, monitor, session, recorder, folder, console)
     return 0 if session.fault is None and recorder.fault is None else 1
 
@@ -191,25 +199,53 @@ def _shown(prepared: "Preparation", source: "Source", console: "Console") -> "Su
                     console.print(f"no body yet: {told}", soft_wrap=True)
 
 
+def _view(chain: "LiveChain", plates: "Sequence[Plate]", screen: "Screen") -> "LiveView":
+    """Open the viewer."""
+    from pipeline.trial.result import PlateSurface
+    from pipeline.viewer.live import LiveView
+
+    return LiveView(
+        chain.body,
+        [PlateSurface(plate.number, plate.center, plate.corners) for plate in plates],
+        chain.stream.labels,
+        chain.ground.variants,
+        screen=screen,
+        contact_threshold_n=chain.settings.contact_threshold_n,
+    )
+
+
 def _follow(
-    session: "Session", monitor: "Monitor", console: "Console", duration_s: float | None
+    session: "Session",
+    monitor: "Monitor",
+    view: "LiveView | None",
+    console: "Console",
+    duration_s: float | None,
 ) -> None:
     """Show what is new until it is stopped, by Ctrl-C, after a time, or by a fault."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     began = shown_s = time.monotonic()
-    told = 0
+    told, address, fault = 0, "", ""
     session.start()
     try:
         with console.status("waiting for frames") as line:
             while session.runs and (duration_s is None or time.monotonic() - began < duration_s):
                 time.sleep(SHOWN_S)
-                take_new(session, monitor)
+                take_new(session, monitor, view)
                 monitor.look_for_silence()
                 told = _tell(monitor, told, console)
-                if time.monotonic() - shown_s >= STATUS_S:
-                    shown_s = time.monotonic()
-                    line.update(monitor.status())
+                if time.monotonic() - shown_s < STATUS_S:
+                    continue
+                shown_s = time.monotonic()
+                line.update(monitor.status())
+                if view is not None:
+                    view.show_status(monitor.page())
+                    if view.address and not address:
+                        address = view.address
+                        console.print(f"open {address} in a browser on this machine")
+                    if view.fault and not fault:
+                        fault = view.fault
+                        console.print(f"nothing is shown any more: {fault}; all else goes on")
     except KeyboardInterrupt:
         pass
     finally:
@@ -219,12 +255,31 @@ def _follow(
     _tell(monitor, told, console)
 
 
-def take_new(session: "Session", monitor: "Monitor") -> None:
-    """Bring what is new in a session to its monitor."""
+def take_new(session: "Session", monitor: "Monitor", view: "LiveView | None" = None) -> None:
+    """Bring what is new in a session to its monitor and its view."""
+    from pipeline.viewer.live_frames import ShownFrame
+
     while session.samples:
         monitor.samples(session.samples.popleft())
     while session.frames:
-        monitor.frame(*session.frames.popleft())
+        frame, latency_s = session.frames.popleft()
+        cycles = monitor.frame(frame, latency_s)
+        if view is None:
+            continue
+        counts = frame.quality.counts
+        view.show(
+            ShownFrame(
+                frame.time,
+                frame.q,
+                frame.markers,
+                frame.residual,
+                frame.by_foot,
+                frame.platform,
+                counts,
+            )
+        )
+        for cycle in cycles:
+            view.show_cycle(cycle.side, cycle.curve)
 
 
 def _tell(monitor: "Monitor", told: int, console: "Console") -> int:

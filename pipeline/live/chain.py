@@ -249,6 +249,8 @@ class LiveChain:
             marker_error=pose.marker_error,
             quality=quality,
             computing_s=perf_counter() - started,
+            markers=pose.position,
+            platform=ground.platform,
         )
 
 

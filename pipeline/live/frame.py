@@ -1,7 +1,7 @@
 """What is known of one frame as soon as it is measured."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntFlag
 
 import numpy as np
@@ -45,6 +45,10 @@ class Quality(IntFlag):
         return not self & ~(Quality.FOOT_UNCERTAIN | Quality.MARKERS_LEFT_OUT)
 
 
+def _none() -> Array:
+    return np.empty((0, 3))
+
+
 @dataclass(frozen=True, slots=True)
 class LiveFrame:
     """One frame.
@@ -69,6 +73,11 @@ class LiveFrame:
         Whether a plate carries the left and the right foot, (2,).
     marker_error
         Distance of each marker from the model, (K,) [m]; NaN where it was not used.
+    markers
+        As received, in the order of the stream, (M, 3) [m].
+    platform
+        Rotation, (3, 3), and position, (3,) [m], of the platform, NaN where unknown; None where it
+        stands still.
     quality
         Why it does not count.
     computing_s
@@ -85,6 +94,8 @@ class LiveFrame:
     marker_error: Array
     quality: Quality
     computing_s: float
+    markers: Array = field(default_factory=_none)
+    platform: tuple[Array, Array] | None = None
 
     @property
     def rms_marker_error_m(self) -> float:

@@ -34,12 +34,18 @@ class GroundFrame:
     wrenches
         Of each variant and plate, lab axes about the lab origin, unfiltered, (V, P, 6) [N, N·m];
         NaN where unknown.
-    platform_known
-        Whether the platform's pose is, or it stands still.
+    platform
+        Rotation, (3, 3), and position, (3,) [m], of the platform, NaN where unknown; None where it
+        stands still.
     """
 
     wrenches: Array
-    platform_known: bool
+    platform: tuple[Array, Array] | None = None
+
+    @property
+    def platform_known(self) -> bool:
+        """Whether the platform's pose is known, or it stands still."""
+        return self.platform is None or not np.isnan(self.platform[1][0])
 
 
 class LiveGround:
@@ -129,10 +135,9 @@ class LiveGround:
             variants.append(compensated)
         wrenches = (np.array(variants)[:, :, None] @ self.to_lab)[:, :, 0]
         if self.platform is None:
-            return GroundFrame(wrenches, platform_known=True)
-        rotation, position = self.platform.pose(time, position)
-        known = not np.isnan(position[0])
-        return GroundFrame(transform_wrench(wrenches, rotation, position), bool(known))
+            return GroundFrame(wrenches)
+        pose = self.platform.pose(time, position)
+        return GroundFrame(transform_wrench(wrenches, *pose), pose)
 
     def _measured(self, time: float) -> Array:
         """Give each plate's own wrench, corrected, (P, 6)."""

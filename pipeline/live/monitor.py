@@ -25,6 +25,7 @@ LATENCIES: Final = 6000
 """Of the newest frames, a minute at 100 Hz."""
 MAX_NOTES: Final = 200
 """That are kept; a session of hours repeats itself."""
+SHOWN_NOTES: Final = 8
 SILENT_S: Final = 1.0
 """Without samples a stream has gone."""
 
@@ -144,6 +145,32 @@ class Monitor:
             parts.append(f"RMS {in_words(self.condition.rms[best])}")
         parts.append(f"{self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f})")
         return " · ".join(parts)
+
+    def page(self) -> str:
+        """Give counts, residuals beside their limits and the newest notes as Markdown."""
+        counts = self._chain.counts
+        lines = [
+            f"**{counts.received}** frames, {counts.marked} of them do not count, {counts.late} "
+            f"late; {self.condition.cycles} gait cycles",
+            "",
+        ]
+        if self.condition.cycles:
+            lines += [f"| RMS | {' | '.join(AXES)} |", "|---" * 7 + "|"]
+            for variant, rms in self.condition.rms.items():
+                cells = " | ".join(f"{value:.1f}" for value in rms)
+                lines.append(f"| {variant} | {cells} |")
+            lines.append("")
+            for variant, limit in self.limits.items():
+                lines.append(
+                    f"- {variant}: peaks {limit.force_n:.0f} N (limit {limit.max_force_n:.0f} N), "
+                    f"{limit.moment_nm:.0f} N·m (limit {limit.max_moment_nm:.0f} N·m)"
+                )
+        lines += [f"- {timed.note}" for timed in list(self.notes)[-SHOWN_NOTES:]]
+        lines.append(
+            f"\nfrom arrival to results {self.latency_ms(50):.1f} ms, 99 % within "
+            f"{self.latency_ms(99):.1f} ms"
+        )
+        return "\n".join(lines)
 
     def _note(self, time: float, notes: Iterable[Note]) -> None:
         for note in notes:

@@ -109,6 +109,9 @@ def test_the_monitor_has_the_residuals_of_the_trial(result, followed):
     assert f"{monitor.condition.cycles} gait cycles · RMS Fx" in monitor.status()
     assert [timed.note.code for timed in monitor.notes] == []
     assert monitor.reasons["SETTLING"] > 0
+    page = monitor.page()
+    assert "| RMS | Fx | Fy | Fz | Mx | My | Mz |" in page
+    assert "- measured: peaks " in page
 
 
 def test_a_source_that_fails_ends_the_session_and_says_why(walker, result):
