@@ -9,9 +9,9 @@
 # %% [markdown]
 # # The same numbers while the subject walks
 #
-# `hbm live` computes residuals frame by frame, from streams of Lab Streaming Layer or Qualisys. Here
-# we rehearse without a network: a recording is replayed as streams into the same chain. We compare
-# it with the trial processed afterwards, then spoil the streams and watch what is said of it.
+# `hbm live` computes residuals frame by frame, from streams of Lab Streaming Layer or Qualisys.
+# Here we rehearse without a network: a recording is replayed as streams into the same chain. We
+# compare it with the trial processed afterwards, then spoil the streams and watch what is said.
 
 # %%
 from dataclasses import replace
@@ -56,7 +56,7 @@ def follow(recording):
     source = RecordedSource(recording)
     laboratory = Laboratory(Treadmill())
     chain = LiveChain(result.body, laboratory, settings, Live(), source.streams, recording.plates)
-    monitor, frames = Monitor(chain, [plate.number for plate in recording.plates]), []
+    monitor, frames = Monitor(chain, recording.plates), []
     while not source.ended:
         for samples in source.receive(0.0):
             monitor.samples(samples)

@@ -157,7 +157,7 @@ def _run(
         view = _view(chain, plates, "browser" if web else "window") if shown or web else None
         if view is not None:
             stack.callback(view.close)
-        monitor = Monitor(chain, [plate.number for plate in plates])
+        monitor = Monitor(chain, plates)
         console.print(
             f"recording to {folder}; values are {1000 * chain.filter_delay_s:.0f} ms late by the "
             f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)",

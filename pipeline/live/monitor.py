@@ -11,6 +11,7 @@ import numpy as np
 from hbm.notes import Note
 from hbm.poses import center_of_mass
 from hbm.spatial import Array
+from pipeline.io.recording import Plate
 from pipeline.live.chain import LiveChain
 from pipeline.live.condition import ConditionSoFar, Limits
 from pipeline.live.cycles import GaitTracker, LiveCycle
@@ -46,7 +47,7 @@ class Monitor:
     chain
         The session's.
     plates
-        Numbers of the plates.
+        Places of the plates.
 
     Attributes
     ----------
@@ -60,13 +61,14 @@ class Monitor:
         Why frames do not count -> how many.
     """
 
-    def __init__(self, chain: LiveChain, plates: Sequence[int]) -> None:
+    def __init__(self, chain: LiveChain, plates: Sequence[Plate]) -> None:
         self._chain = chain
         self._gait, self._delay = GaitTracker(), DelayWatch()
         self._markers = MarkerGaps(chain.stream.labels)
         mass_kg = chain.body.mass
         self._plates = [
-            (chain.live.channels_of(number), PlateWatch(number, mass_kg)) for number in plates
+            (chain.live.channels_of(plate.number), PlateWatch(plate.number, mass_kg, _up(plate)))
+            for plate in plates
         ]
         self._latency: deque[float] = deque(maxlen=LATENCIES)
         self._computing: deque[float] = deque(maxlen=LATENCIES)
@@ -176,6 +178,11 @@ class Monitor:
         for note in notes:
             self.notes.append(TimedNote(float(time), note))
             self.noted += 1
+
+
+def _up(plate: Plate) -> float:
+    """Give 1 where a plate's z axis points up, and -1 where it points down."""
+    return float(np.sign(plate.rotation[2, 2]))
 
 
 def in_words(rms: Array) -> str:

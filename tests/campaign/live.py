@@ -82,7 +82,7 @@ def attacked(seed: int, minutes: float) -> Tally:
         update={"analog": tuple(stream.name for stream in source.streams[1:])}
     )
     chain = LiveChain(whole.body, laboratory, REALTIME, live, source.streams, walk.plates)
-    monitor = Monitor(chain, [plate.number for plate in walk.plates])
+    monitor = Monitor(chain, walk.plates)
     start_s = 0.0
     while tally.minutes < minutes:
         kinds = rng.choice(KINDS, size=int(rng.integers(1, 4)), replace=False).tolist()

@@ -41,6 +41,8 @@ class PlateWatch:
         The plate's.
     mass_kg
         Body mass: what is below a tenth of the weight is no step.
+    up
+        1 where its z axis points up, -1 where it points down.
 
     Notes
     -----
@@ -50,8 +52,9 @@ class PlateWatch:
     more than 10 N is noted as not zeroed. Each is noted once a minute at most.
     """
 
-    def __init__(self, number: int, mass_kg: float) -> None:
+    def __init__(self, number: int, mass_kg: float, up: float = 1.0) -> None:
         self._number, self._max_rest_n = number, MAX_REST_SHARE * mass_kg * GRAVITY_MPS2
+        self._up = up
         self._rests: deque[tuple[float, float]] = deque()
         self._block: list[tuple[float, float]] = []
         self._judged_s = -np.inf
@@ -62,7 +65,7 @@ class PlateWatch:
     def add(self, time: Array, wrench: Array) -> tuple[Note, ...]:
         """Take samples, (N,) [s] and (N, 6) in the plate's axes; give what they show."""
         notes = list(self._saturation(wrench))
-        for now, force in zip(time.tolist(), wrench[:, 2].tolist(), strict=True):
+        for now, force in zip(time.tolist(), (self._up * wrench[:, 2]).tolist(), strict=True):
             if self._block and now - self._block[0][0] >= TENTH_S:
                 self._rest(np.array(self._block))
                 self._block.clear()

@@ -56,7 +56,7 @@ def followed(walker, result, tmp_path_factory):
         session = Session(source, computed, recorder)
         ended(session, source)
     assert (session.fault, session.not_shown, recorder.fault, recorder.lost) == (None, 0, None, 0)
-    monitor = Monitor(computed, [plate.number for plate in walker.plates])
+    monitor = Monitor(computed, walker.plates)
     frames = []
     for samples in session.samples:
         monitor.samples(samples)
@@ -173,9 +173,9 @@ def test_no_pose_is_found_while_the_subject_walks(walker):
                 assert finder.add(samples) is None
 
 
-def test_streams_that_fall_silent_and_return_are_noted(followed, monkeypatch):
+def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeypatch):
     computed, _, frames, _ = followed
-    monitor, now = Monitor(computed, [1, 2]), [100.0]
+    monitor, now = Monitor(computed, walker.plates), [100.0]
     monkeypatch.setattr("pipeline.live.monitor.monotonic", lambda: now[0])
     plates = Samples("Plates", np.array([1.0]), np.zeros((1, 12)))
     monitor.samples(plates)

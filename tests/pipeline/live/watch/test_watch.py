@@ -51,9 +51,11 @@ def test_drift_is_noted_once_a_minute_at_most():
     assert 1 <= len(notes) <= 3
 
 
-def test_a_plate_that_is_not_zero_is_noted_within_seconds():
+@pytest.mark.parametrize("up", [1.0, -1.0])
+def test_a_plate_that_is_not_zero_is_noted_within_seconds(up):
+    """As a load, whether its z axis points up or down."""
     time, wrench = walking(0.4, rest_n=14.0)
-    first, *_ = noted(PlateWatch(1, MASS_KG), time, wrench)
+    first, *_ = noted(PlateWatch(1, MASS_KG, up), time, up * wrench)
     assert first.code == "live_plate_not_zero"
     assert first.values["rest_n"] == pytest.approx(14.0, abs=0.5)
 
