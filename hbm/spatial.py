@@ -57,7 +57,8 @@ def shift_wrench(wrench: ArrayLike, to: ArrayLike) -> Array:
     """
     wrench, to = np.asarray(wrench, float), np.asarray(to, float)
     force, moment = wrench[..., :3], wrench[..., 3:]
-    shifted = np.empty((*np.broadcast_shapes(force.shape, to.shape)[:-1], 6))
+    shape = (*np.broadcast_shapes(force.shape, to.shape)[:-1], 6)
+    shifted = np.empty_like(wrench, shape=shape)  # in memory as the wrenches are
     shifted[..., :3] = force
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # np.cross takes four times as long
         cross = to[..., j] * force[..., k] - to[..., k] * force[..., j]

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import spline_filter1d
 
-from hbm.spatial import Array
+from hbm.spatial import Array, Indices
 
 POLE: Final = float(np.sqrt(3) - 2)
 """Of the recursive filter that turns samples into coefficients: its response falls to 0.27 of
@@ -62,11 +62,26 @@ def cubic_spline(time: Array, samples: Array, at: Array) -> Array:
         of_sample: Array = samples.take(nearest.astype(int), axis=0)
         return of_sample
     before = np.clip(np.floor(place).astype(int), 0, len(time) - 2)
-    coefficients, weights = _coefficients(samples), _weights((place - before)[:, None])
-    value: Array = weights[0] * coefficients.take(before, axis=0)
-    for k in (1, 2, 3):
-        value += weights[k] * coefficients.take(before + k, axis=0)
+    coefficients, share = _coefficients(samples), place - before
+    every = _common_step(before, share)
+    if every:
+        first, last = before[[0, -1]].tolist()
+        weights = _weights(share[:1])
+        near = [coefficients[first + k : last + k + 1 : every] for k in range(4)]
+    else:
+        weights = _weights(share[:, None])
+        near = [coefficients.take(before + k, axis=0) for k in range(4)]
+    value: Array = weights[0] * near[0]
+    for weight, coefficient in zip(weights[1:], near[1:], strict=True):
+        value += weight * coefficient
     return value
+
+
+def _common_step(before: Indices, share: Array) -> int:
+    """Give the samples from each place to the next; 0 where these differ, or the shares do."""
+    steps = np.diff(before)
+    alike = len(steps) > 0 and steps[0] > 0 and bool((steps == steps[0]).all())
+    return int(steps[0]) if alike and np.ptp(share) <= MAX_ROUNDING_STEPS else 0
 
 
 def _weights(share: Array) -> tuple[Array, Array, Array, Array]:
@@ -83,7 +98,7 @@ def _weights(share: Array) -> tuple[Array, Array, Array, Array]:
 
 def _coefficients(samples: Array) -> Array:
     """Give the coefficients of the spline through (N, K) samples, (N + 2, K)."""
-    inner = spline_filter1d(samples, 3, axis=0, mode="mirror")
+    inner = spline_filter1d(samples.T, 3, mode="mirror").T
     coefficients = np.concatenate([inner[1:2], inner, inner[-2:-1]])
     for from_end in (coefficients, coefficients[::-1]):
         jump = FOURTH_DIFFERENCE @ from_end[: len(FOURTH_DIFFERENCE)]

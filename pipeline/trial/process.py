@@ -183,7 +183,7 @@ def process_recording(
         body.marker_set,
         foot_motion(body, motion.time, unfiltered.q, ground.pose),
         under_feet.contacts,
-        plate_loads(recording, laboratory, settings.plate_delay_s),
+        plate_loads(recording, laboratory, settings.plate_delay_s, ground.accelerations),
         body.mass * GRAVITY_MPS2,
     )
     events, method, events_note = detect_events(sources, settings.events)

@@ -87,9 +87,10 @@ def plate_models(recording: Recording, laboratory: Laboratory) -> list[InertiaMo
     if unknown := [plate for plate in wanted if plate not in known]:
         raise ValueError(f"{name}: the calibration has no {unknown[0]}; it has {', '.join(known)}")
     _require_same_channels(recording, laboratory)
+    setup = setup_of(recording, laboratory.treadmill)
     for plate in wanted:
         try:
-            known[plate].require(setup_of(recording, laboratory.treadmill))
+            known[plate].require(setup)
         except ValueError as error:
             raise ValueError(f"{name}: {plate}: {error}") from error
     return [known[plate] for plate in wanted]

@@ -25,7 +25,7 @@ from pipeline.trial.ground.accelerometers import (
 from pipeline.trial.ground.artefacts import compensation_doubts
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
-from pipeline.trial.ground.empty_plates import BESIDE, setup_of
+from pipeline.trial.ground.empty_plates import BESIDE, FILTER, setup_of
 from pipeline.trial.ground.instruments import fastest_belt
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
@@ -60,6 +60,9 @@ class Ground:
     belts
         Per plate what was subtracted of its accelerating belt, in the plate's own axes, (T, 6)
         [N, N·m]; empty without a calibration of the belts.
+    accelerations
+        Times (N,) [s] and readings (N, k) [m/s²] of the accelerometers, through the low-pass of
+        the calibration; None without a calibration of the platform.
     """
 
     variants: Mapping[str, Sequence[Array]]
@@ -69,6 +72,7 @@ class Ground:
     covariance: Array | None = None
     felt: tuple[Array, ...] = ()
     belts: tuple[Array, ...] = ()
+    accelerations: tuple[Array, Array] | None = None
 
     @property
     def best(self) -> str:
@@ -121,9 +125,13 @@ def ground_wrenches(
     notes = [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
 
     compensated, felt, added = measured, list[Array](), list[Array]()
+    filtered = None
     if laboratory.calibration is not None:
-        compensated, felt, doubts = _without_inertia(recording, laboratory, times)
-        notes += doubts
+        clock, readings = accelerations(recording, treadmill)
+        models = plate_models(recording, laboratory)
+        filtered = clock, setup_of(recording, treadmill).low_pass(readings, clock)
+        compensated, felt = _without_inertia(recording, laboratory, models, filtered, times)
+        notes += _compensation_notes(recording, laboratory, models, readings)
     if laboratory.belts and treadmill.belt is not None:
         added = belt_wrenches(recording, laboratory.belts, treadmill.belt, times)
         compensated = [w - belt for w, belt in zip(compensated, added, strict=True)]
@@ -140,9 +148,7 @@ def ground_wrenches(
         variants["compensated"] = compensated
     in_lab = {name: _in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
     covariances, covariance = list[Array](), None
-    if felt:
-        assert laboratory.calibration is not None
-        models = plate_models(recording, laboratory)
+    if laboratory.calibration is not None:
         if pose is not None and treadmill.platform is not None and treadmill.platform.markers:
             readings = felt[0][:, : len(models[0].acceleration_mean)]
             late = plate_marker_delay(pose, readings, recording.markers.rate_hz)
@@ -163,7 +169,14 @@ def ground_wrenches(
         if laboratory.calibration.correlation is None and len(plates) > 1:
             notes.append(Note.of("plates_taken_as_independent"))
     return Ground(
-        in_lab, pose, tuple(notes), tuple(covariances), covariance, tuple(felt), tuple(added)
+        variants=in_lab,
+        pose=pose,
+        notes=tuple(notes),
+        covariances=tuple(covariances),
+        covariance=covariance,
+        felt=tuple(felt),
+        belts=tuple(added),
+        accelerations=filtered,
     )
 
 
@@ -172,35 +185,49 @@ def _is_constant(plate: Plate) -> bool:
 
 
 def _without_inertia(
-    recording: Recording, laboratory: Laboratory, times: Sequence[Array]
-) -> tuple[list[Array], list[Array], list[Note]]:
+    recording: Recording,
+    laboratory: Laboratory,
+    models: Sequence[InertiaModel],
+    filtered: tuple[Array, Array],
+    times: Sequence[Array],
+) -> tuple[list[Array], list[Array]]:
     """Subtract what the platform's motion adds to each plate; its times (T,) are on its clock.
 
-    Gives what the accelerometers felt at each plate's times too, (T, K).
+    Gives what the accelerometers, whose filtered readings are given with their times, felt at each
+    plate's times too, (T, K).
 
     Plates and accelerometers both pass the low-pass that both passed in the calibration: filtering
     only one of them would leave the part of the artefact that the filter takes from the other.
     """
     plates, treadmill = recording.plates, laboratory.treadmill
-    clock, readings = accelerations(recording, treadmill)
-    models = plate_models(recording, laboratory)
-    setup = setup_of(recording, treadmill)
+    setup, late = setup_of(recording, treadmill), relative_delays_s(plates, laboratory.plates)
     assert laboratory.calibration is not None
-    sensors, filtered = laboratory.calibration.sensors, setup.low_pass(readings, clock)
-    late = relative_delays_s(plates, laboratory.plates)
+    sensors = laboratory.calibration.sensors
     earlier = [time - late_s for time, late_s in zip(times, late, strict=True)]
-    felt = at_times_of_plates(clock, filtered, earlier, treadmill, sensors, models[0].lags_s)
+    felt = at_times_of_plates(*filtered, earlier, treadmill, sensors, models[0].lags_s)
     compensated = []
     for plate, model, time, acceleration in zip(plates, models, times, felt, strict=True):
         wrench = setup.low_pass(plate.wrench_in_plate, plate.time)
         wrench = resample(plate.time, wrench, time)
         compensated.append(_compensated(model, acceleration, wrench))
+    return compensated, felt
+
+
+def _compensation_notes(
+    recording: Recording, laboratory: Laboratory, models: list[InertiaModel], readings: Array
+) -> list[Note]:
+    """Say how plates were compensated by accelerometers, and what is doubtful about their readings.
+
+    The readings (N, k) are as recorded.
+    """
+    plates, treadmill = recording.plates, laboratory.treadmill
+    assert laboratory.calibration is not None
     notes = compensation_doubts(plates, models, readings, treadmill)
     notes.append(
         Note.of(
             "plates_compensated",
             accelerometers=tuple(treadmill.accelerometers),
-            filter=setup.filter_method,
+            filter=FILTER,
             cutoff_hz=treadmill.cutoff_hz,
         )
     )
@@ -212,8 +239,7 @@ def _without_inertia(
     elif BESIDE not in laboratory.calibration.provenance:
         notes.append(Note.of("uncertainty_without_people"))
     notes += belt_speed_notes(recording, treadmill, laboratory.calibration)
-    notes += [*corrected_sensors(sensors), *laboratory.notes]
-    return compensated, felt, notes
+    return [*notes, *corrected_sensors(laboratory.calibration.sensors), *laboratory.notes]
 
 
 def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Array:
