@@ -11,7 +11,7 @@ from compensation import InertiaModel, Sensor, Setup
 from compensation.inertia.checks import MIN_LOAD_N
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
-from hbm.spatial import Array
+from hbm.spatial import Array, Mask
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.read import read_as_stated
@@ -135,7 +135,7 @@ def plate_samples(
                 f"{recording.source.name}: plate {plate.number} has no samples at which the "
                 "accelerometers are known"
             )
-        found[f"plate {plate.number}"] = felt[known], wrench[known]
+        found[f"plate {plate.number}"] = samples_of(felt, known), samples_of(wrench, known)
     return found
 
 
@@ -209,6 +209,14 @@ def _means(force: Array, setup: Setup, length_s: float) -> Array:
     """Give the means of parts of about a length, (parts,)."""
     parts = max(len(force) // round(length_s * setup.rate_hz), 1)
     return np.array([part.mean() for part in np.array_split(force, parts)])
+
+
+def samples_of(channels: Array, known: Mask) -> Array:
+    """Give the known ones, (M, K), of some samples, (N, K), every channel in one piece of memory.
+
+    Fits sum over samples again and again, which then takes a tenth of the time.
+    """
+    return channels.T.compress(known, axis=1).T
 
 
 def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:
