@@ -98,10 +98,11 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
     at, wanted = at[usable], wanted[usable]
     frames = reach + np.flatnonzero(usable)
     offsets, spreads = np.empty((len(lags), 3)), np.empty(len(lags))
+    of_plates, of_motion = known.T, np.ascontiguousarray(wanted.T)
     for k, lag in enumerate(lags):
-        disagreement = known[frames + lag] - wanted
-        offsets[k] = np.median(disagreement, axis=0)
-        spreads[k] = np.mean(np.abs(disagreement - offsets[k]))
+        disagreement = of_plates.take(frames + lag, axis=1) - of_motion
+        offsets[k] = np.median(disagreement, axis=1)
+        spreads[k] = np.mean(np.abs(disagreement - offsets[k][:, None]))
     best = int(np.argmin(spreads))
     scale = max(NOISE_FLOOR_N, spreads[best])
 

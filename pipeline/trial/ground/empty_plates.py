@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from compensation import InertiaModel, Sensor, Setup
 from compensation.inertia.checks import MIN_LOAD_N
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import resample
-from hbm.spatial import Array, Mask
+from hbm.spatial import Array
 from pipeline.config.plate_correction import PlateCorrection
 from pipeline.config.schema import Treadmill
 from pipeline.io.read import read_as_stated
@@ -211,12 +212,12 @@ def _means(force: Array, setup: Setup, length_s: float) -> Array:
     return np.array([part.mean() for part in np.array_split(force, parts)])
 
 
-def samples_of(channels: Array, known: Mask) -> Array:
+def samples_of(channels: Array, known: ArrayLike) -> Array:
     """Give the known ones, (M, K), of some samples, (N, K), every channel in one piece of memory.
 
     Fits sum over samples again and again, which then takes a tenth of the time.
     """
-    return channels.T.compress(known, axis=1).T
+    return channels.T.compress(np.asarray(known), axis=1).T
 
 
 def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:

@@ -1,7 +1,7 @@
 """What acts on the subject: the plates' wrenches in the lab, as measured and compensated."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -30,7 +30,12 @@ from pipeline.trial.ground.instruments import fastest_belt
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import platform_pose
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
-from pipeline.trial.ground.uncertainty import belt_speed_notes, sum_covariance, wrench_spread
+from pipeline.trial.ground.uncertainty import (
+    Spread,
+    belt_speed_notes,
+    sum_covariance,
+    wrench_spread,
+)
 
 ASSUMED_PIVOT_ERROR_M: Final = 0.01
 """Of a pivot that is measured by hand; its effect on the moments is noted."""
@@ -49,11 +54,11 @@ class Ground:
         The platform's pose at the markers' times; None where it stands still.
     notes
         How the wrenches were compensated and brought to the lab, and what is doubtful about that.
-    covariances
-        Per plate that of its compensated wrench due to the compensation alone, lab axes about the
-        lab origin, (T, 6, 6); empty without a calibration of the platform.
-    covariance
-        As `covariances`, of the sum of all plates; None without a calibration of the platform.
+    spreads
+        Per plate what the compensation makes uncertain; empty without a calibration of the
+        platform.
+    correlation
+        Between all plates, as `sum_covariance` takes it, (6 P, 6 P).
     felt
         Per plate what the accelerometers felt at the markers' times, as its inertia model takes it,
         (T, K) [m/s²]; empty without a calibration of the platform.
@@ -68,8 +73,8 @@ class Ground:
     variants: Mapping[str, Sequence[Array]]
     pose: PlatformPose | None
     notes: tuple[Note, ...]
-    covariances: tuple[Array, ...] = ()
-    covariance: Array | None = None
+    spreads: tuple[Spread, ...] = ()
+    correlation: Array = field(default_factory=lambda: np.zeros((0, 0)))
     felt: tuple[Array, ...] = ()
     belts: tuple[Array, ...] = ()
     accelerations: tuple[Array, Array] | None = None
@@ -78,6 +83,22 @@ class Ground:
     def best(self) -> str:
         """The variant that is closest to the truth: compensated where there is one."""
         return "compensated" if "compensated" in self.variants else "measured"
+
+    @property
+    def of_each(self) -> list[tuple[Spread, Array]]:
+        """Per plate its spread and the correlation within it, (6, 6)."""
+        own = [slice(6 * k, 6 * k + 6) for k in range(len(self.spreads))]
+        return [(s, self.correlation[k, k]) for s, k in zip(self.spreads, own, strict=True)]
+
+    @property
+    def covariances(self) -> list[Array]:
+        """Per plate that of its wrench, lab axes about the lab origin, (T, 6, 6)."""
+        return [sum_covariance([spread], correlation) for spread, correlation in self.of_each]
+
+    @property
+    def covariance(self) -> Array:
+        """As `covariances`, of the sum of all plates."""
+        return sum_covariance(self.spreads, self.correlation)
 
 
 def ground_wrenches(
@@ -147,7 +168,7 @@ def ground_wrenches(
     if compensated is not measured:
         variants["compensated"] = compensated
     in_lab = {name: _in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
-    covariances, covariance = list[Array](), None
+    spreads, joint = list[Spread](), np.zeros((0, 0))
     if laboratory.calibration is not None:
         if pose is not None and treadmill.platform is not None and treadmill.platform.markers:
             readings = felt[0][:, : len(models[0].acceleration_mean)]
@@ -161,19 +182,14 @@ def ground_wrenches(
             for model, plate, acceleration in zip(models, plates, felt, strict=True)
         ]
         joint = laboratory.calibration.correlation_of([f"plate {p.number}" for p in plates])
-        covariance = sum_covariance(spreads, joint)
-        covariances = [
-            sum_covariance([spread], joint[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
-            for k, spread in enumerate(spreads)
-        ]
         if laboratory.calibration.correlation is None and len(plates) > 1:
             notes.append(Note.of("plates_taken_as_independent"))
     return Ground(
         variants=in_lab,
         pose=pose,
         notes=tuple(notes),
-        covariances=tuple(covariances),
-        covariance=covariance,
+        spreads=tuple(spreads),
+        correlation=joint,
         felt=tuple(felt),
         belts=tuple(added),
         accelerations=filtered,
