@@ -34,6 +34,14 @@ def read_only(value: ArrayLike, dtype: type[float] = float) -> Array | Mask:
     return copy
 
 
+def frozen(value: Array) -> Array:
+    """Make an array that nobody else holds unchangeable, so that `read_only` need not copy it."""
+    for array in (value, value.base):
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
+    return value
+
+
 def _is_read_only(value: NDArray[np.generic]) -> bool:
     """Whether neither an array nor the one whose memory it is a part of can be changed."""
     owner = value if value.base is None else value.base

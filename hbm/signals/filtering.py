@@ -23,7 +23,7 @@ from hbm.signals.samples import (
     sample_times,
     unknown,
 )
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array, frozen, read_only
 
 Method = Literal["realtime", "zero_phase"]
 """How coordinates and forces are filtered; `low_pass` says what each method does."""
@@ -118,7 +118,8 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
     - Both restart after a gap.
     """
     kernels: Mapping[str, _Kernel] = {"realtime": _realtime, "zero_phase": _zero_phase}
-    return Filtered(*_filtered(signal, time, cutoff_hz, method, kernels, outputs=3))
+    outputs = _filtered(signal, time, cutoff_hz, method, kernels, outputs=3)
+    return Filtered(*map(frozen, outputs))
 
 
 def low_pass(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: LowPassMethod) -> Array:
