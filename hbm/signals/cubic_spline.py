@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.ndimage import spline_filter1d
+from scipy.ndimage import correlate1d, spline_filter1d
 
 from hbm.spatial import Array, Indices
 
@@ -63,17 +63,16 @@ def cubic_spline(time: Array, samples: Array, at: Array) -> Array:
         return of_sample
     before = np.clip(np.floor(place).astype(int), 0, len(time) - 2)
     coefficients, share = _coefficients(samples), place - before
-    every = _common_step(before, share)
-    if every:
+    if every := _common_step(before, share):
         first, last = before[[0, -1]].tolist()
-        weights = _weights(share[:1])
-        near = [coefficients[first + k : last + k + 1 : every] for k in range(4)]
-    else:
-        weights = _weights(share[:, None])
-        near = [coefficients.take(before + k, axis=0) for k in range(4)]
-    value: Array = weights[0] * near[0]
-    for weight, coefficient in zip(weights[1:], near[1:], strict=True):
-        value += weight * coefficient
+        near, of_all = coefficients[first : last + 4].T, np.concatenate(_weights(share[:1]))
+        # origin: the first weight is of the coefficient at the same place
+        summed = correlate1d(near, of_all, mode="constant", origin=-2)
+        return np.asarray(summed[:, : last - first + 1 : every].T)
+    weights = _weights(share[:, None])
+    value: Array = weights[0] * coefficients.take(before, axis=0)
+    for k in (1, 2, 3):
+        value += weights[k] * coefficients.take(before + k, axis=0)
     return value
 
 
@@ -98,8 +97,10 @@ def _weights(share: Array) -> tuple[Array, Array, Array, Array]:
 
 def _coefficients(samples: Array) -> Array:
     """Give the coefficients of the spline through (N, K) samples, (N + 2, K)."""
-    inner = spline_filter1d(samples.T, 3, mode="mirror").T
-    coefficients = np.concatenate([inner[1:2], inner, inner[-2:-1]])
+    channels = np.empty((samples.shape[1], len(samples) + 2))
+    spline_filter1d(samples.T, 3, output=channels[:, 1:-1], mode="mirror")
+    coefficients = channels.T
+    coefficients[0], coefficients[-1] = coefficients[2], coefficients[-3]
     for from_end in (coefficients, coefficients[::-1]):
         jump = FOURTH_DIFFERENCE @ from_end[: len(FOURTH_DIFFERENCE)]
         from_end[:REACH] -= POLE ** np.arange(REACH)[:, None] * jump / (1 - POLE) ** 4
