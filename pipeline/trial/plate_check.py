@@ -216,9 +216,7 @@ def load_jumps(
     steady = np.max(spread_n, axis=0) < MAX_LOAD_SPREAD * weight_n
     largest_n = MIN_LOAD_JUMP * weight_n
     found = np.flatnonzero(steady & (jump_n > largest_n))
-    if not len(found):
-        return ()
-    place = tenths(position, time, *every)
+    place = tenths(position, time, every[0], int(found.max(initial=-wide)) + wide)
     notes: tuple[Note, ...] = ()
     for start in found:
         still = median_extent(place[start : start + wide]) < MAX_STILL_EXTENT_M
