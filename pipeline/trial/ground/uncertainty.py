@@ -137,7 +137,8 @@ def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -
     Returns
     -------
     Array
-        In lab axes, (T, 6) [N, N·m]; NaN where an acceleration, the pose or the point is unknown.
+        In lab axes, (T, 6) [N, N·m]; NaN where an acceleration or the pose is unknown, moments also
+        where the point is.
     """
     changes = [np.moveaxis(spread.to_lab(point), 0, -1) for spread in spreads]
     variance = np.empty((6, len(spreads[0].sd)))
