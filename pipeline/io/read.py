@@ -18,6 +18,8 @@ from pipeline.io.opensim.trial import read_opensim_trial
 from pipeline.io.recording import Preview, Recording
 from pipeline.io.stated import Stated
 from pipeline.io.text_table import EMPTY, decoded
+from pipeline.io.xdf.chunks import MAGIC
+from pipeline.io.xdf.read import read_xdf
 
 C3D_KEY: Final = 0x50
 """Second byte of every C3D file."""
@@ -44,7 +46,7 @@ def read_recording(
     Parameters
     ----------
     path
-        C3D, TRC, D-Flow mocap, Motek .mox or Vicon Nexus ASCII file, under whatever name.
+        C3D, TRC, D-Flow mocap, Motek .mox, Vicon Nexus ASCII or XDF file, under whatever name.
     axes
         Lab directions of the file's axes, such as ``"left,back,up"``; by default inferred, or as
         the format defines them.
@@ -116,8 +118,14 @@ def read_as_stated(
         return read_dflow(path, stated, record=record)
     if kind == "TRC" and forces is not None:
         return read_opensim_trial(path, forces, stated)
-    reader = {"C3D": read_c3d, "TRC": read_trc, "MOX": read_mox, "Nexus": read_nexus}[kind]
-    return reader(path, stated)
+    readers = {
+        "C3D": read_c3d,
+        "TRC": read_trc,
+        "MOX": read_mox,
+        "Nexus": read_nexus,
+        "XDF": read_xdf,
+    }
+    return readers[kind](path, stated)
 
 
 def preview_recording(
@@ -146,7 +154,7 @@ def file_format(path: Path) -> str:
     Returns
     -------
     str
-        C3D, TRC, D-Flow, MOX or Nexus.
+        C3D, TRC, D-Flow, MOX, Nexus or XDF.
 
     Raises
     ------
@@ -162,6 +170,8 @@ def file_format(path: Path) -> str:
 def _format(head: bytes) -> str:
     if head[1:2] == bytes([C3D_KEY]) and not head[:1].isalpha():
         return "C3D"
+    if head.startswith(MAGIC):
+        return "XDF"
     try:
         text = decoded(head[: len(head) // 2 * 2] if head[1:] else head)
     except ValueError as error:
@@ -187,6 +197,6 @@ def _why_not_read(lines: list[str], first: list[str]) -> str:
     if first[0] == "Time":
         return "a D-Flow record file, which has no markers; give it beside a D-Flow mocap file"
     return (
-        "not a C3D file, nor TRC, D-Flow mocap text, Motek .mox or Vicon Nexus ASCII export, "
+        "not a C3D file, nor TRC, D-Flow mocap text, Motek .mox, Vicon Nexus ASCII export or XDF, "
         "which are the formats that are read"
     )

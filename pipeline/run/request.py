@@ -25,7 +25,7 @@ class TrialRequest:
     """
 
     trial: Annotated[
-        Path, Help("The trial: C3D, TRC, D-Flow, .mox or Nexus ASCII, recognised by content.")
+        Path, Help("The trial: C3D, TRC, D-Flow, .mox, Nexus ASCII or XDF, recognised by content.")
     ]
     static: Annotated[Path | None, Help("Calibration pose; default: the trial itself.")] = None
     forces: Annotated[Path | None, Help("Ground reaction forces (.mot) of a .trc trial.")] = None

@@ -1,0 +1,1 @@
+"""XDF files; the descriptions of streams, which they share with Lab Streaming Layer."""

@@ -1,0 +1,1 @@
+"""Live: streams in, results out, frame by frame."""

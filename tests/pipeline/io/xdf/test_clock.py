@@ -1,0 +1,53 @@
+"""The frames of samples are found from time stamps that scatter, drift and have gaps."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.io.xdf.clock import find_clock
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    nominal=st.sampled_from([60.0, 100.0, 300.0, 1000.0]),
+    drift=st.floats(-1e-3, 1e-3),
+    lost=st.lists(st.tuples(st.integers(30, 1990), st.integers(1, 40)), max_size=5),
+)
+def test_every_sample_is_its_frame_whatever_delay_drift_and_loss(seed, nominal, drift, lost):
+    rng = np.random.default_rng(seed)
+    gone = {at + k for at, count in lost for k in range(count)}
+    frames = np.array([k for k in range(2000) if k not in gone])
+    late = np.abs(rng.normal(0, 0.1, len(frames)))
+    stamps = 12345.6 + (frames + late) / (nominal * (1 + drift))
+    clock = find_clock(stamps, nominal)
+    np.testing.assert_array_equal(clock.index, frames)
+    assert clock.rate_hz == pytest.approx(nominal * (1 + drift), rel=1e-4)
+
+
+def test_samples_that_arrive_in_bursts_are_frames_in_a_row():
+    """Sent twenty at a time, all stamped when they are sent."""
+    stamps = np.ceil((np.arange(1000) + 1) / 20) * 0.2
+    clock = find_clock(stamps, 100.0)
+    np.testing.assert_array_equal(clock.index, np.arange(1000))
+    assert clock.rate_hz == pytest.approx(100, rel=1e-3)
+
+
+def test_a_rate_that_is_not_the_nominal_one_is_found():
+    clock = find_clock(np.arange(500) / 128, 100.0)
+    np.testing.assert_array_equal(clock.index, np.arange(500))
+    assert clock.rate_hz == pytest.approx(128)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "message"),
+    [
+        (np.zeros(10), "do not advance"),
+        (-np.arange(10.0), "do not advance"),
+        (np.concatenate([np.arange(10), 500 + np.arange(10)]) / 100, "span 510 frames"),
+    ],
+)
+def test_stamps_that_are_no_clock_are_refused(stamps, message):
+    with pytest.raises(ValueError, match=message):
+        find_clock(stamps, 100.0)

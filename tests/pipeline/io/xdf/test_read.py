@@ -1,0 +1,299 @@
+"""A trial recorded as XDF is the trial; damaged files are refused in one line or say so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hbm.notes import Note
+from hbm.spatial import rotate_wrench
+from pipeline.config.schema import Settings, Subject
+from pipeline.io.axes import parse_axes
+from pipeline.io.read import file_format, read_recording
+from pipeline.io.recording import Analog
+from pipeline.trial.process import process_recording
+from tests.pipeline import xdf_file as xdf
+from tests.pipeline.io.test_read import one_line
+from tests.pipeline.other_formats import excerpt, in_file
+
+
+@pytest.fixture(scope="module")
+def trial(walker):
+    """Two seconds of walking on two plates, and two channels of another device."""
+    time = np.arange(500) / 250
+    values = np.column_stack([np.sin(time), np.cos(3 * time)])
+    analog = Analog(time, ("Belt.Speed", "Acc1.X"), ("m/s", "g"), values)
+    return replace(excerpt(walker, 500, 700), analog=analog)
+
+
+@pytest.fixture(scope="module")
+def whole(trial, tmp_path_factory):
+    return xdf.write_xdf(tmp_path_factory.mktemp("xdf") / "trial.dat", xdf.recorded(trial))
+
+
+def codes(recording):
+    return [note.code for note in recording.notes]
+
+
+def refused(path, *, match):
+    with pytest.raises(ValueError, match=match) as error:
+        read_recording(path)
+    assert one_line(error).startswith(path.name)
+
+
+def test_an_xdf_file_is_recognised_by_content_and_holds_the_trial(trial, whole):
+    assert file_format(whole) == "XDF"
+    read = read_recording(whole)
+    assert read.markers.names == trial.markers.names
+    np.testing.assert_allclose(read.markers.time, trial.markers.time, atol=1e-9)
+    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
+    for ours, true in zip(read.plates, trial.plates, strict=True):
+        assert ours.number == true.number
+        np.testing.assert_allclose(ours.time, true.time, atol=1e-9)
+        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-12)
+        np.testing.assert_array_equal(ours.corners, true.corners)
+    assert read.analog.names == trial.analog.names
+    assert read.analog.units == trial.analog.units
+    np.testing.assert_array_equal(read.analog.values, trial.analog.values)
+    assert set(codes(read)) == {"axes_of_format", "stream_clock"}
+
+
+def test_positions_in_millimetres_are_metres_and_stated_units_win(trial, tmp_path):
+    path = xdf.write_xdf(tmp_path / "mm.xdf", xdf.recorded(trial, unit="mm"))
+    np.testing.assert_allclose(
+        read_recording(path).markers.position, trial.markers.position, atol=1e-12
+    )
+    with pytest.raises(ValueError, match=r"spread over .*--units"):
+        read_recording(path, units="m")
+
+
+def test_streams_of_devices_with_clocks_of_their_own_are_on_one_clock(trial, tmp_path):
+    """A clock that is 900 s behind and loses 50 ppm."""
+    cameras, plates, analog = xdf.recorded(trial)
+    at = np.linspace(0, 2, 9)
+    own = (plates["stamps"] - 900) * (1 - 5e-5)
+    behind = list(zip(own[::250], (plates["stamps"] - own)[::250], strict=True))
+    plates |= {"stamps": own, "offset": behind}
+    cameras |= {"offset": [(5000 + t, 0.0) for t in at]}
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog]))
+    np.testing.assert_allclose(read.plates[0].time, trial.plates[0].time, atol=2e-5)
+    np.testing.assert_allclose(read.plates[0].wrench, trial.plates[0].wrench, atol=1e-9)
+
+
+def test_jitter_of_time_stamps_changes_no_sample_and_is_told(trial, tmp_path):
+    rng = np.random.default_rng(7)
+
+    def late(count):
+        return np.abs(rng.normal(0, 3e-4, count)) + 4e-3 * (rng.uniform(size=count) < 0.01)
+
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", xdf.recorded(trial, jitter=late)))
+    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
+    assert read.markers.rate_hz == pytest.approx(100, rel=1e-4)
+    np.testing.assert_allclose(np.diff(read.markers.time), 0.01, atol=1e-6)
+    np.testing.assert_allclose(read.plates[0].time, trial.plates[0].time, atol=1e-3)
+    told = [note.values["scatter_s"] for note in read.notes if note.code == "stream_clock"]
+    assert all(1e-4 < scatter < 1e-3 for scatter in told)
+
+
+def test_samples_that_were_lost_are_gaps_and_are_counted(trial, tmp_path):
+    cameras, plates, analog = xdf.recorded(trial)
+    gone = [40, 41, 42, 110]
+    for of, lost in ((cameras, gone), (plates, range(700, 707))):
+        kept = np.delete(np.arange(len(of["stamps"])), list(lost))
+        of |= {"stamps": of["stamps"][kept], "values": of["values"][kept]}
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog]))
+    empty = np.isnan(read.markers.position).all(axis=(1, 2))
+    assert np.flatnonzero(empty).tolist() == gone
+    assert np.flatnonzero(np.isnan(read.plates[1].wrench[:, 0])).tolist() == list(range(700, 707))
+    assert Note.of("samples_dropped", stream="Cameras", dropped=4, samples=200) in read.notes
+    assert Note.of("samples_dropped", stream="Plates", dropped=7, samples=2000) in read.notes
+
+
+def test_a_marker_at_the_origin_and_one_that_is_nan_were_not_seen(trial, tmp_path):
+    cameras, *others = xdf.recorded(trial)
+    cameras["values"][5, 3:6] = 0
+    cameras["values"][9, 6] = np.nan
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, *others]))
+    unseen = np.argwhere(np.isnan(read.markers.position).any(axis=-1)).tolist()
+    assert unseen == [[5, 1], [9, 2]]
+
+
+@pytest.mark.parametrize("label", ["{}_{}", "{}.Pos{}", "{} {}"])
+def test_markers_are_found_by_labels_where_no_type_is_stated(trial, tmp_path, label):
+    cameras, *_ = xdf.recorded(trial)
+    channels = [
+        {"label": label.format(name, axis), "unit": "m"}
+        for name in trial.markers.names
+        for axis in "XYZ"
+    ]
+    cameras["desc"] = xdf.described(channels)
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras]))
+    assert read.markers.names == trial.markers.names
+    assert "axes_inferred" in codes(read)
+    np.testing.assert_allclose(read.markers.position, trial.markers.position, atol=1e-12)
+
+
+def test_positions_of_rigid_bodies_are_no_markers_where_markers_are_named(trial, tmp_path):
+    cameras, *_ = xdf.recorded(trial)
+    body = [{"label": f"Table_{a}", "object": "Table", "type": f"Position{a}"} for a in "XYZ"]
+    channels = [*xdf.marker_channels(trial.markers.names), *body]
+    cameras["desc"] = xdf.described(channels)
+    cameras["values"] = np.hstack([cameras["values"], np.ones((200, 3))])
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras]))
+    assert read.markers.names == trial.markers.names
+
+
+def test_plates_named_as_in_dflow_are_about_the_origin_of_its_axes(trial, tmp_path):
+    axes = "right,up,back"
+    position, plates = in_file(trial, axes)
+    names, units, values = [], [], []
+    for number, (force, moment, pressure) in enumerate(plates, start=1):
+        for what, unit, vector in (
+            ("For", "N", force),
+            ("Mom", "Nm", moment),
+            ("Cop", "m", pressure),
+        ):
+            names += [f"FP{number}.{what}{axis}" for axis in "XYZ"]
+            units += [unit] * 3
+            values.append(vector)
+    channels = [{"label": n, "unit": u} for n, u in zip(names, units, strict=True)]
+    time = trial.plates[0].time
+    streams = [
+        xdf.stream(
+            "D-Flow",
+            "MoCap",
+            trial.markers.time,
+            position.reshape(200, -1),
+            xdf.described(xdf.marker_channels(trial.markers.names)),
+            rate=100,
+        ),
+        xdf.stream("Plates", "", time, np.hstack(values), xdf.described(channels), rate=1000),
+    ]
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", streams), axes=axes)
+    for ours, true in zip(read.plates, trial.plates, strict=True):
+        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-9)
+    assert read.analog is None
+    turn = parse_axes(axes)
+    np.testing.assert_allclose(
+        rotate_wrench(read.plates[0].wrench, turn.T)[:, :3], plates[0][0], atol=1e-9
+    )
+
+
+def test_a_plate_whose_place_is_not_stated_is_left_out_with_a_warning(trial, tmp_path):
+    cameras, plates, analog = xdf.recorded(trial)
+    channels = [c for plate in trial.plates for c in xdf.plate_channels(plate.number)]
+    plates["desc"] = xdf.described(channels, f"<plates>{xdf.plate_place(trial.plates[1])}</plates>")
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog]))
+    assert [plate.number for plate in read.plates] == [2]
+    assert "FP1.FX" in read.analog.names
+    assert "plate_left_out" in codes(read)
+
+
+def test_kilonewtons_and_newton_millimetres_are_converted(trial, tmp_path):
+    cameras, plates, _ = xdf.recorded(trial)
+    channels = [c for p in trial.plates for c in xdf.plate_channels(p.number, ("kN", "Nmm"))]
+    places = "".join(map(xdf.plate_place, trial.plates))
+    plates["desc"] = xdf.described(channels, f"<plates>{places}</plates>")
+    plates["values"] = plates["values"] * np.tile([1e-3] * 3 + [1e3] * 3, 2)
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates]))
+    np.testing.assert_allclose(read.plates[0].wrench, trial.plates[0].wrench, atol=1e-9)
+
+
+def test_signals_of_other_rates_are_interpolated_and_texts_left_out(trial, tmp_path):
+    cameras, plates, analog = xdf.recorded(trial)
+    slow = xdf.stream("Motor", "", 5000 + np.arange(20) / 10, np.arange(20.0)[:, None], rate=10)
+    words = xdf.stream("Events", "Markers", [5001.0], [["go"]], rate=0, kind="string")
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog, slow, words]))
+    known = read.analog.time <= 1.9
+    np.testing.assert_allclose(
+        read.analog.channel("Motor.1")[known], 10 * read.analog.time[known], atol=1e-9
+    )
+    assert np.isnan(read.analog.channel("Motor.1")[~known]).all()
+    assert Note.of("streams_interpolated", streams=["Motor"], fastest="Analog") in read.notes
+    assert Note.of("streams_left_out", streams=["Events"]) in read.notes
+
+
+def test_residuals_are_those_of_the_same_trial_as_c3d(walker, tmp_path):
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", xdf.recorded(walker)))
+    ours, true = (process_recording(r, Subject(), Settings()) for r in (read, walker))
+    np.testing.assert_allclose(ours.measured.residual, true.measured.residual, atol=1e-6)
+
+
+def test_faults_of_streams_are_one_line(trial, tmp_path):
+    cameras, plates, _ = xdf.recorded(trial)
+    path = tmp_path / "a.xdf"
+    refused(xdf.write_xdf(path, [plates]), match="no stream holds markers.*streams there: 'Plates'")
+    refused(xdf.write_xdf(path, [cameras, cameras | {"name": "B"}]), match="2 streams hold markers")
+    refused(xdf.write_xdf(path, [cameras, cameras]), match="several streams are called 'Cameras'")
+    unitless = xdf.described(xdf.marker_channels(trial.markers.names, ""))
+    refused(xdf.write_xdf(path, [cameras | {"desc": unitless}]), match="no length unit is stated")
+    fewer = xdf.described(xdf.marker_channels(trial.markers.names[1:]))
+    refused(
+        xdf.write_xdf(path, [cameras | {"desc": fewer}]),
+        match="describes 135 channels, but sends 138",
+    )
+    flat = xdf.described([*xdf.marker_channels(trial.markers.names)[:-1], {"label": "?"}])
+    refused(xdf.write_xdf(path, [cameras | {"desc": flat}]), match="has no channel for Z")
+    still = cameras | {"stamps": np.full(200, 5.0)}
+    refused(xdf.write_xdf(path, [still]), match="time stamps do not advance")
+    path.write_bytes(b"XDF:")
+    refused(path, match="holds no streams")
+
+
+def test_no_cut_changes_a_number_without_a_refusal_or_a_warning(whole, tmp_path):
+    content, cut = whole.read_bytes(), tmp_path / "cut.xdf"
+    frames = read_recording(whole).markers.position
+    warned = 0
+    for size in range(4, len(content), 1 + len(content) // 300):
+        cut.write_bytes(content[:size])
+        try:
+            read = read_recording(cut)
+        except ValueError:
+            continue
+        assert "recording_unended" in codes(read)
+        np.testing.assert_array_equal(read.markers.position, frames[: len(read.markers.time)])
+        warned += 1
+    assert warned > 30
+
+
+@pytest.fixture(scope="module")
+def small(trial, tmp_path_factory):
+    """A file of a few kilobytes, so that damage meets its structure."""
+    names = ["LASIS", "RASIS", "LPSIS", "RPSIS", "LHEE", "RHEE"]
+    columns = [trial.markers.names.index(name) for name in names]
+    position = np.array(trial.markers.position[:12, columns]).reshape(12, -1)
+    desc = xdf.described(xdf.marker_channels(names), xdf.tags(axes="forward,left,up"))
+    offset = [(5000.0 + t, 0.5) for t in range(4)]
+    of = xdf.stream("M", "MoCap", np.arange(12) / 100, position, desc, rate=100, offset=offset)
+    return xdf.write_xdf(tmp_path_factory.mktemp("small") / "small.xdf", [of], each=5)
+
+
+@settings(
+    deadline=None, max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data())
+def test_a_damaged_file_is_read_or_refused_in_one_line(small, tmp_path, data):
+    content = bytearray(small.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(4, len(content) - 1))
+        match data.draw(st.sampled_from(["change", "remove", "insert", "zero"])):
+            case "change":
+                content[at] = data.draw(st.integers(0, 255))
+            case "remove":
+                del content[at : at + data.draw(st.integers(1, 20))]
+            case "insert":
+                content[at:at] = data.draw(st.binary(min_size=1, max_size=20))
+            case "zero":
+                content[at : at + 12] = bytes(len(content[at : at + 12]))
+        content = content if len(content) > 5 else bytearray(b"XDF:  ")
+    damaged = tmp_path / "damaged.xdf"
+    damaged.write_bytes(content)
+    try:
+        read_recording(damaged)
+    except ValueError as error:
+        text = str(error)
+        assert text.startswith("damaged.xdf: ")
+        assert text.isprintable()
+        assert len(text) < 300
