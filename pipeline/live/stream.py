@@ -49,7 +49,7 @@ class Samples:
     time
         (N,) [s], one clock for all streams.
     values
-        (N, K). Of markers (N, 3 M), x y z of each [m]; NaN where a marker is not seen.
+        (N, K). Of markers (N, 3 M), x y z of each in lab axes [m]; NaN where one is not seen.
     """
 
     stream: str

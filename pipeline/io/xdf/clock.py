@@ -8,6 +8,7 @@ from scipy.ndimage import minimum_filter1d
 
 from hbm.spatial import Array
 
+USUAL_HZ: Final = 100.0
 MAX_RATE_DIFFERENCE: Final = 0.02
 """Relative; beyond it the nominal rate is not that of the samples."""
 MIN_BURST_S: Final = 0.25
@@ -63,7 +64,7 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     stamps
         (N,) [s], N ≥ 2.
     nominal_hz
-        The rate that the sender states.
+        The rate that the sender states; 0 where it states none.
 
     Returns
     -------
@@ -113,7 +114,7 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
 def _period(stamps: Array, nominal_hz: float) -> float:
     """Give the time per frame [s]: the nominal one where stamps agree with it."""
     count = len(stamps)
-    step = max(1, min(round(MIN_BURST_S * nominal_hz), count // 4))
+    step = max(1, min(round(MIN_BURST_S * (nominal_hz or USUAL_HZ)), count // 4))
     usual = float(np.median(stamps[step:] - stamps[:-step])) / step
     mean = float(stamps[-1] - stamps[0]) / (count - 1)
     if not mean > 0 or not usual > 0:

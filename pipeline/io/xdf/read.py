@@ -89,12 +89,13 @@ def read_xdf(path: str | Path, stated: Stated | str | None = None) -> Recording:
 def _read(path: Path, stated: Stated) -> Recording:
     with open_file(path) as file:
         streams, texts, whole = read_streams(file.read())
-    regular = [s for s in streams if s.rate_hz > 0 and len(s.stamps) > 1]
-    left = [s.name for s in streams if s not in regular] + texts
-    channels = {s.name: _channels(s) for s in regular}
-    if twice := [name for name, n in Counter(s.name for s in regular).items() if n > 1]:
+    streams = [s for s in streams if len(s.stamps) > 1]
+    if twice := [name for name, n in Counter(s.name for s in streams).items() if n > 1]:
         raise ValueError(f"several streams are called {listed(map(repr, twice))}")
-    markers = [s for s in regular if has_markers(s.content_type, channels[s.name])]
+    channels = {s.name: _channels(s) for s in streams}
+    regular = [s for s in streams if s.rate_hz > 0 or _has_markers(s, channels[s.name])]
+    left = [s.name for s in streams if s not in regular] + texts
+    markers = [s for s in regular if _has_markers(s, channels[s.name])]
     if len(markers) != 1:
         names = listed(repr(short(s.name)) for s in markers or streams)
         raise ValueError(
@@ -148,6 +149,10 @@ def _read(path: Path, stated: Stated) -> Recording:
         stated=stated,
         notes=(*axes_notes, *notes, *moment_notes, *analog_notes),
     )
+
+
+def _has_markers(stream: Stream, channels: Sequence[Channel]) -> bool:
+    return has_markers(stream.content_type, channels)
 
 
 def _channels(stream: Stream) -> tuple[Channel, ...]:

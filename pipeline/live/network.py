@@ -1,0 +1,71 @@
+"""Lab Streaming Layer: where its discovery listens."""
+
+import ipaddress
+from importlib import import_module
+from typing import Any, Final
+
+LOOPBACK: Final = "127.0.0.1"
+EXTRA: Final = "pip install 'hbm-residuals[live]'"
+
+_listening: list[str] = []
+"""Where this process listens, once it has begun to; the library reads its settings only once."""
+
+
+def load_lsl(listen: str = LOOPBACK) -> Any:
+    """Import Lab Streaming Layer, with its discovery bound to one address.
+
+    Parameters
+    ----------
+    listen
+        Address of this computer in the laboratory's network, or of the loopback, by default:
+        then neither queries nor answers leave this computer.
+
+    Returns
+    -------
+    module
+        ``pylsl``.
+
+    Raises
+    ------
+    ValueError
+        It is not installed, the address is none, or this process listens on another one.
+
+    Notes
+    -----
+    Settings in a file ``lsl_api.cfg`` are not used. Samples and clocks have ports of their own
+    (16572 and following), which the library opens on all interfaces; docs/live.md says how to
+    close them to others.
+    """
+    try:
+        address = ipaddress.IPv4Address(listen)
+    except ValueError as error:
+        raise ValueError(
+            f"listen: {listen!r} is no IPv4 address of this computer, such as 192.168.1.10"
+        ) from error
+    lsl = import_extra("pylsl", "Lab Streaming Layer")
+    if not _listening:
+        scope = "ResolveScope = machine\n" if address.is_loopback else ""
+        interfaces = "" if address.is_loopback else f"Interfaces = {{{address}}}\n"
+        lsl.set_config_content(
+            "[ports]\nIPv6 = disable\n"
+            f"[multicast]\n{scope}{interfaces}ListenAddress = {address}\n"
+            "[log]\nlevel = -3\n"
+        )
+        _listening.append(str(address))
+    if _listening != [str(address)]:
+        raise ValueError(
+            f"listen: this process listens on {_listening[0]} already, not on {address}; Lab "
+            "Streaming Layer can be bound once"
+        )
+    return lsl
+
+
+def import_extra(module: str, what: str) -> Any:
+    """Import a module of the extra ``live``; a ValueError names the extra where it is missing."""
+    try:
+        return import_module(module)
+    except ImportError as missing:
+        raise ValueError(f"{what} needs the extra live: {EXTRA}") from missing
+    except (OSError, RuntimeError) as broken:  # pylsl without its library, where it has no wheel
+        reason = str(broken).splitlines()[0] if str(broken) else type(broken).__name__
+        raise ValueError(f"{what} does not load: {reason}") from broken
