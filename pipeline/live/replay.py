@@ -1,209 +1,23 @@
-"""Recordings as streams: played by Lab Streaming Layer, or taken from memory."""
+"""Recordings played by Lab Streaming Layer."""
 
 import threading
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from hbm.spatial import Array
-from pipeline.io.recording import Plate, Recording
-from pipeline.io.xdf.channels import AXES, Channel
-from pipeline.io.xdf.plates import COMPONENTS, PLACE
+from pipeline.io.recording import Recording
 from pipeline.live.network import LOOPBACK, load_lsl
 from pipeline.live.outlet import Outlet
-from pipeline.live.stream import Samples, StreamDescription
+from pipeline.live.recorded import recorded_streams
 
-MARKERS: Final = "Markers"
-PLATES: Final = "Plates"
-ANALOG: Final = "Analog"
-"""Names of the streams of a recording."""
 LAB_AXES: Final = "forward,left,up"
 TICK_S: Final = 0.001
 """Between looks at what is due."""
 DELIVERY_S: Final = 0.5
 """Left to receivers after the last sample."""
 MAX_SPEED: Final = 1000.0
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedStream:
-    """One stream of a recording.
-
-    Attributes
-    ----------
-    description
-        What it carries.
-    content_type
-        As XDF's meta-data name it.
-    channels
-        What each channel holds.
-    plates
-        Place of each plate, as text.
-    time, values
-        All its samples on the recording's clock, (N,) [s] and (N, K).
-    """
-
-    description: StreamDescription
-    content_type: str
-    channels: tuple[Channel, ...]
-    plates: tuple[tuple[tuple[str, str], ...], ...]
-    time: Array
-    values: Array
-
-
-def recorded_streams(recording: Recording) -> tuple[RecordedStream, ...]:
-    """Give a recording as streams: markers; plates; other channels.
-
-    Parameters
-    ----------
-    recording
-        From a file of any format.
-
-    Returns
-    -------
-    tuple of RecordedStream
-        "Markers" at the cameras' rate. "Plates": Fx Fy Fz Mx My Mz of each in its own axes about
-        the centre of its surface, called FP1.Fx and so on. "Analog": the other channels. Streams
-        that the recording does not have are absent; plates of several rates are streams of their
-        own, "Plates", "Plates 2" and so on.
-    """
-    markers = recording.markers
-    coordinates = [
-        Channel(f"{name}_{axis}", "meters", f"Position{axis}", marker=name)
-        for name in markers.names
-        for axis in AXES
-    ]
-    streams = [
-        RecordedStream(
-            StreamDescription(
-                MARKERS, "markers", markers.names, ("m",) * len(markers.names), markers.rate_hz
-            ),
-            "MoCap",
-            tuple(coordinates),
-            (),
-            markers.time,
-            np.reshape(markers.position, (len(markers.time), -1)),
-        )
-    ]
-    groups: list[list[Plate]] = []
-    for plate in recording.plates:
-        for group in groups:
-            if np.array_equal(group[0].time, plate.time):
-                group.append(plate)
-                break
-        else:
-            groups.append([plate])
-    for number, group in enumerate(groups, start=1):
-        name = PLATES if number == 1 else f"{PLATES} {number}"
-        streams.append(_plates(name, group))
-    if (analog := recording.analog) is not None and len(analog.time) > 1:
-        channels = tuple(map(Channel, analog.names, analog.units))
-        streams.append(
-            RecordedStream(
-                StreamDescription(ANALOG, "analog", analog.names, analog.units, analog.rate_hz),
-                "Analog",
-                channels,
-                (),
-                analog.time,
-                analog.values,
-            )
-        )
-    return tuple(streams)
-
-
-def _plates(name: str, plates: list[Plate]) -> RecordedStream:
-    channels = tuple(
-        Channel(
-            f"FP{plate.number}.{component[0]}{component[-1].lower()}",
-            "N" if component.startswith("Force") else "N·m",
-            component,
-            plate=str(plate.number),
-        )
-        for plate in plates
-        for component in COMPONENTS
-    )
-    places = tuple(
-        (
-            ("number", str(plate.number)),
-            *((part, " ".join(map(repr, getattr(plate, part).ravel().tolist()))) for part in PLACE),
-        )
-        for plate in plates
-    )
-    labels, units = (tuple(getattr(c, part) for c in channels) for part in ("label", "unit"))
-    time = plates[0].time
-    return RecordedStream(
-        StreamDescription(name, "analog", labels, units, plates[0].rate_hz),
-        "Force",
-        channels,
-        places,
-        time,
-        np.hstack([plate.wrench_in_plate for plate in plates]),
-    )
-
-
-class RecordedSource:
-    """Gives the samples of a recording in chunks, as fast as they are asked for.
-
-    Parameters
-    ----------
-    recording
-        The recording.
-    chunk_s
-        Time that each chunk spans [s].
-
-    Examples
-    --------
-    >>> import hbm, numpy as np
-    >>> time = np.arange(50) / 100
-    >>> heel = hbm.Markers(time, ("LHEE",), np.ones((50, 1, 3)))
-    >>> source = RecordedSource(Recording("heel.c3d", heel), chunk_s=0.1)
-    >>> [len(samples.time) for samples in source.receive(0.0)]
-    [10]
-    >>> while source.receive(0.0):
-    ...     pass
-    >>> source.ended
-    True
-    """
-
-    def __init__(self, recording: Recording, chunk_s: float = 0.01) -> None:
-        self._streams = recorded_streams(recording)
-        self._sent = [0] * len(self._streams)
-        self._chunk_s = chunk_s
-        self._until = min(float(stream.time[0]) for stream in self._streams)
-
-    @property
-    def streams(self) -> tuple[StreamDescription, ...]:
-        """What it gives: markers first."""
-        return tuple(stream.description for stream in self._streams)
-
-    @property
-    def ended(self) -> bool:
-        """Whether all samples were given."""
-        return all(
-            sent == len(stream.time) for sent, stream in zip(self._sent, self._streams, strict=True)
-        )
-
-    def receive(self, timeout_s: float) -> list[Samples]:
-        """Give the next samples; an empty list at the end. It never waits."""
-        found: list[Samples] = []
-        while not found and not self.ended:
-            self._until += self._chunk_s
-            for k, stream in enumerate(self._streams):
-                start = self._sent[k]
-                stop = int(np.searchsorted(stream.time, self._until - TICK_S / 1e3))
-                if stop > start:
-                    part = slice(start, stop)
-                    name = stream.description.name
-                    found.append(Samples(name, stream.time[part], stream.values[part]))
-                    self._sent[k] = stop
-        return found
-
-    def close(self) -> None:
-        """Give nothing more."""
-        self._sent = [len(stream.time) for stream in self._streams]
 
 
 class Replay:

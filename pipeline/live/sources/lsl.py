@@ -26,6 +26,8 @@ WAIT_S: Final = 0.001
 """Between looks at the streams that are not waited for."""
 SAME_CLOCK_S: Final = 1e-3
 """Offsets of one clock differ by less: computers may have the same name."""
+SETTLE_S: Final = 0.75
+"""Within it every stream answers, also others of the same names: the library asks twice."""
 RATE_S: Final = 1.0
 """Time whose samples show the rate of a stream that does not state it."""
 RATE_TIMEOUT_S: Final = 3.0
@@ -86,7 +88,8 @@ class LslSource:
         lsl = load_lsl(listen)
         deadline = time.monotonic() + timeout_s
         self._resolver = lsl.ContinuousResolver()
-        found = _find(lsl, self._resolver, names, deadline, timeout_s)
+        self._sought_s = 0.0
+        found = _find(self._resolver, names, deadline, timeout_s)
         self._inlets = [
             _Inlet(lsl, info, name == markers, stated or Stated(), deadline)
             for name, info in zip(names, found, strict=True)
@@ -108,6 +111,7 @@ class LslSource:
         deadline = time.monotonic() + timeout_s
         wait = 0.0
         while True:
+            self._seek_lost()
             found = [
                 samples
                 for k, inlet in enumerate(self._inlets)
@@ -117,8 +121,16 @@ class LslSource:
             if found or remaining <= 0:
                 return found
             wait = min(WAIT_S, remaining)
-            for inlet in self._inlets:
-                inlet.keep_up(self._resolver)
+
+    def _seek_lost(self) -> None:
+        """Take up again what is lost and cannot return by itself, if it is there."""
+        if not any(inlet.lost for inlet in self._inlets) or time.monotonic() < self._sought_s:
+            return
+        self._sought_s = time.monotonic() + POLL_S
+        there = self._resolver.results()
+        for inlet in self._inlets:
+            if inlet.lost:
+                inlet.reconnect(there)
 
     def close(self) -> None:
         """Stop receiving."""
@@ -148,6 +160,7 @@ class _Inlet:
         self._buffer = np.empty((MAX_SAMPLES, self._channels), self._inlet.np_dtype)
 
     def _connected(self, info: Any) -> Any:
+        self._uid: str = info.uid()
         return self._lsl.StreamInlet(info, max_buflen=BUFFER_S, recover=True)
 
     def open(self, timeout_s: float) -> None:
@@ -199,12 +212,16 @@ class _Inlet:
             return None
         return Samples(self.name, stamps + self.offset.value_s, self._convert(values))
 
-    def keep_up(self, resolver: Any) -> None:
-        """Take the stream up again if it is lost, cannot return by itself, and is there."""
-        if self._inlet is not None:
-            return
-        for info in resolver.results():
-            if info.name() == self.name and info.channel_count() == self._channels:
+    @property
+    def lost(self) -> bool:
+        """Whether nothing can arrive until the stream is connected anew."""
+        return self._inlet is None
+
+    def reconnect(self, there: Sequence[Any]) -> None:
+        """Connect to a stream of the same name and size, but not to the one that was lost."""
+        for info in there:
+            same = info.name() == self.name and info.channel_count() == self._channels
+            if same and info.uid() != self._uid:
                 self._inlet = self._connected(info)
                 return
 
@@ -214,10 +231,9 @@ class _Inlet:
             self._inlet = None
 
 
-def _find(
-    lsl: Any, resolver: Any, names: Sequence[str], deadline: float, timeout_s: float
-) -> list[Any]:
-    """Give the streams of these names, once all are there."""
+def _find(resolver: Any, names: Sequence[str], deadline: float, timeout_s: float) -> list[Any]:
+    """Give the streams of these names, once all are there and others had time to answer."""
+    settled = time.monotonic() + SETTLE_S
     while True:
         there: dict[str, list[Any]] = {}
         for info in resolver.results():
@@ -228,6 +244,9 @@ def _find(
                     f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
                     f"streams there: {listed(map(repr, map(printable, there)))}"
                 )
+            time.sleep(POLL_S)
+            continue
+        if time.monotonic() < settled:
             time.sleep(POLL_S)
             continue
         if several := [name for name in names if len(there[name]) > 1]:

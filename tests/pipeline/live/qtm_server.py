@@ -1,0 +1,140 @@
+"""A server that speaks the real-time protocol of Qualisys Track Manager, for its vendor's client.
+
+Written from the vendor's documentation, https://docs.qualisys.com/qtm-rt-protocol/: packets of size
+and type, little-endian; a welcome; commands as text; parameters as XML; frames as components.
+"""
+
+import socket
+import struct
+import threading
+
+import numpy as np
+
+ERROR, COMMAND, XML, DATA, NO_MORE_DATA = range(5)
+COMPONENTS = {"3d": 1, "analog": 3, "force": 4}
+
+
+def packet(kind, body):
+    return struct.pack("<II", 8 + len(body), kind) + body
+
+
+def text(kind, words):
+    return packet(kind, words.encode() + b"\0")
+
+
+def parameters(names, *, rate=100, force_rate=1000, plates=(), channels=(), version="1.25"):
+    """XML of the settings; ``channels`` are labels and units of one analog device."""
+    labels = "".join(f"<Label><Name>{n}</Name><RGBColor>ff</RGBColor></Label>" for n in names)
+    device = "".join(f"<Channel><Label>{c}</Label><Unit>{u}</Unit></Channel>" for c, u in channels)
+    analog = (
+        f"<Analog><Device><Device_ID>1</Device_ID><Device_Name>Board 1</Device_Name>"
+        f"<Channels>{len(channels)}</Channels><Frequency>{force_rate}</Frequency>{device}"
+        "</Device></Analog>"
+    )
+    of_plates = "".join(
+        f"<Plate><Plate_ID>{k}</Plate_ID><Analog_Device_ID>0</Analog_Device_ID>"
+        f"<Frequency>{force_rate}</Frequency><Type>AMTI</Type><Name>{name}</Name></Plate>"
+        for k, name in enumerate(plates, start=1)
+    )
+    return (
+        f"<QTM_Parameters_Ver_{version}><General><Frequency>{rate}</Frequency></General>"
+        f"<The_3D><AxisUpwards>+Z</AxisUpwards><Labels>{len(names)}</Labels>{labels}</The_3D>"
+        f"{analog if channels else ''}<Force><Unit_Length>mm</Unit_Length>"
+        f"<Unit_Force>N</Unit_Force>{of_plates}</Force></QTM_Parameters_Ver_{version}>"
+    )
+
+
+def frame(number, time_s, positions_mm, *, analog=None, forces=()):
+    """One data packet: markers (M, 3), analog (first number, (N, K)), forces per plate likewise."""
+    parts = [
+        (1, struct.pack("<Ihh", len(positions_mm), 0, 0) + as_floats(positions_mm)),
+    ]
+    if analog is not None:
+        first, samples = analog
+        head = struct.pack("<iiii", 1, 1, samples.shape[1], len(samples))
+        parts.append((3, head + struct.pack("<i", first) + as_floats(samples.T)))
+    if forces:
+        body = struct.pack("<i", len(forces))
+        for plate, (first, samples) in enumerate(forces, start=1):
+            body += struct.pack("<iii", plate, len(samples), first) + as_floats(samples)
+        parts.append((4, body))
+    components = b"".join(struct.pack("<II", 8 + len(b), kind) + b for kind, b in parts)
+    stamp = round(time_s * 1e6)
+    return packet(DATA, struct.pack("<qII", stamp, number, len(parts)) + components)
+
+
+def as_floats(values):
+    return np.ascontiguousarray(values, "<f4").tobytes()
+
+
+class QtmServer:
+    """Answers one client after the other; sends what `send` is given to those that stream."""
+
+    def __init__(self, settings):
+        self.settings = settings
+        self.commands = []
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listening.getsockname()[1]
+        self._clients, self._streaming = [], threading.Event()
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self):
+        while True:
+            try:
+                client, _ = self._listening.accept()
+            except OSError:
+                return
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._clients.append(client)
+            threading.Thread(target=self._answer, args=(client,), daemon=True).start()
+
+    def _answer(self, client):
+        client.sendall(text(COMMAND, "QTM RT Interface connected"))
+        received = b""
+        while True:
+            try:
+                piece = client.recv(4096)
+            except OSError:
+                return
+            if not piece:
+                return
+            received += piece
+            while len(received) >= 8 and len(received) >= struct.unpack_from("<I", received)[0]:
+                (size,) = struct.unpack_from("<I", received)
+                command = received[8:size].rstrip(b"\0").decode()
+                received = received[size:]
+                self.commands.append(command)
+                self._obey(client, command.lower().split())
+
+    def _obey(self, client, words):
+        if words[0] == "version":
+            client.sendall(text(COMMAND, f"Version set to {words[1]}"))
+        elif words[0] == "getparameters":
+            client.sendall(text(XML, self.settings))
+        elif words[:2] == ["streamframes", "stop"]:
+            self._streaming.clear()
+        elif words[0] == "streamframes":
+            client.sendall(packet(NO_MORE_DATA, b""))
+            self._streaming.set()
+        else:
+            client.sendall(text(ERROR, "Parse error"))
+
+    def await_stream(self, timeout_s=5.0):
+        assert self._streaming.wait(timeout_s)
+
+    def send(self, data):
+        for client in self._clients:
+            client.sendall(data)
+
+    def drop_clients(self):
+        """Close all connections, as when the program is ended."""
+        self._streaming.clear()
+        clients, self._clients = self._clients, []
+        for client in clients:
+            client.shutdown(socket.SHUT_RDWR)
+            client.close()
+
+    def close(self):
+        self._listening.shutdown(socket.SHUT_RDWR)  # ends the thread that waits for clients
+        self._listening.close()
+        self.drop_clients()

@@ -1,0 +1,330 @@
+"""Lab Streaming Layer on the loopback: what is sent arrives, described, on one clock."""
+
+import itertools
+import os
+import sys
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from pipeline.io.read import read_recording
+from pipeline.io.recording import Analog, Metadata
+from pipeline.io.stated import Stated
+from tests.pipeline import xdf_file as xdf
+from tests.pipeline.other_formats import excerpt
+
+pytest.importorskip("pylsl", reason="the extra live is not installed")
+
+from pipeline.io.xdf.channels import Channel, parse_channels
+from pipeline.live.network import load_lsl
+from pipeline.live.outlet import Outlet, result_channels
+from pipeline.live.recorded import recorded_streams
+from pipeline.live.replay import Replay
+from pipeline.live.sources.lsl import LslSource
+
+AXES = Stated(axes="forward,left,up")
+NAMES = ("LASIS", "RASIS", "SACR")
+MARKERS = tuple(
+    Channel(f"{name}_{axis}", "mm", f"Position{axis}", marker=name)
+    for name in NAMES
+    for axis in "XYZ"
+)
+NUMBERS = itertools.count()
+
+
+@pytest.fixture
+def prefix():
+    """Tests in several processes do not receive each other's streams."""
+    return f"{os.getpid()}.{next(NUMBERS)} "
+
+
+@pytest.fixture
+def trial(walker):
+    clock = np.arange(250) / 250
+    analog = Analog(clock, ("Belt",), ("m/s",), np.sin(clock)[:, None])
+    some = excerpt(walker, 500, 600)
+    return replace(some, analog=analog, metadata=Metadata(subject="Anna"), source=Path("Anna.c3d"))
+
+
+@pytest.fixture
+def opened():
+    """Sources and outlets to be closed after the test."""
+    kept = []
+    yield kept
+    for each in kept:
+        each.close()
+
+
+def receive(source, count=0, until=lambda: True, timeout_s=5.0):
+    """Samples by stream, once the first stream has sent so many and it is time."""
+    found = {each.name: ([], []) for each in source.streams}
+    first, _ = found[source.streams[0].name]
+    deadline = time.monotonic() + timeout_s
+    while (sum(map(len, first)) < count or not until()) and time.monotonic() < deadline:
+        for samples in source.receive(0.02):
+            found[samples.stream][0].append(samples.time)
+            found[samples.stream][1].append(samples.values)
+    return {name: tuple(map(np.concatenate, both)) for name, both in found.items() if both[0]}
+
+
+def test_a_replay_arrives_sample_for_sample_with_its_own_intervals(trial, prefix, opened):
+    replay = Replay(trial, 5.0, prefix=prefix)
+    opened.append(replay)
+    source = LslSource(replay.names[0], replay.names[1:])
+    opened.append(source)
+    assert replay.start(5.0)
+    found = receive(source, until=lambda: replay.ended)
+    for stream, description in zip(recorded_streams(trial), source.streams, strict=True):
+        times, values = found[description.name]
+        np.testing.assert_array_equal(values, stream.values)
+        np.testing.assert_allclose(times - replay.start_s, stream.time, atol=1e-9)
+        own = stream.description
+        assert description.name == prefix + own.name
+        assert (description.kind, description.labels) == (own.kind, own.labels)
+        assert description.units == own.units
+        assert description.rate_hz == pytest.approx(own.rate_hz)
+
+
+def test_positions_are_in_lab_axes_and_metres_and_unseen_markers_are_nan(prefix, opened):
+    outlet = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    source = LslSource(prefix, stated=Stated(axes="left,back,up", rename={"SACR": "SACRUM"}))
+    opened += [outlet, source]
+    sent = np.arange(1.0, 10.0)[None] * [[1.0], [2.0], [3.0]]
+    sent[1, 3:6] = 0
+    sent[2, 6] = np.nan
+    outlet.push(load_lsl().local_clock() + np.arange(3) / 100, sent)
+    assert source.streams[0].labels == ("LASIS", "RASIS", "SACRUM")
+    _, values = receive(source, 3)[prefix]
+    np.testing.assert_allclose(values[0], np.array([-2, 1, 3, -5, 4, 6, -8, 7, 9]) / 1e3)
+    assert np.isnan(values).sum(axis=0).tolist() == [0, 0, 0, 1, 1, 1, 1, 1, 1]
+
+
+def test_forces_and_moments_arrive_in_si_units_and_other_units_as_they_are(prefix, opened):
+    channels = (Channel("Fz", "kN"), Channel("Mx", "Nmm"), Channel("Acc", "g"), Channel("?"))
+    outlet = Outlet(f"{prefix}a", "", channels, 1000.0)
+    markers = Outlet(f"{prefix}m", "MoCap", MARKERS, 100.0)
+    source = LslSource(f"{prefix}m", [f"{prefix}a"], stated=AXES)
+    opened += [outlet, markers, source]
+    now = load_lsl().local_clock()
+    outlet.push(np.array([now]), np.ones((1, 4)))
+    markers.push(np.array([now]), np.ones((1, 9)))
+    found = receive(source, 1)
+    np.testing.assert_allclose(found[f"{prefix}a"][1], [[1000, 1e-3, 1, 1]])
+    assert source.streams[1].units == ("N", "N·m", "g", "")
+
+
+def test_a_stream_that_goes_away_and_returns_is_taken_up_again(prefix, opened):
+    first = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    source = LslSource(prefix, stated=AXES)
+    opened.append(source)
+    first.push(np.array([load_lsl().local_clock()]), np.ones((1, 9)))
+    assert len(receive(source, 1)[prefix][0]) == 1
+    first.close()
+    assert source.receive(0.3) == []
+    second = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    opened.append(second)
+    for _ in range(100):
+        second.push(np.array([load_lsl().local_clock()]), np.full((1, 9), 7.0))
+        came = source.receive(0.05)
+        if came:
+            break
+    assert came[0].values[0, 0] == pytest.approx(7e-3)
+
+
+def test_a_stream_without_identity_is_found_again_by_its_name(prefix, opened):
+    lsl = load_lsl()
+
+    def send():
+        info = lsl.StreamInfo(prefix, "MoCap", 9, 100, "float32", "")
+        channels = info.desc().append_child("channels")
+        for channel in MARKERS:
+            channels.append_child("channel").append_child_value(
+                "label", channel.label
+            ).append_child_value("unit", "m")
+        return lsl.StreamOutlet(info)
+
+    first = send()
+    source = LslSource(prefix, stated=AXES)
+    opened.append(source)
+    del first
+    assert source.receive(0.3) == []
+    second = send()
+    for _ in range(100):
+        second.push_chunk(np.ones((1, 9), np.float32), lsl.local_clock())
+        came = source.receive(0.1)
+        if came:
+            break
+    assert came[0].values.tolist() == [[1.0] * 9]
+
+
+def test_a_stream_that_states_no_rate_has_the_one_of_its_time_stamps(prefix, opened):
+    outlet = Outlet(prefix, "MoCap", MARKERS, 0.0)
+    opened.append(outlet)
+    stop = threading.Event()
+
+    def send():
+        for k in itertools.count():
+            if stop.wait(0.01):
+                return
+            outlet.push(np.array([k / 128]), np.ones((1, 9)))
+
+    sending = threading.Thread(target=send)
+    sending.start()
+    source = LslSource(prefix, stated=AXES)
+    opened.append(source)
+    stop.set()
+    sending.join()
+    assert source.streams[0].rate_hz == pytest.approx(128, rel=1e-6)
+
+
+def test_receiving_never_waits_beyond_its_timeout(prefix, opened):
+    outlet = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    source = LslSource(prefix, stated=AXES)
+    opened += [outlet, source]
+    begun = time.monotonic()
+    assert source.receive(0.05) == []
+    assert time.monotonic() - begun < 0.5
+
+
+def refused(match, markers, kind=ValueError, stated=AXES, **options):
+    with pytest.raises(kind, match=match) as error:
+        LslSource(markers, stated=stated, timeout_s=1.0, **options)
+    assert str(error.value).isprintable()
+
+
+def test_streams_that_are_absent_or_not_told_apart_are_one_line(prefix, opened):
+    opened.append(Outlet(f"{prefix}there", "MoCap", MARKERS, 100.0))
+    absent = "no stream is called '.*' within 1 s; streams there: .*there"
+    refused(absent, prefix, ConnectionError)
+    refused("named more than once", prefix, analog=[prefix])
+    same = load_lsl().StreamInfo(f"{prefix}there", "", 1, 1, "float32", "another")
+    other = load_lsl().StreamOutlet(same)
+    refused("2 streams are called", f"{prefix}there")
+    del other
+
+
+def test_streams_that_lack_something_are_one_line(prefix, opened):
+    words = load_lsl().StreamOutlet(load_lsl().StreamInfo(f"{prefix}w", "", 1, 0, "string", "w"))
+    opened += [
+        Outlet(f"{prefix}b", "", (Channel("Fz", "N"),), 10.0),
+        Outlet(f"{prefix}c", "MoCap", MARKERS, 10.0),
+    ]
+    refused("it sends text, not numbers", f"{prefix}w")
+    refused("no markers: no channel of type PositionX", f"{prefix}b")
+    refused("axes of its markers are not known", f"{prefix}c", stated=Stated())
+    del words
+
+
+def test_an_address_that_cannot_be_listened_on_is_one_line(prefix):
+    refused("no IPv4 address", prefix, listen="everywhere")
+    load_lsl()
+    refused("listens on 127.0.0.1 already, not on 10.0.0.1", prefix, listen="10.0.0.1")
+
+
+def test_the_missing_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pylsl", None)
+    with pytest.raises(
+        ValueError, match=r"needs the extra live: pip install 'hbm-residuals\[live\]'"
+    ):
+        load_lsl()
+
+
+def test_results_are_described_by_labels_and_units(prefix, opened):
+    outlet = Outlet(prefix, "Biomechanics", result_channels(), 100.0)
+    opened.append(outlet)
+    lsl = load_lsl()
+    (info,) = lsl.resolve_byprop("name", prefix, timeout=5.0)
+    inlet = lsl.StreamInlet(info)
+    described = parse_channels(ElementTree.fromstring(inlet.info(5.0).as_xml()), 106)
+    assert described == result_channels()
+    inlet.open_stream(5.0)
+    sent = np.arange(106.0)
+    outlet.push_one(123.25, sent)
+    values, stamps = inlet.pull_chunk(2.0, min_samples=1, as_numpy=True)
+    np.testing.assert_array_equal(values, [sent])
+    assert stamps.tolist() == [123.25]
+
+
+def test_a_receiver_that_takes_nothing_holds_nobody_up_and_costs_bounded_memory(prefix, opened):
+    outlet = Outlet(prefix, "Biomechanics", result_channels(), 100.0)
+    opened.append(outlet)
+    lsl = load_lsl()
+    (info,) = lsl.resolve_byprop("name", prefix, timeout=5.0)
+    inlet = lsl.StreamInlet(info, max_buflen=1)
+    inlet.open_stream(5.0)
+    sample, before = np.zeros((100, 106)), resident_mb()
+    for k in range(1000):  # a thousand seconds, 85 MB
+        outlet.push(k + np.arange(100) / 100, sample)
+    assert resident_mb() - before < 40
+    inlet.close_stream()
+
+
+def resident_mb():
+    if not Path("/proc/self/statm").exists():
+        return 0.0
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+
+def test_descriptions_name_no_person(trial, prefix, opened):
+    replay = Replay(trial, prefix=prefix)
+    opened.append(replay)
+    lsl = load_lsl()
+    for name in replay.names:
+        (info,) = lsl.resolve_byprop("name", name, timeout=5.0)
+        assert "Anna" not in lsl.StreamInlet(info).info(5.0).as_xml()
+
+
+@pytest.mark.skipif(not Path("/proc/net/udp").exists(), reason="lists sockets as Linux does")
+def test_discovery_listens_on_the_loopback_alone(prefix, opened):
+    opened.append(Outlet(prefix, "MoCap", MARKERS, 100.0))
+    own = {str(f.readlink()) for f in Path("/proc/self/fd").iterdir() if f.is_symlink()}
+    rows = [
+        line.split()
+        for table in ("udp", "udp6")
+        for line in Path("/proc/net", table).read_text().splitlines()[1:]
+    ]
+    addresses = [row[1] for row in rows if f"socket:[{row[9]}]" in own]
+    discovery = [a for a in addresses if a.endswith(f":{16571:04X}")]
+    assert discovery
+    assert set(discovery) == {f"0100007F:{16571:04X}"}
+
+
+def test_what_labrecorder_writes_of_a_replay_is_the_recording(trial, prefix, tmp_path, opened):
+    """The descriptions are those that the replay sends."""
+    replay = Replay(trial, prefix=prefix)
+    opened.append(replay)
+    lsl = load_lsl()
+    streams = []
+    for name, stream in zip(replay.names, recorded_streams(trial), strict=True):
+        (info,) = lsl.resolve_byprop("name", name, timeout=5.0)
+        sent = ElementTree.fromstring(lsl.StreamInlet(info).info(5.0).as_xml()).find("desc")
+        desc = "".join(ElementTree.tostring(part, encoding="unicode") for part in sent)
+        own = stream.description
+        streams.append(
+            xdf.stream(
+                own.name, stream.content_type, stream.time, stream.values, desc, rate=own.rate_hz
+            )
+        )
+    read = read_recording(xdf.write_xdf(tmp_path / "replay.xdf", streams))
+    assert read.markers.names == trial.markers.names
+    np.testing.assert_array_equal(read.markers.position, trial.markers.position)
+    for ours, true in zip(read.plates, trial.plates, strict=True):
+        assert ours.number == true.number
+        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-12)
+    np.testing.assert_array_equal(read.analog.values, trial.analog.values)
+    assert read.analog.names == trial.analog.names
+
+
+def test_a_replay_can_be_stopped_and_says_when_it_has_ended(trial, prefix):
+    replay = Replay(trial, prefix=prefix)
+    assert not replay.start(0.0)
+    assert not replay.ended
+    replay.close()
+    assert replay.ended
+    with pytest.raises(ValueError, match="speed must be above 0"):
+        Replay(trial, 0.0)

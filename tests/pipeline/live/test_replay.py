@@ -1,0 +1,119 @@
+"""Recordings as streams: every sample in order, whatever the chunks; faults as asked for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hbm.markers import Markers
+from pipeline.io.recording import Analog, Recording
+from pipeline.live.recorded import RecordedSource, recorded_streams
+from tests.pipeline.live.perturbed import Faults, PerturbedSource
+from tests.pipeline.other_formats import excerpt
+
+
+@pytest.fixture(scope="module")
+def trial(walker):
+    time = np.arange(250) / 250 + 0.0013
+    analog = Analog(time, ("Belt",), ("m/s",), np.sin(time)[:, None])
+    return replace(excerpt(walker, 500, 600), analog=analog)
+
+
+def gather(source):
+    """Samples of each stream in the order of arrival."""
+    found = {each.name: [] for each in source.streams}
+    while not source.ended:
+        for samples in source.receive(0.0):
+            found[samples.stream].append(samples)
+    return {
+        name: (np.concatenate([s.time for s in each]), np.concatenate([s.values for s in each]))
+        for name, each in found.items()
+    }
+
+
+def test_a_recording_has_a_stream_per_device(trial):
+    markers, plates, analog = recorded_streams(trial)
+    assert markers.description.labels == trial.markers.names
+    assert markers.description.kind == "markers"
+    np.testing.assert_array_equal(markers.values.reshape(100, -1, 3), trial.markers.position)
+    assert plates.description.labels[:6] == (
+        "FP1.Fx",
+        "FP1.Fy",
+        "FP1.Fz",
+        "FP1.Mx",
+        "FP1.My",
+        "FP1.Mz",
+    )
+    assert plates.description.units[:6] == ("N",) * 3 + ("N·m",) * 3
+    np.testing.assert_array_equal(plates.values[:, 6:], trial.plates[1].wrench_in_plate)
+    assert plates.description.rate_hz == pytest.approx(1000)
+    assert analog.description.labels == ("Belt",)
+
+
+def test_plates_of_several_rates_are_several_streams(trial):
+    left, right = trial.plates
+    slow = replace(right, time=right.time[::5], wrench_in_plate=right.wrench_in_plate[::5])
+    names = [s.description.name for s in recorded_streams(replace(trial, plates=(left, slow)))]
+    assert names == ["Markers", "Plates", "Plates 2", "Analog"]
+
+
+def test_a_recording_of_markers_alone_has_one_stream():
+    time = np.arange(10) / 100
+    markers = Markers(time, ("A",), np.ones((10, 1, 3)))
+    (only,) = RecordedSource(Recording("a.c3d", markers)).streams
+    assert (only.name, only.labels) == ("Markers", ("A",))
+
+
+@settings(deadline=None, max_examples=30)
+@given(chunk_s=st.floats(1e-4, 2.0))
+def test_every_sample_comes_once_and_in_order_whatever_the_chunks(trial, chunk_s):
+    found = gather(RecordedSource(trial, chunk_s))
+    for stream in recorded_streams(trial):
+        times, values = found[stream.description.name]
+        np.testing.assert_array_equal(times, stream.time)
+        np.testing.assert_array_equal(values, stream.values)
+
+
+def test_a_closed_source_gives_nothing_more(trial):
+    source = RecordedSource(trial)
+    assert source.receive(0.0)
+    source.close()
+    assert source.ended
+    assert source.receive(0.0) == []
+
+
+def test_faults_are_done_as_often_as_they_are_asked_for(trial):
+    faults = Faults(
+        drop=0.1,
+        duplicate=0.05,
+        reorder=0.02,
+        jitter_s=1e-4,
+        drift={"Plates": 1e-3},
+        delay_s={"Plates": 0.05},
+        absent_s={"Analog": (0.2, 0.5)},
+    )
+    source = PerturbedSource(RecordedSource(trial), faults)
+    found = gather(source)
+    sent = sum(len(stream.time) for stream in recorded_streams(trial))
+    received = sum(len(times) for times, _ in found.values())
+    assert received == sent - source.dropped + source.duplicated
+    assert 150 < source.dropped < 300
+    assert source.reordered > 0
+    times, _ = found["Analog"]
+    assert not np.any((times > 0.2005) & (times < 0.4995))
+    times, _ = found["Plates"]
+    assert times.max() == pytest.approx(0.999 * 1.001, abs=2e-3)
+
+
+def test_a_delayed_stream_arrives_later_by_its_delay(trial):
+    source = PerturbedSource(RecordedSource(trial), Faults(delay_s={"Plates": 0.1}))
+    newest = {}
+    behind = []
+    while not source.ended:
+        for samples in source.receive(0.0):
+            newest[samples.stream] = samples.time[-1]
+        if len(newest) == 3 and newest["Markers"] < 0.98:
+            behind.append(newest["Markers"] - newest["Plates"])
+    assert 0.08 < min(behind) <= max(behind) < 0.13
