@@ -463,6 +463,8 @@ class RecordingRules(InputModel):
         Label in the files, without the prefix of a subject -> label wanted.
     label_prefix
         Prefix of the subject wanted, or its number, where several carry the same labels.
+    marker_stream
+        Name of the stream that holds the markers, where several of an XDF file do.
     units
         Unit of the markers' positions.
     plate_units
@@ -477,6 +479,7 @@ class RecordingRules(InputModel):
     axes: AxesText | None = None
     rename: dict[Text, Text] = Field(default_factory=dict)
     label_prefix: Text | None = None
+    marker_stream: Text | None = None
     units: LengthUnit | None = None
     plate_units: PlateUnitsText | None = None
 
@@ -486,6 +489,7 @@ class RecordingRules(InputModel):
             axes=self.axes,
             rename=self.rename,
             label_prefix=self.label_prefix,
+            marker_stream=self.marker_stream,
             units=self.units,
             plate_units=self.plate_units,
             marker_set=marker_set,

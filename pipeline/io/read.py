@@ -37,6 +37,7 @@ def read_recording(
     record: str | Path | None = None,
     rename: Mapping[str, str] | None = None,
     label_prefix: str | None = None,
+    marker_stream: str | None = None,
     units: str | None = None,
     plate_units: str | None = None,
     marker_set: MarkerSet | None = None,
@@ -59,6 +60,8 @@ def read_recording(
         there is a note.
     label_prefix
         Prefix of the subject wanted, or its number, where several carry the same labels.
+    marker_stream
+        Name of the stream that holds the markers, where several of an XDF file do.
     units
         Unit of the markers' positions, such as ``"mm"``; by default the file's.
     plate_units
@@ -93,6 +96,7 @@ def read_recording(
         axes=axes,
         rename=rename or {},
         label_prefix=label_prefix,
+        marker_stream=marker_stream,
         units=units,
         plate_units=plate_units,
         marker_set=marker_set,

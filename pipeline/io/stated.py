@@ -82,6 +82,8 @@ class Stated:
         third one.
     marker_set
         The set whose landmarks show how the subject stands.
+    marker_stream
+        Name of the stream that holds the markers, where several of an XDF file do.
 
     Examples
     --------
@@ -100,6 +102,7 @@ class Stated:
     units: str | None = None
     plate_units: str | None = None
     marker_set: MarkerSet | None = field(default=None, hash=False)
+    marker_stream: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rename", MappingProxyType(dict(self.rename)))

@@ -51,6 +51,9 @@ class TrialRequest:
         str | None,
         Help("Label prefix of the subject, or its number, where several carry the same labels."),
     ] = None
+    marker_stream: Annotated[
+        str | None, Help("Stream that holds the markers, where several of an XDF file do.")
+    ] = None
     units: Annotated[str | None, Help("Unit of the markers, e.g. mm; default: the file's.")] = None
     plate_units: Annotated[
         str | None,

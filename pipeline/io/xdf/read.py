@@ -1,7 +1,7 @@
 """XDF files, as LabRecorder writes them from streams of Lab Streaming Layer."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -69,8 +69,8 @@ def read_xdf(path: str | Path, stated: Stated | str | None = None) -> Recording:
     Raises
     ------
     ValueError
-        The file is damaged, no stream or several hold markers, or the file contradicts its units
-        or axes. One line.
+        The file is damaged, no stream holds markers or several do and none is stated, or the file
+        contradicts its units or axes. One line.
     OSError
         The file cannot be opened.
 
@@ -93,19 +93,13 @@ def _read(path: Path, stated: Stated) -> Recording:
     if twice := [name for name, n in Counter(s.name for s in streams).items() if n > 1]:
         raise ValueError(f"several streams are called {listed(map(repr, twice))}")
     channels = {s.name: _channels(s) for s in streams}
-    regular = [s for s in streams if s.rate_hz > 0 or _has_markers(s, channels[s.name])]
+    regular = [
+        s
+        for s in streams
+        if s.rate_hz > 0 or s.name == stated.marker_stream or _has_markers(s, channels[s.name])
+    ]
     left = [s.name for s in streams if s not in regular] + texts
-    markers = [s for s in regular if _has_markers(s, channels[s.name])]
-    if len(markers) != 1:
-        names = listed(repr(short(s.name)) for s in markers or streams)
-        raise ValueError(
-            f"{len(markers)} streams hold markers ({names}), expected one: of content type MoCap, "
-            "or with channels of type PositionX"
-            if markers
-            else "no stream holds markers: none has the content type MoCap or channels of type "
-            f"PositionX; streams there: {names}"
-        )
-    (stream,) = markers
+    stream = _of_markers(regular, channels, stated)
     layout = marker_layout(channels[stream.name], stated)
     clock = _clock(stream)
     position = layout.positions(clock.on_frames(stream.values)).reshape(clock.frames, -1, 3)
@@ -149,6 +143,34 @@ def _read(path: Path, stated: Stated) -> Recording:
         stated=stated,
         notes=(*axes_notes, *notes, *moment_notes, *analog_notes),
     )
+
+
+def _of_markers(
+    streams: Sequence[Stream], channels: Mapping[str, Sequence[Channel]], stated: Stated
+) -> Stream:
+    """Give the stream that holds the markers."""
+    if stated.marker_stream is not None:
+        streams = [s for s in streams if s.name == stated.marker_stream]
+        if not streams:
+            raise ValueError(
+                f"no stream is called {short(stated.marker_stream)!r} as marker_stream states; "
+                f"streams there: {listed(map(repr, channels))}"
+            )
+        return streams[0]
+    found = [s for s in streams if _has_markers(s, channels[s.name])]
+    if not found:
+        raise ValueError(
+            "no stream holds markers: none has the content type MoCap or channels of type "
+            f"PositionX; streams there: {listed(map(repr, channels))}"
+        )
+    if len(found) > 1:
+        names = [s.name for s in found]
+        raise ValueError(
+            f"{len(found)} streams hold markers ({listed(map(repr, names))}): choose one, for "
+            f"example --marker-stream {short(names[0])!r}, or marker_stream = {short(names[0])!r} "
+            "in study.toml"
+        )
+    return found[0]
 
 
 def _has_markers(stream: Stream, channels: Sequence[Channel]) -> bool:

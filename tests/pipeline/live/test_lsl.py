@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import re
 import sys
 import threading
 import time
@@ -318,6 +319,23 @@ def test_what_labrecorder_writes_of_a_replay_is_the_recording(trial, prefix, tmp
         np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-12)
     np.testing.assert_array_equal(read.analog.values, trial.analog.values)
     assert read.analog.names == trial.analog.names
+
+
+def test_the_bridge_of_the_documentation_sends_what_is_understood(prefix, opened):
+    page = Path(__file__).parents[3] / "docs" / "live.md"
+    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    load_lsl()
+    bridge = {}
+    exec(code.replace('"Cameras"', f'"{prefix}C"').replace('"Plates"', f'"{prefix}P"'), bridge)
+    source = LslSource(f"{prefix}C", [f"{prefix}P"])
+    opened.append(source)
+    markers, plates = source.streams
+    assert (markers.labels, markers.rate_hz) == (("LASIS", "RASIS"), 100)
+    assert plates.labels[:4] == ("FP1.ForX", "FP1.ForY", "FP1.ForZ", "FP1.MomX")
+    assert plates.units == ("N",) * 3 + ("N·m",) * 3 + ("m",) * 3
+    bridge["cameras"].push_sample([10, 20, 30, 40, 50, 60], 1.0)
+    _, values = receive(source, 1)[f"{prefix}C"]
+    np.testing.assert_allclose(values, [[-0.03, -0.01, 0.02, -0.06, -0.04, 0.05]], atol=1e-9)
 
 
 def test_a_replay_can_be_stopped_and_says_when_it_has_ended(trial, prefix):

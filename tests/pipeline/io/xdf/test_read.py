@@ -225,7 +225,15 @@ def test_faults_of_streams_are_one_line(trial, tmp_path):
     cameras, plates, _ = xdf.recorded(trial)
     path = tmp_path / "a.xdf"
     refused(xdf.write_xdf(path, [plates]), match="no stream holds markers.*streams there: 'Plates'")
-    refused(xdf.write_xdf(path, [cameras, cameras | {"name": "B"}]), match="2 streams hold markers")
+    second = cameras | {"name": "B", "values": cameras["values"] + 0.001}
+    refused(
+        xdf.write_xdf(path, [cameras, second]),
+        match="2 streams hold markers .*: choose one, for example --marker-stream 'Cameras'",
+    )
+    chosen = read_recording(path, marker_stream="B").markers.position
+    np.testing.assert_allclose(chosen, trial.markers.position + 0.001, atol=1e-9)
+    with pytest.raises(ValueError, match="no stream is called 'C' as marker_stream states"):
+        read_recording(path, marker_stream="C")
     refused(xdf.write_xdf(path, [cameras, cameras]), match="several streams are called 'Cameras'")
     unitless = xdf.described(xdf.marker_channels(trial.markers.names, ""))
     refused(xdf.write_xdf(path, [cameras | {"desc": unitless}]), match="no length unit is stated")
