@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.io.recording import Recording
 from pipeline.live.network import LOOPBACK, load_lsl
 from pipeline.live.outlet import Outlet
-from pipeline.live.recorded import recorded_streams
+from pipeline.live.sources.recorded import recorded_streams
 
 LAB_AXES: Final = "forward,left,up"
 TICK_S: Final = 0.001

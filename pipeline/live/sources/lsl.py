@@ -13,9 +13,9 @@ from hbm.spelling import listed, printable, short
 from pipeline.io.stated import Stated
 from pipeline.io.xdf.channels import parse_channels
 from pipeline.io.xdf.clock import find_clock
-from pipeline.live.clock_offset import ClockOffset
-from pipeline.live.description import Convert, describe_markers, describe_signals
 from pipeline.live.network import LOOPBACK, load_lsl
+from pipeline.live.sources.clock_offset import ClockOffset
+from pipeline.live.sources.description import describe_markers, describe_signals
 from pipeline.live.stream import Samples, StreamDescription
 
 MAX_SAMPLES: Final = 1024
@@ -24,6 +24,8 @@ BUFFER_S: Final = 10
 """Kept by the library for a receiver that is busy."""
 WAIT_S: Final = 0.001
 """Between looks at the streams that are not waited for."""
+ANSWER_S: Final = 10.0
+"""Left to a stream that was found to describe itself, to compare clocks and to send."""
 SAME_CLOCK_S: Final = 1e-3
 """Offsets of one clock differ by less: computers may have the same name."""
 SETTLE_S: Final = 0.75
@@ -57,7 +59,7 @@ class LslSource:
         The extra is missing, a stream's description lacks something or contradicts itself, or
         several streams have one name. One line.
     ConnectionError
-        A stream is not there, or its clock does not answer, within the timeout.
+        A stream is not there within the timeout, or does not answer.
 
     Notes
     -----
@@ -86,18 +88,17 @@ class LslSource:
         if len(set(names)) < len(names):
             raise ValueError(f"streams are named more than once: {listed(map(repr, names))}")
         lsl = load_lsl(listen)
-        deadline = time.monotonic() + timeout_s
         self._resolver = lsl.ContinuousResolver()
         self._sought_s = 0.0
-        found = _find(self._resolver, names, deadline, timeout_s)
-        self._inlets = [
-            _Inlet(lsl, info, name == markers, stated or Stated(), deadline)
-            for name, info in zip(names, found, strict=True)
-        ]
-        _await_clocks(self._inlets, deadline, timeout_s)
+        found = _find(self._resolver, names, timeout_s)
+        stated = stated or Stated()
+        first = _Inlet(lsl, found[0], stated, is_markers=True)
+        known = replace(stated, axes=first.axes)
+        self._inlets = [first, *(_Inlet(lsl, info, known) for info in found[1:])]
+        _await_clocks(self._inlets)
         _share_clocks(self._inlets)
         for inlet in self._inlets:
-            inlet.open(max(0.1, deadline - time.monotonic()))
+            inlet.open()
         for inlet in self._inlets:
             inlet.find_rate()
 
@@ -141,7 +142,7 @@ class LslSource:
 class _Inlet:
     """One stream, with memory for what arrives."""
 
-    def __init__(self, lsl: Any, info: Any, markers: bool, stated: Stated, deadline: float) -> None:
+    def __init__(self, lsl: Any, info: Any, stated: Stated, *, is_markers: bool = False) -> None:
         self._lsl = lsl
         self.name: str = info.name()
         self.host: str = info.hostname()
@@ -149,11 +150,22 @@ class _Inlet:
         self.measures = True
         self._inlet: Any = self._connected(info)
         try:
-            described = self._inlet.info(max(0.1, deadline - time.monotonic()))
+            described = self._inlet.info(ANSWER_S)
         except (lsl.util.TimeoutError, lsl.util.LostError) as error:
             raise ConnectionError(f"stream {self.name!r} does not send its description") from error
         try:
-            self.description, self._convert = _conversion(described, markers, stated)
+            root = ElementTree.fromstring(described.as_xml())
+            if (root.findtext("channel_format") or "") == "string":
+                raise ValueError("it sends text, not numbers")
+            written = printable((root.findtext("desc/axes") or "").strip())
+            self.axes = stated.axes or written or None
+            channels = parse_channels(root, described.channel_count())
+            what = self.name, channels, float(described.nominal_srate())
+            self.description, self._convert = (
+                describe_markers(*what, stated, written)
+                if is_markers
+                else describe_signals(*what, stated.axes or "")
+            )
         except ValueError as error:
             raise ValueError(f"stream {short(self.name)!r}: {error}") from error
         self._channels = described.channel_count()
@@ -163,10 +175,10 @@ class _Inlet:
         self._uid: str = info.uid()
         return self._lsl.StreamInlet(info, max_buflen=BUFFER_S, recover=True)
 
-    def open(self, timeout_s: float) -> None:
+    def open(self) -> None:
         """Begin to receive."""
         try:
-            self._inlet.open_stream(timeout_s)
+            self._inlet.open_stream(ANSWER_S)
         except (self._lsl.util.TimeoutError, self._lsl.util.LostError) as error:
             raise ConnectionError(f"stream {self.name!r} sends nothing") from error
 
@@ -231,8 +243,9 @@ class _Inlet:
             self._inlet = None
 
 
-def _find(resolver: Any, names: Sequence[str], deadline: float, timeout_s: float) -> list[Any]:
+def _find(resolver: Any, names: Sequence[str], timeout_s: float) -> list[Any]:
     """Give the streams of these names, once all are there and others had time to answer."""
+    deadline = time.monotonic() + timeout_s
     settled = time.monotonic() + SETTLE_S
     while True:
         there: dict[str, list[Any]] = {}
@@ -257,12 +270,13 @@ def _find(resolver: Any, names: Sequence[str], deadline: float, timeout_s: float
         return [there[name][0] for name in names]
 
 
-def _await_clocks(inlets: Sequence[_Inlet], deadline: float, timeout_s: float) -> None:
+def _await_clocks(inlets: Sequence[_Inlet]) -> None:
     """Wait until all senders' clocks are known."""
+    deadline = time.monotonic() + ANSWER_S
     while unknown := [inlet for inlet in inlets if not inlet.offset.known]:
         if time.monotonic() > deadline:
             raise ConnectionError(
-                f"stream {unknown[0].name!r}: its clock does not answer within {timeout_s:g} s; "
+                f"stream {unknown[0].name!r}: its clock does not answer within {ANSWER_S:g} s; "
                 "are its UDP ports, 16572 to 16604, open?"
             )
         for inlet in unknown:
@@ -281,16 +295,3 @@ def _share_clocks(inlets: Sequence[_Inlet]) -> None:
                 break
         else:
             clocks.append((inlet.host, inlet.offset))
-
-
-def _conversion(info: Any, markers: bool, stated: Stated) -> tuple[StreamDescription, Convert]:
-    """Give what a stream carries, and what turns its samples to m, N, N·m and lab axes."""
-    root = ElementTree.fromstring(info.as_xml())
-    if (root.findtext("channel_format") or "") == "string":
-        raise ValueError("it sends text, not numbers")
-    name, rate = info.name(), float(info.nominal_srate())
-    channels = parse_channels(root, info.channel_count())
-    if not markers:
-        return describe_signals(name, channels, rate)
-    axes = printable((root.findtext("desc/axes") or "").strip())
-    return describe_markers(name, channels, rate, stated, axes)

@@ -11,7 +11,7 @@ from hbm.spatial import Array
 from hbm.spelling import printable, short
 from pipeline.io.stated import Stated
 from pipeline.io.xdf.channels import AXES, Channel
-from pipeline.live.description import Convert, describe_markers, describe_signals
+from pipeline.live.sources.description import Convert, describe_markers, describe_signals
 from pipeline.live.stream import Samples, StreamDescription
 
 MARKERS: Final = "Markers"
@@ -188,7 +188,7 @@ def read_parameters(written: bytes, stated: Stated) -> Frames:
     ------
     ValueError
         They are broken, name no markers or state no rate, or as
-        `pipeline.live.description.describe_markers`.
+        `pipeline.live.sources.description.describe_markers`.
     """
     try:
         root = ElementTree.fromstring(written)

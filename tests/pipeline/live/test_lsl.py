@@ -23,10 +23,10 @@ pytest.importorskip("pylsl", reason="the extra live is not installed")
 
 from pipeline.io.xdf.channels import Channel, parse_channels
 from pipeline.live.network import load_lsl
-from pipeline.live.outlet import Outlet, result_channels
-from pipeline.live.recorded import recorded_streams
+from pipeline.live.outlet import Outlet, ResultOutlet, result_channels
 from pipeline.live.replay import Replay
 from pipeline.live.sources.lsl import LslSource
+from pipeline.live.sources.recorded import recorded_streams
 
 AXES = Stated(axes="forward,left,up")
 NAMES = ("LASIS", "RASIS", "SACR")
@@ -61,15 +61,16 @@ def opened():
         each.close()
 
 
-def receive(source, count=0, until=lambda: True, timeout_s=5.0):
-    """Samples by stream, once the first stream has sent so many and it is time."""
+def receive(source, count=0, until=lambda: True, timeout_s=10.0):
+    """Samples by stream, once every stream has sent so many and it is time."""
     found = {each.name: ([], []) for each in source.streams}
-    first, _ = found[source.streams[0].name]
     deadline = time.monotonic() + timeout_s
-    while (sum(map(len, first)) < count or not until()) and time.monotonic() < deadline:
+    while time.monotonic() < deadline:
         for samples in source.receive(0.02):
             found[samples.stream][0].append(samples.time)
             found[samples.stream][1].append(samples.values)
+        if until() and all(sum(map(len, times)) >= count for times, _ in found.values()):
+            break
     return {name: tuple(map(np.concatenate, both)) for name, both in found.items() if both[0]}
 
 
@@ -236,7 +237,7 @@ def test_the_missing_extra_is_named(monkeypatch):
 
 
 def test_results_are_described_by_labels_and_units(prefix, opened):
-    outlet = Outlet(prefix, "Biomechanics", result_channels(), 100.0)
+    outlet = ResultOutlet(100.0, name=prefix)
     opened.append(outlet)
     lsl = load_lsl()
     (info,) = lsl.resolve_byprop("name", prefix, timeout=5.0)
@@ -244,11 +245,18 @@ def test_results_are_described_by_labels_and_units(prefix, opened):
     described = parse_channels(ElementTree.fromstring(inlet.info(5.0).as_xml()), 106)
     assert described == result_channels()
     inlet.open_stream(5.0)
-    sent = np.arange(106.0)
-    outlet.push_one(123.25, sent)
-    values, stamps = inlet.pull_chunk(2.0, min_samples=1, as_numpy=True)
-    np.testing.assert_array_equal(values, [sent])
-    assert stamps.tolist() == [123.25]
+    q, tau, measured = np.arange(46.0), 100 + np.arange(46.0), np.arange(6.0)
+    outlet.send(123.25, q, tau, measured, -measured, 3, 0.0004)
+    outlet.send(123.26, q, tau, measured, None, 0, 0.0004)
+    values, stamps = inlet.pull_chunk(2.0, min_samples=2, as_numpy=True)
+    by_label = dict(zip((c.label for c in described), values[0], strict=True))
+    assert by_label["q.PelvisX"] == 0
+    assert by_label["tau.PelvisY"] == 101
+    assert by_label["residual.measured.Fz"] == 2
+    assert by_label["residual.compensated.Mz"] == -5
+    assert (by_label["quality"], by_label["computing_time"]) == (3, 0.0004)
+    assert np.isnan(values[1]).sum() == 6
+    np.testing.assert_allclose(stamps, [123.25, 123.26])
 
 
 def test_a_receiver_that_takes_nothing_holds_nobody_up_and_costs_bounded_memory(prefix, opened):
@@ -334,8 +342,12 @@ def test_the_bridge_of_the_documentation_sends_what_is_understood(prefix, opened
     assert plates.labels[:4] == ("FP1.ForX", "FP1.ForY", "FP1.ForZ", "FP1.MomX")
     assert plates.units == ("N",) * 3 + ("N·m",) * 3 + ("m",) * 3
     bridge["cameras"].push_sample([10, 20, 30, 40, 50, 60], 1.0)
-    _, values = receive(source, 1)[f"{prefix}C"]
+    bridge["plates"].push_sample(np.arange(1.0, 10.0), 1.0)
+    found = receive(source, 1)
+    _, values = found[f"{prefix}C"]
     np.testing.assert_allclose(values, [[-0.03, -0.01, 0.02, -0.06, -0.04, 0.05]], atol=1e-9)
+    _, values = found[f"{prefix}P"]
+    np.testing.assert_allclose(values, [[-3, -1, 2, -6, -4, 5, -9, -7, 8]], atol=1e-9)
 
 
 def test_a_replay_can_be_stopped_and_says_when_it_has_ended(trial, prefix):

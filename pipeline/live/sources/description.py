@@ -7,7 +7,8 @@ import numpy as np
 from hbm.spatial import Array
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import Stated
-from pipeline.io.xdf.channels import Channel, marker_layout, si_units
+from pipeline.io.xdf.channels import AXES, Channel, marker_layout, si_units
+from pipeline.io.xdf.plates import DFLOW_PLATE
 from pipeline.live.stream import StreamDescription
 
 Convert = Callable[[Array], Array]
@@ -56,12 +57,41 @@ def describe_markers(
 
 
 def describe_signals(
-    name: str, channels: Sequence[Channel], rate_hz: float
+    name: str, channels: Sequence[Channel], rate_hz: float, axes: str = ""
 ) -> tuple[StreamDescription, Convert]:
-    """Describe a stream of other signals; forces become N, moments N·m."""
+    """Describe a stream of other signals.
+
+    Parameters
+    ----------
+    name, channels, rate_hz
+        As the sender states them.
+    axes
+        The markers' axes; empty where they are not known.
+
+    Returns
+    -------
+    description, convert
+        Forces in N, moments in N·m. Vectors of plates that are named as D-Flow names them, such as
+        FP1.ForX, FP1.ForY and FP1.ForZ, are in the markers' axes as sent and become lab axes.
+
+    Examples
+    --------
+    >>> channels = [Channel(f"FP1.For{axis}", "kN") for axis in "XYZ"]
+    >>> _, convert = describe_signals("Plates", channels, 1000.0, "right,up,back")
+    >>> convert(np.array([[0.0, 0.7, -0.1]])).tolist()
+    [[100.0, 0.0, 700.0]]
+    """
     units, factors = si_units(channels)
     labels = tuple(channel.label for channel in channels)
-    return (
-        StreamDescription(name, "analog", labels, units, rate_hz),
-        lambda values: np.asarray(values * factors, float),
-    )
+    description = StreamDescription(name, "analog", labels, units, rate_hz)
+    vectors: dict[str, list[int]] = {}
+    for k, label in enumerate(labels):
+        if DFLOW_PLATE.fullmatch(label):
+            vectors.setdefault(label[:-1], []).append(k)
+    if not vectors or not axes:
+        return description, lambda values: np.asarray(values * factors, float)
+    to_si, to_lab = np.diag(factors), parse_axes(axes)
+    for stem, columns in vectors.items():
+        if [labels[k] for k in columns] == [f"{stem}{axis}" for axis in AXES]:
+            to_si[np.ix_(columns, columns)] = np.diag(factors[columns]) @ to_lab.T
+    return description, lambda values: np.asarray(values @ to_si, float)
