@@ -23,11 +23,11 @@ MAX_SAMPLES: Final = 1024
 BUFFER_S: Final = 10
 """Kept by the library for a receiver that is busy."""
 WAIT_S: Final = 0.001
-"""Between looks at the streams that are not waited for."""
+"""Between looks at the streams; the fastest is waited for."""
 ANSWER_S: Final = 10.0
 """Left to a stream that was found to describe itself, to compare clocks and to send."""
-SAME_CLOCK_S: Final = 1e-3
-"""Offsets of one clock differ by less: computers may have the same name."""
+SAME_CLOCK_S: Final = 0.05
+"""Offsets of one clock differ by less; those of computers of the same name, by hours."""
 SETTLE_S: Final = 0.75
 """Within it every stream answers, also others of the same names: the library asks twice."""
 RATE_S: Final = 1.0
@@ -64,12 +64,12 @@ class LslSource:
     Notes
     -----
     Time stamps are the senders', brought onto this computer's clock by the offset that the library
-    measures every two seconds, smoothed over 20 s so that it never jumps. Streams of one computer
-    share one offset, so that its scatter of some 10 µs shifts all of them alike; those of this
-    computer need none. The library's own removal of jitter is not used: it assumes the nominal
-    rate, needs minutes to settle, and moves samples around lost ones. Positions are in lab axes
-    and m, forces in N, moments in N·m. A stream that states no rate, as that of Qualisys' own
-    bridge, has the rate of its first second.
+    measures every two seconds (`ClockOffset`). Streams of one computer share one offset, so that
+    its scatter of some 10 µs shifts all of them alike; those of this computer need none. The
+    library's own removal of jitter is not used: it assumes the nominal rate, needs minutes to
+    settle, and moves samples around lost ones. Positions are in lab axes and m, forces in N,
+    moments in N·m. A stream that states no rate, as that of Qualisys' own bridge, has the rate of
+    its first second.
 
     A stream that goes away is searched for in the background and taken up again when it is back
     under the same name with the same channels; until then it sends nothing.
@@ -96,11 +96,12 @@ class LslSource:
         known = replace(stated, axes=first.axes)
         self._inlets = [first, *(_Inlet(lsl, info, known) for info in found[1:])]
         _await_clocks(self._inlets)
-        _share_clocks(self._inlets)
+        share_clocks(self._inlets)
         for inlet in self._inlets:
             inlet.open()
         for inlet in self._inlets:
             inlet.find_rate()
+        self._fastest = max(self._inlets, key=lambda inlet: inlet.description.rate_hz)
 
     @property
     def streams(self) -> tuple[StreamDescription, ...]:
@@ -115,8 +116,8 @@ class LslSource:
             self._seek_lost()
             found = [
                 samples
-                for k, inlet in enumerate(self._inlets)
-                if (samples := inlet.pull(wait if k == 0 else 0.0)) is not None
+                for inlet in self._inlets
+                if (samples := inlet.pull(wait if inlet is self._fastest else 0.0)) is not None
             ]
             remaining = deadline - time.monotonic()
             if found or remaining <= 0:
@@ -222,7 +223,7 @@ class _Inlet:
             return None
         if not len(stamps):
             return None
-        return Samples(self.name, stamps + self.offset.value_s, self._convert(values))
+        return Samples(self.name, self.offset.local(stamps), self._convert(values))
 
     @property
     def lost(self) -> bool:
@@ -284,7 +285,7 @@ def _await_clocks(inlets: Sequence[_Inlet]) -> None:
         time.sleep(POLL_S / 4)
 
 
-def _share_clocks(inlets: Sequence[_Inlet]) -> None:
+def share_clocks(inlets: Sequence[_Inlet]) -> None:
     """Let streams of one computer have one offset, and those of this computer none."""
     own = ClockOffset()
     clocks = [(socket.gethostname(), own)]

@@ -3,6 +3,7 @@
 import itertools
 import os
 import re
+import socket
 import sys
 import threading
 import time
@@ -25,7 +26,8 @@ from pipeline.io.xdf.channels import Channel, parse_channels
 from pipeline.live.network import load_lsl
 from pipeline.live.outlet import Outlet, ResultOutlet, result_channels
 from pipeline.live.replay import Replay
-from pipeline.live.sources.lsl import LslSource
+from pipeline.live.sources.clock_offset import ClockOffset
+from pipeline.live.sources.lsl import LslSource, share_clocks
 from pipeline.live.sources.recorded import recorded_streams
 
 AXES = Stated(axes="forward,left,up")
@@ -236,6 +238,23 @@ def test_the_missing_extra_is_named(monkeypatch):
         ValueError, match=r"needs the extra live: pip install 'hbm-residuals\[live\]'"
     ):
         load_lsl()
+
+
+class Sender:
+    """A stream's clock as it was measured, and the computer that it is of."""
+
+    def __init__(self, host, offset_s):
+        self.host, self.offset, self.measures = host, ClockOffset(), True
+        self.offset.measure(0.0, offset_s)
+
+
+def test_streams_of_one_computer_share_their_offset_and_those_of_this_one_need_none():
+    own = socket.gethostname()
+    cases = [(own, 3e-5), (own, -2e-3), ("cameras", 4.0001), ("cameras", 4.0), ("cameras", 9.0)]
+    senders = [Sender(*case) for case in cases]
+    share_clocks(senders)
+    assert [sender.offset.value_s for sender in senders] == [0.0, 0.0, 4.0001, 4.0001, 9.0]
+    assert [sender.measures for sender in senders] == [False, False, True, False, True]
 
 
 def test_results_are_described_by_labels_and_units(prefix, opened):
