@@ -7,9 +7,9 @@ import numpy as np
 
 from hbm.spatial import Array
 
-MEASURE_S: Final = 2.0
-"""Between measurements, as the library makes them."""
-KEPT: Final = 60
+MEASURE_S: Final = 3.0
+"""Between looks: the library measures every two to three seconds, and each counts once."""
+KEPT: Final = 40
 """Measurements that show offset and drift: those of two minutes."""
 DRIFT_FROM: Final = 10
 """Fewer measurements do not show a drift."""
@@ -39,7 +39,7 @@ class ClockOffset:
     def __init__(self) -> None:
         self.resets = 0
         self._measured: deque[tuple[float, float]] = deque(maxlen=KEPT)
-        self._at = self._value_s = self._drift = 0.0
+        self._looked = self._at = self._value_s = self._drift = 0.0
         self._doubtful_s: float | None = None
 
     @property
@@ -54,11 +54,12 @@ class ClockOffset:
 
     def due(self, now: float) -> bool:
         """Whether it is time for a measurement."""
-        return not self._measured or now - self._at >= MEASURE_S
+        return not self._measured or now - self._looked >= MEASURE_S
 
     def measure(self, now: float, offset_s: float) -> None:
         """Take a measurement at a time [s] of this computer's clock."""
         expected = self._value_s + self._drift * (now - self._at)
+        self._looked = now
         doubtful_s, self._doubtful_s = self._doubtful_s, None
         if self._measured and abs(offset_s - expected) > MAX_STEP_S:
             if doubtful_s is None or abs(offset_s - doubtful_s) > MAX_STEP_S:

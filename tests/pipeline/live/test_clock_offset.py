@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.live.sources.clock_offset import ClockOffset
 
-TIMES = 1000 + 2.0 * np.arange(200)
+TIMES = 1000 + 3.0 * np.arange(200)
 
 
 def errors(measured, true):
@@ -38,7 +38,7 @@ def test_a_clock_that_drifts_is_followed_without_lag():
 def test_between_measurements_the_drift_goes_on():
     true = 5 + 5e-5 * (TIMES - 1000)
     _, clock = errors(true, true)
-    later = TIMES[-1] + 2.0
+    later = TIMES[-1] + 3.0
     stamp = later - (5 + 5e-5 * (later - 1000))
     assert clock.local(np.array([stamp]))[0] == pytest.approx(later, abs=1e-8)
 
@@ -60,14 +60,16 @@ def test_a_clock_that_was_set_anew_is_followed_from_the_second_measurement_and_c
     assert clock.resets == 1
 
 
-def test_measurements_are_due_every_two_seconds():
+def test_measurements_are_due_every_three_seconds_accepted_or_not():
     clock = ClockOffset()
     assert clock.due(5.0)
     assert not clock.known
     clock.measure(5.0, 0.1)
     assert clock.known
-    assert not clock.due(6.9)
-    assert clock.due(7.0)
+    assert not clock.due(7.9)
+    assert clock.due(8.0)
+    clock.measure(8.0, 0.5)
+    assert not clock.due(10.9)
     assert clock.value_s == pytest.approx(0.1)
 
 
