@@ -27,7 +27,8 @@ from pipeline.live.network import load_lsl
 from pipeline.live.outlet import Outlet, ResultOutlet, result_channels
 from pipeline.live.replay import Replay
 from pipeline.live.sources.clock_offset import ClockOffset
-from pipeline.live.sources.lsl import LslSource, share_clocks
+from pipeline.live.sources.lsl import LslSource
+from pipeline.live.sources.lsl_inlet import share_clocks
 from pipeline.live.sources.recorded import recorded_streams
 
 AXES = Stated(axes="forward,left,up")
@@ -120,6 +121,22 @@ def test_forces_and_moments_arrive_in_si_units_and_other_units_as_they_are(prefi
     found = receive(source, 1)
     np.testing.assert_allclose(found[f"{prefix}a"][1], [[1000, 1e-3, 1, 1]])
     assert source.streams[1].units == ("N", "N·m", "g", "")
+
+
+def test_after_a_pause_no_stream_runs_ahead(trial, prefix, opened):
+    """A receiver that was busy for a second gets all streams alike."""
+    replay = Replay(trial, 20.0, prefix=prefix)
+    source = LslSource(replay.names[0], replay.names[1:])
+    opened += [replay, source]
+    assert replay.start(5.0)
+    while not replay.ended:
+        time.sleep(0.05)
+    newest = dict.fromkeys(replay.names, replay.start_s)
+    while found := source.receive(0.1):
+        newest |= {samples.stream: samples.time[-1] for samples in found}
+        if min(newest.values()) < replay.start_s + 0.9:
+            assert max(newest.values()) - min(newest.values()) < 0.06
+    assert min(newest.values()) - replay.start_s > 0.98
 
 
 def test_a_stream_that_goes_away_and_returns_is_taken_up_again(prefix, opened):
