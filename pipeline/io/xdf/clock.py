@@ -4,10 +4,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import minimum_filter1d
+from scipy.ndimage import median_filter, minimum_filter1d
 
 from hbm.spatial import Array
 
+NEIGHBOURS: Final = 5
+"""Of so many stamps, the median shows which one is out of order."""
+OUT_OF_ORDER_FRAMES: Final = 1.5
+"""One stamp that is out of order moves the median by one frame."""
 USUAL_HZ: Final = 100.0
 MAX_RATE_DIFFERENCE: Final = 0.02
 """Relative; beyond it the nominal rate is not that of the samples."""
@@ -81,6 +85,7 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     -----
     A stamp may be late, but not early: of the stamps of a quarter of a second some are on time.
     Where even these come later by a whole number of frames, and stay so, frames were dropped.
+    Single stamps that are out of order by more than two frames do not count.
 
     Examples
     --------
@@ -93,6 +98,7 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     (1000, 100.0, True)
     """
     period = _period(stamps, nominal_hz)
+    stamps = _in_order(stamps, period)
     index = _frames(stamps, max(period / 2, _slope(stamps, _frames(stamps, period))))
     if index[-1] + 1 > MAX_DROPPED_RATIO * len(stamps):
         raise ValueError(f"its times span {index[-1] + 1} frames, but it holds {len(stamps)}")
@@ -105,6 +111,16 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     if scatter > MAX_SCATTER_FRAMES * slope:
         raise ValueError(f"its time stamps scatter by {scatter:.3g} s about a constant rate")
     return Clock(index, 1 / slope, start, scatter)
+
+
+def _in_order(stamps: Array, period: float) -> Array:
+    """Give stamps with those between their neighbours that are out of order, (N,) [s]."""
+    usual = median_filter(stamps, NEIGHBOURS, mode="nearest")
+    right = np.abs(stamps - usual) < OUT_OF_ORDER_FRAMES * period
+    if right.all() or np.count_nonzero(right) < 2:
+        return stamps
+    k = np.arange(len(stamps))
+    return np.where(right, stamps, np.interp(k, k[right], stamps[right]))
 
 
 def _frames(stamps: Array, period: float) -> Array:

@@ -34,6 +34,15 @@ def test_samples_that_arrive_in_bursts_are_frames_in_a_row():
     assert clock.rate_hz == pytest.approx(100, rel=1e-3)
 
 
+@pytest.mark.parametrize("by_s", [-8.0, -0.05, 0.3, 8.0])
+def test_a_single_stamp_out_of_order_moves_no_frame(by_s):
+    stamps = 5000 + np.arange(1000) / 100
+    stamps[500] += by_s
+    clock = find_clock(stamps, 100.0)
+    np.testing.assert_array_equal(clock.index, np.arange(1000))
+    assert clock.rate_hz == pytest.approx(100, rel=1e-9)
+
+
 def test_a_rate_that_is_not_the_nominal_one_is_found():
     clock = find_clock(np.arange(500) / 128, 100.0)
     np.testing.assert_array_equal(clock.index, np.arange(500))
