@@ -17,7 +17,8 @@ TICK_S: Final = 0.001
 """Between looks at what is due."""
 DELIVERY_S: Final = 0.5
 """Left to receivers after the last sample."""
-MAX_SPEED: Final = 1000.0
+MAX_SPEED: Final = 20.0
+"""Beyond it the library loses samples; `RecordedSource` needs no network and loses none."""
 
 
 class Replay:
@@ -38,7 +39,7 @@ class Replay:
     Raises
     ------
     ValueError
-        The speed is not between 0 and 1000.
+        The speed is not above 0 and at most 20.
     """
 
     def __init__(

@@ -118,7 +118,8 @@ def fill_span(chance: random.Random, content: bytes) -> Damage:
     at, count = _place(chance, content), chance.choice((4, 64, 512, 4096))
     byte = chance.choice((b"\0", b"\xff"))
     filled = byte * len(content[at : at + count])
-    return Damage(content[:at] + filled + content[at + count :], f"{count} times {byte!r} at {at}")
+    damaged = content[:at] + filled + content[at + count :]
+    return Damage(damaged, f"{count} times {byte!r} at {at}", _numbers_within(count))
 
 
 def write_word(chance: random.Random, content: bytes) -> Damage:
@@ -202,7 +203,7 @@ def widen(chance: random.Random, content: bytes) -> Damage:
 
 
 def _numbers_within(count: int) -> int:
-    """Say how many numbers of a text so few bytes are parts of, without making one of them."""
+    """Say how many numbers so few bytes are parts of, without making one of them."""
     return 2 if count <= MAX_BYTES_OF_NUMBERS else 0
 
 

@@ -30,7 +30,9 @@ from tests.pipeline.other_formats import (
     write_nexus,
     write_opensim,
 )
+from tests.pipeline.xdf_file import recorded, write_xdf
 
+BINARY = ("C3D", "XDF")
 STANDING = (0, 120)
 WALKING = (600, 850)
 """Frames of the simulated trial: the calibration pose; three gait cycles at full speed."""
@@ -107,6 +109,7 @@ def recordings(folder: Path) -> list[Format]:
     _write_record(walk, folder / "record.txt")
     write_mox(walk, folder / "walk.mox")
     write_nexus(walk, folder / "walk.csv")
+    write_xdf(folder / "walk.xdf", recorded(walk))
     known = walk_in(folder)
     trials = {
         "C3D": ("walk.c3d", lambda path: replace(known, trial=path)),
@@ -125,6 +128,7 @@ def recordings(folder: Path) -> list[Format]:
         ),
         "MOX": ("walk.mox", lambda path: replace(known, trial=path)),
         "Nexus": ("walk.csv", lambda path: replace(known, trial=path)),
+        "XDF": ("walk.xdf", lambda path: replace(known, trial=path)),
     }
     formats = []
     for name, (file, request) in trials.items():
@@ -135,7 +139,7 @@ def recordings(folder: Path) -> list[Format]:
             process_request(undamaged),
             lines=name.startswith("D-Flow"),
         )
-        formats.append(Format(name, folder / file, trial.judge, name != "C3D", request))
+        formats.append(Format(name, folder / file, trial.judge, name not in BINARY, request))
     return formats
 
 

@@ -56,8 +56,13 @@ def plate_place(plate):
     )
 
 
-def stream(name, content_type, stamps, values, desc="", *, rate, offset=(), kind=None):
-    """One stream: its samples, and how far its clock is behind the recorder's, [(time, s)]."""
+def stream(
+    name, content_type, stamps, values, desc="", *, rate, offset=(), kind=None, deduced=False
+):
+    """One stream: its samples, and how far its clock is behind the recorder's, [(time, s)].
+
+    Deduced: only the first sample of the recording has a time stamp.
+    """
     values = np.asarray(values)
     return {
         "name": name,
@@ -68,6 +73,7 @@ def stream(name, content_type, stamps, values, desc="", *, rate, offset=(), kind
         "rate": rate,
         "offset": offset,
         "format": kind or FORMATS[values.dtype],
+        "deduced": deduced,
     }
 
 
@@ -85,8 +91,9 @@ def header(of):
 
 def samples(of, start, stop):
     content = b"\x04" + struct.pack("<I", stop - start)
-    for stamp, row in zip(of["stamps"][start:stop], of["values"][start:stop], strict=True):
-        content += b"\x08" + struct.pack("<d", stamp)
+    rows = zip(of["stamps"][start:stop], of["values"][start:stop], strict=True)
+    for k, (stamp, row) in enumerate(rows, start):
+        content += b"\x00" if of["deduced"] and k else b"\x08" + struct.pack("<d", stamp)
         if of["format"] == "string":
             content += b"".join(b"\x01" + bytes([len(t)]) + t.encode() for t in row)
         else:

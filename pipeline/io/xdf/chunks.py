@@ -35,6 +35,8 @@ SAMPLE_BYTES: Final = {"double64": 8, "float32": 4, "int64": 8, "int32": 4, "int
 """Formats of numbers; streams of text are left out."""
 STAMP_BYTES: Final = 8
 MAX_RATE_HZ: Final = 1e6
+MAX_TIME_S: Final = 1e11
+"""Clocks count from the start of a computer, or from 1970."""
 MAX_CHANNELS: Final = 100_000
 
 
@@ -110,10 +112,8 @@ def read_streams(content: bytes) -> tuple[list[Stream], list[str], bool]:
     streams = []
     for k, header in numbers.items():
         stamps, values = loaded.get(k, (np.empty(0), np.empty((0, header.channels))))
-        if not np.isfinite(stamps).all():
-            raise ValueError(
-                f"damaged: stream {short(header.name)!r} has times that are no numbers"
-            )
+        if not (np.abs(stamps) < MAX_TIME_S).all():
+            raise ValueError(f"damaged: stream {short(header.name)!r} has impossible time stamps")
         streams.append(
             Stream(header.name, header.content_type, header.info, header.rate_hz, stamps, values)
         )

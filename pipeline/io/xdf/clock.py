@@ -4,10 +4,14 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import minimum_filter1d
+from scipy.ndimage import median_filter, minimum_filter1d
 
 from hbm.spatial import Array
 
+NEIGHBOURS: Final = 5
+"""Of so many stamps, the median shows which one is out of order."""
+OUT_OF_ORDER_FRAMES: Final = 1.5
+"""One stamp that is out of order moves the median by one frame."""
 USUAL_HZ: Final = 100.0
 MAX_RATE_DIFFERENCE: Final = 0.02
 """Relative; beyond it the nominal rate is not that of the samples."""
@@ -15,6 +19,7 @@ MIN_BURST_S: Final = 0.25
 """Within it, some sample is stamped without delay."""
 MAX_DROPPED_RATIO: Final = 2
 """Frames spanned per sample held: with more dropped, this is not one recording."""
+MAX_GAP_FRAMES: Final = 10**9
 MAX_SCATTER_FRAMES: Final = 50
 
 
@@ -80,6 +85,7 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     -----
     A stamp may be late, but not early: of the stamps of a quarter of a second some are on time.
     Where even these come later by a whole number of frames, and stay so, frames were dropped.
+    Single stamps that are out of order by more than two frames do not count.
 
     Examples
     --------
@@ -92,15 +98,11 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     (1000, 100.0, True)
     """
     period = _period(stamps, nominal_hz)
-    window = max(2, round(MIN_BURST_S / period))
-    lag = stamps - np.arange(len(stamps)) * period
-    on_time = minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))
-    dropped = np.maximum(np.rint(np.diff(on_time) / period), 0).astype(int)
-    index = np.arange(len(stamps)) + np.concatenate([[0], np.cumsum(dropped)])
+    stamps = _in_order(stamps, period)
+    index = _frames(stamps, max(period / 2, _slope(stamps, _frames(stamps, period))))
     if index[-1] + 1 > MAX_DROPPED_RATIO * len(stamps):
         raise ValueError(f"its times span {index[-1] + 1} frames, but it holds {len(stamps)}")
-    offset = index - index.mean()
-    slope = float(offset @ (stamps - stamps.mean()) / (offset @ offset))
+    slope = _slope(stamps, index)
     if not slope > 0:
         raise ValueError("its time stamps do not advance")
     residual = stamps - index * slope
@@ -111,6 +113,33 @@ def find_clock(stamps: Array, nominal_hz: float) -> Clock:
     return Clock(index, 1 / slope, start, scatter)
 
 
+def _in_order(stamps: Array, period: float) -> Array:
+    """Give stamps with those between their neighbours that are out of order, (N,) [s]."""
+    usual = median_filter(stamps, NEIGHBOURS, mode="nearest")
+    right = np.abs(stamps - usual) < OUT_OF_ORDER_FRAMES * period
+    if right.all() or np.count_nonzero(right) < 2:
+        return stamps
+    k = np.arange(len(stamps))
+    return np.where(right, stamps, np.interp(k, k[right], stamps[right]))
+
+
+def _frames(stamps: Array, period: float) -> Array:
+    """Give the frame of each sample, (N,), from the time per frame [s]."""
+    count = len(stamps)
+    window = max(2, round(min(MIN_BURST_S / period, count)))
+    lag = stamps - np.arange(count) * period
+    on_time = minimum_filter1d(lag, window, mode="nearest", origin=-(window // 2))
+    steps = np.rint(np.diff(on_time) / period)
+    dropped = np.clip(steps, 0, MAX_GAP_FRAMES).astype(int)
+    return np.asarray(np.arange(count) + np.concatenate([[0], np.cumsum(dropped)]))
+
+
+def _slope(stamps: Array, index: Array) -> float:
+    """Give the time per frame by a straight line through all time stamps [s]."""
+    offset = index - index.mean()
+    return float(offset @ (stamps - stamps.mean()) / (offset @ offset))
+
+
 def _period(stamps: Array, nominal_hz: float) -> float:
     """Give the time per frame [s]: the nominal one where stamps agree with it."""
     count = len(stamps)
@@ -119,5 +148,6 @@ def _period(stamps: Array, nominal_hz: float) -> float:
     mean = float(stamps[-1] - stamps[0]) / (count - 1)
     if not mean > 0 or not usual > 0:
         raise ValueError("its time stamps do not advance")
-    near = (abs(period * nominal_hz - 1) < MAX_RATE_DIFFERENCE for period in (usual, mean))
+    single = float(np.median(np.diff(stamps)))  # of samples that do not come in bursts
+    near = (abs(each * nominal_hz - 1) < MAX_RATE_DIFFERENCE for each in (single, usual, mean))
     return 1 / nominal_hz if any(near) else min(usual, mean)

@@ -1,53 +1,82 @@
 """How far the clock of a sender is behind this computer's, from measurements that scatter."""
 
+from collections import deque
 from typing import Final
 
-MEASURE_S: Final = 1.0
-"""Between measurements; Lab Streaming Layer makes one every two seconds."""
-SMOOTHING_S: Final = 20.0
-"""Time constant: measurements scatter by some 0.1 ms, clocks drift by some 10 ppm."""
+import numpy as np
+
+from hbm.spatial import Array
+
+MEASURE_S: Final = 3.0
+"""Between looks: the library measures every two to three seconds, and each counts once."""
+KEPT: Final = 40
+"""Measurements that show offset and drift: those of two minutes."""
+DRIFT_FROM: Final = 10
+"""Fewer measurements do not show a drift."""
 MAX_STEP_S: Final = 0.01
-"""Beyond it a clock was set anew: nothing is smoothed."""
+"""Two measurements in a row beyond it: a clock was set anew, and earlier ones do not count."""
 
 
 class ClockOffset:
-    """Offset that turns a sender's time stamps to this computer's clock.
+    """Brings a sender's time stamps onto this computer's clock.
+
+    Notes
+    -----
+    Offset and drift are those of the straight line through the measurements of two minutes whose
+    slope is the median of all slopes (Theil and Sen): single measurements, which a busy network
+    makes wrong by a millisecond and more, have no effect, and a clock that drifts is followed
+    without lag.
 
     Examples
     --------
-    Measurements change it slowly, so that time stamps go on increasing evenly:
-
+    >>> import numpy as np
     >>> offset = ClockOffset()
-    >>> offset.measure(0.0, 5.0)
-    >>> offset.measure(1.0, 5.001)
-    >>> round(offset.value_s, 5)
-    5.00005
-    >>> offset.resets
-    0
+    >>> offset.measure(100.0, 5.0)
+    >>> offset.local(np.array([95.5])).tolist()
+    [100.5]
     """
 
     def __init__(self) -> None:
-        self.value_s = 0.0
         self.resets = 0
-        self._at: float | None = None
+        self._measured: deque[tuple[float, float]] = deque(maxlen=KEPT)
+        self._looked = self._at = self._value_s = self._drift = 0.0
+        self._doubtful_s: float | None = None
 
     @property
     def known(self) -> bool:
         """Whether there was a measurement."""
-        return self._at is not None
+        return bool(self._measured)
+
+    @property
+    def value_s(self) -> float:
+        """Offset at the time of the last measurement [s]."""
+        return self._value_s
 
     def due(self, now: float) -> bool:
         """Whether it is time for a measurement."""
-        return self._at is None or now - self._at >= MEASURE_S
+        return not self._measured or now - self._looked >= MEASURE_S
 
     def measure(self, now: float, offset_s: float) -> None:
         """Take a measurement at a time [s] of this computer's clock."""
-        difference = offset_s - self.value_s
-        if self._at is None:
-            self.value_s = offset_s
-        elif abs(difference) > MAX_STEP_S:
-            self.value_s = offset_s
+        expected = self._value_s + self._drift * (now - self._at)
+        self._looked = now
+        doubtful_s, self._doubtful_s = self._doubtful_s, None
+        if self._measured and abs(offset_s - expected) > MAX_STEP_S:
+            if doubtful_s is None or abs(offset_s - doubtful_s) > MAX_STEP_S:
+                self._doubtful_s = offset_s
+                return
+            self._measured.clear()
             self.resets += 1
-        else:
-            self.value_s += difference * min(1.0, (now - self._at) / SMOOTHING_S)
-        self._at = now
+        self._measured.append((now, offset_s))
+        self._at, self._drift = now, 0.0
+        time, offset = np.array(self._measured).T
+        if len(time) >= DRIFT_FROM:
+            first, second = np.triu_indices(len(time), 1)
+            slopes = (offset[second] - offset[first]) / (time[second] - time[first])
+            self._drift = float(np.median(slopes))
+        self._value_s = float(np.median(offset - self._drift * (time - now)))
+
+    def local(self, stamps: Array) -> Array:
+        """Give time stamps of the sender, (N,) [s], on this computer's clock."""
+        known = stamps + self._value_s
+        return np.asarray(known + self._drift * (known - self._at))

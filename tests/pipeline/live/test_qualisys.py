@@ -159,7 +159,7 @@ def test_time_goes_on_when_another_measurement_begins(source, server):
 def test_receiving_never_waits_beyond_its_timeout(source):
     begun = time.monotonic()
     assert source.receive(0.05) == []
-    assert time.monotonic() - begun < 0.5
+    assert time.monotonic() - begun < 3.0
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pipeline.io.xdf.clock import find_clock
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=100)
 @given(
     seed=st.integers(0, 2**32 - 1),
     nominal=st.sampled_from([60.0, 100.0, 300.0, 1000.0]),
@@ -32,6 +32,15 @@ def test_samples_that_arrive_in_bursts_are_frames_in_a_row():
     clock = find_clock(stamps, 100.0)
     np.testing.assert_array_equal(clock.index, np.arange(1000))
     assert clock.rate_hz == pytest.approx(100, rel=1e-3)
+
+
+@pytest.mark.parametrize("by_s", [-8.0, -0.05, 0.3, 8.0])
+def test_a_single_stamp_out_of_order_moves_no_frame(by_s):
+    stamps = 5000 + np.arange(1000) / 100
+    stamps[500] += by_s
+    clock = find_clock(stamps, 100.0)
+    np.testing.assert_array_equal(clock.index, np.arange(1000))
+    assert clock.rate_hz == pytest.approx(100, rel=1e-9)
 
 
 def test_a_rate_that_is_not_the_nominal_one_is_found():

@@ -1,0 +1,78 @@
+"""Measurements of clocks scatter and drift; time stamps on this computer's clock go on evenly."""
+
+import numpy as np
+import pytest
+
+from pipeline.live.sources.clock_offset import ClockOffset
+
+TIMES = 1000 + 3.0 * np.arange(200)
+
+
+def errors(measured, true):
+    """Error of time stamps after each measurement [s]; offsets are those at `TIMES`."""
+    clock, found = ClockOffset(), []
+    for now, offset, right in zip(TIMES, measured, true, strict=True):
+        clock.measure(now, offset)
+        found.append(float(clock.local(np.array([now - right]))[0]) - now)
+    return np.array(found), clock
+
+
+def test_scatter_of_the_measurements_is_smoothed():
+    rng = np.random.default_rng(2)
+    true = np.full(200, 7.0)
+    found, clock = errors(true + rng.normal(0, 1e-4, 200), true)
+    assert np.abs(found[30:]).max() < 1e-4
+    assert np.std(found[60:]) < 4e-5
+    assert np.abs(np.diff(found[30:])).max() < 5e-5
+    assert clock.resets == 0
+
+
+def test_a_clock_that_drifts_is_followed_without_lag():
+    """By 50 ppm, as that of an ordinary computer."""
+    rng = np.random.default_rng(3)
+    true = 5 + 5e-5 * (TIMES - 1000)
+    found, _ = errors(true + rng.normal(0, 2e-5, 200), true)
+    assert np.abs(found[60:]).max() < 3e-5
+
+
+def test_between_measurements_the_drift_goes_on():
+    true = 5 + 5e-5 * (TIMES - 1000)
+    _, clock = errors(true, true)
+    later = TIMES[-1] + 3.0
+    stamp = later - (5 + 5e-5 * (later - 1000))
+    assert clock.local(np.array([stamp]))[0] == pytest.approx(later, abs=1e-8)
+
+
+def test_single_wrong_measurements_have_no_effect():
+    true = np.full(200, -3.0)
+    wrong = true.copy()
+    wrong[[40, 90, 91]] += 5e-3
+    wrong[[60, 70]] += 0.05
+    found, clock = errors(wrong, true)
+    assert np.abs(found).max() < 1e-9
+    assert clock.resets == 0
+
+
+def test_a_clock_that_was_set_anew_is_followed_from_the_second_measurement_and_counted():
+    true = np.where(np.arange(200) < 100, 1.0, 3.0)
+    found, clock = errors(true, true)
+    assert np.flatnonzero(np.abs(found) > 1e-9).tolist() == [100]
+    assert clock.resets == 1
+
+
+def test_measurements_are_due_every_three_seconds_accepted_or_not():
+    clock = ClockOffset()
+    assert clock.due(5.0)
+    assert not clock.known
+    clock.measure(5.0, 0.1)
+    assert clock.known
+    assert not clock.due(7.9)
+    assert clock.due(8.0)
+    clock.measure(8.0, 0.5)
+    assert not clock.due(10.9)
+    assert clock.value_s == pytest.approx(0.1)
+
+
+def test_without_measurement_time_stamps_stay_as_they_are():
+    stamps = np.array([0.1, 123456.789])
+    assert ClockOffset().local(stamps).tolist() == stamps.tolist()
