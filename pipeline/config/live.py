@@ -19,7 +19,8 @@ class Live(InputModel):
     markers
         Name of the stream of markers.
     analog
-        Names of the streams of plates, accelerometers, belts and platform.
+        Names of the streams of plates, accelerometers, belts and platform; by default all that are
+        received.
     plates
         Number of a plate -> its channels Fx Fy Fz Mx My Mz, in the plate's own axes about the
         centre of its surface; by default FP1.Fx and so on.
@@ -33,7 +34,7 @@ class Live(InputModel):
     """
 
     markers: Text = "Markers"
-    analog: Annotated[tuple[Text, ...], Field(strict=False, min_length=1)] = ("Plates",)
+    analog: Annotated[tuple[Text, ...], Field(strict=False)] = ()
     plates: dict[PlateNumber, Six] = Field(default_factory=dict)
     wait_s: Annotated[float, Field(gt=0, le=2)] = 0.2
 

@@ -144,7 +144,7 @@ class LiveChain:
     @property
     def counts(self) -> Counts:
         """What was received so far."""
-        buffers = [self.order, *self.analog.buffers.values()]
+        buffers = [self.order, *self.analog.used.values()]
         return Counts(
             self.received,
             self.solved,
@@ -170,7 +170,7 @@ class LiveChain:
         started = perf_counter()
         if samples.stream == self.stream.name:
             self._take_frames(samples)
-        elif samples.stream in self.analog.buffers:
+        else:
             self.analog.append(samples)
         frames = []
         while self.waiting and (complete := self._complete(self.waiting[0].time)) is not None:
@@ -192,7 +192,7 @@ class LiveChain:
     def _complete(self, time: float) -> bool | None:
         """Whether all samples of a frame are there; None where they may still come."""
         needed_s = time + self.wait_s - ROUNDING_S
-        newest = [buffer.newest_s for buffer in self.analog.buffers.values()]
+        newest = [buffer.newest_s for buffer in self.analog.used.values()]
         if min(newest, default=np.inf) >= needed_s:
             return True
         now_s = max(self.order.newest_s, *newest)
@@ -267,10 +267,11 @@ def _described(
             f"[live] names the streams {', '.join(missing)}, which are not received; received: "
             f"{', '.join(known) or 'none'}"
         )
-    for name, kind in ((live.markers, "markers"), *((name, "analog") for name in live.analog)):
+    analog = live.analog or [stream.name for stream in streams if stream.kind == "analog"]
+    for name, kind in ((live.markers, "markers"), *((name, "analog") for name in analog)):
         if known[name].kind != kind or not known[name].rate_hz > 0:
             raise ValueError(
                 f"[live]: stream {name} must be one of {kind} with a nominal rate, got "
                 f"{known[name].kind} at {known[name].rate_hz:g} Hz"
             )
-    return known[live.markers], [known[name] for name in live.analog]
+    return known[live.markers], [known[name] for name in analog]

@@ -51,6 +51,11 @@ class AnalogStreams:
     ----------
     streams
         Their descriptions.
+
+    Attributes
+    ----------
+    used
+        The newest samples of the streams of which channels were found.
     """
 
     def __init__(self, streams: Sequence[StreamDescription]) -> None:
@@ -59,10 +64,12 @@ class AnalogStreams:
             stream.name: SampleBuffer(len(stream.labels), round(HISTORY_S * stream.rate_hz))
             for stream in streams
         }
+        self.used: dict[str, SampleBuffer] = {}
 
     def append(self, samples: Samples) -> None:
-        """Take what arrived of one of the streams."""
-        self.buffers[samples.stream].append(samples.time, samples.values)
+        """Take what arrived, if it is of a stream of which channels are used."""
+        if samples.stream in self.used:
+            self.used[samples.stream].append(samples.time, samples.values)
 
     def find(
         self, labels: Sequence[str], unit_in_si: Callable[[str], float], unit: str | None = None
@@ -106,5 +113,5 @@ class AnalogStreams:
             factor = [unit_in_si(unit or stream.units[column]) for column in columns]
         except ValueError as error:
             raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
-        buffer = self.buffers[stream.name]
+        buffer = self.used[stream.name] = self.buffers[stream.name]
         return Channels(buffer, np.array(columns), np.array(factor), stream.rate_hz)
