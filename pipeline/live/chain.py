@@ -13,6 +13,7 @@ from hbm.model import Body
 from hbm.plausibility.marker_tracking import MarkerTracker
 from hbm.signals.realtime_filter import RealtimeFilter
 from hbm.spatial import Array
+from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
@@ -260,18 +261,27 @@ def _by_foot(wrenches: Array, on: Array) -> Array:
 def _described(
     live: Live, streams: Sequence[StreamDescription]
 ) -> tuple[StreamDescription, list[StreamDescription]]:
-    """Give the streams that are stated: that of the markers, and the analog ones."""
+    """Give the streams that are stated, or all: that of the markers, and the analog ones."""
     known = {stream.name: stream for stream in streams}
-    if missing := [name for name in (live.markers, *live.analog) if name not in known]:
+    of_kind = {
+        kind: [stream.name for stream in streams if stream.kind == kind]
+        for kind in ("markers", "analog")
+    }
+    markers = [live.markers] if live.markers else of_kind["markers"]
+    analog = list(live.analog or of_kind["analog"])
+    if missing := [name for name in (*markers, *analog) if name not in known]:
         raise ValueError(
             f"[live] names the streams {', '.join(missing)}, which are not received; received: "
-            f"{', '.join(known) or 'none'}"
+            f"{listed(known)}"
         )
-    analog = live.analog or [stream.name for stream in streams if stream.kind == "analog"]
-    for name, kind in ((live.markers, "markers"), *((name, "analog") for name in analog)):
+    if len(markers) != 1:
+        raise ValueError(
+            f"one stream of markers is needed, got {listed(markers)}; name it: markers in [live]"
+        )
+    for name, kind in ((markers[0], "markers"), *((name, "analog") for name in analog)):
         if known[name].kind != kind or not known[name].rate_hz > 0:
             raise ValueError(
                 f"[live]: stream {name} must be one of {kind} with a nominal rate, got "
                 f"{known[name].kind} at {known[name].rate_hz:g} Hz"
             )
-    return known[live.markers], [known[name] for name in analog]
+    return known[markers[0]], [known[name] for name in analog]

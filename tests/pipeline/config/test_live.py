@@ -32,7 +32,7 @@ def test_channels_of_a_plate_are_those_stated_and_of_others_the_usual_ones(tmp_p
     [
         ('markers = ""', "live.markers: string should have at least 1 character"),
         ("wait_s = 20", "live.wait_s: input should be less than or equal to 2, got 20"),
-        ('analog = ["Markers"]', "live: stream Markers is named more than once"),
+        ('analog = ["A", "A"]', "live: stream A is named more than once"),
         ('plates.1 = ["Fx", "Fy"]', "live.plates.1"),
         ('plates.left = ["a", "b", "c", "d", "e", "f"]', "live.plates.left"),
         ("rate_hz = 100", "live.rate_hz"),

@@ -1,6 +1,7 @@
 """Late, lost, doubled and reordered samples, streams that go away: counted, shown, survived."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -192,6 +193,9 @@ def test_what_is_stated_and_not_received_is_refused_in_one_line(recording, labor
         return str(error.value)
 
     assert "names the streams Cameras, which are not received" in refused(Live(markers="Cameras"))
+    two = [*described, replace(described[0], name="More")]
+    with pytest.raises(ValueError, match="one stream of markers is needed, got Markers, More"):
+        LiveChain(body, laboratory, REALTIME, Live(), two, recording.plates)
     assert "Analog must be one of markers" in refused(Live(markers="Analog"))
     assert "Acc1.X" in refused(Live(analog=("Plates",)))
     missing = Live(plates={"1": ("a", "b", "c", "d", "e", "f")})
