@@ -17,7 +17,7 @@ from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.live.buffer import SampleBuffer
+from pipeline.live.buffer import SampleBuffer, known
 from pipeline.live.channels import AnalogStreams
 from pipeline.live.dynamics import LiveDynamics
 from pipeline.live.feet import LiveFeet
@@ -184,7 +184,7 @@ class LiveChain:
         return [self._next(False, perf_counter()) for _ in range(len(self.waiting))]
 
     def _take_frames(self, samples: Samples) -> None:
-        values = samples.values.reshape(len(samples.time), -1, 3)
+        values = known(samples.values).reshape(len(samples.time), -1, 3)
         kept = self.order.append(samples.time, np.empty((len(values), 0)))
         for time, position in zip(samples.time[kept].tolist(), values[kept], strict=True):
             self.waiting.append(self._pose(time, position))
@@ -262,26 +262,26 @@ def _described(
     live: Live, streams: Sequence[StreamDescription]
 ) -> tuple[StreamDescription, list[StreamDescription]]:
     """Give the streams that are stated, or all: that of the markers, and the analog ones."""
-    known = {stream.name: stream for stream in streams}
+    received = {stream.name: stream for stream in streams}
     of_kind = {
         kind: [stream.name for stream in streams if stream.kind == kind]
         for kind in ("markers", "analog")
     }
     markers = [live.markers] if live.markers else of_kind["markers"]
     analog = list(live.analog or of_kind["analog"])
-    if missing := [name for name in (*markers, *analog) if name not in known]:
+    if missing := [name for name in (*markers, *analog) if name not in received]:
         raise ValueError(
             f"[live] names the streams {', '.join(missing)}, which are not received; received: "
-            f"{listed(known)}"
+            f"{listed(received)}"
         )
     if len(markers) != 1:
         raise ValueError(
             f"one stream of markers is needed, got {listed(markers)}; name it: markers in [live]"
         )
     for name, kind in ((markers[0], "markers"), *((name, "analog") for name in analog)):
-        if known[name].kind != kind or not known[name].rate_hz > 0:
+        if received[name].kind != kind or not received[name].rate_hz > 0:
             raise ValueError(
                 f"[live]: stream {name} must be one of {kind} with a nominal rate, got "
-                f"{known[name].kind} at {known[name].rate_hz:g} Hz"
+                f"{received[name].kind} at {received[name].rate_hz:g} Hz"
             )
-    return known[markers[0]], [known[name] for name in analog]
+    return received[markers[0]], [received[name] for name in analog]

@@ -8,7 +8,7 @@ import numpy as np
 
 from hbm.spatial import Array, Indices
 from hbm.spelling import listed, short
-from pipeline.live.buffer import SampleBuffer
+from pipeline.live.buffer import SampleBuffer, known
 from pipeline.live.stream import Samples, StreamDescription
 
 HISTORY_S: Final = 2.0
@@ -69,7 +69,7 @@ class AnalogStreams:
     def append(self, samples: Samples) -> None:
         """Take what arrived, if it is of a stream of which channels are used."""
         if samples.stream in self.used:
-            self.used[samples.stream].append(samples.time, samples.values)
+            self.used[samples.stream].append(samples.time, known(samples.values))
 
     def find(
         self, labels: Sequence[str], unit_in_si: Callable[[str], float], unit: str | None = None
@@ -97,15 +97,15 @@ class AnalogStreams:
         """
         having = [s for s in self.streams.values() if set(labels) <= set(s.labels)]
         if len(having) != 1:
-            known = [label for stream in self.streams.values() for label in stream.labels]
-            missing = [label for label in labels if label not in known]
+            labels_there = [label for stream in self.streams.values() for label in stream.labels]
+            missing = [label for label in labels if label not in labels_there]
             names = listed(repr(short(s.name)) for s in having)
             raise ValueError(
                 f"live channels {listed(labels)}: several streams have them ({names}); name one "
                 "of these streams in [live] analog"
                 if having
                 else f"live channels {listed(missing or labels)} are in no stream"
-                f"{'' if missing else ' together'}; channels there: {listed(known) or 'none'}"
+                f"{'' if missing else ' together'}; channels there: {listed(labels_there)}"
             )
         stream = having[0]
         columns = [stream.labels.index(label) for label in labels]
