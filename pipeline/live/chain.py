@@ -185,6 +185,7 @@ class LiveChain:
 
     def _take_frames(self, samples: Samples) -> None:
         values = known(samples.values).reshape(len(samples.time), -1, 3)
+        values[np.isnan(values).any(axis=2)] = np.nan
         kept = self.order.append(samples.time, np.empty((len(values), 0)))
         for time, position in zip(samples.time[kept].tolist(), values[kept], strict=True):
             self.waiting.append(self._pose(time, position))
