@@ -105,6 +105,29 @@ class LiveChain:
     A frame is computed when the last sample that it needs has arrived, or when `Live.wait_s` after
     that sample's time has passed on the streams' clock; then it is marked as late. Equal samples
     give equal frames, whatever the chunks in which they arrive.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.config.schema import Treadmill
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> walk = pipeline.read_c3d("walk.c3d")
+    >>> body = pipeline.process_recording(walk, pipeline.Subject(), Settings()).body
+    >>> live, still, names = Live(), Laboratory(Treadmill()), walk.markers.names
+    >>> labels = tuple(channel for number in (1, 2) for channel in live.channels_of(number))
+    >>> streams = [
+    ...     StreamDescription("Markers", "markers", names, ("m",) * len(names), 100.0),
+    ...     StreamDescription("Plates", "analog", labels, 2 * (3 * ("N",) + 3 * ("Nm",)), 1000.0),
+    ... ]
+    >>> chain = LiveChain(body, still, Settings(), live, streams, walk.plates)
+    >>> wrenches = np.hstack([plate.wrench_in_plate for plate in walk.plates])
+    >>> chain.push(Samples("Plates", walk.plates[0].time[:2000], wrenches[:2000]))
+    []
+    >>> positions = walk.markers.position[:150].reshape(150, -1)
+    >>> frames = chain.push(Samples("Markers", walk.markers.time[:150], positions))
+    >>> len(frames), frames[-1].quality.counts, bool(abs(frames[-1].residual["measured"][2]) < 20)
+    (150, True, True)
     """
 
     def __init__(
