@@ -12,6 +12,11 @@ MIN_JUMP_RAD: Final = np.pi / 2
 """No angle truly changes by a quarter turn between frames: so large a change is another set of
 angles."""
 
+OF_JOINTS: Final = np.array([not c.translates and c.segment != "pelvis" for c in TREE])
+MAX_JOINT_RAD: Final = 1.5 * np.pi
+"""No joint turns so far, though a subject may: such an angle went a full turn too far where markers
+hardly showed it."""
+
 
 def _ball_joints() -> tuple[int, ...]:
     """First coordinates of joints that rotate about three axes at right angles."""
@@ -67,7 +72,10 @@ def continuous(q: Array) -> Array:
 
 
 def nearest_equivalent(q: Array, before: Array) -> Array:
-    """Give the equivalent coordinates of a pose, (46,), that are nearest to those before, (46,)."""
+    """Give the equivalent coordinates of a pose, (46,), that are nearest to those before, (46,).
+
+    Angles of joints that would be beyond ``MAX_JOINT_RAD`` are within ±180° instead.
+    """
     result = q.copy()
     for i in BALL_JOINTS:
         joint, last = slice(i, i + 3), before[i : i + 3]
@@ -76,6 +84,8 @@ def nearest_equivalent(q: Array, before: Array) -> Array:
         result[joint] = sets[int(apart.argmin())]
     turns = list(ROTATIONS)
     result[turns] = before[turns] + _within_half_turn(result[turns] - before[turns])
+    beyond = np.flatnonzero((np.abs(result) > MAX_JOINT_RAD) & OF_JOINTS)
+    result[beyond] = _within_half_turn(result[beyond])
     return result
 
 

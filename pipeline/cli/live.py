@@ -175,8 +175,8 @@ def _source(prepared: "Preparation", qualisys: str | None, listen: str) -> "Sour
         return QualisysSource(qualisys, stated=prepared.stated)
     from pipeline.live.sources.lsl import LslSource
 
-    streams = prepared.live
-    return LslSource(streams.markers, streams.analog, stated=prepared.stated, listen=listen)
+    markers, analog = prepared.streams
+    return LslSource(markers, analog, stated=prepared.stated, listen=listen)
 
 
 def _shown(prepared: "Preparation", source: "Source", console: "Console") -> "Subjected":

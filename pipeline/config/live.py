@@ -17,9 +17,10 @@ class Live(InputModel):
     Attributes
     ----------
     markers
-        Name of the stream of markers.
+        Name of the stream of markers; by default the only one that is received.
     analog
-        Names of the streams of plates, accelerometers, belts and platform.
+        Names of the streams of plates, accelerometers, belts and platform; by default all that are
+        received.
     plates
         Number of a plate -> its channels Fx Fy Fz Mx My Mz, in the plate's own axes about the
         centre of its surface; by default FP1.Fx and so on.
@@ -32,14 +33,14 @@ class Live(InputModel):
     ('FP2.Fx', 'FP2.Fy', 'FP2.Fz', 'FP2.Mx', 'FP2.My', 'FP2.Mz')
     """
 
-    markers: Text = "Markers"
-    analog: Annotated[tuple[Text, ...], Field(strict=False, min_length=1)] = ("Plates",)
+    markers: Text | None = None
+    analog: Annotated[tuple[Text, ...], Field(strict=False)] = ()
     plates: dict[PlateNumber, Six] = Field(default_factory=dict)
     wait_s: Annotated[float, Field(gt=0, le=2)] = 0.2
 
     @model_validator(mode="after")
     def _different(self) -> "Live":
-        names = [self.markers, *self.analog]
+        names = [name for name in (self.markers, *self.analog) if name]
         if repeated := sorted({name for name in names if names.count(name) > 1}):
             raise ValueError(f"stream {', '.join(repeated)} is named more than once")
         return self

@@ -1,8 +1,18 @@
 """The newest samples of a stream: in order, each once, in memory that does not grow."""
 
+from typing import Final
+
 import numpy as np
 
 from hbm.spatial import Array, Mask
+
+LARGEST: Final = 1e9
+"""No signal is as large in any unit: such a number is damaged."""
+
+
+def known(values: Array) -> Array:
+    """Give samples with NaN in place of numbers that no instrument gives."""
+    return np.where(np.abs(values) < LARGEST, values, np.nan)
 
 
 class SampleBuffer:
@@ -73,9 +83,9 @@ class SampleBuffer:
 
     def _in_order(self, time: Array) -> Mask:
         """Give which samples are later than all before them, (N,), and count the others."""
-        known = np.where(np.isfinite(time), time, -np.inf)
-        before = np.maximum.accumulate(np.concatenate([[self.newest_s], known]))
-        kept = known > before[:-1]
+        later = np.where(np.isfinite(time), time, -np.inf)
+        before = np.maximum.accumulate(np.concatenate([[self.newest_s], later]))
+        kept = later > before[:-1]
         doubled = int(np.count_nonzero(time == before[:-1]))
         self.doubled += doubled
         self.out_of_order += int(np.count_nonzero(~kept)) - doubled

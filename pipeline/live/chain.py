@@ -13,10 +13,11 @@ from hbm.model import Body
 from hbm.plausibility.marker_tracking import MarkerTracker
 from hbm.signals.realtime_filter import RealtimeFilter
 from hbm.spatial import Array
+from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.live.buffer import SampleBuffer
+from pipeline.live.buffer import SampleBuffer, known
 from pipeline.live.channels import AnalogStreams
 from pipeline.live.dynamics import LiveDynamics
 from pipeline.live.feet import LiveFeet
@@ -30,8 +31,6 @@ from pipeline.trial.validity import settling_s
 
 ROUNDING_S: Final = 1e-6
 """Of time stamps; what lies so near the end of a reach has no weight."""
-MAX_DISTANCE_M: Final = 100.0
-"""From the origin; a marker that is farther, or infinitely far, was not seen."""
 MAX_WAITING_FRAMES: Final = 1000
 """Ten seconds at 100 Hz; more come at once only from a file, and wait for nothing."""
 
@@ -106,6 +105,29 @@ class LiveChain:
     A frame is computed when the last sample that it needs has arrived, or when `Live.wait_s` after
     that sample's time has passed on the streams' clock; then it is marked as late. Equal samples
     give equal frames, whatever the chunks in which they arrive.
+
+    Examples
+    --------
+    >>> import pipeline
+    >>> from pipeline.config.schema import Treadmill
+    >>> from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
+    >>> _ = simulate_trial("walk.c3d", duration_s=8.0)
+    >>> walk = pipeline.read_c3d("walk.c3d")
+    >>> body = pipeline.process_recording(walk, pipeline.Subject(), Settings()).body
+    >>> live, still, names = Live(), Laboratory(Treadmill()), walk.markers.names
+    >>> labels = tuple(channel for number in (1, 2) for channel in live.channels_of(number))
+    >>> streams = [
+    ...     StreamDescription("Markers", "markers", names, ("m",) * len(names), 100.0),
+    ...     StreamDescription("Plates", "analog", labels, 2 * (3 * ("N",) + 3 * ("Nm",)), 1000.0),
+    ... ]
+    >>> chain = LiveChain(body, still, Settings(), live, streams, walk.plates)
+    >>> wrenches = np.hstack([plate.wrench_in_plate for plate in walk.plates])
+    >>> chain.push(Samples("Plates", walk.plates[0].time[:2000], wrenches[:2000]))
+    []
+    >>> positions = walk.markers.position[:150].reshape(150, -1)
+    >>> frames = chain.push(Samples("Markers", walk.markers.time[:150], positions))
+    >>> len(frames), frames[-1].quality.counts, bool(abs(frames[-1].residual["measured"][2]) < 20)
+    (150, True, True)
     """
 
     def __init__(
@@ -146,7 +168,7 @@ class LiveChain:
     @property
     def counts(self) -> Counts:
         """What was received so far."""
-        buffers = [self.order, *self.analog.buffers.values()]
+        buffers = [self.order, *self.analog.used.values()]
         return Counts(
             self.received,
             self.solved,
@@ -172,7 +194,7 @@ class LiveChain:
         started = perf_counter()
         if samples.stream == self.stream.name:
             self._take_frames(samples)
-        elif samples.stream in self.analog.buffers:
+        else:
             self.analog.append(samples)
         frames = []
         while self.waiting and (complete := self._complete(self.waiting[0].time)) is not None:
@@ -185,10 +207,8 @@ class LiveChain:
         return [self._next(False, perf_counter()) for _ in range(len(self.waiting))]
 
     def _take_frames(self, samples: Samples) -> None:
-        values = samples.values.reshape(len(samples.time), -1, 3)
-        near = np.abs(values) < MAX_DISTANCE_M
-        if not near.all():
-            values = np.where(near.all(axis=2, keepdims=True), values, np.nan)
+        values = known(samples.values).reshape(len(samples.time), -1, 3)
+        values[np.isnan(values).any(axis=2)] = np.nan
         kept = self.order.append(samples.time, np.empty((len(values), 0)))
         for time, position in zip(samples.time[kept].tolist(), values[kept], strict=True):
             self.waiting.append(self._pose(time, position))
@@ -197,7 +217,7 @@ class LiveChain:
     def _complete(self, time: float) -> bool | None:
         """Whether all samples of a frame are there; None where they may still come."""
         needed_s = time + self.wait_s - ROUNDING_S
-        newest = [buffer.newest_s for buffer in self.analog.buffers.values()]
+        newest = [buffer.newest_s for buffer in self.analog.used.values()]
         if min(newest, default=np.inf) >= needed_s:
             return True
         now_s = max(self.order.newest_s, *newest)
@@ -249,8 +269,6 @@ class LiveChain:
             marker_error=pose.marker_error,
             quality=quality,
             computing_s=perf_counter() - started,
-            markers=pose.position,
-            platform=ground.platform,
         )
 
 
@@ -267,17 +285,27 @@ def _by_foot(wrenches: Array, on: Array) -> Array:
 def _described(
     live: Live, streams: Sequence[StreamDescription]
 ) -> tuple[StreamDescription, list[StreamDescription]]:
-    """Give the streams that are stated: that of the markers, and the analog ones."""
-    known = {stream.name: stream for stream in streams}
-    if missing := [name for name in (live.markers, *live.analog) if name not in known]:
+    """Give the streams that are stated, or all: that of the markers, and the analog ones."""
+    received = {stream.name: stream for stream in streams}
+    of_kind = {
+        kind: [stream.name for stream in streams if stream.kind == kind]
+        for kind in ("markers", "analog")
+    }
+    markers = [live.markers] if live.markers else of_kind["markers"]
+    analog = list(live.analog or of_kind["analog"])
+    if missing := [name for name in (*markers, *analog) if name not in received]:
         raise ValueError(
             f"[live] names the streams {', '.join(missing)}, which are not received; received: "
-            f"{', '.join(known) or 'none'}"
+            f"{listed(received)}"
         )
-    for name, kind in ((live.markers, "markers"), *((name, "analog") for name in live.analog)):
-        if known[name].kind != kind or not known[name].rate_hz > 0:
+    if len(markers) != 1:
+        raise ValueError(
+            f"one stream of markers is needed, got {listed(markers)}; name it: markers in [live]"
+        )
+    for name, kind in ((markers[0], "markers"), *((name, "analog") for name in analog)):
+        if received[name].kind != kind or not received[name].rate_hz > 0:
             raise ValueError(
                 f"[live]: stream {name} must be one of {kind} with a nominal rate, got "
-                f"{known[name].kind} at {known[name].rate_hz:g} Hz"
+                f"{received[name].kind} at {received[name].rate_hz:g} Hz"
             )
-    return known[live.markers], [known[name] for name in live.analog]
+    return received[markers[0]], [received[name] for name in analog]

@@ -8,7 +8,7 @@ import numpy as np
 
 from hbm.spatial import Array, Indices
 from hbm.spelling import listed, short
-from pipeline.live.buffer import SampleBuffer
+from pipeline.live.buffer import SampleBuffer, known
 from pipeline.live.stream import Samples, StreamDescription
 
 HISTORY_S: Final = 2.0
@@ -51,6 +51,11 @@ class AnalogStreams:
     ----------
     streams
         Their descriptions.
+
+    Attributes
+    ----------
+    used
+        The newest samples of the streams of which channels were found.
     """
 
     def __init__(self, streams: Sequence[StreamDescription]) -> None:
@@ -59,13 +64,12 @@ class AnalogStreams:
             stream.name: SampleBuffer(len(stream.labels), round(HISTORY_S * stream.rate_hz))
             for stream in streams
         }
+        self.used: dict[str, SampleBuffer] = {}
 
     def append(self, samples: Samples) -> None:
-        """Take what arrived of one of the streams; what is no number is a gap."""
-        values = samples.values
-        if not np.isfinite(values).all():
-            values = np.where(np.isfinite(values), values, np.nan)
-        self.buffers[samples.stream].append(samples.time, values)
+        """Take what arrived, if it is of a stream of which channels are used."""
+        if samples.stream in self.used:
+            self.used[samples.stream].append(samples.time, known(samples.values))
 
     def find(
         self, labels: Sequence[str], unit_in_si: Callable[[str], float], unit: str | None = None
@@ -93,15 +97,15 @@ class AnalogStreams:
         """
         having = [s for s in self.streams.values() if set(labels) <= set(s.labels)]
         if len(having) != 1:
-            known = [label for stream in self.streams.values() for label in stream.labels]
-            missing = [label for label in labels if label not in known]
+            labels_there = [label for stream in self.streams.values() for label in stream.labels]
+            missing = [label for label in labels if label not in labels_there]
             names = listed(repr(short(s.name)) for s in having)
             raise ValueError(
                 f"live channels {listed(labels)}: several streams have them ({names}); name one "
                 "of these streams in [live] analog"
                 if having
                 else f"live channels {listed(missing or labels)} are in no stream"
-                f"{'' if missing else ' together'}; channels there: {listed(known) or 'none'}"
+                f"{'' if missing else ' together'}; channels there: {listed(labels_there)}"
             )
         stream = having[0]
         columns = [stream.labels.index(label) for label in labels]
@@ -109,5 +113,5 @@ class AnalogStreams:
             factor = [unit_in_si(unit or stream.units[column]) for column in columns]
         except ValueError as error:
             raise ValueError(f"stream {short(stream.name)!r}: {error}") from error
-        buffer = self.buffers[stream.name]
+        buffer = self.used[stream.name] = self.buffers[stream.name]
         return Channels(buffer, np.array(columns), np.array(factor), stream.rate_hz)

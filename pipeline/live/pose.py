@@ -39,7 +39,8 @@ class PoseFinder:
         self, live: Live, streams: Sequence[StreamDescription], plates: Sequence[Plate]
     ) -> None:
         self._streams = {stream.name: stream for stream in streams}
-        self._markers, self._live, self._plates = live.markers, live, plates
+        self._markers = live.markers or next(s.name for s in streams if s.kind == "markers")
+        self._live, self._plates = live, plates
         self._kept: dict[str, deque[Samples]] = {stream.name: deque() for stream in streams}
         self._looked_s = -np.inf
 

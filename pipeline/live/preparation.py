@@ -13,6 +13,7 @@ from pipeline.config.toml_file import read_segments
 from pipeline.io.read import read_as_stated
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.stated import Stated
+from pipeline.live.sources.recorded import ANALOG, MARKERS, PLATES
 from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
@@ -56,6 +57,14 @@ class Preparation:
     def stated(self) -> Stated:
         """What is stated of axes, labels and units."""
         return self.study.stated if self.study is not None else Stated()
+
+    @property
+    def streams(self) -> tuple[str, tuple[str, ...]]:
+        """Names of the stream of markers and of the others, as stated or as replays call them."""
+        treadmill, stated = self.laboratory.treadmill, self.live
+        channels = treadmill.platform is not None and bool(treadmill.platform.channels)
+        needed = bool(treadmill.accelerometers) or treadmill.belt is not None or channels
+        return stated.markers or MARKERS, stated.analog or (PLATES, *[ANALOG] * needed)
 
     @property
     def plates(self) -> tuple[Plate, ...]:

@@ -11,6 +11,7 @@ import resource
 import sys
 import tempfile
 import time
+import warnings
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -49,6 +50,7 @@ KINDS: Final = (
     "markers gone",
     "plates saturated",
     "no numbers",
+    "no times",
     "long chunks",
 )
 
@@ -130,7 +132,10 @@ def sent(
     shift_s = start_s - 3600 * ("clock set anew" in kinds and rng.uniform() < 0.1)
     while not source.ended:
         for samples in source.receive(0.0):
-            yield replace(samples, time=samples.time + shift_s)
+            time = samples.time + shift_s
+            if "no times" in kinds and rng.uniform() < 0.01:
+                time[rng.integers(len(time))] = rng.choice([np.nan, np.inf, -np.inf, -1.0])
+            yield replace(samples, time=time)
 
 
 def _absent(walk: Recording, rng: np.random.Generator) -> dict[str, tuple[float, float]]:
@@ -196,6 +201,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     given = parser.parse_args()
+    warnings.simplefilter("error")
     began = time.monotonic()
     each = given.minutes / given.jobs
     with Pool(given.jobs) as pool:

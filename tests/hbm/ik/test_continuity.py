@@ -6,9 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hbm.coordinates import COORDINATES, INDEX, N_Q
-from hbm.ik.continuity import BALL_JOINTS, ROTATIONS, continuous
+from hbm.ik.continuity import BALL_JOINTS, ROTATIONS, continuous, nearest_equivalent
 from hbm.poses import segment_frames
 from tests.synthetic import synthetic_body
+
+BODY = synthetic_body()
 
 
 def swings(frames=200, seed=0, size=2.5):
@@ -74,3 +76,25 @@ def test_recordings_of_no_or_one_frame_work(frames):
     assert found.shape == (frames, N_Q)
     assert (np.abs(found) <= np.pi).all()
     assert (np.abs(found[:, INDEX["RShoulderFlexion"]]) <= np.pi / 2).all()
+
+
+@given(st.integers(0, 1000))
+@settings(max_examples=20, deadline=None)
+def test_the_equivalent_nearest_to_a_frame_is_the_one_that_was_scrambled(seed):
+    rng = np.random.default_rng(seed)
+    q = swings(size=1.4)
+    for before, pose in zip(q[:-1:40], scrambled(q, rng)[1::40], strict=True):
+        found = nearest_equivalent(pose, before)
+        assert np.abs(found - before).max() < np.pi / 2
+        for a, b in zip(
+            segment_frames(BODY, found[None]), segment_frames(BODY, pose[None]), strict=True
+        ):
+            np.testing.assert_allclose(a, b, atol=1e-9)
+
+
+def test_no_joint_is_left_a_full_turn_too_far_and_a_subject_may_turn():
+    before, pose = np.zeros(N_Q), np.zeros(N_Q)
+    wrist, yaw = INDEX["LWristFlexion"], INDEX["PelvisYaw"]
+    before[[wrist, yaw]], pose[[wrist, yaw]] = 2 * np.pi, 0.1
+    found = nearest_equivalent(pose, before)
+    np.testing.assert_allclose(found[[wrist, yaw]], [0.1, 2 * np.pi + 0.1])

@@ -8,8 +8,6 @@ from pipeline.config.live import COMPONENTS, Live
 from pipeline.live.chain import LiveChain
 from pipeline.live.stream import Samples, StreamDescription
 
-LIVE = Live(analog=("Plates", "Analog"))
-
 
 def streams_of(recording):
     """Give each stream of a recording: description, times and values."""
@@ -31,9 +29,8 @@ def streams_of(recording):
 def chain_of(body, laboratory, settings, recording, wait_s=0.2):
     """Give a chain for the streams of a recording."""
     described = [stream for stream, _, _ in streams_of(recording)]
-    analog = tuple(stream.name for stream in described[1:])
-    live = LIVE.model_copy(update={"analog": analog, "wait_s": wait_s})
-    return LiveChain(body, laboratory, settings, live, described, recording.plates)
+    plates = recording.plates
+    return LiveChain(body, laboratory, settings, Live(wait_s=wait_s), described, plates)
 
 
 def arrivals(recording, chunk_s=0.01, late_s=None, start_s=0.0):

@@ -19,6 +19,7 @@ from pipeline.trial.residuals import reported
 from pipeline.trial.study_files import read_study_file, read_study_laboratory
 from tests.pipeline import lab
 from tests.pipeline.live.playing import arrivals, chain_of, play
+from tests.pipeline.wrong_plates import correction_of, wrongly_measured
 
 PERSON = Subject(sex="male", mass_kg=74.6)
 REALTIME = Settings(filter="realtime")
@@ -167,6 +168,11 @@ def test_with_accelerometers_and_plates_that_are_late(walker, dynamic):
     laboratory = Laboratory(static, with_differences(calibration) if dynamic else calibration)
     settings = Settings(filter="realtime", plate_delay_s=0.012)
     assert_same(lab.on_platform(walker, lab.pitching(12.0), **late), laboratory, settings)
+
+
+def test_with_plates_that_their_calibration_corrects(walker):
+    correction = correction_of(walker, delays=(0.004, 0.011))
+    assert_same(wrongly_measured(walker), Laboratory(Treadmill(), plates=correction))
 
 
 def test_with_a_platform_as_commanded(walker):

@@ -1,0 +1,45 @@
+"""What a study states of live streams."""
+
+import pytest
+
+from pipeline.config.live import Live
+from pipeline.config.study import read_study
+from pipeline.config.validation import StudyFaults
+
+SUBJECT = 'id = "s1"\n[trials.level]\nexclude = "none"\n'
+
+
+def study(folder, live):
+    (folder / "study.toml").write_text(f"[conditions.level]\n{live}", encoding="utf-8")
+    (folder / "s1.toml").write_text(SUBJECT, encoding="utf-8")
+    return read_study(folder)
+
+
+def test_a_study_without_live_streams_takes_the_usual_names(tmp_path):
+    assert study(tmp_path, "").file.live == Live()
+
+
+def test_channels_of_a_plate_are_those_stated_and_of_others_the_usual_ones(tmp_path):
+    stated = '[live]\nmarkers = "Cameras"\n[live.plates]\n2 = ["a", "b", "c", "d", "e", "f"]'
+    live = study(tmp_path, stated).file.live
+    assert live.markers == "Cameras"
+    assert live.channels_of(2) == ("a", "b", "c", "d", "e", "f")
+    assert live.channels_of(1)[2] == "FP1.Fz"
+
+
+@pytest.mark.parametrize(
+    ("stated", "fault"),
+    [
+        ('markers = ""', "live.markers: string should have at least 1 character"),
+        ("wait_s = 20", "live.wait_s: input should be less than or equal to 2, got 20"),
+        ('analog = ["A", "A"]', "live: stream A is named more than once"),
+        ('plates.1 = ["Fx", "Fy"]', "live.plates.1"),
+        ('plates.left = ["a", "b", "c", "d", "e", "f"]', "live.plates.left"),
+        ("rate_hz = 100", "live.rate_hz"),
+    ],
+)
+def test_faults_are_named(tmp_path, stated, fault):
+    with pytest.raises(StudyFaults) as error:
+        study(tmp_path, f"[live]\n{stated}")
+    (line,) = str(error.value).splitlines()
+    assert fault in line
