@@ -28,9 +28,7 @@ HEAD_HALF_AXES: Final = np.array([0.7, 0.55, 0.95])
 neck."""
 
 
-def log_body(
-    stream: rr.RecordingStream, timelines: Timelines, body: Body, rotation: Array, origin: Array
-) -> None:
+def draw_body(stream: rr.RecordingStream, body: Body) -> None:
     """Draw every segment's frame, and in it its bones, hull and modelled markers.
 
     A segment that is fixed to another has no pose of its own: it is a part of the other's drawing,
@@ -38,17 +36,14 @@ def log_body(
 
     Parameters
     ----------
-    stream, timelines
-        Recording to write to, and the time of each row.
+    stream
+        Recording to write to.
     body
         The body.
-    rotation, origin
-        From `hbm.poses.segment_frames`. A segment without a pose is not drawn.
     """
-    for k, segment in enumerate(MOVING):
+    for segment in MOVING:
         entity = f"lab/body/{segment}"
-        log_pose(stream, entity, timelines, rotation[:, k], origin[:, k])
-        _log_shape(stream, entity, body, segment)
+        _draw_shape(stream, entity, body, segment)
         stream.log(f"{entity}/frame", rr.TransformAxes3D(AXIS_LENGTH_M), static=True)
         own = [i for i, name in enumerate(body.marker_segment) if name == segment]
         if own:
@@ -68,7 +63,23 @@ def log_body(
         stream.log(f"lab/body/{carrier}/{segment}", part, static=True)
 
 
-def log_pose(
+def send_body(
+    stream: rr.RecordingStream, timelines: Timelines, rotation: Array, origin: Array
+) -> None:
+    """Send the poses of the segments that `draw_body` draws.
+
+    Parameters
+    ----------
+    stream, timelines
+        Recording to write to, and the time of each row.
+    rotation, origin
+        From `hbm.poses.segment_frames`. A segment without a pose is not drawn.
+    """
+    for k, segment in enumerate(MOVING):
+        send_pose(stream, f"lab/body/{segment}", timelines, rotation[:, k], origin[:, k])
+
+
+def send_pose(
     stream: rr.RecordingStream, entity: str, timelines: Timelines, rotation: Array, origin: Array
 ) -> None:
     """Give an entity, and everything attached to it, a pose over time.
@@ -97,7 +108,7 @@ def log_pose(
     )
 
 
-def _log_shape(stream: rr.RecordingStream, entity: str, body: Body, segment: str) -> None:
+def _draw_shape(stream: rr.RecordingStream, entity: str, body: Body, segment: str) -> None:
     """Draw a segment's bones, joint to joint, and the hull of its joints and markers."""
     side = segment.partition("_")[0]
     colour = BODY_COLOURS.get(side, BODY_COLOURS["middle"])

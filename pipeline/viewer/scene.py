@@ -1,6 +1,6 @@
 """What is around the body in the 3D scene: markers, plates, platform, forces and residuals."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -13,7 +13,7 @@ from hbm.model import Body
 from hbm.spatial import Array, rotate_wrench, shift_wrench
 from pipeline.figures.style import COLOURS
 from pipeline.trial.result import PlateSurface
-from pipeline.viewer.body import log_pose
+from pipeline.viewer.body import send_pose
 from pipeline.viewer.file import Timelines, printable, rgba, send
 
 GROUND_N_PER_M: Final = 1000.0
@@ -39,7 +39,34 @@ GROUND_ARROW_RADIUS_M: Final = 0.014
 RESIDUAL_ARROW_RADIUS_M: Final = 0.008
 
 
-def log_markers(
+def draw_markers(stream: rr.RecordingStream, names: Sequence[str]) -> None:
+    """Draw what stays of the measured markers: names, sizes and colours.
+
+    Parameters
+    ----------
+    stream
+        Recording to write to.
+    names
+        Names of the markers.
+    """
+    stream.log(
+        "lab/markers/measured",
+        rr.Points3D.from_fields(
+            radii=MARKER_RADIUS_M,
+            colors=rgba(MEASURED_COLOUR),
+            labels=[printable(name) for name in names],
+            show_labels=False,
+        ),
+        static=True,
+    )
+    stream.log(
+        "lab/markers/error",
+        rr.LineStrips3D.from_fields(radii=ERROR_LINE_RADIUS_M, colors=rgba(ERROR_COLOUR)),
+        static=True,
+    )
+
+
+def send_markers(
     stream: rr.RecordingStream,
     timelines: Timelines,
     markers: Markers,
@@ -47,7 +74,7 @@ def log_markers(
     rotation: Array,
     origin: Array,
 ) -> None:
-    """Draw the measured markers, and lines to the modelled ones where they are far apart.
+    """Send the measured markers, and lines to the modelled ones where they are far apart.
 
     Parameters
     ----------
@@ -63,16 +90,6 @@ def log_markers(
     everything = np.ones(markers.position.shape[:2], bool)
     entity = "lab/markers/measured"
     send(stream, entity, timelines, rr.Points3D, everything, positions=markers.position)
-    stream.log(
-        entity,
-        rr.Points3D.from_fields(
-            radii=MARKER_RADIUS_M,
-            colors=rgba(MEASURED_COLOUR),
-            labels=[printable(name) for name in markers.names],
-            show_labels=False,
-        ),
-        static=True,
-    )
     known = [name for name in body.markers if name in markers.names]
     lines = np.empty((len(origin), len(known), 2, 3))
     for i, name in enumerate(known):
@@ -81,34 +98,35 @@ def log_markers(
         lines[:, i, 0] = markers.position[:, markers.names.index(name)]
         lines[:, i, 1] = rotation[:, own] @ body.marker_position[k] + origin[:, own]
     far = np.linalg.norm(lines[:, :, 1] - lines[:, :, 0], axis=-1) > MIN_ERROR_LINE_M
-    entity = "lab/markers/error"
-    send(stream, entity, timelines, rr.LineStrips3D, far, strips=lines)
-    stream.log(
-        entity,
-        rr.LineStrips3D.from_fields(radii=ERROR_LINE_RADIUS_M, colors=rgba(ERROR_COLOUR)),
-        static=True,
-    )
+    send(stream, "lab/markers/error", timelines, rr.LineStrips3D, far, strips=lines)
 
 
-def log_plates(
-    stream: rr.RecordingStream,
-    timelines: Timelines,
-    plates: Iterable[PlateSurface],
-    platform: PlatformPose | None,
+def send_platform(
+    stream: rr.RecordingStream, timelines: Timelines, platform: PlatformPose | None
 ) -> None:
-    """Draw the plates on the platform.
+    """Send the pose of the platform with its plates.
 
     Parameters
     ----------
     stream, timelines
         Recording to write to, and the time of each row.
-    plates
-        Where the plates are with the platform in neutral; those of unknown corners are left out.
     platform
-        The platform's pose at the same T instants; None where it stands still.
+        At the same T instants; None where it stands still.
     """
     if platform is not None:
-        log_pose(stream, "lab/platform", timelines, platform.rotation, platform.position)
+        send_pose(stream, "lab/platform", timelines, platform.rotation, platform.position)
+
+
+def draw_plates(stream: rr.RecordingStream, plates: Iterable[PlateSurface]) -> None:
+    """Draw the plates on the platform.
+
+    Parameters
+    ----------
+    stream
+        Recording to write to.
+    plates
+        Where the plates are with the platform in neutral; those of unknown corners are left out.
+    """
     for plate in plates:
         if not np.isfinite(plate.corners).all():
             continue
@@ -135,7 +153,34 @@ def log_plates(
         )
 
 
-def log_ground(
+def draw_arrows(stream: rr.RecordingStream, variant: str) -> None:
+    """Draw what stays of a variant's arrows: sizes, colours and names.
+
+    Parameters
+    ----------
+    stream
+        Recording to write to.
+    variant
+        "measured" or "compensated".
+    """
+    stream.log(
+        f"lab/ground_reaction/{variant}",
+        rr.Arrows3D.from_fields(radii=GROUND_ARROW_RADIUS_M, colors=rgba(COLOURS[variant])),
+        static=True,
+    )
+    stream.log(
+        f"lab/residual/{variant}",
+        rr.Arrows3D.from_fields(
+            radii=RESIDUAL_ARROW_RADIUS_M,
+            colors=rgba(COLOURS[variant], MOMENT_COLOURS[variant]),
+            labels=[f"residual force, {variant}", f"residual moment, {variant}"],
+            show_labels=False,
+        ),
+        static=True,
+    )
+
+
+def send_ground(
     stream: rr.RecordingStream,
     timelines: Timelines,
     variant: str,
@@ -145,7 +190,7 @@ def log_ground(
     platform: PlatformPose | None,
     threshold_n: float,
 ) -> None:
-    """Draw the ground reaction force of both feet at the centre of pressure.
+    """Send the ground reaction force of both feet at the centre of pressure.
 
     Parameters
     ----------
@@ -169,11 +214,6 @@ def log_ground(
     loaded = np.asarray(np.isfinite(at + force).all(axis=2))
     entity = f"lab/ground_reaction/{variant}"
     send(stream, entity, timelines, rr.Arrows3D, loaded, origins=at, vectors=force / GROUND_N_PER_M)
-    stream.log(
-        entity,
-        rr.Arrows3D.from_fields(radii=GROUND_ARROW_RADIUS_M, colors=rgba(COLOURS[variant])),
-        static=True,
-    )
 
 
 def pressure_point(
@@ -204,10 +244,10 @@ def pressure_point(
     return point if platform is None else platform.to_lab(point)
 
 
-def log_residual(
+def send_residual(
     stream: rr.RecordingStream, timelines: Timelines, variant: str, residual: Array, pelvis: Array
 ) -> None:
-    """Draw the residual force and moment at the pelvis origin.
+    """Send the residual force and moment at the pelvis origin.
 
     Parameters
     ----------
@@ -227,13 +267,3 @@ def log_residual(
     known = np.asarray(np.isfinite(vectors + origins).all(axis=2))
     entity = f"lab/residual/{variant}"
     send(stream, entity, timelines, rr.Arrows3D, known, origins=origins, vectors=vectors)
-    stream.log(
-        entity,
-        rr.Arrows3D.from_fields(
-            radii=RESIDUAL_ARROW_RADIUS_M,
-            colors=rgba(COLOURS[variant], MOMENT_COLOURS[variant]),
-            labels=[f"residual force, {variant}", f"residual moment, {variant}"],
-            show_labels=False,
-        ),
-        static=True,
-    )

@@ -20,8 +20,9 @@ from pipeline.trial.gait.cycles import mean_and_sd, normalise
 from pipeline.trial.residuals import AXES, cycle_residuals, reported, variants
 from pipeline.trial.result import TrialResult
 from pipeline.viewer.blueprint import cycle_layout, trial_layout
-from pipeline.viewer.body import log_body
+from pipeline.viewer.body import draw_body, send_body
 from pipeline.viewer.file import Timelines, printable, recording_file
+from pipeline.viewer.legend import LEGEND
 from pipeline.viewer.plots import (
     PERTURBATION_COLOUR,
     UNCERTAIN_COLOUR,
@@ -34,13 +35,13 @@ from pipeline.viewer.plots import (
     log_residual_curves,
 )
 from pipeline.viewer.scene import (
-    GROUND_SCALE,
-    MIN_ERROR_LINE_M,
-    RESIDUAL_SCALES,
-    log_ground,
-    log_markers,
-    log_plates,
-    log_residual,
+    draw_arrows,
+    draw_markers,
+    draw_plates,
+    send_ground,
+    send_markers,
+    send_platform,
+    send_residual,
 )
 from pipeline.viewer.summary import trial_summary
 
@@ -51,29 +52,6 @@ VIEW_RATE_HZ: Final = 50.0
 PERTURBATION_S: Final = 1.0
 """How long a perturbation is drawn; only its onset is known."""
 PELVIS: Final = MOVING.index("pelvis")
-LEGEND: Final = f"""# Legend
-| arrow | plates as measured | compensated |
-|---|---|---|
-| ground reaction, at the centre of pressure | vermilion | blue |
-| residual force, at the pelvis | vermilion | blue |
-| residual moment, at the pelvis | orange | sky blue |
-
-Arrows: {GROUND_SCALE}, {RESIDUAL_SCALES}.
-
-| shape | meaning |
-|---|---|
-| green points | markers as measured |
-| yellow points | the same markers on the model, after filtering |
-| purple lines | between the two where they are more than {MIN_ERROR_LINE_M * 1000:.0f} mm apart |
-| triads | axes of segments and lab: x red, y green, z blue |
-| warm, cool, grey | right, left, middle of the body |
-| grey rectangles | force plates, on the platform |
-
-Forces and moments act on the subject. **Arrows** are in lab axes: x forward, y left, z up. \
-**Curves and tables** are in the reported axes: x forward, y right, z up. Residual moments are \
-about mid-hip. A foot with less than the contact threshold of vertical force has no arrow; a frame \
-that could not be solved has no body.
-"""
 
 
 def write_recording(
@@ -126,12 +104,16 @@ def write_recording(
     with recording_file(path, TRIAL_APPLICATION, _title(result), layout) as stream:
         stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         stream.log("lab/axes", rr.TransformAxes3D(0.2), static=True)
-        log_body(stream, view, body, rotation, origin)
+        draw_body(stream, body)
+        send_body(stream, view, rotation, origin)
         measured = Markers(markers.time[shown], markers.names, markers.position[shown])
-        log_markers(stream, view, measured, body, rotation, origin)
-        log_plates(stream, view, result.plates, pose)
+        draw_markers(stream, markers.names)
+        send_markers(stream, view, measured, body, rotation, origin)
+        draw_plates(stream, result.plates)
+        send_platform(stream, view, pose)
         for name, dynamics in variants(result).items():
-            log_ground(
+            draw_arrows(stream, name)
+            send_ground(
                 stream,
                 view,
                 name,
@@ -141,7 +123,7 @@ def write_recording(
                 threshold_n=result.settings.contact_threshold_n,
             )
             residual = np.where(result.validity.counts[:, None], dynamics.residual, np.nan)
-            log_residual(stream, view, name, residual[shown], pelvis)
+            send_residual(stream, view, name, residual[shown], pelvis)
         curves = {
             n: np.where(result.validity.counts[:, None], reported(d.residual), np.nan)
             for n, d in variants(result).items()
@@ -192,11 +174,13 @@ def write_cycles(result: TrialResult, path: Path) -> None:
     title = f"{_title(result)}, mean of {len(spans)} {side} gait cycles"
     with recording_file(path, CYCLE_APPLICATION, title, cycle_layout(origin[:, PELVIS])) as stream:
         stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        log_body(stream, timelines, result.body, rotation, origin)
+        draw_body(stream, result.body)
+        send_body(stream, timelines, rotation, origin)
         curves: dict[str, Array] = {}
         for name in variants(result):
             middle, spread = mean_and_sd(cycle_residuals(result, name)[side])
-            log_residual(stream, timelines, name, reported(middle), origin[:, PELVIS])
+            draw_arrows(stream, name)
+            send_residual(stream, timelines, name, reported(middle), origin[:, PELVIS])
             curves |= {
                 f"{name}, mean": middle,
                 f"{name}, +SD": middle + spread,
