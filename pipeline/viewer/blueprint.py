@@ -1,16 +1,21 @@
 """Layouts saved with a recording: which view is where when it is opened."""
 
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, Literal
 
 import numpy as np
 import rerun.blueprint as rrb
 
 from hbm.spatial import Array
 from pipeline.trial.residuals import AXES, DIRECTIONS, UNITS
+from pipeline.viewer.cycles import BACKGROUND, HEIGHT, SHOWN_CYCLES, WIDTH
+from pipeline.viewer.file import rgba
 from pipeline.viewer.scene import GROUND_SCALE, RESIDUAL_SCALES
 
 WINDOW_S: Final = 2.0
 """Time shown before and after the cursor: about two gait cycles each."""
+LIVE_WINDOW_S: Final = 10.0
+"""Time shown of what is going on: about nine gait cycles."""
 GRID_SPACING_M: Final = 0.25
 CYCLE_CURVES: Final = (
     "Mean (thick) ± SD (thin) over the gait cycle: measured vermilion, compensated blue"
@@ -74,6 +79,47 @@ def trial_layout(pelvis: Array, *, phases: bool, figure: bool) -> rrb.Blueprint:
     )
 
 
+def live_layout(target: Array) -> rrb.Blueprint:
+    """Lay out a live view: scene and status, residuals over time and over the gait cycle.
+
+    Parameters
+    ----------
+    target
+        Where the camera looks, (3,) [m].
+    """
+    recent = rrb.VisibleTimeRange(
+        "time",
+        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-LIVE_WINDOW_S),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
+    cycles = rrb.Spatial2DView(
+        name=f"The last {SHOWN_CYCLES} gait cycles, the newest brightest",
+        origin="cycles",
+        visual_bounds=rrb.VisualBounds2D(x_range=[0, WIDTH], y_range=[0, HEIGHT]),
+        background=rgba(BACKGROUND)[0],
+    )
+    return _with_panels(
+        rrb.Horizontal(
+            rrb.Vertical(
+                _scene(target[None], f"{GROUND_SCALE}, {RESIDUAL_SCALES}"),
+                rrb.Tabs(
+                    rrb.TextDocumentView(name="Status", origin="status"),
+                    rrb.TextDocumentView(name="Legend", origin="legend"),
+                ),
+                row_shares=[3, 2],
+            ),
+            rrb.Vertical(
+                _residuals("The last seconds", recent, order=(0, 1, 2, 3, 4, 5)),
+                cycles,
+                row_shares=[3, 2],
+            ),
+            column_shares=[2, 3],
+        ),
+        "time",
+        "following",
+    )
+
+
 def cycle_layout(pelvis: Array) -> rrb.Blueprint:
     """Lay out the mean gait cycle: mean stick figure and residuals, mean ± SD.
 
@@ -109,8 +155,14 @@ def _scene(pelvis: Array, scales: str) -> rrb.Spatial3DView:
     )
 
 
-def _residuals(name: str, shown: rrb.VisibleTimeRange, *, legend: bool = True) -> rrb.Grid:
-    """Give six panels, forces on the left and moments on the right."""
+def _residuals(
+    name: str,
+    shown: rrb.VisibleTimeRange,
+    *,
+    legend: bool = True,
+    order: Sequence[int] = (0, 3, 1, 4, 2, 5),
+) -> rrb.Grid:
+    """Give six panels, forces on the left and moments on the right, or in another order of axes."""
     panels = [
         rrb.TimeSeriesView(
             name=f"{AXES[k]} {'about ' if k > 2 else ''}{DIRECTIONS[k]} ({UNITS[k]})",
@@ -119,16 +171,18 @@ def _residuals(name: str, shown: rrb.VisibleTimeRange, *, legend: bool = True) -
             axis_x=rrb.archetypes.TimeAxis(view_range=shown.range),
             plot_legend=rrb.PlotLegend(visible=legend and k == 0),
         )
-        for k in (0, 3, 1, 4, 2, 5)
+        for k in order
     ]
-    return rrb.Grid(*panels, grid_columns=2, name=name)
+    return rrb.Grid(*panels, grid_columns=2 if order[1] == 3 else 3, name=name)
 
 
-def _with_panels(content: rrb.Container, timeline: str) -> rrb.Blueprint:
+def _with_panels(
+    content: rrb.Container, timeline: str, state: Literal["paused", "following"] = "paused"
+) -> rrb.Blueprint:
     return rrb.Blueprint(
         content,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state=state),
         auto_views=False,
     )

@@ -49,23 +49,30 @@ def log_curves(
     width
         Of the lines, for all or one each.
     """
-    send(stream, entity, timelines, rr.Scalars, np.ones(curves.shape, bool), scalars=curves)
-    stream.log(
-        entity,
-        rr.SeriesLines(
-            names=[printable(name) for name in names],
-            colors=rgba(*colours),
-            widths=width,
-            aggregation_policy="minmax",
-        ),
-        static=True,
-    )
+    _send_curves(stream, timelines, entity, curves)
+    _draw_curves(stream, entity, names, colours, width)
 
 
-def log_residual_curves(
-    stream: rr.RecordingStream, timelines: Timelines, residuals: dict[str, Array]
+def draw_residual_curves(stream: rr.RecordingStream, names: Sequence[str]) -> None:
+    """Log what stays of the curves of every axis: names, colours and widths.
+
+    Parameters
+    ----------
+    stream
+        Recording to write to.
+    names
+        Variants, or ends of an interval.
+    """
+    colours = [COLOURS.get(name, OTHER_COLOUR) for name in names]
+    widths = [1.5 if name in COLOURS else 0.75 for name in names]
+    for axis in AXES:
+        _draw_curves(stream, f"residual/{axis}", names, colours, widths)
+
+
+def send_residual_curves(
+    stream: rr.RecordingStream, timelines: Timelines, residuals: Mapping[str, Array]
 ) -> None:
-    """Log one entity per axis, one curve per variant.
+    """Send one entity per axis, one curve per variant.
 
     Parameters
     ----------
@@ -74,11 +81,9 @@ def log_residual_curves(
     residuals
         Variant, or end of an interval -> residuals in the reported axes, (T, 6) [N, N·m].
     """
-    colours = [COLOURS.get(name, OTHER_COLOUR) for name in residuals]
-    widths = [1.5 if name in COLOURS else 0.75 for name in residuals]
     for k, axis in enumerate(AXES):
         curves = np.column_stack([value[:, k] for value in residuals.values()])
-        log_curves(stream, timelines, f"residual/{axis}", curves, list(residuals), colours, widths)
+        _send_curves(stream, timelines, f"residual/{axis}", curves)
 
 
 def log_marker_errors(
@@ -166,6 +171,31 @@ def _log_states(
         ),
         static=True,
     )
+
+
+def _draw_curves(
+    stream: rr.RecordingStream,
+    entity: str,
+    names: Sequence[str],
+    colours: Sequence[str],
+    width: float | Sequence[float],
+) -> None:
+    stream.log(
+        entity,
+        rr.SeriesLines(
+            names=[printable(name) for name in names],
+            colors=rgba(*colours),
+            widths=width,
+            aggregation_policy="minmax",
+        ),
+        static=True,
+    )
+
+
+def _send_curves(
+    stream: rr.RecordingStream, timelines: Timelines, entity: str, curves: Array
+) -> None:
+    send(stream, entity, timelines, rr.Scalars, np.ones(curves.shape, bool), scalars=curves)
 
 
 def intervals_of(mask: Mask, time: Array, label: str) -> list[Interval]:

@@ -74,7 +74,7 @@ def view(
                 served.process.wait()
         else:
             _require_files(paths)
-            with _viewer(["--port", "auto", *map(str, paths)]) as process:
+            with running_viewer(["--port", "auto", *map(str, paths)]) as process:
                 process.wait()
     finally:
         signal.signal(signal.SIGTERM, before)
@@ -102,18 +102,45 @@ def web_viewer(paths: Sequence[Path]) -> Iterator[Served]:
         If a recording is missing, or the server does not start or fails.
     """
     _require_files(paths)
-    data, page = _free_ports(2)
+    data, page = free_ports(2)
     ports = ["--port", str(data), "--web-viewer-port", str(page)]
-    with _viewer(["--serve-web", *ports, *map(str, paths)], (data, page)) as process:
-        source = quote(f"rerun+http://{LOOPBACK}:{data}/proxy", safe="")
-        yield Served(f"http://{LOOPBACK}:{page}/?url={source}", process)
+    with running_viewer(["--serve-web", *ports, *map(str, paths)], (data, page)) as process:
+        yield Served(page_address(data, page), process)
+
+
+def data_address(port: int) -> str:
+    """Give the address at which a viewer, or its server, on this machine takes and gives data."""
+    return f"rerun+http://{LOOPBACK}:{port}/proxy"
+
+
+def page_address(data: int, page: int) -> str:
+    """Give the page that shows in a browser what a port serves."""
+    return f"http://{LOOPBACK}:{page}/?url={quote(data_address(data), safe='')}"
 
 
 @contextmanager
-def _viewer(
+def running_viewer(
     arguments: Sequence[str], ports: Sequence[int] = ()
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the viewer's own binary, since its wrapper would leave it running; stop it in the end."""
+    """Run the viewer's own binary, since its wrapper would leave it running; stop it in the end.
+
+    Parameters
+    ----------
+    arguments
+        Of the command line.
+    ports
+        Which answer before it is said to run.
+
+    Yields
+    ------
+    subprocess.Popen
+        The running viewer.
+
+    Raises
+    ------
+    OSError
+        If it does not start, or has failed.
+    """
     quiet = os.environ | {"RUST_LOG": "error", "NO_COLOR": "1"}
     quiet["CI"] = "1"  # the switch for no statistics
     with TemporaryFile() as output:
@@ -141,6 +168,8 @@ def _viewer(
 def _refuse_failure(process: subprocess.Popen[bytes], output: IO[bytes]) -> None:
     if process.poll() in (None, 0, -signal.SIGINT, -signal.SIGTERM):
         return
+    if process.returncode < 0:
+        raise OSError(f"the viewer was ended by {signal.Signals(-process.returncode).name}")
     output.seek(0)
     lines = output.read().decode(errors="replace").strip().splitlines()
     reason = lines[-1][:MAX_REASON] if lines else process.returncode
@@ -180,7 +209,8 @@ def _count(paths: Sequence[Path]) -> str:
     return "1 recording" if len(paths) == 1 else f"{len(paths)} recordings"
 
 
-def _free_ports(count: int) -> list[int]:
+def free_ports(count: int) -> list[int]:
+    """Give ports of this machine that nothing listens on."""
     sockets = [socket.create_server((LOOPBACK, 0)) for _ in range(count)]
     ports = [one.getsockname()[1] for one in sockets]
     for one in sockets:

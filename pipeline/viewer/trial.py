@@ -27,12 +27,13 @@ from pipeline.viewer.plots import (
     PERTURBATION_COLOUR,
     UNCERTAIN_COLOUR,
     UNCOUNTED_COLOUR,
+    draw_residual_curves,
     intervals_of,
     log_curves,
     log_intervals,
     log_marker_errors,
     log_phases,
-    log_residual_curves,
+    send_residual_curves,
 )
 from pipeline.viewer.scene import (
     draw_arrows,
@@ -130,7 +131,8 @@ def write_recording(
         }
         if bands is not None:
             curves |= _ends_of_bands(bands, motion.time)
-        log_residual_curves(stream, whole, curves)
+        draw_residual_curves(stream, list(curves))
+        send_residual_curves(stream, whole, curves)
         log_marker_errors(stream, view, motion.markers, motion.marker_error[shown] * 1000)
         log_phases(stream, clock, result.events)
         log_intervals(stream, clock, "perturbation", perturbed, PERTURBATION_COLOUR)
