@@ -21,15 +21,16 @@ from pipeline.config.schema import Settings
 from pipeline.trial.result import PlateSurface
 from pipeline.viewer.live_frames import FrameRows, LiveNews, LiveScene, Screen, ShownFrame
 
-PROGRAM: Final = "pipeline.viewer.live_drawing"
+PROGRAM: Final = "pipeline.viewer.live_process"
 PERIOD_S: Final = 1 / 30
 """Between what is sent; the eye takes it for motion."""
 MAX_WAITING: Final = 1000
 """Frames that wait for a slow viewer, 10 s at 100 Hz; then the oldest are left out."""
 MAX_WAITING_CYCLES: Final = 10
+CYCLE_SHAPE: Final = (101, 6)
 MAX_WRITE_S: Final = 1.0
 ENDED: Final = json.dumps({"fault": "the process that draws the live view has ended"})
-MAX_STOP_S: Final = 8.0
+MAX_STOP_S: Final = 4.0
 """After this, the drawing process and its viewer are killed."""
 
 
@@ -88,7 +89,8 @@ class LiveView:
         self._ready, self._closing = threading.Event(), threading.Event()
         self._writing = threading.Lock()
         self._process = _start()
-        assert self._process.stdin and self._process.stdout
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
         self._to, self._from = self._process.stdin, self._process.stdout
         self._thread = threading.Thread(target=self._run, args=(scene,), daemon=True)
         self._thread.start()
@@ -112,6 +114,11 @@ class LiveView:
     def shown(self) -> int:
         """Frames that the viewer has taken; the others wait or are left out."""
         return self._shown
+
+    @property
+    def process_id(self) -> int:
+        """Of the drawing process, whose child is the viewer."""
+        return self._process.pid
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until the viewer shows something or has failed; give whether it shows it."""
@@ -148,8 +155,20 @@ class LiveView:
         residual
             Variant -> residuals in the reported axes over 0 to 100 %, (101, 6) [N, N·m]; NaN where
             frames do not count.
+
+        Raises
+        ------
+        ValueError
+            If an array has another shape.
+        KeyError
+            If a variant is missing.
         """
-        copied = {variant: np.array(value) for variant, value in residual.items()}
+        copied = {variant: np.array(residual[variant]) for variant in self._rows.variants}
+        for variant, values in copied.items():
+            if values.shape != CYCLE_SHAPE:
+                raise ValueError(
+                    f"{variant}: a gait cycle must have shape {CYCLE_SHAPE}, got {values.shape}"
+                )
         with self._lock:
             self._cycles.append((side, copied))
 

@@ -215,8 +215,7 @@ class FrameRows:
 
 
 def _pose(rotation: Array, position: Array) -> PlatformPose:
-    unknown = np.isnan(rotation).any(axis=(1, 2)) | np.isnan(position).any(axis=1)
-    return PlatformPose(
-        np.where(unknown[:, None, None], np.nan, rotation),
-        np.where(unknown[:, None], np.nan, position),
-    )
+    unknown = np.isnan(np.column_stack([rotation.reshape(-1, 9), position])).any(axis=1)
+    rotation, position = rotation.copy(), position.copy()
+    rotation[unknown], position[unknown] = np.nan, np.nan
+    return PlatformPose(rotation, position)
