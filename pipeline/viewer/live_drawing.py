@@ -71,7 +71,7 @@ class LiveDrawing:
 
     def show(self, news: LiveNews) -> None:
         """Send frames, the last gait cycles and the status."""
-        if len(news.rows):
+        if news.rows:
             block = self._rows.unpack(news.rows)
             later = np.maximum.accumulate(np.append(-np.inf, block.time[:-1]))
             block = block[block.time > later]

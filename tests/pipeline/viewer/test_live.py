@@ -21,7 +21,7 @@ from tests.pipeline.viewer_trial import viewer_trial
 FRAMES = 60
 VARIANTS = ("measured", "compensated")
 SIDES = ("left", "right")
-NOTHING = np.empty((0, 0))
+NOTHING = b""
 LOST = slice(20, 30)
 
 
@@ -41,7 +41,7 @@ def draw(scene, path, batches):
         drawing = LiveDrawing(stream, scene)
         for batch in batches:
             if not isinstance(batch, LiveNews):
-                packed = np.array([rows.pack(number, frame) for number, frame in batch])
+                packed = b"".join(rows.pack(number, frame) for number, frame in batch)
                 batch = LiveNews(packed, [], None)
             drawing.show(batch)
     return Stored(path)
@@ -202,7 +202,7 @@ def test_a_frame_passes_unchanged_and_copied(markers, variants, moving, seed):
     row = rows.pack(seed, frame)
     expected = frame.q.copy()
     frame.q[:] = 0
-    block = rows.unpack(np.array([row]))
+    block = rows.unpack(row)
     assert (block.number[0], block.time[0]) == (seed, seed / 7)
     np.testing.assert_array_equal(block.q[0], expected)
     np.testing.assert_array_equal(block.markers[0], frame.markers)
@@ -218,7 +218,7 @@ def test_a_platform_of_unknown_pose_and_a_frame_that_does_not_count_are_gaps(tri
     rows = FrameRows(len(trial.markers.names), VARIANTS)
     frames = shown_frames(trial)[:2]
     unknown = replace(frames[0], platform=(np.eye(3), np.full(3, np.nan)), counts=False)
-    block = rows.unpack(np.array([rows.pack(0, unknown), rows.pack(1, frames[1])]))
+    block = rows.unpack(rows.pack(0, unknown) + rows.pack(1, frames[1]))
     assert np.isnan(block.platform.rotation[0]).all()
     assert np.isfinite(block.platform.rotation[1]).all()
     assert np.isnan(block.residual["measured"][0]).all()
