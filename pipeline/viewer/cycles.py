@@ -35,7 +35,7 @@ OLDEST: Final = 0.3
 """Share of a curve's colour in the oldest cycle; the newest has all of it."""
 FRAME_PX: Final = 0.5
 CURVE_PX: Final = 0.9
-LEADING: Final = np.array([1.0, 2.0, 5.0])
+LEADING: Final = np.array([1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])
 SMALLEST: Final = {"N": 10.0, "N·m": 2.0}
 """Of the vertical range, so that noise does not fill a plot."""
 
@@ -120,7 +120,7 @@ def send_cycles(
 
 
 def cycle_limits(cycles: Sequence[Mapping[str, Array]]) -> Array:
-    """Give the ends of the vertical ranges, 1, 2 or 5 times a power of ten, (6,) [N, N·m].
+    """Give the ends of the vertical ranges, round numbers, (6,) [N, N·m].
 
     Parameters
     ----------
@@ -130,13 +130,13 @@ def cycle_limits(cycles: Sequence[Mapping[str, Array]]) -> Array:
     Examples
     --------
     >>> cycle_limits([{"measured": np.full((101, 6), -21.0)}])
-    array([50., 50., 50., 50., 50., 50.])
+    array([30., 30., 30., 30., 30., 30.])
     """
     every = [np.abs(residual) for cycle in cycles for residual in cycle.values()]
     smallest = np.array([SMALLEST[unit] for unit in UNITS])
     largest = np.fmax.reduce([smallest, *(np.fmax.reduce(each, axis=0) for each in every)])
     power = 10.0 ** np.floor(np.log10(largest))
-    steps = np.append(LEADING, 10.0)[:, None] * power
+    steps = np.append(LEADING, 10)[:, None] * power
     return np.asarray(np.where(steps >= largest * (1 - 1e-9), steps, np.inf).min(axis=0))
 
 

@@ -32,8 +32,8 @@ from pipeline.viewer.scene import (
 SCENE_RATE_HZ: Final = 50.0
 """Smooth to the eye; residual curves have every frame."""
 PELVIS: Final = MOVING.index("pelvis")
-PELVIS_FROM_GROUND_M: Final = np.array([0.0, 0.0, 0.95])
-"""Of somebody on the middle of the plates, roughly; where the camera looks."""
+TARGET_FROM_PLATES_M: Final = np.array([0.0, 0.0, 0.8])
+"""Where the camera looks: head and plates are in the picture."""
 
 
 class LiveDrawing:
@@ -55,7 +55,7 @@ class LiveDrawing:
         centers = np.array([plate.center for plate in scene.plates]).reshape(-1, 3)
         ground = centers.mean(axis=0) if len(centers) else np.zeros(3)
         self._surface_m = float(ground[2])
-        layout = live_layout(ground + PELVIS_FROM_GROUND_M)
+        layout = live_layout(ground + TARGET_FROM_PLATES_M)
         stream.send_blueprint(layout, make_active=True, make_default=True)
         stream.send_recording_name("live")
         stream.log("lab", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

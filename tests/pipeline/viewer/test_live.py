@@ -8,8 +8,8 @@ import rerun.blueprint as rrb
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.trial.residuals import AXES, reported
-from pipeline.viewer.cycles import SHOWN_CYCLES, SIZE, SMALLEST, cycle_limits
+from pipeline.trial.residuals import AXES, UNITS, reported
+from pipeline.viewer.cycles import LEADING, SHOWN_CYCLES, SIZE, SMALLEST, cycle_limits
 from pipeline.viewer.file import recording_file
 from pipeline.viewer.live_drawing import LiveDrawing
 from pipeline.viewer.live_frames import FrameRows, LiveNews, LiveScene, ShownFrame
@@ -140,10 +140,10 @@ def test_the_last_ten_cycles_of_the_right_foot_stay_drawn(trial, tmp_path):
     newest_fx = strips[-2 * len(AXES)]
     zero_fx = strips[-len(AXES)]
     (labels,) = (set(labels.tolist()) for labels in stored.rows("cycles/ranges", "labels")[-1:])
-    assert labels == {"+20", "−20"}
+    assert labels == {"+15", "−15"}
     height = zero_fx[0, 1] - newest_fx[0, 1]
     assert np.ptp(zero_fx[:, 1]) == 0
-    assert height == pytest.approx(13 / 20 * SIZE[1] / 2, abs=1e-3)
+    assert height == pytest.approx(13 / 15 * SIZE[1] / 2, abs=1e-3)
 
 
 def test_a_cycle_in_which_no_frame_counts_draws_nothing(trial, tmp_path):
@@ -169,8 +169,10 @@ def test_every_curve_of_a_cycle_lies_in_its_plot(sizes):
     cycles = [{"measured": np.full((101, 6), size)} for size in sizes]
     limits, largest = cycle_limits(cycles), max(map(abs, sizes))
     assert np.all(limits >= largest * (1 - 1e-8))
-    assert np.all(limits <= np.maximum(2.5 * largest * (1 + 1e-8), [*[SMALLEST["N"]] * 3, 2, 2, 2]))
-    assert {f"{limit:e}"[0] for limit in limits} <= set("125")
+    smallest = [SMALLEST[unit] for unit in UNITS]
+    assert np.all(limits <= np.maximum(1.5 * largest * (1 + 1e-8), smallest))
+    leading = limits / 10 ** np.floor(np.log10(limits * (1 + 1e-9)))
+    assert np.min(np.abs(leading[:, None] - LEADING), axis=1).max() < 1e-9
 
 
 def test_status_is_drawn_as_text_and_letters_without_a_picture_become_question_marks(
