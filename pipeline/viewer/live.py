@@ -86,6 +86,7 @@ class LiveView:
         self._count = self._left_out = self._shown = 0
         self._address: str | None = None
         self._fault: str | None = None
+        self._over = False
         self._ready, self._closing = threading.Event(), threading.Event()
         self._writing = threading.Lock()
         self._process = _start()
@@ -134,14 +135,11 @@ class LiveView:
         KeyError
             If a variant is missing.
         """
-        number, self._count = self._count, self._count + 1
-        if self._fault is not None:
-            self._left_out += 1
-            return
-        row = self._rows.pack(number, frame)
+        row = self._rows.pack(self._count, frame)
+        self._count += 1
         with self._lock:
             self._waiting.append(row)
-            if len(self._waiting) > MAX_WAITING:
+            if self._over or len(self._waiting) > MAX_WAITING:
                 self._waiting.popleft()
                 self._left_out += 1
 
@@ -206,10 +204,11 @@ class LiveView:
                     self._ask(news)
                     self._shown += sent
                     sent = 0
-        except (OSError, ValueError) as error:
+        except Exception as error:
             if not self._closing.is_set():
-                self._fault = str(error) or "the viewer has ended"
+                self._fault = str(error) or type(error).__name__
         with self._lock:
+            self._over = True
             self._left_out += sent + len(self._waiting)
             self._waiting.clear()
         self._ready.set()

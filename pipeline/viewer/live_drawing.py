@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -51,6 +52,7 @@ class LiveDrawing:
         self._stream, self._scene = stream, scene
         self._rows = FrameRows(len(scene.markers), tuple(scene.variants))
         self._cycles: dict[str, deque[Mapping[str, Array]]] = {}
+        self._start_s: float | None = None
         self._time, self._number = 0.0, -1.0
         centers = np.array([plate.center for plate in scene.plates]).reshape(-1, 3)
         ground = centers.mean(axis=0) if len(centers) else np.zeros(3)
@@ -71,14 +73,10 @@ class LiveDrawing:
 
     def show(self, news: LiveNews) -> None:
         """Send frames, the last gait cycles and the status."""
-        if news.rows:
-            block = self._rows.unpack(news.rows)
-            later = np.maximum.accumulate(np.append(-np.inf, block.time[:-1]))
-            block = block[block.time > later]
-            self._send_curves(block)
-            step = int(np.ceil(len(block.time) / (1 + np.ptp(block.time) * SCENE_RATE_HZ)))
-            self._send_scene(block[(len(block.time) - 1) % step :: step])
-            self._time, self._number = float(block.time[-1]), float(block.number[-1])
+        block = self._rows.unpack(news.rows)
+        block = block[np.isfinite(block.time)]
+        if len(block.time):
+            self._send_frames(block)
         for side, cycle in news.cycles:
             self._cycles.setdefault(side, deque(maxlen=SHOWN_CYCLES)).append(cycle)
         now = {"time": np.array([self._time])}
@@ -94,6 +92,17 @@ class LiveDrawing:
                 ),
                 strict=True,
             )
+
+    def _send_frames(self, block: FrameBlock) -> None:
+        """Send the frames whose time increases, at the time since the first one."""
+        if self._start_s is None:
+            self._start_s = float(block.time[0])
+        block = replace(block, time=block.time - self._start_s)
+        block = block[block.time > np.maximum.accumulate(np.append(-np.inf, block.time[:-1]))]
+        self._send_curves(block)
+        step = int(np.ceil(len(block.time) / (1 + np.ptp(block.time) * SCENE_RATE_HZ)))
+        self._send_scene(block[(len(block.time) - 1) % step :: step])
+        self._time, self._number = float(block.time[-1]), float(block.number[-1])
 
     def _send_curves(self, block: FrameBlock) -> None:
         """Send the residuals of all frames, broken where frames were left out."""

@@ -29,7 +29,7 @@ class ShownFrame:
     Attributes
     ----------
     time
-        [s], on any clock that does not jump.
+        [s], on any clock that does not jump; shown is the time since the first frame.
     q
         Coordinates, (46,) [m and rad]; NaN where the body is not known, which hides it.
     markers

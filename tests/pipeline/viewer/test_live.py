@@ -116,13 +116,24 @@ def test_a_batch_after_a_pause_is_drawn_at_50_hz_with_its_last_frame(trial, tmp_
 
 
 def test_frames_whose_time_does_not_increase_are_not_drawn(trial, tmp_path):
-    frames = shown_frames(trial)[:6]
+    unknown, *frames = shown_frames(trial)[:7]
+    unknown = replace(unknown, time=np.nan)
     frames[3] = replace(frames[3], time=frames[2].time)
     frames[4] = replace(frames[4], time=frames[1].time)
-    stored = draw(scene_of(trial), tmp_path / "live.rrd", cut(frames, []))
-    expected = [frames[k].time for k in (0, 1, 2, 5)]
+    batches = cut([unknown, unknown, *frames], [1])
+    stored = draw(scene_of(trial), tmp_path / "live.rrd", batches)
+    expected = [frames[k].time - frames[0].time for k in (0, 1, 2, 5)]
     times = stored.times("residual/Fx")
-    np.testing.assert_allclose(times, np.sort(np.append(expected, expected[-1])), atol=2e-6)
+    breaks = [expected[0], expected[-1]]  # where frames are missing
+    np.testing.assert_allclose(times, np.sort([*expected, *breaks]), atol=2e-6)
+
+
+def test_time_is_shown_since_the_first_frame(trial, tmp_path):
+    frames = [replace(frame, time=1e6 + frame.time) for frame in shown_frames(trial)[:4]]
+    first = [LiveNews(NOTHING, [], "waiting"), *cut(frames, [1, 1, 1])]
+    stored = draw(scene_of(trial), tmp_path / "live.rrd", first)
+    np.testing.assert_allclose(stored.times("residual/Fx"), [0, 0.01, 0.02, 0.03], atol=1e-8)
+    np.testing.assert_array_equal(stored.times("status"), [0])
 
 
 def curves_of(stored):

@@ -122,6 +122,8 @@ def test_live_viewer_listens_on_this_machine_only_and_ends_with_the_view(trial, 
     assert ended(drawing)
     assert ended(viewer)
     view.close()  # once more does nothing
+    view.show(frames[0])
+    assert (view.shown, view.left_out, view.fault) == (20, 1, None)
 
 
 @pytest.mark.slow
