@@ -57,6 +57,13 @@ class LiveView:
     contact_threshold_n
         A foot with less vertical force has no arrow [N].
 
+    Notes
+    -----
+    The drawing is a process, not a thread, because drawing takes about a quarter of a core in
+    Python, for which a thread that computes frames would wait up to 5 ms (``sys.setswitchinterval``).
+    What `pipeline.viewer.serve.view` says of who can read what is served, holds here, too. The memory
+    of a page in a browser is limited by the page itself, to about 2 GB.
+
     Examples
     --------
     >>> view = LiveView(body, [], body.markers, ["measured"])           # doctest: +SKIP
