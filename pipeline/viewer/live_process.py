@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 APPLICATION: Final = "hbm_residuals_live"
 MEMORY: Final = "1GB"
-"""Of the viewer, which then drops its oldest data: about an hour."""
+"""Of the viewer, which then drops its oldest data: about a quarter of an hour at 100 Hz."""
 SERVER_MEMORY: Final = {"window": "16MB", "browser": "256MB", "none": "16MB"}
 """Of what the server keeps for pages that open later."""
 FLUSH_S: Final = 0.25
