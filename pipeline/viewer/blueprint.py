@@ -93,7 +93,7 @@ def live_layout(target: Array) -> rrb.Blueprint:
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
     cycles = rrb.Spatial2DView(
-        name=f"The last {SHOWN_CYCLES} gait cycles, the newest brightest",
+        name=f"Last {SHOWN_CYCLES} gait cycles of the right foot (else left), the newest brightest",
         origin="cycles",
         visual_bounds=rrb.VisualBounds2D(x_range=[0, WIDTH], y_range=[0, HEIGHT]),
         background=rgba(BACKGROUND)[0],

@@ -25,6 +25,8 @@ SIZE: Final = np.array([318.0, 128.0])
 """Of a plot's frame; its corner is that far from the corner of its cell."""
 WIDTH: Final = float(COLUMNS * CELL[0])
 HEIGHT: Final = float(2 * CELL[1])
+RANGE_LABELS: Final = np.array([[-24.0, -10.0], [-24.0, SIZE[1] - 16]])
+"""Places of the labels of the vertical range, from the corner of the frame."""
 FRAME_COLOUR: Final = "#5A5F66"
 TEXT_COLOUR: Final = "#B4BAC1"
 LINE_COLOUR: Final = "#32363B"
@@ -33,7 +35,7 @@ OLDEST: Final = 0.3
 """Share of a curve's colour in the oldest cycle; the newest has all of it."""
 FRAME_PX: Final = 0.5
 CURVE_PX: Final = 0.9
-LEADING: Final = np.array([1.0, 2.0, 5.0])
+LEADING: Final = np.array([1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0])
 SMALLEST: Final = {"N": 10.0, "N·m": 2.0}
 """Of the vertical range, so that noise does not fill a plot."""
 
@@ -104,9 +106,7 @@ def send_cycles(
         rr.LineStrips2D.columns(strips=strips, colors=rgba(*colours)).partition([len(strips)]),
         strict=True,
     )
-    places = np.array(
-        [_corner(k) + [-24, y] for k in range(len(AXES)) for y in (-10, SIZE[1] - 16)]
-    )
+    places = np.array([_corner(k) + end for k in range(len(AXES)) for end in RANGE_LABELS])
     labels = np.array([f"{sign}{limit:g}" for limit in limits for sign in ("+", "−")])
     send(
         stream,
@@ -120,7 +120,7 @@ def send_cycles(
 
 
 def cycle_limits(cycles: Sequence[Mapping[str, Array]]) -> Array:
-    """Give the ends of the vertical ranges, 1, 2 or 5 times a power of ten, (6,) [N, N·m].
+    """Give the ends of the vertical ranges, round numbers, (6,) [N, N·m].
 
     Parameters
     ----------
@@ -130,20 +130,19 @@ def cycle_limits(cycles: Sequence[Mapping[str, Array]]) -> Array:
     Examples
     --------
     >>> cycle_limits([{"measured": np.full((101, 6), -21.0)}])
-    array([50., 50., 50., 50., 50., 50.])
+    array([30., 30., 30., 30., 30., 30.])
     """
     every = [np.abs(residual) for cycle in cycles for residual in cycle.values()]
     smallest = np.array([SMALLEST[unit] for unit in UNITS])
     largest = np.fmax.reduce([smallest, *(np.fmax.reduce(each, axis=0) for each in every)])
     power = 10.0 ** np.floor(np.log10(largest))
-    steps = np.append(LEADING, 10.0)[:, None] * power
-    limits: Array = np.min(np.where(steps >= largest * (1 - 1e-9), steps, np.inf), axis=0)
-    return limits
+    steps = np.append(LEADING, 10)[:, None] * power
+    return np.asarray(np.where(steps >= largest * (1 - 1e-9), steps, np.inf).min(axis=0))
 
 
 def _corner(k: int) -> Array:
     """Give the upper left corner of a plot's frame."""
-    return np.array([k % COLUMNS, k // COLUMNS]) * CELL + CORNER
+    return np.asarray([k % COLUMNS, k // COLUMNS] * CELL + CORNER)
 
 
 def _curves(residual: Array, limits: Array) -> list[Array]:
@@ -161,7 +160,7 @@ def _curves(residual: Array, limits: Array) -> list[Array]:
 def _faded(colour: str, age: int) -> str:
     share = 1 - (1 - OLDEST) * age / (SHOWN_CYCLES - 1)
     mixed = share * rgba(colour)[0, :3] + (1 - share) * rgba(BACKGROUND)[0, :3]
-    return "#" + bytes(mixed.astype(np.uint8)).hex()
+    return f"#{mixed.astype(np.uint8).tobytes().hex()}"
 
 
 def _log_labels(

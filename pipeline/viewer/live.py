@@ -21,24 +21,25 @@ from pipeline.config.schema import Settings
 from pipeline.trial.result import PlateSurface
 from pipeline.viewer.live_frames import FrameRows, LiveNews, LiveScene, Screen, ShownFrame
 
-PROGRAM: Final = "pipeline.viewer.live_drawing"
+PROGRAM: Final = "pipeline.viewer.live_process"
 PERIOD_S: Final = 1 / 30
-"""Between what is sent; the eye takes it for motion."""
+"""Pause between what is sent: with the time that drawing takes, about 25 pictures a second."""
 MAX_WAITING: Final = 1000
 """Frames that wait for a slow viewer, 10 s at 100 Hz; then the oldest are left out."""
 MAX_WAITING_CYCLES: Final = 10
+CYCLE_SHAPE: Final = (101, 6)
 MAX_WRITE_S: Final = 1.0
 ENDED: Final = json.dumps({"fault": "the process that draws the live view has ended"})
-MAX_STOP_S: Final = 8.0
+MAX_STOP_S: Final = 4.0
 """After this, the drawing process and its viewer are killed."""
 
 
 class LiveView:
     """The viewer, live, drawn by a process of its own.
 
-    Nothing ever waits for it: what is shown is copied and sent by a thread at 30 Hz, and where the
-    viewer is slower, stopped or gone, frames are left out and counted. The viewer listens on this
-    machine alone; its memory is limited, and it then drops its oldest data.
+    Nothing ever waits for it: what is shown is copied and sent by a thread about 25 times a second,
+    and where the viewer is slower, stopped or gone, frames are left out and counted. The viewer
+    listens on this machine alone; its memory is limited, and it then drops its oldest data.
 
     Parameters
     ----------
@@ -55,6 +56,14 @@ class LiveView:
         pictures can be taken at its `address`.
     contact_threshold_n
         A foot with less vertical force has no arrow [N].
+
+    Notes
+    -----
+    The drawing is a process, not a thread, because it takes about a quarter of a core in Python,
+    for which a thread that computes frames would often wait, 5 ms by default
+    (``sys.setswitchinterval``). What `pipeline.viewer.serve.view` says of who can read what is
+    served holds here, too. The memory of a page in a browser is limited by the page itself, to
+    about 2 GB.
 
     Examples
     --------
@@ -79,16 +88,18 @@ class LiveView:
         )
         self._rows = FrameRows(len(scene.markers), scene.variants)
         self._lock = threading.Lock()
-        self._waiting = deque[Array]()
+        self._waiting = deque[bytes]()
         self._cycles = deque[tuple[str, Mapping[str, Array]]](maxlen=MAX_WAITING_CYCLES)
         self._status: str | None = None
         self._count = self._left_out = self._shown = 0
         self._address: str | None = None
         self._fault: str | None = None
+        self._over = False
         self._ready, self._closing = threading.Event(), threading.Event()
         self._writing = threading.Lock()
         self._process = _start()
-        assert self._process.stdin and self._process.stdout
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
         self._to, self._from = self._process.stdin, self._process.stdout
         self._thread = threading.Thread(target=self._run, args=(scene,), daemon=True)
         self._thread.start()
@@ -113,6 +124,11 @@ class LiveView:
         """Frames that the viewer has taken; the others wait or are left out."""
         return self._shown
 
+    @property
+    def process_id(self) -> int:
+        """Of the drawing process, whose child is the viewer."""
+        return self._process.pid
+
     def wait(self, timeout_s: float) -> bool:
         """Wait until the viewer shows something or has failed; give whether it shows it."""
         return self._ready.wait(timeout_s) and self._fault is None
@@ -123,18 +139,15 @@ class LiveView:
         Raises
         ------
         ValueError
-            If an array has another shape than the view was made for.
+            If an array has another shape than the view was made for, or another type than double.
         KeyError
             If a variant is missing.
         """
-        number, self._count = self._count, self._count + 1
-        if self._fault is not None:
-            self._left_out += 1
-            return
-        row = self._rows.pack(number, frame)
+        row = self._rows.pack(self._count, frame)
+        self._count += 1
         with self._lock:
             self._waiting.append(row)
-            if len(self._waiting) > MAX_WAITING:
+            if self._over or len(self._waiting) > MAX_WAITING:
                 self._waiting.popleft()
                 self._left_out += 1
 
@@ -148,8 +161,20 @@ class LiveView:
         residual
             Variant -> residuals in the reported axes over 0 to 100 %, (101, 6) [N, N·m]; NaN where
             frames do not count.
+
+        Raises
+        ------
+        ValueError
+            If an array has another shape.
+        KeyError
+            If a variant is missing.
         """
-        copied = {variant: np.array(value) for variant, value in residual.items()}
+        copied = {variant: np.array(residual[variant]) for variant in self._rows.variants}
+        for variant, values in copied.items():
+            if values.shape != CYCLE_SHAPE:
+                raise ValueError(
+                    f"{variant}: a gait cycle must have shape {CYCLE_SHAPE}, got {values.shape}"
+                )
         with self._lock:
             self._cycles.append((side, copied))
 
@@ -183,14 +208,15 @@ class LiveView:
             while not self._closing.wait(PERIOD_S):
                 news = self._news()
                 if news is not None:
-                    sent = len(news.rows)
+                    sent = len(news.rows) // self._rows.size
                     self._ask(news)
                     self._shown += sent
                     sent = 0
-        except (OSError, ValueError) as error:
+        except Exception as error:
             if not self._closing.is_set():
-                self._fault = str(error) or "the viewer has ended"
+                self._fault = str(error) or type(error).__name__
         with self._lock:
+            self._over = True
             self._left_out += sent + len(self._waiting)
             self._waiting.clear()
         self._ready.set()
@@ -203,7 +229,7 @@ class LiveView:
             self._status = None
         if not rows and not cycles and status is None:
             return None
-        return LiveNews(np.array(rows), cycles, status)
+        return LiveNews(b"".join(rows), cycles, status)
 
     def _ask(self, message: LiveScene | LiveNews) -> dict[str, str | None]:
         """Send a message and give the answer.

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
 from math import prod
-from typing import Literal
+from struct import Struct
+from typing import Final, Literal
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from pipeline.trial.result import PlateSurface
 
 Screen = Literal["window", "browser", "none"]
 """A window of its own, a page for a browser of this machine, or pictures that nobody sees."""
+HEAD: Final = Struct("4d")
+"""Number, time, whether it counts, whether the platform moves."""
+NEUTRAL: Final = (np.eye(3), np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +29,7 @@ class ShownFrame:
     Attributes
     ----------
     time
-        [s], on any clock that does not jump.
+        [s], on any clock that does not jump; shown is the time since the first frame.
     q
         Coordinates, (46,) [m and rad]; NaN where the body is not known, which hides it.
     markers
@@ -121,14 +125,14 @@ class LiveNews:
     Attributes
     ----------
     rows
-        Of the frames, (T, K), as `FrameRows` packs them.
+        Of the frames, as `FrameRows` packs them, one after the other.
     cycles
         Side, and variant -> residuals over 0 to 100 % in the reported axes, (101, 6) [N, N·m].
     status
         Text in Markdown; None where it is the same.
     """
 
-    rows: Array
+    rows: bytes
     cycles: Sequence[tuple[str, Mapping[str, Array]]]
     status: str | None
 
@@ -149,7 +153,7 @@ class FrameRows:
     >>> rows = FrameRows(1, ("measured",))
     >>> frame = ShownFrame(0.5, np.zeros(46), np.zeros((1, 3)), {"measured": np.arange(6.0)},
     ...                    {"measured": np.zeros((2, 6))})
-    >>> block = rows.unpack(np.array([rows.pack(7, frame)]))
+    >>> block = rows.unpack(rows.pack(7, frame))
     >>> block.number, block.time, block.residual["measured"]
     (array([7.]), array([0.5]), array([[0., 1., 2., 3., 4., 5.]]))
     """
@@ -158,46 +162,49 @@ class FrameRows:
     variants: Sequence[str]
 
     @cached_property
-    def shapes(self) -> tuple[tuple[int, ...], ...]:
-        """Shapes of a row's parts.
+    def shapes(self) -> list[tuple[int, ...]]:
+        """Shapes of a row's arrays.
 
-        They are number, time, whether it counts, whether the platform moves; coordinates, markers,
-        rotation and position of the platform; residual and ground reaction of each variant.
+        They are coordinates, markers, rotation and position of the platform; residual and ground
+        reaction of each variant.
         """
-        each = ((6,), (2, 6)) * len(self.variants)
-        return ((4,), (46,), (self.markers, 3), (3, 3), (3,), *each)
+        each = [(6,), (2, 6)] * len(self.variants)
+        return [(46,), (self.markers, 3), (3, 3), (3,), *each]
 
-    def pack(self, number: int, frame: ShownFrame) -> Array:
+    @cached_property
+    def size(self) -> int:
+        """Bytes of a row."""
+        return HEAD.size + 8 * sum(map(prod, self.shapes))
+
+    def pack(self, number: int, frame: ShownFrame) -> bytes:
         """Give the row of a frame, a copy of all that it holds.
 
         Raises
         ------
         ValueError
-            If an array has another shape than the view was made for.
+            If an array has another shape than the view was made for, or another type than double.
         KeyError
             If a variant is missing.
         """
-        rotation, position = frame.platform or (np.eye(3), np.zeros(3))
-        parts = [
-            np.array([number, frame.time, frame.counts, frame.platform is not None], float),
-            frame.q,
-            frame.markers,
-            rotation,
-            position,
-        ]
+        parts = [frame.q, frame.markers, *(frame.platform or NEUTRAL)]
         for variant in self.variants:
-            parts += [frame.residual[variant], frame.ground[variant]]
-        found = tuple(part.shape for part in parts)
-        if found != self.shapes:
-            raise ValueError(f"a frame to show must hold arrays of {self.shapes}, got {found}")
-        return np.concatenate(parts, axis=None)
+            parts += (frame.residual[variant], frame.ground[variant])
+        found = [part.shape for part in parts]
+        head = HEAD.pack(number, frame.time, frame.counts, frame.platform is not None)
+        row = head + b"".join([part.tobytes() for part in parts])
+        if found != self.shapes or len(row) != self.size:
+            raise ValueError(
+                f"a frame to show must hold arrays of doubles of {self.shapes}, got {found}"
+            )
+        return row
 
-    def unpack(self, rows: Array) -> FrameBlock:
-        """Give the frames of (T, K) rows."""
-        ends = list(accumulate(map(prod, self.shapes)))
-        flat = np.split(rows, ends[:-1], axis=1)
-        head, q, markers, rotation, position, *each = (
-            part.reshape(len(rows), *shape) for part, shape in zip(flat, self.shapes, strict=True)
+    def unpack(self, rows: bytes) -> FrameBlock:
+        """Give the frames of rows, one after the other."""
+        table = np.frombuffer(rows).reshape(-1, self.size // 8)
+        ends = accumulate([HEAD.size // 8, *map(prod, self.shapes)])
+        head, *flat = np.split(table, list(ends)[:-1], axis=1)
+        q, markers, rotation, position, *each = (
+            part.reshape(len(table), *shape) for part, shape in zip(flat, self.shapes, strict=True)
         )
         counts = head[:, 2:3] > 0
         return FrameBlock(
@@ -215,8 +222,7 @@ class FrameRows:
 
 
 def _pose(rotation: Array, position: Array) -> PlatformPose:
-    unknown = np.isnan(rotation).any(axis=(1, 2)) | np.isnan(position).any(axis=1)
-    return PlatformPose(
-        np.where(unknown[:, None, None], np.nan, rotation),
-        np.where(unknown[:, None], np.nan, position),
-    )
+    unknown = np.isnan(np.column_stack([rotation.reshape(-1, 9), position])).any(axis=1)
+    rotation, position = rotation.copy(), position.copy()
+    rotation[unknown], position[unknown] = np.nan, np.nan
+    return PlatformPose(rotation, position)

@@ -1,8 +1,6 @@
 """Recordings as they are shown: served to this machine alone, and without a fault in the viewer."""
 
-import io
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -13,25 +11,22 @@ from ctypes.util import find_library
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
-import numpy as np
 import psutil
 import pytest
 import rerun as rr
 import rerun.blueprint as rrb
-from matplotlib.colors import to_rgb
-from PIL import Image
 from rerun.experimental import ViewerClient
 
 from pipeline.figures.style import COLOURS
 from pipeline.viewer.file import printable, recording_file
 from pipeline.viewer.serve import view, viewer_binary, web_viewer
 from pipeline.viewer.trial import write_cycles, write_recording
+from tests.pipeline.viewer_pictures import assert_no_fault, count_pixels, settled
 from tests.pipeline.viewer_trial import viewer_trial
 
 FRAMES = 500
 PATIENCE_S = 30
 PIXELS = 50
-HARMLESS = re.compile("rasterizer|Docker")
 
 
 @pytest.fixture(scope="module")
@@ -146,33 +141,6 @@ def headless(*paths):
         yield viewer
     finally:
         viewer.quit()
-
-
-def settled(viewer, views):
-    """Wait until so many views are drawn, and give the viewer's state."""
-    deadline = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline:
-        state = viewer.get_state()
-        if len([one for one in state.views if one.visible]) >= views:
-            time.sleep(1)
-            return viewer.get_state()
-        time.sleep(0.2)
-    raise TimeoutError(f"the viewer shows {state.views}")
-
-
-def assert_no_fault(viewer):
-    assert not [(one.name, one.reports) for one in viewer.get_state().views if one.reports]
-    logged = [entry for entry in viewer.get_logs() if entry.level in ("WARN", "ERROR")]
-    assert not [entry.message for entry in logged if not HARMLESS.search(entry.message)]
-
-
-def count_pixels(picture, colour):
-    """Count pixels of a colour, whatever the light."""
-    rgb = np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"), float).reshape(-1, 3)
-    bright = rgb[rgb.max(axis=1) > 60]
-    wanted = np.array(to_rgb(colour))
-    cosine = bright @ wanted / np.linalg.norm(bright, axis=1) / np.linalg.norm(wanted)
-    return np.count_nonzero(cosine > 0.999)
 
 
 def test_trial_opens_paused_at_its_start_and_every_view_is_without_fault(recordings):

@@ -22,6 +22,7 @@ from pipeline.viewer.file import printable, recording_file, send
 from pipeline.viewer.scene import pressure_point
 from pipeline.viewer.serve import viewer_binary
 from pipeline.viewer.trial import write_cycles, write_recording
+from tests.pipeline.stored_recording import Stored
 from tests.pipeline.viewer_trial import FIRST_FRAME, LIFT_M, ONSETS_S, sway_and_pitch, viewer_trial
 
 FRAMES = 500
@@ -29,37 +30,6 @@ STEP = 2
 LOST = slice(100, 130)
 LONG_FRAMES = 72000
 MEGABYTE = 1e6
-
-
-class Stored:
-    """A recording file, read back entity by entity."""
-
-    def __init__(self, path):
-        self.reader = RrdReader(path)
-        self.tables = {}
-        for chunk in self.reader.stream():
-            static = chunk.is_static
-            self.tables.setdefault((chunk.entity_path, static), []).append(chunk.to_record_batch())
-
-    @property
-    def entities(self):
-        return {entity.lstrip("/") for entity, _ in self.tables}
-
-    def rows(self, entity, name, static=False):
-        """Give an entity's values, one array per row, in order."""
-        column = next(
-            column
-            for batch in self.tables[f"/{entity}", static]
-            for column in batch.schema.names
-            if column.endswith(f":{name}")
-        )
-        batches = self.tables[f"/{entity}", static]
-        return [np.array(row) for batch in batches for row in batch.column(column).to_pylist()]
-
-    def times(self, entity, timeline="time"):
-        batches = self.tables[f"/{entity}", False]
-        values = np.concatenate([b.column(timeline).to_numpy(False) for b in batches])
-        return values / np.timedelta64(1, "s") if timeline == "time" else values
 
 
 @pytest.fixture(scope="module")

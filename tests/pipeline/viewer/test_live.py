@@ -1,0 +1,238 @@
+"""What a live view draws, read back from a recording of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import rerun.blueprint as rrb
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.trial.residuals import AXES, UNITS, reported
+from pipeline.viewer.cycles import LEADING, SHOWN_CYCLES, SIZE, SMALLEST, cycle_limits
+from pipeline.viewer.file import recording_file
+from pipeline.viewer.live_drawing import LiveDrawing
+from pipeline.viewer.live_frames import FrameRows, LiveNews, LiveScene, ShownFrame
+from pipeline.viewer.trial import write_recording
+from tests.pipeline.stored_recording import Stored
+from tests.pipeline.viewer_frames import shown_frames
+from tests.pipeline.viewer_trial import viewer_trial
+
+FRAMES = 60
+VARIANTS = ("measured", "compensated")
+SIDES = ("left", "right")
+NOTHING = b""
+LOST = slice(20, 30)
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return viewer_trial(FRAMES, lost=LOST)
+
+
+def scene_of(trial):
+    return LiveScene(trial.body, trial.plates, trial.markers.names, VARIANTS, 30.0, "none")
+
+
+def draw(scene, path, batches):
+    """Draw batches of numbered frames, and of news without frames, into a file."""
+    rows = FrameRows(len(scene.markers), scene.variants)
+    with recording_file(path, "live", "live", rrb.Blueprint(auto_views=False)) as stream:
+        drawing = LiveDrawing(stream, scene)
+        for batch in batches:
+            if not isinstance(batch, LiveNews):
+                packed = b"".join(rows.pack(number, frame) for number, frame in batch)
+                batch = LiveNews(packed, [], None)
+            drawing.show(batch)
+    return Stored(path)
+
+
+def cut(frames, sizes):
+    numbered, start = list(enumerate(frames)), 0
+    for size in sizes:
+        yield numbered[start : start + size]
+        start += size
+    yield numbered[start:]
+
+
+@pytest.fixture(scope="module")
+def frame_by_frame(trial, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("live")
+    frames = shown_frames(trial)
+    return draw(scene_of(trial), folder / "live.rrd", cut(frames, [1] * (FRAMES - 1)))
+
+
+@pytest.fixture(scope="module")
+def recorded(trial, tmp_path_factory):
+    path = tmp_path_factory.mktemp("recorded") / "trial.rrd"
+    write_recording(trial, path, view_hz=100)
+    return Stored(path)
+
+
+def test_live_view_draws_the_same_scene_as_the_recording_of_the_trial(frame_by_frame, recorded):
+    moving = [e for e, static in recorded.tables if e.startswith("/lab/") and not static]
+    assert len(moving) > 20
+    for entity in moving:
+        for column in recorded.tables[entity, False][0].schema.names:
+            if ":" not in column:
+                continue
+            name = column.rpartition(":")[2]
+            ours, theirs = (each.rows(entity[1:], name) for each in (frame_by_frame, recorded))
+            assert len(ours) == len(theirs) == FRAMES
+            for a, b in zip(ours, theirs, strict=True):
+                np.testing.assert_allclose(a, b, atol=1e-6, err_msg=f"{entity} {name}")
+
+
+def test_live_traces_are_the_residuals_of_every_frame_that_counts(frame_by_frame, trial):
+    for k, axis in enumerate(AXES):
+        drawn = np.array(frame_by_frame.rows(f"residual/{axis}", "scalars"))
+        for variant, dynamics in zip(VARIANTS, (trial.measured, trial.compensated), strict=True):
+            counts = trial.validity.counts[:, None]
+            expected = np.where(counts, reported(dynamics.residual), np.nan)[:, k]
+            np.testing.assert_array_equal(drawn[:, VARIANTS.index(variant)], expected)
+    assert not trial.validity.counts[LOST].any()
+
+
+def test_a_frame_without_coordinates_has_no_body(frame_by_frame):
+    places = np.array(frame_by_frame.rows("lab/body/pelvis", "translation"))[:, 0]
+    hidden = np.isnan(places).all(axis=1)
+    np.testing.assert_array_equal(np.flatnonzero(hidden), np.arange(FRAMES)[LOST])
+
+
+def test_traces_are_broken_where_frames_were_left_out(trial, tmp_path):
+    numbered = list(enumerate(shown_frames(trial)))
+    batches = [numbered[:5] + numbered[8:10], numbered[15:20]]
+    stored = draw(scene_of(trial), tmp_path / "live.rrd", batches)
+    fx = np.array(stored.rows("residual/Fx", "scalars"))[:, 0]
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(fx)), [5, 8])
+    assert np.all(np.diff(stored.times("residual/Fx")) > 0)
+
+
+def test_a_batch_after_a_pause_is_drawn_at_50_hz_with_its_last_frame(trial, tmp_path):
+    stored = draw(scene_of(trial), tmp_path / "live.rrd", cut(shown_frames(trial), []))
+    times = stored.times("lab/markers/measured")
+    np.testing.assert_allclose(times, trial.motion.time[1::2], atol=1e-9)
+    assert len(stored.rows("residual/Fx", "scalars")) == FRAMES
+
+
+def test_frames_whose_time_does_not_increase_are_not_drawn(trial, tmp_path):
+    unknown, *frames = shown_frames(trial)[:7]
+    unknown = replace(unknown, time=np.nan)
+    frames[3] = replace(frames[3], time=frames[2].time)
+    frames[4] = replace(frames[4], time=frames[1].time)
+    batches = cut([unknown, unknown, *frames], [1])
+    stored = draw(scene_of(trial), tmp_path / "live.rrd", batches)
+    expected = [frames[k].time - frames[0].time for k in (0, 1, 2, 5)]
+    times = stored.times("residual/Fx")
+    breaks = [expected[0], expected[-1]]  # where frames are missing
+    np.testing.assert_allclose(times, np.sort([*expected, *breaks]), atol=2e-6)
+
+
+def test_time_is_shown_since_the_first_frame(trial, tmp_path):
+    frames = [replace(frame, time=1e6 + frame.time) for frame in shown_frames(trial)[:4]]
+    first = [LiveNews(NOTHING, [], "waiting"), *cut(frames, [1, 1, 1])]
+    stored = draw(scene_of(trial), tmp_path / "live.rrd", first)
+    np.testing.assert_allclose(stored.times("residual/Fx"), [0, 0.01, 0.02, 0.03], atol=1e-8)
+    np.testing.assert_array_equal(stored.times("status"), [0])
+
+
+def curves_of(stored):
+    return [np.array(strip) for strip in stored.lists("cycles/curves", "strips")[-1]]
+
+
+def test_the_last_ten_cycles_of_the_right_foot_stay_drawn(trial, tmp_path):
+    def cycle(size):
+        return {"measured": np.full((101, 6), size), "compensated": np.zeros((101, 6))}
+
+    news = [LiveNews(NOTHING, [(side, cycle(k))], None) for k in range(14) for side in SIDES]
+    stored = draw(scene_of(trial), tmp_path / "live.rrd", news)
+    strips = curves_of(stored)
+    assert len(strips) == SHOWN_CYCLES * len(VARIANTS) * len(AXES)
+    newest_fx = strips[-2 * len(AXES)]
+    zero_fx = strips[-len(AXES)]
+    (labels,) = (set(labels.tolist()) for labels in stored.rows("cycles/ranges", "labels")[-1:])
+    assert labels == {"+15", "−15"}
+    height = zero_fx[0, 1] - newest_fx[0, 1]
+    assert np.ptp(zero_fx[:, 1]) == 0
+    assert height == pytest.approx(13 / 15 * SIZE[1] / 2, abs=1e-3)
+
+
+def test_a_cycle_in_which_no_frame_counts_draws_nothing(trial, tmp_path):
+    nothing = dict.fromkeys(VARIANTS, np.full((101, 6), np.nan))
+    stored = draw(
+        scene_of(trial), tmp_path / "live.rrd", [LiveNews(NOTHING, [("left", nothing)], None)]
+    )
+    assert curves_of(stored) == []
+
+
+def test_frames_that_do_not_count_break_the_curves_of_a_cycle(trial, tmp_path):
+    part = dict.fromkeys(VARIANTS, np.ones((101, 6)))
+    part["measured"] = part["measured"].copy()
+    part["measured"][40:50, 2] = np.nan
+    news = [LiveNews(NOTHING, [("right", part)], None)]
+    stored = draw(scene_of(trial), tmp_path / "live.rrd", news)
+    lengths = [len(strip) for strip in curves_of(stored)]
+    assert lengths == [101, 101, 40, 51, 101, 101, 101] + [101] * 6
+
+
+@given(st.lists(st.floats(-1e5, 1e5), min_size=1, max_size=4))
+def test_every_curve_of_a_cycle_lies_in_its_plot(sizes):
+    cycles = [{"measured": np.full((101, 6), size)} for size in sizes]
+    limits, largest = cycle_limits(cycles), max(map(abs, sizes))
+    assert np.all(limits >= largest * (1 - 1e-8))
+    smallest = [SMALLEST[unit] for unit in UNITS]
+    assert np.all(limits <= np.maximum(1.5 * largest * (1 + 1e-8), smallest))
+    leading = limits / 10 ** np.floor(np.log10(limits * (1 + 1e-9)))
+    assert np.min(np.abs(leading[:, None] - LEADING), axis=1).max() < 1e-9
+
+
+def test_status_is_drawn_as_text_and_letters_without_a_picture_become_question_marks(
+    trial, tmp_path
+):
+    news = [LiveNews(NOTHING, [], "# RMS\n漢 5 N")]
+    stored = draw(scene_of(trial), tmp_path / "live.rrd", news)
+    assert stored.rows("status", "text")[-1].tolist() == ["# RMS\n? 5 N"]
+
+
+@given(
+    markers=st.integers(0, 5),
+    variants=st.sampled_from([("measured",), VARIANTS]),
+    moving=st.booleans(),
+    seed=st.integers(0, 1000),
+)
+def test_a_frame_passes_unchanged_and_copied(markers, variants, moving, seed):
+    random = np.random.default_rng(seed)
+    platform = (np.eye(3), random.normal(size=3)) if moving else None
+    frame = ShownFrame(
+        time=seed / 7,
+        q=random.normal(size=46),
+        markers=random.normal(size=(markers, 3)),
+        residual={variant: random.normal(size=6) for variant in variants},
+        ground={variant: random.normal(size=(2, 6)) for variant in variants},
+        platform=platform,
+    )
+    rows = FrameRows(markers, variants)
+    row = rows.pack(seed, frame)
+    expected = frame.q.copy()
+    frame.q[:] = 0
+    block = rows.unpack(row)
+    assert (block.number[0], block.time[0]) == (seed, seed / 7)
+    np.testing.assert_array_equal(block.q[0], expected)
+    np.testing.assert_array_equal(block.markers[0], frame.markers)
+    for variant in variants:
+        np.testing.assert_array_equal(block.residual[variant][0], frame.residual[variant])
+        np.testing.assert_array_equal(block.ground[variant][0], frame.ground[variant])
+    assert (block.platform is not None) == moving
+    if moving:
+        np.testing.assert_array_equal(block.platform.position[0], platform[1])
+
+
+def test_a_platform_of_unknown_pose_and_a_frame_that_does_not_count_are_gaps(trial):
+    rows = FrameRows(len(trial.markers.names), VARIANTS)
+    frames = shown_frames(trial)[:2]
+    unknown = replace(frames[0], platform=(np.eye(3), np.full(3, np.nan)), counts=False)
+    block = rows.unpack(rows.pack(0, unknown) + rows.pack(1, frames[1]))
+    assert np.isnan(block.platform.rotation[0]).all()
+    assert np.isfinite(block.platform.rotation[1]).all()
+    assert np.isnan(block.residual["measured"][0]).all()
+    assert np.isfinite(block.residual["measured"][1]).all()

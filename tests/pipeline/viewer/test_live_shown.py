@@ -1,0 +1,260 @@
+"""A live view as it is shown, and what happens where its viewer is stopped, killed or missing."""
+
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from ctypes.util import find_library
+from dataclasses import replace
+from itertools import cycle, islice
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from rerun.experimental import ViewerClient
+
+from pipeline.figures.style import COLOURS
+from pipeline.viewer.body import MODELLED_COLOUR
+from pipeline.viewer.live import MAX_WAITING, LiveView
+from tests.pipeline.viewer_frames import shown_frames
+from tests.pipeline.viewer_pictures import PATIENCE_S, assert_no_fault, count_pixels, settled
+from tests.pipeline.viewer_trial import viewer_trial
+
+FRAMES = 200
+RATE_HZ = 100
+PIXELS = 50
+MEGABYTE = 1e6
+SIGSTOP = getattr(signal, "SIGSTOP", None)
+
+needs_signals = pytest.mark.skipif(SIGSTOP is None, reason="no SIGSTOP on this system")
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return viewer_trial(FRAMES)
+
+
+@pytest.fixture(scope="module")
+def frames(trial):
+    return shown_frames(trial)
+
+
+@contextmanager
+def live_view(trial, screen):
+    view = LiveView(
+        trial.body, trial.plates, trial.markers.names, list(trial.ground), screen=screen
+    )
+    try:
+        assert view.wait(PATIENCE_S), view.fault
+        yield view
+    finally:
+        view.close()
+
+
+def family(view):
+    """The drawing process and the viewer."""
+    drawing = psutil.Process(view.process_id)
+    (viewer,) = drawing.children()
+    return drawing, viewer
+
+
+def ended(process):
+    return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, "it took too long"
+        time.sleep(0.05)
+
+
+def walk(view, frames, count, first=0):
+    """Show frames at their rate."""
+    start = time.monotonic()
+    for k in range(count):
+        view.show(replace(frames[k % len(frames)], time=(first + k) / RATE_HZ))
+        time.sleep(max(0.0, start + k / RATE_HZ - time.monotonic()))
+    wait_for(lambda: view.shown + view.left_out == first + count)
+
+
+def test_body_residuals_and_gait_cycles_are_seen_while_frames_come(trial, frames):
+    if not (find_library("vulkan") and [*Path("/usr/share/vulkan/icd.d").glob("*.json")]):
+        pytest.skip("no Vulkan driver (apt-get install mesa-vulkan-drivers libvulkan1)")
+    curves = {
+        name: np.outer(np.sin(np.linspace(0, 6, 101)), np.full(6, size))
+        for name, size in (("measured", 30.0), ("compensated", 10.0))
+    }
+    with live_view(trial, "none") as view:
+        for side in ("left", "right"):
+            view.show_cycle(side, curves)
+        view.show_status("# Running RMS\n| Fx | 12 N |\n|---|---|")
+        walk(view, frames, FRAMES)
+        viewer = ViewerClient.connect(view.address)
+        (shown,) = settled(viewer, 9).recordings
+        assert (shown.current_timeline, shown.current_time) == ("time", (FRAMES - 1) * 10_000_000)
+        assert_no_fault(viewer)
+        picture = viewer.take_screenshot(max_size=1920)
+        for variant in ("measured", "compensated"):
+            assert count_pixels(picture, COLOURS[variant]) > PIXELS
+        seen = count_pixels(picture, MODELLED_COLOUR)
+        assert seen > PIXELS
+        assert (view.shown, view.left_out, view.fault) == (FRAMES, 0, None)
+        unknown = replace(frames[0], q=np.full(46, np.nan), time=FRAMES / RATE_HZ)
+        view.show(unknown)
+        wait_for(lambda: view.shown == FRAMES + 1)
+        time.sleep(1)
+        hidden = count_pixels(viewer.take_screenshot(max_size=1920), MODELLED_COLOUR)
+        assert hidden < 0.1 * seen, (hidden, seen)
+
+
+def test_live_viewer_listens_on_this_machine_only_and_ends_with_the_view(trial, frames):
+    with live_view(trial, "browser") as view:
+        drawing, viewer = family(view)
+        heard = [c.laddr for c in viewer.net_connections("inet") if c.status == "LISTEN"]
+        assert len(heard) == 2
+        assert {address.ip for address in heard} == {"127.0.0.1"}
+        assert not [c for c in drawing.net_connections("inet") if c.status == "LISTEN"]
+        assert view.address.startswith("http://127.0.0.1:")
+        walk(view, frames, 20)
+    assert ended(drawing)
+    assert ended(viewer)
+    view.close()  # once more does nothing
+    view.show(frames[0])
+    assert (view.shown, view.left_out, view.fault) == (20, 1, None)
+
+
+@pytest.mark.slow
+@needs_signals
+def test_where_the_viewer_is_stopped_frames_are_left_out_and_memory_stays(trial, frames):
+    """The frames of 33 minutes, as fast as they can be shown."""
+    filled, count = 5 * MAX_WAITING, 200_000
+    with live_view(trial, "browser") as view:
+        walk(view, frames, 50)
+        drawing, viewer = family(view)
+        viewer.suspend()
+        me = psutil.Process()
+        coming = cycle(frames)
+        for k in range(50, 50 + filled):
+            view.show(replace(next(coming), time=k / RATE_HZ))
+        time.sleep(1)
+        before = me.memory_info().rss, drawing.memory_info().rss
+        for k in range(50 + filled, 50 + filled + count):
+            view.show(replace(next(coming), time=k / RATE_HZ))
+        after = me.memory_info().rss, drawing.memory_info().rss
+        assert max(np.subtract(after, before)) < 10 * MEGABYTE
+        assert view.left_out > 0.9 * count
+        assert view.fault is None
+        start = time.monotonic()
+        view.close()
+        assert time.monotonic() - start < 10
+    assert view.shown + view.left_out == 50 + filled + count
+    assert ended(drawing)
+    assert ended(viewer)
+
+
+@needs_signals
+def test_a_viewer_that_goes_on_shows_the_latest_frames(trial, frames):
+    with live_view(trial, "browser") as view:
+        _, viewer = family(view)
+        viewer.suspend()
+        for k in range(4 * MAX_WAITING):
+            view.show(replace(frames[k % FRAMES], time=k / RATE_HZ))
+        viewer.resume()
+        wait_for(lambda: view.shown + view.left_out == 4 * MAX_WAITING)
+        assert view.left_out > 0
+        assert view.shown >= MAX_WAITING
+        walk(view, frames, 20, first=4 * MAX_WAITING)
+        assert view.fault is None
+
+
+@pytest.mark.slow
+@needs_signals
+def test_a_drawing_process_that_is_stopped_hinders_nobody_and_is_killed(trial, frames):
+    with live_view(trial, "browser") as view:
+        drawing, viewer = family(view)
+        drawing.suspend()
+        for frame in islice(cycle(frames), 3 * MAX_WAITING):
+            view.show(frame)
+        time.sleep(0.5)
+        start = time.monotonic()
+        view.close()
+        assert time.monotonic() - start < 10
+    assert view.shown + view.left_out == 3 * MAX_WAITING
+    wait_for(lambda: ended(drawing) and ended(viewer))
+
+
+@pytest.mark.parametrize("killed", [0, 1], ids=["drawing process", "viewer"])
+def test_where_it_is_killed_the_view_says_so_and_the_rest_goes_on(trial, frames, killed):
+    with live_view(trial, "browser") as view:
+        processes = family(view)
+        walk(view, frames, 20)
+        processes[killed].kill()
+        for k in range(20):
+            view.show(replace(frames[k], time=1 + k / RATE_HZ))
+        wait_for(lambda: view.fault is not None)
+        assert view.fault == (
+            "the viewer was ended by SIGKILL"
+            if killed
+            else "the process that draws the live view has ended"
+        )
+        view.show_status("on")
+        view.show_cycle("left", dict.fromkeys(trial.ground, np.zeros((101, 6))))
+        view.show(frames[0])
+        wait_for(lambda: view.shown + view.left_out == 41)
+    wait_for(lambda: all(map(ended, processes)))
+
+
+def test_the_viewer_ends_with_a_program_that_is_killed(tmp_path):
+    program = (
+        "import time; from tests.pipeline.viewer_trial import viewer_trial; "
+        "from pipeline.viewer.live import LiveView; trial = viewer_trial(20); "
+        "view = LiveView(trial.body, trial.plates, trial.markers.names, list(trial.ground), "
+        "screen='browser'); view.wait(30); print(view.process_id, flush=True); time.sleep(60)"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).resolve().parents[3],
+    ) as shown:
+        drawing = psutil.Process(int(shown.stdout.readline()))
+        (viewer,) = drawing.children()
+        shown.kill()
+        wait_for(lambda: ended(drawing) and ended(viewer))
+
+
+def test_without_a_screen_the_view_says_so_in_one_line(trial, frames, monkeypatch):
+    if sys.platform != "linux":
+        pytest.skip("a screen is always there")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    view = LiveView(trial.body, trial.plates, trial.markers.names, list(trial.ground))
+    try:
+        view.show(frames[0])
+        assert not view.wait(PATIENCE_S)
+        assert view.fault.startswith("the viewer failed: ")
+        assert "--web" in view.fault
+        assert "\n" not in view.fault
+        view.show(frames[1])
+        assert view.left_out == 2
+        assert view.address is None
+    finally:
+        view.close()
+
+
+def test_what_does_not_fit_the_view_is_refused_where_it_is_shown(trial, frames):
+    view = LiveView(trial.body, trial.plates, trial.markers.names, ["measured"], screen="browser")
+    try:
+        with pytest.raises(ValueError, match="must hold arrays of doubles"):
+            view.show(replace(frames[0], q=np.zeros(45)))
+        with pytest.raises(ValueError, match="doubles"):
+            view.show(replace(frames[0], q=np.zeros(46, np.float32)))
+        with pytest.raises(KeyError, match="measured"):
+            view.show(replace(frames[0], residual={}))
+        with pytest.raises(ValueError, match=r"shape \(101, 6\), got \(100, 6\)"):
+            view.show_cycle("left", {"measured": np.zeros((100, 6))})
+    finally:
+        view.close()
