@@ -13,7 +13,7 @@ from hbm.engines.engine import Engine, EngineName, EngineUsed, title
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.signals.filtering import Method, butterworth
-from hbm.spatial import Array, Mask, read_only, shift_wrench
+from hbm.spatial import Array, Mask, frozen, read_only, shift_wrench
 
 FRAMES_AT_ONCE: Final = 2000
 """Bounds the memory for intermediate results, 2 to 3 kB a frame."""
@@ -68,7 +68,7 @@ class Dynamics:
 
     def without_forces(self, unknown: Mask) -> "Dynamics":
         """Give the same with some generalized forces and their power left out, (T, 46)."""
-        tau, power = (np.where(unknown, np.nan, x) for x in (self.tau, self.power))
+        tau, power = (frozen(np.where(unknown, np.nan, x)) for x in (self.tau, self.power))
         return replace(self, tau=tau, power=power)
 
     def force(self, coordinate: str) -> Array:
@@ -236,8 +236,8 @@ def inverse_dynamics_variants(
     forces = _forces(chosen, body, (motion.q, motion.v, motion.a), variants, jobs)
     used = _checked(chosen, body, motion, variants, forces)
     return [
-        Dynamics(motion.time, tau, residual, tau * motion.v, used)
-        for tau, residual in (np.split(force, [N_Q], axis=1) for force in forces)
+        Dynamics(motion.time, tau, residual, frozen(tau * motion.v), used)
+        for tau, residual in (np.split(frozen(force), [N_Q], axis=1) for force in forces)
     ]
 
 

@@ -34,6 +34,14 @@ def read_only(value: ArrayLike, dtype: type[float] = float) -> Array | Mask:
     return copy
 
 
+def frozen(value: Array) -> Array:
+    """Make an array that nobody else holds unchangeable, so that `read_only` need not copy it."""
+    for array in (value, value.base):
+        if isinstance(array, np.ndarray):
+            array.setflags(write=False)
+    return value
+
+
 def _is_read_only(value: NDArray[np.generic]) -> bool:
     """Whether neither an array nor the one whose memory it is a part of can be changed."""
     owner = value if value.base is None else value.base
@@ -57,7 +65,8 @@ def shift_wrench(wrench: ArrayLike, to: ArrayLike) -> Array:
     """
     wrench, to = np.asarray(wrench, float), np.asarray(to, float)
     force, moment = wrench[..., :3], wrench[..., 3:]
-    shifted = np.empty((*np.broadcast_shapes(force.shape, to.shape)[:-1], 6))
+    shape = (*np.broadcast_shapes(force.shape, to.shape)[:-1], 6)
+    shifted = np.empty_like(wrench, shape=shape)  # in memory as the wrenches are
     shifted[..., :3] = force
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # np.cross takes four times as long
         cross = to[..., j] * force[..., k] - to[..., k] * force[..., j]

@@ -95,13 +95,13 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
             f"the delay between plates and markers needs {MIN_BLOCKS * BLOCK_S:g} s of frames "
             f"without gaps, got {usable.sum()} such frames"
         )
-    at, wanted = at[usable], wanted[usable]
+    at, wanted = at[usable], wanted.T.compress(usable, axis=1).T
     frames = reach + np.flatnonzero(usable)
     offsets, spreads = np.empty((len(lags), 3)), np.empty(len(lags))
     for k, lag in enumerate(lags):
-        disagreement = known[frames + lag] - wanted
-        offsets[k] = np.median(disagreement, axis=0)
-        spreads[k] = np.mean(np.abs(disagreement - offsets[k]))
+        disagreement = known.T.take(frames + lag, axis=1) - wanted.T
+        offsets[k] = np.median(disagreement, axis=1)
+        spreads[k] = np.mean(np.abs(disagreement - offsets[k][:, None]))
     best = int(np.argmin(spreads))
     scale = max(NOISE_FLOOR_N, spreads[best])
 
@@ -110,7 +110,7 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
         return interpolate(time, plate, at + delay_s)
 
     def residual(parameters: Array) -> Array:
-        return np.ravel(shifted(parameters[0]) - wanted - parameters[1:])
+        return np.ravel((shifted(parameters[0]) - wanted - parameters[1:]).T)
 
     free = np.full(3, np.inf)
     fit = least_squares(
@@ -121,7 +121,7 @@ def marker_plate_delay(plate_force: ArrayLike, motion_force: ArrayLike, time: Ar
         loss="soft_l1",
         f_scale=scale,
     )
-    delay_s, error = float(fit.x[0]), fit.fun.reshape(-1, 3)
+    delay_s, error = float(fit.x[0]), fit.fun.reshape(3, -1).T
     if step * reach - abs(delay_s) < step:
         raise ValueError(
             f"plates and markers agree nowhere within ±{1000 * MAX_DELAY_S:.0f} ms; "

@@ -84,7 +84,7 @@ def dynamic_channels(
     channels = [a]
     for lag_s in lags_s:
         step = max(round(lag_s * rate), 1)
-        difference = np.zeros(a.shape)
+        difference = np.zeros_like(a)  # in memory as the readings are
         if 2 * step < len(a):
             within = a[2 * step :] - 2 * a[step:-step] + a[: -2 * step]
             difference[step:-step] = np.nan_to_num(within, posinf=np.nan, neginf=np.nan)
@@ -274,7 +274,8 @@ def left_of_held_out(trials: Sequence[Trial], readings: int) -> list[Array]:
         left = []
         for a, b in zip(*(np.array_split(side, HELD_OUT_PARTS) for side in (x, w)), strict=True):
             inverse = _inverse(gram - q * a.T @ a, count - q * len(a), readings)
-            left.append(b - a @ (inverse @ (cross - q * a.T @ b)))
+            slopes = inverse @ (cross - q * a.T @ b)
+            left.append(b - (slopes.T @ a.T).T)
         found.append(np.concatenate(left))
     return found
 

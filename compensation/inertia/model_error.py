@@ -328,7 +328,8 @@ def _energies(bands: Sequence[Array], directions: Array, rate_hz: float) -> Arra
 
 def _turned(bands: Sequence[Array], directions: Array) -> Array:
     """Give readings in every direction of every band, (N, B k)."""
-    return np.hstack([band @ turned for band, turned in zip(bands, directions, strict=True)])
+    channels = [turned.T @ band.T for band, turned in zip(bands, directions, strict=True)]
+    return np.concatenate(channels).T
 
 
 def _smooth(squares: Array, rate_hz: float) -> Array:
@@ -336,8 +337,9 @@ def _smooth(squares: Array, rate_hz: float) -> Array:
     count = max(round(SMOOTHING_S * rate_hz), 1)
     known = np.isfinite(squares).all(axis=1, keepdims=True)
     filled = np.where(known, squares, 0.0)
-    total = uniform_filter1d(filled, count, axis=0, mode="constant")
-    share = uniform_filter1d(known.astype(float), count, axis=0, mode="constant")
+    total, share = (
+        uniform_filter1d(x.T, count, mode="constant").T for x in (filled, known.astype(float))
+    )
     return np.asarray(np.where(known, total / np.maximum(share, 0.5 / count), np.nan))
 
 

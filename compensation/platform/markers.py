@@ -149,11 +149,9 @@ def fit_pose(markers: ArrayLike, neutral: ArrayLike, outlier_m: float) -> PoseFi
     while len(bad := np.flatnonzero(_beyond(error, used, outlier_m) & (used.sum(axis=1) > 3))):
         used[bad] = _without_worst(position[bad], reference, used[bad])
         rotation[bad], origin[bad], error[bad] = _fit(position[bad], reference, used[bad])
-    lost = (
-        (used.sum(axis=1) < 3)
-        | _beyond(error, used, outlier_m)
-        | (_rank(np.broadcast_to(reference, position.shape), used) < 2)
-    )
+    lost = (used.sum(axis=1) < 3) | _beyond(error, used, outlier_m)
+    some = np.flatnonzero(~used.all(axis=1))
+    lost[some] |= _rank(np.broadcast_to(reference, (len(some), *reference.shape)), used[some]) < 2
     rotation[lost], origin[lost], used[lost] = np.nan, np.nan, False
     error[~seen] = np.nan
     return PoseFit(PlatformPose(rotation, origin), error, used)

@@ -1,5 +1,6 @@
 """The frames of a calibration recording that the body is built from."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -70,9 +71,9 @@ def select_frames(
         If the window holds no frame, or no frame shows all markers at once.
     """
     time = markers.time
-    position = markers.position[:, [markers.names.index(name) for name in used]]
+    paths = [markers.position[:, markers.names.index(name)] for name in used]
     window = _inside(time, window_s)
-    seen = ~np.isnan(position[window, :, 0])
+    seen = np.stack([~np.isnan(path[window, 0]) for path in paths]).T
     complete = window[seen[:, seen.any(axis=0)].all(axis=1)]
     if not len(complete):
         rarest = used[int(np.argmin(np.where(seen.any(axis=0), seen.sum(axis=0), np.inf)))]
@@ -80,7 +81,7 @@ def select_frames(
             f"no frame from {time[window[0]]:.2f} to {time[window[-1]]:.2f} s shows all "
             f"calibration markers at once; {rarest} is missing most often; choose another window"
         )
-    speed = _speed(position, time)
+    speed = _speed(paths, time)
     if window_s is None:
         complete = _stillest(complete, speed, time)
     spread = np.unique(np.linspace(0, len(complete) - 1, MAX_FRAMES).round().astype(int))
@@ -113,17 +114,19 @@ def _inside(time: Array, window_s: tuple[float, float] | None) -> Indices:
     return np.asarray(inside)
 
 
-def _speed(position: Array, time: Array) -> Array:
-    """Give the mean speed of the visible markers around each frame, (T,) [m/s]."""
-    speed = np.full(len(position), np.nan)
-    if len(position) < 2:
+def _speed(paths: Sequence[Array], time: Array) -> Array:
+    """Give the mean speed of the visible markers, (T, 3) each, around each frame, (T,) [m/s]."""
+    speed = np.full(len(time), np.nan)
+    if len(time) < 2:
         return speed
-    step = min(max(1, round(SPEED_INTERVAL_S / float(np.median(np.diff(time))))), len(position) - 1)
-    interval_s = (time[step:] - time[:-step])[:, None]
-    each = np.linalg.norm(position[step:] - position[:-step], axis=-1) / interval_s
-    seen = ~np.isnan(each)
-    count = seen.sum(axis=1)
-    mean = np.where(seen, each, 0).sum(axis=1) / np.maximum(count, 1)
+    step = min(max(1, round(SPEED_INTERVAL_S / float(np.median(np.diff(time))))), len(time) - 1)
+    total, count = np.zeros(len(time) - step), np.zeros(len(time) - step)
+    for path in paths:
+        way = np.sqrt(sum((x[step:] - x[:-step]) ** 2 for x in path.T))
+        seen = ~np.isnan(way)
+        total += np.where(seen, way, 0)
+        count += seen
+    mean = total / (time[step:] - time[:-step]) / np.maximum(count, 1)
     speed[step // 2 : step // 2 + len(mean)] = np.where(count > 0, mean, np.nan)
     return speed
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array, frozen, read_only
 from hbm.spelling import listed
 
 
@@ -51,13 +51,17 @@ class Markers:
             )
         if len(time) > 1 and not np.all(np.diff(time) > 0):
             raise ValueError("marker times must increase")
-        # a copy with every coordinate in one piece of memory: most take marker by marker
-        position = np.moveaxis(np.array(np.moveaxis(position, 0, -1), order="C"), -1, 0)
-        position[np.isnan(position).any(axis=-1)] = np.nan
+        # every coordinate in one piece of memory: most take marker by marker
+        coordinates = np.moveaxis(position, 0, -1)
+        unknown = np.isnan(position)
+        partly = unknown.any(axis=-1) & ~unknown.all(axis=-1)
+        if partly.any() or not coordinates.flags.c_contiguous:
+            coordinates = np.array(coordinates, order="C")
+            np.moveaxis(coordinates, -1, 0)[partly] = np.nan
+            frozen(coordinates)
         object.__setattr__(self, "time", read_only(time))
         object.__setattr__(self, "names", names)
-        position.setflags(write=False)
-        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "position", np.moveaxis(read_only(coordinates), -1, 0))
 
     @property
     def rate_hz(self) -> float:

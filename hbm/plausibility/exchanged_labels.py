@@ -56,10 +56,11 @@ def labels_exchanged(markers: Markers, names: Iterable[str]) -> tuple[Note, ...]
     if not names:
         return ()
     paths = [markers.position[:, markers.names.index(name)] for name in names]
-    expected = [_extrapolated(markers.time, path) for path in paths]
-    pairs = zip(paths, expected, strict=True)
-    jump = np.column_stack([np.linalg.norm(path - where, axis=-1) for path, where in pairs])
+    jump = np.stack([_jumps(markers.time, path) for path in paths]).T
     jumped: Mask = jump > MIN_JUMP_M
+    if jumped.sum(axis=1).max(initial=0) < 2:
+        return ()
+    expected = [_extrapolated(markers.time, path) for path in paths]
     found: dict[str, list[float]] = {}
     jumped[1:][frozen_frames(markers, names)[:-1]] = False
     for frame in np.flatnonzero(jumped.sum(axis=1) > 1):
@@ -91,8 +92,24 @@ def _extrapolated(time: Array, path: Array) -> Array:
     """Give where a marker (T, 3) would be by its last two positions; NaN where unknown."""
     expected = np.full(path.shape, np.nan)
     frames = np.flatnonzero(np.isfinite(path[:, 0]))
-    at, seen = time[frames], path[frames]
-    share = (at[2:] - at[1:-1]) / (at[1:-1] - at[:-2])
-    share[at[2:] - at[:-2] > MAX_GAP_S] = np.nan
+    share, seen = _steps_alike(time[frames]), path[frames]
     expected[frames[2:]] = seen[1:-1] + share[:, None] * (seen[1:-1] - seen[:-2])
     return expected
+
+
+def _jumps(time: Array, path: Array) -> Array:
+    """Give how far a marker (T, 3) is from there, (T,) [m]; NaN where unknown."""
+    jump = np.full(len(path), np.nan)
+    known = np.isfinite(path[:, 0])
+    square, share = 0.0, _steps_alike(time[known])
+    for coordinate in path.T:
+        steps = np.diff(coordinate[known])
+        square = square + (steps[1:] - share * steps[:-1]) ** 2
+    jump[np.flatnonzero(known)[2:]] = np.sqrt(square)
+    return jump
+
+
+def _steps_alike(at: Array) -> Array:
+    """Give each time step by the one before it, (N - 2,); NaN where both together are too long."""
+    steps = np.diff(at)
+    return np.where(at[2:] - at[:-2] > MAX_GAP_S, np.nan, steps[1:] / steps[:-1])

@@ -76,7 +76,8 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     >>> impossible_angles(body, hbm.solve_ik(body, static))
     ()
     """
-    solved = np.flatnonzero(motion.converged)
+    outside = ((motion.q < LOW) | (motion.q > HIGH)).any(axis=1)  # as they are: few frames
+    solved = np.flatnonzero(motion.converged & outside)
     angle = _nearest_to_ranges(motion.q[solved])
     beyond = (_excess(angle) > 0) & motion.observed[solved]
     for i in np.flatnonzero(beyond.any(axis=0)):
@@ -89,7 +90,7 @@ def impossible_angles(body: Body, motion: Motion) -> tuple[Note, ...]:
     frame, most = excess.argmax(axis=0), excess.max(axis=0)
     worst = [i for i in np.argsort(-most)[:MAX_NAMED] if most[i] > 0]
     extreme_deg = {COORDINATES[i]: np.degrees(angle[frame[i], i]) for i in worst}
-    share = np.mean(beyond.any(axis=1))
+    share = beyond.any(axis=1).sum() / np.count_nonzero(motion.converged)
     return (Note.of("joint_angles_impossible", share=share, extreme_deg=extreme_deg),)
 
 

@@ -81,10 +81,12 @@ def outlying_samples(body: Body, motion: Motion) -> Mask:
     Mask
         (T, K): its distance from the model is more than 0.1 m above twice the marker's median.
     """
+    found = np.zeros(motion.marker_error.shape, bool)
+    if np.fmax.reduce(motion.marker_error, axis=None, initial=0) <= MIN_EXCESS_M:
+        return found
     excess = motion.marker_error - 2 * _median(motion.marker_error)
     segment_of = body.segment_of
     segments = [segment_of[name] for name in motion.markers]
-    found = np.zeros(excess.shape, bool)
     rows = np.arange(len(excess))
     for part in (CARRIERS, *LIMBS.values()):
         own = np.flatnonzero([segment in part for segment in segments])

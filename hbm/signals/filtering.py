@@ -22,8 +22,9 @@ from hbm.signals.samples import (
     require_equal_steps,
     require_length,
     sample_times,
+    unknown,
 )
-from hbm.spatial import Array, read_only
+from hbm.spatial import Array, frozen, read_only
 
 Method = Literal["realtime", "zero_phase"]
 """How coordinates and forces are filtered; `low_pass` says what each method does."""
@@ -119,7 +120,8 @@ def butterworth(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: Me
     - Both restart after a gap.
     """
     kernels: Mapping[str, _Kernel] = {"realtime": _realtime, "zero_phase": _zero_phase}
-    return Filtered(*_filtered(signal, time, cutoff_hz, method, kernels, outputs=3))
+    outputs = _filtered(signal, time, cutoff_hz, method, kernels, outputs=3)
+    return Filtered(*map(frozen, outputs))
 
 
 def low_pass(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: LowPassMethod) -> Array:
@@ -175,8 +177,7 @@ def low_pass(signal: ArrayLike, time: ArrayLike, cutoff_hz: float, method: LowPa
     zero_phase 0.707
     double_pass 0.5
     """
-    value: Array = _filtered(signal, time, cutoff_hz, method, _VALUE_KERNELS, outputs=1)[0]
-    return value
+    return _filtered(signal, time, cutoff_hz, method, _VALUE_KERNELS, outputs=1)[0]
 
 
 _Kernel = Callable[[Array, Array, float], tuple[Array, ...]]
@@ -190,8 +191,8 @@ def _filtered(
     method: str,
     kernels: Mapping[str, _Kernel],
     outputs: int,
-) -> Array:
-    """Run a method's kernel over every block without gaps; its outputs, (outputs, T, ...)."""
+) -> list[Array]:
+    """Run a method's kernel over every block without gaps; its outputs, (T, ...) each."""
     if method not in kernels:
         known = " or ".join(f'"{name}"' for name in kernels)
         raise ValueError(f"filter method must be {known}, got {method!r}")
@@ -210,12 +211,12 @@ def _filtered(
     require_length(time, needed)
 
     columns = signal.reshape(len(time), -1)
-    results = np.full((outputs, *columns.shape), np.nan)
+    results = [unknown(columns.shape) for _ in range(outputs)]
     for rows, sharing in blocks_without_gaps(columns, shortest):
         parts = kernels[method](columns[rows, sharing], time[rows], cutoff_hz)
         for result, part in zip(results, parts, strict=True):
             result[rows, sharing] = part
-    return results.reshape(outputs, *signal.shape)
+    return [result.reshape(signal.shape) for result in results]
 
 
 def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Array, Array]:
@@ -232,8 +233,8 @@ def _realtime(signal: Array, time: Array, cutoff_hz: float) -> tuple[Array, Arra
     start, relative = signal[0], signal - signal[0]
     if np.ptp(step) <= EQUAL_STEPS_TOLERANCE * np.mean(step):
         to_value, to_velocity, feedback = _section(omega, float(np.mean(step)))
-        value = lfilter(to_value, feedback, relative, axis=0)
-        velocity = lfilter(to_velocity, feedback, relative, axis=0)
+        value = lfilter(to_value, feedback, relative.T).T
+        velocity = lfilter(to_velocity, feedback, relative.T).T
     else:
         value, velocity = _step_by_step(relative, step, omega)
     acceleration = np.zeros_like(velocity)
@@ -272,14 +273,14 @@ def _both_ways(
     omega = 2 / step * float(np.tan(np.pi * cutoff_hz * step)) / correction
     to_value, _, feedback = _section(omega, step)
 
-    at_rest = np.array([1 - to_value[0], to_value[2] - feedback[2]])[:, None]
+    at_rest = np.array([1 - to_value[0], to_value[2] - feedback[2]])
 
-    def reversed_pass(samples: Array) -> Array:
-        passed, _ = lfilter(to_value, feedback, samples, axis=0, zi=at_rest * samples[0])
-        return np.flip(passed, axis=0)
+    def reversed_pass(channels: Array) -> Array:
+        passed, _ = lfilter(to_value, feedback, channels, zi=at_rest * channels[:, :1])
+        return np.flip(passed, axis=1)
 
     padding = int(np.ceil(PADDING_PERIODS / (cutoff_hz * step)))
-    return reversed_pass(reversed_pass(extended(signal, padding))), padding, step
+    return reversed_pass(reversed_pass(extended(signal, padding).T)).T, padding, step
 
 
 def _both_ways_value(

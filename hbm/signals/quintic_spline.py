@@ -36,7 +36,7 @@ def spline_derivatives(samples: Array, step: float) -> tuple[Array, Array]:
     >>> first[100].round(9).item(), second[100].round(6).item()
     (3.0, 6.0)
     """
-    inner = spline_filter1d(samples, 5, axis=0, mode="mirror")
+    inner = spline_filter1d(samples.T, 5, mode="mirror").T
     c = np.concatenate([inner[2:0:-1], inner, inner[-2:-4:-1]])
     far, near = (slice(4, None), slice(None, -4)), (slice(3, -1), slice(1, -3))
     first = c[far[0]] - c[far[1]] + 10 * (c[near[0]] - c[near[1]])

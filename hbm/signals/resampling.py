@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.signal import firwin, kaiserord, oaconvolve
 
 from hbm.signals.convolution import Convolution
-from hbm.signals.cubic_spline import cubic_spline
+from hbm.signals.cubic_spline import MAX_ROUNDING_STEPS, cubic_spline
 from hbm.signals.samples import (
     blocks_without_gaps,
     extended,
@@ -15,6 +15,7 @@ from hbm.signals.samples import (
     require_equal_steps,
     require_length,
     sample_times,
+    unknown,
 )
 from hbm.spatial import Array
 
@@ -72,9 +73,11 @@ def resample(
     values, new_time = np.asarray(values, float), np.asarray(new_time, float)
     time = sample_times(time, values)
     new_rate_hz = mean_rate_hz(sample_times(new_time, new_time))
+    wanted = new_time + delay_s
     if new_rate_hz < MIN_DECIMATION * mean_rate_hz(time):
-        values = _without_aliases(values, time, new_rate_hz)
-    return interpolate(time, values, new_time + delay_s)
+        kept = _samples_wanted(time, wanted)
+        time, values = time[kept], _without_aliases(values, time, new_rate_hz, kept)
+    return interpolate(time, values, wanted)
 
 
 def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
@@ -104,7 +107,7 @@ def interpolate(time: ArrayLike, values: ArrayLike, at: ArrayLike) -> Array:
     require_length(time, MIN_SPLINE_SAMPLES)
     wanted, rounding = at.ravel(), ROUNDING_STEPS / mean_rate_hz(time)
     columns = values.reshape(len(time), -1)
-    result = np.full((len(wanted), columns.shape[1]), np.nan)
+    result = unknown((len(wanted), columns.shape[1]))
     for rows, sharing in blocks_without_gaps(columns, MIN_SPLINE_SAMPLES):
         first, last = time[rows][[0, -1]]
         inside = (wanted >= first - rounding) & (wanted <= last + rounding)
@@ -135,18 +138,53 @@ def resample_in_real_time(time: Array, values: Array, new_time: Array) -> Array:
     return found.reshape(len(new_time), *values.shape[1:])
 
 
-def _without_aliases(signal: Array, time: Array, new_rate_hz: float) -> Array:
-    """Low-pass (N, ...) samples to what a lower sampling rate can represent."""
+def _samples_wanted(time: Array, wanted: Array) -> slice:
+    """Give every which sample is enough: those at wanted times if these are at samples, or all."""
+    rate_hz = mean_rate_hz(time)
+    nearest = np.rint((wanted - time[0]) * rate_hz).astype(int)
+    recorded, every = (nearest >= 0) & (nearest < len(time)), int(nearest[1] - nearest[0])
+    apart_s = np.abs(time[nearest[recorded]] - wanted[recorded]).max(initial=0)
+    if apart_s * rate_hz > MAX_ROUNDING_STEPS or not np.all(np.diff(nearest) == every):
+        return slice(0, None, 1)
+    return slice(int(nearest[0]) % every, None, every)
+
+
+def _without_aliases(signal: Array, time: Array, new_rate_hz: float, kept: slice) -> Array:
+    """Low-pass (N, ...) samples to what a lower sampling rate can represent; give the kept ones."""
     require_equal_steps(time)
     rate_hz = mean_rate_hz(time)
     width = TRANSITION_WIDTH * new_rate_hz / (rate_hz / 2)
     length, beta = kaiserord(STOPBAND_DB, width)
     reach = length // 2
     require_length(time, reach + 1)
-    taps = firwin(2 * reach + 1, new_rate_hz / 2, window=("kaiser", beta), fs=rate_hz)[:, None]
+    taps = firwin(2 * reach + 1, new_rate_hz / 2, window=("kaiser", beta), fs=rate_hz)
     columns = signal.reshape(len(time), -1)
-    result = np.full(columns.shape, np.nan)
+    result = unknown((len(time[kept]), columns.shape[1]))
     for rows, sharing in blocks_without_gaps(columns, reach + 1):
-        padded = extended(columns[rows, sharing], reach)
-        result[rows, sharing] = oaconvolve(padded, taps, "valid", axes=0)
-    return np.reshape(result, signal.shape)
+        first = (kept.start - rows.start) % kept.step
+        padded = extended(columns[rows, sharing], reach)[first:]
+        filtered = _convolved(padded.T, taps, kept.step)
+        start = (rows.start + first) // kept.step
+        result[start : start + filtered.shape[1], sharing] = filtered.T
+    return np.reshape(result, (len(result), *signal.shape[1:]))
+
+
+def _convolved(channels: Array, taps: Array, every: int) -> Array:
+    """Filter (K, N) samples, N ≥ taps; give the first of what N determine, and every so many-th.
+
+    Of one in several, only these are computed: samples and taps are laid out in rows of so many,
+    whose products are summed.
+    """
+    if every == 1:
+        return np.asarray(oaconvolve(channels, taps[None], "valid", axes=1))
+    count = (channels.shape[1] - len(taps)) // every + 1
+    rows = -(-len(taps) // every)
+    length = (count + rows - 1) * every
+    filters = np.pad(taps[::-1], (0, rows * every - len(taps))).reshape(rows, every)
+    result = np.zeros((len(channels), count))
+    for channel, filtered in zip(channels, result, strict=True):
+        laid_out = np.pad(channel[:length], (0, max(length - len(channel), 0)))
+        products = filters @ laid_out.reshape(-1, every).T
+        for row, product in enumerate(products):
+            filtered += product[row : row + count]
+    return result

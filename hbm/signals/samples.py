@@ -98,6 +98,19 @@ def blocks_without_gaps(columns: Array, needed: int) -> Iterator[tuple[slice, Ma
                 yield slice(start, stop), chosen
 
 
+def unknown(shape: tuple[int, int]) -> Array:
+    """Give (T, K) samples that are all NaN, every channel in one piece of memory.
+
+    Filters take channel by channel, and so do sums over time: in one piece, these take a fifth to a
+    tenth of the time.
+    """
+    return np.full(shape[::-1], np.nan).T
+
+
 def extended(signal: Array, count: int) -> Array:
-    """Extend (T, K) samples at both ends by reflection through the end samples."""
-    return np.pad(signal, ((count, count), (0, 0)), mode="reflect", reflect_type="odd")
+    """Extend (T, K) samples at both ends by reflection through the end samples.
+
+    Every channel of the result is in one piece of memory.
+    """
+    ends = ((0, 0), (count, count))
+    return np.pad(signal.T, ends, mode="reflect", reflect_type="odd").T

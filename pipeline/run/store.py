@@ -59,7 +59,7 @@ def write_trial(result: TrialResult, condition: str, key: str, path: Path) -> Tr
     table, summary = frame_table(result), summarise(result, condition, key)
     with whole_file(path) as temporary:
         with (
-            temporary.open("wb") as sink,
+            temporary.open("r+b") as sink,  # ext4 writes to the disk at once what was truncated
             pq.ParquetWriter(
                 sink,
                 table.schema,

@@ -205,7 +205,7 @@ def load_jumps(
     """
     every = common_tenths(time)
     load = np.stack([tenths(force, time, *every) for force in vertical.values()])
-    place, wide = tenths(position, time, *every), 2 * STEADY_TENTHS + 1
+    wide = 2 * STEADY_TENTHS + 1
     if load.shape[1] < wide:
         return ()
     windows = sliding_window_view(load, wide, axis=1)
@@ -215,8 +215,10 @@ def load_jumps(
     spread_n = [np.ptp(each.sum(axis=0), axis=-1) for each in (before, after)]
     steady = np.max(spread_n, axis=0) < MAX_LOAD_SPREAD * weight_n
     largest_n = MIN_LOAD_JUMP * weight_n
+    found = np.flatnonzero(steady & (jump_n > largest_n))
+    place = tenths(position, time, every[0], int(found.max(initial=-wide)) + wide)
     notes: tuple[Note, ...] = ()
-    for start in np.flatnonzero(steady & (jump_n > largest_n)):
+    for start in found:
         still = median_extent(place[start : start + wide]) < MAX_STILL_EXTENT_M
         if still and jump_n[start] > largest_n:
             largest_n = jump_n[start]

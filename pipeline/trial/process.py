@@ -43,7 +43,7 @@ from pipeline.trial.gait.perturbations import perturbation_onsets
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.ground.loads import plate_loads
-from pipeline.trial.ground.uncertainty import standard_deviation, uncertainty_notes
+from pipeline.trial.ground.uncertainty import sum_deviation, uncertainty_notes
 from pipeline.trial.ground.wrenches import Ground, ground_wrenches
 from pipeline.trial.marker_check import check_markers
 from pipeline.trial.motion_check import check_motion, known_frames, shown_frames
@@ -188,7 +188,7 @@ def process_recording(
         body.marker_set,
         foot_motion(body, motion.time, unfiltered.q, ground.pose),
         under_feet.contacts,
-        plate_loads(recording, laboratory, settings.plate_delay_s),
+        plate_loads(recording, laboratory, settings.plate_delay_s, ground.accelerations),
         body.mass * GRAVITY_MPS2,
     )
     events, method, events_note = detect_events(sources, settings.events)
@@ -369,10 +369,11 @@ def _require_plates(recording: Recording) -> None:
 
 def _uncertainty(ground: Ground, motion: Motion) -> CompensationUncertainty | None:
     """Give what the compensation makes uncertain: plates and residuals."""
-    if ground.covariance is None:
+    if not ground.spreads:
         return None
-    plates = [np.sqrt(np.diagonal(c, axis1=1, axis2=2)) for c in ground.covariances]
-    pelvis = standard_deviation(ground.covariance, motion.q[:, :3])
+    origin = np.zeros(3)
+    plates = [sum_deviation([spread], within, origin) for spread, within in ground.of_each]
+    pelvis = sum_deviation(ground.spreads, ground.correlation, motion.q[:, :3])
     return CompensationUncertainty(tuple(plates), pelvis)
 
 

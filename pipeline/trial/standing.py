@@ -60,6 +60,7 @@ def tenths(values: Array, time: Array, begin_s: float, count: int) -> Array:
     [0.5, 2.5, 4.5]
     """
     edges = np.searchsorted(time, begin_s - _step_s(time) / 2 + TENTH_S * np.arange(count + 1))
+    values = values[: edges[-1]]
     known = np.isfinite(values)
     number = np.diff(edges).reshape(-1, *(1,) * (values.ndim - 1))
     if not known.all():
@@ -91,7 +92,10 @@ def _step_s(time: Array) -> float:
 
 
 def _sums_between(edges: Indices, values: Array | Mask) -> Array:
-    """Give the sums of the samples, (N, ...), from each edge, (E,), to the next, (E − 1, ...)."""
+    """Give the sums of samples from each edge, (E,), to the next, (E − 1, ...).
+
+    The samples, (N, ...), end at the last edge.
+    """
     sums, filled = np.zeros((len(edges) - 1, *values.shape[1:])), np.diff(edges) > 0
-    sums[filled] = np.add.reduceat(values[: edges[-1]], edges[:-1][filled], axis=0, dtype=float)
+    sums[filled] = np.add.reduceat(values, edges[:-1][filled], axis=0, dtype=float)
     return sums

@@ -161,7 +161,6 @@ def _weigh(recording: Recording, expected_kg: float | None) -> _Weighing | None:
     begin_s, count = common_tenths(markers.time, *(plate.time for plate in plates))
     if count < WEIGHING_TENTHS:
         return None
-    place = tenths(markers.position, markers.time, begin_s, count)
     loads = [
         tenths(plate.wrench_in_plate[:, :3] @ plate.rotation[2], plate.time, begin_s, count)
         for plate in plates
@@ -171,11 +170,10 @@ def _weigh(recording: Recording, expected_kg: float | None) -> _Weighing | None:
     least = max(MIN_MASS_KG, MIN_WHOLE_SHARE * np.max(long[np.isfinite(long)], initial=0.0))
     seconds = sliding_window_view(mass, WEIGHING_TENTHS)
     mean, variation = seconds.mean(axis=1), seconds.std(axis=1)
-    steady = [
-        k
-        for k in np.flatnonzero((mean >= least) & (variation <= MAX_WEIGHT_VARIATION * mean))
-        if median_extent(place[k : k + WEIGHING_TENTHS]) < MAX_STILL_EXTENT_M
-    ]
+    even = np.flatnonzero((mean >= least) & (variation <= MAX_WEIGHT_VARIATION * mean))
+    wanted = int(even.max(initial=-WEIGHING_TENTHS)) + WEIGHING_TENTHS
+    place = tenths(markers.position, markers.time, begin_s, wanted)
+    steady = [k for k in even if median_extent(place[k : k + WEIGHING_TENTHS]) < MAX_STILL_EXTENT_M]
     if expected_kg is not None:
         as_expected = [k for k in steady if abs(mean[k] / expected_kg - 1) <= 1 - MIN_WHOLE_SHARE]
         steady = as_expected or steady

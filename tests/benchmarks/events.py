@@ -195,7 +195,7 @@ def event_sources(
         body.marker_set,
         foot_motion(body, motion.time, motion.q, ground.pose),
         contacts,
-        plate_loads(recording, laboratory, rules.plate_delay_s),
+        plate_loads(recording, laboratory, rules.plate_delay_s, ground.accelerations),
         body.mass * GRAVITY_MPS2,
     )
 

@@ -16,7 +16,7 @@ from hbm.calibration_pose.anatomy import LimbMeasures
 from hbm.coordinates import SIDES
 from hbm.markers import Markers
 from hbm.notes import Note
-from hbm.spatial import Array
+from hbm.spatial import Array, frozen
 from pipeline.io.axes import mean_force, parse_axes, settle_axes
 from pipeline.io.c3d.compensation import read_compensation
 from pipeline.io.c3d.data import Samples, missing_share, read_samples
@@ -130,7 +130,7 @@ def _read(path: Path, stated: Stated, max_frames: int | None) -> Recording:
         screen_up=parameters.text("POINT", "Y_SCREEN"),
     )
     to_lab = parse_axes(axes)
-    in_lab = np.moveaxis(to_lab @ np.moveaxis(position, 0, -1), -1, 0)
+    in_lab = np.moveaxis(frozen(to_lab @ np.moveaxis(position, 0, -1)), -1, 0)
     time = np.arange(len(position)) / samples.rate_hz
     analog_time = np.arange(len(samples.analog)) / samples.analog_rate_hz
     first_frame, frame_notes = _first_frame(header, parameters)
@@ -175,7 +175,7 @@ def _plate(layout: PlateLayout, wrench: Array, time: Array, to_lab: Array) -> Pl
     return Plate(
         number=layout.number,
         time=time,
-        wrench_in_plate=wrench,
+        wrench_in_plate=frozen(wrench),
         rotation=to_lab @ layout.rotation,
         center=corners.mean(axis=0),
         corners=corners,
@@ -189,13 +189,11 @@ def _other_channels(
     rest = [k for k in range(len(names)) if k not in taken]
     if not rest:
         return None
-    values = samples.analog.T.take(rest, axis=0)
-    values.setflags(write=False)
     return Analog(
         time,
         tuple(names[k] for k in rest),
         tuple(units[k] for k in rest),
-        values.T,
+        frozen(samples.analog.T.take(rest, axis=0)).T,
     )
 
 

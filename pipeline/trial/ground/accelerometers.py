@@ -131,7 +131,7 @@ def accelerations(recording: Recording, treadmill: Treadmill) -> tuple[Array, Ar
         for names in treadmill.accelerometers.values()
         for name in names
     ]
-    return channels[0][0], np.column_stack([values for _, values in channels])
+    return channels[0][0], np.stack([values for _, values in channels]).T
 
 
 def at_plate_times(

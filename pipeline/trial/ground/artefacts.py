@@ -18,6 +18,7 @@ from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import accelerations, at_plate_times
 from pipeline.trial.ground.belts import belt_wrenches
 from pipeline.trial.ground.corrected_plates import relative_delays_s
+from pipeline.trial.ground.empty_plates import samples_of
 from pipeline.trial.ground.instruments import hold_ends
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
@@ -81,7 +82,7 @@ def compensation_doubts(
         for plate, model in zip(plates, models, strict=True)
         for note in check_calibration(model, f"plate {plate.number}")
     ]
-    known = readings[np.isfinite(readings).all(axis=1)]
+    known = samples_of(readings, np.isfinite(readings).all(axis=1))
     return [*doubts, *check_trial(models[0], known, treadmill.accelerometer_range_g)]
 
 

@@ -33,6 +33,7 @@ from pipeline.trial.ground.empty_plates import (
     BESIDE,
     empty_plates,
     plate_samples,
+    samples_of,
     setup_of,
     wrenches_in_time,
 )
@@ -222,16 +223,11 @@ def _sensors(
     stated = treadmill.accelerometer_delay_s
     felt = resample(clock, filtered, first.time + (stated or 0.0))
     both = np.hstack([felt, *same_clock])
-    known = np.isfinite(both).all(axis=1)
-    complete = readings[np.isfinite(readings).all(axis=1)]
+    both = samples_of(both, np.isfinite(both).all(axis=1))
+    complete = samples_of(readings, np.isfinite(readings).all(axis=1))
     rate_hz = (len(clock) - 1) / float(clock[-1] - clock[0])
-    found = find_sensors(
-        felt[known],
-        both[known][:, felt.shape[1] :],
-        complete,
-        setup,
-        rate_hz,
-    )
+    felt, wrench = np.split(both, [felt.shape[1]], axis=1)
+    found = find_sensors(felt, wrench, complete, setup, rate_hz)
     if stated is None:
         return found
     return tuple(replace(sensor, delay_s=stated, delay_error_s=0.0) for sensor in found)

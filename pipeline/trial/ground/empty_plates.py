@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from compensation import InertiaModel, Sensor, Setup
 from compensation.inertia.checks import MIN_LOAD_N
@@ -135,7 +136,7 @@ def plate_samples(
                 f"{recording.source.name}: plate {plate.number} has no samples at which the "
                 "accelerometers are known"
             )
-        found[f"plate {plate.number}"] = felt[known], wrench[known]
+        found[f"plate {plate.number}"] = samples_of(felt, known), samples_of(wrench, known)
     return found
 
 
@@ -209,6 +210,14 @@ def _means(force: Array, setup: Setup, length_s: float) -> Array:
     """Give the means of parts of about a length, (parts,)."""
     parts = max(len(force) // round(length_s * setup.rate_hz), 1)
     return np.array([part.mean() for part in np.array_split(force, parts)])
+
+
+def samples_of(channels: Array, known: ArrayLike) -> Array:
+    """Give the known ones, (M, K), of some samples, (N, K), every channel in one piece of memory.
+
+    Fits sum over samples again and again, which then takes a tenth of the time.
+    """
+    return channels.T.compress(np.asarray(known), axis=1).T
 
 
 def setup_of(recording: Recording, treadmill: Treadmill) -> Setup:

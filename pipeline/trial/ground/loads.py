@@ -7,9 +7,8 @@ import numpy as np
 from compensation import InertiaModel
 from hbm.spatial import Array, read_only
 from pipeline.io.recording import Recording
-from pipeline.trial.ground.accelerometers import accelerations, at_times_of_plates
+from pipeline.trial.ground.accelerometers import at_times_of_plates
 from pipeline.trial.ground.corrected_plates import plate_delays_s
-from pipeline.trial.ground.empty_plates import setup_of
 from pipeline.trial.ground.laboratory import Laboratory, plate_models
 
 
@@ -46,7 +45,10 @@ class PlateLoad:
 
 
 def plate_loads(
-    recording: Recording, laboratory: Laboratory, plate_delay_s: float | None
+    recording: Recording,
+    laboratory: Laboratory,
+    plate_delay_s: float | None,
+    accelerations: tuple[Array, Array] | None,
 ) -> tuple[PlateLoad, ...]:
     """Give the load on every plate, without what the platform's motion adds where that is known.
 
@@ -58,6 +60,9 @@ def plate_loads(
         The treadmill with its calibration, if any.
     plate_delay_s
         How much later the plates are than the markers [s]; None as their calibration states it.
+    accelerations
+        Times (N,) [s] and low-passed readings (N, k) [m/s²] of the accelerometers, as
+        `pipeline.trial.ground.wrenches.Ground` has them; None without a calibration.
 
     Returns
     -------
@@ -69,13 +74,12 @@ def plate_loads(
     Raises
     ------
     ValueError
-        If the calibration does not fit the trial, or a channel is missing.
+        If the calibration does not fit the trial.
     """
     plates, treadmill = recording.plates, laboratory.treadmill
     forces = [plate.wrench_in_plate[:, :3] @ plate.rotation[2] for plate in plates]
-    if laboratory.calibration is not None:
-        clock, readings = accelerations(recording, treadmill)
-        readings = setup_of(recording, treadmill).low_pass(readings, clock)
+    if laboratory.calibration is not None and accelerations is not None:
+        clock, readings = accelerations
         models = plate_models(recording, laboratory)
         times, sensors = [plate.time for plate in plates], laboratory.calibration.sensors
         felt = at_times_of_plates(clock, readings, times, treadmill, sensors, models[0].lags_s)

@@ -6,6 +6,7 @@ the zero of the plates. Body, markers, the platform's pose and accelerating belt
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -27,6 +28,35 @@ MAX_FASTER: Final = 1.05
 the variance that is expected."""
 
 
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """One standard deviation of a plate's compensated wrench, due to the compensation alone.
+
+    Attributes
+    ----------
+    sd
+        Of its components without the plate's zero, in the plate's axes about its centre, (T, 6)
+        [N, N·m]; NaN where the acceleration is unknown.
+    zero
+        Of its zero, the same in all frames, (6,) [N, N·m].
+    rotation, center
+        Orientation and place of the plate in the lab, (T, 3, 3) and (T, 3) [m], or (1, 3, 3) and
+        (1, 3) where it stands still.
+    """
+
+    sd: Array
+    zero: Array
+    rotation: Array
+    center: Array
+
+    def to_lab(self, point: Array) -> Array:
+        """Give what brings wrenches of the plate to the lab, about a point there, (T, 6, 6).
+
+        The point is (T, 3) or (3,) [m]; every entry of the result is in one piece of memory.
+        """
+        return _change(self.rotation, self.center - point)
+
+
 def wrench_spread(
     model: InertiaModel,
     acceleration: Array,
@@ -35,8 +65,8 @@ def wrench_spread(
     cutoff_hz: float,
     rate_hz: float,
     belts_mps: Array | None = None,
-) -> Array:
-    """Give what one standard deviation of each component of a plate is in the lab.
+) -> Spread:
+    """Give what the compensation of a plate makes uncertain.
 
     Parameters
     ----------
@@ -58,27 +88,25 @@ def wrench_spread(
 
     Returns
     -------
-    Array
-        One column per component of the plate's compensated wrench without its zero, then one per
-        component of its zero, in lab axes about the lab origin, (T, 6, 12) [N, N·m]; NaN where the
-        acceleration or the pose is unknown.
+    Spread
+        At the frames.
     """
     slow = cutoff_hz <= SLOW_HZ
-    sd = model.uncertainty(acceleration, slow, rate_hz, zero=False, belts_mps=belts_mps)
-    zero = np.zeros(6) if model.model_error is None else model.model_error.zero
-    both = np.hstack([sd, np.where(np.isnan(sd), np.nan, zero)])
-    rotation = plate.rotation[None] if pose is None else pose.rotation @ plate.rotation
-    center = plate.center[None] if pose is None else pose.to_lab(plate.center)
-    return np.asarray(np.tile(_change(rotation, center), 2) * both[:, None, :])
+    return Spread(
+        sd=model.uncertainty(acceleration, slow, rate_hz, zero=False, belts_mps=belts_mps),
+        zero=np.zeros(6) if model.model_error is None else model.model_error.zero,
+        rotation=plate.rotation[None] if pose is None else pose.rotation @ plate.rotation,
+        center=plate.center[None] if pose is None else pose.to_lab(plate.center),
+    )
 
 
-def sum_covariance(spreads: Sequence[Array], correlation: Array) -> Array:
+def sum_covariance(spreads: Sequence[Spread], correlation: Array) -> Array:
     """Give the covariance of the sum of some plates' wrenches.
 
     Parameters
     ----------
     spreads
-        Of each plate, as `wrench_spread` gives them, (T, 6, 12).
+        Of each plate.
     correlation
         Between all of their components but the zeros, which are independent, (6 P, 6 P).
 
@@ -87,12 +115,39 @@ def sum_covariance(spreads: Sequence[Array], correlation: Array) -> Array:
     Array
         In lab axes about the lab origin, (T, 6, 6) [N², N²·m, N²·m²].
     """
+    changes = [spread.to_lab(np.zeros(3)) for spread in spreads]
     moving, zeros = (
-        np.concatenate([spread[:, :, part] for spread in spreads], axis=2)
-        for part in (slice(0, 6), slice(6, 12))
+        np.concatenate([c * sd[:, None] for c, sd in zip(changes, sds, strict=True)], axis=2)
+        for sds in ([s.sd for s in spreads], [s.zero[None] for s in spreads])
     )
     of_motion = moving @ correlation @ np.swapaxes(moving, 1, 2)
     return np.asarray(of_motion + zeros @ np.swapaxes(zeros, 1, 2))
+
+
+def sum_deviation(spreads: Sequence[Spread], correlation: Array, point: Array) -> Array:
+    """Give one standard deviation of the sum of some plates' wrenches.
+
+    Parameters
+    ----------
+    spreads, correlation
+        As for `sum_covariance`, of which this needs the diagonal alone.
+    point
+        About which moments are wanted, in the lab, (T, 3) or (3,) [m].
+
+    Returns
+    -------
+    Array
+        In lab axes, (T, 6) [N, N·m]; NaN where an acceleration or the pose is unknown, moments also
+        where the point is.
+    """
+    changes = [np.moveaxis(spread.to_lab(point), 0, -1) for spread in spreads]
+    variance = np.empty((6, len(spreads[0].sd)))
+    for row, of_row in enumerate(variance):
+        both = [(change[row], spread) for change, spread in zip(changes, spreads, strict=True)]
+        moving = np.concatenate([factors * spread.sd.T for factors, spread in both])
+        of_row[:] = (moving * (correlation @ moving)).sum(axis=0)
+        of_row += sum(spread.zero**2 @ factors**2 for factors, spread in both)
+    return np.sqrt(variance).T
 
 
 def moved(covariance: Array, rotation: Array, point: Array) -> Array:
@@ -190,8 +245,13 @@ def uncertainty_notes(residual_sd: Array) -> tuple[Note, ...]:
 
 
 def _change(rotation: Array, point: Array) -> Array:
-    """Give what brings wrenches to other axes and another point of reference, (T, 6, 6)."""
-    change = np.zeros((max(len(rotation), len(point)), 6, 6))
-    change[:, :3, :3] = change[:, 3:, 3:] = rotation
-    change[:, 3:, :3] = np.cross(point[:, :, None], rotation, axis=1)
-    return change
+    """Give what brings wrenches to other axes and another point of reference, (T, 6, 6).
+
+    Every entry is in one piece of memory.
+    """
+    rows, p = np.moveaxis(rotation, 0, -1), point.T
+    change = np.zeros((6, 6, max(len(rotation), len(point))))
+    change[:3, :3] = change[3:, 3:] = rows
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        change[3 + i, :3] = p[j] * rows[k] - p[k] * rows[j]
+    return np.moveaxis(change, -1, 0)

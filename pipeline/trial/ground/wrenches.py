@@ -1,7 +1,7 @@
 """What acts on the subject: the plates' wrenches in the lab, as measured and compensated."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -32,7 +32,12 @@ from pipeline.trial.ground.instruments import fastest_belt
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
 from pipeline.trial.ground.platform import NEUTRAL_FRAMES, platform_pose
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
-from pipeline.trial.ground.uncertainty import belt_speed_notes, sum_covariance, wrench_spread
+from pipeline.trial.ground.uncertainty import (
+    Spread,
+    belt_speed_notes,
+    sum_covariance,
+    wrench_spread,
+)
 
 ASSUMED_PIVOT_ERROR_M: Final = 0.01
 """Of a pivot that is measured by hand; its effect on the moments is noted."""
@@ -51,31 +56,51 @@ class Ground:
         The platform's pose at the markers' times; None where it stands still.
     notes
         How the wrenches were compensated and brought to the lab, and what is doubtful about that.
-    covariances
-        Per plate that of its compensated wrench due to the compensation alone, lab axes about the
-        lab origin, (T, 6, 6); empty without a calibration of the platform.
-    covariance
-        As `covariances`, of the sum of all plates; None without a calibration of the platform.
+    spreads
+        Per plate what the compensation makes uncertain; empty without a calibration of the
+        platform.
+    correlation
+        Between all plates, as `sum_covariance` takes it, (6 P, 6 P).
     felt
         Per plate what the accelerometers felt at the markers' times, as its inertia model takes it,
         (T, K) [m/s²]; empty without a calibration of the platform.
     belts
         Per plate what was subtracted of its accelerating belt, in the plate's own axes, (T, 6)
         [N, N·m]; empty without a calibration of the belts.
+    accelerations
+        Times (N,) [s] and readings (N, k) [m/s²] of the accelerometers, through the low-pass of
+        the calibration; None without a calibration of the platform.
     """
 
     variants: Mapping[str, Sequence[Array]]
     pose: PlatformPose | None
     notes: tuple[Note, ...]
-    covariances: tuple[Array, ...] = ()
-    covariance: Array | None = None
+    spreads: tuple[Spread, ...] = ()
+    correlation: Array = field(default_factory=lambda: np.zeros((0, 0)))
     felt: tuple[Array, ...] = ()
     belts: tuple[Array, ...] = ()
+    accelerations: tuple[Array, Array] | None = None
 
     @property
     def best(self) -> str:
         """The variant that is closest to the truth: compensated where there is one."""
         return "compensated" if "compensated" in self.variants else "measured"
+
+    @property
+    def of_each(self) -> list[tuple[Spread, Array]]:
+        """Per plate its spread and the correlation within it, (6, 6)."""
+        own = [slice(6 * k, 6 * k + 6) for k in range(len(self.spreads))]
+        return [(s, self.correlation[k, k]) for s, k in zip(self.spreads, own, strict=True)]
+
+    @property
+    def covariances(self) -> list[Array]:
+        """Per plate that of its wrench, lab axes about the lab origin, (T, 6, 6)."""
+        return [sum_covariance([spread], correlation) for spread, correlation in self.of_each]
+
+    @property
+    def covariance(self) -> Array:
+        """As `covariances`, of the sum of all plates."""
+        return sum_covariance(self.spreads, self.correlation)
 
 
 def ground_wrenches(
@@ -111,9 +136,11 @@ def ground_wrenches(
     Ground
         Both variants move with the platform. What platform and belts add is subtracted in each
         plate's own moving frame, before any rotation. Plates and accelerometers pass the low-pass
-        of the calibration before the platform's inertia is subtracted. The gains are constant, and
-        the differences of a dynamic model are taken at the accelerometers' rate, so that it makes
-        no difference that this is done at the markers' rate on equally resampled signals.
+        of the calibration before the platform's inertia is subtracted, but not in real time. The
+        gains are constant, and the differences of a dynamic model are taken at the accelerometers'
+        rate, so that it makes no difference that this is done at the markers' rate on equally
+        resampled signals. In real time no wrench is known while the platform's markers still show
+        their neutral places, which takes `NEUTRAL_FRAMES`.
 
     Raises
     ------
@@ -132,14 +159,18 @@ def ground_wrenches(
     notes = [Note.of("plate_constant", plate=p.number) for p in plates if _is_constant(p)]
 
     compensated, felt, added = measured, list[Array](), list[Array]()
+    filtered = None
     if laboratory.calibration is not None:
+        clock, readings = accelerations(recording, treadmill)
         models = plate_models(recording, laboratory)
+        filtered = clock, setup_of(recording, treadmill).low_pass(readings, clock)
         if method == "realtime":
-            plain, felt = measured, _felt_in_real_time(recording, laboratory, times, models[0])
+            plain = measured
+            felt = _felt_in_real_time(recording, laboratory, models, (clock, readings), times)
         else:
-            plain, felt = _low_passed(recording, laboratory, times, models[0])
+            plain, felt = _low_passed(recording, laboratory, models, filtered, times)
         compensated = [_compensated(*each) for each in zip(models, felt, plain, strict=True)]
-        notes += _compensation_notes(recording, laboratory, models, method)
+        notes += _compensation_notes(recording, laboratory, models, readings, method)
     if laboratory.belts and treadmill.belt is not None:
         in_time = belt_wrenches_in_real_time if method == "realtime" else belt_wrenches
         added = in_time(recording, laboratory.belts, treadmill.belt, times)
@@ -159,9 +190,8 @@ def ground_wrenches(
     if method == "realtime" and treadmill.platform is not None and treadmill.platform.markers:
         for wrench in (w for wrenches in in_lab.values() for w in wrenches):
             wrench[:NEUTRAL_FRAMES] = np.nan
-    covariances, covariance = list[Array](), None
-    if felt:
-        assert laboratory.calibration is not None
+    spreads, joint = list[Spread](), np.zeros((0, 0))
+    if laboratory.calibration is not None:
         if pose is not None and treadmill.platform is not None and treadmill.platform.markers:
             readings = felt[0][:, : len(models[0].acceleration_mean)]
             late = plate_marker_delay(pose, readings, recording.markers.rate_hz)
@@ -174,15 +204,17 @@ def ground_wrenches(
             for model, plate, acceleration in zip(models, plates, felt, strict=True)
         ]
         joint = laboratory.calibration.correlation_of([f"plate {p.number}" for p in plates])
-        covariance = sum_covariance(spreads, joint)
-        covariances = [
-            sum_covariance([spread], joint[6 * k : 6 * k + 6, 6 * k : 6 * k + 6])
-            for k, spread in enumerate(spreads)
-        ]
         if laboratory.calibration.correlation is None and len(plates) > 1:
             notes.append(Note.of("plates_taken_as_independent"))
     return Ground(
-        in_lab, pose, tuple(notes), tuple(covariances), covariance, tuple(felt), tuple(added)
+        variants=in_lab,
+        pose=pose,
+        notes=tuple(notes),
+        spreads=tuple(spreads),
+        correlation=joint,
+        felt=tuple(felt),
+        belts=tuple(added),
+        accelerations=filtered,
     )
 
 
@@ -191,44 +223,49 @@ def _is_constant(plate: Plate) -> bool:
 
 
 def _low_passed(
-    recording: Recording, laboratory: Laboratory, times: Sequence[Array], model: InertiaModel
+    recording: Recording,
+    laboratory: Laboratory,
+    models: Sequence[InertiaModel],
+    filtered: tuple[Array, Array],
+    times: Sequence[Array],
 ) -> tuple[list[Array], list[Array]]:
-    """Give each plate, (T, 6), and what the accelerometers felt for it, (T, K).
+    """Give each plate, (T, 6), and what the accelerometers felt for it, (T, K), at its times (T,).
 
-    Both pass the low-pass that both passed in the calibration: filtering only one of them would
-    leave the part of the artefact that the filter takes from the other. Times are on the plates'
-    clock.
+    The accelerometers' filtered readings are given with their times. Plates and accelerometers both
+    pass the low-pass that both passed in the calibration: filtering only one of them would leave
+    the part of the artefact that the filter takes from the other.
     """
-    plates, treadmill = recording.plates, laboratory.treadmill
-    clock, readings = accelerations(recording, treadmill)
-    setup = setup_of(recording, treadmill)
+    treadmill, setup = laboratory.treadmill, setup_of(recording, laboratory.treadmill)
     assert laboratory.calibration is not None
-    sensors, filtered = laboratory.calibration.sensors, setup.low_pass(readings, clock)
     earlier = _of_accelerometers(recording, laboratory, times)
-    felt = at_times_of_plates(clock, filtered, earlier, treadmill, sensors, model.lags_s)
+    sensors = laboratory.calibration.sensors
+    felt = at_times_of_plates(*filtered, earlier, treadmill, sensors, models[0].lags_s)
     wrenches = [
         resample(plate.time, setup.low_pass(plate.wrench_in_plate, plate.time), time)
-        for plate, time in zip(plates, times, strict=True)
+        for plate, time in zip(recording.plates, times, strict=True)
     ]
     return wrenches, felt
 
 
 def _felt_in_real_time(
-    recording: Recording, laboratory: Laboratory, times: Sequence[Array], model: InertiaModel
+    recording: Recording,
+    laboratory: Laboratory,
+    models: Sequence[InertiaModel],
+    readings: tuple[Array, Array],
+    times: Sequence[Array],
 ) -> list[Array]:
     """Give what the accelerometers felt for each plate, (T, K), without their low-pass."""
     assert laboratory.calibration is not None
     assert recording.analog is not None
-    clock, readings = accelerations(recording, laboratory.treadmill)
     sensors = RealtimeAccelerometers.of(
         laboratory.treadmill,
         laboratory.calibration.sensors,
-        model.lags_s,
+        models[0].lags_s,
         recording.analog.rate_hz,
         recording.markers.rate_hz,
     )
     earlier = _of_accelerometers(recording, laboratory, times)
-    return [sensors.felt(clock, readings, at) for at in earlier]
+    return [sensors.felt(*readings, at) for at in earlier]
 
 
 def _of_accelerometers(
@@ -240,12 +277,18 @@ def _of_accelerometers(
 
 
 def _compensation_notes(
-    recording: Recording, laboratory: Laboratory, models: list[InertiaModel], method: Method
+    recording: Recording,
+    laboratory: Laboratory,
+    models: list[InertiaModel],
+    readings: Array,
+    method: Method,
 ) -> list[Note]:
-    """Say how plates are compensated, and what is doubtful about it."""
+    """Say how plates were compensated by accelerometers, and what is doubtful about their readings.
+
+    The readings (N, k) are as recorded.
+    """
     treadmill, calibration = laboratory.treadmill, laboratory.calibration
     assert calibration is not None
-    _, readings = accelerations(recording, treadmill)
     notes = compensation_doubts(recording.plates, models, readings, treadmill)
     sensors = tuple(treadmill.accelerometers)
     if method == "realtime":

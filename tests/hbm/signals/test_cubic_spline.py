@@ -25,6 +25,22 @@ def test_equal_steps_give_the_spline_of_the_general_solver(samples, seed, start_
     )
 
 
+@given(
+    samples=st.integers(2 * REACH, 400),
+    seed=SEEDS,
+    every=st.integers(1, 12),
+    share=st.floats(0.001, 0.999),
+)
+def test_times_with_equal_steps_give_what_the_same_times_give_in_any_order(
+    samples, seed, every, share
+):
+    values, time = scattered(samples, seed), np.arange(samples) / 1000
+    at = (np.arange(3, samples - 1, every) + share) / 1000
+    order = np.random.default_rng(seed).permutation(len(at))
+    found = cubic_spline(time, values, at)
+    np.testing.assert_allclose(found[order], cubic_spline(time, values, at[order]), atol=1e-9)
+
+
 @given(samples=SAMPLES, seed=SEEDS)
 def test_a_cubic_is_met_exactly_up_to_both_ends(samples, seed):
     time = np.arange(samples) / 100

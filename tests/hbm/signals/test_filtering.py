@@ -287,6 +287,24 @@ def test_resampling_does_not_alias_into_the_band(frequency_hz):
     assert abs(resample(plate_time, hum, time)[20:-20]).max() < 2e-4  # −80 dB and interpolation
 
 
+@pytest.mark.parametrize("rate_hz", [100, 125, 200])
+@pytest.mark.parametrize("start_s", [-0.3, 0.0, 0.004])
+def test_a_value_at_a_sample_does_not_depend_on_which_others_are_wanted(rate_hz, start_s):
+    """Wanted times at samples take another way than those between them."""
+    rng = np.random.default_rng(rate_hz)
+    noise = rng.normal(size=(10000, 3))
+    noise[rng.integers(1000, 9000), 1] = noise[:77, 2] = np.nan
+    wanted = start_s + np.arange(9 * rate_hz) / rate_hz
+    at_samples = resample(plate_time, noise, wanted)
+    between = wanted.copy()
+    between[1:-1:2] += 3e-7
+    np.testing.assert_allclose(
+        resample(plate_time, noise, between)[::2], at_samples[::2], atol=1e-9
+    )
+    delayed = resample(plate_time, noise, wanted - 0.002, delay_s=0.002)
+    np.testing.assert_allclose(delayed, at_samples, atol=1e-9)
+
+
 def test_resampling_removes_a_known_delay():
     force = lambda t: np.sin(2 * np.pi * 1.3 * t)  # noqa: E731
     late = force(plate_time - 0.0071)

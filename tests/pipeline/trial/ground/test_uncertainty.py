@@ -13,7 +13,13 @@ from pipeline.config.schema import Platform, Treadmill
 from pipeline.run.frames import frame_table
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
-from pipeline.trial.ground.uncertainty import moved, standard_deviation
+from pipeline.trial.ground.uncertainty import (
+    Spread,
+    moved,
+    standard_deviation,
+    sum_covariance,
+    sum_deviation,
+)
 from pipeline.trial.ground.wrenches import ground_wrenches
 from pipeline.trial.residuals import residual_rows
 from tests.pipeline import lab
@@ -45,6 +51,24 @@ def test_a_force_that_is_uncertain_makes_moments_about_a_far_point_uncertain():
     sideways[0, 1, 1] = 4.0
     found = standard_deviation(sideways, np.array([[0.0, 0.0, 1.0]]))
     np.testing.assert_allclose(found, [[0, 2, 0, 2, 0, 0]])
+
+
+@pytest.mark.parametrize("frames", [1, 4])
+def test_the_deviation_of_a_sum_is_the_diagonal_of_its_covariance_about_the_point(frames):
+    """Of two plates that stand still, and that move; in one frame the acceleration is unknown."""
+    rng = np.random.default_rng(frames)
+    axes = np.stack([rotation_about(np.array([0, 1, 0]), a) for a in rng.normal(size=frames)])
+    spreads = [
+        Spread(rng.uniform(1, 2, (4, 6)), rng.uniform(0, 1, 6), axes, rng.normal(size=(frames, 3)))
+        for _ in range(2)
+    ]
+    spreads[1].sd[2] = np.nan
+    factor = rng.normal(size=(12, 12))
+    correlation, point = factor @ factor.T, rng.normal(size=(4, 3))
+    found = sum_deviation(spreads, correlation, point)
+    expected = standard_deviation(sum_covariance(spreads, correlation), point)
+    assert np.isnan(found).all(axis=1).tolist() == [False, False, True, False]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def with_known_zeros(calibration):
