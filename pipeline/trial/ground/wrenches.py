@@ -2,21 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 
 from compensation import (
     InertiaModel,
     PlatformPose,
-    moment_error_of_pivot,
-    to_lab,
 )
 from compensation.inertia.model import SLOW_HZ
 from hbm.notes import Note
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time
-from hbm.spatial import Array, transform_wrench
+from hbm.spatial import Array
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import (
     RealtimeAccelerometers,
@@ -30,7 +27,12 @@ from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_dela
 from pipeline.trial.ground.empty_plates import BESIDE, FILTER, setup_of
 from pipeline.trial.ground.instruments import fastest_belt
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
-from pipeline.trial.ground.platform import NEUTRAL_FRAMES, platform_pose
+from pipeline.trial.ground.platform import (
+    NEUTRAL_FRAMES,
+    in_lab,
+    pivot_error_budget,
+    platform_pose,
+)
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
 from pipeline.trial.ground.uncertainty import (
     Spread,
@@ -38,9 +40,6 @@ from pipeline.trial.ground.uncertainty import (
     sum_covariance,
     wrench_spread,
 )
-
-ASSUMED_PIVOT_ERROR_M: Final = 0.01
-"""Of a pivot that is measured by hand; its effect on the moments is noted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,13 +181,13 @@ def ground_wrenches(
     if pose is None and laboratory.calibration is not None:
         notes.append(Note.of("platform_taken_as_level"))
     if pose is not None and treadmill.platform is not None and treadmill.platform.pitch_channel:
-        notes.append(_pivot_error_budget(pose, np.sum(measured, axis=0)[:, :3]))
+        notes.append(pivot_error_budget(pose, np.sum(measured, axis=0)[:, :3]))
     variants = {"measured": measured}
     if compensated is not measured:
         variants["compensated"] = compensated
-    in_lab = {name: _in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
+    moved = {name: in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
     if method == "realtime" and treadmill.platform is not None and treadmill.platform.markers:
-        for wrench in (w for wrenches in in_lab.values() for w in wrenches):
+        for wrench in (w for wrenches in moved.values() for w in wrenches):
             wrench[:NEUTRAL_FRAMES] = np.nan
     spreads, joint = list[Spread](), np.zeros((0, 0))
     if laboratory.calibration is not None:
@@ -207,7 +206,7 @@ def ground_wrenches(
         if laboratory.calibration.correlation is None and len(plates) > 1:
             notes.append(Note.of("plates_taken_as_independent"))
     return Ground(
-        variants=in_lab,
+        variants=moved,
         pose=pose,
         notes=tuple(notes),
         spreads=tuple(spreads),
@@ -319,23 +318,3 @@ def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Arr
     result = np.full(wrench.shape, np.nan)
     result[known] = model.compensate(acceleration[known], wrench[known])
     return result
-
-
-def _in_lab(
-    wrenches: Sequence[Array], plates: Sequence[Plate], pose: PlatformPose | None
-) -> list[Array]:
-    """Bring wrenches in plate axes to the lab, by the plates' neutral places and the pose."""
-    neutral = [
-        transform_wrench(wrench, plate.rotation, plate.center)
-        for wrench, plate in zip(wrenches, plates, strict=True)
-    ]
-    return neutral if pose is None else [to_lab(wrench, pose) for wrench in neutral]
-
-
-def _pivot_error_budget(pose: PlatformPose, force: Array) -> Note:
-    """Give the largest moment that a small error of the stated pivot would add."""
-    pitch = np.arctan2(pose.rotation[:, 0, 2], pose.rotation[:, 0, 0])
-    directions = np.eye(3)[[0, 2]]
-    moments = [moment_error_of_pivot(ASSUMED_PIVOT_ERROR_M * d, pitch, force) for d in directions]
-    largest_nm = float(np.nanmax(np.linalg.norm(moments, axis=2)))
-    return Note.of("pivot_error_budget", pivot_error_m=ASSUMED_PIVOT_ERROR_M, moment_nm=largest_nm)
