@@ -1,6 +1,6 @@
 """The platform's pose in a trial, from its markers or as commanded; plates that move with it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -12,6 +12,7 @@ from compensation import (
     fit_pose,
     interpolate_pose,
     mean_pose,
+    moment_error_of_pivot,
     neutral_markers,
     to_lab,
 )
@@ -27,6 +28,9 @@ NEUTRAL_FRAMES: Final = 100
 """Frames at the start in which the platform is in neutral: one second at 100 Hz."""
 MAX_MARKER_ERROR_M: Final = 0.01
 """Farther from the rigid fit a marker is left out; cameras err by a millimetre or less."""
+
+ASSUMED_PIVOT_ERROR_M: Final = 0.01
+"""Of a pivot that is measured by hand; its effect on the moments is noted."""
 
 
 def platform_pose(
@@ -122,6 +126,26 @@ def turned_to_lab(plate: Plate, wrench_in_plate: Array, pose: PlatformPose) -> A
     on_platform = transform_wrench(wrench_in_plate, plate.rotation, plate.center)
     about_center = shift_wrench(to_lab(on_platform, pose), plate.center)
     return rotate_wrench(about_center, plate.rotation.T)
+
+
+def in_lab(
+    wrenches: Sequence[Array], plates: Sequence[Plate], pose: PlatformPose | None
+) -> list[Array]:
+    """Bring wrenches in plate axes to the lab, by the plates' neutral places and the pose."""
+    neutral = [
+        transform_wrench(wrench, plate.rotation, plate.center)
+        for wrench, plate in zip(wrenches, plates, strict=True)
+    ]
+    return neutral if pose is None else [to_lab(wrench, pose) for wrench in neutral]
+
+
+def pivot_error_budget(pose: PlatformPose, force: Array) -> Note:
+    """Give the largest moment that a small error of the stated pivot would add."""
+    pitch = np.arctan2(pose.rotation[:, 0, 2], pose.rotation[:, 0, 0])
+    directions = np.eye(3)[[0, 2]]
+    moments = [moment_error_of_pivot(ASSUMED_PIVOT_ERROR_M * d, pitch, force) for d in directions]
+    largest_nm = float(np.nanmax(np.linalg.norm(moments, axis=2)))
+    return Note.of("pivot_error_budget", pivot_error_m=ASSUMED_PIVOT_ERROR_M, moment_nm=largest_nm)
 
 
 def moved_corners(plate: Plate, pose: PlatformPose) -> Array:

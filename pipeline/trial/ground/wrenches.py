@@ -2,21 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 
 from compensation import (
     InertiaModel,
     PlatformPose,
-    moment_error_of_pivot,
-    to_lab,
 )
 from compensation.inertia.model import SLOW_HZ
 from hbm.notes import Note
 from hbm.signals.filtering import Method
 from hbm.signals.resampling import interpolate, resample, resample_in_real_time
-from hbm.spatial import Array, transform_wrench
+from hbm.spatial import Array
 from pipeline.io.recording import Plate, Recording
 from pipeline.trial.ground.accelerometers import (
     RealtimeAccelerometers,
@@ -30,7 +27,12 @@ from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_dela
 from pipeline.trial.ground.empty_plates import BESIDE, FILTER, setup_of
 from pipeline.trial.ground.instruments import fastest_belt
 from pipeline.trial.ground.laboratory import Laboratory, plate_models, require_uncompensated
-from pipeline.trial.ground.platform import NEUTRAL_FRAMES, platform_pose
+from pipeline.trial.ground.platform import (
+    NEUTRAL_FRAMES,
+    in_lab,
+    pivot_error_budget,
+    platform_pose,
+)
 from pipeline.trial.ground.platform_delay import plate_marker_delay, plates_note
 from pipeline.trial.ground.uncertainty import (
     Spread,
@@ -38,9 +40,6 @@ from pipeline.trial.ground.uncertainty import (
     sum_covariance,
     wrench_spread,
 )
-
-ASSUMED_PIVOT_ERROR_M: Final = 0.01
-"""Of a pivot that is measured by hand; its effect on the moments is noted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,9 +135,11 @@ def ground_wrenches(
     Ground
         Both variants move with the platform. What platform and belts add is subtracted in each
         plate's own moving frame, before any rotation. Plates and accelerometers pass the low-pass
-        of the calibration before the platform's inertia is subtracted. The gains are constant, and
-        the differences of a dynamic model are taken at the accelerometers' rate, so that it makes
-        no difference that this is done at the markers' rate on equally resampled signals.
+        of the calibration before the platform's inertia is subtracted, but not in real time. The
+        gains are constant, and the differences of a dynamic model are taken at the accelerometers'
+        rate, so that it makes no difference that this is done at the markers' rate on equally
+        resampled signals. In real time no wrench is known while the platform's markers still show
+        their neutral places, which takes `NEUTRAL_FRAMES`.
 
     Raises
     ------
@@ -159,13 +160,14 @@ def ground_wrenches(
     compensated, felt, added = measured, list[Array](), list[Array]()
     filtered = None
     if laboratory.calibration is not None:
-        models = plate_models(recording, laboratory)
         clock, readings = accelerations(recording, treadmill)
+        models = plate_models(recording, laboratory)
         filtered = clock, setup_of(recording, treadmill).low_pass(readings, clock)
         if method == "realtime":
-            plain, felt = measured, _felt_in_real_time(recording, laboratory, times, models[0])
+            plain = measured
+            felt = _felt_in_real_time(recording, laboratory, models, (clock, readings), times)
         else:
-            plain, felt = _low_passed(recording, laboratory, times, models[0], filtered)
+            plain, felt = _low_passed(recording, laboratory, models, filtered, times)
         compensated = [_compensated(*each) for each in zip(models, felt, plain, strict=True)]
         notes += _compensation_notes(recording, laboratory, models, readings, method)
     if laboratory.belts and treadmill.belt is not None:
@@ -179,13 +181,13 @@ def ground_wrenches(
     if pose is None and laboratory.calibration is not None:
         notes.append(Note.of("platform_taken_as_level"))
     if pose is not None and treadmill.platform is not None and treadmill.platform.pitch_channel:
-        notes.append(_pivot_error_budget(pose, np.sum(measured, axis=0)[:, :3]))
+        notes.append(pivot_error_budget(pose, np.sum(measured, axis=0)[:, :3]))
     variants = {"measured": measured}
     if compensated is not measured:
         variants["compensated"] = compensated
-    in_lab = {name: _in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
+    moved = {name: in_lab(wrenches, plates, pose) for name, wrenches in variants.items()}
     if method == "realtime" and treadmill.platform is not None and treadmill.platform.markers:
-        for wrench in (w for wrenches in in_lab.values() for w in wrenches):
+        for wrench in (w for wrenches in moved.values() for w in wrenches):
             wrench[:NEUTRAL_FRAMES] = np.nan
     spreads, joint = list[Spread](), np.zeros((0, 0))
     if laboratory.calibration is not None:
@@ -204,7 +206,7 @@ def ground_wrenches(
         if laboratory.calibration.correlation is None and len(plates) > 1:
             notes.append(Note.of("plates_taken_as_independent"))
     return Ground(
-        variants=in_lab,
+        variants=moved,
         pose=pose,
         notes=tuple(notes),
         spreads=tuple(spreads),
@@ -222,45 +224,47 @@ def _is_constant(plate: Plate) -> bool:
 def _low_passed(
     recording: Recording,
     laboratory: Laboratory,
-    times: Sequence[Array],
-    model: InertiaModel,
+    models: Sequence[InertiaModel],
     filtered: tuple[Array, Array],
+    times: Sequence[Array],
 ) -> tuple[list[Array], list[Array]]:
-    """Give each plate, (T, 6), and what the accelerometers felt for it, (T, K).
+    """Give each plate, (T, 6), and what the accelerometers felt for it, (T, K), at its times (T,).
 
     The accelerometers' filtered readings are given with their times. Plates and accelerometers both
     pass the low-pass that both passed in the calibration: filtering only one of them would leave
-    the part of the artefact that the filter takes from the other. Times are on the plates' clock.
+    the part of the artefact that the filter takes from the other.
     """
-    plates, treadmill = recording.plates, laboratory.treadmill
-    setup = setup_of(recording, treadmill)
+    treadmill, setup = laboratory.treadmill, setup_of(recording, laboratory.treadmill)
     assert laboratory.calibration is not None
     earlier = _of_accelerometers(recording, laboratory, times)
     sensors = laboratory.calibration.sensors
-    felt = at_times_of_plates(*filtered, earlier, treadmill, sensors, model.lags_s)
+    felt = at_times_of_plates(*filtered, earlier, treadmill, sensors, models[0].lags_s)
     wrenches = [
         resample(plate.time, setup.low_pass(plate.wrench_in_plate, plate.time), time)
-        for plate, time in zip(plates, times, strict=True)
+        for plate, time in zip(recording.plates, times, strict=True)
     ]
     return wrenches, felt
 
 
 def _felt_in_real_time(
-    recording: Recording, laboratory: Laboratory, times: Sequence[Array], model: InertiaModel
+    recording: Recording,
+    laboratory: Laboratory,
+    models: Sequence[InertiaModel],
+    readings: tuple[Array, Array],
+    times: Sequence[Array],
 ) -> list[Array]:
     """Give what the accelerometers felt for each plate, (T, K), without their low-pass."""
     assert laboratory.calibration is not None
     assert recording.analog is not None
-    clock, readings = accelerations(recording, laboratory.treadmill)
     sensors = RealtimeAccelerometers.of(
         laboratory.treadmill,
         laboratory.calibration.sensors,
-        model.lags_s,
+        models[0].lags_s,
         recording.analog.rate_hz,
         recording.markers.rate_hz,
     )
     earlier = _of_accelerometers(recording, laboratory, times)
-    return [sensors.felt(clock, readings, at) for at in earlier]
+    return [sensors.felt(*readings, at) for at in earlier]
 
 
 def _of_accelerometers(
@@ -278,7 +282,10 @@ def _compensation_notes(
     readings: Array,
     method: Method,
 ) -> list[Note]:
-    """Say how plates are compensated, and what is doubtful; readings (N, k) are as recorded."""
+    """Say how plates were compensated by accelerometers, and what is doubtful about their readings.
+
+    The readings (N, k) are as recorded.
+    """
     treadmill, calibration = laboratory.treadmill, laboratory.calibration
     assert calibration is not None
     notes = compensation_doubts(recording.plates, models, readings, treadmill)
@@ -311,23 +318,3 @@ def _compensated(model: InertiaModel, acceleration: Array, wrench: Array) -> Arr
     result = np.full(wrench.shape, np.nan)
     result[known] = model.compensate(acceleration[known], wrench[known])
     return result
-
-
-def _in_lab(
-    wrenches: Sequence[Array], plates: Sequence[Plate], pose: PlatformPose | None
-) -> list[Array]:
-    """Bring wrenches in plate axes to the lab, by the plates' neutral places and the pose."""
-    neutral = [
-        transform_wrench(wrench, plate.rotation, plate.center)
-        for wrench, plate in zip(wrenches, plates, strict=True)
-    ]
-    return neutral if pose is None else [to_lab(wrench, pose) for wrench in neutral]
-
-
-def _pivot_error_budget(pose: PlatformPose, force: Array) -> Note:
-    """Give the largest moment that a small error of the stated pivot would add."""
-    pitch = np.arctan2(pose.rotation[:, 0, 2], pose.rotation[:, 0, 0])
-    directions = np.eye(3)[[0, 2]]
-    moments = [moment_error_of_pivot(ASSUMED_PIVOT_ERROR_M * d, pitch, force) for d in directions]
-    largest_nm = float(np.nanmax(np.linalg.norm(moments, axis=2)))
-    return Note.of("pivot_error_budget", pivot_error_m=ASSUMED_PIVOT_ERROR_M, moment_nm=largest_nm)
