@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from pipeline.io.recording import Plate
-    from pipeline.live.chain import LiveChain
-    from pipeline.live.monitor import Monitor
+    from pipeline.live.frames.chain import LiveChain
     from pipeline.live.preparation import Preparation, Subjected
     from pipeline.live.recorder.recorder import Recorder
     from pipeline.live.session import Session
     from pipeline.live.stream import Source
+    from pipeline.live.watch.monitor import Monitor
     from pipeline.viewer.live import LiveView
     from pipeline.viewer.live_frames import Screen
 
@@ -119,13 +119,13 @@ def _run(
     duration_s: float | None,
 ) -> int:
     from pipeline.cli.terminal import note_line
-    from pipeline.live.chain import LiveChain
-    from pipeline.live.monitor import Monitor
+    from pipeline.live.frames.chain import LiveChain
     from pipeline.live.outlet import RESULTS, Outlet, result_channels
     from pipeline.live.recorder.descriptions import described_streams
     from pipeline.live.recorder.recorder import Recorder
     from pipeline.live.result_row import result_columns
     from pipeline.live.session import Session
+    from pipeline.live.watch.monitor import Monitor
 
     folder = out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
     plates = prepared.plates
@@ -300,7 +300,7 @@ def _summarise(
     console: "Console",
 ) -> None:
     """Say what was received, what came of it, and where it is."""
-    from pipeline.live.monitor import in_words
+    from pipeline.live.watch.monitor import in_words
 
     counts = chain.counts
     why = ", ".join(f"{count} {words(name)}" for name, count in monitor.reasons.most_common())

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.live.frame import LiveFrame
+from pipeline.live.frames.frame import LiveFrame
 from pipeline.live.outlet import result_channels
 
 UNKNOWN: Final = np.full(6, np.nan)

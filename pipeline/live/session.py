@@ -7,8 +7,8 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from pipeline.live.chain import LiveChain
-from pipeline.live.frame import LiveFrame
+from pipeline.live.frames.chain import LiveChain
+from pipeline.live.frames.frame import LiveFrame
 from pipeline.live.outlet import Outlet
 from pipeline.live.recorder.recorder import Recorder
 from pipeline.live.result_row import result_row

@@ -1,1 +1,1 @@
-"""What a laboratory should know before the subject has gone home, noted as it arises."""
+"""Gait cycles, residuals so far, and what a laboratory should know before the subject has gone."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from compensation import marker_plate_delay
 from hbm.notes import Note
-from pipeline.live.frame import LiveFrame
+from pipeline.live.frames.frame import LiveFrame
 from pipeline.trial.residuals import REPORTED_SIGN
 
 KEPT_S: Final = 20.0

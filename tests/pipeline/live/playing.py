@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.config.live import COMPONENTS, Live
-from pipeline.live.chain import LiveChain
+from pipeline.live.frames.chain import LiveChain
 from pipeline.live.stream import Samples, StreamDescription
 
 

@@ -11,7 +11,7 @@ from hbm.markers import Markers
 from pipeline.config.schema import Belt, Platform, Settings, Subject, Treadmill
 from pipeline.config.study import read_study
 from pipeline.io.c3d.read import read_c3d
-from pipeline.live.frame import Quality
+from pipeline.live.frames.frame import Quality
 from pipeline.trial.ground.calibration_recording import fit_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording

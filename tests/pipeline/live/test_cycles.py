@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pipeline.config.schema import Settings, Subject
-from pipeline.live.condition import ConditionSoFar
-from pipeline.live.cycles import MAX_CYCLE_S, GaitTracker
-from pipeline.live.frame import LiveFrame, Quality
+from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.watch.condition import ConditionSoFar
+from pipeline.live.watch.cycles import MAX_CYCLE_S, GaitTracker
 from pipeline.trial.gait.events import MIN_CONTACT_S, event_times
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import reported

@@ -10,7 +10,6 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.read import read_recording
 from pipeline.live import session as module
-from pipeline.live.monitor import Monitor
 from pipeline.live.pose import PoseFinder
 from pipeline.live.recorder.descriptions import described_streams
 from pipeline.live.recorder.recorder import RESULTS, STREAMS, Recorder
@@ -18,6 +17,7 @@ from pipeline.live.result_row import result_columns, result_row
 from pipeline.live.session import Session
 from pipeline.live.sources.recorded import RecordedSource
 from pipeline.live.stream import Samples
+from pipeline.live.watch.monitor import Monitor
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import headline_rows, residual_rows
@@ -176,7 +176,7 @@ def test_no_pose_is_found_while_the_subject_walks(walker):
 def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeypatch):
     computed, _, frames, _ = followed
     monitor, now = Monitor(computed, walker.plates), [100.0]
-    monkeypatch.setattr("pipeline.live.monitor.monotonic", lambda: now[0])
+    monkeypatch.setattr("pipeline.live.watch.monitor.monotonic", lambda: now[0])
     plates = Samples("Plates", np.array([1.0]), np.zeros((1, 12)))
     monitor.samples(plates)
     monitor.frame(frames[0], 0.001)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject
-from pipeline.live.frame import LiveFrame, Quality
+from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.live.watch.delay import DelayWatch
 from pipeline.live.watch.markers import GONE_S, MarkerGaps
 from pipeline.live.watch.plates import PlateWatch

@@ -12,11 +12,11 @@ from hbm.notes import Note
 from hbm.poses import center_of_mass
 from hbm.spatial import Array
 from pipeline.io.recording import Plate
-from pipeline.live.chain import LiveChain
-from pipeline.live.condition import ConditionSoFar, Limits
-from pipeline.live.cycles import GaitTracker, LiveCycle
-from pipeline.live.frame import LiveFrame, Quality
+from pipeline.live.frames.chain import LiveChain
+from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.live.stream import Samples
+from pipeline.live.watch.condition import ConditionSoFar, Limits
+from pipeline.live.watch.cycles import GaitTracker, LiveCycle
 from pipeline.live.watch.delay import DelayWatch
 from pipeline.live.watch.markers import MarkerGaps
 from pipeline.live.watch.plates import PlateWatch

@@ -11,7 +11,7 @@ from hbm.signals.convolution import Convolution
 from hbm.spatial import Array, fit_rotation
 from pipeline.config.schema import Platform
 from pipeline.io.units import angle_in_rad, length_in_m
-from pipeline.live.channels import AnalogStreams, Channels
+from pipeline.live.frames.channels import AnalogStreams, Channels
 from pipeline.trial.ground.platform import MAX_MARKER_ERROR_M, NEUTRAL_FRAMES
 
 Pose = tuple[Array, Array]

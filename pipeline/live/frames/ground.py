@@ -12,9 +12,9 @@ from hbm.spatial import Array, transform_wrench
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
 from pipeline.io.units import acceleration_in_mps2, force_in_n, moment_in_nm, speed_in_mps
-from pipeline.live.belts import LiveBelts
-from pipeline.live.channels import AnalogStreams, Channels
-from pipeline.live.platform import CommandedPlatform, MarkedPlatform
+from pipeline.live.frames.belts import LiveBelts
+from pipeline.live.frames.channels import AnalogStreams, Channels
+from pipeline.live.frames.platform import CommandedPlatform, MarkedPlatform
 from pipeline.trial.ground.accelerometers import RealtimeAccelerometers
 from pipeline.trial.ground.belts import RealtimeBelts, belt_side
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s

@@ -6,8 +6,8 @@ import numpy as np
 
 from compensation import BeltModel
 from hbm.spatial import Array
-from pipeline.live.buffer import SampleBuffer
-from pipeline.live.channels import Channels
+from pipeline.live.frames.buffer import SampleBuffer
+from pipeline.live.frames.channels import Channels
 from pipeline.trial.ground.belts import MODEL_RATE_HZ, RealtimeBelts, between_steps
 
 KEPT_STEPS = 50

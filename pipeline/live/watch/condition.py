@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hbm.spatial import Array
-from pipeline.live.cycles import LiveCycle
+from pipeline.live.watch.cycles import LiveCycle
 from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
 
 

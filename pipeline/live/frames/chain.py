@@ -17,13 +17,13 @@ from hbm.spelling import listed
 from pipeline.config.live import Live
 from pipeline.config.schema import Settings
 from pipeline.io.recording import Plate
-from pipeline.live.buffer import SampleBuffer, known
-from pipeline.live.channels import AnalogStreams
-from pipeline.live.dynamics import LiveDynamics
-from pipeline.live.feet import LiveFeet
-from pipeline.live.frame import LiveFrame, Quality
-from pipeline.live.ground import LiveGround
-from pipeline.live.settling import LiveValidity
+from pipeline.live.frames.buffer import SampleBuffer, known
+from pipeline.live.frames.channels import AnalogStreams
+from pipeline.live.frames.dynamics import LiveDynamics
+from pipeline.live.frames.feet import LiveFeet
+from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.frames.ground import LiveGround
+from pipeline.live.frames.settling import LiveValidity
 from pipeline.live.stream import Samples, StreamDescription
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.residuals import reported

@@ -1,0 +1,1 @@
+"""What is computed of one frame, from samples that arrive."""
