@@ -120,7 +120,7 @@ def _run(
 ) -> int:
     from pipeline.cli.terminal import note_line
     from pipeline.live.frames.chain import LiveChain
-    from pipeline.live.outlet import RESULTS, Outlet, result_channels
+    from pipeline.live.outlet import result_outlet
     from pipeline.live.recorder.descriptions import described_streams
     from pipeline.live.recorder.recorder import Recorder
     from pipeline.live.result_row import result_columns
@@ -149,9 +149,7 @@ def _run(
         recorder = stack.enter_context(Recorder(folder, described, result_columns()))
         outlet = None
         if qualisys is None:
-            outlet = Outlet(
-                RESULTS, "Residuals", result_channels(), chain.stream.rate_hz, listen=listen
-            )
+            outlet = result_outlet(chain.stream.rate_hz, listen=listen)
             stack.callback(outlet.close)
         session = Session(source, chain, recorder, outlet)
         view = _view(chain, plates, "browser" if web else "window") if shown or web else None

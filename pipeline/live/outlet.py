@@ -79,8 +79,8 @@ class Outlet:
         self._outlet = None
 
 
-class ResultOutlet:
-    """Sends results, frame by frame, as one stream.
+def result_outlet(rate_hz: float, *, name: str = RESULTS, listen: str = LOOPBACK) -> Outlet:
+    """Open the stream of results, whose samples `pipeline.live.result_row.result_row` gives.
 
     Parameters
     ----------
@@ -91,47 +91,7 @@ class ResultOutlet:
     listen
         As for `pipeline.live.network.load_lsl`, with its errors.
     """
-
-    def __init__(self, rate_hz: float, *, name: str = RESULTS, listen: str = LOOPBACK) -> None:
-        channels = result_channels()
-        self._sample = np.empty(len(channels))
-        self._outlet = Outlet(name, "Biomechanics", channels, rate_hz, listen=listen)
-
-    def send(
-        self,
-        time_s: float,
-        q: Array,
-        tau: Array,
-        measured: Array,
-        compensated: Array | None,
-        quality: int,
-        computing_s: float,
-    ) -> None:
-        """Send one frame.
-
-        Parameters
-        ----------
-        time_s
-            When it was taken, on this computer's clock [s].
-        q, tau
-            Coordinates and generalised forces, (46,) [m, rad; N, N·m].
-        measured, compensated
-            Residuals as reported, (6,) [N, N·m]; None without compensation, sent as NaN.
-        quality
-            0 where nothing is doubtful.
-        computing_s
-            Time that it took to compute [s].
-        """
-        sample, n = self._sample, len(TREE)
-        sample[:n], sample[n : 2 * n] = q, tau
-        sample[2 * n : 2 * n + 6] = measured
-        sample[2 * n + 6 : 2 * n + 12] = np.nan if compensated is None else compensated
-        sample[-2:] = quality, computing_s
-        self._outlet.push_one(time_s, sample)
-
-    def close(self) -> None:
-        """Stop sending."""
-        self._outlet.close()
+    return Outlet(name, "Biomechanics", result_channels(), rate_hz, listen=listen)
 
 
 def result_channels() -> tuple[Channel, ...]:

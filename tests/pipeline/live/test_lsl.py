@@ -23,9 +23,11 @@ from tests.pipeline.other_formats import excerpt
 pytest.importorskip("pylsl", reason="the extra live is not installed")
 
 from pipeline.io.xdf.channels import Channel, parse_channels
+from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.live.network import load_lsl
-from pipeline.live.outlet import Outlet, ResultOutlet, result_channels
+from pipeline.live.outlet import Outlet, result_channels, result_outlet
 from pipeline.live.replay import Replay
+from pipeline.live.result_row import result_row
 from pipeline.live.sources.clock_offset import ClockOffset
 from pipeline.live.sources.lsl import LslSource
 from pipeline.live.sources.lsl_inlet import share_clocks
@@ -275,7 +277,7 @@ def test_streams_of_one_computer_share_their_offset_and_those_of_this_one_need_n
 
 
 def test_results_are_described_by_labels_and_units(prefix, opened):
-    outlet = ResultOutlet(100.0, name=prefix)
+    outlet = result_outlet(100.0, name=prefix)
     opened.append(outlet)
     lsl = load_lsl()
     (info,) = lsl.resolve_byprop("name", prefix, timeout=5.0)
@@ -284,8 +286,23 @@ def test_results_are_described_by_labels_and_units(prefix, opened):
     assert described == result_channels()
     inlet.open_stream(5.0)
     q, tau, measured = np.arange(46.0), 100 + np.arange(46.0), np.arange(6.0)
-    outlet.send(123.25, q, tau, measured, -measured, 3, 0.0004)
-    outlet.send(123.26, q, tau, measured, None, 0, 0.0004)
+    uncompensated = LiveFrame(
+        number=0,
+        time=123.26,
+        q=q,
+        tau={"measured": tau},
+        residual={"measured": measured},
+        by_foot={},
+        contact=np.zeros(2, bool),
+        marker_error=np.zeros(1),
+        quality=Quality(0),
+        computing_s=0.0004,
+    )
+    both = {"measured": measured, "compensated": -measured}
+    tau_of = {"measured": -tau, "compensated": tau}
+    compensated = replace(uncompensated, residual=both, tau=tau_of, quality=Quality(3))
+    outlet.push_one(123.25, result_row(compensated))
+    outlet.push_one(123.26, result_row(uncompensated))
     values, stamps = inlet.pull_chunk(2.0, min_samples=2, as_numpy=True)
     by_label = dict(zip((c.label for c in described), values[0], strict=True))
     assert by_label["q.PelvisX"] == 0

@@ -63,17 +63,19 @@ def test_a_recorded_source_gives_the_numbers_of_the_file(pitch, whole, laborator
     assert_same([*frames, *chain.finish()], whole)
 
 
+@pytest.mark.slow
 def test_a_replay_over_the_loopback_gives_the_numbers_of_the_file(pitch, whole, laboratory):
     lsl = pytest.importorskip("pylsl", reason="the extra live is not installed")
-    from pipeline.live.outlet import ResultOutlet
+    from pipeline.live.outlet import result_outlet
     from pipeline.live.replay import Replay
+    from pipeline.live.result_row import result_row
     from pipeline.live.sources.lsl import LslSource
 
     prefix = f"{os.getpid()} over "
     replay = Replay(pitch, 2.0, prefix=prefix)
     source = LslSource(replay.names[0], replay.names[1:])
     chain = chain_of(source, whole, laboratory, pitch)
-    outlet = ResultOutlet(100.0, name=f"{prefix}hbm")
+    outlet = result_outlet(100.0, name=f"{prefix}hbm")
     (info,) = lsl.resolve_byprop("name", f"{prefix}hbm", timeout=5.0)
     results = lsl.StreamInlet(info)
     results.open_stream(5.0)
@@ -83,12 +85,7 @@ def test_a_replay_over_the_loopback_gives_the_numbers_of_the_file(pitch, whole, 
         for samples in source.receive(0.05):
             for frame in chain.push(samples):
                 frames.append(frame)
-                measured, compensated = (frame.residual[v] for v in ("measured", "compensated"))
-                tau = frame.tau["compensated"]
-                quality = int(frame.quality)
-                outlet.send(
-                    frame.time, frame.q, tau, measured, compensated, quality, frame.computing_s
-                )
+                outlet.push_one(frame.time, result_row(frame))
     sent = len(frames)
     received, times = results.pull_chunk(2.0, max_samples=sent, as_numpy=True)
     frames += chain.finish()
