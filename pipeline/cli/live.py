@@ -28,7 +28,7 @@ STREAMS, PARTS = "streams.xdf", "results"
 SHOWN_S: Final = 0.02
 """Between looks at what is new."""
 STATUS_S: Final = 0.5
-RECEIVERS_S: Final = 10.0
+RECEIVERS_S: Final = 60.0
 SWITCH_S: Final = 5e-4
 """After which another thread gets its turn: Python's own 5 ms would make frames late."""
 
