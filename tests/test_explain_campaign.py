@@ -102,7 +102,9 @@ def test_trials_that_were_not_completed_are_repeated(tmp_path: Path) -> None:
 
 def test_intervals_that_are_too_narrow_do_not_hold() -> None:
     z = np.random.default_rng(0).standard_normal(4000)
-    sizes = pd.DataFrame({"trial": np.arange(4000) // 40, "group": "zero", "usual": 1.0})
+    sizes = pd.DataFrame(
+        {"trial": np.arange(4000) // 40, "group": "zero", "usual": 1.0, "deviation": 0.5}
+    )
     sizes = sizes.assign(true=1.0, z=z, held=np.abs(z) <= 1.96)
     assert next(overall(sizes, "usual")).startswith(
         "usual: sizes of seeded faults of instruments: 95."

@@ -27,8 +27,8 @@ def cells(path: Path) -> list[tuple[str, str]]:
     return [(kinds[a.strip()], b) for a, b in zip(parts[::2], parts[1::2], strict=True)]
 
 
-def test_there_are_seven_lessons():
-    assert [path.name[:3] for path in NOTEBOOKS] == [f"0{n}_" for n in range(1, 8)]
+def test_there_are_eight_lessons():
+    assert [path.name[:3] for path in NOTEBOOKS] == [f"0{n}_" for n in range(1, 9)]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
