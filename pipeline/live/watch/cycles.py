@@ -141,8 +141,9 @@ class GaitTracker:
         if not MIN_STRIDE_S <= duration <= MAX_CYCLE_S:
             return False
         self._durations.append(duration)
+        kept = self._frames[0].time <= foot.strike_s  # not so after a gap in the stream
         alternates = other.strike_s is None or foot.others_strikes == 1
-        return alternates and MIN_DURATION <= duration / usual <= MAX_DURATION
+        return kept and alternates and MIN_DURATION <= duration / usual <= MAX_DURATION
 
     def _cycle(self, side: str, start_s: float, stop_s: float) -> LiveCycle:
         inside = [f for f in self._frames if start_s <= f.time < stop_s]

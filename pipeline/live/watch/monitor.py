@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import monotonic
 from typing import Final
 
@@ -83,7 +83,12 @@ class Monitor:
         self.last: LiveFrame | None = None
 
     def samples(self, received: Samples) -> None:
-        """Take samples as they were received."""
+        """Take samples as they were received; those without a time are nobody's."""
+        timed = np.isfinite(received.time)
+        if not timed.all():
+            received = replace(received, time=received.time[timed], values=received.values[timed])
+        if not len(received.time):
+            return
         self._arrived_s[received.stream] = monotonic()
         if received.stream in self._silent:
             self._silent.remove(received.stream)

@@ -117,3 +117,12 @@ def test_a_pause_is_no_gait_cycle(frames):
         cycles += tracker.add(replace(frame, time=k * FRAME_S)).cycles
     assert len(cycles) > 8
     assert max(cycle.stop_s - cycle.start_s for cycle in cycles) < 1.6
+
+
+def test_a_cycle_whose_frames_are_gone_after_a_gap_is_none(frames):
+    """The foot lands, the stream goes away for 2.4 s, and the foot is still on the ground."""
+    tracker, cycles = GaitTracker(), []
+    for time, loaded in ((0.0, 0), (0.2, 1), (0.35, 1), (0.8, 0), (1.0, 0), (1.3, 1), (3.7, 1)):
+        contact = np.array([bool(loaded), False])
+        cycles += tracker.add(replace(frames[0], time=time, contact=contact)).cycles
+    assert cycles == []

@@ -188,3 +188,11 @@ def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeyp
     monitor.look_for_silence()
     monitor.samples(plates)
     assert [t.note.code for t in monitor.notes] == ["live_stream_silent", "live_stream_back"]
+
+
+def test_samples_without_a_time_are_ignored(walker, followed):
+    monitor = Monitor(followed[0], walker.plates)
+    monitor.samples(Samples("Plates", np.array([np.nan, np.inf]), np.zeros((2, 12))))
+    monitor.samples(Samples("Markers", np.array([-np.inf]), np.zeros((1, 138))))
+    monitor.samples(Samples("Plates", np.array([1.0, np.nan]), np.zeros((2, 12))))
+    assert not monitor.notes
