@@ -15,16 +15,17 @@ if TYPE_CHECKING:
 
     from pipeline.io.recording import Plate
     from pipeline.live.frames.chain import LiveChain
-    from pipeline.live.preparation import Preparation, Subjected
+    from pipeline.live.frames.frame import LiveFrame
+    from pipeline.live.preparation import Preparation, PreparedBody
     from pipeline.live.recorder.recorder import Recorder
     from pipeline.live.session import Session
     from pipeline.live.stream import Source
+    from pipeline.live.watch.cycles import LiveCycle
     from pipeline.live.watch.monitor import Monitor
     from pipeline.viewer.live import LiveView
     from pipeline.viewer.live_frames import Screen
 
 LOOPBACK: Final = "127.0.0.1"
-STREAMS, PARTS = "streams.xdf", "results"
 SHOWN_S: Final = 0.02
 """Between looks at what is new."""
 STATUS_S: Final = 0.5
@@ -64,7 +65,7 @@ def live(
     replay: Annotated[
         Path | None, typer.Option(help="Play this recording as streams, and nothing else.")
     ] = None,
-    speed: Annotated[float, typer.Option(min=0.01, max=1000, help="Of --replay.")] = 1.0,
+    speed: Annotated[float, typer.Option(min=0.01, max=20, help="Of --replay.")] = 1.0,
 ) -> int:
     """Compute residuals while the subject walks, from streams of LSL or of Qualisys.
 
@@ -134,11 +135,11 @@ def _run(
         stack.callback(source.close)
         names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
         console.print(f"receiving {names}", soft_wrap=True)
-        subjected = _shown(prepared, source, console) if pose else prepared.body()
-        for note in subjected.notes:
+        body = _shown(prepared, source, console) if pose else prepared.body()
+        for note in body.notes:
             console.print(note_line(note), soft_wrap=True)
         chain = LiveChain(
-            subjected.body,
+            body.body,
             prepared.laboratory,
             prepared.settings,
             prepared.live,
@@ -146,7 +147,8 @@ def _run(
             plates,
         )
         described = described_streams(source.streams, prepared.live, plates)
-        recorder = stack.enter_context(Recorder(folder, described, result_columns()))
+        recorder = Recorder(folder, described, result_columns())
+        stack.callback(recorder.close)
         outlet = None
         if qualisys is None:
             outlet = result_outlet(chain.stream.rate_hz, listen=listen)
@@ -177,7 +179,7 @@ def _source(prepared: "Preparation", qualisys: str | None, listen: str) -> "Sour
     return LslSource(markers, analog, stated=prepared.stated, listen=listen)
 
 
-def _shown(prepared: "Preparation", source: "Source", console: "Console") -> "Subjected":
+def _shown(prepared: "Preparation", source: "Source", console: "Console") -> "PreparedBody":
     """Wait until the subject shows the calibration pose, and build the body from it."""
     from pipeline.live.pose import PoseFinder
     from pipeline.live.session import RECEIVE_S
@@ -255,29 +257,32 @@ def _follow(
 
 def take_new(session: "Session", monitor: "Monitor", view: "LiveView | None" = None) -> None:
     """Bring what is new in a session to its monitor and its view."""
-    from pipeline.viewer.live_frames import ShownFrame
-
     while session.samples:
         monitor.samples(session.samples.popleft())
     while session.frames:
         frame, latency_s = session.frames.popleft()
         cycles = monitor.frame(frame, latency_s)
-        if view is None:
-            continue
-        counts = frame.quality.counts
-        view.show(
-            ShownFrame(
-                frame.time,
-                frame.q,
-                frame.markers,
-                frame.residual,
-                frame.by_foot,
-                frame.platform,
-                counts,
-            )
+        if view is not None:
+            _show(view, frame, cycles)
+
+
+def _show(view: "LiveView", frame: "LiveFrame", cycles: "Sequence[LiveCycle]") -> None:
+    """Show a frame and the gait cycles that it ends."""
+    from pipeline.viewer.live_frames import ShownFrame
+
+    view.show(
+        ShownFrame(
+            frame.time,
+            frame.q,
+            frame.markers,
+            frame.residual,
+            frame.by_foot,
+            frame.platform,
+            frame.quality.counts,
         )
-        for cycle in cycles:
-            view.show_cycle(cycle.side, cycle.curve)
+    )
+    for cycle in cycles:
+        view.show_cycle(cycle.side, cycle.curve)
 
 
 def _tell(monitor: "Monitor", told: int, console: "Console") -> int:
@@ -298,6 +303,7 @@ def _summarise(
     console: "Console",
 ) -> None:
     """Say what was received, what came of it, and where it is."""
+    from pipeline.live.recorder.recorder import RESULTS, STREAMS
     from pipeline.live.watch.monitor import in_words
 
     counts = chain.counts
@@ -323,7 +329,7 @@ def _summarise(
         lines.append(f"ended by itself: {session.fault}")
     if recorder.fault is not None:
         lines.append(f"{recorder.fault}; {recorder.lost} entries are missing")
-    lines.append(f"recorded: {folder / STREAMS} (any command reads it), {folder / PARTS}")
+    lines.append(f"recorded: {folder / STREAMS} (any command reads it), {folder / RESULTS}")
     for text in lines:
         console.print(text, soft_wrap=True)
 

@@ -23,7 +23,7 @@ from pipeline.trial.weighing import body_mass
 
 
 @dataclass(frozen=True, slots=True)
-class Subjected:
+class PreparedBody:
     """A body, and what is to be said of it."""
 
     body: Body
@@ -83,7 +83,7 @@ class Preparation:
             )
         return self.static.plates
 
-    def body(self, pose: Recording | None = None) -> Subjected:
+    def body(self, pose: Recording | None = None) -> PreparedBody:
         """Build the subject's body.
 
         Parameters
@@ -115,7 +115,7 @@ class Preparation:
             else None,
             segments=read_segments(study.path(segments)) if study and segments else None,
         )
-        return Subjected(body, (mass.note, *body.notes, *implausible(body)))
+        return PreparedBody(body, (mass.note, *body.notes, *implausible(body)))
 
 
 def prepare(

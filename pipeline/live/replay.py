@@ -11,8 +11,8 @@ from pipeline.io.recording import Recording
 from pipeline.live.network import LOOPBACK, load_lsl
 from pipeline.live.outlet import Outlet
 from pipeline.live.sources.recorded import recorded_streams
+from pipeline.live.stream import LAB_AXES
 
-LAB_AXES: Final = "forward,left,up"
 TICK_S: Final = 0.001
 """Between looks at what is due."""
 DELIVERY_S: Final = 0.5

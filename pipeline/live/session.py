@@ -78,17 +78,16 @@ class Session:
         markers = self._chain.stream.name
         try:
             while not self._stop.is_set():
-                received = self._source.receive(RECEIVE_S)
+                received, arrived = self._source.receive(RECEIVE_S), perf_counter()
                 # markers last: after a pause all streams have much to send, and none of it is late
                 for samples in sorted(received, key=lambda each: each.stream == markers):
-                    self._take(samples)
+                    self._take(samples, arrived)
         except (ValueError, OSError) as error:
             self.fault = error
         for frame in self._chain.finish():
             self._give(frame, perf_counter())
 
-    def _take(self, samples: Samples) -> None:
-        arrived = perf_counter()
+    def _take(self, samples: Samples, arrived: float) -> None:
         for frame in self._chain.push(samples):
             self._give(frame, arrived)
         if self._recorder is not None:

@@ -1,9 +1,12 @@
 """Streams of samples as the live chain takes them, whatever sends them."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 from hbm.spatial import Array
+
+LAB_AXES: Final = "forward,left,up"
+"""Axes of all positions, as descriptions state them."""
 
 
 @dataclass(frozen=True, slots=True)

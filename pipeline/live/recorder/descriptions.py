@@ -7,9 +7,7 @@ from pipeline.config.live import Live
 from pipeline.io.recording import Plate
 from pipeline.io.xdf.channels import AXES
 from pipeline.io.xdf.plates import COMPONENTS, PLACE
-from pipeline.live.stream import StreamDescription
-
-LAB_AXES = "forward,left,up"
+from pipeline.live.stream import LAB_AXES, StreamDescription
 
 
 def described_streams(

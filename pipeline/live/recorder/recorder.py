@@ -4,8 +4,7 @@ import threading
 from collections.abc import Sequence
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 from xml.etree.ElementTree import Element
 
 from hbm.spatial import Array
@@ -76,17 +75,6 @@ class Recorder:
         """Write all that was taken, and end the files."""
         self._stop.set()
         self._thread.join()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _take(self, entry: Samples | Array) -> None:
         if self.fault is not None or self._waiting.qsize() >= MAX_WAITING:

@@ -4,8 +4,7 @@ import struct
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 import numpy as np
@@ -100,17 +99,6 @@ class XdfWriter:
                 footer = Element("info")
                 SubElement(footer, "sample_count").text = str(count)
                 self._chunk(STREAM_FOOTER, struct.pack("<I", number) + tostring(footer))
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _chunk(self, tag: int, content: bytes) -> None:
         body = struct.pack("<H", tag) + content

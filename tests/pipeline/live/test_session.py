@@ -1,6 +1,7 @@
 """A session gives, shows and records every frame, whatever its neighbours do."""
 
 import time
+from contextlib import closing
 
 import numpy as np
 import pandas as pd
@@ -52,7 +53,7 @@ def followed(walker, result, tmp_path_factory):
     folder = tmp_path_factory.mktemp("session") / "live"
     source, computed = RecordedSource(walker), chain(walker, result)
     described = described_streams(source.streams, computed.live, walker.plates)
-    with Recorder(folder, described, result_columns()) as recorder:
+    with closing(Recorder(folder, described, result_columns())) as recorder:
         session = Session(source, computed, recorder)
         ended(session, source)
     assert (session.fault, session.not_shown, recorder.fault, recorder.lost) == (None, 0, None, 0)

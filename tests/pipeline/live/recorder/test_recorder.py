@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -50,7 +51,7 @@ def in_chunks(streams, each):
 
 
 def write(path, streams, each=7):
-    with XdfWriter(path, described(streams)) as writer:
+    with closing(XdfWriter(path, described(streams))) as writer:
         for samples in in_chunks(streams, each):
             writer.write(samples)
     return path
@@ -104,7 +105,7 @@ def test_parts_hold_all_rows_in_their_order(tmp_path_factory, counts):
 
 
 def test_the_recorder_writes_streams_and_results(trial, streams, tmp_path):
-    with Recorder(tmp_path / "live", described(streams), COLUMNS) as recorder:
+    with closing(Recorder(tmp_path / "live", described(streams), COLUMNS)) as recorder:
         for number, samples in enumerate(in_chunks(streams, 10)):
             recorder.samples(samples)
             recorder.frame(np.array([number, 0.0]))
