@@ -56,6 +56,10 @@ frame is done whatever the step: where no marker shows a direction, steps along 
 errors, divided by next to nothing. A step of 1e-6 rad promises more wherever a coordinate counts as
 observed."""
 
+SLOW: Final = 30
+"""Iterations after which a frame is done where the next step promises less than rounding: along the
+floor of a curved valley, which markers hardly show, steps lead from one side to the other."""
+
 MAX_SADDLE_CURVATURE: Final = 1e-5
 """Negative curvature, per unit of weight, that a minimum may seem to have [m²/rad², or 1]: less
 than a marker 3 mm from the axis contributes, and of the order of what its distance from the model
@@ -174,7 +178,7 @@ class DescentProblem(ctypes.Structure):
     _fields_: ClassVar = [
         *((name, ctypes.c_longlong) for name in ("frames", "markers", "measured")),
         *((name, ctypes.c_longlong) for name in ("prior_stride", "reference_stride")),
-        ("max_iterations", ctypes.c_longlong),
+        *((name, ctypes.c_longlong) for name in ("max_iterations", "slow")),
         *((name, ctypes.c_double) for name in ("tolerance", "damping", "max_step")),
         *((name, ctypes.c_double) for name in ("near_optimum", "relative_rise", "absolute_rise")),
         *((name, ctypes.c_double) for name in ("damping_factor", "damping_divisor")),
@@ -244,6 +248,7 @@ def descent_problem(
         prior_stride=prior.strides[0] // prior.itemsize,
         reference_stride=reference.strides[0] // reference.itemsize,
         max_iterations=MAX_ITERATIONS,
+        slow=SLOW,
         tolerance=tolerance,
         damping=DAMPING,
         max_step=MAX_STEP,
@@ -281,7 +286,7 @@ def _interpreted(
     curvature, lowest, converged = np.ones(total), np.zeros(total), np.zeros(total, bool)
     damping, step_damping, step_curvature = np.full((3, total), DAMPING)
     active = np.flatnonzero(~np.isnan(start).any(axis=1))
-    for _ in range(MAX_ITERATIONS):
+    for iteration in range(MAX_ITERATIONS):
         if not len(active):
             break
         newton_step, report = ready.newton_step(
@@ -315,7 +320,8 @@ def _interpreted(
         accepted_q[good] = q[good]
         q[good] += step / excess[:, None]
         exact = curvature[good] > 0
-        still = (exact & (size < tolerance) | (-slope < NEGLIGIBLE_GAIN)) & (used <= DAMPING)
+        no_gain = -slope < (NEGLIGIBLE_GAIN if iteration < SLOW else MAX_ABSOLUTE_RISE)
+        still = (exact & (size < tolerance) | no_gain) & (used <= DAMPING)
         converged[good] = still & (exact | (lowest[good] > -MAX_SADDLE_CURVATURE))
         curvature[good[size < NEAR_OPTIMUM]] = 1
         finished = np.zeros(total, bool)

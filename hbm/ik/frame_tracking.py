@@ -1,8 +1,11 @@
 """Inverse kinematics frame by frame: each starts from the one before and knows none after it.
 
-Where the start is no good (the first frame, after frames without a solution, where markers return,
-where the optimum is far from it) the frame is solved from a segment-wise rigid fit too, and the
-lower optimum is kept. Coordinates that markers do not show keep their last shown values.
+Where the start is no good (the first frame, after frames without a solution, where the optimum is
+far from it or markers return and do not fit) the frame is solved from a segment-wise rigid fit too,
+and the lower optimum is kept. Where that is the rigid fit's and still does not fit, lower optima
+are looked for: at once in the first frame, and else by one try in each of the frames that follow,
+since one frame has no time for all of them. Coordinates that markers do not show keep their last
+shown values.
 """
 
 from collections.abc import Sequence
@@ -14,6 +17,7 @@ import numpy as np
 from hbm.coordinates import N_Q
 from hbm.ik.continuity import MIN_JUMP_RAD, continuous, nearest_equivalent
 from hbm.ik.descent import Solved
+from hbm.ik.lowest import TRIES, lowest_of_tries
 from hbm.ik.one_frame import OneFrame
 from hbm.ik.problem import Problem
 from hbm.ik.tracking import (
@@ -45,11 +49,14 @@ class FrameSolution:
     converged
         Whether the inverse kinematics converged.
     observed
-        Whether the visible markers determined each coordinate, (46,).
+        Whether the visible markers determined each coordinate, (46,); those of limbs and head are
+        not while a lower optimum is looked for.
     gradient
         Largest entry of the cost's gradient at the last step [m and m²/rad].
     pivots
         Of the Hessian's factorisation, (46,).
+    looked
+        Whether a lower optimum is looked for.
     """
 
     q: Array
@@ -58,6 +65,7 @@ class FrameSolution:
     observed: Mask
     gradient: float
     pivots: Array
+    looked: bool
 
 
 class FrameTracker:
@@ -99,6 +107,7 @@ class FrameTracker:
         self.shown = np.zeros(N_Q)
         self.usual_pivots = np.zeros(N_Q)
         self.seen = np.zeros(len(self.markers), bool)
+        self.tries_left = 0
 
     def solve(self, position: Array) -> FrameSolution:
         """Solve a frame that follows the last one kept, and keep nothing.
@@ -109,12 +118,8 @@ class FrameTracker:
             Measured markers in the lab, (M, 3) [m]; NaN where missing.
         """
         self.position[0] = position
-        found = self._from_last()
-        observed = self._observed(found)
-        if not found.converged[0] or (observed & ~self.tracked).any():
-            found = self._from_rigid_fit(found)
-            observed = self._observed(found)
-        unsolved = np.zeros(N_Q, bool)
+        found, looked = self._first() if self.q is None else self._next(self.q)
+        observed, unsolved = self._observed(found), np.zeros(N_Q, bool)
         if not found.converged[0]:
             unsolved = self.tracker.leave_limbs_out(found)[0]
             observed = self._observed(found) & ~unsolved
@@ -130,13 +135,23 @@ class FrameTracker:
         elif np.abs(q - self.q).max() > MIN_JUMP_RAD:
             q = nearest_equivalent(q, self.q)
         error = found.error[0].copy() if solved else np.full(len(self.markers), np.nan)
+        if looked:
+            observed &= self.carriers
         return FrameSolution(
-            q, error, solved, observed & solved, float(found.gradient[0]), found.pivots[0].copy()
+            q,
+            error,
+            solved,
+            observed & solved,
+            float(found.gradient[0]),
+            found.pivots[0].copy(),
+            looked,
         )
 
     def keep(self, solution: FrameSolution) -> None:
         """Take a solution as the one that the next frame follows."""
-        self.tracked = solution.observed
+        self.tracked = solution.observed | (solution.looked & ~self.carriers)
+        if solution.looked:
+            self.tries_left = (self.tries_left or TRIES) - 1
         if not solution.converged:
             return
         visible = np.isfinite(solution.marker_error)
@@ -145,27 +160,34 @@ class FrameTracker:
         if visible[self.seen].all():
             self.usual_pivots = solution.pivots
 
-    def _from_last(self) -> Solved:
-        """Solve the frame from the last one; far from it, from a rigid fit too."""
-        if self.q is None:
-            return self.problem.newton(ROW, np.full((1, N_Q), np.nan))
-        found = self.descent.solve(self.q)
-        if np.abs(found.q[0] - self.q).max() > MAX_DISTANCE_FROM_START:
-            found.converged[0] = False
-        return found
-
-    def _from_rigid_fit(self, found: Solved) -> Solved:
-        """Solve the frame from a rigid fit, and keep the lower optimum."""
-        start = self.problem.rigid_fit(ROW)
-        if self.q is None:
-            found = self.problem.newton(ROW, start)
-            doubtful = bool(self.tracker.doubtful(found)[0])
-        else:
-            found = self.descent.solve(self.q)
-            doubtful = bool(self.tracker.try_start(found, ROW, start)[0])
-        if doubtful:
+    def _first(self) -> tuple[Solved, bool]:
+        """Solve a frame of which nothing is known."""
+        found = self.problem.newton(ROW, self.problem.rigid_fit(ROW))
+        if self.tracker.doubtful(found)[0]:
             self.tracker.look_for_lower(found, ROW)
-        return found
+        return found, False
+
+    def _next(self, q: Array) -> tuple[Solved, bool]:
+        """Solve a frame from the last one; where that is no good, from a rigid fit too.
+
+        Gives also whether a lower optimum is likely and is looked for.
+        """
+        found, looked = self.descent.solve(q), self.tries_left > 0
+        if self._start_is_no_good(found, q):
+            start = self.problem.rigid_fit(ROW)
+            lower = self.tracker.try_start(found, ROW, start)[0]
+            looked |= bool(lower and self.tracker.doubtful(found)[0])
+        if looked and np.isfinite(found.q[0]).all():
+            number = (TRIES - self.tries_left) % TRIES
+            tries = slice(number, number + 1)
+            found.overwrite(ROW, lowest_of_tries(self.problem, ROW, found, tries))
+        return found, looked
+
+    def _start_is_no_good(self, found: Solved, q: Array) -> bool:
+        if not found.converged[0] or np.abs(found.q[0] - q).max() > MAX_DISTANCE_FROM_START:
+            return True
+        returned = self._observed(found) & ~self.tracked
+        return bool(returned.any() and self.tracker.doubtful(found)[0])
 
     def _observed(self, found: Solved) -> Mask:
         """Which coordinates the visible markers determine, (46,), as `Tracker.observed`.

@@ -58,23 +58,38 @@ def lowest(problem: Problem, rows: Indices, solved: Solved) -> Solved:
         block = np.arange(first, min(first + step, len(rows)))
         for _ in range(MAX_ROUNDS):
             before = problem.cost(best.select(block))
-            best.overwrite(block, _lowest_of_tries(problem, rows[block], best.select(block)))
+            best.overwrite(block, lowest_of_tries(problem, rows[block], best.select(block)))
             block = block[problem.cost(best.select(block)) < _just_below(before)]
             if not len(block):
                 break
     return best
 
 
-def _lowest_of_tries(problem: Problem, rows: Indices, solved: Solved) -> Solved:
-    """Give the lowest optima of one round.
+def lowest_of_tries(
+    problem: Problem, rows: Indices, solved: Solved, tries: slice = slice(None)
+) -> Solved:
+    """Give the lowest optima of one round of tries, or of some tries of a round.
 
     Every start is solved with trunk and pelvis held, so that the limbs are independent, and freely,
     since trunk and pelvis may be wrong; limbs are exchanged between the former and between all.
+
+    Parameters
+    ----------
+    problem, rows, solved
+        As for `lowest`.
+    tries
+        Which of the `TRIES`.
+
+    Returns
+    -------
+    Solved
+        The lowest optima, of these and of those that are given.
     """
-    starts = (solved.q + _changes()).reshape(-1, N_Q)
-    again = np.tile(rows, TRIES)
+    changes = _changes()[tries]
+    starts = (solved.q + changes).reshape(-1, N_Q)
+    again = np.tile(rows, len(changes))
     carriers = np.array([c.segment in CARRIERS for c in TREE])
-    held = np.tile(carriers, (len(starts), 1)), np.tile(solved.q, (TRIES, 1))
+    held = np.tile(carriers, (len(starts), 1)), np.tile(solved.q, (len(changes), 1))
     limbs_alone = Solved.joined(solved, problem.newton(again, starts, held))
     every = Solved.joined(limbs_alone, problem.newton(again, starts))
     exchanged = [

@@ -13,7 +13,7 @@
  * stride of 0. The fields are those of `hbm.ik.descent.DescentProblem`, in the same order. */
 typedef struct {
   long long frames, markers, measured, prior_stride, reference_stride;
-  long long max_iterations;
+  long long max_iterations, slow;
   double tolerance, damping, max_step, near_optimum, relative_rise, absolute_rise;
   double damping_factor, damping_divisor, negligible_damping, negligible_gain, saddle;
   const long long *row, *column, *segment;
@@ -184,7 +184,9 @@ static void iterate(const problem *in, active_frames *active, const simd *geomet
     active->step[i] = simd_select(rejected, active->step[i], by);
   }
   const simd_mask undamped = active->damping <= in->damping;
-  const simd_mask no_gain = -slope < in->negligible_gain;
+  const simd_mask slow = active->iterations >= (double)in->slow;
+  const simd_mask no_gain =
+      -slope < simd_select(slow, broadcast(in->absolute_rise), broadcast(in->negligible_gain));
   const simd_mask still = accepted & undamped & (no_gain | (exact & (size < in->tolerance)));
   const simd_mask failed = rejected & (active->cost == INFINITY);
   active->lowest = simd_select(indefinite, lowest, active->lowest);

@@ -33,6 +33,8 @@ from hbm.spatial import Array, Mask
 
 USUAL_ERROR_M: Final = 0.02
 """Distance of a marker from the model that is taken for usual at first."""
+MAX_REACH_M: Final = 3.0
+"""No marker of a person is farther than this from the median of all, along any axis."""
 USUAL_ERROR_MPS: Final = 0.02
 """By which the usual distance moves towards each new one, so that half of them lie on either side
 of it: a running median."""
@@ -115,8 +117,10 @@ class MarkerTracker:
 
     def _without_outliers(self, position: Array) -> FrameSolution:
         """Solve a frame again and again without the marker that is farthest off on each limb."""
+        self.left_out = beyond_reach(position[self.columns])
+        if self.left_out.any():
+            position = self._without_left_out(position)
         solution = self.tracker.solve(position)
-        self.left_out = np.zeros(len(self.markers), bool)
         for _ in range(MAX_ROUNDS):
             excess_m = solution.marker_error - 2 * self.usual_m
             if not (excess_m > MIN_EXCESS_M).any():
@@ -129,10 +133,38 @@ class MarkerTracker:
                 few = self.left_out[own]
                 if few.sum() >= MIN_LOST and few.mean() >= MIN_LOST_SHARE:
                     self.left_out[own] = True
-            position = position.copy()
-            position[self.columns[self.left_out]] = np.nan
+            position = self._without_left_out(position)
             solution = self.tracker.solve(position)
         return solution
+
+    def _without_left_out(self, position: Array) -> Array:
+        position = position.copy()
+        position[self.columns[self.left_out]] = np.nan
+        return position
+
+
+def beyond_reach(position: Array) -> Mask:
+    """Find markers that are too far from the others to be on the same person.
+
+    Parameters
+    ----------
+    position
+        Markers of a frame, (K, 3) [m]; NaN where missing.
+
+    Returns
+    -------
+    Mask
+        (K,).
+
+    Examples
+    --------
+    >>> beyond_reach(np.array([[0.0, 0, 1], [0.1, 0, 1], [0.2, 0, 1], [7.0, 0, 1]])).tolist()
+    [False, False, False, True]
+    """
+    extent = np.fmax.reduce(position) - np.fmin.reduce(position)
+    if not (extent > MAX_REACH_M).any():
+        return np.zeros(len(position), bool)
+    return np.asarray((np.abs(position - np.nanmedian(position, axis=0)) > MAX_REACH_M).any(axis=1))
 
 
 def solve_motion(

@@ -126,6 +126,21 @@ def test_compiled_and_interpreted_descent_use_the_same_constants(
     np.testing.assert_array_equal(interpreted.converged, compiled.converged)
 
 
+def test_compiled_and_interpreted_descent_end_slow_frames_alike(problem, monkeypatch):
+    ready = kernels()
+    if ready.solve_frames is None:
+        pytest.skip("no compiler here: there is only the interpreted descent")
+    start, rising = problem[1] + 0.1, 1e-4
+    monkeypatch.setattr(descent, "MAX_ABSOLUTE_RISE", rising)
+    usual = solve(problem, start=start)
+    monkeypatch.setattr(descent, "SLOW", 2)
+    compiled = solve(problem, start=start)
+    monkeypatch.setattr(descent, "kernels", lambda: replace(ready, solve_frames=None))
+    interpreted = solve(problem, start=start)
+    assert np.abs(compiled.q - usual.q).max() > 1e-6
+    np.testing.assert_allclose(interpreted.q, compiled.q, atol=TIGHT)
+
+
 @pytest.mark.parametrize("jobs", [2, 7])
 def test_the_result_does_not_depend_on_the_number_of_threads(problem, jobs):
     many = {

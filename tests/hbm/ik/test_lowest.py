@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hbm.ik.lowest import lowest
+from hbm.ik.lowest import TRIES, lowest, lowest_of_tries
 from hbm.ik.problem import Problem
 from hbm.kinematics import solve_ik
 from tests.hbm.motions import any_pose, markers_of, with_noise, without
@@ -73,6 +73,19 @@ def test_a_frame_s_lowest_optimum_does_not_depend_on_the_other_frames(arms_shown
     for k in (0, 17, 39):
         alone = lowest(problem, rows[k : k + 1], start.select(rows[k : k + 1]))
         np.testing.assert_allclose(alone.q[0], together.q[k], atol=1e-9)
+
+
+def test_one_try_after_the_other_finds_what_a_round_of_tries_finds(arms_shown_weakly):
+    problem = problem_of(*arms_shown_weakly)
+    rows = np.arange(40)
+    first = found = problem.newton(rows, problem.rigid_fit(rows))
+    for k in range(TRIES):
+        found = lowest_of_tries(problem, rows, found, slice(k, k + 1))
+    before, after = problem.cost(first), problem.cost(found)
+    whole_round = problem.cost(lowest_of_tries(problem, rows, first))
+    assert (after <= before * (1 + 1e-9)).all()
+    assert (whole_round < 0.99 * before).sum() > 5, "nothing was found: no test"
+    assert (after < 1.01 * whole_round).mean() > 0.9
 
 
 def test_exact_markers_of_weakly_shown_arms_are_met_exactly(arms_shown_weakly):
