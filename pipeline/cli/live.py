@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pipeline.io.recording import Plate
     from pipeline.live.frames.chain import LiveChain
     from pipeline.live.frames.frame import LiveFrame
+    from pipeline.live.places import PlacedPlates
     from pipeline.live.preparation import Preparation, PreparedBody
     from pipeline.live.recorder.recorder import Recorder
     from pipeline.live.session import Session
@@ -129,24 +130,20 @@ def _run(
     from pipeline.live.watch.monitor import Monitor
 
     folder = out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
-    plates = prepared.plates
+    body = None if pose else prepared.body()
     with ExitStack() as stack:
         source = _source(prepared, qualisys, listen)
         stack.callback(source.close)
         names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
         console.print(f"receiving {names}", soft_wrap=True)
-        body = _shown(prepared, source, console) if pose else prepared.body()
-        for note in body.notes:
+        placed = prepared.placed(source.plates)
+        if body is None:
+            body = _shown(prepared, placed, source, console)
+        for note in (*placed.notes, *body.notes):
             console.print(note_line(note), soft_wrap=True)
-        chain = LiveChain(
-            body.body,
-            prepared.laboratory,
-            prepared.settings,
-            prepared.live,
-            source.streams,
-            plates,
-        )
-        described = described_streams(source.streams, prepared.live, plates)
+        plates, laboratory, settings = placed.plates, prepared.laboratory, prepared.settings
+        chain = LiveChain(body.body, laboratory, settings, placed.live, source.streams, plates)
+        described = described_streams(source.streams, placed.live, plates)
         recorder = Recorder(folder, described, result_columns())
         stack.callback(recorder.close)
         outlet = None
@@ -179,13 +176,15 @@ def _source(prepared: "Preparation", qualisys: str | None, listen: str) -> "Sour
     return LslSource(markers, analog, stated=prepared.stated, listen=listen)
 
 
-def _shown(prepared: "Preparation", source: "Source", console: "Console") -> "PreparedBody":
+def _shown(
+    prepared: "Preparation", placed: "PlacedPlates", source: "Source", console: "Console"
+) -> "PreparedBody":
     """Wait until the subject shows the calibration pose, and build the body from it."""
     from pipeline.live.pose import PoseFinder
     from pipeline.live.session import RECEIVE_S
 
     console.print("stand still on the plates, arms out to the sides")
-    finder, told = PoseFinder(prepared.live, source.streams, prepared.plates), ""
+    finder, told = PoseFinder(placed.live, source.streams, placed.plates), ""
     while True:
         for samples in source.receive(RECEIVE_S):
             pose = finder.add(samples)

@@ -1,5 +1,6 @@
-"""What has to be known before the first frame: the study, the body, the places of the plates."""
+"""What has to be known before the first frame: the study, the body, the places of plates."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,9 +12,11 @@ from pipeline.config.schema import Settings, SubjectFile, Treadmill
 from pipeline.config.study import Study, read_study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.read import read_as_stated
-from pipeline.io.recording import Plate, Recording
+from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
+from pipeline.live.places import PlacedPlates, place_plates
 from pipeline.live.sources.recorded import ANALOG, MARKERS, PLATES
+from pipeline.live.stream import StatedPlate
 from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
 from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
@@ -66,22 +69,9 @@ class Preparation:
         needed = bool(treadmill.accelerometers) or treadmill.belt is not None or channels
         return stated.markers or MARKERS, stated.analog or (PLATES, *[ANALOG] * needed)
 
-    @property
-    def plates(self) -> tuple[Plate, ...]:
-        """Places of the plates, as the static recording has them.
-
-        Raises
-        ------
-        ValueError
-            There is none, or it has no plates.
-        """
-        if self.static is None or not self.static.plates:
-            name = "no static file is stated" if self.static is None else self.static.source.name
-            raise ValueError(
-                f"the places of the plates are not known ({name}); state a recording that has "
-                "them: --static FILE, or static in the subject's file"
-            )
-        return self.static.plates
+    def placed(self, stated: Sequence[StatedPlate]) -> PlacedPlates:
+        """Place the plates that streams describe, as `pipeline.live.places.place_plates`."""
+        return place_plates(stated, self.static, self.live)
 
     def body(self, pose: Recording | None = None) -> PreparedBody:
         """Build the subject's body.
@@ -98,7 +88,7 @@ class Preparation:
         """
         pose = pose or self.static
         if pose is None:
-            raise ValueError("no calibration pose: state --static FILE, or show it live")
+            raise ValueError("no calibration pose: state --static FILE, or show it live: --pose")
         pose = with_corrected_plates(pose, self.laboratory.plates)
         subject, study = self.person.person, self.study
         mass = body_mass(subject, pose)

@@ -6,10 +6,11 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array
+from pipeline.config.live import Live
 from pipeline.io.recording import Plate, Recording
 from pipeline.io.xdf.channels import AXES, Channel
 from pipeline.io.xdf.plates import COMPONENTS, PLACE
-from pipeline.live.stream import Samples, StreamDescription
+from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 
 MARKERS: Final = "Markers"
 PLATES: Final = "Plates"
@@ -161,6 +162,10 @@ class RecordedSource:
 
     def __init__(self, recording: Recording, chunk_s: float = 0.01) -> None:
         self._streams = recorded_streams(recording)
+        self._plates = tuple(
+            StatedPlate(str(plate.number), Live().channels_of(plate.number), plate.place)
+            for plate in recording.plates
+        )
         self._sent = [0] * len(self._streams)
         self._chunk_s = chunk_s
         self._until = min(float(stream.time[0]) for stream in self._streams)
@@ -169,6 +174,11 @@ class RecordedSource:
     def streams(self) -> tuple[StreamDescription, ...]:
         """What it gives: markers first."""
         return tuple(stream.description for stream in self._streams)
+
+    @property
+    def plates(self) -> tuple[StatedPlate, ...]:
+        """The recording's, each with its channels."""
+        return self._plates
 
     @property
     def ended(self) -> bool:

@@ -8,10 +8,12 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.cli import main
+from pipeline.io.read import read_recording
 from pipeline.live.recorder.recorder import RESULTS, STREAMS
 from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 
@@ -78,8 +80,29 @@ def test_a_replayed_walk_gives_its_residuals_until_ctrl_c_and_is_recorded(walk, 
         assert float(ours) == pytest.approx(table.rms[axis], rel=0.2, abs=1)
 
 
+@pytest.mark.slow
+def test_without_any_file_the_body_is_of_the_pose_and_the_plates_are_where_streams_state(
+    walk, tmp_path
+):
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    out = tmp_path / "out"
+    with hbm("--replay", walk, "--speed", SPEED) as replay:
+        assert "playing walk.c3d as Markers, Plates" in replay.stdout.readline()
+        with hbm("--pose", "--out", out) as live:
+            assert replay.wait(PATIENCE_S) == 0
+            time.sleep(1.0)
+            live.send_signal(signal.SIGINT)
+            said = live.communicate(timeout=PATIENCE_S)[0]
+            assert live.returncode == 0
+    assert "stand still on the plates, arms out to the sides" in said
+    assert re.search(r"residuals measured, \d+ gait cycles: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said)
+    recorded, true = read_recording(out / STREAMS), read_recording(walk)
+    for ours, plate in zip(recorded.plates, true.plates, strict=True):
+        np.testing.assert_array_equal(ours.center, plate.center)
+
+
 def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
-    assert "places of the plates are not known" in refused(capsys)
+    assert "no calibration pose: state --static FILE, or show it live: --pose" in refused(capsys)
     assert "--subject anna needs the study" in refused(capsys, "--subject", "anna")
     assert "no such file" in refused(capsys, "--static", tmp_path / "absent.c3d")
 

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from pipeline.config.live import Live
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Analog, Metadata
 from pipeline.io.stated import Stated
@@ -95,6 +96,18 @@ def test_a_replay_arrives_sample_for_sample_with_its_own_intervals(trial, prefix
         assert (description.kind, description.labels) == (own.kind, own.labels)
         assert description.units == own.units
         assert description.rate_hz == pytest.approx(own.rate_hz)
+
+
+def test_the_places_of_a_replays_plates_arrive_with_their_channels(trial, prefix, opened):
+    replay = Replay(trial, prefix=prefix)
+    opened.append(replay)
+    source = LslSource(replay.names[0], replay.names[1:])
+    opened.append(source)
+    for ours, true in zip(source.plates, trial.plates, strict=True):
+        assert (ours.number, ours.channels) == (str(true.number), Live().channels_of(true.number))
+        np.testing.assert_array_equal(ours.place.corners, true.corners)
+        np.testing.assert_array_equal(ours.place.rotation, true.rotation)
+        np.testing.assert_array_equal(ours.place.center, true.center)
 
 
 def test_positions_are_in_lab_axes_and_metres_and_unseen_markers_are_nan(prefix, opened):
