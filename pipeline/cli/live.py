@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from pipeline.viewer.live import LiveView
     from pipeline.viewer.live_frames import Screen
 
-LOOPBACK: Final = "127.0.0.1"
 SHOWN_S: Final = 0.02
 """Between looks at what is new."""
 STATUS_S: Final = 0.5
@@ -58,8 +57,9 @@ def live(
         str | None, typer.Option(help="Address of Qualisys Track Manager, in place of LSL.")
     ] = None,
     listen: Annotated[
-        str, typer.Option(help="This computer's address, at which streams are searched for.")
-    ] = LOOPBACK,
+        str | None,
+        typer.Option(help="This computer's address, to search streams at; default: the study's."),
+    ] = None,
     duration_s: Annotated[
         float | None, typer.Option(min=0.1, help="Ends after so long; default: with Ctrl-C.")
     ] = None,
@@ -81,18 +81,23 @@ def live(
     from pipeline.live.preparation import prepare
 
     prepared = prepare(study, subject, static, calibration)
+    listen = listen or prepared.live.listen
     return _run(prepared, console, out, pose, view, web, qualisys, listen, duration_s)
 
 
-def _replay(path: Path, speed: float, listen: str, study: Path | None, console: "Console") -> int:
+def _replay(
+    path: Path, speed: float, listen: str | None, study: Path | None, console: "Console"
+) -> int:
+    from pipeline.config.live import Live
     from pipeline.config.study import read_study
     from pipeline.io.read import read_as_stated
     from pipeline.io.stated import Stated
     from pipeline.live.replay import Replay
 
-    stated = read_study(study, recordings=False).stated if study is not None else Stated()
-    recording = read_as_stated(path, stated)
-    played = Replay(recording, speed=speed, listen=listen)
+    read = read_study(study, recordings=False) if study is not None else None
+    recording = read_as_stated(path, read.stated if read is not None else Stated())
+    live = read.file.live if read is not None else Live()
+    played = Replay(recording, speed=speed, listen=listen or live.listen)
     console.print(
         f"playing {path.name} as {', '.join(played.names)}, once all of them are received or "
         f"{RECEIVERS_S:g} s have passed (stop with Ctrl-C)",

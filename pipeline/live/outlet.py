@@ -7,8 +7,9 @@ import numpy as np
 
 from hbm.coordinates import TREE
 from hbm.spatial import WRENCH_COMPONENTS, Array
+from pipeline.config.live import LOOPBACK
 from pipeline.io.xdf.channels import Channel
-from pipeline.live.network import LOOPBACK, load_lsl
+from pipeline.live.network import load_lsl
 
 RESULTS: Final = "hbm"
 """Name of the stream of results; it names no person."""

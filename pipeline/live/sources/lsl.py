@@ -6,8 +6,9 @@ from dataclasses import replace
 from typing import Any, Final
 
 from hbm.spelling import listed, printable, short
+from pipeline.config.live import LOOPBACK
 from pipeline.io.stated import Stated
-from pipeline.live.network import LOOPBACK, load_lsl
+from pipeline.live.network import load_lsl
 from pipeline.live.sources.lsl_inlet import Inlet, await_clocks, share_clocks
 from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 

@@ -107,6 +107,18 @@ def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
     assert "no such file" in refused(capsys, "--static", tmp_path / "absent.c3d")
 
 
+def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsys, monkeypatch):
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    monkeypatch.setattr("pipeline.live.network._listening", [])
+    stated = '[conditions.level]\n[live]\nlisten = "192.0.2.1"\n'
+    (tmp_path / "study.toml").write_text(stated, encoding="utf-8")
+    subject = 'id = "s1"\n[trials.level]\nexclude = "none"\n'
+    (tmp_path / "s1.toml").write_text(subject, encoding="utf-8")
+    played = "--replay", walk, "--study", tmp_path
+    assert "192.0.2.1 is not an address of this computer" in refused(capsys, *played)
+    assert "'cameras' is no IPv4 address" in refused(capsys, *played, "--listen", "cameras")
+
+
 def test_streams_that_are_not_there_are_named(walk, capsys):
     pytest.importorskip("pylsl", reason="the extra live is not installed")
     assert "no stream is called 'Markers', 'Plates' within 5 s" in refused(

@@ -264,6 +264,11 @@ def test_an_address_that_cannot_be_listened_on_is_one_line(prefix):
     refused("listens on 127.0.0.1 already, not on 10.0.0.1", prefix, listen="10.0.0.1")
 
 
+def test_an_address_of_another_computer_is_one_line(prefix, monkeypatch):
+    monkeypatch.setattr("pipeline.live.network._listening", [])
+    refused("192.0.2.1 is not an address of this computer", prefix, listen="192.0.2.1")
+
+
 def test_the_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pylsl", None)
     with pytest.raises(
