@@ -43,7 +43,7 @@ def live(
         Path | None, typer.Option(help="Calibration pose, and places of the plates.")
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Of the moving treadmill; default: the study's.")
+        Path | None, typer.Option(help="Of the moving treadmill, in place of the study's.")
     ] = None,
     pose: Annotated[
         bool, typer.Option("--pose", help="Build the body from a pose that the subject shows now.")
@@ -144,7 +144,7 @@ def _run(
         placed = prepared.placed(source.plates)
         if body is None:
             body = _shown(prepared, placed, source, console)
-        for note in (*placed.notes, *body.notes):
+        for note in (*prepared.notes, *placed.notes, *body.notes):
             console.print(note_line(note), soft_wrap=True)
         plates, laboratory, settings = placed.plates, prepared.laboratory, prepared.settings
         chain = LiveChain(body.body, laboratory, settings, placed.live, source.streams, plates)

@@ -19,7 +19,7 @@ from pipeline.live.sources.recorded import ANALOG, MARKERS, PLATES
 from pipeline.live.stream import StatedPlate
 from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass
@@ -60,6 +60,14 @@ class Preparation:
     def stated(self) -> Stated:
         """What is stated of axes, labels and units."""
         return self.study.stated if self.study is not None else Stated()
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is to be said of the treadmill and its calibration."""
+        notes = self.laboratory.notes
+        if self.laboratory.calibration is not None and self.laboratory.treadmill.platform is None:
+            notes = (*notes, Note.of("platform_taken_as_level"))
+        return notes
 
     @property
     def streams(self) -> tuple[str, tuple[str, ...]]:
@@ -125,21 +133,26 @@ def prepare(
     static
         Recording of the calibration pose; by default the subject's.
     calibration
-        The moving treadmill's; by default the study's.
+        The moving treadmill's, which needs a study; by default the study's.
 
     Raises
     ------
     ValueError, OSError
-        If a file cannot be read or used, or it is not clear who the subject is.
+        If a file cannot be read or used, it is not clear who the subject is, or a calibration is
+        stated without the study that says where the platform is.
     """
     if study is None:
         if subject is not None:
             raise ValueError(f"--subject {subject} needs the study: --study FOLDER")
-        laboratory = read_laboratory(calibration, ()) if calibration else Laboratory(Treadmill())
+        if calibration is not None:
+            raise ValueError(
+                f"--calibration {calibration.name} needs the study: its [treadmill.platform] says "
+                "by which markers or channels the platform is brought to the lab; state --study "
+                "FOLDER"
+            )
         recording = read_as_stated(static, Stated()) if static else None
-        return Preparation(
-            None, SubjectFile(id="subject", trials={}), Settings(), Live(), laboratory, recording
-        )
+        person, still = SubjectFile(id="subject", trials={}), Laboratory(Treadmill())
+        return Preparation(None, person, Settings(), Live(), still, recording)
     read = read_study(study.parent if study.is_file() else study, recordings=False)
     person = read.subject(subject) if subject else _only_subject(read)
     laboratory = read_study_laboratory(read)

@@ -104,6 +104,9 @@ def test_without_any_file_the_body_is_of_the_pose_and_the_plates_are_where_strea
 def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
     assert "no calibration pose: state --static FILE, or show it live: --pose" in refused(capsys)
     assert "--subject anna needs the study" in refused(capsys, "--subject", "anna")
+    assert "lab.json needs the study: its [treadmill.platform] says by which" in refused(
+        capsys, "--static", walk, "--calibration", tmp_path / "lab.json"
+    )
     assert "no such file" in refused(capsys, "--static", tmp_path / "absent.c3d")
 
 
