@@ -153,7 +153,12 @@ def _run(
         stack.callback(recorder.close)
         outlet = None
         if qualisys is None:
-            outlet = result_outlet(chain.stream.rate_hz, listen=listen)
+            outlet = result_outlet(
+                chain.stream.rate_hz,
+                filter_delay_s=chain.filter_delay_s,
+                resampling_delay_s=chain.wait_s,
+                listen=listen,
+            )
             stack.callback(outlet.close)
         session = Session(source, chain, recorder, outlet)
         view = _view(chain, plates, "browser" if web else "window") if shown or web else None

@@ -62,7 +62,7 @@ class Replay:
                 stream.content_type,
                 stream.channels,
                 stream.description.rate_hz,
-                described=[("axes", LAB_AXES)] if stream.description.kind == "markers" else [],
+                parts=[("axes", LAB_AXES)] if stream.description.kind == "markers" else [],
                 plates=stream.plates,
                 listen=listen,
             )

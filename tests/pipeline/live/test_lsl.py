@@ -295,12 +295,15 @@ def test_streams_of_one_computer_share_their_offset_and_those_of_this_one_need_n
 
 
 def test_results_are_described_by_labels_and_units(prefix, opened):
-    outlet = result_outlet(100.0, name=prefix)
+    delays = {"filter_delay_s": 0.0375, "resampling_delay_s": 0.02}
+    outlet = result_outlet(100.0, **delays, name=prefix)
     opened.append(outlet)
     lsl = load_lsl()
     (info,) = lsl.resolve_byprop("name", prefix, timeout=5.0)
     inlet = lsl.StreamInlet(info)
-    described = parse_channels(ElementTree.fromstring(inlet.info(5.0).as_xml()), 106)
+    info = ElementTree.fromstring(inlet.info(5.0).as_xml())
+    assert {name: float(info.findtext(f"desc/{name}")) for name in delays} == delays
+    described = parse_channels(info, 106)
     assert described == result_channels()
     inlet.open_stream(5.0)
     q, tau, measured = np.arange(46.0), 100 + np.arange(46.0), np.arange(6.0)
