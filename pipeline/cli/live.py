@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pipeline.io.recording import Plate
     from pipeline.live.frames.chain import LiveChain
     from pipeline.live.frames.frame import LiveFrame
+    from pipeline.live.places import PlacedPlates
     from pipeline.live.preparation import Preparation, PreparedBody
     from pipeline.live.recorder.recorder import Recorder
     from pipeline.live.session import Session
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from pipeline.viewer.live import LiveView
     from pipeline.viewer.live_frames import Screen
 
-LOOPBACK: Final = "127.0.0.1"
 SHOWN_S: Final = 0.02
 """Between looks at what is new."""
 STATUS_S: Final = 0.5
@@ -43,7 +43,7 @@ def live(
         Path | None, typer.Option(help="Calibration pose, and places of the plates.")
     ] = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="Of the moving treadmill; default: the study's.")
+        Path | None, typer.Option(help="Of the moving treadmill, in place of the study's.")
     ] = None,
     pose: Annotated[
         bool, typer.Option("--pose", help="Build the body from a pose that the subject shows now.")
@@ -57,8 +57,9 @@ def live(
         str | None, typer.Option(help="Address of Qualisys Track Manager, in place of LSL.")
     ] = None,
     listen: Annotated[
-        str, typer.Option(help="This computer's address, at which streams are searched for.")
-    ] = LOOPBACK,
+        str | None,
+        typer.Option(help="This computer's address, to search streams at; default: the study's."),
+    ] = None,
     duration_s: Annotated[
         float | None, typer.Option(min=0.1, help="Ends after so long; default: with Ctrl-C.")
     ] = None,
@@ -80,18 +81,23 @@ def live(
     from pipeline.live.preparation import prepare
 
     prepared = prepare(study, subject, static, calibration)
+    listen = listen or prepared.live.listen
     return _run(prepared, console, out, pose, view, web, qualisys, listen, duration_s)
 
 
-def _replay(path: Path, speed: float, listen: str, study: Path | None, console: "Console") -> int:
+def _replay(
+    path: Path, speed: float, listen: str | None, study: Path | None, console: "Console"
+) -> int:
+    from pipeline.config.live import Live
     from pipeline.config.study import read_study
     from pipeline.io.read import read_as_stated
     from pipeline.io.stated import Stated
     from pipeline.live.replay import Replay
 
-    stated = read_study(study, recordings=False).stated if study is not None else Stated()
-    recording = read_as_stated(path, stated)
-    played = Replay(recording, speed=speed, listen=listen)
+    read = read_study(study, recordings=False) if study is not None else None
+    recording = read_as_stated(path, read.stated if read is not None else Stated())
+    live = read.file.live if read is not None else Live()
+    played = Replay(recording, speed=speed, listen=listen or live.listen)
     console.print(
         f"playing {path.name} as {', '.join(played.names)}, once all of them are received or "
         f"{RECEIVERS_S:g} s have passed (stop with Ctrl-C)",
@@ -129,29 +135,30 @@ def _run(
     from pipeline.live.watch.monitor import Monitor
 
     folder = out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
-    plates = prepared.plates
+    body = None if pose else prepared.body()
     with ExitStack() as stack:
         source = _source(prepared, qualisys, listen)
         stack.callback(source.close)
         names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
         console.print(f"receiving {names}", soft_wrap=True)
-        body = _shown(prepared, source, console) if pose else prepared.body()
-        for note in body.notes:
+        placed = prepared.placed(source.plates)
+        if body is None:
+            body = _shown(prepared, placed, source, console)
+        for note in (*prepared.notes, *placed.notes, *body.notes):
             console.print(note_line(note), soft_wrap=True)
-        chain = LiveChain(
-            body.body,
-            prepared.laboratory,
-            prepared.settings,
-            prepared.live,
-            source.streams,
-            plates,
-        )
-        described = described_streams(source.streams, prepared.live, plates)
+        plates, laboratory, settings = placed.plates, prepared.laboratory, prepared.settings
+        chain = LiveChain(body.body, laboratory, settings, placed.live, source.streams, plates)
+        described = described_streams(source.streams, placed.live, plates)
         recorder = Recorder(folder, described, result_columns())
         stack.callback(recorder.close)
         outlet = None
         if qualisys is None:
-            outlet = result_outlet(chain.stream.rate_hz, listen=listen)
+            outlet = result_outlet(
+                chain.stream.rate_hz,
+                filter_delay_s=chain.filter_delay_s,
+                resampling_delay_s=chain.wait_s,
+                listen=listen,
+            )
             stack.callback(outlet.close)
         session = Session(source, chain, recorder, outlet)
         view = _view(chain, plates, "browser" if web else "window") if shown or web else None
@@ -179,13 +186,15 @@ def _source(prepared: "Preparation", qualisys: str | None, listen: str) -> "Sour
     return LslSource(markers, analog, stated=prepared.stated, listen=listen)
 
 
-def _shown(prepared: "Preparation", source: "Source", console: "Console") -> "PreparedBody":
+def _shown(
+    prepared: "Preparation", placed: "PlacedPlates", source: "Source", console: "Console"
+) -> "PreparedBody":
     """Wait until the subject shows the calibration pose, and build the body from it."""
     from pipeline.live.pose import PoseFinder
     from pipeline.live.session import RECEIVE_S
 
     console.print("stand still on the plates, arms out to the sides")
-    finder, told = PoseFinder(prepared.live, source.streams, prepared.plates), ""
+    finder, told = PoseFinder(placed.live, source.streams, placed.plates), ""
     while True:
         for samples in source.receive(RECEIVE_S):
             pose = finder.add(samples)

@@ -1,14 +1,36 @@
 """What a study states of live streams: which stream and which channel is what."""
 
+from ipaddress import IPv4Address
 from typing import Annotated, Final
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from hbm.spelling import short
 from pipeline.config.input_model import InputModel, Text
 
+LOOPBACK: Final = "127.0.0.1"
 COMPONENTS: Final = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 Six = Annotated[tuple[Text, Text, Text, Text, Text, Text], Field(strict=False)]
 PlateNumber = Annotated[str, Field(pattern=r"^[1-9][0-9]?$")]
+
+
+def own_address(written: str) -> str:
+    """Give an IPv4 address as it is written; ValueError if it is none that one computer can have.
+
+    Examples
+    --------
+    >>> own_address("192.168.1.10")
+    '192.168.1.10'
+    """
+    try:
+        address = IPv4Address(written)
+    except ValueError:
+        address = None
+    if address is None or address.is_unspecified or address.is_multicast:
+        raise ValueError(
+            f"{short(written)!r} is no IPv4 address of this computer, such as 192.168.1.10"
+        )
+    return str(address)
 
 
 class Live(InputModel):
@@ -26,6 +48,9 @@ class Live(InputModel):
         centre of its surface; by default FP1.Fx and so on.
     wait_s
         How long a frame waits for samples that are late.
+    listen
+        Address of this computer in the laboratory's network, at which streams are searched for and
+        found; by default that of the loopback, which nothing leaves.
 
     Examples
     --------
@@ -37,6 +62,7 @@ class Live(InputModel):
     analog: Annotated[tuple[Text, ...], Field(strict=False)] = ()
     plates: dict[PlateNumber, Six] = Field(default_factory=dict)
     wait_s: Annotated[float, Field(gt=0, le=2)] = 0.2
+    listen: Annotated[str, AfterValidator(own_address)] = LOOPBACK
 
     @model_validator(mode="after")
     def _different(self) -> "Live":

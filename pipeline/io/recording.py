@@ -1,7 +1,7 @@
 """Types of what a file holds once it has been read."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -73,6 +73,11 @@ class Plate:
     def at_origin(cls, number: int, time: Array, wrench: Array) -> "Plate":
         """Make a plate of which only the wrench in the lab about its origin is known, (N, 6)."""
         return cls(number, time, wrench, np.eye(3), np.zeros(3), np.full((4, 3), np.nan))
+
+    @property
+    def place(self) -> "Plate":
+        """The same plate without samples: where it lies."""
+        return replace(self, time=np.empty(0), wrench_in_plate=np.empty((0, 6)))
 
     @property
     def wrench(self) -> Array:

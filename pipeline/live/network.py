@@ -1,10 +1,12 @@
 """Lab Streaming Layer: where its discovery listens."""
 
-import ipaddress
+import socket
 from importlib import import_module
+from ipaddress import IPv4Address
 from typing import Any, Final
 
-LOOPBACK: Final = "127.0.0.1"
+from pipeline.config.live import LOOPBACK, own_address
+
 MIN_PROBES: Final = 3
 """Answers of eight that make a measurement of a clock: with six, a busy computer has none."""
 EXTRA: Final = "pip install 'hbm-residuals[live]'"
@@ -39,13 +41,12 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
     close them to others.
     """
     try:
-        address = ipaddress.IPv4Address(listen)
+        address = IPv4Address(own_address(listen))
     except ValueError as error:
-        raise ValueError(
-            f"listen: {listen!r} is no IPv4 address of this computer, such as 192.168.1.10"
-        ) from error
+        raise ValueError(f"listen: {error}") from error
     lsl = import_extra("pylsl", "Lab Streaming Layer")
     if not _listening:
+        _require_own(address)
         scope = "ResolveScope = machine\n" if address.is_loopback else ""
         interfaces = "" if address.is_loopback else f"Interfaces = {{{address}}}\n"
         lsl.set_config_content(
@@ -60,6 +61,17 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
             "Streaming Layer can be bound once"
         )
     return lsl
+
+
+def _require_own(address: IPv4Address) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_port:
+        try:
+            any_port.bind((str(address), 0))
+        except OSError as error:
+            raise ValueError(
+                f"listen: {address} is not an address of this computer ({error.strerror}); its "
+                "network settings list those that it has"
+            ) from error
 
 
 def import_extra(module: str, what: str) -> Any:

@@ -2,13 +2,17 @@
 
 from collections.abc import Sequence
 from typing import Any, Final
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from hbm.coordinates import TREE
 from hbm.spatial import WRENCH_COMPONENTS, Array
+from pipeline.config.live import LOOPBACK
+from pipeline.io.recording import Plate
 from pipeline.io.xdf.channels import Channel
-from pipeline.live.network import LOOPBACK, load_lsl
+from pipeline.live.description import describe
+from pipeline.live.network import load_lsl
 
 RESULTS: Final = "hbm"
 """Name of the stream of results; it names no person."""
@@ -29,10 +33,8 @@ class Outlet:
         What each channel holds.
     rate_hz
         Nominal sampling rate [Hz].
-    described
-        Further parts of the description, such as ``{"axes": "forward,left,up"}``.
-    plates
-        Of each plate, the parts of its place.
+    parts, plates
+        What else its description states, as for `pipeline.live.description.describe`.
     listen
         As for `pipeline.live.network.load_lsl`, with its errors.
 
@@ -49,15 +51,15 @@ class Outlet:
         channels: Sequence[Channel],
         rate_hz: float,
         *,
-        described: Sequence[tuple[str, str]] = (),
-        plates: Sequence[Sequence[tuple[str, str]]] = (),
+        parts: Sequence[tuple[str, str]] = (),
+        plates: Sequence[Plate] = (),
         listen: str = LOOPBACK,
     ) -> None:
         lsl = load_lsl(listen)
         info = lsl.StreamInfo(
             name, content_type, len(channels), rate_hz, "double64", f"hbm-residuals {name}"
         )
-        _describe(info.desc(), channels, described, plates)
+        _append(info.desc(), describe(channels, parts, plates))
         self._outlet: Any = lsl.StreamOutlet(info, 0, BUFFER_S)
 
     def push(self, time: Array, values: Array) -> None:
@@ -79,19 +81,34 @@ class Outlet:
         self._outlet = None
 
 
-def result_outlet(rate_hz: float, *, name: str = RESULTS, listen: str = LOOPBACK) -> Outlet:
+def result_outlet(
+    rate_hz: float,
+    *,
+    filter_delay_s: float,
+    resampling_delay_s: float,
+    name: str = RESULTS,
+    listen: str = LOOPBACK,
+) -> Outlet:
     """Open the stream of results, whose samples `pipeline.live.result_row.result_row` gives.
 
     Parameters
     ----------
     rate_hz
         Of the cameras [Hz].
+    filter_delay_s, resampling_delay_s
+        By which the filter makes values late, and how long a frame waits for the samples that it
+        needs, as `pipeline.live.frames.chain.LiveChain` has them [s]; the description states both.
     name
         The stream's name.
     listen
         As for `pipeline.live.network.load_lsl`, with its errors.
     """
-    return Outlet(name, "Biomechanics", result_channels(), rate_hz, listen=listen)
+    parts = [
+        ("filter_delay_s", repr(float(filter_delay_s))),
+        ("resampling_delay_s", repr(float(resampling_delay_s))),
+    ]
+    channels = result_channels()
+    return Outlet(name, "Biomechanics", channels, rate_hz, parts=parts, listen=listen)
 
 
 def result_channels() -> tuple[Channel, ...]:
@@ -120,24 +137,10 @@ def result_channels() -> tuple[Channel, ...]:
     return (*found, Channel("quality", "", type="Quality"), Channel("computing_time", "s"))
 
 
-def _describe(
-    desc: Any,
-    channels: Sequence[Channel],
-    described: Sequence[tuple[str, str]],
-    plates: Sequence[Sequence[tuple[str, str]]],
-) -> None:
-    """Write the description of a stream, as `pipeline.io.xdf` reads it."""
-    inside = desc.append_child("channels")
-    for channel in channels:
-        one = inside.append_child("channel")
-        for part in ("label", "unit", "type", "marker", "plate"):
-            if text := getattr(channel, part):
-                one.append_child_value(part, text)
-    for part, text in described:
-        desc.append_child_value(part, text)
-    if plates:
-        of_plates = desc.append_child("plates")
-        for plate in plates:
-            one = of_plates.append_child("plate")
-            for part, text in plate:
-                one.append_child_value(part, text)
+def _append(desc: Any, described: Element) -> None:
+    """Write the parts of a description into that of a stream of the library."""
+    for part in described:
+        if len(part):
+            _append(desc.append_child(part.tag), part)
+        else:
+            desc.append_child_value(part.tag, part.text or "")

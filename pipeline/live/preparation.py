@@ -1,5 +1,6 @@
-"""What has to be known before the first frame: the study, the body, the places of the plates."""
+"""What has to be known before the first frame: the study, the body, the places of plates."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,12 +12,14 @@ from pipeline.config.schema import Settings, SubjectFile, Treadmill
 from pipeline.config.study import Study, read_study
 from pipeline.config.toml_file import read_segments
 from pipeline.io.read import read_as_stated
-from pipeline.io.recording import Plate, Recording
+from pipeline.io.recording import Recording
 from pipeline.io.stated import Stated
+from pipeline.live.places import PlacedPlates, place_plates
 from pipeline.live.sources.recorded import ANALOG, MARKERS, PLATES
+from pipeline.live.stream import StatedPlate
 from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.corrected_plates import with_corrected_plates
-from pipeline.trial.ground.laboratory import Laboratory, read_laboratory
+from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.study_files import read_study_laboratory
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.weighing import body_mass
@@ -59,6 +62,14 @@ class Preparation:
         return self.study.stated if self.study is not None else Stated()
 
     @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is to be said of the treadmill and its calibration."""
+        notes = self.laboratory.notes
+        if self.laboratory.calibration is not None and self.laboratory.treadmill.platform is None:
+            notes = (*notes, Note.of("platform_taken_as_level"))
+        return notes
+
+    @property
     def streams(self) -> tuple[str, tuple[str, ...]]:
         """Names of the stream of markers and of the others, as stated or as replays call them."""
         treadmill, stated = self.laboratory.treadmill, self.live
@@ -66,22 +77,9 @@ class Preparation:
         needed = bool(treadmill.accelerometers) or treadmill.belt is not None or channels
         return stated.markers or MARKERS, stated.analog or (PLATES, *[ANALOG] * needed)
 
-    @property
-    def plates(self) -> tuple[Plate, ...]:
-        """Places of the plates, as the static recording has them.
-
-        Raises
-        ------
-        ValueError
-            There is none, or it has no plates.
-        """
-        if self.static is None or not self.static.plates:
-            name = "no static file is stated" if self.static is None else self.static.source.name
-            raise ValueError(
-                f"the places of the plates are not known ({name}); state a recording that has "
-                "them: --static FILE, or static in the subject's file"
-            )
-        return self.static.plates
+    def placed(self, stated: Sequence[StatedPlate]) -> PlacedPlates:
+        """Place the plates that streams describe, as `pipeline.live.places.place_plates`."""
+        return place_plates(stated, self.static, self.live)
 
     def body(self, pose: Recording | None = None) -> PreparedBody:
         """Build the subject's body.
@@ -98,7 +96,7 @@ class Preparation:
         """
         pose = pose or self.static
         if pose is None:
-            raise ValueError("no calibration pose: state --static FILE, or show it live")
+            raise ValueError("no calibration pose: state --static FILE, or show it live: --pose")
         pose = with_corrected_plates(pose, self.laboratory.plates)
         subject, study = self.person.person, self.study
         mass = body_mass(subject, pose)
@@ -135,21 +133,26 @@ def prepare(
     static
         Recording of the calibration pose; by default the subject's.
     calibration
-        The moving treadmill's; by default the study's.
+        The moving treadmill's, which needs a study; by default the study's.
 
     Raises
     ------
     ValueError, OSError
-        If a file cannot be read or used, or it is not clear who the subject is.
+        If a file cannot be read or used, it is not clear who the subject is, or a calibration is
+        stated without the study that says where the platform is.
     """
     if study is None:
         if subject is not None:
             raise ValueError(f"--subject {subject} needs the study: --study FOLDER")
-        laboratory = read_laboratory(calibration, ()) if calibration else Laboratory(Treadmill())
+        if calibration is not None:
+            raise ValueError(
+                f"--calibration {calibration.name} needs the study: its [treadmill.platform] says "
+                "by which markers or channels the platform is brought to the lab; state --study "
+                "FOLDER"
+            )
         recording = read_as_stated(static, Stated()) if static else None
-        return Preparation(
-            None, SubjectFile(id="subject", trials={}), Settings(), Live(), laboratory, recording
-        )
+        person, still = SubjectFile(id="subject", trials={}), Laboratory(Treadmill())
+        return Preparation(None, person, Settings(), Live(), still, recording)
     read = read_study(study.parent if study.is_file() else study, recordings=False)
     person = read.subject(subject) if subject else _only_subject(read)
     laboratory = read_study_laboratory(read)

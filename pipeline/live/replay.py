@@ -7,8 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from pipeline.config.live import LOOPBACK
 from pipeline.io.recording import Recording
-from pipeline.live.network import LOOPBACK, load_lsl
+from pipeline.live.network import load_lsl
 from pipeline.live.outlet import Outlet
 from pipeline.live.sources.recorded import recorded_streams
 from pipeline.live.stream import LAB_AXES
@@ -61,7 +62,7 @@ class Replay:
                 stream.content_type,
                 stream.channels,
                 stream.description.rate_hz,
-                described=[("axes", LAB_AXES)] if stream.description.kind == "markers" else [],
+                parts=[("axes", LAB_AXES)] if stream.description.kind == "markers" else [],
                 plates=stream.plates,
                 listen=listen,
             )

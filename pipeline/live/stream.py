@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Final, Literal, Protocol
 
 from hbm.spatial import Array
+from pipeline.io.recording import Plate
 
 LAB_AXES: Final = "forward,left,up"
 """Axes of all positions, as descriptions state them."""
@@ -60,12 +61,40 @@ class Samples:
     values: Array
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StatedPlate:
+    """A plate as a sender describes it.
+
+    Attributes
+    ----------
+    number
+        As the sender writes it.
+    channels
+        Labels of its Fx Fy Fz Mx My Mz, in its own axes about the centre of its surface; empty
+        where they are not stated.
+    place
+        Where it lies in the lab, without samples; None where that is not stated.
+    problem
+        Why there is no place.
+    """
+
+    number: str
+    channels: tuple[str, ...] = ()
+    place: Plate | None = None
+    problem: str = ""
+
+
 class Source(Protocol):
     """Where samples come from."""
 
     @property
     def streams(self) -> tuple[StreamDescription, ...]:
         """What is received, known from the start."""
+        ...
+
+    @property
+    def plates(self) -> tuple[StatedPlate, ...]:
+        """Plates as the streams' descriptions state them; empty where they state none."""
         ...
 
     def receive(self, timeout_s: float) -> list[Samples]:

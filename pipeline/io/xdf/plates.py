@@ -10,7 +10,7 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import listed, short
+from hbm.spelling import listed
 from pipeline.io.moment_reference import PlateColumns
 from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
@@ -65,7 +65,7 @@ class PlateChannels:
 
 def find_plates(
     info: Element, channels: Sequence[Channel]
-) -> tuple[list[PlateChannels], list[Note]]:
+) -> tuple[list[PlateChannels], dict[str, str]]:
     """Find the plates of a stream whose six channels and place are described.
 
     Parameters
@@ -79,15 +79,15 @@ def find_plates(
     -------
     plates
         Those that are complete.
-    notes
-        ``plate_left_out`` for the others.
+    left_out
+        Number of each of the others, as it is written -> why.
     """
     found: dict[str, dict[str, int]] = {}
     for k, channel in enumerate(channels):
         if channel.plate and channel.type in COMPONENTS:
             found.setdefault(channel.plate, {})[channel.type] = k
     places = {(p.findtext("number") or "").strip(): p for p in info.findall("desc/plates/plate")}
-    plates, notes = [], []
+    plates, left_out = [], {}
     for number, columns in found.items():
         try:
             place = _place(places[number]) if number in places else None
@@ -102,11 +102,10 @@ def find_plates(
             if units != ("N",) * 3 + ("N·m",) * 3:
                 raise ValueError(f"its units are {listed(units)}, expected N and N·m")
         except ValueError as error:
-            name = f"plate {short(number)}"
-            notes.append(Note.of("plate_left_out", plate=name, reason=str(error)))
+            left_out[number] = str(error)
             continue
         plates.append(PlateChannels(int(number), tuple(of_plate), factors, *place))
-    return plates, notes
+    return plates, left_out
 
 
 def dflow_plates(
@@ -173,6 +172,8 @@ def _place(described: Element) -> tuple[Array, Array, Array]:
             numbers = np.array(words, float).reshape(shape)
         except ValueError:
             raise ValueError(f"its {part} are not {np.prod(shape)} numbers") from None
+        if part != "corners" and not np.isfinite(numbers).all():
+            raise ValueError(f"its {part} has numbers that are not finite")
         if part == "rotation" and not np.allclose(numbers @ numbers.T, np.eye(3), atol=1e-6):
             raise ValueError("its rotation is no rotation")
         found.append(numbers)

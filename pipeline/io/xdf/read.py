@@ -213,7 +213,11 @@ def _signals(
 ) -> tuple[_Signals, list[Note]]:
     clock = _clock(stream)
     time, values = clock.time - start_s, clock.on_frames(stream.values)
-    plates, notes = find_plates(stream.info, channels)
+    plates, left_out = find_plates(stream.info, channels)
+    notes = [
+        Note.of("plate_left_out", plate=f"plate {short(number)}", reason=why)
+        for number, why in left_out.items()
+    ]
     columns, more = dflow_plates(channels, time, values, stated)
     found = _Signals(stream.name, channels, time, values, tuple(plates), tuple(columns))
     return found, [*_clock_notes(stream, clock), *notes, *more]

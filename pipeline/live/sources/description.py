@@ -1,15 +1,17 @@
 """What a sender's channels carry, and how their samples become m, N, N·m and lab axes."""
 
 from collections.abc import Callable, Sequence
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from hbm.spatial import Array
+from hbm.spelling import short
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import Stated
 from pipeline.io.xdf.channels import AXES, Channel, marker_layout, si_units
-from pipeline.io.xdf.plates import DFLOW_PLATE
-from pipeline.live.stream import StreamDescription
+from pipeline.io.xdf.plates import DFLOW_PLATE, find_plates
+from pipeline.live.stream import StatedPlate, StreamDescription
 
 Convert = Callable[[Array], Array]
 """From samples as sent, (N, K), to samples of a `Samples`."""
@@ -95,3 +97,43 @@ def describe_signals(
         if [labels[k] for k in columns] == [f"{stem}{axis}" for axis in AXES]:
             to_si[np.ix_(columns, columns)] = np.diag(factors[columns]) @ to_lab.T
     return description, lambda values: np.asarray(values @ to_si, float)
+
+
+def describe_plates(
+    info: Element, channels: Sequence[Channel], axes: str
+) -> tuple[StatedPlate, ...]:
+    """Describe the plates of a stream.
+
+    Parameters
+    ----------
+    info
+        The stream's description, whose root is ``info``.
+    channels
+        Its channels.
+    axes
+        The markers', in which places are stated.
+
+    Returns
+    -------
+    tuple of StatedPlate
+        Those that channels name, as `pipeline.io.xdf.plates.find_plates` finds them.
+
+    Raises
+    ------
+    ValueError
+        Channels of a plate have no labels of their own, by which they are found.
+    """
+    found, left_out = find_plates(info, channels)
+    every, to_lab = [channel.label for channel in channels], parse_axes(axes)
+    no_time, no_values = np.empty(0), np.empty((0, len(channels)))
+    plates = []
+    for plate in found:
+        labels = tuple(every[column] for column in plate.columns)
+        if doubtful := [label for label in labels if not label or every.count(label) > 1]:
+            raise ValueError(
+                f"plate {plate.number}: the label {short(doubtful[0])!r} of a channel is "
+                f"{'that of another one too' if doubtful[0] else 'empty'}; give each its own"
+            )
+        place = plate.plate(no_time, no_values, to_lab)
+        plates.append(StatedPlate(str(plate.number), labels, place))
+    return (*plates, *(StatedPlate(number, problem=why) for number, why in left_out.items()))

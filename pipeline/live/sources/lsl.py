@@ -6,10 +6,11 @@ from dataclasses import replace
 from typing import Any, Final
 
 from hbm.spelling import listed, printable, short
+from pipeline.config.live import LOOPBACK
 from pipeline.io.stated import Stated
-from pipeline.live.network import LOOPBACK, load_lsl
+from pipeline.live.network import load_lsl
 from pipeline.live.sources.lsl_inlet import Inlet, await_clocks, share_clocks
-from pipeline.live.stream import Samples, StreamDescription
+from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 
 WAIT_S: Final = 0.001
 """Between looks at the streams; the fastest is waited for."""
@@ -89,6 +90,11 @@ class LslSource:
     def streams(self) -> tuple[StreamDescription, ...]:
         """What is received: markers first."""
         return tuple(inlet.description for inlet in self._inlets)
+
+    @property
+    def plates(self) -> tuple[StatedPlate, ...]:
+        """Plates as the streams describe them."""
+        return tuple(plate for inlet in self._inlets for plate in inlet.plates)
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give what has arrived; an empty list if nothing does within the timeout [s].

@@ -14,7 +14,11 @@ from pipeline.io.stated import Stated
 from pipeline.io.xdf.channels import parse_channels
 from pipeline.io.xdf.clock import find_clock
 from pipeline.live.sources.clock_offset import ClockOffset
-from pipeline.live.sources.description import describe_markers, describe_signals
+from pipeline.live.sources.description import (
+    describe_markers,
+    describe_plates,
+    describe_signals,
+)
 from pipeline.live.stream import Samples
 
 CHUNK_S: Final = 0.05
@@ -80,6 +84,7 @@ class Inlet:
                 if is_markers
                 else describe_signals(*what, stated.axes or "")
             )
+            self.plates = () if is_markers else describe_plates(root, channels, stated.axes or "")
         except ValueError as error:
             raise ValueError(f"stream {short(self.name)!r}: {error}") from error
         self._channels = described.channel_count()

@@ -11,7 +11,7 @@ from typing import Any, Final
 from pipeline.io.stated import Stated
 from pipeline.live.network import import_extra
 from pipeline.live.sources.qualisys_frames import Frames, read_parameters
-from pipeline.live.stream import Samples, StreamDescription
+from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 
 PORT: Final = 22223
 """Of the protocol with the low byte first."""
@@ -77,6 +77,11 @@ class QualisysSource:
     def streams(self) -> tuple[StreamDescription, ...]:
         """What is received: markers, then plates, then analog devices."""
         return self._frames.streams if self._frames is not None else ()
+
+    @property
+    def plates(self) -> tuple[StatedPlate, ...]:
+        """Plates as the program's settings describe them."""
+        return self._frames.stated_plates if self._frames is not None else ()
 
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give whatever has arrived; an empty list if nothing does within the timeout [s].

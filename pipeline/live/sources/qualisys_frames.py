@@ -9,10 +9,12 @@ import numpy as np
 
 from hbm.spatial import Array
 from hbm.spelling import printable, short
+from pipeline.io.axes import parse_axes
 from pipeline.io.stated import Stated
 from pipeline.io.xdf.channels import AXES, Channel
 from pipeline.live.sources.description import Convert, describe_markers, describe_signals
-from pipeline.live.stream import Samples, StreamDescription
+from pipeline.live.sources.qualisys_places import place_of
+from pipeline.live.stream import LAB_AXES, Samples, StatedPlate, StreamDescription
 
 MARKERS: Final = "Markers"
 SAME_START_S: Final = 0.05
@@ -95,6 +97,8 @@ class Frames:
         Description of the markers' stream, and what turns positions to lab axes and m.
     devices, plates
         Analog devices and force plates by their numbers.
+    stated_plates
+        Channels and places of the plates.
     base_s, last_s
         Added to time stamps, so that time goes on when a measurement begins anew, and the latest
         stamp [s].
@@ -105,6 +109,7 @@ class Frames:
     convert: Convert
     devices: dict[int, Signals]
     plates: dict[int, Signals]
+    stated_plates: tuple[StatedPlate, ...] = ()
     base_s: float = 0.0
     last_s: float = -np.inf
 
@@ -204,7 +209,8 @@ def read_parameters(written: bytes, stated: Stated) -> Frames:
         for axis in AXES
     ]
     markers, convert = describe_markers(MARKERS, channels, rate, stated)
-    return Frames(len(names), markers, convert, _devices(root), _plates(root))
+    plates, described = _plates(root, parse_axes(stated.axes or LAB_AXES))
+    return Frames(len(names), markers, convert, _devices(root), plates, described)
 
 
 def _devices(root: ElementTree.Element) -> dict[int, Signals]:
@@ -220,15 +226,24 @@ def _devices(root: ElementTree.Element) -> dict[int, Signals]:
     return found
 
 
-def _plates(root: ElementTree.Element) -> dict[int, Signals]:
-    found = {}
-    force = _text(root.find("Force"), "Unit_Force")
+def _plates(
+    root: ElementTree.Element, to_lab: Array
+) -> tuple[dict[int, Signals], tuple[StatedPlate, ...]]:
+    """Give what plates send, and how the program describes them."""
+    found, described = {}, []
+    force, length = (_text(root.find("Force"), f"Unit_{of}") for of in ("Force", "Length"))
     for plate in root.iterfind("Force/Plate"):
         name = _text(plate, "Name")
         number = int(_text(plate, "Plate_ID") or _text(plate, "Force_Plate_Index"))
         channels = _wrench_channels(name, force)
         found[number] = Signals(*describe_signals(name, channels, _rate(plate, name)))
-    return found
+        labels = found[number].description.labels
+        try:
+            place = place_of(plate, number, length, to_lab)
+            described.append(StatedPlate(str(number), labels, place))
+        except ValueError as error:
+            described.append(StatedPlate(str(number), labels, problem=str(error)))
+    return found, tuple(described)
 
 
 def _wrench_channels(name: str, force: str) -> Sequence[Channel]:

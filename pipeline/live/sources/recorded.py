@@ -6,10 +6,11 @@ from typing import Final
 import numpy as np
 
 from hbm.spatial import Array
+from pipeline.config.live import Live
 from pipeline.io.recording import Plate, Recording
-from pipeline.io.xdf.channels import AXES, Channel
-from pipeline.io.xdf.plates import COMPONENTS, PLACE
-from pipeline.live.stream import Samples, StreamDescription
+from pipeline.io.xdf.channels import Channel
+from pipeline.live.description import stream_channels
+from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 
 MARKERS: Final = "Markers"
 PLATES: Final = "Plates"
@@ -32,7 +33,7 @@ class RecordedStream:
     channels
         What each channel holds.
     plates
-        Place of each plate, as text.
+        Those of its channels.
     time, values
         All its samples on the recording's clock, (N,) [s] and (N, K).
     """
@@ -40,7 +41,7 @@ class RecordedStream:
     description: StreamDescription
     content_type: str
     channels: tuple[Channel, ...]
-    plates: tuple[tuple[tuple[str, str], ...], ...]
+    plates: tuple[Plate, ...]
     time: Array
     values: Array
 
@@ -62,23 +63,10 @@ def recorded_streams(recording: Recording) -> tuple[RecordedStream, ...]:
         own, "Plates", "Plates 2" and so on.
     """
     markers = recording.markers
-    coordinates = [
-        Channel(f"{name}_{axis}", "meters", f"Position{axis}", marker=name)
-        for name in markers.names
-        for axis in AXES
-    ]
-    streams = [
-        RecordedStream(
-            StreamDescription(
-                MARKERS, "markers", markers.names, ("m",) * len(markers.names), markers.rate_hz
-            ),
-            "MoCap",
-            tuple(coordinates),
-            (),
-            markers.time,
-            np.reshape(markers.position, (len(markers.time), -1)),
-        )
-    ]
+    names = markers.names
+    seen = StreamDescription(MARKERS, "markers", names, ("m",) * len(names), markers.rate_hz)
+    positions = np.reshape(markers.position, (len(markers.time), -1))
+    streams = [_stream(seen, "MoCap", (), markers.time, positions)]
     groups: list[list[Plate]] = []
     for plate in recording.plates:
         for group in groups:
@@ -91,48 +79,28 @@ def recorded_streams(recording: Recording) -> tuple[RecordedStream, ...]:
         name = PLATES if number == 1 else f"{PLATES} {number}"
         streams.append(_plates(name, group))
     if (analog := recording.analog) is not None and len(analog.time) > 1:
-        channels = tuple(map(Channel, analog.names, analog.units))
-        streams.append(
-            RecordedStream(
-                StreamDescription(ANALOG, "analog", analog.names, analog.units, analog.rate_hz),
-                "Analog",
-                channels,
-                (),
-                analog.time,
-                analog.values,
-            )
-        )
+        read = StreamDescription(ANALOG, "analog", analog.names, analog.units, analog.rate_hz)
+        streams.append(_stream(read, "Analog", (), analog.time, analog.values))
     return tuple(streams)
 
 
 def _plates(name: str, plates: list[Plate]) -> RecordedStream:
-    channels = tuple(
-        Channel(
-            f"FP{plate.number}.{component[0]}{component[-1].lower()}",
-            "N" if component.startswith("Force") else "N·m",
-            component,
-            plate=str(plate.number),
-        )
-        for plate in plates
-        for component in COMPONENTS
-    )
-    places = tuple(
-        (
-            ("number", str(plate.number)),
-            *((part, " ".join(map(repr, getattr(plate, part).ravel().tolist()))) for part in PLACE),
-        )
-        for plate in plates
-    )
-    labels, units = (tuple(getattr(c, part) for c in channels) for part in ("label", "unit"))
-    time = plates[0].time
-    return RecordedStream(
-        StreamDescription(name, "analog", labels, units, plates[0].rate_hz),
-        "Force",
-        channels,
-        places,
-        time,
-        np.hstack([plate.wrench_in_plate for plate in plates]),
-    )
+    labels = tuple(label for plate in plates for label in Live().channels_of(plate.number))
+    units = (*("N",) * 3, *("N·m",) * 3) * len(plates)
+    loads = StreamDescription(name, "analog", labels, units, plates[0].rate_hz)
+    values = np.hstack([plate.wrench_in_plate for plate in plates])
+    return _stream(loads, "Force", tuple(plates), plates[0].time, values)
+
+
+def _stream(
+    description: StreamDescription,
+    content_type: str,
+    plates: tuple[Plate, ...],
+    time: Array,
+    values: Array,
+) -> RecordedStream:
+    channels = stream_channels(description, Live(), plates)
+    return RecordedStream(description, content_type, channels, plates, time, values)
 
 
 class RecordedSource:
@@ -161,6 +129,10 @@ class RecordedSource:
 
     def __init__(self, recording: Recording, chunk_s: float = 0.01) -> None:
         self._streams = recorded_streams(recording)
+        self._plates = tuple(
+            StatedPlate(str(plate.number), Live().channels_of(plate.number), plate.place)
+            for plate in recording.plates
+        )
         self._sent = [0] * len(self._streams)
         self._chunk_s = chunk_s
         self._until = min(float(stream.time[0]) for stream in self._streams)
@@ -169,6 +141,11 @@ class RecordedSource:
     def streams(self) -> tuple[StreamDescription, ...]:
         """What it gives: markers first."""
         return tuple(stream.description for stream in self._streams)
+
+    @property
+    def plates(self) -> tuple[StatedPlate, ...]:
+        """The recording's, each with its channels."""
+        return self._plates
 
     @property
     def ended(self) -> bool:

@@ -40,6 +40,9 @@ class LiveCycle:
         Variant -> residuals over 0 to 100 %, (101, 6); NaN where frames do not count.
     valid_share
         Share of its frames that count.
+    vertical_n
+        Mean vertical ground reaction force of both feet in it, compensated where plates are [N];
+        NaN unless all its frames count.
     """
 
     side: str
@@ -50,6 +53,7 @@ class LiveCycle:
     peak_ground_n: Mapping[str, float]
     curve: Mapping[str, Array]
     valid_share: float
+    vertical_n: float = np.nan
 
     @property
     def rms(self) -> dict[str, Array]:
@@ -79,10 +83,14 @@ class Gait:
         Foot strikes and foot offs, each at the frame where it was, not where it became known.
     cycles
         Gait cycles that have ended.
+    strides
+        The same, and those in which the other foot has not struck a plate once: it was beside them,
+        or its plate does not measure.
     """
 
     events: tuple[Event, ...] = ()
     cycles: tuple[LiveCycle, ...] = ()
+    strides: tuple[LiveCycle, ...] = ()
 
 
 @dataclass(slots=True)
@@ -118,7 +126,7 @@ class GaitTracker:
         self._frames.append(frame)
         while frame.time - self._frames[0].time > MAX_CYCLE_S + 2 * MIN_CONTACT_S:
             self._frames.popleft()
-        events, cycles = list[Event](), list[LiveCycle]()
+        events, cycles, strides = list[Event](), list[LiveCycle](), list[LiveCycle]()
         for side, foot, other, loaded in zip(
             SIDES, self._feet, self._feet[::-1], frame.contact.tolist(), strict=True
         ):
@@ -129,21 +137,21 @@ class GaitTracker:
             if not loaded:
                 continue
             other.others_strikes += 1
-            if foot.strike_s is not None and self._is_cycle(foot, other, at):
-                cycles.append(self._cycle(side, foot.strike_s, at))
+            if foot.strike_s is not None and self._is_stride(foot.strike_s, at):
+                strides.append(self._cycle(side, foot.strike_s, at))
+                if other.strike_s is None or foot.others_strikes == 1:
+                    cycles.append(strides[-1])
             foot.strike_s, foot.others_strikes = at, 0
-        return Gait(tuple(events), tuple(cycles))
+        return Gait(tuple(events), tuple(cycles), tuple(strides))
 
-    def _is_cycle(self, foot: _Foot, other: _Foot, stop_s: float) -> bool:
-        assert foot.strike_s is not None
-        duration = stop_s - foot.strike_s
+    def _is_stride(self, start_s: float, stop_s: float) -> bool:
+        duration = stop_s - start_s
         usual = float(np.median(self._durations)) if self._durations else duration
         if not MIN_STRIDE_S <= duration <= MAX_CYCLE_S:
             return False
         self._durations.append(duration)
-        kept = self._frames[0].time <= foot.strike_s  # not so after a gap in the stream
-        alternates = other.strike_s is None or foot.others_strikes == 1
-        return kept and alternates and MIN_DURATION <= duration / usual <= MAX_DURATION
+        kept = self._frames[0].time <= start_s  # not so after a gap in the stream
+        return kept and MIN_DURATION <= duration / usual <= MAX_DURATION
 
     def _cycle(self, side: str, start_s: float, stop_s: float) -> LiveCycle:
         inside = [f for f in self._frames if start_s <= f.time < stop_s]
@@ -160,8 +168,19 @@ class GaitTracker:
             curve[variant] = np.column_stack(columns)
             forces = [np.linalg.norm(f.by_foot[variant][:, :3].sum(axis=0)) for f in counted]
             peak[variant] = float(max(forces, default=np.nan))
-        share = len(counted) / len(inside)
-        return LiveCycle(side, start_s, stop_s, time[counts], residual, peak, curve, share)
+        share, best = len(counted) / len(inside), list(inside[0].by_foot)[-1]
+        vertical = np.mean([f.by_foot[best][:, 2].sum() for f in inside])
+        return LiveCycle(
+            side,
+            start_s,
+            stop_s,
+            time[counts],
+            residual,
+            peak,
+            curve,
+            share,
+            float(vertical) if share == 1 else np.nan,
+        )
 
 
 def _change(foot: _Foot, loaded: bool, time: float) -> float | None:

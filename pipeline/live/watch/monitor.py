@@ -20,6 +20,7 @@ from pipeline.live.watch.cycles import GaitTracker, LiveCycle
 from pipeline.live.watch.delay import DelayWatch
 from pipeline.live.watch.markers import MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
+from pipeline.live.watch.weight import WeightWatch
 from pipeline.trial.residuals import AXES
 
 LATENCIES: Final = 6000
@@ -66,6 +67,7 @@ class Monitor:
         self._gait, self._delay = GaitTracker(), DelayWatch()
         self._markers = MarkerGaps(chain.stream.labels)
         mass_kg = chain.body.mass
+        self._weight = WeightWatch(mass_kg)
         self._plates = [
             (chain.live.channels_of(plate.number), PlateWatch(plate.number, mass_kg, _up(plate)))
             for plate in plates
@@ -111,6 +113,8 @@ class Monitor:
         self._computing.append(frame.computing_s)
         self.reasons.update(reason.name or "" for reason in Quality if reason in frame.quality)
         gait = self._gait.add(frame)
+        for stride in gait.strides:
+            self._note(frame.time, self._weight.add(stride))
         for cycle in gait.cycles:
             self.condition.add(cycle)
             self.cycles.append(cycle)

@@ -8,10 +8,12 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.cli import main
+from pipeline.io.read import read_recording
 from pipeline.live.recorder.recorder import RESULTS, STREAMS
 from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 
@@ -78,10 +80,46 @@ def test_a_replayed_walk_gives_its_residuals_until_ctrl_c_and_is_recorded(walk, 
         assert float(ours) == pytest.approx(table.rms[axis], rel=0.2, abs=1)
 
 
+@pytest.mark.slow
+def test_without_any_file_the_body_is_of_the_pose_and_the_plates_are_where_streams_state(
+    walk, tmp_path
+):
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    out = tmp_path / "out"
+    with hbm("--replay", walk, "--speed", SPEED) as replay:
+        assert "playing walk.c3d as Markers, Plates" in replay.stdout.readline()
+        with hbm("--pose", "--out", out) as live:
+            assert replay.wait(PATIENCE_S) == 0
+            time.sleep(1.0)
+            live.send_signal(signal.SIGINT)
+            said = live.communicate(timeout=PATIENCE_S)[0]
+            assert live.returncode == 0
+    assert "stand still on the plates, arms out to the sides" in said
+    assert re.search(r"residuals measured, \d+ gait cycles: RMS Fx (\d+) Fy (\d+) Fz (\d+)", said)
+    recorded, true = read_recording(out / STREAMS), read_recording(walk)
+    for ours, plate in zip(recorded.plates, true.plates, strict=True):
+        np.testing.assert_array_equal(ours.center, plate.center)
+
+
 def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
-    assert "places of the plates are not known" in refused(capsys)
+    assert "no calibration pose: state --static FILE, or show it live: --pose" in refused(capsys)
     assert "--subject anna needs the study" in refused(capsys, "--subject", "anna")
+    assert "lab.json needs the study: its [treadmill.platform] says by which" in refused(
+        capsys, "--static", walk, "--calibration", tmp_path / "lab.json"
+    )
     assert "no such file" in refused(capsys, "--static", tmp_path / "absent.c3d")
+
+
+def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsys, monkeypatch):
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    monkeypatch.setattr("pipeline.live.network._listening", [])
+    stated = '[conditions.level]\n[live]\nlisten = "192.0.2.1"\n'
+    (tmp_path / "study.toml").write_text(stated, encoding="utf-8")
+    subject = 'id = "s1"\n[trials.level]\nexclude = "none"\n'
+    (tmp_path / "s1.toml").write_text(subject, encoding="utf-8")
+    played = "--replay", walk, "--study", tmp_path
+    assert "192.0.2.1 is not an address of this computer" in refused(capsys, *played)
+    assert "'cameras' is no IPv4 address" in refused(capsys, *played, "--listen", "cameras")
 
 
 def test_streams_that_are_not_there_are_named(walk, capsys):

@@ -23,8 +23,13 @@ def test_channels_of_a_plate_are_those_stated_and_of_others_the_usual_ones(tmp_p
     stated = '[live]\nmarkers = "Cameras"\n[live.plates]\n2 = ["a", "b", "c", "d", "e", "f"]'
     live = study(tmp_path, stated).file.live
     assert live.markers == "Cameras"
+    assert live.listen == "127.0.0.1"
     assert live.channels_of(2) == ("a", "b", "c", "d", "e", "f")
     assert live.channels_of(1)[2] == "FP1.Fz"
+
+
+def test_the_address_of_this_computer_is_stated_once_for_all_sessions(tmp_path):
+    assert study(tmp_path, '[live]\nlisten = "192.168.1.10"').file.live.listen == "192.168.1.10"
 
 
 @pytest.mark.parametrize(
@@ -36,6 +41,11 @@ def test_channels_of_a_plate_are_those_stated_and_of_others_the_usual_ones(tmp_p
         ('plates.1 = ["Fx", "Fy"]', "live.plates.1"),
         ('plates.left = ["a", "b", "c", "d", "e", "f"]', "live.plates.left"),
         ("rate_hz = 100", "live.rate_hz"),
+        ('listen = "cameras"', "live.listen: 'cameras' is no IPv4 address of this computer"),
+        ('listen = "192.168.1"', "live.listen: '192.168.1' is no IPv4 address"),
+        ('listen = "0.0.0.0"', "live.listen: '0.0.0.0' is no IPv4 address of this computer"),
+        ('listen = "239.1.2.3"', "live.listen: '239.1.2.3' is no IPv4 address of this computer"),
+        ('listen = "::1"', "live.listen: '::1' is no IPv4 address of this computer"),
     ],
 )
 def test_faults_are_named(tmp_path, stated, fault):

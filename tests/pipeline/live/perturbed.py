@@ -50,6 +50,10 @@ class PerturbedSource:
         return self._source.streams
 
     @property
+    def plates(self):
+        return self._source.plates
+
+    @property
     def ended(self):
         return self._source.ended and not self._under_way
 

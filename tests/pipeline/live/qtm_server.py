@@ -22,7 +22,25 @@ def text(kind, words):
     return packet(kind, words.encode() + b"\0")
 
 
-def parameters(names, *, rate=100, force_rate=1000, plates=(), channels=(), version="1.25"):
+def location(corners_mm):
+    """XML of where a plate lies, (4, 3)."""
+    inside = "".join(
+        f"<Corner{k}><X>{x:.6f}</X><Y>{y:.6f}</Y><Z>{z:.6f}</Z></Corner{k}>"
+        for k, (x, y, z) in enumerate(corners_mm, start=1)
+    )
+    return f"<Location>{inside}</Location><Origin><X>0</X><Y>0</Y><Z>-41.3</Z></Origin>"
+
+
+def parameters(
+    names,
+    *,
+    rate=100,
+    force_rate=1000,
+    plates=(),
+    channels=(),
+    version="1.25",
+    locations=(),
+):
     """XML of the settings; ``channels`` are labels and units of one analog device."""
     labels = "".join(f"<Label><Name>{n}</Name><RGBColor>ff</RGBColor></Label>" for n in names)
     device = "".join(f"<Channel><Label>{c}</Label><Unit>{u}</Unit></Channel>" for c, u in channels)
@@ -33,7 +51,8 @@ def parameters(names, *, rate=100, force_rate=1000, plates=(), channels=(), vers
     )
     of_plates = "".join(
         f"<Plate><Plate_ID>{k}</Plate_ID><Analog_Device_ID>0</Analog_Device_ID>"
-        f"<Frequency>{force_rate}</Frequency><Type>AMTI</Type><Name>{name}</Name></Plate>"
+        f"<Frequency>{force_rate}</Frequency><Type>AMTI</Type><Name>{name}</Name>"
+        f"{locations[k - 1] if locations else ''}</Plate>"
         for k, name in enumerate(plates, start=1)
     )
     return (

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from pipeline.config.live import Live
 from pipeline.io.read import read_recording
 from pipeline.io.recording import Analog, Metadata
 from pipeline.io.stated import Stated
@@ -95,6 +96,18 @@ def test_a_replay_arrives_sample_for_sample_with_its_own_intervals(trial, prefix
         assert (description.kind, description.labels) == (own.kind, own.labels)
         assert description.units == own.units
         assert description.rate_hz == pytest.approx(own.rate_hz)
+
+
+def test_the_places_of_a_replays_plates_arrive_with_their_channels(trial, prefix, opened):
+    replay = Replay(trial, prefix=prefix)
+    opened.append(replay)
+    source = LslSource(replay.names[0], replay.names[1:])
+    opened.append(source)
+    for ours, true in zip(source.plates, trial.plates, strict=True):
+        assert (ours.number, ours.channels) == (str(true.number), Live().channels_of(true.number))
+        np.testing.assert_array_equal(ours.place.corners, true.corners)
+        np.testing.assert_array_equal(ours.place.rotation, true.rotation)
+        np.testing.assert_array_equal(ours.place.center, true.center)
 
 
 def test_positions_are_in_lab_axes_and_metres_and_unseen_markers_are_nan(prefix, opened):
@@ -251,6 +264,11 @@ def test_an_address_that_cannot_be_listened_on_is_one_line(prefix):
     refused("listens on 127.0.0.1 already, not on 10.0.0.1", prefix, listen="10.0.0.1")
 
 
+def test_an_address_of_another_computer_is_one_line(prefix, monkeypatch):
+    monkeypatch.setattr("pipeline.live.network._listening", [])
+    refused("192.0.2.1 is not an address of this computer", prefix, listen="192.0.2.1")
+
+
 def test_the_missing_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pylsl", None)
     with pytest.raises(
@@ -277,12 +295,15 @@ def test_streams_of_one_computer_share_their_offset_and_those_of_this_one_need_n
 
 
 def test_results_are_described_by_labels_and_units(prefix, opened):
-    outlet = result_outlet(100.0, name=prefix)
+    delays = {"filter_delay_s": 0.0375, "resampling_delay_s": 0.02}
+    outlet = result_outlet(100.0, **delays, name=prefix)
     opened.append(outlet)
     lsl = load_lsl()
     (info,) = lsl.resolve_byprop("name", prefix, timeout=5.0)
     inlet = lsl.StreamInlet(info)
-    described = parse_channels(ElementTree.fromstring(inlet.info(5.0).as_xml()), 106)
+    info = ElementTree.fromstring(inlet.info(5.0).as_xml())
+    assert {name: float(info.findtext(f"desc/{name}")) for name in delays} == delays
+    described = parse_channels(info, 106)
     assert described == result_channels()
     inlet.open_stream(5.0)
     q, tau, measured = np.arange(46.0), 100 + np.arange(46.0), np.arange(6.0)

@@ -75,9 +75,17 @@ def test_a_replay_over_the_loopback_gives_the_numbers_of_the_file(pitch, whole, 
     replay = Replay(pitch, 2.0, prefix=prefix)
     source = LslSource(replay.names[0], replay.names[1:])
     chain = chain_of(source, whole, laboratory, pitch)
-    outlet = result_outlet(100.0, name=f"{prefix}hbm")
+    outlet = result_outlet(
+        100.0,
+        filter_delay_s=chain.filter_delay_s,
+        resampling_delay_s=chain.wait_s,
+        name=f"{prefix}hbm",
+    )
     (info,) = lsl.resolve_byprop("name", f"{prefix}hbm", timeout=5.0)
     results = lsl.StreamInlet(info)
+    desc = results.info(5.0).desc()
+    assert float(desc.child_value("filter_delay_s")) == chain.filter_delay_s > 0.03
+    assert float(desc.child_value("resampling_delay_s")) == chain.wait_s >= 0.02
     results.open_stream(5.0)
     assert replay.start(5.0)
     frames = []

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from pipeline.io.stated import Stated
-from tests.pipeline.live.qtm_server import QtmServer, frame, parameters
+from tests.pipeline.live.qtm_server import QtmServer, frame, location, parameters
 
 pytest.importorskip("qtm_rt", reason="the extra live is not installed")
 
 from pipeline.live.sources.qualisys import QualisysSource
+from pipeline.live.sources.qualisys_frames import read_parameters
 
 NAMES = ("LASIS", "RASIS", "SACR")
 AXES = Stated(axes="left,back,up")
@@ -75,6 +76,11 @@ def test_streams_are_described_by_the_parameters(source, server):
     assert signals[0].units == ("N",) * 3 + ("N·m",) * 3
     assert signals[2].units == ("g", "N")
     assert {s.rate_hz for s in signals} == {1000.0}
+    assert [(p.number, p.channels[2]) for p in source.plates] == [
+        ("1", "Left.Fz"),
+        ("2", "Right.Fz"),
+    ]
+    assert "the program states no corner 1" in source.plates[0].problem
     assert server.commands[0].startswith("version")
     assert server.commands[-1] == "streamframes allframes 3d analog force"
 
@@ -176,6 +182,38 @@ def test_parameters_that_lack_something_are_one_line(settings, message):
     with pytest.raises(ValueError, match=message):
         QualisysSource("127.0.0.1", port=server.port, stated=AXES, timeout_s=2.0)
     server.close()
+
+
+def plates_of(*corners_mm):
+    """What is said of plates whose corners are so in left, back, up."""
+    sent = parameters(NAMES, plates=("Left", "Right"), locations=tuple(map(location, corners_mm)))
+    return read_parameters(sent.encode(), AXES).stated_plates
+
+
+def test_places_of_plates_are_those_of_the_settings_in_lab_axes():
+    """Of plates whose x points to the left and y to the front, so that z points down."""
+    around = np.array([[1, -1, 0], [-1, -1, 0], [-1, 1, 0], [1, 1, 0]]) * [250, 450, 0]
+    corners = around + np.array([600, -900, 12])
+    left, right = plates_of(corners, corners - [1200, 0, 0])
+    assert (left.number, right.number) == ("1", "2")
+    assert left.channels == tuple(f"Left.{c}" for c in ("Fx", "Fy", "Fz", "Mx", "My", "Mz"))
+    np.testing.assert_allclose(left.place.center, [0.9, 0.6, 0.012], atol=1e-9)
+    np.testing.assert_allclose(right.place.center, [0.9, -0.6, 0.012], atol=1e-9)
+    x, y, z = left.place.rotation.T
+    np.testing.assert_allclose([x, y, z], [[0, 1, 0], [1, 0, 0], [0, 0, -1]], atol=1e-9)
+    np.testing.assert_allclose(left.place.corners[0], [1.35, 0.85, 0.012], atol=1e-9)
+
+
+def test_corners_that_are_not_set_or_in_another_order_are_no_place():
+    order = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) * 250.0
+    unset, upwards = plates_of(np.zeros((4, 3)), order)
+    crossed, unread = plates_of(order[[0, 2, 1, 3]], order * np.nan)
+    assert (unset.place, upwards.place, crossed.place, unread.place) == (None,) * 4
+    assert unset.problem == "its corners do not span a surface"
+    assert "another order than that of the C3D format" in upwards.problem
+    assert crossed.problem == "its corners are no rectangle"
+    assert "states no corner 1, but 'nan nan nan'" in unread.problem
+    assert unset.channels[2] == "Left.Fz"
 
 
 def test_axes_have_to_be_stated_and_somebody_has_to_answer(server):

@@ -9,11 +9,14 @@ from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject
 from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.watch.cycles import GaitTracker
 from pipeline.live.watch.delay import DelayWatch
 from pipeline.live.watch.markers import GONE_S, MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
+from pipeline.live.watch.weight import WeightWatch
 from pipeline.trial.process import process_recording
 from pipeline.trial.residuals import reported
+from pipeline.trial.weighing import differing_masses
 from tests.pipeline import lab
 
 MASS_KG = 70.0
@@ -91,19 +94,29 @@ def walk(tmp_path_factory):
     return lab.walk(tmp_path_factory.mktemp("watch"), duration_s=35.0)
 
 
-def frames_of(recording):
-    result = process_recording(recording, Subject(sex="female"), Settings(filter="realtime"))
+@pytest.fixture(scope="module")
+def result(walk):
+    return processed(walk)
+
+
+def processed(recording):
+    return process_recording(recording, Subject(sex="female"), Settings(filter="realtime"))
+
+
+def frames_of(result, gain=lambda time: np.ones(2)):
+    """A trial's frames as they would be known live, with plates under the feet of such gains."""
     residual = reported(result.measured.residual)
     ground = np.stack([result.ground["measured"][f"{s}_foot"] for s in ("left", "right")], 1)
     for k, time in enumerate(result.motion.time):
+        by_foot = ground[k] * np.reshape(gain(time), (2, 1))
         yield LiveFrame(
             number=k,
             time=float(time),
             q=result.motion.q[k],
             tau={},
             residual={"measured": residual[k]},
-            by_foot={"measured": ground[k]},
-            contact=ground[k, :, 2] > 30,
+            by_foot={"measured": by_foot},
+            contact=by_foot[:, 2] > 30,
             marker_error=result.motion.marker_error[k],
             quality=Quality(0) if result.validity.counts[k] else Quality.SETTLING,
             computing_s=0.0,
@@ -114,10 +127,66 @@ def frames_of(recording):
 def test_plates_that_are_late_are_noted_and_others_are_not(walk, late_s):
     plates = tuple(replace(p, time=p.time + late_s) for p in walk.plates)
     watch, notes = DelayWatch(), []
-    for frame in frames_of(replace(walk, plates=plates)):
+    for frame in frames_of(processed(replace(walk, plates=plates))):
         notes += watch.add(frame)
     if not late_s:
         assert notes == []
         return
     assert [note.code for note in notes[:1]] == ["live_plates_late"]
     assert notes[0].values["delay_s"] == pytest.approx(late_s, abs=0.003)
+
+
+def weighed(result, gain):
+    """What a session's strides show of the weight that the plates carry: times and notes."""
+    tracker, watch, found = GaitTracker(), WeightWatch(result.body.mass), []
+    for frame in frames_of(result, gain):
+        for stride in tracker.add(frame).strides:
+            found += [(frame.time, note) for note in watch.add(stride)]
+    return found
+
+
+@pytest.mark.parametrize("gain", [0.98, 1.0, 1.02])
+def test_plates_that_carry_the_subject_are_not_noted(result, gain):
+    assert weighed(result, lambda time: np.full(2, gain)) == []
+
+
+@pytest.mark.parametrize("gain", [0.95, 1.05])
+def test_plates_of_a_wrong_gain_are_noted_once_with_what_they_carry(result, gain):
+    ((_, note),) = weighed(result, lambda time: np.full(2, gain))
+    assert note.code == "live_weight_differs"
+    assert note.values["carried_kg"] == pytest.approx(gain * result.body.mass, rel=0.01)
+    assert note.values["difference"] == pytest.approx(gain - 1, abs=0.01)
+
+
+def test_a_trial_is_judged_alike_by_its_whole_and_by_its_strides(result):
+    """One limit: what `mass_differs` says of the trial, a session says of its strides."""
+    for gain in (0.96, 0.98, 1.02, 1.04):
+        carried_kg = gain * result.body.mass
+        whole = differing_masses({"stated": result.body.mass}, carried_kg)
+        assert len(whole) == len(weighed(result, lambda time, g=gain: np.full(2, g)))
+
+
+@pytest.mark.parametrize("foot", [0, 1])
+def test_a_foot_beside_the_plates_for_a_while_is_noted_and_so_is_its_return(result, foot):
+    """Its plate carries nothing then: the other foot's strides are no gait cycles, but weigh."""
+
+    def gain(time):
+        return np.where(np.arange(2) == foot, not 12 < time < 26, 1.0)
+
+    (gone_s, gone), (back_s, back) = weighed(result, gain)
+    assert (gone.code, back.code) == ("live_weight_differs", "live_weight_agrees")
+    assert gone.values["difference"] == pytest.approx(-0.5, abs=0.15)
+    assert 12 < gone_s < 26 < back_s < 35
+
+
+def test_one_step_beside_a_plate_is_not_noted(result):
+    assert weighed(result, lambda time: np.array([1.0, not 15.0 < time < 15.8])) == []
+
+
+def test_strides_with_frames_that_do_not_count_are_not_weighed(result):
+    tracker, watch = GaitTracker(), WeightWatch(1.2 * result.body.mass)
+    for k, frame in enumerate(frames_of(result)):
+        late = replace(frame, quality=Quality.LATE if k % 50 == 0 else frame.quality)
+        for stride in tracker.add(late).strides:
+            assert np.isnan(stride.vertical_n)
+            assert watch.add(stride) == ()

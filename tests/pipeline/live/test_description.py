@@ -1,0 +1,50 @@
+"""What is sent and what is recorded say the same of a stream, and it is read back as it was."""
+
+from xml.etree.ElementTree import Element, fromstring, tostring
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pipeline.config.live import Live
+from pipeline.io.xdf.channels import Channel, parse_channels
+from pipeline.io.xdf.plates import find_plates
+from pipeline.live.description import describe
+from pipeline.live.recorder.descriptions import described_streams
+from pipeline.live.sources.recorded import RecordedSource, recorded_streams
+from pipeline.live.stream import LAB_AXES
+
+words = st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), max_size=8)
+
+
+@given(st.lists(st.builds(Channel, words, words, words, words, words), min_size=1, max_size=5))
+def test_channels_are_read_back_as_they_were_described(channels):
+    info = described(describe(channels))
+    assert parse_channels(info, len(channels)) == tuple(channels)
+
+
+def described(desc):
+    """The description as a stream's."""
+    info = Element("info")
+    info.append(desc)
+    return fromstring(tostring(info))
+
+
+def test_a_recorded_stream_is_described_as_a_replayed_one(walker):
+    """The one is written into XDF, the other sent by Lab Streaming Layer."""
+    recorded = described_streams(RecordedSource(walker).streams, Live(), walker.plates)
+    for info, stream in zip(recorded, recorded_streams(walker), strict=True):
+        parts = [("axes", LAB_AXES)] if stream.description.kind == "markers" else []
+        sent = describe(stream.channels, parts, stream.plates)
+        assert tostring(info.find("desc")) == tostring(sent)
+        assert info.findtext("channel_count") == str(stream.values.shape[1])
+
+
+def test_places_of_plates_lose_no_digit(walker):
+    channels = [c for s in recorded_streams(walker) for c in s.channels if c.plate]
+    found, left_out = find_plates(described(describe(channels, plates=walker.plates)), channels)
+    assert not left_out
+    for ours, true in zip(found, walker.plates, strict=True):
+        np.testing.assert_array_equal(ours.corners, true.corners)
+        np.testing.assert_array_equal(ours.rotation, true.rotation)
+        np.testing.assert_array_equal(ours.center, true.center)

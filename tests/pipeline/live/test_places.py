@@ -1,0 +1,155 @@
+"""Places of plates: as streams state them now, else as the static recording has them."""
+
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from pipeline.config.live import Live
+from pipeline.io.axes import parse_axes
+from pipeline.io.xdf.channels import parse_channels
+from pipeline.live.places import place_plates
+from pipeline.live.sources.description import describe_plates
+from pipeline.live.sources.recorded import RecordedSource
+from pipeline.live.stream import StatedPlate
+from tests.pipeline import xdf_file as xdf
+
+
+@pytest.fixture(scope="module")
+def stated(walker):
+    return RecordedSource(walker).plates
+
+
+def moved(stated, shift_m, angle_deg, axis="z"):
+    """The same plates somewhere else."""
+    turn = Rotation.from_euler(axis, angle_deg, degrees=True).as_matrix()
+    found = []
+    for each in stated:
+        place, center = each.place, each.place.center + shift_m
+        corners = center + (place.corners - place.center) @ turn.T
+        other = replace(place, rotation=turn @ place.rotation, center=center, corners=corners)
+        found.append(replace(each, place=other))
+    return tuple(found)
+
+
+def test_without_a_static_file_the_places_of_the_streams_are_used(walker, stated):
+    found = place_plates(stated, None, Live())
+    assert [plate.number for plate in found.plates] == [1, 2]
+    for ours, true in zip(found.plates, walker.plates, strict=True):
+        np.testing.assert_array_equal(ours.rotation, true.rotation)
+        np.testing.assert_array_equal(ours.center, true.center)
+        np.testing.assert_array_equal(ours.corners, true.corners)
+        assert len(ours.time) == 0
+    assert found.notes == ()
+
+
+def test_where_streams_state_no_place_that_of_the_static_file_is_used(walker, stated):
+    (only,) = place_plates(stated[1:], None, Live()).plates
+    assert only.number == 2
+    one, two = place_plates(stated[1:], walker, Live()).plates
+    np.testing.assert_array_equal(one.center, walker.plates[0].center)
+    np.testing.assert_array_equal(two.center, walker.plates[1].center)
+
+
+@given(st.floats(-0.02, 0.02), st.floats(-4, 4), st.sampled_from("xyz"), st.sampled_from([0, 1, 2]))
+def test_a_place_that_differs_is_noted_and_that_of_the_stream_is_used(
+    walker, stated, shift_m, angle_deg, axis, along
+):
+    shift = np.eye(3)[along] * shift_m
+    found = place_plates(moved(stated, shift, angle_deg, axis), walker, Live())
+    for ours, true in zip(found.plates, walker.plates, strict=True):
+        np.testing.assert_array_equal(ours.center, true.center + shift)
+    if abs(abs(shift_m) - 0.003) < 1e-6 or abs(abs(angle_deg) - 0.5) < 1e-3:
+        return
+    differs = abs(shift_m) > 0.003 or abs(angle_deg) > 0.5
+    assert [note.code for note in found.notes] == ["live_plate_elsewhere"] * 2 * differs
+    for note in found.notes:
+        assert note.values["distance_m"] == pytest.approx(abs(shift_m), abs=1e-9)
+        assert note.values["angle_deg"] == pytest.approx(abs(angle_deg), abs=1e-3)
+
+
+def test_a_static_file_that_knows_no_place_contradicts_none(walker, stated):
+    """As files of D-Flow, whose wrenches are about the origin of the lab."""
+    unplaced = [type(p).at_origin(p.number, p.time, p.wrench) for p in walker.plates]
+    found = place_plates(stated, replace(walker, plates=tuple(unplaced)), Live())
+    assert found.notes == ()
+    np.testing.assert_array_equal(found.plates[0].center, walker.plates[0].center)
+
+
+def test_channels_are_those_of_the_study_then_of_the_streams_then_the_usual_ones(walker):
+    six = tuple("abcdef")
+    streams = [StatedPlate("1", six), StatedPlate("2", six)]
+    live = place_plates(streams, walker, Live(plates={"2": tuple("uvwxyz")})).live
+    assert live.channels_of(1) == six
+    assert live.channels_of(2) == tuple("uvwxyz")
+    assert live.channels_of(3)[2] == "FP3.Fz"
+
+
+def test_what_no_place_is_known_of_is_said_in_one_line(walker):
+    def refused(stated, static=None):
+        with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
+            place_plates(stated, static, Live())
+        return str(error.value)
+
+    nothing = refused([])
+    assert "the streams state none (desc/plates/plate); no static file is stated" in nothing
+    assert "--static FILE" in nothing
+    lacking = [StatedPlate("1", problem="its rotation is no rotation")]
+    alone = replace(walker, plates=())
+    assert f"plate 1: its rotation is no rotation; {walker.source.name} has none" in refused(
+        lacking, alone
+    )
+
+
+def test_one_plate_that_two_streams_state_is_refused(stated):
+    with pytest.raises(ValueError, match="several streams state the place of plate 1"):
+        place_plates([*stated, stated[0]], None, Live())
+
+
+def described(plates, channels=None, places=None):
+    """Plates as `describe_plates` gives them from a stream in the axes of D-Flow."""
+    every = channels or [c for plate in plates for c in xdf.plate_channels(plate.number)]
+    places = places or "".join(map(xdf.plate_place, plates))
+    desc = xdf.described(every, f"<plates>{places}</plates>")
+    info = ElementTree.fromstring(f"<info><desc>{desc}</desc></info>")
+    return describe_plates(info, parse_channels(info, len(every)), "right,up,back")
+
+
+def test_a_description_is_in_the_axes_of_the_markers(walker):
+    to_lab = parse_axes("right,up,back")
+    sent = [
+        replace(
+            p, rotation=to_lab.T @ p.rotation, center=p.center @ to_lab, corners=p.corners @ to_lab
+        )
+        for p in walker.plates
+    ]
+    for ours, true in zip(described(sent), walker.plates, strict=True):
+        assert ours.channels == tuple(c["label"] for c in xdf.plate_channels(true.number))
+        np.testing.assert_allclose(ours.place.rotation, true.rotation, atol=1e-12)
+        np.testing.assert_allclose(ours.place.center, true.center, atol=1e-12)
+        np.testing.assert_allclose(ours.place.corners, true.corners, atol=1e-12)
+
+
+def test_a_damaged_description_is_no_place_and_says_why(walker):
+    plate = walker.plates[0]
+    (turned,) = described([replace(plate, rotation=np.ones((3, 3)))])
+    assert (turned.number, turned.place) == ("1", None)
+    assert turned.problem == "its rotation is no rotation"
+    (nowhere,) = described([replace(plate, center=np.full(3, np.nan))])
+    assert nowhere.problem == "its center has numbers that are not finite"
+    (absent,) = described([plate], places="<plate/>")
+    assert "does not state its place" in absent.problem
+
+
+@pytest.mark.parametrize(
+    ("label", "why"), [("", "'' of a channel is empty"), ("FP1.FZ", "another")]
+)
+def test_channels_of_a_plate_need_labels_of_their_own(walker, label, why):
+    channels = xdf.plate_channels(1)
+    channels[5]["label"] = label
+    with pytest.raises(ValueError, match=why):
+        described(walker.plates[:1], channels)
