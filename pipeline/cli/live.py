@@ -93,12 +93,14 @@ def _replay(path: Path, speed: float, listen: str, study: Path | None, console: 
     recording = read_as_stated(path, stated)
     played = Replay(recording, speed=speed, listen=listen)
     console.print(
-        f"playing {path.name} as {', '.join(played.names)}, once all of them are received or "
+        f"playing {path.name} as {', '.join(played.names)}, once they are received or "
         f"{RECEIVERS_S:g} s have passed (stop with Ctrl-C)",
         soft_wrap=True,
     )
     try:
-        played.start(RECEIVERS_S)
+        if not played.start(RECEIVERS_S):
+            absent = ", ".join(played.without_receiver)
+            console.print(f"begun; nobody receives {absent}", soft_wrap=True)
         while not played.ended:
             time.sleep(SHOWN_S)
     except KeyboardInterrupt:
