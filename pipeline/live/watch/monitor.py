@@ -18,6 +18,7 @@ from pipeline.live.stream import Samples
 from pipeline.live.watch.condition import ConditionSoFar, Limits
 from pipeline.live.watch.cycles import GaitTracker, LiveCycle
 from pipeline.live.watch.delay import DelayWatch
+from pipeline.live.watch.fit import FitWatch
 from pipeline.live.watch.markers import MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.trial.residuals import AXES
@@ -66,6 +67,7 @@ class Monitor:
         self._gait, self._delay = GaitTracker(), DelayWatch()
         self._markers = MarkerGaps(chain.tracker.markers)
         self._columns = list(chain.tracker.columns)
+        self._fit = FitWatch(chain.tracker.markers, self._columns)
         mass_kg = chain.body.mass
         self._plates = [
             (chain.live.channels_of(plate.number), PlateWatch(plate.number, mass_kg, _up(plate)))
@@ -123,7 +125,7 @@ class Monitor:
             self.condition.add(cycle)
             self.cycles.append(cycle)
             self._height_m = float(center_of_mass(self._chain.body, frame.q[None])[0, 2])
-        self._note(frame.time, self._delay.add(frame))
+        self._note(frame.time, (*self._delay.add(frame), *self._fit.add(frame)))
         return gait.cycles
 
     def look_for_silence(self) -> None:
