@@ -1,5 +1,6 @@
 """The same numbers while the subject walks, on the command line."""
 
+import signal
 import sys
 import time
 from contextlib import ExitStack
@@ -30,6 +31,10 @@ SHOWN_S: Final = 0.02
 """Between looks at what is new."""
 STATUS_S: Final = 0.5
 RECEIVERS_S: Final = 60.0
+ABSENT: Final = (
+    "start what sends them, or state other names in [live] of study.toml; where they come from "
+    "another computer, state the address of this one: --listen"
+)
 SWITCH_S: Final = 5e-4
 """After which another thread gets its turn: Python's own 5 ms would make frames late."""
 
@@ -99,12 +104,14 @@ def _replay(
     live = read.file.live if read is not None else Live()
     played = Replay(recording, speed=speed, listen=listen or live.listen)
     console.print(
-        f"playing {path.name} as {', '.join(played.names)}, once all of them are received or "
+        f"playing {path.name} as {', '.join(played.names)}, once they are received or "
         f"{RECEIVERS_S:g} s have passed (stop with Ctrl-C)",
         soft_wrap=True,
     )
     try:
-        played.start(RECEIVERS_S)
+        if not played.start(RECEIVERS_S):
+            absent = ", ".join(played.without_receiver)
+            console.print(f"begun; nobody receives {absent}", soft_wrap=True)
         while not played.ended:
             time.sleep(SHOWN_S)
     except KeyboardInterrupt:
@@ -125,19 +132,23 @@ def _run(
     listen: str,
     duration_s: float | None,
 ) -> int:
+    from pipeline.cli.options import require_folder
+    from pipeline.cli.stopping import SIGNAL_EXIT, terminable
     from pipeline.cli.terminal import note_line
     from pipeline.live.frames.chain import LiveChain
     from pipeline.live.outlet import result_outlet
     from pipeline.live.recorder.descriptions import described_streams
-    from pipeline.live.recorder.recorder import Recorder
+    from pipeline.live.recorder.recorder import Recorder, require_new
     from pipeline.live.result_row import result_columns
     from pipeline.live.session import Session
     from pipeline.live.watch.monitor import Monitor
 
     folder = out or Path("live") / time.strftime("%Y-%m-%d_%H-%M-%S")
+    require_folder(folder)
+    require_new(folder)
     body = None if pose else prepared.body()
-    with ExitStack() as stack:
-        source = _source(prepared, qualisys, listen)
+    with ExitStack() as ending, terminable(), ExitStack() as stack:
+        source = _source(prepared, qualisys, listen, console)
         stack.callback(source.close)
         names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
         console.print(f"receiving {names}", soft_wrap=True)
@@ -170,20 +181,32 @@ def _run(
             f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)",
             soft_wrap=True,
         )
-        _follow(session, monitor, view, console, duration_s)
-    _summarise(chain, monitor, session, recorder, folder, console)
-    return 0 if session.fault is None and recorder.fault is None else 1
+        terminated = _follow(session, monitor, view, console, duration_s, ending)
+        stack.close()
+        _summarise(chain, monitor, session, recorder, folder, console)
+    if terminated:
+        return SIGNAL_EXIT + signal.SIGTERM
+    failed = session.fault is not None or recorder.fault is not None or not chain.counts.received
+    return int(failed)
 
 
-def _source(prepared: "Preparation", qualisys: str | None, listen: str) -> "Source":
+def _source(
+    prepared: "Preparation", qualisys: str | None, listen: str, console: "Console"
+) -> "Source":
     if qualisys is not None:
         from pipeline.live.sources.qualisys import QualisysSource
 
+        console.print(f"connecting to Qualisys Track Manager at {qualisys}", soft_wrap=True)
         return QualisysSource(qualisys, stated=prepared.stated)
     from pipeline.live.sources.lsl import LslSource
 
     markers, analog = prepared.streams
-    return LslSource(markers, analog, stated=prepared.stated, listen=listen)
+    console.print(f"searching at {listen} for {', '.join((markers, *analog))}", soft_wrap=True)
+    try:
+        return LslSource(markers, analog, stated=prepared.stated, listen=listen)
+    except ConnectionError as absent:
+        absent.add_note(ABSENT)
+        raise
 
 
 def _shown(
@@ -229,8 +252,15 @@ def _follow(
     view: "LiveView | None",
     console: "Console",
     duration_s: float | None,
-) -> None:
-    """Show what is new until it is stopped, by Ctrl-C, after a time, or by a fault."""
+    ending: ExitStack,
+) -> bool:
+    """Show what is new until it is stopped, by Ctrl-C, after a time, or by a fault.
+
+    From then on until ``ending`` is closed nothing interrupts. Gives whether it was terminated.
+    """
+    from pipeline.cli.stopping import Terminated, uninterrupted
+
+    terminated = False
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     began = shown_s = time.monotonic()
@@ -255,13 +285,15 @@ def _follow(
                     if view.fault and not fault:
                         fault = view.fault
                         console.print(f"nothing is shown any more: {fault}; all else goes on")
-    except KeyboardInterrupt:
-        pass
+    except KeyboardInterrupt as request:
+        terminated = isinstance(request, Terminated)
     finally:
+        ending.enter_context(uninterrupted())
         session.stop()
         sys.setswitchinterval(before)
     take_new(session, monitor)
     _tell(monitor, told, console)
+    return terminated
 
 
 def take_new(session: "Session", monitor: "Monitor", view: "LiveView | None" = None) -> None:
@@ -330,10 +362,15 @@ def _summarise(
             f"peaks {limits.force_n:.0f} N (published limit {limits.max_force_n:.0f} N) and "
             f"{limits.moment_nm:.0f} N·m ({limits.max_moment_nm:.0f} N·m)"
         )
-    lines.append(
-        f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "
-        f"{monitor.latency_ms(99):.2f} ms"
-    )
+    if counts.received and not monitor.condition.cycles:
+        lines.append("no gait cycle ended, so that no residuals are summed up")
+    if not counts.received:
+        lines.append(f"stream {chain.stream.name} has sent no frame: does its program measure?")
+    else:
+        lines.append(
+            f"from arrival to results: median {monitor.latency_ms(50):.2f} ms, 99 % within "
+            f"{monitor.latency_ms(99):.2f} ms"
+        )
     if session.fault is not None:
         lines.append(f"ended by itself: {session.fault}")
     if recorder.fault is not None:

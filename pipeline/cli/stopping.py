@@ -8,6 +8,8 @@ from typing import Final
 
 SIGNAL_EXIT: Final = 128
 """A process ended by signal N exits with this plus N, as in a shell."""
+STOPPING: Final = (signal.SIGINT, signal.SIGTERM)
+"""What asks a process to end, and lets it say so."""
 
 
 class Stopped(Exception):
@@ -31,19 +33,38 @@ def stoppable(progress: Callable[[], str]) -> Iterator[None]:
     progress
         Gives a sentence that says what is done and how to go on.
     """
+    with terminable():
+        try:
+            yield
+        except KeyboardInterrupt as stop:
+            terminated = isinstance(stop, Terminated)
+            number = signal.SIGTERM if terminated else signal.SIGINT
+            how = "terminated" if terminated else "interrupted"
+            raise Stopped(f"{how}: {progress()}", SIGNAL_EXIT + number) from stop
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """Let SIGTERM raise `Terminated`, where nothing else is done about it yet."""
     takes_over = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     if takes_over:
         signal.signal(signal.SIGTERM, _terminate)
     try:
         yield
-    except KeyboardInterrupt as stop:
-        terminated = isinstance(stop, Terminated)
-        number = signal.SIGTERM if terminated else signal.SIGINT
-        how = "terminated" if terminated else "interrupted"
-        raise Stopped(f"{how}: {progress()}", SIGNAL_EXIT + number) from stop
     finally:
         if takes_over:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Let nothing but a kill stop work that takes a moment, such as ending a recording."""
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in STOPPING}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:

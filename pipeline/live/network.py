@@ -9,6 +9,8 @@ from pipeline.config.live import LOOPBACK, own_address
 
 MIN_PROBES: Final = 3
 """Answers of eight that make a measurement of a clock: with six, a busy computer has none."""
+PROBE_INTERVAL_S: Final = 0.02
+"""Between the eight: a first measurement then takes 0.3 s; with 0.064 s, the usual one, 0.65 s."""
 EXTRA: Final = "pip install 'hbm-residuals[live]'"
 
 _listening: list[str] = []
@@ -52,7 +54,8 @@ def load_lsl(listen: str = LOOPBACK) -> Any:
         lsl.set_config_content(
             "[ports]\nIPv6 = disable\n"
             f"[multicast]\n{scope}{interfaces}ListenAddress = {address}\n"
-            f"[tuning]\nTimeUpdateMinProbes = {MIN_PROBES}\n[log]\nlevel = -3\n"
+            f"[tuning]\nTimeUpdateMinProbes = {MIN_PROBES}\n"
+            f"TimeProbeInterval = {PROBE_INTERVAL_S}\n[log]\nlevel = -3\n"
         )
         _listening.append(str(address))
     if _listening != [str(address)]:

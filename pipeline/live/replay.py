@@ -18,6 +18,8 @@ TICK_S: Final = 0.001
 """Between looks at what is due."""
 DELIVERY_S: Final = 0.5
 """Left to receivers after the last sample."""
+OTHERS_S: Final = 1.0
+"""Left to receivers of the other streams once the markers have one: not everybody wants all."""
 MAX_SPEED: Final = 20.0
 """Beyond it the library loses samples; `RecordedSource` needs no network and loses none."""
 
@@ -78,6 +80,12 @@ class Replay:
         return tuple(self._prefix + stream.description.name for stream in self._streams)
 
     @property
+    def without_receiver(self) -> tuple[str, ...]:
+        """Names of the streams that nobody receives now."""
+        each = zip(self.names, self._outlets, strict=True)
+        return tuple(name for name, outlet in each if not outlet.has_receivers)
+
+    @property
     def ended(self) -> bool:
         """Whether the last sample was sent and receivers had time to take it."""
         return self._thread.ident is not None and not self._thread.is_alive()
@@ -85,18 +93,21 @@ class Replay:
     def start(self, timeout_s: float = 0.0) -> bool:
         """Begin to play once every stream has a receiver, or after the timeout.
 
+        Streams that nobody has taken a second after the markers are not waited for.
+
         Returns
         -------
         bool
             Whether every stream had one.
         """
         deadline = clock.monotonic() + timeout_s
-        while not (ready := all(outlet.has_receivers for outlet in self._outlets)):
-            if clock.monotonic() >= deadline:
-                break
+        found = False
+        while (absent := self.without_receiver) and clock.monotonic() < deadline:
+            if not found and self.names[0] not in absent:
+                found, deadline = True, min(deadline, clock.monotonic() + OTHERS_S)
             clock.sleep(TICK_S * 5)
         self._thread.start()
-        return ready
+        return not absent
 
     def close(self) -> None:
         """Stop playing and sending."""

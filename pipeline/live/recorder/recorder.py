@@ -20,6 +20,12 @@ MAX_WAITING: Final = 60_000
 """Entries that wait for a disk that stalls, about a minute of them; memory stays bounded."""
 
 
+def require_new(folder: Path) -> None:
+    """Refuse a folder that holds a recording."""
+    if (folder / STREAMS).exists() or (folder / RESULTS).exists():
+        raise ValueError(f"{folder} holds a recording already; choose another folder")
+
+
 class Recorder:
     """Records streams and results without ever making their sender wait.
 
@@ -51,8 +57,7 @@ class Recorder:
     def __init__(
         self, folder: Path, descriptions: Sequence[Element], columns: Sequence[str]
     ) -> None:
-        if (folder / STREAMS).exists() or (folder / RESULTS).exists():
-            raise ValueError(f"{folder} holds a recording already; choose another folder")
+        require_new(folder)
         folder.mkdir(parents=True, exist_ok=True)
         self._streams = XdfWriter(folder / STREAMS, descriptions)
         self._results = ResultParts(folder / RESULTS, columns)

@@ -1,7 +1,7 @@
 """Streams of Lab Streaming Layer."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -73,12 +73,15 @@ class LslSource:
         lsl = load_lsl(listen)
         self._resolver = lsl.ContinuousResolver()
         self._sought_s = 0.0
+        settled_s = time.monotonic() + SETTLE_S
         found = _find(self._resolver, names, timeout_s)
         stated = stated or Stated()
         first = Inlet(lsl, found[0], stated, is_markers=True)
         known = replace(stated, axes=first.axes)
         self._inlets = [first, *(Inlet(lsl, info, known) for info in found[1:])]
         await_clocks(self._inlets)
+        time.sleep(max(0.0, settled_s - time.monotonic()))
+        _require_unique(_by_name(self._resolver), names)
         share_clocks(self._inlets)
         for inlet in self._inlets:
             inlet.open()
@@ -133,27 +136,29 @@ class LslSource:
 
 
 def _find(resolver: Any, names: Sequence[str], timeout_s: float) -> list[Any]:
-    """Give the streams of these names, once all are there and others had time to answer."""
+    """Give the streams of these names, once all are there."""
     deadline = time.monotonic() + timeout_s
-    settled = time.monotonic() + SETTLE_S
-    while True:
-        there: dict[str, list[Any]] = {}
-        for info in resolver.results():
-            there.setdefault(info.name(), []).append(info)
-        if absent := [name for name in names if name not in there]:
-            if time.monotonic() > deadline:
-                raise ConnectionError(
-                    f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
-                    f"streams there: {listed(map(repr, map(printable, there)))}"
-                )
-            time.sleep(POLL_S)
-            continue
-        if time.monotonic() < settled:
-            time.sleep(POLL_S)
-            continue
-        if several := [name for name in names if len(there[name]) > 1]:
-            raise ValueError(
-                f"{len(there[several[0]])} streams are called {short(several[0])!r}; give each a "
-                "name of its own"
+    while absent := [name for name in names if name not in (there := _by_name(resolver))]:
+        if time.monotonic() > deadline:
+            raise ConnectionError(
+                f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
+                f"streams there: {listed(map(repr, map(printable, there)))}"
             )
-        return [there[name][0] for name in names]
+        time.sleep(POLL_S)
+    _require_unique(there, names)
+    return [there[name][0] for name in names]
+
+
+def _require_unique(there: Mapping[str, Sequence[Any]], names: Sequence[str]) -> None:
+    if several := [name for name in names if len(there.get(name, [])) > 1]:
+        raise ValueError(
+            f"{len(there[several[0]])} streams are called {short(several[0])!r}; give each a "
+            "name of its own"
+        )
+
+
+def _by_name(resolver: Any) -> dict[str, list[Any]]:
+    there: dict[str, list[Any]] = {}
+    for info in resolver.results():
+        there.setdefault(info.name(), []).append(info)
+    return there

@@ -18,6 +18,7 @@ from pipeline.live.stream import Samples
 from pipeline.live.watch.condition import ConditionSoFar, Limits
 from pipeline.live.watch.cycles import GaitTracker, LiveCycle
 from pipeline.live.watch.delay import DelayWatch
+from pipeline.live.watch.fit import FitWatch
 from pipeline.live.watch.markers import MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
@@ -65,7 +66,9 @@ class Monitor:
     def __init__(self, chain: LiveChain, plates: Sequence[Plate]) -> None:
         self._chain = chain
         self._gait, self._delay = GaitTracker(), DelayWatch()
-        self._markers = MarkerGaps(chain.stream.labels)
+        self._markers = MarkerGaps(chain.tracker.markers)
+        self._columns = list(chain.tracker.columns)
+        self._fit = FitWatch(chain.tracker.markers, self._columns)
         mass_kg = chain.body.mass
         self._weight = WeightWatch(mass_kg)
         self._plates = [
@@ -75,7 +78,8 @@ class Monitor:
         self._latency: deque[float] = deque(maxlen=LATENCIES)
         self._computing: deque[float] = deque(maxlen=LATENCIES)
         self._height_m = np.nan
-        self._arrived_s: dict[str, float] = {}
+        streams = (chain.stream.name, *chain.analog.used)
+        self._arrived_s = dict.fromkeys(streams, monotonic())
         self._silent: set[str] = set()
         self.condition = ConditionSoFar()
         self.cycles: deque[LiveCycle] = deque(maxlen=10)
@@ -83,6 +87,11 @@ class Monitor:
         self.noted = 0
         self.reasons: Counter[str] = Counter()
         self.last: LiveFrame | None = None
+        present = set(chain.tracker.markers)
+        if absent := [name for name in chain.body.markers if name not in present]:
+            names = ", ".join(absent)
+            stream = chain.stream.name
+            self._note(np.nan, [Note.of("live_markers_absent", markers=names, stream=stream)])
 
     def samples(self, received: Samples) -> None:
         """Take samples as they were received; those without a time are nobody's."""
@@ -97,7 +106,8 @@ class Monitor:
             self._note(received.time[-1], [Note.of("live_stream_back", stream=received.stream)])
         if received.stream == self._chain.stream.name:
             position = received.values.reshape(len(received.time), -1, 3)
-            self._note(received.time[-1], self._markers.add(received.time, position))
+            notes = self._markers.add(received.time, position[:, self._columns])
+            self._note(received.time[-1], notes)
             return
         stream = self._chain.analog.streams.get(received.stream)
         for channels, watch in self._plates:
@@ -119,11 +129,11 @@ class Monitor:
             self.condition.add(cycle)
             self.cycles.append(cycle)
             self._height_m = float(center_of_mass(self._chain.body, frame.q[None])[0, 2])
-        self._note(frame.time, self._delay.add(frame))
+        self._note(frame.time, (*self._delay.add(frame), *self._fit.add(frame)))
         return gait.cycles
 
     def look_for_silence(self) -> None:
-        """Note streams that have sent nothing for a second."""
+        """Note streams that have sent nothing for a second, or not yet."""
         now = monotonic()
         for stream, arrived_s in self._arrived_s.items():
             if stream not in self._silent and now - arrived_s > SILENT_S:

@@ -101,6 +101,40 @@ def test_without_any_file_the_body_is_of_the_pose_and_the_plates_are_where_strea
         np.testing.assert_array_equal(ours.center, plate.center)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("signals", "code"),
+    [([signal.SIGINT, signal.SIGINT], 0), ([signal.SIGTERM, signal.SIGINT], 128 + signal.SIGTERM)],
+)
+def test_a_session_that_is_stopped_twice_still_ends_with_a_whole_recording(
+    walk, tmp_path, signals, code
+):
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    out = tmp_path / "out"
+    with hbm("--replay", walk), hbm("--static", walk, "--out", out) as live:
+        while "recording to" not in live.stdout.readline():
+            assert live.poll() is None
+        time.sleep(2.0)
+        for each in signals:
+            live.send_signal(each)
+            time.sleep(0.003)
+        said = live.communicate(timeout=PATIENCE_S)[0]
+    assert live.returncode == code
+    assert "frames received" in said
+    assert "Traceback" not in said
+    codes = [note.code for note in read_recording(out / STREAMS).notes]
+    assert "recording_unended" not in codes
+
+
+def test_a_folder_that_cannot_take_a_recording_is_refused_before_anything_is_awaited(
+    walk, tmp_path, capsys
+):
+    (tmp_path / STREAMS).touch()
+    said = refused(capsys, "--static", walk, "--out", tmp_path)
+    assert "holds a recording already" in said
+    assert "is a file" in refused(capsys, "--static", walk, "--out", tmp_path / STREAMS / "x")
+
+
 def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
     assert "no calibration pose: state --static FILE, or show it live: --pose" in refused(capsys)
     assert "--subject anna needs the study" in refused(capsys, "--subject", "anna")
@@ -124,7 +158,7 @@ def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsy
 
 def test_streams_that_are_not_there_are_named(walk, capsys):
     pytest.importorskip("pylsl", reason="the extra live is not installed")
-    assert "no stream is called 'Markers', 'Plates' within 5 s" in refused(
-        capsys, "--static", walk, "--out", walk.parent / "none"
-    )
+    said = refused(capsys, "--static", walk, "--out", walk.parent / "none")
+    assert "no stream is called 'Markers', 'Plates' within 5 s" in said
+    assert "start what sends them" in said
     assert not (walk.parent / "none").exists()

@@ -426,6 +426,15 @@ def test_the_bridge_of_the_documentation_sends_what_is_understood(prefix, opened
     np.testing.assert_allclose(values, [[-3, -1, 2, -6, -4, 5, -9, -7, 8]], atol=1e-9)
 
 
+def test_a_replay_does_not_wait_for_receivers_of_streams_that_nobody_wants(trial, prefix, opened):
+    replay = Replay(trial, 20.0, prefix=prefix)
+    source = LslSource(replay.names[0], replay.names[1:-1])
+    opened += [replay, source]
+    assert not replay.start(60.0)
+    assert replay.without_receiver == (replay.names[-1],)
+    assert set(receive(source, 1)) == set(replay.names[:-1])
+
+
 def test_a_replay_can_be_stopped_and_says_when_it_has_ended(trial, prefix):
     replay = Replay(trial, prefix=prefix)
     assert not replay.start(0.0)

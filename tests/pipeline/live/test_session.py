@@ -11,13 +11,14 @@ from pipeline.config.live import Live
 from pipeline.config.schema import Settings, Subject, Treadmill
 from pipeline.io.read import read_recording
 from pipeline.live import session as module
+from pipeline.live.frames.chain import LiveChain
 from pipeline.live.pose import PoseFinder
 from pipeline.live.recorder.descriptions import described_streams
 from pipeline.live.recorder.recorder import RESULTS, STREAMS, Recorder
 from pipeline.live.result_row import result_columns, result_row
 from pipeline.live.session import Session
 from pipeline.live.sources.recorded import RecordedSource
-from pipeline.live.stream import Samples
+from pipeline.live.stream import Samples, StreamDescription
 from pipeline.live.watch.monitor import Monitor
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.process import process_recording
@@ -176,8 +177,9 @@ def test_no_pose_is_found_while_the_subject_walks(walker):
 
 def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeypatch):
     computed, _, frames, _ = followed
-    monitor, now = Monitor(computed, walker.plates), [100.0]
+    now = [100.0]
     monkeypatch.setattr("pipeline.live.watch.monitor.monotonic", lambda: now[0])
+    monitor = Monitor(computed, walker.plates)
     plates = Samples("Plates", np.array([1.0]), np.zeros((1, 12)))
     monitor.samples(plates)
     monitor.frame(frames[0], 0.001)
@@ -188,7 +190,28 @@ def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeyp
     monitor.look_for_silence()
     monitor.look_for_silence()
     monitor.samples(plates)
-    assert [t.note.code for t in monitor.notes] == ["live_stream_silent", "live_stream_back"]
+    said = [(t.note.code, t.note.values["stream"]) for t in monitor.notes]
+    silent = [("live_stream_silent", "Markers"), ("live_stream_silent", "Plates")]
+    assert sorted(said[:2]) == silent  # the markers have not sent anything yet
+    assert said[2:] == [("live_stream_back", "Plates")]
+
+
+def test_markers_that_no_body_has_are_not_missed_and_those_of_the_body_are(walker, followed):
+    computed, _, _, _ = followed
+    names = [*walker.markers.names, "*152"]
+    labels = ["SACR" if name == "LASIS" else name for name in names]
+    source = RecordedSource(walker)
+    markers = StreamDescription("Markers", "markers", tuple(labels), ("m",) * len(labels), 100.0)
+    streams = [markers, *source.streams[1:]]
+    laboratory, live = Laboratory(Treadmill()), Live()
+    chain = LiveChain(computed.body, laboratory, REALTIME, live, streams, walker.plates)
+    monitor = Monitor(chain, walker.plates)
+    (absent,) = monitor.notes
+    assert absent.note.code == "live_markers_absent"
+    assert absent.note.values["markers"] == "LASIS"
+    seen = np.append(walker.markers.position[:100], np.full((100, 1, 3), np.nan), axis=1)
+    monitor.samples(Samples("Markers", walker.markers.time[:100], seen.reshape(100, -1)))
+    assert len(monitor.notes) == 1
 
 
 def test_samples_without_a_time_are_ignored(walker, followed):

@@ -11,6 +11,7 @@ from pipeline.config.schema import Settings, Subject
 from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.live.watch.cycles import GaitTracker
 from pipeline.live.watch.delay import DelayWatch
+from pipeline.live.watch.fit import FitWatch
 from pipeline.live.watch.markers import GONE_S, MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
@@ -190,3 +191,42 @@ def test_strides_with_frames_that_do_not_count_are_not_weighed(result):
         for stride in tracker.add(late).strides:
             assert np.isnan(stride.vertical_n)
             assert watch.add(stride) == ()
+
+
+def fitted(error_m, quality, seen=True, count=500):
+    """Frames at 100 Hz with two markers of such errors; NaN where one is not used."""
+    for k in range(count):
+        yield LiveFrame(
+            number=k,
+            time=k / 100,
+            q=np.zeros(46),
+            tau={},
+            residual={},
+            by_foot={},
+            contact=np.zeros(2, bool),
+            marker_error=np.array(error_m),
+            quality=quality,
+            computing_s=0.0,
+            markers=np.full((2, 3), 1.0 if seen else np.nan),
+        )
+
+
+@pytest.mark.parametrize(
+    ("frames", "codes", "left_out"),
+    [
+        (fitted([0.012, 0.008], Quality(0)), [], None),
+        (fitted([0.03, 0.03], Quality(0)), ["live_markers_misfit"], "none"),
+        (fitted([0.003, np.nan], Quality.MARKERS_LEFT_OUT), ["live_markers_misfit"], "RASIS"),
+        (fitted([0.003, np.nan], Quality(0), seen=False), [], None),
+        (fitted([np.nan, np.nan], Quality.POSE_UNKNOWN, seen=False), [], None),
+        (fitted([0.003, 0.003], Quality.FOOT_UNCERTAIN), ["live_foot_uncertain"], None),
+    ],
+)
+def test_markers_that_do_not_fit_and_feet_beside_the_pressure_are_noted_once(
+    frames, codes, left_out
+):
+    watch = FitWatch(["LASIS", "RASIS"], [0, 1])
+    notes = [note for frame in frames for note in watch.add(frame)]
+    assert [note.code for note in notes] == codes
+    if left_out:
+        assert notes[0].values["left_out"] == left_out
