@@ -75,13 +75,12 @@ class LslSource:
         self._sought_s = 0.0
         settled_s = time.monotonic() + SETTLE_S
         found = _find(self._resolver, names, timeout_s)
-        stated = stated or Stated()
-        first = Inlet(lsl, found[0], stated, is_markers=True)
-        known = replace(stated, axes=first.axes)
-        self._inlets = [first, *(Inlet(lsl, info, known) for info in found[1:])]
-        await_clocks(self._inlets)
-        time.sleep(max(0.0, settled_s - time.monotonic()))
-        _require_unique(_by_name(self._resolver), names)
+        try:
+            self._inlets = _described(lsl, found, stated or Stated())
+            await_clocks(self._inlets)
+        finally:  # a description that is wrong may be that of another stream of the same name
+            time.sleep(max(0.0, settled_s - time.monotonic()))
+            _require_unique(_by_name(self._resolver), names)
         share_clocks(self._inlets)
         for inlet in self._inlets:
             inlet.open()
@@ -145,8 +144,13 @@ def _find(resolver: Any, names: Sequence[str], timeout_s: float) -> list[Any]:
                 f"streams there: {listed(map(repr, map(printable, there)))}"
             )
         time.sleep(POLL_S)
-    _require_unique(there, names)
     return [there[name][0] for name in names]
+
+
+def _described(lsl: Any, found: Sequence[Any], stated: Stated) -> list[Inlet]:
+    """Connect to streams, markers first; their axes are those of all."""
+    first = Inlet(lsl, found[0], stated, is_markers=True)
+    return [first, *(Inlet(lsl, info, replace(stated, axes=first.axes)) for info in found[1:])]
 
 
 def _require_unique(there: Mapping[str, Sequence[Any]], names: Sequence[str]) -> None:
