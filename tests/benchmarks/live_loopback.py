@@ -1,0 +1,118 @@
+"""From a sample that is sent to the result that it completes, between three processes.
+
+``python -m tests.benchmarks.live_loopback [--seconds 60]``: one process sends a walk of 46 markers
+at 100 Hz, two plates and two accelerometers at 1000 Hz by Lab Streaming Layer; ``hbm live``
+compensates, computes, records and sends; this one receives. Also how long after its start ``hbm
+live`` has a first result. Other programs that run meanwhile show.
+"""
+
+import argparse
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+
+from pipeline.io.read import read_recording
+from pipeline.live.network import load_lsl
+from pipeline.live.outlet import RESULTS, Outlet
+from pipeline.live.recorder.recorder import RESULTS as RESULTS_FOLDER
+from pipeline.live.sources.recorded import recorded_streams
+from tests.pipeline import lab
+
+WALK_S = 12.0
+PATIENCE_S = 30.0
+AXES = ("axes", "forward,left,up")
+PARTS = (50, 90, 99, 99.9, 100)
+
+
+def send(walk, sent):
+    """Send a walk over and over, once it is received: frames with what was sampled before them.
+
+    Appends to a file the time of each frame and when it and its samples were sent, on LSL's clock.
+    """
+    streams = recorded_streams(read_recording(walk))
+    outlets = [
+        Outlet(
+            stream.description.name,
+            stream.content_type,
+            stream.channels,
+            stream.description.rate_hz,
+            parts=[AXES] if stream.description.kind == "markers" else [],
+            plates=stream.plates,
+        )
+        for stream in streams
+    ]
+    clock, frames = load_lsl().local_clock, streams[0].time
+    with Path(sent).open("w", buffering=1) as file:
+        while not all(outlet.has_receivers for outlet in outlets):
+            time.sleep(0.001)
+        start_s = clock()
+        while True:
+            begin = [0] * len(streams)
+            for frame in frames:
+                end = [np.searchsorted(stream.time, frame, "right") for stream in streams]
+                time.sleep(max(0.0, start_s + frame - clock()))
+                for stream, outlet, *since in zip(streams, outlets, begin, end, strict=True):
+                    outlet.push(start_s + stream.time[slice(*since)], stream.values[slice(*since)])
+                print(start_s + frame, clock(), file=file)
+                begin = end
+            start_s += frames[-1] + frames[1]
+
+
+def receive(inlet, seconds):
+    """Give the times of frames, (N,), and when their results arrived, (N,) [s]."""
+    clock, found = load_lsl().local_clock, []
+    end_s = clock() + seconds
+    while clock() < end_s:
+        values, frame_s = inlet.pull_sample(1.0)
+        if values is not None:
+            found.append((frame_s, clock()))
+    return np.array(found).T
+
+
+def main(seconds):
+    with TemporaryDirectory() as name:
+        folder = lab.write_study(Path(name) / "study", duration_s=WALK_S)
+        walk, pose, sent = (folder / f for f in ("sub01_pitch.c3d", "sub01_baseline.c3d", "sent"))
+        sending = [sys.executable, "-m", "tests.benchmarks.live_loopback", "--send", walk, sent]
+        command = [sys.executable, "-m", "pipeline.cli", "live", "--study", folder]
+        command += ["--subject", "sub01", "--static", pose, "--out", folder / "out"]
+        with subprocess.Popen(sending) as sender:
+            while not sent.exists():
+                time.sleep(0.1)
+            began_s = load_lsl().local_clock()
+            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as live:
+                (info,) = load_lsl().resolve_byprop("name", RESULTS, timeout=PATIENCE_S)
+                inlet = load_lsl().StreamInlet(info)
+                wait_s = float(inlet.info(PATIENCE_S).desc().child_value("resampling_delay_s"))
+                frame_s, arrived_s = receive(inlet, seconds)
+                live.send_signal(signal.SIGINT)
+                said = live.communicate()[0]
+            sender.kill()
+        batch_s, sent_s = np.loadtxt(sent).T
+        computed = pd.read_parquet(folder / "out" / RESULTS_FOLDER)
+    last = np.searchsorted(batch_s, frame_s + wait_s - 1e-4)
+    latency_ms = 1000 * (arrived_s - sent_s[last])
+    print("| from sending to receiving [ms] | median | 90 % | 99 % | 99.9 % | largest |")
+    print("|---|---:|---:|---:|---:|---:|")
+    shares = " | ".join(f"{x:.2f}" for x in np.percentile(latency_ms, PARTS))
+    print(f"| {len(latency_ms)} frames | {shares} |")
+    first_s = computed["time_s"].iloc[0] + wait_s - began_s
+    print(f"the first frame was complete {first_s:.2f} s after the start of hbm live, which said:")
+    print(*(line for line in said.splitlines() if "frames" in line or "arrival" in line), sep="\n")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--send", nargs=2, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.send:
+        send(*given.send)
+    else:
+        main(given.seconds)
