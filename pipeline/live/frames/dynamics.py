@@ -4,6 +4,7 @@ import numpy as np
 
 from hbm.coordinates import LAST_Q, MOVING, N_Q, support
 from hbm.kernels.native import kernels
+from hbm.kernels.one_frame import OneFrameKernel
 from hbm.model import Body
 from hbm.spatial import Array, shift_wrench
 from pipeline.trial.gait.contact import FEET
@@ -22,8 +23,9 @@ class LiveDynamics:
     """
 
     def __init__(self, body: Body) -> None:
-        self.kernels = kernels()
-        self.geometry, self.inertia = body.geometry, body.inertia_vector
+        ready = kernels()
+        self.segment_poses = OneFrameKernel(ready.segment_poses, body.geometry)
+        self.newton_euler = OneFrameKernel(ready.newton_euler, body.geometry, body.inertia_vector)
         self.chains = [np.array(support(LAST_Q[foot])) for foot in FEET]
 
     def feet(self, q: Array) -> Array:
@@ -34,7 +36,7 @@ class LiveDynamics:
         q
             Coordinates, (46,) [m and rad].
         """
-        (poses,) = self.kernels.segment_poses(q[None], self.geometry)
+        (poses,) = self.segment_poses(q)
         joints = poses.reshape(len(MOVING), 4, 3)[:, 3]
         return np.asarray((joints[ANKLES] + joints[TOES]) / 2)
 
@@ -50,10 +52,8 @@ class LiveDynamics:
         motion
             Of each coordinate per unit rate, (46, 6).
         """
-        tau, wrench, motion = self.kernels.newton_euler(
-            q[None], v[None], a[None], self.geometry, self.inertia
-        )
-        return tau[0], shift_wrench(wrench[0], q[:3]), motion.reshape(N_Q, 6)
+        tau, wrench, motion = self.newton_euler(q, v, a)
+        return tau.copy(), shift_wrench(wrench, q[:3]), motion.reshape(N_Q, 6).copy()
 
     def under(
         self, needed: tuple[Array, Array, Array], by_foot: Array, pelvis: Array
