@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import CARRIERS, LIMBS, N_Q
+from hbm.coordinates import N_Q
 from hbm.ik.frame_tracking import FrameSolution, FrameTracker
 from hbm.markers import Markers
 from hbm.model import Body
@@ -17,9 +17,9 @@ from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.plausibility.outliers import (
     MAX_ROUNDS,
-    MIN_EXCESS_M,
-    MIN_LOST,
-    MIN_LOST_SHARE,
+    farthest_outliers,
+    limb_is_lost,
+    markers_of_parts,
     outlier_notes,
     solve_without_outliers,
 )
@@ -72,12 +72,7 @@ class MarkerTracker:
     def __init__(self, body: Body, labels: Sequence[str]) -> None:
         self.tracker = FrameTracker(body, labels)
         self.markers, self.columns = self.tracker.markers, self.tracker.columns
-        segment_of = body.segment_of
-        segments = [segment_of[name] for name in self.markers]
-        parts = (CARRIERS, *LIMBS.values())
-        owned = [np.flatnonzero([s in part for s in segments]) for part in parts]
-        self.parts = [own for own in owned if len(own)]
-        self.limbs = [own for own in owned[1:] if len(own)]
+        self.parts = markers_of_parts(body, self.markers)
         self.usual_m = np.full(len(self.markers), USUAL_ERROR_M)
         self.time = self.moved_s = -np.inf
         self.before = np.full((len(self.markers), 3), np.nan)
@@ -122,16 +117,12 @@ class MarkerTracker:
             position = self._without_left_out(position)
         solution = self.tracker.solve(position)
         for _ in range(MAX_ROUNDS):
-            excess_m = solution.marker_error - 2 * self.usual_m
-            if not (excess_m > MIN_EXCESS_M).any():
+            more = farthest_outliers(solution.marker_error - 2 * self.usual_m, self.parts)
+            if not more.any():
                 break
-            excess_m[np.isnan(excess_m)] = -np.inf
-            for own in self.parts:
-                worst = own[excess_m[own].argmax()]
-                self.left_out[worst] |= excess_m[worst] > MIN_EXCESS_M
-            for own in self.limbs:
-                few = self.left_out[own]
-                if few.sum() >= MIN_LOST and few.mean() >= MIN_LOST_SHARE:
+            self.left_out |= more
+            for own in self.parts[1:]:
+                if len(own) and limb_is_lost(self.left_out[own]):
                     self.left_out[own] = True
             position = self._without_left_out(position)
             solution = self.tracker.solve(position)

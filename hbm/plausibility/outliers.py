@@ -1,5 +1,6 @@
 """Single marker positions that are far from where the body can be: they are taken as gaps."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -11,7 +12,7 @@ from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.signals.samples import stretches
-from hbm.spatial import Array, Mask
+from hbm.spatial import Array, Indices, Mask
 
 MIN_EXCESS_M: Final = 0.1
 """Distance from the model above twice what is usual for the marker in the trial: skin and a wrong
@@ -81,32 +82,65 @@ def outlying_samples(body: Body, motion: Motion) -> Mask:
     Mask
         (T, K): its distance from the model is more than 0.1 m above twice the marker's median.
     """
-    found = np.zeros(motion.marker_error.shape, bool)
     if np.fmax.reduce(motion.marker_error, axis=None, initial=0) <= MIN_EXCESS_M:
-        return found
-    excess = motion.marker_error - 2 * _median(motion.marker_error)
+        return np.zeros(motion.marker_error.shape, bool)
+    excess_m = motion.marker_error - 2 * _median(motion.marker_error)
+    return farthest_outliers(excess_m, markers_of_parts(body, motion.markers))
+
+
+def markers_of_parts(body: Body, names: Sequence[str]) -> list[Indices]:
+    """Give which markers are on pelvis and trunk, and on each limb; on some there may be none."""
     segment_of = body.segment_of
-    segments = [segment_of[name] for name in motion.markers]
-    rows = np.arange(len(excess))
-    for part in (CARRIERS, *LIMBS.values()):
-        own = np.flatnonzero([segment in part for segment in segments])
-        if not len(own):
-            continue
-        far = np.nan_to_num(excess[:, own], nan=-np.inf)
-        worst = far.argmax(axis=1)
-        found[rows, own[worst]] = far[rows, worst] > MIN_EXCESS_M
+    segments = [segment_of[name] for name in names]
+    parts = (CARRIERS, *LIMBS.values())
+    return [np.flatnonzero([segment in part for segment in segments]) for part in parts]
+
+
+def farthest_outliers(excess_m: Array, parts: Sequence[Indices]) -> Mask:
+    """Find the marker farthest off on each part of the body, if it is an outlier.
+
+    Parameters
+    ----------
+    excess_m
+        Distance of each marker from the model above twice what is usual for it, (..., K) [m]; NaN
+        where it is not used.
+    parts
+        As `markers_of_parts` gives them.
+
+    Returns
+    -------
+    Mask
+        (..., K).
+
+    Examples
+    --------
+    >>> farthest_outliers(np.array([0.2, 0.3, np.nan, 0.05]), [np.array([0, 1]), np.array([2, 3])])
+    array([False,  True, False, False])
+    """
+    found = np.zeros(excess_m.shape, bool)
+    if not (excess_m > MIN_EXCESS_M).any():
+        return found
+    for own in parts:
+        if len(own):
+            far = np.nan_to_num(excess_m[..., own], nan=-np.inf)
+            worst = own[far.argmax(axis=-1, keepdims=True)]
+            np.put_along_axis(found, worst, far.max(axis=-1, keepdims=True) > MIN_EXCESS_M, axis=-1)
     return found
+
+
+def limb_is_lost(outliers: Mask) -> Mask:
+    """Whether so many of a limb's markers are outliers, (..., n), that its others tell nothing."""
+    count, share = outliers.sum(axis=-1), outliers.mean(axis=-1)
+    return np.asarray((count >= MIN_LOST) & (share >= MIN_LOST_SHARE))
 
 
 def _with_lost_limbs(body: Body, motion: Motion, outliers: Mask) -> Mask:
     """Add the other markers of limbs of which several are outliers, (T, K)."""
-    segment_of = body.segment_of
     result = outliers.copy()
-    for segments in LIMBS.values():
-        own = [segment_of[name] in segments for name in motion.markers]
-        if any(own):
-            few = outliers[:, own]
-            lost = (few.sum(axis=1) >= MIN_LOST) & (few.mean(axis=1) >= MIN_LOST_SHARE)
+    _, *limbs = markers_of_parts(body, motion.markers)
+    for own in limbs:
+        if len(own):
+            lost = limb_is_lost(outliers[:, own])
             for start, stop in stretches(~lost):
                 inside = start > 0 and stop < len(lost)
                 if inside and motion.time[stop] - motion.time[start - 1] <= MAX_BETWEEN_S:

@@ -45,7 +45,7 @@ class Live(InputModel):
         received.
     plates
         Number of a plate -> its channels Fx Fy Fz Mx My Mz, in the plate's own axes about the
-        centre of its surface; by default FP1.Fx and so on.
+        centre of its surface; by default as the streams state it, else FP1.Fx and so on.
     wait_s
         How long a frame waits for samples that are late.
     listen

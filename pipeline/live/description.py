@@ -6,7 +6,7 @@ from xml.etree.ElementTree import Element, SubElement
 from pipeline.config.live import Live
 from pipeline.io.recording import Plate
 from pipeline.io.xdf.channels import AXES, Channel
-from pipeline.io.xdf.plates import COMPONENTS, PLACE
+from pipeline.io.xdf.plates import COMPONENTS, DFLOW_PLATE, PLACE
 from pipeline.live.stream import StreamDescription
 
 PARTS = "label", "unit", "type", "marker", "plate"
@@ -65,6 +65,8 @@ def stream_channels(
 ) -> tuple[Channel, ...]:
     """Give the channels of a stream: three per marker, or one per label.
 
+    Channels of plates that are named as D-Flow names them say by that what they are.
+
     Parameters
     ----------
     stream
@@ -84,6 +86,7 @@ def stream_channels(
         label: (component, str(plate.number))
         for plate in plates
         for label, component in zip(live.channels_of(plate.number), COMPONENTS, strict=True)
+        if not DFLOW_PLATE.fullmatch(label)
     }
     return tuple(
         Channel(label, unit, kind, plate=number)

@@ -56,7 +56,8 @@ def place_plates(
     -------
     PlacedPlates
         A place that a stream states counts more than that of the static recording: it is of now,
-        and of the axes in which the stream's own channels are.
+        and of the axes in which the stream's own channels are. Where the study names other channels
+        for the plate, it does not count.
 
     Raises
     ------
@@ -73,11 +74,12 @@ def place_plates(
     >>> found.plates[0].center.tolist(), found.live.channels_of(1)[2]
     ([0.0, 0.0, 0.0], 'Fz1')
     """
-    placed = [each.number for each in stated if each.place is not None]
+    used = [each for each in stated if live.plates.get(each.number, each.channels) == each.channels]
+    placed = [each.number for each in used if each.place is not None]
     if several := sorted({number for number in placed if placed.count(number) > 1}):
         raise ValueError(f"several streams state the place of plate {listed(several)}")
     recorded = {str(plate.number): plate.place for plate in static.plates} if static else {}
-    received = {each.number: each.place for each in stated if each.place is not None}
+    received = {each.number: each.place for each in used if each.place is not None}
     places = recorded | received
     if not places:
         raise ValueError(_unknown(stated, static))

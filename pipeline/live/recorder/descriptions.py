@@ -45,6 +45,7 @@ def _described(stream: StreamDescription, live: Live, plates: Sequence[Plate]) -
     if stream.kind == "markers":
         info.append(describe(channels, [("axes", LAB_AXES)]))
     else:
-        own = [p for p in plates if set(live.channels_of(p.number)) <= set(stream.labels)]
+        numbers = {channel.plate for channel in channels}
+        own = [plate for plate in plates if str(plate.number) in numbers]
         info.append(describe(channels, plates=own))
     return info

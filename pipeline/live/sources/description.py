@@ -1,6 +1,6 @@
 """What a sender's channels carry, and how their samples become m, N, N·m and lab axes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from hbm.spatial import Array
 from hbm.spelling import short
 from pipeline.io.axes import parse_axes
+from pipeline.io.recording import Plate
 from pipeline.io.stated import Stated
 from pipeline.io.xdf.channels import AXES, Channel, marker_layout, si_units
 from pipeline.io.xdf.plates import DFLOW_PLATE, find_plates
@@ -116,7 +117,9 @@ def describe_plates(
     Returns
     -------
     tuple of StatedPlate
-        Those that channels name, as `pipeline.io.xdf.plates.find_plates` finds them.
+        Those that channels name, as `pipeline.io.xdf.plates.find_plates` finds them, and those
+        whose channels are named as D-Flow names them: these are about the lab's origin, in lab axes
+        as `describe_signals` gives them.
 
     Raises
     ------
@@ -136,4 +139,17 @@ def describe_plates(
             )
         place = plate.plate(no_time, no_values, to_lab)
         plates.append(StatedPlate(str(plate.number), labels, place))
+    described = {plate.number for plate in plates}
+    plates += [plate for plate in _dflow_plates(every) if plate.number not in described]
     return (*plates, *(StatedPlate(number, problem=why) for number, why in left_out.items()))
+
+
+def _dflow_plates(labels: Sequence[str]) -> Iterator[StatedPlate]:
+    """Find plates all of whose channels are named as D-Flow names them."""
+    matches = [match for label in labels if (match := DFLOW_PLATE.fullmatch(label))]
+    for number in dict.fromkeys(match[1] for match in matches):
+        six = tuple(f"FP{number}.{quantity}{axis}" for quantity in ("For", "Mom") for axis in AXES)
+        if all(labels.count(label) == 1 for label in six):
+            empty = np.empty(0)
+            place = Plate.at_origin(int(number), empty, empty.reshape(0, 6))
+            yield StatedPlate(str(int(number)), six, place)

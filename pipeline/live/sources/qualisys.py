@@ -86,7 +86,7 @@ class QualisysSource:
     def receive(self, timeout_s: float) -> list[Samples]:
         """Give whatever has arrived; an empty list if nothing does within the timeout [s].
 
-        A ValueError says that the program came back with other markers or channels.
+        A ValueError says that the program came back with other markers, channels or plates.
         """
         if not self._waiting:
             self._arrived.wait(timeout_s)
@@ -150,9 +150,10 @@ class QualisysSource:
             frames = read_parameters(written, self._stated)
             if self._frames is None:
                 self._frames = frames
-            elif frames.streams != self._frames.streams:
+            elif not frames.same_as(self._frames):
                 raise ValueError(
-                    f"{self._where} came back with other markers or channels; start anew"
+                    f"{self._where} came back with other markers, channels or places of plates; "
+                    "start anew"
                 )
             self._frames.restart()
             self._ready.set()

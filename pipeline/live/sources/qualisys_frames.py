@@ -124,6 +124,14 @@ class Frames:
         """What has to be asked for."""
         return ["3d", *["analog"] * bool(self.devices), *["force"] * bool(self.plates)]
 
+    def same_as(self, other: "Frames") -> bool:
+        """Whether the same is sent, of plates at the same places."""
+        corners, others = (
+            [plate.place.corners.tolist() if plate.place else None for plate in each.stated_plates]
+            for each in (self, other)
+        )
+        return self.streams == other.streams and corners == others
+
     def restart(self) -> None:
         """Expect sample numbers from another start."""
         for signals in (*self.devices.values(), *self.plates.values()):

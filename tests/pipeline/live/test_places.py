@@ -1,5 +1,6 @@
 """Places of plates: as streams state them now, else as the static recording has them."""
 
+from contextlib import closing
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -9,13 +10,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from hbm.spatial import rotate_wrench
 from pipeline.config.live import Live
+from pipeline.config.schema import Settings, Treadmill
 from pipeline.io.axes import parse_axes
-from pipeline.io.xdf.channels import parse_channels
+from pipeline.io.read import read_recording
+from pipeline.io.xdf.channels import Channel, parse_channels
+from pipeline.live.frames.channels import AnalogStreams
+from pipeline.live.frames.ground import LiveGround
 from pipeline.live.places import place_plates
-from pipeline.live.sources.description import describe_plates
+from pipeline.live.recorder.descriptions import described_streams
+from pipeline.live.recorder.xdf_writer import XdfWriter
+from pipeline.live.sources.description import describe_plates, describe_signals
 from pipeline.live.sources.recorded import RecordedSource
-from pipeline.live.stream import StatedPlate
+from pipeline.live.stream import Samples, StatedPlate
+from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline import xdf_file as xdf
 
 
@@ -153,3 +162,61 @@ def test_channels_of_a_plate_need_labels_of_their_own(walker, label, why):
     channels[5]["label"] = label
     with pytest.raises(ValueError, match=why):
         described(walker.plates[:1], channels)
+
+
+@pytest.fixture(scope="module")
+def as_dflow(walker):
+    """The walker's plates as D-Flow sends them: about the origin of its axes; labels and values."""
+    to_lab = parse_axes("right,up,back")
+    labels = [f"FP{p.number}.{q}{a}" for p in walker.plates for q in ("For", "Mom") for a in "XYZ"]
+    values = np.hstack([rotate_wrench(p.wrench, to_lab.T) for p in walker.plates])
+    return [Channel(label, "N" if ".For" in label else "Nm") for label in labels], values
+
+
+def on_the_ground(stream, values, walker, placed):
+    """The plates' wrenches in the lab at 2.5 s."""
+    analog = AnalogStreams([stream])
+    six = [placed.live.channels_of(plate.number) for plate in placed.plates]
+    still = Laboratory(Treadmill())
+    ground = LiveGround(still, Settings(), placed.plates, six, analog, (), 100.0)
+    analog.append(Samples("Plates", walker.plates[0].time[:3000], values[:3000]))
+    return ground.at(2.5, np.empty((0, 3))).wrenches[0]
+
+
+def test_plates_named_as_in_dflow_are_about_the_origin_whatever_the_static_file_says(
+    walker, stated, as_dflow
+):
+    channels, values = as_dflow
+    stream, convert = describe_signals("Plates", channels, 1000.0, "right,up,back")
+    of_dflow = describe_plates(ElementTree.Element("info"), channels, "right,up,back")
+    _, own = RecordedSource(walker).streams
+    in_plates = np.hstack([plate.wrench_in_plate for plate in walker.plates])
+    expected = on_the_ground(own, in_plates, walker, place_plates(stated, None, Live()))
+    for static in (None, walker):
+        placed = place_plates(of_dflow, static, Live())
+        assert placed.notes == ()
+        found = on_the_ground(stream, convert(values), walker, placed)
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_a_recorded_session_of_plates_named_as_in_dflow_is_read_back(walker, as_dflow, tmp_path):
+    channels, values = as_dflow
+    stream, convert = describe_signals("Plates", channels, 1000.0, "right,up,back")
+    placed = place_plates(
+        describe_plates(ElementTree.Element("info"), channels, "right,up,back"), None, Live()
+    )
+    markers = RecordedSource(walker).streams[0]
+    described = described_streams([markers, stream], placed.live, placed.plates)
+    with closing(XdfWriter(tmp_path / "a.xdf", described)) as writer:
+        seen = walker.markers
+        writer.write(Samples("Markers", seen.time, seen.position.reshape(len(seen.time), -1)))
+        writer.write(Samples("Plates", walker.plates[0].time, convert(values)))
+    for ours, true in zip(read_recording(tmp_path / "a.xdf").plates, walker.plates, strict=True):
+        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-9)
+
+
+def test_where_the_study_names_other_channels_the_streams_place_is_not_theirs(walker, as_dflow):
+    stated = describe_plates(ElementTree.Element("info"), as_dflow[0], "right,up,back")
+    placed = place_plates(stated, walker, Live(plates={"1": tuple("abcdef")}))
+    np.testing.assert_array_equal(placed.plates[0].center, walker.plates[0].center)
+    np.testing.assert_array_equal(placed.plates[1].center, np.zeros(3))

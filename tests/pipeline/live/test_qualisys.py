@@ -6,7 +6,14 @@ import time
 import numpy as np
 import pytest
 
+from pipeline.config.live import Live
+from pipeline.config.schema import Settings, Treadmill
 from pipeline.io.stated import Stated
+from pipeline.live.frames.channels import AnalogStreams
+from pipeline.live.frames.ground import LiveGround
+from pipeline.live.places import place_plates
+from pipeline.live.stream import Samples
+from pipeline.trial.ground.laboratory import Laboratory
 from tests.pipeline.live.qtm_server import QtmServer, frame, location, parameters
 
 pytest.importorskip("qtm_rt", reason="the extra live is not installed")
@@ -152,6 +159,17 @@ def test_a_connection_that_is_lost_is_taken_up_again(source, server):
     np.testing.assert_allclose(times, np.arange(300, 303) / 100, atol=1e-9)
 
 
+def test_plates_that_lie_elsewhere_when_the_program_is_back_are_refused(source, server):
+    corners = np.array([[250, -450, 0], [-250, -450, 0], [-250, 450, 0], [250, 450, 0]])
+    moved = (location(corners + np.array([600, 0, 0])), location(corners))
+    server.settings = parameters(
+        NAMES, plates=("Left", "Right"), channels=CHANNELS, locations=moved
+    )
+    server.drop_clients()
+    with pytest.raises(ValueError, match="other markers, channels or places of plates"):
+        collect(source, 1, timeout_s=5.0)
+
+
 def test_time_goes_on_when_another_measurement_begins(source, server):
     for data, *_ in frames(range(200, 203)):
         server.send(data)
@@ -202,6 +220,35 @@ def test_places_of_plates_are_those_of_the_settings_in_lab_axes():
     x, y, z = left.place.rotation.T
     np.testing.assert_allclose([x, y, z], [[0, 1, 0], [1, 0, 0], [0, 0, -1]], atol=1e-9)
     np.testing.assert_allclose(left.place.corners[0], [1.35, 0.85, 0.012], atol=1e-9)
+
+
+def test_forces_arrive_in_the_lab_without_any_file():
+    """Channels and places are those of the settings: the load is where it is applied."""
+    around = np.array([[1, -1, 0], [-1, -1, 0], [-1, 1, 0], [1, 1, 0]]) * [250, 450, 0]
+    placed_mm = [around + np.array([side_mm, -900, 0]) for side_mm in (300, -300)]
+    sent = parameters(NAMES, plates=("Left", "Right"), locations=tuple(map(location, placed_mm)))
+    server = QtmServer(sent)
+    source = QualisysSource("127.0.0.1", port=server.port, stated=AXES, timeout_s=2.0)
+    server.await_stream()
+    placed = place_plates(source.plates, None, Live())
+    analog = AnalogStreams(source.streams[1:])
+    channels = [placed.live.channels_of(plate.number) for plate in placed.plates]
+    still = Laboratory(Treadmill())
+    ground = LiveGround(still, Settings(), placed.plates, channels, analog, NAMES, 100.0)
+    for data, *_ in frames(range(12)):
+        server.send(data)
+    for name, (times, values) in collect(source, 12).items():
+        analog.append(Samples(name, times, values))
+    source.close()
+    server.close()
+    (left, right) = ground.at(0.06, np.zeros((3, 3))).wrenches[0]
+    x, y, z = FORCE
+    x_mm, y_mm, _ = POINT_MM
+    for wrench, side_m in ((left, 0.3), (right, -0.3)):
+        force, moment = wrench[:3], wrench[3:]
+        np.testing.assert_allclose(force, [-y, -x, z], rtol=1e-5)
+        point = np.array([0.9 + y_mm / 1e3, side_m + x_mm / 1e3, 0])
+        np.testing.assert_allclose(moment[:2], np.cross(point, force)[:2], rtol=1e-5)
 
 
 def test_corners_that_are_not_set_or_in_another_order_are_no_place():
