@@ -24,7 +24,7 @@ class OneFrameKernel:
     >>> poses = OneFrameKernel(kernels().segment_poses, body.geometry)
     >>> (found,) = poses(np.zeros(46))
     >>> found.shape
-    (204,)
+    (228,)
     """
 
     def __init__(self, kernel: Kernel, *constants: Array) -> None:
