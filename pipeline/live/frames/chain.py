@@ -63,6 +63,7 @@ class _Pose:
 
     time: float
     position: Array
+    platform: tuple[Array, Array] | None
     q: Array
     feet: Array
     needed: tuple[Array, Array, Array]
@@ -234,13 +235,14 @@ class LiveChain:
         quality |= Quality.MARKERS_LEFT_OUT * bool(self.tracker.left_out.any())
         quality |= Quality.MARKERS_FROZEN * self.tracker.frozen
         feet, needed = self.dynamics.feet(solution.q), self.dynamics.needed(q, v, a)
-        return _Pose(time, position, q, feet, needed, solution.marker_error, quality)
+        platform = self.ground.seen(position)
+        return _Pose(time, position, platform, q, feet, needed, solution.marker_error, quality)
 
     def _next(self, complete: bool, started: float) -> LiveFrame:
         """Compute the frame that has waited longest; its last sample arrived when it started."""
         pose = self.waiting.popleft()
         time, quality = pose.time, pose.quality
-        ground = self.ground.at(time, pose.position)
+        ground = self.ground.at(time, pose.platform)
         best = ground.wrenches[-1]
         on, uncertain = self.feet.on_plates(best, pose.feet)
         raw = _by_foot(ground.wrenches, on)
@@ -269,6 +271,8 @@ class LiveChain:
             marker_error=pose.marker_error,
             quality=quality,
             computing_s=perf_counter() - started,
+            markers=pose.position,
+            platform=ground.platform,
         )
 
 

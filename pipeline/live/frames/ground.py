@@ -14,7 +14,7 @@ from pipeline.io.recording import Plate
 from pipeline.io.units import acceleration_in_mps2, force_in_n, moment_in_nm, speed_in_mps
 from pipeline.live.frames.belts import LiveBelts
 from pipeline.live.frames.channels import AnalogStreams, Channels
-from pipeline.live.frames.platform import CommandedPlatform, MarkedPlatform
+from pipeline.live.frames.platform import CommandedPlatform, MarkedPlatform, Pose
 from pipeline.trial.ground.accelerometers import RealtimeAccelerometers
 from pipeline.trial.ground.belts import RealtimeBelts, belt_side
 from pipeline.trial.ground.corrected_plates import plate_delays_s, relative_delays_s
@@ -40,7 +40,7 @@ class GroundFrame:
     """
 
     wrenches: Array
-    platform: tuple[Array, Array] | None = None
+    platform: Pose | None = None
 
     @property
     def platform_known(self) -> bool:
@@ -123,8 +123,14 @@ class LiveGround:
         compensated = self.gains or self.speeds is not None
         return ("measured", "compensated") if compensated else ("measured",)
 
-    def at(self, time: float, position: Array) -> GroundFrame:
-        """Give the plates at a frame's time [s], of which the markers are given, (M, 3) [m]."""
+    def seen(self, position: Array) -> Pose | None:
+        """Give the platform's pose as its markers show it among a frame's, (M, 3) [m], if any."""
+        if not isinstance(self.platform, MarkedPlatform):
+            return None
+        return self.platform.pose(position)
+
+    def at(self, time: float, seen: Pose | None) -> GroundFrame:
+        """Give the plates at a frame's time [s], whose markers show the platform so, or not."""
         variants = [self._measured(time)]
         if len(self.variants) > 1:
             compensated = variants[0].copy()
@@ -134,9 +140,9 @@ class LiveGround:
                 compensated -= self._belts(time, self.speeds)
             variants.append(compensated)
         wrenches = (np.array(variants)[:, :, None] @ self.to_lab)[:, :, 0]
-        if self.platform is None:
+        pose = self.platform.pose(time) if isinstance(self.platform, CommandedPlatform) else seen
+        if pose is None:
             return GroundFrame(wrenches)
-        pose = self.platform.pose(time, position)
         return GroundFrame(transform_wrench(wrenches, *pose), pose)
 
     def _measured(self, time: float) -> Array:

@@ -54,7 +54,7 @@ class MarkedPlatform:
         self.neutral: Array | None = None
         self.problem = ""
 
-    def pose(self, time: float, position: Array) -> Pose:
+    def pose(self, position: Array) -> Pose:
         """Give the pose of a frame, its markers (M, 3) [m]; NaN where unknown."""
         own = position[self.columns]
         if self.neutral is None:
@@ -118,8 +118,8 @@ class CommandedPlatform:
         reaches = [command[1].reach_s for command in self.commands if command is not None]
         self.ahead_s = self.delay_s + max(reaches)
 
-    def pose(self, time: float, position: Array) -> Pose:
-        """Give the pose of a frame; NaN where a command is not known."""
+    def pose(self, time: float) -> Pose:
+        """Give the pose at a frame's time [s]; NaN where a command is not known."""
         at, values = time + self.delay_s, []
         for command in self.commands:
             value = 0.0

@@ -44,6 +44,14 @@ def assert_same(recording, laboratory, settings=REALTIME, start_s=0.0, body=None
         np.testing.assert_array_equal(np.isnan(found), np.isnan(expected[in_time]))
         assert np.nanmax(np.abs(found - expected[in_time])) < largest
 
+    np.testing.assert_array_equal([f.markers for f in frames], recording.markers.position)
+    if whole.platform is None:
+        assert all(frame.platform is None for frame in frames)
+    else:
+        here = np.array([frame.platform[1] for frame in frames])
+        known = np.isfinite(here[:, 0]) & in_time
+        assert known.mean() > 0.8
+        np.testing.assert_allclose(here[known], whole.platform.position[known], atol=1e-9)
     compare([frame.q for frame in frames], whole.motion.q, MAX_ANGLE_RAD)
     errors = [frame.marker_error for frame in frames]
     compare(errors, whole.motion.marker_error, MAX_ANGLE_RAD)
