@@ -264,13 +264,18 @@ def _follow(
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     began = shown_s = time.monotonic()
-    told, address, fault = 0, "", ""
+    told, address = 0, ""
     session.start()
     try:
         with console.status("waiting for frames") as line:
             while session.runs and (duration_s is None or time.monotonic() - began < duration_s):
                 time.sleep(SHOWN_S)
-                take_new(session, monitor, view)
+                fault = take_new(session, monitor, view)
+                if view is not None and (fault := fault or view.fault or ""):
+                    console.print(
+                        f"nothing is shown any more: {fault}; all else goes on", soft_wrap=True
+                    )
+                    view = None
                 monitor.look_for_silence()
                 told = _tell(monitor, told, console)
                 if time.monotonic() - shown_s < STATUS_S:
@@ -281,10 +286,9 @@ def _follow(
                     view.show_status(monitor.page())
                     if view.address and not address:
                         address = view.address
-                        console.print(f"open {address} in a browser on this machine")
-                    if view.fault and not fault:
-                        fault = view.fault
-                        console.print(f"nothing is shown any more: {fault}; all else goes on")
+                        console.print(
+                            f"open {address} in a browser on this machine", soft_wrap=True
+                        )
     except KeyboardInterrupt as request:
         terminated = isinstance(request, Terminated)
     finally:
@@ -296,15 +300,20 @@ def _follow(
     return terminated
 
 
-def take_new(session: "Session", monitor: "Monitor", view: "LiveView | None" = None) -> None:
-    """Bring what is new in a session to its monitor and its view."""
+def take_new(session: "Session", monitor: "Monitor", view: "LiveView | None" = None) -> str:
+    """Bring what is new in a session to its monitor and its view; give why it cannot be shown."""
+    fault = ""
     while session.samples:
         monitor.samples(session.samples.popleft())
     while session.frames:
         frame, latency_s = session.frames.popleft()
         cycles = monitor.frame(frame, latency_s)
-        if view is not None:
-            _show(view, frame, cycles)
+        if view is not None and not fault:
+            try:
+                _show(view, frame, cycles)
+            except (ValueError, OSError) as error:
+                fault = str(error)
+    return fault
 
 
 def _show(view: "LiveView", frame: "LiveFrame", cycles: "Sequence[LiveCycle]") -> None:

@@ -18,7 +18,7 @@ from pipeline.live.stream import Samples
 from pipeline.live.watch.condition import ConditionSoFar, Limits
 from pipeline.live.watch.cycles import GaitTracker, LiveCycle
 from pipeline.live.watch.delay import DelayWatch
-from pipeline.live.watch.fit import FitWatch
+from pipeline.live.watch.fit import FitWatch, FootWatch
 from pipeline.live.watch.markers import MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
@@ -69,6 +69,7 @@ class Monitor:
         self._markers = MarkerGaps(chain.tracker.markers)
         self._columns = list(chain.tracker.columns)
         self._fit = FitWatch(chain.tracker.markers, self._columns)
+        self._feet = FootWatch()
         mass_kg = chain.body.mass
         self._weight = WeightWatch(mass_kg)
         self._plates = [
@@ -129,7 +130,8 @@ class Monitor:
             self.condition.add(cycle)
             self.cycles.append(cycle)
             self._height_m = float(center_of_mass(self._chain.body, frame.q[None])[0, 2])
-        self._note(frame.time, (*self._delay.add(frame), *self._fit.add(frame)))
+        watched = self._delay.add(frame), self._fit.add(frame), self._feet.add(frame)
+        self._note(frame.time, (note for notes in watched for note in notes))
         return gait.cycles
 
     def look_for_silence(self) -> None:

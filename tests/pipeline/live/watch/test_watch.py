@@ -11,7 +11,7 @@ from pipeline.config.schema import Settings, Subject
 from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.live.watch.cycles import GaitTracker
 from pipeline.live.watch.delay import DelayWatch
-from pipeline.live.watch.fit import FitWatch
+from pipeline.live.watch.fit import FitWatch, FootWatch
 from pipeline.live.watch.markers import GONE_S, MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
@@ -225,8 +225,8 @@ def fitted(error_m, quality, seen=True, count=500):
 def test_markers_that_do_not_fit_and_feet_beside_the_pressure_are_noted_once(
     frames, codes, left_out
 ):
-    watch = FitWatch(["LASIS", "RASIS"], [0, 1])
-    notes = [note for frame in frames for note in watch.add(frame)]
+    fit, feet = FitWatch(["LASIS", "RASIS"], [0, 1]), FootWatch()
+    notes = [note for frame in frames for note in (*fit.add(frame), *feet.add(frame))]
     assert [note.code for note in notes] == codes
     if left_out:
         assert notes[0].values["left_out"] == left_out
