@@ -181,7 +181,7 @@ def _run(
             f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)",
             soft_wrap=True,
         )
-        terminated = _follow(session, monitor, view, console, duration_s, ending)
+        terminated = _follow(session, monitor, recorder, view, console, duration_s, ending)
         stack.close()
         _summarise(chain, monitor, session, recorder, folder, console)
     if terminated:
@@ -249,6 +249,7 @@ def _view(chain: "LiveChain", plates: "Sequence[Plate]", screen: "Screen") -> "L
 def _follow(
     session: "Session",
     monitor: "Monitor",
+    recorder: "Recorder",
     view: "LiveView | None",
     console: "Console",
     duration_s: float | None,
@@ -264,7 +265,7 @@ def _follow(
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     began = shown_s = time.monotonic()
-    told, address = 0, ""
+    told, address, recorded = 0, "", True
     session.start()
     try:
         with console.status("waiting for frames") as line:
@@ -276,6 +277,9 @@ def _follow(
                         f"nothing is shown any more: {fault}; all else goes on", soft_wrap=True
                     )
                     view = None
+                if recorded and recorder.fault is not None:
+                    recorded = False
+                    console.print(f"{recorder.fault}; all else goes on", soft_wrap=True)
                 monitor.look_for_silence()
                 told = _tell(monitor, told, console)
                 if time.monotonic() - shown_s < STATUS_S:

@@ -34,8 +34,17 @@ def walk(tmp_path_factory):
     return path
 
 
+def prepare(most_bytes):
+    """Let Ctrl-C interrupt, and files grow no further, in a new process."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if most_bytes:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
+
+
 @contextmanager
-def hbm(*arguments):
+def hbm(*arguments, most_bytes=None):
     command = [sys.executable, "-m", "pipeline.cli", "live", *map(str, arguments)]
     with subprocess.Popen(
         command,
@@ -43,7 +52,7 @@ def hbm(*arguments):
         stderr=subprocess.STDOUT,
         text=True,
         cwd=Path(__file__).resolve().parents[3],
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=lambda: prepare(most_bytes),
     ) as process:
         try:
             yield process
@@ -129,6 +138,21 @@ def test_a_session_that_is_stopped_twice_still_ends_with_a_whole_recording(
     assert "Traceback" not in said
     codes = [note.code for note in read_recording(out / STREAMS).notes]
     assert "recording_unended" not in codes
+
+
+@pytest.mark.slow
+def test_a_recording_that_cannot_go_on_is_said_at_once_and_the_session_goes_on(walk, tmp_path):
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    out = tmp_path / "out"
+    with hbm("--replay", walk), hbm("--static", walk, "--out", out, most_bytes=500_000) as live:
+        while "recording stopped: File too large; all else goes on" not in live.stdout.readline():
+            assert live.poll() is None
+        time.sleep(0.5)
+        live.send_signal(signal.SIGINT)
+        said = live.communicate(timeout=PATIENCE_S)[0]
+    assert live.returncode == 1
+    assert re.search(r"recording stopped: File too large; \d+ entries are missing", said)
+    assert len(read_recording(out / STREAMS).markers.time) > 100
 
 
 class Unfit:
