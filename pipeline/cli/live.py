@@ -367,6 +367,7 @@ def _summarise(
         f"{f' ({why})' if why else ''}",
         f"{counts.late} frames late, {counts.doubled} samples doubled, {counts.out_of_order} out "
         "of order",
+        *(f"{lost} samples of stream {name} never arrived" for name, lost in monitor.lost.items()),
     ]
     for variant, rms in monitor.condition.rms.items():
         limits = monitor.limits[variant]

@@ -19,6 +19,7 @@ from pipeline.live.watch.condition import ConditionSoFar, Limits
 from pipeline.live.watch.cycles import GaitTracker, LiveCycle
 from pipeline.live.watch.delay import DelayWatch
 from pipeline.live.watch.fit import FitWatch, FootWatch
+from pipeline.live.watch.losses import Losses
 from pipeline.live.watch.markers import MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
@@ -70,6 +71,7 @@ class Monitor:
         self._columns = list(chain.tracker.columns)
         self._fit = FitWatch(chain.tracker.markers, self._columns)
         self._feet = FootWatch()
+        self._losses = Losses([chain.stream, *chain.analog.streams.values()])
         mass_kg = chain.body.mass
         self._weight = WeightWatch(mass_kg)
         self._plates = [
@@ -102,6 +104,7 @@ class Monitor:
         if not len(received.time):
             return
         self._arrived_s[received.stream] = monotonic()
+        self._losses.add(received)
         if received.stream in self._silent:
             self._silent.remove(received.stream)
             self._note(received.time[-1], [Note.of("live_stream_back", stream=received.stream)])
@@ -142,6 +145,11 @@ class Monitor:
                 self._silent.add(stream)
                 time = self.last.time if self.last is not None else np.nan
                 self._note(time, [Note.of("live_stream_silent", stream=stream)])
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Stream -> samples that are missing between those that arrived; without those of none."""
+        return dict(self._losses.lost)
 
     @property
     def limits(self) -> dict[str, Limits]:

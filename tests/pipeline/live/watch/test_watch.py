@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject
 from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.stream import Samples, StreamDescription
 from pipeline.live.watch.cycles import GaitTracker
 from pipeline.live.watch.delay import DelayWatch
 from pipeline.live.watch.fit import FitWatch, FootWatch
+from pipeline.live.watch.losses import Losses
 from pipeline.live.watch.markers import GONE_S, MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
@@ -230,3 +232,15 @@ def test_markers_that_do_not_fit_and_feet_beside_the_pressure_are_noted_once(
     assert [note.code for note in notes] == codes
     if left_out:
         assert notes[0].values["left_out"] == left_out
+
+
+@given(kept=st.sets(st.integers(0, 299), min_size=2), each=st.integers(1, 40), seed=st.integers(0))
+def test_samples_that_never_arrived_are_counted_whatever_the_chunks(kept, each, seed):
+    numbers = np.array(sorted(kept))
+    jitter = np.random.default_rng(seed).uniform(-0.2, 0.2, len(numbers))
+    time = 1e4 + (numbers + jitter) / 1000
+    losses = Losses([StreamDescription("Plates", "analog", ("Fz",), ("N",), 1000.0)])
+    for k in range(0, len(time), each):
+        chunk = time[k : k + each]
+        losses.add(Samples("Plates", chunk, np.zeros((len(chunk), 1))))
+    assert losses.lost["Plates"] == numbers[-1] - numbers[0] + 1 - len(numbers)
