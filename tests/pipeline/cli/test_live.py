@@ -186,6 +186,9 @@ def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
     assert "lab.json needs the study: its [treadmill.platform] says by which" in refused(
         capsys, "--static", walk, "--calibration", tmp_path / "lab.json"
     )
+    assert "go with --replay" in refused(capsys, "--record", walk)
+    said = refused(capsys, "--replay", walk, "--forces", walk)
+    assert "a file of forces goes with a TRC file" in said
     assert "no such file" in refused(capsys, "--static", tmp_path / "absent.c3d")
 
 
