@@ -74,8 +74,12 @@ class Monitor:
         self._losses = Losses([chain.stream, *chain.analog.streams.values()])
         mass_kg = chain.body.mass
         self._weight = WeightWatch(mass_kg)
+        moves = chain.ground.platform is not None
         self._plates = [
-            (chain.live.channels_of(plate.number), PlateWatch(plate.number, mass_kg, _up(plate)))
+            (
+                chain.live.channels_of(plate.number),
+                PlateWatch(plate.number, mass_kg, _up(plate), moves=moves),
+            )
             for plate in plates
         ]
         self._latency: deque[float] = deque(maxlen=LATENCIES)

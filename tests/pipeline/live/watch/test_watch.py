@@ -66,6 +66,12 @@ def test_a_plate_that_is_not_zero_is_noted_within_seconds(up):
     assert first.values["rest_n"] == pytest.approx(14.0, abs=0.5)
 
 
+def test_what_a_plate_reads_on_a_platform_that_moves_is_no_offset():
+    time, wrench = walking(1.0, rest_n=14.0)
+    assert noted(PlateWatch(1, MASS_KG), time, wrench)
+    assert noted(PlateWatch(1, MASS_KG, moves=True), time, wrench) == []
+
+
 def test_a_saturated_component_is_noted_once_with_its_limit():
     time, wrench = walking(0.5)
     wrench[:, 2] = wrench[:, 2].clip(None, 600.0)
