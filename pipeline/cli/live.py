@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 SHOWN_S: Final = 0.02
 """Between looks at what is new."""
 STATUS_S: Final = 0.5
+TOLD_S: Final = 3.0
+"""Between lines that say why there is no body yet."""
 RECEIVERS_S: Final = 60.0
 ABSENT: Final = (
     "start what sends them, or state other names in [live] of study.toml; where they come from "
@@ -71,6 +73,12 @@ def live(
     replay: Annotated[
         Path | None, typer.Option(help="Play this recording as streams, and nothing else.")
     ] = None,
+    forces: Annotated[
+        Path | None, typer.Option(help="MOT file that goes with a TRC file of --replay.")
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="D-Flow record file that goes with --replay.")
+    ] = None,
     speed: Annotated[float, typer.Option(min=0.01, max=20, help="Of --replay.")] = 1.0,
 ) -> int:
     """Compute residuals while the subject walks, from streams of LSL or of Qualisys.
@@ -82,7 +90,9 @@ def live(
 
     console = plain_console()
     if replay is not None:
-        return _replay(replay, speed, listen, study, console)
+        return _replay(replay, forces, record, speed, listen, study, console)
+    if forces is not None or record is not None:
+        raise ValueError("--forces and --record go with --replay")
     from pipeline.live.preparation import prepare
 
     prepared = prepare(study, subject, static, calibration)
@@ -91,7 +101,13 @@ def live(
 
 
 def _replay(
-    path: Path, speed: float, listen: str | None, study: Path | None, console: "Console"
+    path: Path,
+    forces: Path | None,
+    record: Path | None,
+    speed: float,
+    listen: str | None,
+    study: Path | None,
+    console: "Console",
 ) -> int:
     from pipeline.config.live import Live
     from pipeline.config.study import read_study
@@ -100,7 +116,8 @@ def _replay(
     from pipeline.live.replay import Replay
 
     read = read_study(study, recordings=False) if study is not None else None
-    recording = read_as_stated(path, read.stated if read is not None else Stated())
+    stated = read.stated if read is not None else Stated()
+    recording = read_as_stated(path, stated, forces, record=record)
     live = read.file.live if read is not None else Live()
     played = Replay(recording, speed=speed, listen=listen or live.listen)
     console.print(
@@ -181,7 +198,7 @@ def _run(
             f"filter and {1000 * chain.wait_s:.0f} ms by resampling (stop with Ctrl-C)",
             soft_wrap=True,
         )
-        terminated = _follow(session, monitor, view, console, duration_s, ending)
+        terminated = _follow(session, monitor, recorder, view, console, duration_s, ending)
         stack.close()
         _summarise(chain, monitor, session, recorder, folder, console)
     if terminated:
@@ -216,8 +233,11 @@ def _shown(
     from pipeline.live.pose import PoseFinder
     from pipeline.live.session import RECEIVE_S
 
-    console.print("stand still on the plates, arms out to the sides")
+    console.print(
+        "stand still on the plates, arms out to the sides (stop with Ctrl-C)", soft_wrap=True
+    )
     finder, told = PoseFinder(placed.live, source.streams, placed.plates), ""
+    told_s = time.monotonic()
     while True:
         for samples in source.receive(RECEIVE_S):
             pose = finder.add(samples)
@@ -226,9 +246,10 @@ def _shown(
             try:
                 return prepared.body(pose)
             except ValueError as error:
-                if str(error) != told:
-                    told = str(error)
-                    console.print(f"no body yet: {told}", soft_wrap=True)
+                finder.why_not = str(error)
+        if finder.why_not != told and time.monotonic() - told_s > TOLD_S:
+            told, told_s = finder.why_not, time.monotonic()
+            console.print(f"no body yet: {told}", soft_wrap=True)
 
 
 def _view(chain: "LiveChain", plates: "Sequence[Plate]", screen: "Screen") -> "LiveView":
@@ -249,6 +270,7 @@ def _view(chain: "LiveChain", plates: "Sequence[Plate]", screen: "Screen") -> "L
 def _follow(
     session: "Session",
     monitor: "Monitor",
+    recorder: "Recorder",
     view: "LiveView | None",
     console: "Console",
     duration_s: float | None,
@@ -264,13 +286,21 @@ def _follow(
     before = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     began = shown_s = time.monotonic()
-    told, address, fault = 0, "", ""
+    told, address, recorded = 0, "", True
     session.start()
     try:
         with console.status("waiting for frames") as line:
             while session.runs and (duration_s is None or time.monotonic() - began < duration_s):
                 time.sleep(SHOWN_S)
-                take_new(session, monitor, view)
+                fault = take_new(session, monitor, view)
+                if view is not None and (fault := fault or view.fault or ""):
+                    console.print(
+                        f"nothing is shown any more: {fault}; all else goes on", soft_wrap=True
+                    )
+                    view = None
+                if recorded and recorder.fault is not None:
+                    recorded = False
+                    console.print(f"{recorder.fault}; all else goes on", soft_wrap=True)
                 monitor.look_for_silence()
                 told = _tell(monitor, told, console)
                 if time.monotonic() - shown_s < STATUS_S:
@@ -281,10 +311,9 @@ def _follow(
                     view.show_status(monitor.page())
                     if view.address and not address:
                         address = view.address
-                        console.print(f"open {address} in a browser on this machine")
-                    if view.fault and not fault:
-                        fault = view.fault
-                        console.print(f"nothing is shown any more: {fault}; all else goes on")
+                        console.print(
+                            f"open {address} in a browser on this machine", soft_wrap=True
+                        )
     except KeyboardInterrupt as request:
         terminated = isinstance(request, Terminated)
     finally:
@@ -296,15 +325,20 @@ def _follow(
     return terminated
 
 
-def take_new(session: "Session", monitor: "Monitor", view: "LiveView | None" = None) -> None:
-    """Bring what is new in a session to its monitor and its view."""
+def take_new(session: "Session", monitor: "Monitor", view: "LiveView | None" = None) -> str:
+    """Bring what is new in a session to its monitor and its view; give why it cannot be shown."""
+    fault = ""
     while session.samples:
         monitor.samples(session.samples.popleft())
     while session.frames:
         frame, latency_s = session.frames.popleft()
         cycles = monitor.frame(frame, latency_s)
-        if view is not None:
-            _show(view, frame, cycles)
+        if view is not None and not fault:
+            try:
+                _show(view, frame, cycles)
+            except (ValueError, OSError) as error:
+                fault = str(error)
+    return fault
 
 
 def _show(view: "LiveView", frame: "LiveFrame", cycles: "Sequence[LiveCycle]") -> None:
@@ -354,6 +388,7 @@ def _summarise(
         f"{f' ({why})' if why else ''}",
         f"{counts.late} frames late, {counts.doubled} samples doubled, {counts.out_of_order} out "
         "of order",
+        *(f"{lost} samples of stream {name} never arrived" for name, lost in monitor.lost.items()),
     ]
     for variant, rms in monitor.condition.rms.items():
         limits = monitor.limits[variant]

@@ -33,6 +33,11 @@ class PoseFinder:
         What is received.
     plates
         Places of the plates.
+
+    Attributes
+    ----------
+    why_not
+        What is amiss as long as no pose is found, in words.
     """
 
     def __init__(
@@ -43,6 +48,7 @@ class PoseFinder:
         self._live, self._plates = live, plates
         self._kept: dict[str, deque[Samples]] = {stream.name: deque() for stream in streams}
         self._looked_s = -np.inf
+        self.why_not = f"stream {self._markers} has sent too few frames"
 
     def add(self, samples: Samples) -> Recording | None:
         """Take what arrived; give the pose's recording once the last 1.2 s show it."""
@@ -64,12 +70,24 @@ class PoseFinder:
         names = self._streams[self._markers].labels
         markers = Markers(time - time[0], names, position.reshape(len(time), len(names), 3))
         seen = np.isfinite(markers.position).all(axis=(0, 2))
-        if not seen.any() or median_extent(markers.position[:, seen]) > MAX_STILL_EXTENT_M:
+        if not seen.any():
+            self.why_not = "no marker is seen all the time"
+            return None
+        extent_m = median_extent(markers.position[:, seen])
+        if extent_m > MAX_STILL_EXTENT_M:
+            self.why_not = (
+                f"the markers moved by {1000 * extent_m:.0f} mm within {POSE_S:g} s, at most "
+                f"{1000 * MAX_STILL_EXTENT_M:.0f} mm are standing still"
+            )
             return None
         plates = [self._plate(plate, float(time[0])) for plate in self._plates]
         standing = [plate for plate in plates if plate is not None]
         carried_n = sum(float(np.mean(plate.wrench[:, 2])) for plate in standing)
-        if len(standing) < len(plates) or carried_n < MIN_MASS_KG * GRAVITY_MPS2:
+        if len(standing) < len(plates):
+            self.why_not = "a plate has sent nothing"
+            return None
+        if not carried_n >= MIN_MASS_KG * GRAVITY_MPS2:
+            self.why_not = f"the plates carry {carried_n:.0f} N, which is nobody"
             return None
         return Recording(Path("calibration pose"), markers, tuple(standing))
 

@@ -1,7 +1,7 @@
 """Force plates among the channels of streams."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Final
 from xml.etree.ElementTree import Element
@@ -109,7 +109,11 @@ def find_plates(
 
 
 def dflow_plates(
-    channels: Sequence[Channel], time: Array, values: Array, stated: Stated
+    channels: Sequence[Channel],
+    time: Array,
+    values: Array,
+    stated: Stated,
+    described: Collection[int] = (),
 ) -> tuple[list[PlateColumns], list[Note]]:
     """Find the plates whose channels are named as D-Flow names them, such as FP1.ForX.
 
@@ -121,6 +125,8 @@ def dflow_plates(
         Its samples, (N,) [s] and (N, K).
     stated
         What is stated about units.
+    described
+        Plates that the stream describes, which are not looked for.
 
     Returns
     -------
@@ -137,7 +143,8 @@ def dflow_plates(
     """
     numbered: dict[int, dict[str, int]] = {}
     for k, channel in enumerate(channels):
-        if match := DFLOW_PLATE.fullmatch(channel.label):
+        match = DFLOW_PLATE.fullmatch(channel.label)
+        if match and int(match[1]) not in described:
             numbered.setdefault(int(match[1]), {})[match[2] + match[3]] = k
     plates, notes = [], []
     convert = {"For": stated.force_unit, "Mom": stated.moment_unit, "Cop": stated.pressure_unit}

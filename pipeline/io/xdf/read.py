@@ -218,7 +218,8 @@ def _signals(
         Note.of("plate_left_out", plate=f"plate {short(number)}", reason=why)
         for number, why in left_out.items()
     ]
-    columns, more = dflow_plates(channels, time, values, stated)
+    placed = {plate.number for plate in plates}
+    columns, more = dflow_plates(channels, time, values, stated, placed)
     found = _Signals(stream.name, channels, time, values, tuple(plates), tuple(columns))
     return found, [*_clock_notes(stream, clock), *notes, *more]
 

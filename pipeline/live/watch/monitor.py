@@ -18,7 +18,8 @@ from pipeline.live.stream import Samples
 from pipeline.live.watch.condition import ConditionSoFar, Limits
 from pipeline.live.watch.cycles import GaitTracker, LiveCycle
 from pipeline.live.watch.delay import DelayWatch
-from pipeline.live.watch.fit import FitWatch
+from pipeline.live.watch.fit import FitWatch, FootWatch
+from pipeline.live.watch.losses import Losses
 from pipeline.live.watch.markers import MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
@@ -69,10 +70,16 @@ class Monitor:
         self._markers = MarkerGaps(chain.tracker.markers)
         self._columns = list(chain.tracker.columns)
         self._fit = FitWatch(chain.tracker.markers, self._columns)
+        self._feet = FootWatch()
+        self._losses = Losses([chain.stream, *chain.analog.streams.values()])
         mass_kg = chain.body.mass
         self._weight = WeightWatch(mass_kg)
+        moves = chain.ground.platform is not None
         self._plates = [
-            (chain.live.channels_of(plate.number), PlateWatch(plate.number, mass_kg, _up(plate)))
+            (
+                chain.live.channels_of(plate.number),
+                PlateWatch(plate.number, mass_kg, _up(plate), moves=moves),
+            )
             for plate in plates
         ]
         self._latency: deque[float] = deque(maxlen=LATENCIES)
@@ -101,6 +108,7 @@ class Monitor:
         if not len(received.time):
             return
         self._arrived_s[received.stream] = monotonic()
+        self._losses.add(received)
         if received.stream in self._silent:
             self._silent.remove(received.stream)
             self._note(received.time[-1], [Note.of("live_stream_back", stream=received.stream)])
@@ -129,7 +137,8 @@ class Monitor:
             self.condition.add(cycle)
             self.cycles.append(cycle)
             self._height_m = float(center_of_mass(self._chain.body, frame.q[None])[0, 2])
-        self._note(frame.time, (*self._delay.add(frame), *self._fit.add(frame)))
+        watched = self._delay.add(frame), self._fit.add(frame), self._feet.add(frame)
+        self._note(frame.time, (note for notes in watched for note in notes))
         return gait.cycles
 
     def look_for_silence(self) -> None:
@@ -140,6 +149,11 @@ class Monitor:
                 self._silent.add(stream)
                 time = self.last.time if self.last is not None else np.nan
                 self._note(time, [Note.of("live_stream_silent", stream=stream)])
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Stream -> samples that are missing between those that arrived; without those of none."""
+        return dict(self._losses.lost)
 
     @property
     def limits(self) -> dict[str, Limits]:

@@ -43,6 +43,9 @@ class PlateWatch:
         Body mass: what is below a tenth of the weight is no step.
     up
         1 where its z axis points up, -1 where it points down.
+    moves
+        Whether it is on a platform that moves: what it reads without load is then the platform's
+        inertia and weight, and neither drift nor an offset.
 
     Notes
     -----
@@ -52,9 +55,11 @@ class PlateWatch:
     more than 10 N is noted as not zeroed. Each is noted once a minute at most.
     """
 
-    def __init__(self, number: int, mass_kg: float, up: float = 1.0) -> None:
+    def __init__(
+        self, number: int, mass_kg: float, up: float = 1.0, *, moves: bool = False
+    ) -> None:
         self._number, self._max_rest_n = number, MAX_REST_SHARE * mass_kg * GRAVITY_MPS2
-        self._up = up
+        self._up, self._moves = up, moves
         self._rests: deque[tuple[float, float]] = deque()
         self._block: list[tuple[float, float]] = []
         self._judged_s = -np.inf
@@ -86,7 +91,7 @@ class PlateWatch:
                 self._rests.popleft()
 
     def _judge(self) -> list[Note]:
-        if len(self._rests) < MIN_RESTS:
+        if self._moves or len(self._rests) < MIN_RESTS:
             return []
         time, force = np.array(self._rests).T
         rest_n = float(np.median(force[-MIN_RESTS // 2 :]))

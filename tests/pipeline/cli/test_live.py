@@ -5,21 +5,26 @@ import signal
 import subprocess
 import sys
 import time
+from collections import deque
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from pipeline.cli import main
+from pipeline.cli.live import take_new
 from pipeline.io.read import read_recording
+from pipeline.live.frames.frame import Quality
 from pipeline.live.recorder.recorder import RESULTS, STREAMS
 from pipeline.virtual_lab.protocol.stationary_trial import simulate_trial
 
 DURATION_S = 14.0
 SPEED = 1
 PATIENCE_S = 60
+SHOWN = ("time", "q", "markers", "residual", "by_foot", "platform")
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +34,17 @@ def walk(tmp_path_factory):
     return path
 
 
+def prepare(most_bytes):
+    """Let Ctrl-C interrupt, and files grow no further, in a new process."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if most_bytes:
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
+
+
 @contextmanager
-def hbm(*arguments):
+def hbm(*arguments, most_bytes=None):
     command = [sys.executable, "-m", "pipeline.cli", "live", *map(str, arguments)]
     with subprocess.Popen(
         command,
@@ -38,7 +52,7 @@ def hbm(*arguments):
         stderr=subprocess.STDOUT,
         text=True,
         cwd=Path(__file__).resolve().parents[3],
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=lambda: prepare(most_bytes),
     ) as process:
         try:
             yield process
@@ -126,6 +140,37 @@ def test_a_session_that_is_stopped_twice_still_ends_with_a_whole_recording(
     assert "recording_unended" not in codes
 
 
+@pytest.mark.slow
+def test_a_recording_that_cannot_go_on_is_said_at_once_and_the_session_goes_on(walk, tmp_path):
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    out = tmp_path / "out"
+    with hbm("--replay", walk), hbm("--static", walk, "--out", out, most_bytes=500_000) as live:
+        while "recording stopped: File too large; all else goes on" not in live.stdout.readline():
+            assert live.poll() is None
+        time.sleep(0.5)
+        live.send_signal(signal.SIGINT)
+        said = live.communicate(timeout=PATIENCE_S)[0]
+    assert live.returncode == 1
+    assert re.search(r"recording stopped: File too large; \d+ entries are missing", said)
+    assert len(read_recording(out / STREAMS).markers.time) > 100
+
+
+class Unfit:
+    """A view that shows nothing."""
+
+    def show(self, frame):
+        raise ValueError("a frame to show must hold arrays")
+
+
+def test_a_view_that_cannot_show_a_frame_harms_neither_frames_nor_gait_cycles():
+    frames = [SimpleNamespace(**dict.fromkeys(SHOWN), quality=Quality(0)) for _ in range(3)]
+    taken = []
+    session = SimpleNamespace(samples=deque(), frames=deque((frame, 0.001) for frame in frames))
+    monitor = SimpleNamespace(frame=lambda frame, latency_s: taken.append(frame) or ())
+    assert take_new(session, monitor, Unfit()) == "a frame to show must hold arrays"
+    assert taken == frames
+
+
 def test_a_folder_that_cannot_take_a_recording_is_refused_before_anything_is_awaited(
     walk, tmp_path, capsys
 ):
@@ -141,6 +186,9 @@ def test_what_is_missing_is_said_in_one_line(walk, tmp_path, capsys):
     assert "lab.json needs the study: its [treadmill.platform] says by which" in refused(
         capsys, "--static", walk, "--calibration", tmp_path / "lab.json"
     )
+    assert "go with --replay" in refused(capsys, "--record", walk)
+    said = refused(capsys, "--replay", walk, "--forces", walk)
+    assert "a file of forces goes with a TRC file" in said
     assert "no such file" in refused(capsys, "--static", tmp_path / "absent.c3d")
 
 

@@ -2,6 +2,7 @@
 
 import time
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -166,13 +167,30 @@ def test_a_pose_is_found_where_the_subject_stands_and_gives_the_same_body(walker
         np.testing.assert_allclose(segment.center, result.body.segments[name].center, atol=1e-3)
 
 
-def test_no_pose_is_found_while_the_subject_walks(walker):
+def test_no_pose_is_found_while_the_subject_walks_and_why_is_said(walker):
     source = RecordedSource(walker)
     finder = PoseFinder(Live(), source.streams, walker.plates)
+    assert finder.why_not == "stream Markers has sent too few frames"
     while not source.ended:
         for samples in source.receive(0.0):
             if samples.time[0] > 4.0:
                 assert finder.add(samples) is None
+    assert "the markers moved by" in finder.why_not
+
+
+@pytest.mark.parametrize(
+    ("stream", "factor", "why_not"),
+    [("Plates", 0.0, "the plates carry 0 N"), ("Markers", np.nan, "no marker is seen")],
+)
+def test_no_pose_is_found_without_load_or_markers(walker, stream, factor, why_not):
+    source = RecordedSource(walker)
+    finder = PoseFinder(Live(), source.streams, walker.plates)
+    for _ in range(150):
+        for samples in source.receive(0.0):
+            if samples.stream == stream:
+                samples = replace(samples, values=samples.values * factor)
+            assert finder.add(samples) is None
+    assert why_not in finder.why_not
 
 
 def test_streams_that_fall_silent_and_return_are_noted(walker, followed, monkeypatch):

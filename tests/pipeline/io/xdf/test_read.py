@@ -188,6 +188,21 @@ def test_plates_named_as_in_dflow_are_about_the_origin_of_its_axes(trial, tmp_pa
     )
 
 
+def test_plates_named_as_in_dflow_that_are_described_too_are_read_once(trial, tmp_path):
+    cameras, plates, analog = xdf.recorded(trial)
+    names = [f"{q}{axis}" for q in ("For", "Mom") for axis in "XYZ"]
+    channels = [
+        {**channel, "label": f"FP{plate.number}.{name}"}
+        for plate in trial.plates
+        for channel, name in zip(xdf.plate_channels(plate.number), names, strict=True)
+    ]
+    places = "".join(map(xdf.plate_place, trial.plates))
+    plates["desc"] = xdf.described(channels, f"<plates>{places}</plates>")
+    read = read_recording(xdf.write_xdf(tmp_path / "a.xdf", [cameras, plates, analog]))
+    for ours, true in zip(read.plates, trial.plates, strict=True):
+        np.testing.assert_allclose(ours.wrench, true.wrench, atol=1e-9)
+
+
 def test_a_plate_whose_place_is_not_stated_is_left_out_with_a_warning(trial, tmp_path):
     cameras, plates, analog = xdf.recorded(trial)
     channels = [c for plate in trial.plates for c in xdf.plate_channels(plate.number)]

@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 
 from pipeline.config.schema import Settings, Subject
 from pipeline.live.frames.frame import LiveFrame, Quality
+from pipeline.live.stream import Samples, StreamDescription
 from pipeline.live.watch.cycles import GaitTracker
 from pipeline.live.watch.delay import DelayWatch
-from pipeline.live.watch.fit import FitWatch
+from pipeline.live.watch.fit import FitWatch, FootWatch
+from pipeline.live.watch.losses import Losses
 from pipeline.live.watch.markers import GONE_S, MarkerGaps
 from pipeline.live.watch.plates import PlateWatch
 from pipeline.live.watch.weight import WeightWatch
@@ -62,6 +64,12 @@ def test_a_plate_that_is_not_zero_is_noted_within_seconds(up):
     first, *_ = noted(PlateWatch(1, MASS_KG, up), time, up * wrench)
     assert first.code == "live_plate_not_zero"
     assert first.values["rest_n"] == pytest.approx(14.0, abs=0.5)
+
+
+def test_what_a_plate_reads_on_a_platform_that_moves_is_no_offset():
+    time, wrench = walking(1.0, rest_n=14.0)
+    assert noted(PlateWatch(1, MASS_KG), time, wrench)
+    assert noted(PlateWatch(1, MASS_KG, moves=True), time, wrench) == []
 
 
 def test_a_saturated_component_is_noted_once_with_its_limit():
@@ -225,8 +233,20 @@ def fitted(error_m, quality, seen=True, count=500):
 def test_markers_that_do_not_fit_and_feet_beside_the_pressure_are_noted_once(
     frames, codes, left_out
 ):
-    watch = FitWatch(["LASIS", "RASIS"], [0, 1])
-    notes = [note for frame in frames for note in watch.add(frame)]
+    fit, feet = FitWatch(["LASIS", "RASIS"], [0, 1]), FootWatch()
+    notes = [note for frame in frames for note in (*fit.add(frame), *feet.add(frame))]
     assert [note.code for note in notes] == codes
     if left_out:
         assert notes[0].values["left_out"] == left_out
+
+
+@given(kept=st.sets(st.integers(0, 299), min_size=2), each=st.integers(1, 40), seed=st.integers(0))
+def test_samples_that_never_arrived_are_counted_whatever_the_chunks(kept, each, seed):
+    numbers = np.array(sorted(kept))
+    jitter = np.random.default_rng(seed).uniform(-0.2, 0.2, len(numbers))
+    time = 1e4 + (numbers + jitter) / 1000
+    losses = Losses([StreamDescription("Plates", "analog", ("Fz",), ("N",), 1000.0)])
+    for k in range(0, len(time), each):
+        chunk = time[k : k + each]
+        losses.add(Samples("Plates", chunk, np.zeros((len(chunk), 1))))
+    assert losses.lost["Plates"] == numbers[-1] - numbers[0] + 1 - len(numbers)
