@@ -108,6 +108,7 @@ class FrameTracker:
         self.usual_pivots = np.zeros(N_Q)
         self.seen = np.zeros(len(self.markers), bool)
         self.tries_left = 0
+        self.begun = False
 
     def solve(self, position: Array) -> FrameSolution:
         """Solve a frame that follows the last one kept, and keep nothing.
@@ -149,6 +150,7 @@ class FrameTracker:
 
     def keep(self, solution: FrameSolution) -> None:
         """Take a solution as the one that the next frame follows."""
+        self.begun |= bool(np.isfinite(self.position[0, self.columns, 0]).any())
         self.tracked = solution.observed | (solution.looked & ~self.carriers)
         if solution.looked:
             self.tries_left = (self.tries_left or TRIES) - 1
@@ -161,9 +163,9 @@ class FrameTracker:
             self.usual_pivots = solution.pivots
 
     def _first(self) -> tuple[Solved, bool]:
-        """Solve a frame of which nothing is known."""
+        """Solve a frame before which none was solved."""
         found = self.problem.newton(ROW, self.problem.rigid_fit(ROW))
-        if self.tracker.doubtful(found)[0]:
+        if not self.begun and self.tracker.doubtful(found)[0]:
             self.tracker.look_for_lower(found, ROW)
         return found, False
 

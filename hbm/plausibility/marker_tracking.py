@@ -35,6 +35,11 @@ USUAL_ERROR_M: Final = 0.02
 """Distance of a marker from the model that is taken for usual at first."""
 MAX_REACH_M: Final = 3.0
 """No marker of a person is farther than this from the median of all, along any axis."""
+MAX_SHARE_LEFT_OUT: Final = 1 / 3
+"""Of the markers, more than those of a leg: where more are left out, it is not they that are wrong
+but unit, axes, labels or body, and to leave them out helps nothing."""
+MAX_FITTING_M: Final = 0.05
+"""Median distance of markers from the model, from which on a body does not fit."""
 USUAL_ERROR_MPS: Final = 0.02
 """By which the usual distance moves towards each new one, so that half of them lie on either side
 of it: a running median."""
@@ -78,6 +83,7 @@ class MarkerTracker:
         self.before = np.full((len(self.markers), 3), np.nan)
         self.frozen = False
         self.left_out: Mask = np.zeros(len(self.markers), bool)
+        self.unfit = False
 
     def step(self, time: float, position: Array) -> FrameSolution:
         """Solve the next frame.
@@ -111,11 +117,16 @@ class MarkerTracker:
         return bool(time - self.moved_s > MIN_FROZEN_S - ROUNDING_S)
 
     def _without_outliers(self, position: Array) -> FrameSolution:
-        """Solve a frame again and again without the marker that is farthest off on each limb."""
+        """Solve a frame again and again without the marker that is farthest off on each limb.
+
+        Only once as long as the body does not fit at all: so that frames are not late.
+        """
         self.left_out = beyond_reach(position[self.columns])
         if self.left_out.any():
             position = self._without_left_out(position)
         solution = self.tracker.solve(position)
+        if self.unfit and not median_error_m(solution) < MAX_FITTING_M:
+            return solution
         for _ in range(MAX_ROUNDS):
             more = farthest_outliers(solution.marker_error - 2 * self.usual_m, self.parts)
             if not more.any():
@@ -126,12 +137,19 @@ class MarkerTracker:
                     self.left_out[own] = True
             position = self._without_left_out(position)
             solution = self.tracker.solve(position)
+        self.unfit = self.left_out.mean() > MAX_SHARE_LEFT_OUT
         return solution
 
     def _without_left_out(self, position: Array) -> Array:
         position = position.copy()
         position[self.columns[self.left_out]] = np.nan
         return position
+
+
+def median_error_m(solution: FrameSolution) -> float:
+    """Give the median distance of markers from the model [m]; NaN where there is none."""
+    seen = solution.marker_error[np.isfinite(solution.marker_error)]
+    return float(np.median(seen)) if len(seen) else float("nan")
 
 
 def beyond_reach(position: Array) -> Mask:

@@ -1,5 +1,7 @@
 """Frame by frame, a trial's motion is the one that the whole trial gives, and never looks ahead."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +15,7 @@ from hbm.kernels.native import load
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
 from hbm.plausibility.marker_tracking import MarkerTracker, beyond_reach, track_motion
+from hbm.plausibility.outliers import MAX_ROUNDS
 from tests.hbm.motions import markers_of, swinging, with_noise, without
 from tests.synthetic import synthetic_body
 
@@ -197,6 +200,41 @@ def test_a_position_far_from_all_others_costs_no_search_and_changes_nothing_else
     assert np.isnan(cleaned.position[50:90, markers.names.index("LHEE")]).all()
     assert not beyond_reach(markers.position[0]).any()
     assert not beyond_reach(np.full((4, 3), np.nan)).any()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [lambda p: p / 1000, lambda p: 0.0254 * p, lambda p: 10 * p, lambda p: p[:, ::-1]],
+    ids=["mm taken for m", "inches taken for m", "ten times", "labels in another order"],
+)
+def test_markers_that_do_not_fit_at_all_are_solved_once_a_frame(wrong, monkeypatch):
+    """Whatever is left out then, the rest does not fit either: time is better spent on frames."""
+    markers = swinging_markers(frames=30)
+    tracker, solves = MarkerTracker(BODY, markers.names), []
+    solve = tracker.tracker.solve
+    monkeypatch.setattr(tracker.tracker, "solve", lambda x: solves.append(1) or solve(x))
+    for time, position in zip(markers.time, wrong(markers.position), strict=True):
+        tracker.step(time, position)
+    assert tracker.unfit
+    assert len(solves) <= len(markers.time) + MAX_ROUNDS
+    solution = tracker.step(markers.time[-1] + 0.01, markers.position[-1])
+    assert not tracker.unfit
+    assert np.nanmax(solution.marker_error) < 0.02
+
+
+def test_where_no_frame_is_solved_optima_are_searched_for_in_the_first_one_only(monkeypatch):
+    markers = swinging_markers(frames=20)
+    tracker, searched = FrameTracker(BODY, markers.names), []
+    look = tracker.tracker.look_for_lower
+    monkeypatch.setattr(
+        tracker.tracker, "look_for_lower", lambda *x: searched.append(1) or look(*x)
+    )
+    tracker.keep(tracker.solve(np.full_like(markers.position[0], np.nan)))
+    searched.clear()
+    for position in np.random.default_rng(1).normal(0, 1, markers.position.shape):
+        solution = tracker.solve(position)
+        tracker.keep(replace(solution, converged=False))
+    assert len(searched) == 1
 
 
 def test_labels_that_the_body_does_not_know_are_ignored_and_none_is_refused():
