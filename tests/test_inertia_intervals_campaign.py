@@ -56,8 +56,8 @@ def test_intervals_are_tighter_where_people_shake_the_platform_less(one_laborato
 @pytest.mark.slow
 def test_intervals_of_several_laboratories_hold():
     """Single components may leave 90 to 99 % by chance: 12 zeros scatter one by about 5 %."""
-    cells = [cell for seed in range(1, 13) for cell in laboratory(seed, 200.0)]
-    own = chosen(cells, calibration=WITH_PEOPLE)
+    seeds = range(1, 13)
+    own = [cell for seed in seeds for cell in laboratory(seed, 200.0, calibrations=[WITH_PEOPLE])]
     assert 0.93 < covered(own).mean() < 0.97
     for trial in BYSTANDERS:
         for cutoff_hz in CUTOFFS_HZ:

@@ -1,28 +1,39 @@
 """What residuals are made of, on the command line."""
 
 import json
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
 
 import pytest
 
 from pipeline.cli.app import main
 
 
+@dataclass(frozen=True)
+class Explained:
+    folder: Path
+    lines: list[str]
+
+
+def explained(walker, folder, columns, *options):
+    """Explain the walk in a terminal of this width: where the files are and what is printed."""
+    command = ["explain", str(walker.source), "--sex", "female", "--out", str(folder), *options]
+    printed = StringIO()
+    with pytest.MonkeyPatch.context() as patched, redirect_stdout(printed):
+        patched.setenv("COLUMNS", str(columns))
+        assert main(command) == 0
+    return Explained(folder, printed.getvalue().splitlines())
+
+
 @pytest.fixture(scope="module")
-def out(walker, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("explained")
-    assert main(["explain", str(walker.source), "--sex", "female", "--out", str(folder)]) == 0
-    return folder
+def wide(walker, tmp_path_factory):
+    return explained(walker, tmp_path_factory.mktemp("explained"), 200)
 
 
-def printed(walker, tmp_path, monkeypatch, capsys, columns):
-    monkeypatch.setenv("COLUMNS", str(columns))
-    command = ["explain", str(walker.source), "--sex", "female", "--out", str(tmp_path)]
-    assert main(command) == 0
-    return capsys.readouterr().out.splitlines()
-
-
-def test_all_numbers_and_figures_are_written_and_nothing_else(out):
-    assert sorted(path.name for path in out.iterdir()) == [
+def test_all_numbers_and_figures_are_written_and_nothing_else(wide):
+    assert sorted(path.name for path in wide.folder.iterdir()) == [
         "walk_0_bands.parquet",
         "walk_0_bands.png",
         "walk_0_bands.svg",
@@ -30,38 +41,32 @@ def test_all_numbers_and_figures_are_written_and_nothing_else(out):
         "walk_0_explained.png",
         "walk_0_explained.svg",
     ]
-    stored = json.loads((out / "walk_0_explained.json").read_text())
+    stored = json.loads((wide.folder / "walk_0_explained.json").read_text())
     assert stored["key"] == ""
     assert stored["budget"]["found_cycles"] >= 4
 
 
-def test_a_wide_terminal_has_a_row_per_residual(walker, tmp_path, monkeypatch, capsys):
-    lines = printed(walker, tmp_path, monkeypatch, capsys, 200)
-    rows = [line.split()[0] for line in lines if line.startswith((" F", " M"))]
+def test_a_wide_terminal_has_a_row_per_residual(wide):
+    rows = [line.split()[0] for line in wide.lines if line.startswith((" F", " M"))]
     assert rows == ["Fx,", "Fy,", "Fz,", "Mx,", "My,", "Mz,"]
 
 
-def test_eighty_columns_are_enough(walker, tmp_path, monkeypatch, capsys):
-    lines = printed(walker, tmp_path, monkeypatch, capsys, 80)
-    *said, _ = lines
+def test_eighty_columns_are_enough(walker, tmp_path):
+    *said, _ = explained(walker, tmp_path, 80).lines
     assert max(map(len, said)) <= 80
     assert any(line.split() == ["Fx", "Fy", "Fz", "Mx", "My", "Mz"] for line in said)
     assert any(line.startswith("not explained ") for line in said)
 
 
-def test_the_command_says_what_it_wrote_and_checks_itself(walker, tmp_path, monkeypatch, capsys):
-    lines = printed(walker, tmp_path, monkeypatch, capsys, 200)
-    text = " ".join(lines)
+def test_the_command_says_what_it_wrote_and_checks_itself(wide):
+    text = " ".join(wide.lines)
     assert "Held-out check: the causes found in one half of the cycles" in text
     assert "Most worth mending" in text or "Nothing is clearly worth mending" in text
-    assert lines[-1].startswith(f"written to {tmp_path}: walk_0_explained.json")
+    assert wide.lines[-1].startswith(f"written to {wide.folder}: walk_0_explained.json")
 
 
-def test_draws_stand_beside_the_delta_method(walker, tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "80")
-    command = ["explain", str(walker.source), "--sex", "female", "--out", str(tmp_path)]
-    assert main([*command, "--draws", "20"]) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_draws_stand_beside_the_delta_method(walker, tmp_path):
+    lines = explained(walker, tmp_path, 80, "--draws", "20").lines
     assert any(line.startswith("SD, delta method") for line in lines)
     assert any(line.startswith("SD, Monte Carlo") for line in lines)
     stored = json.loads((tmp_path / "walk_0_explained.json").read_text())["budget"]["drawn"]

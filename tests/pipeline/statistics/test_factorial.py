@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import special, stats
 
 from pipeline.statistics.factorial import anova, box_cox, compare_levels, residuals
 
@@ -80,6 +82,35 @@ def test_box_cox_finds_the_exponent_that_r_finds(plates):
     for end in (found.exponent_low, found.exponent_high):
         drop = best - stats.boxcox_llf(end, plates["rmse"])
         assert drop == pytest.approx(stats.chi2.ppf(0.95, 1) / 2, rel=1e-4)
+
+
+@given(seed=st.integers(0, 10**6), count=st.integers(4, 60), spread=st.floats(0.2, 2.0))
+@settings(deadline=None, max_examples=15)
+def test_box_cox_of_any_values_equals_scipys(seed, count, spread):
+    values = np.exp(np.random.default_rng(seed).normal(1, spread, count))
+    found = box_cox(values)
+    transformed, exponent, ends = stats.boxcox(values, alpha=0.05)
+    own = (found.exponent, found.exponent_low, found.exponent_high)
+    np.testing.assert_allclose(own, (exponent, *ends), atol=1e-5 * np.ptp(ends))
+    np.testing.assert_allclose(found.values, special.boxcox(values, found.exponent))
+    np.testing.assert_allclose(
+        found.values, transformed, rtol=1e-4, atol=1e-4 * np.std(transformed)
+    )
+
+
+def test_box_cox_of_values_that_are_symmetric_about_their_product_is_the_logarithm():
+    found = box_cox(np.array([0.25, 0.5, 1, 2, 4]))
+    assert found.exponent == pytest.approx(0, abs=1e-6)
+    assert found.exponent_low == pytest.approx(-found.exponent_high)
+
+
+@pytest.mark.parametrize("spread", [1e-2, 1e-4, 1e-6])
+def test_values_that_hardly_vary_have_an_exponent_and_a_wide_interval(spread):
+    """About 1, yᵡ is exp(λ ln y): the interval is as wide as the logarithms are narrow."""
+    drawn = np.random.default_rng(4).normal(size=40)
+    wide, narrow = (box_cox(np.exp(size * drawn)) for size in (1.0, spread))
+    for name in ("exponent", "exponent_low", "exponent_high"):
+        assert getattr(narrow, name) == pytest.approx(getattr(wide, name) / spread, rel=1e-4)
 
 
 def test_box_cox_of_a_log_normal_sample_is_close_to_the_logarithm():
