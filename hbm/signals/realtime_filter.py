@@ -73,3 +73,19 @@ class RealtimeFilter:
 def longest_step_s(cutoff_hz: float) -> float:
     """Give the longest step between samples that is no gap for the filter [s]."""
     return MAX_STEP_PERIODS / cutoff_hz
+
+
+def acceleration_lag_s(time: Array) -> float:
+    """Give by how much accelerations of the filter are older than its values: half a step [s].
+
+    Parameters
+    ----------
+    time
+        Of its steps, (T,) [s].
+
+    Examples
+    --------
+    >>> acceleration_lag_s(np.arange(5) / 100)
+    0.005
+    """
+    return float(np.median(np.diff(time))) / 2

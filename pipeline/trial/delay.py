@@ -26,7 +26,9 @@ class PlateDelay:
     note: Note
 
 
-def plate_delay(plate_force: Array, residual_force: Array, time: Array) -> PlateDelay:
+def plate_delay(
+    plate_force: Array, residual_force: Array, time: Array, motion_lag_s: float = 0.0
+) -> PlateDelay:
     """Estimate the delay from a trial's inverse dynamics, if that is possible.
 
     Parameters
@@ -38,6 +40,9 @@ def plate_delay(plate_force: Array, residual_force: Array, time: Array) -> Plate
         the motion needs.
     time
         (T,) [s].
+    motion_lag_s
+        By how much the filter makes the force that the motion needs later than the plates' [s]; see
+        `hbm.signals.realtime_filter.acceleration_lag_s`.
 
     Returns
     -------
@@ -51,5 +56,6 @@ def plate_delay(plate_force: Array, residual_force: Array, time: Array) -> Plate
     if not np.isfinite(found.standard_error):
         reason = "its uncertainty cannot be estimated"
         return PlateDelay(np.nan, np.nan, Note.of("plate_delay_unknown", reason=reason))
-    note = Note.of("plate_delay", delay_s=found.seconds, uncertainty_s=found.standard_error)
-    return PlateDelay(found.seconds, found.standard_error, note)
+    delay_s, error_s = found.seconds + motion_lag_s, found.standard_error
+    note = Note.of("plate_delay", delay_s=delay_s, uncertainty_s=error_s)
+    return PlateDelay(delay_s, error_s, note)

@@ -13,6 +13,7 @@ from hbm.overrides import SegmentOverride
 from hbm.plausibility.body import implausible
 from hbm.plausibility.marker_tracking import solve_motion
 from hbm.signals.filtering import low_pass
+from hbm.signals.realtime_filter import acceleration_lag_s
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.config.schema import (
     Condition,
@@ -213,7 +214,8 @@ def process_recording(
     uncertainty = _uncertainty(ground, motion)
     total = np.sum([*wrenches[ground.best].values()], axis=0)
     residual = np.where(validity.counts[:, None], dynamics[ground.best].residual, np.nan)
-    delay = plate_delay(total[:, :3], residual[:, :3], motion.time)
+    lag_s = acceleration_lag_s(motion.time) if settings.filter == "realtime" else 0.0
+    delay = plate_delay(total[:, :3], residual[:, :3], motion.time, lag_s)
     carried_kg = carried_mass(motion.time, total[:, 2], cycles, validity.counts)
     reference = reference_events(
         under_feet.by_foot,

@@ -7,6 +7,7 @@ import numpy as np
 
 from compensation import marker_plate_delay
 from hbm.notes import Note
+from hbm.signals.realtime_filter import acceleration_lag_s
 from pipeline.live.frames.frame import LiveFrame
 from pipeline.trial.residuals import REPORTED_SIGN
 
@@ -25,9 +26,8 @@ class DelayWatch:
 
     Notes
     -----
-    As `compensation.marker_plate_delay`. The acceleration of the real-time filter is half a frame
-    older than its value, which is added. A delay of less than 5 ms or three standard errors is
-    none.
+    As `compensation.marker_plate_delay`; the lag of the real-time filter's accelerations is added. A
+    delay of less than 5 ms or three standard errors is none.
     """
 
     def __init__(self) -> None:
@@ -56,8 +56,7 @@ class DelayWatch:
             found = marker_plate_delay(plate, motion, time)
         except ValueError:  # too little walking in it
             return ()
-        half_a_frame_s = float(np.median(np.diff(time))) / 2
-        delay_s, error_s = found.seconds + half_a_frame_s, found.standard_error
+        delay_s, error_s = found.seconds + acceleration_lag_s(time), found.standard_error
         if not abs(delay_s) > max(MIN_DELAY_S, SURE * error_s):
             return ()
         if abs(delay_s - self._noted_s) < CHANGED_S:

@@ -87,3 +87,14 @@ def test_an_explanation_repeats_the_same_steps(pitch, laboratory, whole):
     chain = processing_chain(pitch, laboratory, whole)
     same = whole.compensated.residual
     assert np.nanmax(np.abs(chain.residual - same)) < 1e-6
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.012])
+def test_the_plates_are_as_late_as_without_it(walker, late_s):
+    late = [replace(plate, time=plate.time + late_s) for plate in walker.plates]
+    walk = replace(walker, plates=tuple(late))
+    found = [
+        process_recording(walk, PERSON, Settings(filter=each)).delay_s
+        for each in ("zero_phase", "realtime")
+    ]
+    np.testing.assert_allclose(found, late_s, atol=0.0025)
