@@ -26,8 +26,8 @@ class DelayWatch:
 
     Notes
     -----
-    As `compensation.marker_plate_delay`; the lag of the real-time filter's accelerations is added. A
-    delay of less than 5 ms or three standard errors is none.
+    As `compensation.marker_plate_delay`; the lag of the real-time filter's accelerations is added.
+    A delay of less than 5 ms or three standard errors is none.
     """
 
     def __init__(self) -> None:
