@@ -397,8 +397,10 @@ def _summarise(
             f"peaks {limits.force_n:.0f} N (published limit {limits.max_force_n:.0f} N) and "
             f"{limits.moment_nm:.0f} N·m ({limits.max_moment_nm:.0f} N·m)"
         )
+    if beside := monitor.condition.not_carried:
+        lines.append(f"{beside} gait cycles left out: the plates did not carry the subject in them")
     if counts.received and not monitor.condition.cycles:
-        lines.append("no gait cycle ended, so that no residuals are summed up")
+        lines.append("no gait cycle counts, so that no residuals are summed up")
     if not counts.received:
         lines.append(f"stream {chain.stream.name} has sent no frame: does its program measure?")
     else:

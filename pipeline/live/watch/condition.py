@@ -7,6 +7,7 @@ import numpy as np
 
 from hbm.spatial import Array
 from pipeline.live.watch.cycles import LiveCycle
+from pipeline.trial.gait.carried import MAX_LASTING_DEFICIT
 from pipeline.trial.residuals import MAX_FORCE_SHARE, MAX_MOMENT_SHARE
 
 
@@ -42,11 +43,18 @@ class ConditionSoFar:
 
     Attributes
     ----------
+    weight_n
+        Body weight [N].
     cycles
         Gait cycles that count, of both sides.
+    not_carried
+        Gait cycles that do not, since the plates carried less than 0.8 of the body weight in them:
+        half of a foot beside a plate, or more.
     """
 
+    weight_n: float
     cycles: int = 0
+    not_carried: int = 0
     _counted_s: float = -np.inf
     _frames: int = 0
     _squares: dict[str, Array] = field(default_factory=dict)
@@ -56,6 +64,9 @@ class ConditionSoFar:
     def add(self, cycle: LiveCycle) -> None:
         """Take a cycle that has ended."""
         if not len(cycle.time):
+            return
+        if cycle.vertical_n < (1 - MAX_LASTING_DEFICIT) * self.weight_n:
+            self.not_carried += 1
             return
         self.cycles += 1
         new = cycle.time > self._counted_s

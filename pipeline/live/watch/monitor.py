@@ -10,7 +10,7 @@ import numpy as np
 
 from hbm.notes import Note
 from hbm.poses import center_of_mass
-from hbm.spatial import Array
+from hbm.spatial import GRAVITY_MPS2, Array
 from pipeline.io.recording import Plate
 from pipeline.live.frames.chain import LiveChain
 from pipeline.live.frames.frame import LiveFrame, Quality
@@ -88,7 +88,7 @@ class Monitor:
         streams = (chain.stream.name, *chain.analog.used)
         self._arrived_s = dict.fromkeys(streams, monotonic())
         self._silent: set[str] = set()
-        self.condition = ConditionSoFar()
+        self.condition = ConditionSoFar(mass_kg * GRAVITY_MPS2)
         self.cycles: deque[LiveCycle] = deque(maxlen=10)
         self.notes: deque[TimedNote] = deque(maxlen=MAX_NOTES)
         self.noted = 0
@@ -178,6 +178,8 @@ class Monitor:
             best = list(self.condition.rms)[-1]
             parts.append(f"{self.condition.cycles} gait cycles")
             parts.append(f"RMS {in_words(self.condition.rms[best])}")
+        if self.condition.not_carried:
+            parts.append(f"{self.condition.not_carried} gait cycles beside the plates")
         parts.append(f"{self.latency_ms(50):.1f} ms (99 %: {self.latency_ms(99):.1f})")
         return " · ".join(parts)
 
@@ -186,7 +188,8 @@ class Monitor:
         counts = self._chain.counts
         lines = [
             f"**{counts.received}** frames, {counts.marked} of them do not count, {counts.late} "
-            f"late; {self.condition.cycles} gait cycles",
+            f"late; {self.condition.cycles} gait cycles, and {self.condition.not_carried} beside "
+            "the plates",
             "",
         ]
         if self.condition.cycles:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hbm.spatial import GRAVITY_MPS2
 from pipeline.config.schema import Settings, Subject
 from pipeline.live.frames.frame import LiveFrame, Quality
 from pipeline.live.watch.condition import ConditionSoFar
@@ -51,6 +52,10 @@ def followed(frames):
     return [(frame.time, tracker.add(frame)) for frame in frames]
 
 
+def so_far_of(result):
+    return ConditionSoFar(result.body.mass * GRAVITY_MPS2)
+
+
 def test_events_are_those_of_the_trial_and_known_a_tenth_of_a_second_later(result, followed):
     found = [event for _, gait in followed for event in gait.events]
     for side in ("left", "right"):
@@ -67,7 +72,7 @@ def test_the_running_root_mean_square_is_over_every_frame_of_the_cycles_once(
     result, frames, followed
 ):
     """Cycles of both sides overlap; all cycles of the trial but the first ones are there."""
-    so_far, inside = ConditionSoFar(), np.zeros(len(frames), bool)
+    so_far, inside = so_far_of(result), np.zeros(len(frames), bool)
     for _, gait in followed:
         for cycle in gait.cycles:
             so_far.add(cycle)
@@ -89,8 +94,23 @@ def test_a_cycle_has_its_curve_and_the_root_mean_square_of_its_frames(frames, fo
     assert cycle.valid_share == 1
 
 
-def test_limits_are_shares_of_the_ground_reaction(followed):
-    so_far = ConditionSoFar()
+@pytest.mark.parametrize(("share", "left_out"), [(0.9, False), (0.5, True)])
+def test_gait_cycles_with_a_foot_half_beside_its_plate_are_left_out_and_counted(
+    result, frames, share, left_out
+):
+    tracker, so_far = GaitTracker(), so_far_of(result)
+    beside = np.array([[1.0], [share]])
+    for frame in frames:
+        by_foot = {"measured": frame.by_foot["measured"] * beside} if frame.time > 8 else None
+        for cycle in tracker.add(replace(frame, by_foot=by_foot or frame.by_foot)).cycles:
+            so_far.add(cycle)
+    assert (so_far.not_carried > 2) == left_out
+    assert (so_far.not_carried == 0) != left_out
+    assert so_far.cycles > 2
+
+
+def test_limits_are_shares_of_the_ground_reaction(result, followed):
+    so_far = so_far_of(result)
     for _, gait in followed:
         for cycle in gait.cycles:
             so_far.add(cycle)
