@@ -1,18 +1,15 @@
 """From a sample that is sent to the result that it completes, between three processes.
 
-``python -m tests.benchmarks.live_loopback [--seconds 60]``: one process sends a walk of 46 markers
-at 100 Hz, two plates and two accelerometers at 1000 Hz by Lab Streaming Layer; ``hbm live``
-compensates, computes, records and sends; this one receives. Also how long after its start ``hbm
-live`` has a first result. Other programs that run meanwhile show.
+One process sends a walk of 46 markers at 100 Hz, two plates and two accelerometers at 1000 Hz by
+Lab Streaming Layer; ``hbm live`` compensates, computes, records and sends; this one receives. Also
+how long after its start ``hbm live`` has a first frame. Other programs that run meanwhile show.
 """
 
-import argparse
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
@@ -27,7 +24,7 @@ from tests.pipeline import lab
 WALK_S = 12.0
 PATIENCE_S = 30.0
 AXES = ("axes", "forward,left,up")
-PARTS = (50, 90, 99, 99.9, 100)
+ROUNDING_S = 1e-4
 
 
 def send(walk, sent):
@@ -75,44 +72,39 @@ def receive(inlet, seconds):
     return np.array(found).T
 
 
-def main(seconds):
-    with TemporaryDirectory() as name:
-        folder = lab.write_study(Path(name) / "study", duration_s=WALK_S)
-        walk, pose, sent = (folder / f for f in ("sub01_pitch.c3d", "sub01_baseline.c3d", "sent"))
-        sending = [sys.executable, "-m", "tests.benchmarks.live_loopback", "--send", walk, sent]
-        command = [sys.executable, "-m", "pipeline.cli", "live", "--study", folder]
-        command += ["--subject", "sub01", "--static", pose, "--out", folder / "out"]
-        with subprocess.Popen(sending) as sender:
-            while not sent.exists():
-                time.sleep(0.1)
-            began_s = load_lsl().local_clock()
-            with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as live:
-                (info,) = load_lsl().resolve_byprop("name", RESULTS, timeout=PATIENCE_S)
-                inlet = load_lsl().StreamInlet(info)
-                wait_s = float(inlet.info(PATIENCE_S).desc().child_value("resampling_delay_s"))
-                frame_s, arrived_s = receive(inlet, seconds)
-                live.send_signal(signal.SIGINT)
-                said = live.communicate()[0]
-            sender.kill()
-        batch_s, sent_s = np.loadtxt(sent).T
-        computed = pd.read_parquet(folder / "out" / RESULTS_FOLDER)
-    last = np.searchsorted(batch_s, frame_s + wait_s - 1e-4)
+def sent_and_received(folder, seconds):
+    """Give the times from sending to receiving [ms], and that of the first frame [s]."""
+    lab.write_study(folder, people=lab.PEOPLE[:1], duration_s=WALK_S)
+    person = lab.PEOPLE[0].name
+    walk, pose, sent = (
+        folder / f for f in (f"{person}_pitch.c3d", f"{person}_baseline.c3d", "sent")
+    )
+    sending = [sys.executable, "-m", "tests.benchmarks.live_loopback", walk, sent]
+    command = [sys.executable, "-m", "pipeline.cli", "live", "--study", folder]
+    command += ["--static", pose, "--out", folder / "out"]
+    lsl = load_lsl()
+    with subprocess.Popen(sending) as sender:
+        while not sent.exists():
+            time.sleep(0.1)
+        began_s = lsl.local_clock()
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL) as live:
+            (info,) = lsl.resolve_byprop("name", RESULTS, timeout=PATIENCE_S)
+            inlet = lsl.StreamInlet(info)
+            wait_s = float(inlet.info(PATIENCE_S).desc().child_value("resampling_delay_s"))
+            frame_s, arrived_s = receive(inlet, seconds)
+            live.send_signal(signal.SIGINT)
+            assert live.wait(PATIENCE_S) == 0
+        sender.kill()
+    batch_s, sent_s = np.loadtxt(sent).T
+    last = np.searchsorted(batch_s, frame_s + wait_s - ROUNDING_S)
     latency_ms = 1000 * (arrived_s - sent_s[last])
-    print("| from sending to receiving [ms] | median | 90 % | 99 % | 99.9 % | largest |")
-    print("|---|---:|---:|---:|---:|---:|")
-    shares = " | ".join(f"{x:.2f}" for x in np.percentile(latency_ms, PARTS))
-    print(f"| {len(latency_ms)} frames | {shares} |")
-    first_s = computed["time_s"].iloc[0] + wait_s - began_s
-    print(f"the first frame was complete {first_s:.2f} s after the start of hbm live, which said:")
-    print(*(line for line in said.splitlines() if "frames" in line or "arrival" in line), sep="\n")
+    computed = pd.read_parquet(folder / "out" / RESULTS_FOLDER)
+    parts = {"median_ms": 50, "p99_ms": 99, "p999_ms": 99.9, "largest_ms": 100}
+    return {name: float(np.percentile(latency_ms, part)) for name, part in parts.items()} | {
+        "frames_received": len(latency_ms),
+        "first_frame_s": float(computed["time_s"].iloc[0]) + wait_s - began_s,
+    }
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--send", nargs=2, help=argparse.SUPPRESS)
-    given = parser.parse_args()
-    if given.send:
-        send(*given.send)
-    else:
-        main(given.seconds)
+    send(*sys.argv[1:3])

@@ -58,6 +58,14 @@ COLUMNS["events"] = {
     "missed": ("missed", "d"),
     "invented": ("invented", "d"),
 }
+COLUMNS["live"] = {
+    "median µs": ("median_us", ",.0f"),
+    "99 % µs": ("p99_us", ",.0f"),
+    "99.9 % µs": ("p999_us", ",.0f"),
+    "largest µs": ("largest_us", ",.0f"),
+    "CPU µs, all of a frame": ("cpu_us", ",.0f"),
+    "share of a core": ("core", ".2f"),
+}
 COLUMNS["treadmill events"] = {
     "event": ("event", ""),
     "mean ms": ("mean_ms", "+.1f"),
@@ -76,6 +84,7 @@ TITLES = {
     "frames": "Ours by length of the trial",
     "coordinates": "Ours by markers and the coordinates they observe",
     "gaps": "Ours with missing markers",
+    "live": "Live frames, from their last sample to the result, on the clock",
 }
 
 
@@ -143,6 +152,15 @@ def targets(measured: dict[str, Any]) -> list[Target]:
             at_most(f"{row['event']}, {name}: SD [ms]", row["sd_ms"], sd_ms)
             at_most(f"{row['event']}, {name}: missed", row["missed"], 0)
             at_most(f"{row['event']}, {name}: invented", row["invented"], 0)
+    for row in measured.get("live", []):
+        if row["name"].startswith("100 Hz"):
+            at_most(f"live, {row['name']}: median [µs]", row["median_us"], 500)
+            at_most(f"live, {row['name']}: 99.9 % [µs]", row["p999_us"], 2000)
+        at_most(f"live, {row['name']}: share of a core", row["core"], 1)
+    if "live_loopback" in measured:
+        loopback = measured["live_loopback"]
+        at_most("live, from sending to receiving, 99 % [ms]", loopback["p99_ms"], 5)
+        at_most("live, first frame after the start [s]", loopback["first_frame_s"], 3)
     if "commands" in measured:
         at_most("hbm residuals, first use [s]", measured["commands"]["first_s"], 30)
     if "memory" in measured:
@@ -182,6 +200,19 @@ def show(measured: dict[str, Any], targets: list[Target]) -> None:
             f"hbm --help {commands['help_s']:.2f} s; hbm residuals on {commands['frames']} frames: "
             f"first use {commands['first_s']:.1f} s ({commands['first_cpu_s']:.1f} s CPU), then "
             f"{commands['second_s']:.1f} s"
+        )
+    if "live_offline_us" in measured:
+        console.print(
+            f"the same trial from a file, process_recording: {measured['live_offline_us']:.0f} µs "
+            "of the processor a frame"
+        )
+    if "live_loopback" in measured:
+        loopback = measured["live_loopback"]
+        console.print(
+            f"by LSL between three processes, {loopback['frames_received']} frames from sending to "
+            f"receiving: median {loopback['median_ms']:.2f} ms, 99 % {loopback['p99_ms']:.2f}, "
+            f"99.9 % {loopback['p999_ms']:.2f}, largest {loopback['largest_ms']:.2f}; first frame "
+            f"{loopback['first_frame_s']:.2f} s after the start"
         )
     if "memory" in measured:
         memory = measured["memory"]

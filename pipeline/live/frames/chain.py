@@ -232,8 +232,10 @@ class LiveChain:
         self.motion.step(time, solution.q)
         q, v, a = self.motion.value, self.motion.velocity, self.motion.acceleration
         quality = self.validity.of_pose(time, solution)
-        quality |= Quality.MARKERS_LEFT_OUT * bool(self.tracker.left_out.any())
-        quality |= Quality.MARKERS_FROZEN * self.tracker.frozen
+        if self.tracker.left_out.any():
+            quality |= Quality.MARKERS_LEFT_OUT
+        if self.tracker.frozen:
+            quality |= Quality.MARKERS_FROZEN
         feet, needed = self.dynamics.feet(solution.q), self.dynamics.needed(q, v, a)
         platform = self.ground.seen(position)
         return _Pose(time, position, platform, q, feet, needed, solution.marker_error, quality)
@@ -250,12 +252,17 @@ class LiveChain:
 
         by_foot = self.forces.value.reshape(raw.shape)
         tau, residual = self.dynamics.under(pose.needed, by_foot, pose.q[:3])
-        quality |= Quality.LATE * (not complete)
-        quality |= Quality.PLATFORM_UNKNOWN * (not ground.platform_known)
-        quality |= Quality.FORCES_UNKNOWN * bool(ground.platform_known and np.isnan(best).any())
-        quality |= Quality.FOOT_UNCERTAIN * uncertain
+        if not complete:
+            quality |= Quality.LATE
+        if not ground.platform_known:
+            quality |= Quality.PLATFORM_UNKNOWN
+        elif np.isnan(best).any():
+            quality |= Quality.FORCES_UNKNOWN
+        if uncertain:
+            quality |= Quality.FOOT_UNCERTAIN
         gap = bool(np.isnan(residual).any() or quality & Quality.LIMB_UNSEEN)
-        quality |= Quality.SETTLING * (not self.validity.settled(time, gap))
+        if not self.validity.settled(time, gap):
+            quality |= Quality.SETTLING
         self.solved += quality.counts
         self.marked += not quality.counts
         self.late += not complete
