@@ -56,10 +56,10 @@ def change_of_plates(before: Sequence[StatedPlate], after: Sequence[StatedPlate]
     if (was := [plate.number for plate in before]) != (has := [plate.number for plate in after]):
         return f"plates {listed(has)}, before {listed(was)}"
     for old, new in zip(before, after, strict=True):
-        if old.channels != new.channels:
-            return f"other channels of plate {new.number}"
         if not _same_place(old.place, new.place):
             return f"another place of plate {new.number}"
+        if old.channels != new.channels:
+            return f"other channels of plate {new.number}"
     return ""
 
 
