@@ -60,6 +60,15 @@ def hbm(*arguments, most_bytes=None):
             process.kill()
 
 
+def study_of(folder, stated):
+    """Give a study of one subject who has no recordings."""
+    folder.mkdir()
+    (folder / "study.toml").write_text(stated, encoding="utf-8")
+    subject = 'id = "s1"\n[trials.level]\nexclude = "none"\n'
+    (folder / "s1.toml").write_text(subject, encoding="utf-8")
+    return folder
+
+
 def refused(capsys, *arguments):
     assert main(["live", *map(str, arguments)]) == 2
     return capsys.readouterr().err
@@ -196,28 +205,23 @@ def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsy
     pytest.importorskip("pylsl", reason="the extra live is not installed")
     monkeypatch.setattr("pipeline.live.network._listening", [])
     stated = '[conditions.level]\n[live]\nlisten = "192.0.2.1"\n'
-    (tmp_path / "study.toml").write_text(stated, encoding="utf-8")
-    subject = 'id = "s1"\n[trials.level]\nexclude = "none"\n'
-    (tmp_path / "s1.toml").write_text(subject, encoding="utf-8")
-    played = "--replay", walk, "--study", tmp_path
+    played = "--replay", walk, "--study", study_of(tmp_path / "study", stated)
     assert "192.0.2.1 is not an address of this computer" in refused(capsys, *played)
     assert "'cameras' is no IPv4 address" in refused(capsys, *played, "--listen", "cameras")
 
 
-def test_streams_that_are_not_there_are_named(walk, capsys, monkeypatch):
+def test_streams_that_are_not_there_are_named(walk, tmp_path, capsys, monkeypatch):
     pytest.importorskip("pylsl", reason="the extra live is not installed")
     monkeypatch.setattr("pipeline.cli.live.SEARCH_S", 0.8)
     monkeypatch.setattr("pipeline.cli.live.MISSING_S", 0.2)
-    stated = walk.parent / "named"
-    stated.mkdir()
-    (stated / "study.toml").write_text('[conditions.level]\n[live]\nmarkers = "Nobody"\n')
-    (stated / "s1.toml").write_text('id = "s1"\n[trials.level]\nexclude = "none"\n')
-    assert main(["live", "--study", str(stated), "--static", str(walk), "--out", "none"]) == 2
+    stated = '[conditions.level]\n[live]\nmarkers = "Nobody"\nanalog = ["Nor plates"]\n'
+    study, out = study_of(tmp_path / "study", stated), tmp_path / "out"
+    assert main(["live", "--study", str(study), "--static", str(walk), "--out", str(out)]) == 2
     said = capsys.readouterr()
-    assert len(re.findall("missing: Nobody; there: .*; searching for 0.8 s", said.out)) == 1
-    assert "no stream is called 'Nobody' within 0.8 s" in said.err
+    assert re.search("missing: Nobody, Nor plates; there: .*; searching for 0.8 s", said.out)
+    assert "no stream is called 'Nobody', 'Nor plates' within 0.8 s" in said.err
     assert "start what sends them" in said.err
-    assert not Path("none").exists()
+    assert not out.exists()
 
 
 def test_what_is_missing_is_said_after_a_while_and_again_when_it_changes(monkeypatch):
@@ -245,18 +249,8 @@ def test_a_search_that_is_stopped_ends_with_one_line(walk, tmp_path, number):
         said = live.communicate(timeout=PATIENCE_S)[0]
     assert live.returncode == 128 + number
     how = "interrupted" if number == signal.SIGINT else "terminated"
-    assert said == f"{how}: nothing was received, and nothing is recorded\n"
+    assert said == f"hbm: {how}: nothing was received, and nothing is recorded\n"
     assert not (tmp_path / "out").exists()
-
-
-def without_marker(path, name):
-    """A study that renames a marker, so that its replay has another label."""
-    path.mkdir()
-    stated = f'[conditions.level]\n[rename]\n{name} = "ELSE"\n'
-    (path / "study.toml").write_text(stated, encoding="utf-8")
-    subject = 'id = "s1"\n[trials.level]\nexclude = "none"\n'
-    (path / "s1.toml").write_text(subject, encoding="utf-8")
-    return path
 
 
 @pytest.mark.slow
@@ -264,7 +258,8 @@ def test_a_sender_that_comes_back_with_another_marker_ends_the_session_whole(wal
     """In that case the number of channels is the same."""
     pytest.importorskip("pylsl", reason="the extra live is not installed")
     out = tmp_path / "out"
-    other = without_marker(tmp_path / "study", "LASIS")
+    renamed = '[conditions.level]\n[rename]\nLASIS = "ELSE"\n'
+    other = study_of(tmp_path / "study", renamed)
     with hbm("--static", walk, "--out", out) as live:
         with hbm("--replay", walk):
             while "recording to" not in live.stdout.readline():
