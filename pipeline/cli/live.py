@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from rich.console import Console
 
@@ -33,6 +33,10 @@ STATUS_S: Final = 0.5
 TOLD_S: Final = 3.0
 """Between lines that say why there is no body yet."""
 RECEIVERS_S: Final = 60.0
+SEARCH_S: Final = 60.0
+"""How long streams are searched for."""
+MISSING_S: Final = 5.0
+"""After it, it is said which streams are missing."""
 ABSENT: Final = (
     "start what sends them, or state other names in [live] of study.toml; where they come from "
     "another computer, state the address of this one: --listen"
@@ -150,7 +154,7 @@ def _run(
     duration_s: float | None,
 ) -> int:
     from pipeline.cli.options import require_folder
-    from pipeline.cli.stopping import SIGNAL_EXIT, terminable
+    from pipeline.cli.stopping import SIGNAL_EXIT, stoppable, terminable
     from pipeline.cli.terminal import note_line
     from pipeline.live.frames.chain import LiveChain
     from pipeline.live.outlet import result_outlet
@@ -165,7 +169,8 @@ def _run(
     require_new(folder)
     body = None if pose else prepared.body()
     with ExitStack() as ending, terminable(), ExitStack() as stack:
-        source = _source(prepared, qualisys, listen, console)
+        with stoppable(lambda: "nothing was received, and nothing is recorded"):
+            source = _source(prepared, qualisys, listen, console)
         stack.callback(source.close)
         names = ", ".join(f"{s.name} ({s.rate_hz:g} Hz)" for s in source.streams)
         console.print(f"receiving {names}", soft_wrap=True)
@@ -220,10 +225,35 @@ def _source(
     markers, analog = prepared.streams
     console.print(f"searching at {listen} for {', '.join((markers, *analog))}", soft_wrap=True)
     try:
-        return LslSource(markers, analog, stated=prepared.stated, listen=listen)
+        return LslSource(
+            markers,
+            analog,
+            stated=prepared.stated,
+            listen=listen,
+            timeout_s=SEARCH_S,
+            searching=missing_teller(console),
+        )
     except ConnectionError as absent:
         absent.add_note(ABSENT)
         raise
+
+
+def missing_teller(console: "Console") -> "Callable[[Sequence[str], Sequence[str]], None]":
+    """Give what says which streams are missing, after a few seconds and when that changes."""
+    from hbm.spelling import listed
+
+    began_s, told = time.monotonic(), ""
+
+    def tell(absent: "Sequence[str]", there: "Sequence[str]") -> None:
+        nonlocal told
+        missing = f"missing: {listed(absent)}; there: {listed(sorted(there))}"
+        if missing != told and time.monotonic() - began_s > MISSING_S:
+            told = missing
+            console.print(
+                f"{missing}; searching for {SEARCH_S:g} s (stop with Ctrl-C)", soft_wrap=True
+            )
+
+    return tell
 
 
 def _shown(

@@ -32,6 +32,7 @@ FLUSH_S: Final = 0.25
 GRACE_S: Final = 1.0
 """After the end of the input, the viewer is killed if it has not ended."""
 LOWER_PRIORITY: Final = 5
+WITHOUT_SCREEN: Final = "show it to a browser (--web), or use --view on a computer with one"
 
 
 class _Input:
@@ -79,7 +80,7 @@ def _draw(inbox: _Input, answer: Callable[..., None]) -> None:
         return
     data, page = free_ports(2)
     arguments, ports = _arguments(scene.screen, data, page)
-    with running_viewer(arguments, ports) as process:
+    with running_viewer(arguments, ports, without_screen=WITHOUT_SCREEN) as process:
         inbox.viewer = process
         rr.set_strict_mode(True)
         stream = rr.RecordingStream(APPLICATION, recording_id=token_hex(8), send_properties=False)

@@ -23,6 +23,8 @@ MAX_STOP_S: Final = 5.0
 POLL_S: Final = 0.05
 MAX_REASON: Final = 200
 """Characters of the viewer's own message about its failure."""
+WITHOUT_SCREEN: Final = "serve to a browser (--web) or save a file (--save)"
+"""What a person can do with recordings where there is no screen."""
 SIGNAL_EXIT: Final = 128
 """A process ended by signal N exits with this plus N, as in a shell."""
 
@@ -120,7 +122,7 @@ def page_address(data: int, page: int) -> str:
 
 @contextmanager
 def running_viewer(
-    arguments: Sequence[str], ports: Sequence[int] = ()
+    arguments: Sequence[str], ports: Sequence[int] = (), *, without_screen: str = WITHOUT_SCREEN
 ) -> Iterator[subprocess.Popen[bytes]]:
     """Run the viewer's own binary, since its wrapper would leave it running; stop it in the end.
 
@@ -130,6 +132,8 @@ def running_viewer(
         Of the command line.
     ports
         Which answer before it is said to run.
+    without_screen
+        What a person can do where there is no screen.
 
     Yields
     ------
@@ -153,9 +157,9 @@ def running_viewer(
         try:
             for port in ports:
                 _wait_for(port, process)
-            _refuse_failure(process, output)
+            _refuse_failure(process, output, without_screen)
             yield process
-            _refuse_failure(process, output)
+            _refuse_failure(process, output, without_screen)
         finally:
             process.terminate()
             try:
@@ -165,7 +169,9 @@ def running_viewer(
                 process.wait()
 
 
-def _refuse_failure(process: subprocess.Popen[bytes], output: IO[bytes]) -> None:
+def _refuse_failure(
+    process: subprocess.Popen[bytes], output: IO[bytes], without_screen: str
+) -> None:
     if process.poll() in (None, 0, -signal.SIGINT, -signal.SIGTERM):
         return
     if process.returncode < 0:
@@ -173,10 +179,7 @@ def _refuse_failure(process: subprocess.Popen[bytes], output: IO[bytes]) -> None
     output.seek(0)
     lines = output.read().decode(errors="replace").strip().splitlines()
     reason = lines[-1][:MAX_REASON] if lines else process.returncode
-    raise OSError(
-        f"the viewer failed: {reason}; where there is no "
-        "screen, serve to a browser (--web) or save a file (--save)"
-    )
+    raise OSError(f"the viewer failed: {reason}; where there is no screen, {without_screen}")
 
 
 def viewer_binary() -> str:

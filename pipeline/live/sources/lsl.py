@@ -1,7 +1,8 @@
 """Streams of Lab Streaming Layer."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, Final
 
@@ -18,6 +19,10 @@ SETTLE_S: Final = 0.75
 """Within it every stream answers, also others of the same names: the library asks twice."""
 POLL_S: Final = 0.02
 """Between looks at what is there, while streams are searched for."""
+SEEK_S: Final = 0.1
+"""Between looks for a stream that is away."""
+FORGET_S: Final = 2.0
+"""After it, a stream that no longer answers is not among those that are there."""
 
 
 class LslSource:
@@ -35,6 +40,8 @@ class LslSource:
         Address of this computer at which streams are searched for.
     timeout_s
         How long they are searched for.
+    searching
+        Called meanwhile, at every look, with the names that are missing and those that are there.
 
     Raises
     ------
@@ -55,7 +62,8 @@ class LslSource:
     its first second.
 
     A stream that goes away is searched for in the background and taken up again when it is back
-    under the same name with the same channels; until then it sends nothing.
+    under the same name; until then it sends nothing. Its description is read again before any
+    sample is taken: if channels, units, axes, rate or plates are others, `receive` says so.
     """
 
     def __init__(
@@ -66,15 +74,16 @@ class LslSource:
         stated: Stated | None = None,
         listen: str = LOOPBACK,
         timeout_s: float = 5.0,
+        searching: Callable[[Sequence[str], Sequence[str]], object] | None = None,
     ) -> None:
         names = (markers, *analog)
         if len(set(names)) < len(names):
             raise ValueError(f"streams are named more than once: {listed(map(repr, names))}")
         lsl = load_lsl(listen)
-        self._resolver = lsl.ContinuousResolver()
+        self._resolver = lsl.ContinuousResolver(forget_after=FORGET_S)
         self._sought_s = 0.0
         settled_s = time.monotonic() + SETTLE_S
-        found = _find(self._resolver, names, timeout_s)
+        found = _find(self._resolver, names, timeout_s, searching)
         try:
             self._inlets = _described(lsl, found, stated or Stated())
             await_clocks(self._inlets)
@@ -86,6 +95,7 @@ class LslSource:
             inlet.open()
         for inlet in self._inlets:
             inlet.find_rate()
+        self._workers = ThreadPoolExecutor(len(self._inlets), thread_name_prefix="lsl")
         self._fastest = max(self._inlets, key=lambda inlet: inlet.description.rate_hz)
 
     @property
@@ -102,12 +112,12 @@ class LslSource:
         """Give what has arrived; an empty list if nothing does within the timeout [s].
 
         At most the samples of 50 ms of each stream; what else has arrived follows with the next
-        call.
+        call. A ValueError says that a stream came back with another description.
         """
         deadline = time.monotonic() + timeout_s
         wait = 0.0
         while True:
-            self._seek_lost()
+            self._seek()
             found = [
                 samples
                 for inlet in self._inlets
@@ -118,33 +128,50 @@ class LslSource:
                 return found
             wait = min(WAIT_S, remaining)
 
-    def _seek_lost(self) -> None:
-        """Take up again what is lost and cannot return by itself, if it is there."""
-        if not any(inlet.lost for inlet in self._inlets) or time.monotonic() < self._sought_s:
+    def _seek(self) -> None:
+        """Take up again what is away, if it is there."""
+        away = [inlet for inlet in self._inlets if inlet.away]
+        if not away or time.monotonic() < self._sought_s:
             return
-        self._sought_s = time.monotonic() + POLL_S
-        there = self._resolver.results()
-        for inlet in self._inlets:
-            if inlet.lost:
-                inlet.reconnect(there)
+        self._sought_s = time.monotonic() + SEEK_S
+        there = _by_name(self._resolver)
+        for inlet in away:
+            inlet.take_up(there.get(inlet.name, []), self._workers)
 
     def close(self) -> None:
         """Stop receiving."""
+        self._workers.shutdown(cancel_futures=True)
         for inlet in self._inlets:
             inlet.close()
 
 
-def _find(resolver: Any, names: Sequence[str], timeout_s: float) -> list[Any]:
-    """Give the streams of these names, once all are there."""
+def _find(
+    resolver: Any,
+    names: Sequence[str],
+    timeout_s: float,
+    searching: Callable[[Sequence[str], Sequence[str]], object] | None,
+) -> list[Any]:
+    """Give the streams of these names, once all are there.
+
+    Of several of one name all but one may be those of a program that has ended just now.
+    """
     deadline = time.monotonic() + timeout_s
-    while absent := [name for name in names if name not in (there := _by_name(resolver))]:
-        if time.monotonic() > deadline:
+    forgotten_s: float | None = None
+    while True:
+        there, now = _by_name(resolver), time.monotonic()
+        absent = [name for name in names if name not in there]
+        if not absent:
+            forgotten_s = forgotten_s or now + FORGET_S
+            if now > forgotten_s or all(len(there[name]) == 1 for name in names):
+                return [there[name][0] for name in names]
+        elif now > deadline:
             raise ConnectionError(
                 f"no stream is called {listed(map(repr, absent))} within {timeout_s:g} s; "
                 f"streams there: {listed(map(repr, map(printable, there)))}"
             )
+        elif searching is not None:
+            searching(absent, list(there))
         time.sleep(POLL_S)
-    return [there[name][0] for name in names]
 
 
 def _described(lsl: Any, found: Sequence[Any], stated: Stated) -> list[Inlet]:
@@ -156,8 +183,9 @@ def _described(lsl: Any, found: Sequence[Any], stated: Stated) -> list[Inlet]:
 def _require_unique(there: Mapping[str, Sequence[Any]], names: Sequence[str]) -> None:
     if several := [name for name in names if len(there.get(name, [])) > 1]:
         raise ValueError(
-            f"{len(there[several[0]])} streams are called {short(several[0])!r}; give each a "
-            "name of its own"
+            f"{len(there[several[0]])} streams are called {short(several[0])!r}; close all but one "
+            "of the programs that send them, or give each stream a name of its own and state it "
+            "in [live] of study.toml (markers, analog)"
         )
 
 

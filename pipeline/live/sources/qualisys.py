@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from pipeline.io.stated import Stated
 from pipeline.live.network import import_extra
+from pipeline.live.sources.changes import came_back
 from pipeline.live.sources.qualisys_frames import Frames, read_parameters
 from pipeline.live.stream import Samples, StatedPlate, StreamDescription
 
@@ -150,11 +151,8 @@ class QualisysSource:
             frames = read_parameters(written, self._stated)
             if self._frames is None:
                 self._frames = frames
-            elif not frames.same_as(self._frames):
-                raise ValueError(
-                    f"{self._where} came back with other markers, channels or places of plates; "
-                    "start anew"
-                )
+            elif change := frames.change_from(self._frames):
+                raise came_back(f"Qualisys Track Manager at {self._where}", change)
             self._frames.restart()
             self._ready.set()
             while not lost.is_set():

@@ -12,6 +12,7 @@ from hbm.spelling import printable, short
 from pipeline.io.axes import parse_axes
 from pipeline.io.stated import Stated
 from pipeline.io.xdf.channels import AXES, Channel
+from pipeline.live.sources.changes import change_of_plates, change_of_streams
 from pipeline.live.sources.description import Convert, describe_markers, describe_signals
 from pipeline.live.sources.qualisys_places import place_of
 from pipeline.live.stream import LAB_AXES, Samples, StatedPlate, StreamDescription
@@ -124,13 +125,11 @@ class Frames:
         """What has to be asked for."""
         return ["3d", *["analog"] * bool(self.devices), *["force"] * bool(self.plates)]
 
-    def same_as(self, other: "Frames") -> bool:
-        """Whether the same is sent, of plates at the same places."""
-        corners, others = (
-            [plate.place.corners.tolist() if plate.place else None for plate in each.stated_plates]
-            for each in (self, other)
+    def change_from(self, before: "Frames") -> str:
+        """Say what is different; empty where the same is sent, of plates at the same places."""
+        return change_of_streams(before.streams, self.streams) or change_of_plates(
+            before.stated_plates, self.stated_plates
         )
-        return self.streams == other.streams and corners == others
 
     def restart(self) -> None:
         """Expect sample numbers from another start."""

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 
 from pipeline.cli import main
-from pipeline.cli.live import take_new
+from pipeline.cli.live import missing_teller, take_new
 from pipeline.io.read import read_recording
 from pipeline.live.frames.frame import Quality
 from pipeline.live.recorder.recorder import RESULTS, STREAMS
@@ -58,6 +58,15 @@ def hbm(*arguments, most_bytes=None):
             yield process
         finally:
             process.kill()
+
+
+def study_of(folder, stated):
+    """Give a study of one subject who has no recordings."""
+    folder.mkdir()
+    (folder / "study.toml").write_text(stated, encoding="utf-8")
+    subject = 'id = "s1"\n[trials.level]\nexclude = "none"\n'
+    (folder / "s1.toml").write_text(subject, encoding="utf-8")
+    return folder
 
 
 def refused(capsys, *arguments):
@@ -196,17 +205,72 @@ def test_the_address_is_that_of_the_option_or_of_the_study(walk, tmp_path, capsy
     pytest.importorskip("pylsl", reason="the extra live is not installed")
     monkeypatch.setattr("pipeline.live.network._listening", [])
     stated = '[conditions.level]\n[live]\nlisten = "192.0.2.1"\n'
-    (tmp_path / "study.toml").write_text(stated, encoding="utf-8")
-    subject = 'id = "s1"\n[trials.level]\nexclude = "none"\n'
-    (tmp_path / "s1.toml").write_text(subject, encoding="utf-8")
-    played = "--replay", walk, "--study", tmp_path
+    played = "--replay", walk, "--study", study_of(tmp_path / "study", stated)
     assert "192.0.2.1 is not an address of this computer" in refused(capsys, *played)
     assert "'cameras' is no IPv4 address" in refused(capsys, *played, "--listen", "cameras")
 
 
-def test_streams_that_are_not_there_are_named(walk, capsys):
+def test_streams_that_are_not_there_are_named(walk, tmp_path, capsys, monkeypatch):
     pytest.importorskip("pylsl", reason="the extra live is not installed")
-    said = refused(capsys, "--static", walk, "--out", walk.parent / "none")
-    assert "no stream is called 'Markers', 'Plates' within 5 s" in said
-    assert "start what sends them" in said
-    assert not (walk.parent / "none").exists()
+    monkeypatch.setattr("pipeline.cli.live.SEARCH_S", 0.8)
+    monkeypatch.setattr("pipeline.cli.live.MISSING_S", 0.2)
+    stated = '[conditions.level]\n[live]\nmarkers = "Nobody"\nanalog = ["Nor plates"]\n'
+    study, out = study_of(tmp_path / "study", stated), tmp_path / "out"
+    assert main(["live", "--study", str(study), "--static", str(walk), "--out", str(out)]) == 2
+    said = capsys.readouterr()
+    assert re.search("missing: Nobody, Nor plates; there: .*; searching for 0.8 s", said.out)
+    assert "no stream is called 'Nobody', 'Nor plates' within 0.8 s" in said.err
+    assert "start what sends them" in said.err
+    assert not out.exists()
+
+
+def test_what_is_missing_is_said_after_a_while_and_again_when_it_changes(monkeypatch):
+    said, now = [], [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    console = SimpleNamespace(print=lambda line, soft_wrap: said.append(line))
+    tell = missing_teller(console)
+    both, plates = (["Markers", "Plates"], []), (["Plates"], ["Markers"])
+    for now[0], names in ((4.9, both), (5.1, both), (6.0, both), (7.0, plates), (8.0, plates)):
+        tell(*names)
+    assert said == [
+        "missing: Markers, Plates; there: none; searching for 60 s (stop with Ctrl-C)",
+        "missing: Plates; there: Markers; searching for 60 s (stop with Ctrl-C)",
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_search_that_is_stopped_ends_with_one_line(walk, tmp_path, number):
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    with hbm("--static", walk, "--out", tmp_path / "out") as live:
+        assert "searching at 127.0.0.1 for Markers, Plates" in live.stdout.readline()
+        time.sleep(0.5)
+        live.send_signal(number)
+        said = live.communicate(timeout=PATIENCE_S)[0]
+    assert live.returncode == 128 + number
+    how = "interrupted" if number == signal.SIGINT else "terminated"
+    assert said == f"hbm: {how}: nothing was received, and nothing is recorded\n"
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_sender_that_comes_back_with_another_marker_ends_the_session_whole(walk, tmp_path):
+    """In that case the number of channels is the same."""
+    pytest.importorskip("pylsl", reason="the extra live is not installed")
+    out = tmp_path / "out"
+    renamed = '[conditions.level]\n[rename]\nLASIS = "ELSE"\n'
+    other = study_of(tmp_path / "study", renamed)
+    with hbm("--static", walk, "--out", out) as live:
+        with hbm("--replay", walk):
+            while "recording to" not in live.stdout.readline():
+                assert live.poll() is None
+            time.sleep(2.0)
+        with hbm("--replay", walk, "--study", other):
+            said = live.communicate(timeout=PATIENCE_S)[0]
+    assert live.returncode == 1
+    change = r"'ELSE_X' as label of channel \d+, before 'LASIS_X'"
+    assert re.search(f"ended by itself: stream 'Markers' came back with {change}; begin a", said)
+    recorded = read_recording(out / STREAMS)
+    assert "recording_unended" not in [note.code for note in recorded.notes]
+    assert 100 < len(recorded.markers.time) < 100 * DURATION_S / 2
+    assert "ELSE" not in recorded.markers.names

@@ -3,10 +3,13 @@
 import itertools
 import os
 import re
+import signal
 import socket
+import subprocess
 import sys
 import threading
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -172,6 +175,122 @@ def test_a_stream_that_goes_away_and_returns_is_taken_up_again(prefix, opened):
     assert came[0].values[0, 0] == pytest.approx(7e-3)
 
 
+def await_return(source, name, value, timeout_s=10.0):
+    """Send until something arrives; gives it, and the outlet's own times."""
+    sent = []
+    deadline = time.monotonic() + timeout_s
+    with closing(Outlet(name, "MoCap", MARKERS, 100.0)) as outlet:
+        while time.monotonic() < deadline:
+            sent.append(load_lsl().local_clock())
+            outlet.push(np.array(sent[-1:]), np.full((1, 9), value))
+            if came := source.receive(0.05):
+                return came[0], sent
+    raise AssertionError("nothing arrived")
+
+
+def test_a_sender_whose_clock_began_anew_is_on_this_computers_clock_from_its_first_sample(
+    prefix, opened
+):
+    """As if the clock had been an hour behind before the sender's computer started anew."""
+    first = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    source = LslSource(prefix, stated=AXES)
+    opened.append(source)
+    (inlet,) = source._inlets
+    inlet.offset = ClockOffset()
+    inlet.offset.measure(load_lsl().local_clock(), 3600.0)
+    first.close()
+    came, sent = await_return(source, prefix, 7.0)
+    assert min(abs(came.time[0] - stamp) for stamp in sent) < 0.01
+
+
+def receive_nothing(source, outlet, values, timeout_s=10.0):
+    """Send the same values; nothing may arrive."""
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline:
+        outlet.push(np.array([load_lsl().local_clock()]), values)
+        assert source.receive(0.02) == []
+
+
+OTHERS = {
+    "'RASIS_X' as label of channel 1, before 'LASIS_X'": (MARKERS[3:6] + MARKERS[:3] + MARKERS[6:]),
+    "6 channels, before 9": MARKERS[:6],
+}
+
+
+@pytest.mark.parametrize("change", OTHERS)
+def test_no_sample_of_a_sender_that_comes_back_with_other_channels_is_taken(change, prefix, opened):
+    first = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    source = LslSource(prefix, stated=AXES)
+    opened.append(source)
+    first.push(np.array([load_lsl().local_clock()]), np.ones((1, 9)))
+    assert len(receive(source, 1)[prefix][0]) == 1
+    first.close()
+    channels = OTHERS[change]
+    second = Outlet(prefix, "MoCap", channels, 100.0)
+    opened.append(second)
+    expected = f"stream '{prefix}' came back with {change}; begin a new session"
+    with pytest.raises(ValueError, match=re.escape(expected)):
+        receive_nothing(source, second, np.full((1, len(channels)), 7.0))
+
+
+def test_receiving_goes_on_while_a_sender_that_is_back_does_not_answer(prefix, opened):
+    """What waits for it is another thread."""
+    first = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    source = LslSource(prefix, stated=AXES)
+    opened.append(source)
+    (inlet,) = source._inlets
+    asked, answered = threading.Event(), threading.Event()
+    inlet._require_same = lambda info: (asked.set(), answered.wait(5.0))
+    first.close()
+    second = Outlet(prefix, "MoCap", MARKERS, 100.0)
+    opened.append(second)
+    deadline = time.monotonic() + 10.0
+    while not asked.is_set() and time.monotonic() < deadline:
+        source.receive(0.02)
+    begun = time.monotonic()
+    for _ in range(5):
+        assert source.receive(0.02) == []
+    assert time.monotonic() - begun < 2.0
+    answered.set()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="stops a process as POSIX does")
+def test_a_sender_that_hangs_is_replaced_by_one_of_its_name(prefix, opened):
+    """A process that is stopped keeps its connection, as a computer without power does."""
+    code = (
+        "import time; from tests.pipeline.live.test_lsl import MARKERS, Outlet; "
+        f"outlet = Outlet({prefix!r}, 'MoCap', MARKERS, 100.0); time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code]) as hung:
+        try:
+            source = LslSource(prefix, stated=AXES, timeout_s=30.0)
+            opened.append(source)
+            hung.send_signal(signal.SIGSTOP)
+            came, _ = await_return(source, prefix, 7.0, timeout_s=30.0)
+            assert came.values[0, 0] == pytest.approx(7e-3)
+        finally:
+            hung.kill()
+
+
+def test_streams_that_come_later_are_waited_for_and_meanwhile_named(prefix, opened):
+    told = []
+
+    def searching(absent, there):
+        told.append((absent, [name for name in there if name.startswith(prefix)]))
+        if len(told) == 20:
+            opened.append(Outlet(f"{prefix}m", "MoCap", MARKERS, 100.0))
+        if len(told) > 20 and len(opened) == 1 and told[-1][1]:
+            opened.append(Outlet(f"{prefix}a", "", (Channel("Fz", "N"),), 1000.0))
+
+    source = LslSource(
+        f"{prefix}m", [f"{prefix}a"], stated=AXES, timeout_s=20.0, searching=searching
+    )
+    opened.append(source)
+    assert told[0] == ([f"{prefix}m", f"{prefix}a"], [])
+    assert ([f"{prefix}a"], [f"{prefix}m"]) in told
+
+
 def test_a_stream_without_identity_is_found_again_by_its_name(prefix, opened):
     lsl = load_lsl()
 
@@ -242,7 +361,7 @@ def test_streams_that_are_absent_or_not_told_apart_are_one_line(prefix, opened):
     refused("named more than once", prefix, analog=[prefix])
     same = load_lsl().StreamInfo(f"{prefix}there", "", 1, 1, "float32", "another")
     other = load_lsl().StreamOutlet(same)
-    refused("2 streams are called", f"{prefix}there")
+    refused("2 streams are called .*; close all but one of the programs", f"{prefix}there")
     del other
 
 

@@ -166,7 +166,7 @@ def test_plates_that_lie_elsewhere_when_the_program_is_back_are_refused(source, 
         NAMES, plates=("Left", "Right"), channels=CHANNELS, locations=moved
     )
     server.drop_clients()
-    with pytest.raises(ValueError, match="other markers, channels or places of plates"):
+    with pytest.raises(ValueError, match="back with another place of plate 1; begin a new session"):
         collect(source, 1, timeout_s=5.0)
 
 
