@@ -18,13 +18,13 @@ from pipeline.cli import (
     calibration_check,
     doctor,
     explain,
-    live,
     results,
     simulate,
     study,
     treadmill,
     trial,
 )
+from pipeline.cli.live.command import live
 from pipeline.cli.options import USAGE
 from pipeline.cli.output import accept_any_letter, drop_output, print_error
 from pipeline.cli.stopping import Stopped
@@ -67,7 +67,7 @@ for command in (
     results.view,
     treadmill.plates,
     simulate.simulate,
-    live.live,
+    live,
     doctor.doctor,
 ):
     app.command()(command)

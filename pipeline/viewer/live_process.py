@@ -32,6 +32,8 @@ FLUSH_S: Final = 0.25
 GRACE_S: Final = 1.0
 """After the end of the input, the viewer is killed if it has not ended."""
 LOWER_PRIORITY: Final = 5
+SCREENS: Final = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+"""Any of them names a screen on Linux."""
 WITHOUT_SCREEN: Final = "show it to a browser (--web), or use --view on a computer with one"
 
 
@@ -78,6 +80,8 @@ def _draw(inbox: _Input, answer: Callable[..., None]) -> None:
     scene: LiveScene | None = inbox.next()
     if scene is None:
         return
+    if scene.screen == "window" and sys.platform == "linux" and not os.environ.keys() & SCREENS:
+        raise OSError(f"there is no screen; {WITHOUT_SCREEN}")
     data, page = free_ports(2)
     arguments, ports = _arguments(scene.screen, data, page)
     with running_viewer(arguments, ports, without_screen=WITHOUT_SCREEN) as process:

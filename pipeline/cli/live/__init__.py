@@ -1,0 +1,1 @@
+"""The same numbers while the subject walks, on the command line."""
