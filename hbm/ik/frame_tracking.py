@@ -188,6 +188,8 @@ class FrameTracker:
     def _start_is_no_good(self, found: Solved, q: Array) -> bool:
         if not found.converged[0] or np.abs(found.q[0] - q).max() > MAX_DISTANCE_FROM_START:
             return True
+        if self.tracked[self.free].all():
+            return False
         returned = self._observed(found) & ~self.tracked
         return bool(returned.any() and self.tracker.doubtful(found)[0])
 
