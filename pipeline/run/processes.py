@@ -117,7 +117,7 @@ def _started(tasks: Iterable[Task], workers: int, ordered: bool = False) -> Iter
     with warnings.catch_warnings(), ExitStack() as started:
         # a process whose memory has grown is replaced; where this one is stopped, tasks are left
         warnings.filterwarnings("ignore", "A worker stopped|.* tasks", UserWarning)
-        with _interrupts_held():  # processes that start here inherit it
+        with _held(signal.SIGINT, signal.SIGTERM), _interrupts_blocked():
             results = started.enter_context(closing(parallel(tasks)))
         yield results
 
@@ -135,12 +135,36 @@ def _ignore_failing_manager() -> None:
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Hold interrupts back until all is done; Windows cannot."""
+def _held(*numbers: signal.Signals) -> Iterator[None]:
+    """Hold signals back that Python handles, until all is done; then the first of them acts.
+
+    A signal that this thread blocks reaches its handler by way of another thread, so handlers are
+    replaced too.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    received: list[int] = []
+    handlers = {number: signal.getsignal(number) for number in numbers}
+    replaced = {number: handler for number, handler in handlers.items() if callable(handler)}
+    for number in replaced:
+        signal.signal(number, lambda number, frame: received.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in replaced.items():
+            signal.signal(number, handler)
+        if received:
+            signal.raise_signal(received[0])
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block interrupts, as processes that start here inherit it; Windows cannot."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # where it has to be started, that ends the hold
+    resource_tracker.ensure_running()  # where it has to be started, that ends the block
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield

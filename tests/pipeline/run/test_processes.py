@@ -91,6 +91,39 @@ def test_no_interrupt_is_lost_while_libraries_of_linear_algebra_are_searched():
     assert done.stdout == "interrupted\n", done.stderr
 
 
+STOPPED_AS_PROCESSES_START = """
+import os, signal, sys, threading, time
+from joblib import delayed
+from pipeline.run.processes import in_processes
+class Request(BaseException):
+    pass
+def stop(number, frame):
+    raise Request
+def tasks():
+    os.kill(os.getpid(), signal.Signals[sys.argv[1]])
+    time.sleep(0.2)
+    print("started", flush=True)
+    yield delayed(int)()
+    yield delayed(int)()
+threading.Thread(target=time.sleep, args=(1.0,)).start()
+for number in (signal.SIGINT, signal.SIGTERM):
+    signal.signal(number, stop)
+try:
+    print(*in_processes(tasks(), 2))
+except Request:
+    print("stopped")
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_request_to_end_waits_until_processes_have_started(name):
+    """Half-started, they could not be ended; any other thread may be the one that it reaches."""
+    command = [sys.executable, "-c", STOPPED_AS_PROCESSES_START, name]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.stdout == "started\nstopped\n", done.stderr
+
+
 def threads_of_linear_algebra():
     np.ones((50, 50)) @ np.ones((50, 50))
     return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
