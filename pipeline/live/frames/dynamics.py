@@ -48,12 +48,12 @@ class LiveDynamics:
         tau
             Generalized forces, (46,) [N, N·m].
         wrench
-            On the pelvis, lab axes about mid-hip, (6,) [N, N·m].
+            On the pelvis, lab axes about the lab origin, (6,) [N, N·m].
         motion
             Of each coordinate per unit rate, (46, 6).
         """
         tau, wrench, motion = self.newton_euler(q, v, a)
-        return tau.copy(), shift_wrench(wrench, q[:3]), motion.reshape(N_Q, 6).copy()
+        return tau.copy(), wrench.copy(), motion.reshape(N_Q, 6).copy()
 
     def under(
         self, needed: tuple[Array, Array, Array], by_foot: Array, pelvis: Array
@@ -75,7 +75,8 @@ class LiveDynamics:
             (V, 46) and (V, 6) [N, N·m].
         """
         alone, wrench, motion = needed
-        tau = np.tile(alone, (len(by_foot), 1))
+        tau = np.empty((len(by_foot), N_Q))
+        tau[:] = alone
         for foot, chain in enumerate(self.chains):
             tau[:, chain] -= by_foot[:, foot] @ motion[chain].T
-        return tau, wrench - shift_wrench(by_foot.sum(axis=1), pelvis)
+        return tau, shift_wrench(wrench - by_foot.sum(axis=1), pelvis)
