@@ -103,7 +103,7 @@ class MarkerTracker:
         self.tracker.keep(solution)
         error = solution.marker_error
         largest_m = USUAL_ERROR_MPS * min(since_s, 1.0)
-        change_m = np.minimum(np.maximum(error - self.usual_m, -largest_m), largest_m)
+        change_m = np.clip(error - self.usual_m, -largest_m, largest_m)
         change_m[np.isnan(change_m)] = 0.0
         self.usual_m += change_m
         return solution

@@ -145,14 +145,13 @@ def _held(*numbers: signal.Signals) -> Iterator[None]:
         yield
         return
     received: list[int] = []
-    handlers = {number: signal.getsignal(number) for number in numbers}
-    replaced = {number: handler for number, handler in handlers.items() if callable(handler)}
-    for number in replaced:
+    handlers = {number: old for number in numbers if callable(old := signal.getsignal(number))}
+    for number in handlers:
         signal.signal(number, lambda number, frame: received.append(number))
     try:
         yield
     finally:
-        for number, handler in replaced.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
         if received:
             signal.raise_signal(received[0])

@@ -75,8 +75,7 @@ class LiveDynamics:
             (V, 46) and (V, 6) [N, N·m].
         """
         alone, wrench, motion = needed
-        tau = np.empty((len(by_foot), N_Q))
-        tau[:] = alone
+        tau = np.tile(alone, (len(by_foot), 1))
         for foot, chain in enumerate(self.chains):
             tau[:, chain] -= by_foot[:, foot] @ motion[chain].T
         return tau, shift_wrench(wrench - by_foot.sum(axis=1), pelvis)
