@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from hbm.dynamics import Dynamics
-from hbm.poses import center_of_mass
+from hbm.poses import center_of_mass, joint_positions
 from hbm.spatial import GRAVITY_MPS2, Array, Mask
 from pipeline.trial.gait.cycle_table import cycle_table
 from pipeline.trial.gait.cycles import normalise
@@ -26,6 +26,8 @@ MAX_FORCE_SHARE: Final = 0.05
 """Peak residual force over peak net external force (Hicks et al. 2015)."""
 MAX_MOMENT_SHARE: Final = 0.01
 """Peak residual moment over that force times the height of the centre of mass (ibid.)."""
+FOOT_SEGMENTS: Final = ("left_foot", "left_toes", "right_foot", "right_toes")
+"""Begin at the ankle and at the ball of the foot."""
 EVERY_MARKER: Final = "all"
 """Name of the row over all markers."""
 
@@ -343,16 +345,18 @@ def threshold_rows(result: TrialResult) -> tuple[ThresholdRow, ...]:
     Hicks et al. 2015 (J Biomech Eng 137:020905): the peak residual force should stay below 5 % of
     the peak net external force, the peak residual moment below 1 % of the height of the centre of
     mass times that force. Peaks are of the vectors' magnitudes, over the frames that count; the
-    height is the mean one above the lowest foot.
+    height is the mean one above the lowest joint of the feet (ankles and toes) in each frame.
     """
     inside = counted(result)
     if not inside.any():
         return ()
+    q = result.motion.q[inside]
+    lowest = joint_positions(result.body, q, FOOT_SEGMENTS)[..., 2].min(axis=1)
+    height = float(np.mean(center_of_mass(result.body, q)[:, 2] - lowest))
     rows = []
     for name, dynamics in variants(result).items():
         ground = np.sum(list(result.ground[name].values()), axis=0)[inside, :3]
         external = float(np.linalg.norm(ground, axis=1).max())
-        height = float(np.mean(center_of_mass(result.body, result.motion.q[inside])[:, 2]))
         residual = dynamics.residual[inside]
         for quantity, unit, part, limit in (
             ("force", "N", residual[:, :3], MAX_FORCE_SHARE * external),
