@@ -128,7 +128,8 @@ class Settings(InputModel):
         Vertical force above which a foot is on a plate.
     min_valid_share
         Share of a gait cycle's frames that have to count (the plates carry the subject and the
-        filters have settled); with less it is left out, with more those frames count.
+        filters have settled); with less it is left out, with more those frames count. The same of
+        a recording that is used because it has no gait cycle; with less there are no residuals.
     events
         Where gait events come from: "file", as recorded; "zeni", turns of heel and toe; "plates",
         where a plate carries one foot alone; "auto", the motion of the feet and the plates

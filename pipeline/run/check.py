@@ -288,7 +288,11 @@ def _check_window(
     settling = settling_s(laboratory.filters(settings))
     time = start_s + np.arange(preview.frames) / recording.markers.rate_hz
     found.attempt(name, lambda: low_pass(0 * time, time, settings.cutoff_hz, settings.filter))
-    found.attempt(name, lambda: counted_span(rule.wanted, {}, time, settling))
+    every, least = np.ones(len(time), bool), settings.min_valid_share
+    found.attempt(
+        name,
+        lambda: counted_span(rule.wanted, {}, time, settling, counts=every, min_valid_share=least),
+    )
     if rule.wanted not in (None, "cycle"):
         return
     events, note = gait_events(

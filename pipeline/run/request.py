@@ -84,7 +84,8 @@ class TrialRequest:
         float, Help("Vertical force above which a foot is on a plate.")
     ] = 30.0
     min_valid_share: Annotated[
-        float, Help("Smallest share of a gait cycle's frames that have to count.")
+        float,
+        Help("Smallest share of frames that count in a gait cycle, or a recording without one."),
     ] = 0.5
     events: Annotated[
         str | None,

@@ -209,7 +209,14 @@ def process_recording(
     onsets = perturbation_onsets(recording, rule, ground.pose) if rule.perturbed else np.empty(0)
     selected, selection_notes = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
     part, part_notes = perturbed_part(rule, selected, onsets, time=motion.time, pose=ground.pose)
-    span = counted_span(window, selected, motion.time, settling)
+    span = counted_span(
+        window,
+        selected,
+        motion.time,
+        settling,
+        counts=validity.counts,
+        min_valid_share=settings.min_valid_share,
+    )
 
     uncertainty = _uncertainty(ground, motion)
     total = np.sum([*wrenches[ground.best].values()], axis=0)

@@ -29,7 +29,13 @@ NO_POSE: Final = (
 
 
 def counted_span(
-    wanted: WantedWindow, cycles: Mapping[str, Array], time: Array, settling: tuple[float, float]
+    wanted: WantedWindow,
+    cycles: Mapping[str, Array],
+    time: Array,
+    settling: tuple[float, float],
+    *,
+    counts: Mask,
+    min_valid_share: float,
 ) -> Span | None:
     """Give the span of a recording that counts in place of gait cycles.
 
@@ -44,11 +50,17 @@ def counted_span(
     settling
         Time [s] that the filters need at the start and at the end of a recording
         (`pipeline.trial.validity.settling_s`).
+    counts
+        Whether each frame is valid, (T,).
+    min_valid_share
+        Least share of the recording's frames that have to be valid, where it stands in for gait
+        cycles that were not asked for by name.
 
     Returns
     -------
     tuple or None
-        Start and stop [s]; None where gait cycles count.
+        Start and stop [s]; None where gait cycles count, or where there is none and too little of
+        the recording is valid to stand in for them.
 
     Raises
     ------
@@ -59,9 +71,14 @@ def counted_span(
     Examples
     --------
     >>> time = np.arange(1000) / 100
-    >>> start, stop = counted_span("recording", {}, time, (1 / 6, 1 / 6))
+    >>> valid = time < 4
+    >>> start, stop = counted_span(
+    ...     "recording", {}, time, (1 / 6, 1 / 6), counts=valid, min_valid_share=0.5
+    ... )
     >>> f"{start:.2f} to {stop:.2f} s"
     '0.17 to 9.82 s'
+    >>> counted_span(None, {}, time, (1 / 6, 1 / 6), counts=valid, min_valid_share=0.5) is None
+    True
     """
     if wanted == "cycle" or (wanted is None and any(map(len, cycles.values()))):
         return None
@@ -71,7 +88,10 @@ def counted_span(
             f"the recording lasts {time[-1] - time[0]:.2f} s; its filters need {settling[0]:.2f} s "
             f"at its start and {settling[1]:.2f} s at its end to settle"
         )
-    if wanted is None or isinstance(wanted, str):
+    if wanted is None:
+        valid = counts[frames_within(time, {}, settled)]
+        return settled if np.mean(valid) >= min_valid_share else None
+    if isinstance(wanted, str):
         return settled
     span = max(wanted[0], settled[0]), min(wanted[1], settled[1])
     if not ((time >= span[0]) & (time < span[1])).any():
@@ -245,6 +265,8 @@ def window_notes(
     reason = cycle_shortage(events, rejected, time, validity.motion)
     if not counts.any():
         nothing = reason if span is None else _nothing_counts(span, time, validity)
+        if wanted is None and span is None and not any(map(len, cycles.values())):
+            nothing = f"{reason}; {_too_little(time, validity)}"
         if part is not None and any(map(len, cycles.values())):
             nothing = f'no frame of the window "{part.name}" of the gait cycles counts'
         return (Note.of("no_residuals", reason=nothing),)
@@ -257,6 +279,19 @@ def window_notes(
 def shortage(notes: Iterable[Note]) -> str:
     """Say why a trial has no residuals; empty where its notes do not."""
     return next((str(note.values["reason"]) for note in notes if note.code == "no_residuals"), "")
+
+
+def _too_little(time: Array, validity: Validity) -> str:
+    """Say how little of a recording could stand in for gait cycles."""
+    valid, frames = np.count_nonzero(validity.counts), len(time)
+    if not valid:
+        return _nothing_counts(
+            (float(time[0]), float(np.nextafter(time[-1], np.inf))), time, validity
+        )
+    return (
+        f"of the whole recording {valid} of {frames} frames are valid, less than min_valid_share; "
+        'to use them, state the recording (--span all, window = "recording") or a span of it'
+    )
 
 
 def _nothing_counts(span: Span, time: Array, validity: Validity) -> str:

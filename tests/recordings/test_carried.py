@@ -117,10 +117,11 @@ def test_plates_that_begin_late_do_not_count_before(treadmill, whole):
     assert min(spans[0, 0] for spans in result.cycles.values()) > 4.0
 
 
-def test_where_a_plate_is_dead_no_cycle_counts_and_a_warning_says_so(treadmill):
+def test_where_a_plate_is_dead_there_are_no_residuals_and_a_warning_says_so(treadmill):
     result = processed(with_plates(treadmill, lambda p: float(p.number == 1)))
     assert not any(map(len, result.cycles.values()))
-    (note,) = [note for note in result.notes if note.code == "gait_cycles_left_out"]
+    assert residual_table(result, "walk").empty
+    (note,) = [note for note in result.notes if note.code == "no_residuals"]
     assert note.level == "warning"
     assert "20 for plates that do not carry the subject" in note.text
     assert "mass_differs" not in codes(result)

@@ -179,8 +179,8 @@ def test_nobody_on_the_plates_is_one_line_and_frames_are_written(walker, tmp_pat
     assert main(["residuals", str(trial), "--mass-kg", "74.6", "--out", str(out)]) == 2
     error = capsys.readouterr().err
     assert error == (
-        "hbm: error: empty.c3d: there are no residuals: the plates carry the subject in no frame "
-        "from 0.17 to 1.32 s\n"
+        "hbm: error: empty.c3d: there are no residuals: there are no foot strikes; the plates "
+        "carry the subject in no frame from 0.00 to 1.49 s\n"
     )
     frames = pd.read_parquet(out / "empty.parquet")
     assert not frames["valid.plates"].any()
@@ -254,3 +254,21 @@ def test_a_window_that_cannot_be_is_one_line_with_its_key(walker, study, capsys,
     error = capsys.readouterr().err
     assert error.count("conditions.quiet.window") == 1
     assert len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize(("stop_s", "exit_code"), [(0.6, 2), (1.2, 0)])
+def test_a_recording_stands_in_for_gait_cycles_only_where_half_of_it_counts(
+    walker, tmp_path, capsys, stop_s, exit_code
+):
+    """The plates record until some time of 1.5 s without a gait cycle."""
+    short = first(walker, 1.5)
+    plates = tuple(
+        replace(p, wrench_in_plate=p.wrench_in_plate * (p.time < stop_s)[:, None])
+        for p in short.plates
+    )
+    trial = lab.save(replace(short, plates=plates), tmp_path / "short.c3d")
+    command = ["residuals", str(trial), "--mass-kg", "74.6", "--out", str(tmp_path / "out")]
+    assert main(command) == exit_code
+    error = capsys.readouterr().err
+    assert ("frames are valid, less than min_valid_share" in error) == bool(exit_code)
+    assert main([*command, "--span", "all"]) == 0
