@@ -172,7 +172,8 @@ def print_result(result: "TrialResult", console: "Console") -> None:
         counts = f"{result.span[0]:.2f} to {result.span[1]:.2f} s"
     else:
         used = sum(map(len, result.cycles.values()))
-        counts = f"{used} of {counted(result.found_cycles, 'gait cycle')}"
+        feet = f"the {next(iter(result.cycles))} foot" if len(result.cycles) == 1 else "both feet"
+        counts = f"{used} of {counted(result.found_cycles, 'gait cycle')} of {feet}"
     if rows and rows[0].valid_share < 1:
         counts += f", {100 * rows[0].valid_share:.0f} % of their frames"
     table = Table(

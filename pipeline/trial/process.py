@@ -100,7 +100,8 @@ def process_recording(
     laboratory
         The treadmill and its calibrations; by default one that stands still.
     condition
-        Which gait cycles count; by default all.
+        Which gait cycles count; by default all of the right foot, or of the left one if the right
+        has none.
     window
         What counts: "cycle", "recording", or a span (start, stop) [s]; by default gait cycles, and
         the whole recording where there is none.
@@ -207,7 +208,7 @@ def process_recording(
     cycles, cycle_notes = cut_cycles(events, motion.time, validity, settings.min_valid_share)
     rule = condition or Condition()
     onsets = perturbation_onsets(recording, rule, ground.pose) if rule.perturbed else np.empty(0)
-    selected, selection_notes = select_cycles(cycles, rule, onsets) if condition else (cycles, ())
+    selected, selection_notes = select_cycles(cycles, rule, onsets)
     part, part_notes = perturbed_part(rule, selected, onsets, time=motion.time, pose=ground.pose)
     span = counted_span(
         window,

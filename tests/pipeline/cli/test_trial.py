@@ -36,7 +36,7 @@ def result(real_trial, tmp_path_factory):
 
 def within_cycles(frames, summary):
     time = np.asarray(frames["time_s"])
-    spans = [span for side in ("left", "right") for span in summary.cycles[side]]
+    spans = [span for side in summary.cycles.values() for span in side]
     return np.any([(time >= start) & (time < stop) for start, stop in spans], axis=0)
 
 
@@ -50,6 +50,22 @@ def test_the_table_is_the_rms_of_the_frames_within_gait_cycles(result):
         residual = inside[f"residual.measured.{axis}"]
         assert rms == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-5)
         assert mean == pytest.approx(residual.mean(), rel=1e-5)
+
+
+def test_a_trial_alone_and_in_a_study_has_the_same_residuals(result, real_trial, tmp_path):
+    (tmp_path / "study.toml").write_text("[conditions.walk]\n", encoding="utf-8")
+    (tmp_path / "sub01.toml").write_text(
+        'id = "sub01"\nsex = "female"\nmass_kg = 55.3\n'
+        f'[trials.walk]\nfile = "{real_trial.as_posix()}"\n',
+        encoding="utf-8",
+    )
+    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    (study,) = (tmp_path / "out").glob("trials/*.parquet")
+    rows = pd.DataFrame(read_summary(study).residuals)
+    table = result[-1]
+    for column in ("axis", "window", "n_cycles"):
+        assert rows[column].tolist() == table[column].tolist()
+    np.testing.assert_allclose(rows[["rms", "peak"]], table[["rms", "peak"]], rtol=1e-5)
 
 
 def test_every_gait_cycle_has_its_own_rows(result):
@@ -98,7 +114,7 @@ def test_the_readme_shows_what_the_command_prints(result):
     shown = {axis.strip(): float(rms) for _, axis, rms, *_ in rows}
     table = result[-1]
     assert shown == pytest.approx(dict(zip(AXES, table["rms"], strict=True)), rel=0.1, abs=0.1)
-    assert f"{table['n_cycles'].iloc[0]} of 20 gait cycles" in readme
+    assert f"{table['n_cycles'].iloc[0]} of 10 gait cycles" in readme
 
 
 def test_no_other_file_is_written(result):
