@@ -207,3 +207,13 @@ def test_every_module_can_be_imported_first():
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
+
+
+def test_type_checkers_find_the_packages_where_they_are_installed(tmp_path):
+    """From another folder, after the README's `pip install -e .`; editors look in the same way."""
+    command = [sys.executable, "-m", "mypy", "--follow-imports=skip", "--cache-dir", str(tmp_path)]
+    imports = f"import {', '.join(PACKAGES)}"
+    found = subprocess.run(
+        [*command, "-c", imports], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert found.returncode == 0, found.stdout
