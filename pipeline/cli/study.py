@@ -87,19 +87,31 @@ def run(
         str | None, typer.Option(help="Dask scheduler to run the trials on, e.g. tcp://host:8786.")
     ] = None,
     out: Out = Path("results"),
+    overwrite: Annotated[
+        bool,
+        typer.Option("--overwrite", help="Replace results made with other settings or files."),
+    ] = False,
 ) -> int:
     """Process a study; finished trials are skipped, failed ones listed with reasons."""
     from pipeline.cli.stopping import stoppable
     from pipeline.cli.terminal import StepProgress, announcer, counted, note_line, plain_console
     from pipeline.config.study import read_study
+    from pipeline.config.validation import StudyFaults
     from pipeline.run.processes import keep_freed_memory
-    from pipeline.run.run import plan, run_planned
+    from pipeline.run.run import plan, require_nothing_replaced, run_planned
     from pipeline.trial.study_files import read_study_laboratory
 
     console, start = plain_console(), time.monotonic()
     keep_freed_memory()
-    loaded = read_study(study)
+    try:
+        loaded = read_study(study, recordings=False)  # a trial whose file is missing fails alone
+    except StudyFaults:
+        loaded = read_study(study)  # what stops the run, and whatever else is missing
     planned = plan(loaded, out, subjects=subject, conditions=condition)
+    if not any(job.size for job in planned):
+        read_study(study)  # says what is missing
+    if not overwrite:
+        require_nothing_replaced(planned, out)
     if loaded.file.treadmill.check:
         for note in read_study_laboratory(loaded).notes:
             console.print(note_line(note), soft_wrap=True)

@@ -25,7 +25,7 @@ def missing_file(folder: Path, where: str, name: str) -> list[str]:
     folder
         Folder of the study.
     where
-        File and key that name it.
+        File and key that name it; may be empty.
     name
         Its name, relative to the folder.
 
@@ -37,7 +37,8 @@ def missing_file(folder: Path, where: str, name: str) -> list[str]:
     if is_file(folder / name):
         return []
     near = did_you_mean(name, [p.name for p in folder.glob("*") if p.suffix != ".toml"])
-    return [f"{where}: no file {short(name, MAX_FILE_NAME)!r} in {folder}{near}"]
+    place = f"{where}: " if where else ""
+    return [f"{place}no file {short(name, MAX_FILE_NAME)!r} in {folder}{near}"]
 
 
 def treadmill_faults(folder: Path, file: StudyFile) -> list[str]:
@@ -125,7 +126,7 @@ def trial_faults(
     conditions
         Conditions of the study, if they are known.
     recordings
-        Whether the trials' recordings have to be there.
+        Whether the files of subjects and trials have to be there.
 
     Returns
     -------
@@ -147,7 +148,7 @@ def trial_faults(
             if recordings and isinstance(trial.get(key), str) and trial[key]:
                 faults += missing_file(folder, f"{where}.{key}", trial[key])
     for key in ("static", "hip_trial", "segments"):
-        if isinstance(table.get(key), str) and table[key]:
+        if recordings and isinstance(table.get(key), str) and table[key]:
             faults += missing_file(folder, f"{name}: {key}", table[key])
     return faults
 

@@ -92,7 +92,8 @@ def read_study(folder: str | Path, *, recordings: bool = True) -> Study:
     folder
         Folder with ``study.toml`` and one TOML file per subject, or ``study.toml`` itself.
     recordings
-        Whether a recording of a trial that is not there is a fault.
+        Whether a file of a subject or trial that is not there is a fault; without, only the trials
+        that need it cannot be processed.
 
     Returns
     -------

@@ -15,6 +15,8 @@ from pipeline.run.store import read_summary, write_trial
 from pipeline.trial.ground.laboratory import Laboratory
 from pipeline.trial.summary import FORMAT_VERSION, TrialSummary
 
+KEY_DIGITS: Final = 16
+"""Of each SHA-256 in a trial's key: two differ but for a chance of 1 in 10¹⁹."""
 WORKER_DIED: Final = "the process that worked on it died; too little memory?"
 FileVersion = tuple[Path, tuple[int, int]]
 """A file, and what changes when it is written anew (`pipeline.io.input_file.last_written`)."""
@@ -149,26 +151,60 @@ def trial_key(study: Study, subject: str, condition: str) -> str:
     Returns
     -------
     str
-        SHA-256 of the contents of its files, of what the study states about it, of the sources,
-        libraries and engine that compute it, and of the format in which it is stored.
+        Digests of the contents of its files, of what the study states about it, and of the program:
+        sources, libraries and engine that compute it, and the format in which it is stored.
     """
     person = study.subject(subject)
     trial = person.trials[condition]
     treadmill = study.file.treadmill
     names = [trial.file, trial.forces, trial.record, *treadmill.files.values()]
     names += [person.static, person.hip_trial, person.segments, study.file.plates.calibration]
-    inputs = {
-        "files": [file_digest(study.path(name)) if name else None for name in names],
+    stated = {
         "study": study.file.model_dump(exclude={"name", "conditions", "comparison"}),
         "condition": study.condition(condition).model_dump(),
         "subject": person.person.model_dump(),
         "contacts": [contact.model_dump() for contact in trial.contacts],
         "marker_set": str(study.marker_set),
-        "program": computation_digest(),
-        "engine": engine_identity(study.file.settings.engine),
-        "format": FORMAT_VERSION,
+        "files": names,
     }
-    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+    program = computation_digest(), engine_identity(study.file.settings.engine), FORMAT_VERSION
+    contents = [file_digest(study.path(name)) if name else None for name in names]
+    parts = {"files": contents, "stated": stated, "program": program}
+    return " ".join(f"{name}:{_digest(part)}" for name, part in parts.items())
+
+
+def _digest(value: object) -> str:
+    text = json.dumps(value, sort_keys=True).encode()
+    return hashlib.sha256(text).hexdigest()[:KEY_DIGITS]
+
+
+def replacement(job: Job) -> str:
+    """Say why a stored result with residuals would be replaced by another one; empty if not.
+
+    A result of an earlier version of the program is replaced without a reason.
+    """
+    try:
+        summary = read_summary(job.target)
+    except (OSError, ValueError):
+        return ""
+    if not job.size:
+        return ""  # without its recording nothing will replace it
+    before, now = (dict(p.split(":") for p in key.split()) for key in (summary.key, job.key))
+    if not summary.residuals or all(before[part] == now[part] for part in ("files", "stated")):
+        return ""
+    if before["stated"] == now["stated"]:
+        return "its files have changed"
+    subject = job.study.subject(job.subject).person
+    changed = [
+        f"{name} {old} → {getattr(new_model, name)}"
+        for old_model, new_model in (
+            (summary.settings, job.study.file.settings),
+            (summary.subject, subject),
+        )
+        for name, old in old_model
+        if name != "id" and getattr(new_model, name) != old
+    ]
+    return ", ".join(changed) or "what the study states about it has changed"
 
 
 def file_digest(path: Path) -> str:

@@ -1,5 +1,6 @@
 """A whole study: every trial once, in parallel, resumable, nothing half-written."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -24,6 +25,7 @@ from pipeline.run.job import (
     known_digests,
     prepare_processing,
     process_job,
+    replacement,
     stored_outcome,
     trial_key,
 )
@@ -46,6 +48,7 @@ def run_study(
     conditions: Sequence[str] | None = None,
     jobs: int = 1,
     scheduler: str | None = None,
+    overwrite: bool = False,
     announce: Announce = lambda sentence: None,
 ) -> Iterator[Outcome]:
     r"""Process the trials of a study whose results are not there yet.
@@ -62,6 +65,8 @@ def run_study(
         How many trials at a time.
     scheduler
         Address of a Dask scheduler to run them on instead.
+    overwrite
+        Whether results that were made with other settings or files are replaced.
     announce
         Called with a sentence when something takes long or cannot be written.
 
@@ -75,7 +80,8 @@ def run_study(
     ------
     ValueError
         If a subject or condition is unknown, there is nothing to process, the study states an
-        engine that cannot be imported, or ``out`` cannot be written to.
+        engine that cannot be imported, ``out`` cannot be written to, or results would be replaced
+        that were made with other settings or files.
 
     Examples
     --------
@@ -90,6 +96,8 @@ def run_study(
     done sub01 level
     """
     planned = plan(study, out, subjects=subjects, conditions=conditions)
+    if not overwrite:
+        require_nothing_replaced(planned, out)
     return run_planned(study, planned, out, jobs=jobs, scheduler=scheduler, announce=announce)
 
 
@@ -130,6 +138,17 @@ def plan(
             )
             for (subject, condition), key in zip(trials, keys, strict=True)
         ]
+
+
+def require_nothing_replaced(planned: Iterable[Job], out: Path) -> None:
+    """Refuse to replace results that were made with other settings or files: ValueError."""
+    reasons = Counter(filter(None, map(replacement, planned)))
+    if reasons:
+        why = "; ".join(f"{trials} of them: {reason}" for reason, trials in reasons.most_common())
+        raise ValueError(
+            f"{out}: {reasons.total()} results there were made otherwise ({why}); --overwrite "
+            "replaces them, --out FOLDER keeps both"
+        )
 
 
 def run_planned(

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from compensation import Calibration
 from hbm.notes import Note
+from pipeline.config.consistency import missing_file
 from pipeline.config.plate_correction import PlateCorrection, read_plate_correction
 from pipeline.config.schema import Trial
 from pipeline.config.study import Study
@@ -33,8 +34,16 @@ def read_study_file(study: Study, name: str, trial: Trial | None = None) -> Reco
     -------
     Recording
         As `read_recording` gives it, with its errors.
+
+    Raises
+    ------
+    ValueError
+        If one of the files is missing, with the nearest name that is there.
     """
     trial = trial or Trial()
+    wanted = [each for each in (name, trial.forces, trial.record) if each]
+    if missing := [line for each in wanted for line in missing_file(study.folder, "", each)]:
+        raise ValueError("; ".join(missing))
     return read_as_stated(
         study.path(name),
         study.stated,

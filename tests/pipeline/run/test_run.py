@@ -404,7 +404,9 @@ def test_what_cannot_be_stored_is_announced_and_stops_nothing(study, out, monkey
     monkeypatch.setattr(run, "record_failure", full)
     monkeypatch.setattr(run, "collect_failures", full)
     said = []
-    outcomes = list(run_study(read_study(study), out, subjects=["sub01"], announce=said.append))
+    outcomes = list(
+        run_study(read_study(study), out, subjects=["sub01"], overwrite=True, announce=said.append)
+    )
     assert list(only(outcomes, "failed")) == ["sub01_sway"]
     assert said == ["failures: No space left on device"] * 4
 
@@ -416,11 +418,49 @@ def test_a_file_that_disappears_midway_fails_only_its_own_trial(study, out, fini
     outcomes = list(run_jobs(planned))
     failed = only(outcomes, "failed")
     assert list(failed) == ["sub01_sway"]
-    assert failed["sub01_sway"] == f"{study / 'sub01_sway.c3d'}: No such file or directory"
+    assert failed["sub01_sway"].startswith(f"no file 'sub01_sway.c3d' in {study}")
     assert list(only(outcomes, "done")) == ["sub02_pitch"]
     whole = contents(finished)
     del whole["sub01_sway.parquet"]
     assert contents(out) == whole
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "failed"),
+    [
+        ("sub02_sway.c3d", "missing.c3d", ["sub02_sway"]),
+        ('sex = "female"', 'sex = "female"\nstatic = "missing.c3d"', TRIALS[3:]),
+    ],
+)
+def test_a_file_that_is_missing_fails_only_the_trials_that_need_it(
+    study, out, capsys, old, new, failed
+):
+    retype("sub02.toml", old, new)(study)
+    forget(out, *failed)
+    assert main(["run", str(study), "--out", str(out)]) == 1
+    said = capsys.readouterr().out
+    assert f"0 trials processed, {6 - len(failed)} were there already, {len(failed)} failed" in said
+    assert said.count("no file 'missing.c3d' in ") == len(failed)
+
+
+def test_results_made_with_other_settings_are_kept_unless_they_are_to_be_replaced(
+    study, out, finished, capsys
+):
+    retype("study.toml", "[treadmill]", "[settings]\ncutoff_hz = 8.0\n[treadmill]")(study)
+    command = ["run", str(study), "--subject", "sub01", "--condition", "sway", "--out", str(out)]
+    assert main(command) == 2
+    assert "cutoff_hz 6.0 → 8.0" in capsys.readouterr().err
+    assert contents(out) == contents(finished)
+    assert main([*command, "--overwrite"]) == 0
+    assert read_summary(out / "trials" / "sub01_sway.parquet").settings.cutoff_hz == 8.0
+    others = [name for name in contents(out) if name != "sub01_sway.parquet"]
+    assert all(contents(out)[name] == contents(finished)[name] for name in others)
+
+
+def test_a_changed_recording_is_named_as_the_reason(study, out, capsys):
+    rewrite("sub01_sway.c3d")(study)
+    assert main(["run", str(study), "--out", str(out)]) == 2
+    assert "1 of them: its files have changed" in capsys.readouterr().err
 
 
 def test_a_file_that_changes_midway_gives_no_result_under_the_old_key(study, out, monkeypatch):
