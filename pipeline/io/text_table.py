@@ -173,7 +173,7 @@ def _parse_batch(rows: Sequence[tuple[int, str]], separator: str, names: Sequenc
             skip_blank_lines=False,
             quoting=3,
             keep_default_na=False,
-            na_values=["", "NaN", "nan", "-nan"],
+            na_values=["", "NaN", "nan", "-nan", "NAN", "Nan", "-NaN"],
             skipinitialspace=True,
         ).to_numpy(float)
     except ValueError as error:

@@ -21,7 +21,9 @@ from pipeline.io.text_table import ending_notes, lines_of, names_in, parse_rows,
 MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100_000.0
 """Of cameras."""
 MAX_TIME_ERROR: Final = 0.1
-"""In frames: files round their times, but not by more than this."""
+"""In frames: files round their times, but not by more than this beyond half of their last digit."""
+ROUNDED: Final = 1e-6
+"""Of a digit: closer to a whole one, a number has no further digits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,9 +144,14 @@ def _parse(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Traject
     markers, subject, label_notes = marker_columns(names, stated)
     columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
     rows = [(k, line) for k, line in enumerate(lines[5:], start=6) if line.strip()]
-    for key, count in (("NumFrames", len(rows)), ("NumMarkers", len(names))):
-        if _stated(header, key) != count:
-            raise ValueError(f"its header says {key} {short(header[key])}, but it holds {count}")
+    if _stated(header, "NumMarkers") != len(names):
+        count = short(header["NumMarkers"])
+        raise ValueError(f"its header says NumMarkers {count}, but it holds {len(names)}")
+    if _stated(header, "NumFrames") != len(rows):
+        count = short(header["NumFrames"])
+        if notes:  # it ends within a line
+            raise ValueError(f"its header says NumFrames {count}, but it is cut off in {len(rows)}")
+        notes = (Note.of("frame_count_differs", header=count, found=len(rows)),)
     if not rows or not names:
         raise ValueError("it holds no frames")
     filled = ((k, _with_last_gaps(line, len(columns))) for k, line in rows)
@@ -172,9 +179,18 @@ def _regular(stated: Array, rate_hz: float) -> Array:
             f"its header says {rate_hz:g} Hz, expected {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g} Hz"
         )
     time: Array = stated[0] + np.arange(len(stated)) / rate_hz
-    if not np.abs(stated - time).max() < MAX_TIME_ERROR / rate_hz:
+    if not np.abs(stated - time).max() < MAX_TIME_ERROR / rate_hz + 2 * _rounding(stated, rate_hz):
         raise ValueError(f"its times are not the regular times of its rate of {rate_hz:g} Hz")
     return time
+
+
+def _rounding(stated: Array, rate_hz: float) -> float:
+    """Give half of the last digit of rounded times [s]; 0 where the steps have no more digits."""
+    for unit in (0.01, 0.001):
+        if np.abs(stated / unit - np.round(stated / unit)).max() < ROUNDED:
+            step = 1 / rate_hz / unit
+            return 0.0 if abs(step - round(step)) < ROUNDED else unit / 2
+    return 0.0
 
 
 def _stated(header: Mapping[str, str], key: str) -> float:

@@ -69,7 +69,6 @@ def test_labels_are_renamed_before_the_axes_are_inferred(trc_file):
         (lambda text: text.replace("PathFileType", "Something"), "not a TRC file"),
         (lambda text: text.replace("\tmm\t", "\tfurlong\t"), "unknown length unit 'furlong'"),
         (lambda text: text.replace("Units", "Unit"), "header does not say Units"),
-        (lambda text: text[: len(text) // 2].rpartition("\n")[0], "says NumFrames 50, but"),
         (lambda text: text.replace("\t6\tmm", "\t7\tmm"), "says NumMarkers 7, but it holds 6"),
         (lambda text: text.replace("\n100.00", "\n0.00"), "header says 0 Hz"),
         (lambda text: text.replace("RASIS", "LASIS"), "same label: LASIS"),
@@ -86,6 +85,44 @@ def test_a_damaged_file_is_refused_in_one_line(trc_file, edit, message):
         read_trc(trc_file(edit=edit))
     assert str(caught.value).startswith("subject.trc: ")
     assert "\n" not in str(caught.value)
+
+
+def test_a_trimmed_file_is_read_as_far_as_it_goes_with_a_warning(trc_file, subject):
+    recording = read_trc(trc_file(edit=lambda text: text[: len(text) // 2].rpartition("\n")[0]))
+    frames = len(recording.markers.time)
+    assert 20 < frames < 30
+    np.testing.assert_allclose(recording.markers.position, subject.position[:frames], atol=1e-6)
+    (note,) = [note for note in recording.notes if note.code == "frame_count_differs"]
+    assert (note.level, note.values["header"], note.values["found"]) == ("warning", "50", frames)
+
+
+@pytest.mark.parametrize("gap", ["NAN", "Nan", "nan", "NaN"])
+def test_gaps_may_be_written_in_any_spelling_of_nan(trc_file, subject, gap):
+    position = subject.position.copy()
+    position[3, 2] = np.nan
+    path = trc_file(position=position)
+    lines = path.read_text(encoding="utf-8").split("\n")
+    lines[9] = lines[9].replace("\t\t\t\t", f"\t{gap}\t{gap}\t{gap}\t")
+    path.write_text("\n".join(lines), encoding="utf-8")
+    assert gap in path.read_text(encoding="utf-8")
+    gaps = np.isnan(read_trc(path).markers.position).all(axis=-1)
+    assert np.argwhere(gaps).tolist() == [[3, 2]]
+
+
+def rounded_times(text, rate_hz, decimals):
+    """The same file with another rate, and times rounded to so many decimals."""
+    *head, names, axes, blank = text.split("\n")[:6]
+    rows = [line.split("\t") for line in text.split("\n")[6:]]
+    head[2] = head[2].replace("100.00", f"{rate_hz:.2f}")
+    times = (f"{k / rate_hz:.{decimals}f}" for k in range(len(rows)))
+    lines = ("\t".join([row[0], time, *row[2:]]) for row, time in zip(rows, times, strict=True))
+    return "\n".join([*head, names, axes, blank, *lines])
+
+
+@pytest.mark.parametrize(("rate_hz", "decimals"), [(250, 2), (240, 3), (120, 2), (150, 3)])
+def test_rounded_times_are_the_regular_times_of_the_rate(trc_file, rate_hz, decimals):
+    path = trc_file(edit=lambda text: rounded_times(text, rate_hz, decimals))
+    np.testing.assert_allclose(read_trc(path).markers.time, np.arange(50) / rate_hz, atol=1e-9)
 
 
 def test_the_real_static_trial_stands_upright_for_five_seconds(shared_data):
