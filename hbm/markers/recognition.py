@@ -6,7 +6,7 @@ from typing import Final
 
 from hbm.markers.marker_set import MarkerSet, SetMarker
 from hbm.markers.table import marker_sets
-from hbm.spelling import differing_case
+from hbm.spelling import differing_case, listed
 
 MIN_SHARE_OF_PART: Final = 1 / 2
 """Of a part's markers that must be present for a set to show it: other sets share fewer labels."""
@@ -82,6 +82,11 @@ def _mismatch(nearest: MarkerSet, names: list[str]) -> str:
     missing = sorted(marker.labels[0] for marker in _absent(needed, names))
     known = [n for each in marker_sets().values() for m in each.markers for n in m.labels]
     more = ", …" if len(missing) > MAX_LABELS_LISTED else ""
+    if len(missing) == len(needed):
+        return (
+            f"the markers match no known set: none of {listed(names)} is a marker of pelvis or "
+            f"legs{differing_case(names, known)}; rename them or give a marker set of your own"
+        )
     return (
         f"the markers match no known set; nearest is {nearest.name!r} with "
         f"{len(needed) - len(missing)} of its {len(needed)} markers of pelvis and legs (missing "

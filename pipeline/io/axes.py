@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from hbm.markers import MarkerSet
 from hbm.notes import Note
 from hbm.spatial import Array
-from hbm.spelling import short
+from hbm.spelling import listed, short
 from pipeline.io.orientation import Sites, between, find_sites, rise, typical
 
 DIRECTIONS: Final = {
@@ -136,6 +136,13 @@ def settle_axes(
         return axes, (stated, *_not_forward(axes, position, sites))
     if not np.isfinite(position).any():
         raise ValueError(f"axes cannot be inferred: no marker is ever visible; {ASK}")
+    if not sites.across:
+        empty = "" if loads else "no plate is loaded, as on an empty treadmill, and "
+        raise ValueError(
+            f"axes cannot be inferred: {empty}{listed(names)} hold no left and right pair of a "
+            "known marker set; if they are a person's, rename them (--rename) or give a marker set "
+            f"(--marker-set), and {ASK}"
+        )
     up, up_evidence = _infer_up(above, loads, plate_normals, screen_up)
     left, pairs, doubts = _infer_left(position, sites, up)
     forward = np.cross(left, up)
@@ -211,7 +218,10 @@ def _infer_up(
     if above is not None:
         evidence["pelvis or shoulders above feet"] = above
     if not evidence:
-        raise ValueError(f"axes cannot be inferred: no loaded plate, no known markers; {ASK}")
+        raise ValueError(
+            "axes cannot be inferred: no plate is loaded, as on an empty treadmill, and no marker "
+            f"of pelvis, shoulders and feet is seen; if a person is in it, {ASK}"
+        )
     signed = {source: _nearest_axis(vector, source) for source, vector in evidence.items()}
     normals = np.reshape(np.asarray(plate_normals, float), (-1, 3))
     surfaces = {f"the surface of plate {k}": normal for k, normal in enumerate(normals, start=1)}
@@ -241,7 +251,7 @@ def _infer_left(
     named = tuple(name for name, known in zip(names, seen, strict=True) if known)
     if not named:
         raise ValueError(
-            f"axes cannot be inferred: no marker pair such as LASIS and RASIS shows left; {ASK}"
+            f"axes cannot be inferred: none of the marker pairs {listed(names)} is seen; {ASK}"
         )
     by_pair, across = by_pair[seen], across[:, seen]
     source = f"the marker pairs {', '.join(named[:PAIRS_NAMED])}"

@@ -6,7 +6,7 @@ import numpy as np
 
 from hbm.dynamics import filter_motion, inverse_dynamics_variants
 from hbm.engines.choice import choose_engine
-from hbm.markers import MarkerSet
+from hbm.markers import MarkerSet, recognise_marker_set
 from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride
@@ -58,7 +58,7 @@ from pipeline.trial.study_files import (
 )
 from pipeline.trial.subject_body import subject_body
 from pipeline.trial.validity import Validity, settled_frames, settling_s, validity_notes
-from pipeline.trial.weighing import body_mass, carried_mass, differing_masses
+from pipeline.trial.weighing import BodyMass, body_mass, carried_mass, differing_masses
 from pipeline.trial.weight_bearing import weight_bearing_frames
 from pipeline.trial.window import WantedWindow, counted_span, perturbed_part, window_notes
 
@@ -138,7 +138,7 @@ def process_recording(
     recording = with_corrected_plates(recording, laboratory.plates)
     pose = with_corrected_plates(static, laboratory.plates) if static else recording
     choose_engine(settings.engine)
-    mass = body_mass(subject, pose, recording)
+    mass = _body_mass(subject, settings, pose, recording, marker_set)
     body = subject_body(
         pose,
         subject,
@@ -367,6 +367,25 @@ def process_trial(
             contacts=trial.contacts,
             jobs=jobs,
         )
+
+
+def _body_mass(
+    subject: Subject,
+    settings: Settings,
+    pose: Recording,
+    recording: Recording,
+    marker_set: MarkerSet | None,
+) -> BodyMass:
+    """Give the body mass; where it is missing, say also whether the labels are known."""
+    try:
+        return body_mass(subject, pose, recording)
+    except ValueError as error:
+        if marker_set is None and settings.marker_set is None:
+            try:
+                recognise_marker_set(pose.markers.names)
+            except ValueError as unknown:
+                raise ValueError(f"{pose.source.name}: {unknown}; {error}") from error
+        raise
 
 
 def _require_plates(recording: Recording) -> None:

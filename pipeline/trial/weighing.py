@@ -183,19 +183,22 @@ def _weigh(recording: Recording, expected_kg: float | None) -> _Weighing | None:
     return _Weighing(float(mean[best]), begin_s + TENTH_S * best, recording.source.name)
 
 
+STATE: Final = "(--mass-kg, mass_kg of the subject)"
+
+
 def _nothing_known(recordings: tuple[Recording, ...]) -> str:
     """Say that the body mass is not known, and what to do."""
     name = recordings[0].source.name
     plates = next((r.plates for r in recordings if r.plates), ())
     if not plates:
         why = recordings[0].why_no_plates
-        return f"{name}: mass missing, and no plates to weigh on: {why}; state it"
+        return f"{name}: mass missing, and no plates to weigh on: {why}; state it {STATE}"
     force = sum(float(np.nanmean(plate.wrench[:, 2])) for plate in plates)
     mean_kg = force / GRAVITY_MPS2
     hint = f"; the mean vertical force of the whole file would be {mean_kg:.1f} kg"
     return (
         f"{name}: mass missing: nobody stands still on the plates for a second to be weighed, and "
-        f"no file states it; state the mass{hint if mean_kg > MIN_MASS_KG else ''}"
+        f"no file states it; state the mass {STATE}{hint if mean_kg > MIN_MASS_KG else ''}"
     )
 
 

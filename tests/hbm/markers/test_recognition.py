@@ -130,6 +130,11 @@ def test_unknown_labels_are_refused_with_the_nearest_set():
         recognise_marker_set(labels)
 
 
+def test_no_set_is_named_of_which_no_label_is_there():
+    with pytest.raises(ValueError, match=r"none of A1, B2 is a marker of pelvis or legs; rename"):
+        recognise_marker_set(["A1", "B2"])
+
+
 def test_labels_that_differ_in_case_only_are_named():
     with pytest.raises(ValueError, match=r"46 differ in case only, such as 'lasis' for LASIS"):
         recognise_marker_set([name.lower() for name in labels_of("hbm2")])

@@ -68,6 +68,9 @@ def folder(tmp_path_factory):
     write_c3d(folder / "short.c3d", short, [plate(1, half[:50]), plate(2, half[:50])])
     bouncing = half * (1 + 0.2 * np.sin(12 * still[0].time))
     write_c3d(folder / "bouncing.c3d", person, [plate(1, bouncing), plate(2, bouncing)])
+    strange = Markers(person.time, foreign, person.position)
+    write_c3d(folder / "foreign_bouncing.c3d", strange, [plate(1, bouncing), plate(2, bouncing)])
+    write_c3d(folder / "empty.c3d", strange, [plate(1, 0 * half), plate(2, 0 * half)])
     (folder / "renamed.c3d").write_text("time\tLASIS\n0.0\t1.0\n" * 100)
     (folder / "nothing.c3d").touch()
     (folder / "still.txt").write_text("a person stands still")
@@ -94,7 +97,9 @@ def refused(capsys, *arguments):
         ("still.txt", MASS, ["still.txt", "C3D", "TRC", "D-Flow", ".mox", "Nexus"]),
         ("no_plates.c3d", MASS, ["no_plates.c3d", "no force plates"]),
         ("foreign.c3d", [*MASS, *LAB_AXES], ["foreign.c3d", "match no known set", "rename"]),
+        ("foreign_bouncing.c3d", LAB_AXES, ["match no known set", "mass missing", "--mass-kg"]),
         ("foreign.c3d", MASS, ["foreign.c3d", "axes cannot be inferred", "state the axes"]),
+        ("empty.c3d", MASS, ["no plate is loaded, as on an empty treadmill", "M0, M1"]),
         ("short.c3d", MASS, ["short.c3d", "at least 17 samples", "got 5"]),
         ("bouncing.c3d", [], ["bouncing.c3d", "mass missing", "state the mass", "kg"]),
         ("still.c3d", ["--mass-kg", "74600"], ["--mass-kg", "400", "grams", "kilograms"]),
