@@ -152,13 +152,14 @@ def processed(job: Job) -> tuple[Recording, Laboratory, TrialResult]:
         If the result is missing or not up to date, or the recording is gone.
     """
     stored = _stored(job)
-    trial = job.study.subjects[job.subject].trials[job.condition]
+    person = job.study.subjects[job.subject]
+    trial = person.trials[job.condition]
     assert trial.file is not None  # it would not be planned
     if not job.study.path(trial.file).is_file():
         raise ValueError(_without_recording(stored.summary, trial.file).text)
     if stored.summary.key != trial_key(job.study, job.subject, job.condition):
         raise ValueError("its result is not up to date; run 'hbm run' first")
-    recording = read_study_file(job.study, trial.file, trial)
+    recording = read_study_file(job.study, trial.file, trial, person.static)
     return recording, read_study_laboratory(job.study), stored.result()
 
 

@@ -73,6 +73,10 @@ def parse_axes(axes: str) -> Array:
     return rotation
 
 
+class AxesUnknownError(ValueError):
+    """A recording does not show where its axes point; a person or another recording may."""
+
+
 def settle_axes(
     axes: str | None,
     position: ArrayLike,
@@ -114,9 +118,10 @@ def settle_axes(
 
     Raises
     ------
+    AxesUnknownError
+        Evidence is missing or contradicts itself; the message asks for the axes.
     ValueError
-        Evidence is missing or contradicts itself (the message asks for the axes), or gravity
-        contradicts the stated axes.
+        Gravity contradicts the stated axes.
 
     Notes
     -----
@@ -135,10 +140,10 @@ def settle_axes(
         stated = Note.of("axes_stated", axes=_listed(axes))
         return axes, (stated, *_not_forward(axes, position, sites))
     if not np.isfinite(position).any():
-        raise ValueError(f"axes cannot be inferred: no marker is ever visible; {ASK}")
+        raise AxesUnknownError(f"axes cannot be inferred: no marker is ever visible; {ASK}")
     if not sites.across:
         empty = "" if loads else "no plate is loaded, as on an empty treadmill, and "
-        raise ValueError(
+        raise AxesUnknownError(
             f"axes cannot be inferred: {empty}{listed(names)} hold no left and right pair of a "
             "known marker set; if they are a person's, rename them (--rename) or give a marker set "
             f"(--marker-set), and {ASK}"
@@ -150,7 +155,7 @@ def settle_axes(
     forward_evidence = ["left and up"]
     if np.isfinite(toes).all():
         if toes @ forward < 0:
-            raise ValueError(
+            raise AxesUnknownError(
                 f"axes cannot be inferred: forward is {_axis_name(forward)} by the marker pairs "
                 f"{', '.join(pairs)}, but the toes point the other way; {ASK}"
             )
@@ -218,7 +223,7 @@ def _infer_up(
     if above is not None:
         evidence["pelvis or shoulders above feet"] = above
     if not evidence:
-        raise ValueError(
+        raise AxesUnknownError(
             "axes cannot be inferred: no plate is loaded, as on an empty treadmill, and no marker "
             f"of pelvis, shoulders and feet is seen; if a person is in it, {ASK}"
         )
@@ -232,7 +237,7 @@ def _infer_up(
     contradicting = [source for source, axis in signed.items() if axis @ up < 0.5]
     contradicting += [source for source, axis in lines.items() if abs(axis @ up) < 0.5]
     if contradicting:
-        raise ValueError(
+        raise AxesUnknownError(
             f"axes cannot be inferred: {_axis_name(up)} is up by {first}, "
             f"but not by {' and '.join(contradicting[:PAIRS_NAMED])}; {ASK}"
         )
@@ -250,7 +255,7 @@ def _infer_left(
     names = [short(name) for name in sites.across]
     named = tuple(name for name, known in zip(names, seen, strict=True) if known)
     if not named:
-        raise ValueError(
+        raise AxesUnknownError(
             f"axes cannot be inferred: none of the marker pairs {listed(names)} is seen; {ASK}"
         )
     by_pair, across = by_pair[seen], across[:, seen]
@@ -261,14 +266,14 @@ def _infer_left(
         name for name, cosine in zip(named, cosines, strict=True) if cosine < MAX_COSINE_OPPOSITE
     ]
     if 2 * len(against) >= len(named):
-        raise ValueError(
+        raise AxesUnknownError(
             f"axes cannot be inferred: of {source}, {', '.join(against[:PAIRS_NAMED])} lie the "
             f"other way round; {ASK}"
         )
     agree = across[:, cosines > 0]
     facing = agree[np.isfinite(agree).all(axis=-1)] @ left
     if sites.on_trunk and np.mean(facing > 0) < MIN_SHARE_FACING_ONE_WAY:
-        raise ValueError(f"axes cannot be inferred: the subject turns around; {ASK}")
+        raise AxesUnknownError(f"axes cannot be inferred: the subject turns around; {ASK}")
     doubts = [Note.of("sides_contradict", marker_pairs=against)] if against else []
     agreeing = tuple(name for name, cosine in zip(named, cosines, strict=True) if cosine > 0)
     return left, agreeing[:PAIRS_NAMED], tuple(doubts)
@@ -277,7 +282,7 @@ def _infer_left(
 def _nearest_axis(vector: Array, source: str) -> Array:
     k = int(np.argmax(np.abs(vector)))
     if not abs(vector[k]) > np.cos(np.deg2rad(MAX_ANGLE_TO_AXIS_DEG)) * np.linalg.norm(vector):
-        raise ValueError(
+        raise AxesUnknownError(
             f"axes cannot be inferred: the direction of {source} is more than "
             f"{MAX_ANGLE_TO_AXIS_DEG:g}° away from every axis of the file; {ASK}"
         )

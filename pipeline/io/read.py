@@ -1,12 +1,16 @@
 """Read or preview a recording of any format, recognised by its content and not by its name."""
 
 from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from hbm.markers import MarkerSet
+from hbm.notes import Note
+from pipeline.io.axes import AxesUnknownError
 from pipeline.io.c3d.read import preview_c3d, read_c3d
 from pipeline.io.dflow import read_dflow
 from pipeline.io.input_file import naming, open_file
@@ -110,9 +114,40 @@ def read_as_stated(
     forces: str | Path | None = None,
     *,
     record: str | Path | None = None,
+    static: Path | None = None,
 ) -> Recording:
-    """Read a trial of any known format; as `read_recording`, with what is stated in one place."""
-    path = Path(path)
+    """Read a trial of any known format; as `read_recording`, with what is stated in one place.
+
+    Where its axes cannot be inferred, those of a static recording of the same laboratory hold.
+    """
+    try:
+        return _read(Path(path), stated, forces, record=record)
+    except ValueError as error:
+        axes, note = _axes_of_static(static, stated, error)
+    recording = _read(Path(path), replace(stated, axes=axes), forces, record=record)
+    others = (each for each in recording.notes if each.code != "axes_stated")
+    return replace(recording, notes=(note, *others))
+
+
+def _axes_of_static(static: Path | None, stated: Stated, error: ValueError) -> tuple[str, Note]:
+    """Give the axes of a static recording; raise the error where there is none, or of another."""
+    if static is None or not isinstance(error.__cause__, AxesUnknownError):
+        raise error
+    notes = (note for note in _read(static, stated).notes if note.code == "axes_inferred")
+    axes = next((note.values["axes"] for note in notes), None)
+    if not isinstance(axes, tuple):
+        raise error
+    return ",".join(axes), Note.of("axes_of_static", file=static.name, axes=axes)
+
+
+def _read(
+    path: Path,
+    stated: Stated,
+    forces: str | Path | None = None,
+    *,
+    record: str | Path | None = None,
+) -> Recording:
+    """Read a trial of any known format."""
     kind = file_format(path)
     if forces is not None and kind != "TRC":
         raise ValueError(f"{path.name}: a file of forces goes with a TRC file, this is {kind}")
@@ -133,15 +168,21 @@ def read_as_stated(
 
 
 def preview_recording(
-    path: Path, stated: Stated, forces: Path | None = None, *, record: Path | None = None
+    path: Path,
+    stated: Stated,
+    forces: Path | None = None,
+    *,
+    record: Path | None = None,
+    static: Path | None = None,
 ) -> Preview:
     """Preview a recording of any format, a C3D file without reading all of it.
 
     Parameters and errors are those of `read_as_stated`.
     """
     if file_format(path) == "C3D" and forces is None and record is None:
-        return preview_c3d(path, stated)
-    recording = read_as_stated(path, stated, forces, record=record)
+        with suppress(ValueError):  # a static may tell the axes
+            return preview_c3d(path, stated)
+    recording = read_as_stated(path, stated, forces, record=record, static=static)
     share = np.isnan(recording.markers.position[..., 0]).mean(axis=0)
     missing = {m: float(s) for m, s in zip(recording.markers.names, share, strict=True)}
     return Preview(recording, len(recording.markers.time), missing)

@@ -237,7 +237,15 @@ def _check_trial(
     of_beginning, of_whole = _Collector(), _Collector()
     preview = of_beginning.attempt(
         path.name,
-        lambda: corrected(preview_recording(path, study.stated, forces, record=record)),
+        lambda: corrected(
+            preview_recording(
+                path,
+                study.stated,
+                forces,
+                record=record,
+                static=study.path(person.static) if person.static else None,
+            )
+        ),
     )
     if preview is not None:
         of_beginning = check(preview)
@@ -246,7 +254,7 @@ def _check_trial(
     missing = preview.missing if preview is not None else {}
 
     def whole() -> Preview:
-        recording = read_study_file(study, file, trial)
+        recording = read_study_file(study, file, trial, person.static)
         return corrected(Preview(recording, len(recording.markers.time), missing))
 
     preview = of_whole.attempt(path.name, whole)

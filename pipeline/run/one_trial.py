@@ -109,7 +109,13 @@ def processed_trial(
 
 def read_requested(request: TrialRequest) -> Recording:
     """Read the trial that a request names, with its forces or its record."""
-    return read_as_stated(request.trial, _stated(request), request.forces, record=request.record)
+    return read_as_stated(
+        request.trial,
+        _stated(request),
+        request.forces,
+        record=request.record,
+        static=request.static,
+    )
 
 
 def _stated(request: TrialRequest) -> Stated:

@@ -349,7 +349,7 @@ def process_trial(
     def read(name: str | None) -> Recording | None:
         return read_study_file(study, name) if name else None
 
-    recording = read_study_file(study, trial.file, trial)
+    recording = read_study_file(study, trial.file, trial, person.static)
     static, hip_trial = read(person.static), read(person.hip_trial)
     recording = with_unused_renames(recording, static, hip_trial)
     with naming_unused_renames(recording):

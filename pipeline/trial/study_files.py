@@ -18,7 +18,9 @@ from pipeline.trial.ground.calibration_file import read_calibration
 from pipeline.trial.ground.laboratory import Laboratory
 
 
-def read_study_file(study: Study, name: str, trial: Trial | None = None) -> Recording:
+def read_study_file(
+    study: Study, name: str, trial: Trial | None = None, static: str | None = None
+) -> Recording:
     """Read a recording of a study, with the axes, labels and units that the study states.
 
     Parameters
@@ -29,6 +31,8 @@ def read_study_file(study: Study, name: str, trial: Trial | None = None) -> Reco
         The file.
     trial
         The trial whose file it is, for the forces or the record beside it.
+    static
+        The subject's static recording: its axes hold where the file does not show them.
 
     Returns
     -------
@@ -49,6 +53,7 @@ def read_study_file(study: Study, name: str, trial: Trial | None = None) -> Reco
         study.stated,
         study.path(trial.forces) if trial.forces else None,
         record=study.path(trial.record) if trial.record else None,
+        static=study.path(static) if static else None,
     )
 
 

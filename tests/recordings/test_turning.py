@@ -1,0 +1,45 @@
+"""Walks that turn: their axes are those of the static recording of the laboratory."""
+
+import pytest
+
+from pipeline.cli.app import main
+from pipeline.config.study import read_study
+from pipeline.io.read import read_as_stated
+from pipeline.io.stated import Stated
+from pipeline.trial.process import process_trial
+
+TURNS = [("HC030A22", "HC030A01"), ("HC031A23", "HC031A01")]
+
+
+@pytest.fixture
+def folder(shared_data):
+    return shared_data / "overground_walks"
+
+
+@pytest.mark.parametrize(("turn", "static"), TURNS)
+def test_a_turn_takes_the_axes_of_its_static_recording(folder, turn, static):
+    path, pose = (folder / f"{name}.c3d" for name in (turn, static))
+    with pytest.raises(ValueError, match="axes cannot be inferred"):
+        read_as_stated(path, Stated())
+    recording = read_as_stated(path, Stated(), static=pose)
+    (note,) = [note for note in recording.notes if note.code.startswith("axes_")]
+    assert note.code == "axes_of_static"
+    (inferred,) = [n for n in read_as_stated(pose, Stated()).notes if n.code == "axes_inferred"]
+    assert note.values["axes"] == inferred.values["axes"] == ("left", "back", "up")
+
+
+def test_a_walk_that_shows_its_axes_does_not_take_those_of_the_static_recording(folder):
+    walk = read_as_stated(folder / "HC030A05.c3d", Stated(), static=folder / "HC030A01.c3d")
+    assert "axes_inferred" in [note.code for note in walk.notes]
+
+
+def test_a_study_of_turns_is_checked_and_processed(folder, tmp_path):
+    (tmp_path / "study.toml").write_text("[conditions.turn]\n", encoding="utf-8")
+    (tmp_path / "child.toml").write_text(
+        f'id = "child"\nstatic = "{(folder / "HC031A01.c3d").as_posix()}"\n'
+        f'[trials.turn]\nfile = "{(folder / "HC031A23.c3d").as_posix()}"\n',
+        encoding="utf-8",
+    )
+    assert main(["check", str(tmp_path)]) == 0
+    result = process_trial(read_study(tmp_path), "child", "turn")
+    assert result.validity.counts.sum() > 50
