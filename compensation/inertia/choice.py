@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from compensation.inertia.dynamic import extend, left_of_held_out
 from compensation.inertia.fit import MIN_SAMPLES_PER_GAIN
 from compensation.inertia.model import SLOW_HZ, InertiaModel
-from compensation.inertia.quality import MAX_LEFT_N, MAX_LEFT_NM
+from compensation.inertia.quality import MAX_LEFT
 from compensation.inputs import read_rate, read_table
 from hbm.notes import Note
 from hbm.signals.filtering import low_pass
@@ -19,7 +19,7 @@ from hbm.spatial import WRENCH_COMPONENTS, Array, read_only
 Kind = Literal["static", "dynamic"]
 Samples = Mapping[str, tuple[Array, Array]]
 """Plate -> what was felt, (N, K) [m/s²], and its wrench, (N, 6) [N, N·m], both without gaps."""
-ALLOWED: Final = np.repeat([MAX_LEFT_N, MAX_LEFT_NM], 3)
+ALLOWED: Final = MAX_LEFT
 MAX_SHARE: Final = 0.8
 """Of what the static model leaves, that a dynamic one may leave to be chosen: less is no clear gain
 for four times as many numbers."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from hbm.engines.choice import engine_identity
+from hbm.notes import Note
 from pipeline.config.study import Study
 from pipeline.io.input_file import last_written
 from pipeline.run.program import computation_digest
@@ -61,11 +62,15 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a job: processed, kept because its result was there already, or failed."""
+    """What became of a job: processed, kept because its result was there already, or failed.
+
+    With a result, also what to know of the calibration that it used.
+    """
 
     job: Job
     state: Literal["done", "kept", "failed"]
     reason: str = ""
+    of_calibration: tuple[Note, ...] = ()
 
     def __str__(self) -> str:
         if self.failure is not None:
@@ -119,7 +124,7 @@ def stored_outcome(job: Job) -> Outcome | None:
 def _outcome(job: Job, state: Literal["done", "kept"], summary: TrialSummary) -> Outcome:
     """Give the outcome of a trial that is stored: failed where it has frames but no residuals."""
     if summary.residuals:
-        return Outcome(job, state)
+        return Outcome(job, state, of_calibration=summary.of_calibration)
     return Outcome(job, "failed", summary.shortage)
 
 

@@ -14,6 +14,7 @@ from joblib import delayed
 
 from hbm.engines.choice import choose_engine
 from hbm.kernels.native import kernels
+from hbm.notes import Note
 from pipeline.config.study import Study
 from pipeline.io.write import remove_leftovers, require_writable
 from pipeline.run.cluster import on_cluster
@@ -168,13 +169,16 @@ def run_planned(
     remove_leftovers(out / "trials")
     record_study_folder(out, study.folder)
     kernels(announce)
+    of_calibration: dict[Note, None] = {}
     try:
         for outcome in run_jobs(planned, workers=jobs, scheduler=scheduler):
             with _unwritable_announced(announce):
                 record_failure(outcome.job.target, outcome.job.name, outcome.failure)
+            of_calibration |= dict.fromkeys(outcome.of_calibration)
             yield outcome
     finally:
         with _unwritable_announced(announce):
+            record_study_folder(out, study.folder, of_calibration)
             collect_failures(
                 out,
                 [
