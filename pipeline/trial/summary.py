@@ -69,7 +69,8 @@ class TrialSummary:
     notes
         What was inferred, locked, filled or refused.
     delay_s, delay_uncertainty_s
-        How much later the plates are than the markers, and its standard error; None where unknown.
+        How much later the plates are than the markers, and half of its 95 % interval; None where it
+        is not determined.
     frames, unsolved_frames
         Number of frames, and of those without a solution of the inverse kinematics.
     cycles
