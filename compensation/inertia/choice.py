@@ -1,4 +1,4 @@
-"""Which model compensates trials: static, unless a dynamic one is clearly and safely better."""
+"""Which model compensates trials, and how much recordings of people beside weigh in its gains."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +32,16 @@ ALONE: Final = (
     "beside an empty plate show whether that is so of others"
 )
 TOO_SHORT: Final = "the recording is too short to judge a dynamic one"
+BESIDE_WEIGHTS: Final = (1.0, 0.1, 0.01, 0.001, 0.0001)
+"""Of a sample of people beside an empty plate, by one of commanded motion: alike, down to a
+ten-thousandth, at which gains are those of commanded motion wherever it determines them."""
+MAX_WORSE_COMMANDED: Final = 1.05
+"""Factor by which people beside may raise what is left of held-out commanded motion in any band:
+other commanded motion, which holds less of what they spoil, then is not clearly worse (1.2)."""
+BANDS_HZ: Final = (2.0, SLOW_HZ)
+"""Cut-offs below which it is judged, as well as in all that passes the calibration's filter."""
+MIN_LEFT: Final = 1e-6
+"""Below which nothing is left [N, N·m]."""
 NEGLIGIBLE_SHARE: Final = 0.1
 """Of what residuals allow: whether a component is left less than this does not count."""
 
@@ -105,11 +115,15 @@ class Choice:
         Which of them the recordings speak for; another one where a model was stated.
     reason
         In words, from which a sentence about the better model continues.
+    beside
+        How much recordings of people beside weigh in the gains, and why, in words; empty where
+        there are none.
     """
 
     model: Kind
     better: Kind
     reason: str
+    beside: str = ""
 
     def __post_init__(self) -> None:
         for model in (self.model, self.better):
@@ -147,11 +161,78 @@ def rms_left(left: ArrayLike, rate_hz: float) -> Array:
     return np.stack([error.std(axis=0), slow.std(axis=0)])
 
 
+def weigh_beside(
+    trials: Sequence[tuple[str, Samples]], readings: int, rate_hz: float
+) -> tuple[float, str]:
+    """Give the weight of recordings of people beside an empty plate in the gains, and why.
+
+    Parameters
+    ----------
+    trials
+        As for `choose`, the commanded motion first.
+    readings
+        How many of the channels are readings.
+    rate_hz
+        Sampling rate of all [Hz].
+
+    Returns
+    -------
+    weight
+        The largest of `BESIDE_WEIGHTS` with which no component of any plate is worse in held-out
+        parts of the commanded motion than without these recordings, in any band; else the smallest.
+    reason
+        In words; empty where there is nothing to weigh.
+
+    Notes
+    -----
+    What the platform's commanded motion shows is what the model is for. What people add is error,
+    unless the accelerometers show it: then it can be fitted without a loss.
+
+    Examples
+    --------
+    >>> felt = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (600, 3))
+    >>> rigid = felt, felt @ np.hstack([-150 * np.eye(3), np.full((3, 3), 15.0)])
+    >>> weigh_beside([("empty", {"plate 1": rigid})], 3, 100.0)
+    (1.0, '')
+    """
+    signal, plates = trials[0]
+    of_plate = {
+        name: [
+            (samples[name][0][:, :readings], samples[name][1])
+            for _, samples in trials
+            if name in samples
+        ]
+        for name in plates
+    }
+    several = {name: found for name, found in of_plate.items() if len(found) > 1}
+    if not several:
+        return 1.0, ""
+
+    def left(name: str, count: int | None, weight: float) -> Array:
+        error, *_ = left_of_held_out(of_plate[name][:count], readings, weight)
+        bands = [low_pass(error, rate_hz, hz, "zero_phase") for hz in BANDS_HZ]
+        return np.std([error, *bands], axis=1)
+
+    alone = {name: np.maximum(left(name, 1, 1.0), MIN_LEFT) for name in several}
+    before = ""
+    for weight in BESIDE_WEIGHTS:
+        worse = np.array([(left(n, None, weight) / a).max(axis=0) for n, a in alone.items()])
+        plate, component = np.unravel_index(worse.argmax(), worse.shape)
+        if worse.max() <= MAX_WORSE_COMMANDED:
+            break
+        before = (
+            f"; with {weight:g}, {WRENCH_COMPONENTS[component]} of {list(several)[plate]} left of "
+            f"held-out parts of {signal} would be {worse.max():.2f} times as large"
+        )
+    return weight, f"weight {weight:g} in the gains, {signal} 1{before}"
+
+
 def choose(
     trials: Sequence[tuple[str, Samples]],
     static: Mapping[str, InertiaModel],
     checks: Sequence[tuple[str, Samples]] = (),
     stated: Literal["auto"] | Kind = "auto",
+    beside_weight: float = 1.0,
 ) -> tuple[Choice, dict[str, InertiaModel]]:
     """Choose the model of a calibration by held-out samples, or take the stated one, and say why.
 
@@ -166,6 +247,8 @@ def choose(
         The same of recordings that are not fitted.
     stated
         A model that is to be taken; "auto" for the better one.
+    beside_weight
+        With which the static models were fitted.
 
     Returns
     -------
@@ -190,7 +273,9 @@ def choose(
     for name, model in static.items():
         samples, channels = [both for _, both in of_plate[name]], 3 * len(model.sensors)
         readings = [(felt[:, :channels], wrench) for felt, wrench in samples]
-        simple, better = (left_of_held_out(x, channels) for x in (readings, samples))
+        simple, better = (
+            left_of_held_out(x, channels, beside_weight) for x in (readings, samples)
+        )
         for (k, _), one, other in zip(of_plate[name], simple, better, strict=True):
             left[k].append((rms_left(one, _rate_hz(model)), rms_left(other, _rate_hz(model))))
     own = [
@@ -200,7 +285,9 @@ def choose(
     choice = choose_model(own)
     if stated == "dynamic" or choice.model == "dynamic" or checks:
         dynamic = {
-            name: extend(model, [both for _, both in of_plate[name]])
+            name: extend(
+                model, [both for _, both in of_plate[name]], beside_weight=beside_weight
+            )
             for name, model in static.items()
         }
         others = [_on(source, plates, static, dynamic) for source, plates in checks]
