@@ -25,8 +25,9 @@ MAX_SHARE: Final = 0.8
 for four times as many numbers."""
 MAX_SHARE_OF_OTHERS: Final = 0.9
 """The same where recordings were not fitted at all: of other motion they are stronger evidence."""
-MAX_WORSE: Final = 1.1
-"""Factor by which it may be worse in any component of any recording."""
+MAX_WORSE: Final = 1.05
+"""Factor by which a dynamic model, or the weight of people beside, may be worse in any component of
+a recording's held-out parts: in other motion neither is then clearly worse, more than 1.2 times."""
 ALONE: Final = (
     ": clearly less, but of one kind of motion; with --beside or --check, recordings of people "
     "beside an empty plate show whether that is so of others"
@@ -35,11 +36,8 @@ TOO_SHORT: Final = "the recording is too short to judge a dynamic one"
 BESIDE_WEIGHTS: Final = (1.0, 0.1, 0.01, 0.001, 0.0001)
 """Of a sample of people beside an empty plate, by one of commanded motion: alike, down to a
 ten-thousandth, at which gains are those of commanded motion wherever it determines them."""
-MAX_WORSE_COMMANDED: Final = 1.05
-"""Factor by which people beside may raise what is left of held-out commanded motion in any band:
-other commanded motion, which holds less of what they spoil, then is not clearly worse (1.2)."""
 BANDS_HZ: Final = (2.0, SLOW_HZ)
-"""Cut-offs below which it is judged, as well as in all that passes the calibration's filter."""
+"""Cut-offs below which that weight is judged, besides all that passes the calibration's filter."""
 MIN_LEFT: Final = 1e-6
 """Below which nothing is left [N, N·m]."""
 NEGLIGIBLE_SHARE: Final = 0.1
@@ -198,30 +196,28 @@ def weigh_beside(
     signal, plates = trials[0]
     of_plate = {
         name: [
-            (samples[name][0][:, :readings], samples[name][1])
-            for _, samples in trials
-            if name in samples
+            (every[name][0][:, :readings], every[name][1]) for _, every in trials if name in every
         ]
         for name in plates
     }
-    several = {name: found for name, found in of_plate.items() if len(found) > 1}
-    if not several:
+    if len(trials) == 1:
         return 1.0, ""
 
-    def left(name: str, count: int | None, weight: float) -> Array:
-        error, *_ = left_of_held_out(of_plate[name][:count], readings, weight)
+    def left(samples: Sequence[tuple[Array, Array]], weight: float) -> Array:
+        error, *_ = left_of_held_out(samples, readings, weight)
         bands = [low_pass(error, rate_hz, hz, "zero_phase") for hz in BANDS_HZ]
-        return np.std([error, *bands], axis=1)
+        return np.maximum(np.std([error, *bands], axis=1), MIN_LEFT)
 
-    alone = {name: np.maximum(left(name, 1, 1.0), MIN_LEFT) for name in several}
+    alone = [left(samples[:1], 1.0) for samples in of_plate.values()]
     before = ""
     for weight in BESIDE_WEIGHTS:
-        worse = np.array([(left(n, None, weight) / a).max(axis=0) for n, a in alone.items()])
-        plate, component = np.unravel_index(worse.argmax(), worse.shape)
-        if worse.max() <= MAX_WORSE_COMMANDED:
+        of_alone = [left(x, weight) / one for x, one in zip(of_plate.values(), alone, strict=True)]
+        worse = np.max(of_alone, axis=1)
+        if worse.max() <= MAX_WORSE:
             break
+        plate, component = np.unravel_index(worse.argmax(), worse.shape)
         before = (
-            f"; with {weight:g}, {WRENCH_COMPONENTS[component]} of {list(several)[plate]} left of "
+            f"; with {weight:g}, {WRENCH_COMPONENTS[component]} of {list(plates)[plate]} left of "
             f"held-out parts of {signal} would be {worse.max():.2f} times as large"
         )
     return weight, f"weight {weight:g} in the gains, {signal} 1{before}"
@@ -273,9 +269,7 @@ def choose(
     for name, model in static.items():
         samples, channels = [both for _, both in of_plate[name]], 3 * len(model.sensors)
         readings = [(felt[:, :channels], wrench) for felt, wrench in samples]
-        simple, better = (
-            left_of_held_out(x, channels, beside_weight) for x in (readings, samples)
-        )
+        simple, better = (left_of_held_out(x, channels, beside_weight) for x in (readings, samples))
         for (k, _), one, other in zip(of_plate[name], simple, better, strict=True):
             left[k].append((rms_left(one, _rate_hz(model)), rms_left(other, _rate_hz(model))))
     own = [
@@ -285,9 +279,7 @@ def choose(
     choice = choose_model(own)
     if stated == "dynamic" or choice.model == "dynamic" or checks:
         dynamic = {
-            name: extend(
-                model, [both for _, both in of_plate[name]], beside_weight=beside_weight
-            )
+            name: extend(model, [both for _, both in of_plate[name]], beside_weight=beside_weight)
             for name, model in static.items()
         }
         others = [_on(source, plates, static, dynamic) for source, plates in checks]
@@ -312,7 +304,7 @@ def choose_model(own: Sequence[Comparison], others: Sequence[Comparison] = ()) -
     Choice
         Static, unless the dynamic model leaves at most 0.8 of what the static one leaves on average
         over the recordings, or 0.9 where some were not fitted at all; no more of any recording;
-        and of no component of any recording more than 1.1 times as much. Static too where that
+        and of no component of any recording more than 1.05 times as much. Static too where that
         leaves less than a tenth of what residuals allow, and where there is one recording alone:
         how a model does in other motion is not seen in it.
 
