@@ -87,14 +87,14 @@ class FlexibleTreadmill:
 
     def __init__(self, seed):
         rng = np.random.default_rng(seed)
-        grid = np.array([(x, y) for x in np.linspace(-0.8, 0.8, 5) for y in (-0.12, 0.12)])
         plates = [
-            np.column_stack([grid + [0.05, middle], np.full(10, -0.1)])
-            + rng.normal(0, 0.04, (10, 3))
+            rng.normal((x + 0.05, middle + y, -0.1), 0.04)
             for middle in (0.28, -0.28)
+            for x in np.linspace(-0.8, 0.8, 5)
+            for y in (-0.12, 0.12)
         ]
         frame = rng.uniform([-1.1, -0.7, -0.5], [1.1, 0.7, -0.2], (16, 3))
-        self.points = np.vstack([*plates, frame])
+        self.points = np.vstack([plates, frame])
         self.mass = np.concatenate([rng.uniform(10, 20, 20), rng.uniform(30, 60, 16)])
         moved, _ = shapes(self.points)
         inertia = np.einsum("p,pci,pcj->ij", self.mass, moved, moved)

@@ -195,9 +195,7 @@ def weigh_beside(
     """
     signal, plates = trials[0]
     of_plate = {
-        name: [
-            (every[name][0][:, :readings], every[name][1]) for _, every in trials if name in every
-        ]
+        name: [(one[name][0][:, :readings], one[name][1]) for _, one in trials if name in one]
         for name in plates
     }
     if len(trials) == 1:
@@ -206,7 +204,7 @@ def weigh_beside(
     def left(samples: Sequence[tuple[Array, Array]], weight: float) -> Array:
         error, *_ = left_of_held_out(samples, readings, weight)
         bands = [low_pass(error, rate_hz, hz, "zero_phase") for hz in BANDS_HZ]
-        return np.maximum(np.std([error, *bands], axis=1), MIN_LEFT)
+        return np.asarray(np.maximum(np.std([error, *bands], axis=1), MIN_LEFT))
 
     alone = [left(samples[:1], 1.0) for samples in of_plate.values()]
     before = ""

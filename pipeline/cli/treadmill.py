@@ -52,7 +52,8 @@ def fit(
         list[Path] | None,
         typer.Option(
             "--beside",
-            help="People on the treadmill beside a plate that stays empty: fitted too; repeatable.",
+            help="People beside a plate that stays empty: fitted, weighed by held-out parts of "
+            "the signal; repeatable.",
         ),
     ] = None,
     inertia_model: Annotated[
