@@ -218,7 +218,7 @@ def weigh_beside(
             f"; with {weight:g}, {WRENCH_COMPONENTS[component]} of {list(plates)[plate]} left of "
             f"held-out parts of {signal} would be {worse.max():.2f} times as large"
         )
-    return weight, f"weight {weight:g} in the gains, {signal} 1{before}"
+    return weight, f"weight {weight:g} per sample in the gains ({signal}: 1){before}"
 
 
 def choose(
