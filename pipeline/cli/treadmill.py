@@ -52,7 +52,8 @@ def fit(
         list[Path] | None,
         typer.Option(
             "--beside",
-            help="People on the treadmill beside a plate that stays empty: fitted too; repeatable.",
+            help="People beside a plate that stays empty: fitted, weighed by held-out parts of "
+            "the signal; repeatable.",
         ),
     ] = None,
     inertia_model: Annotated[
@@ -138,7 +139,8 @@ def fit(
     method = setup.filter_method if setup is not None else ""
     console.print(f"accelerometers: {', '.join(sensors)}; low-pass {cutoff_hz:g} Hz, {method}")
     if BESIDE in provenance:
-        console.print(f"fitted too: {provenance[BESIDE]}", soft_wrap=True)
+        weighed = calibration.choice.beside if calibration.choice is not None else ""
+        console.print(f"fitted too: {provenance[BESIDE]}; {weighed}", soft_wrap=True)
     print_table(_sensor_table(calibration), console)
     print_table(_fit_table(calibration), console)
     notes = [

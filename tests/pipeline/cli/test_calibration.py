@@ -100,7 +100,7 @@ def test_people_beside_an_empty_plate_are_fitted_too(tmp_path, capsys):
     alone = fit(empty(1), tmp_path)
     assert found.plates["plate 1"].samples > 1.9 * alone.plates["plate 1"].samples
     printed = " ".join(capsys.readouterr().out.split())
-    assert "fitted too: boards.c3d: plate 1, plate 2 empty" in printed
+    assert "fitted too: boards.c3d: plate 1, plate 2 empty; weight" in printed
     assert found.provenance["beside"] == "boards.c3d: plate 1, plate 2 empty"
     assert "beside" not in alone.provenance
 
