@@ -65,7 +65,7 @@ def recording_file(
     stream = rr.RecordingStream(application, recording_id=pseudonym, send_properties=False)
     memory = stream.memory_recording()
     try:
-        stream.send_blueprint(blueprint, make_active=False, make_default=True)
+        stream.send_blueprint(blueprint, make_active=True, make_default=True)
         stream.send_recording_name(printable(title))
         yield stream
         content = memory.drain_as_bytes()

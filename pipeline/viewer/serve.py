@@ -1,4 +1,4 @@
-"""Recordings in the viewer's window, or served to a browser on this machine only."""
+"""The viewer's own process, and recordings in its window or in a browser on this machine."""
 
 import os
 import signal
@@ -7,34 +7,27 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, Final
-from urllib.parse import quote
+from urllib.request import ProxyHandler, build_opener
 
 import rerun_cli  # type: ignore[import-untyped]
 
-LOOPBACK: Final = "127.0.0.1"
+from pipeline.viewer.page import LOOPBACK, VIEWER_FILES, page_server
+
 MAX_START_S: Final = 30.0
 """A first start on a slow disk takes about ten seconds."""
 MAX_STOP_S: Final = 5.0
 """After this, the viewer is killed."""
 POLL_S: Final = 0.05
+PIECE_BYTES: Final = 1 << 20
 MAX_REASON: Final = 200
 """Characters of the viewer's own message about its failure."""
 WITHOUT_SCREEN: Final = "serve to a browser (--web) or save a file (--save)"
 """What a person can do with recordings where there is no screen."""
 SIGNAL_EXIT: Final = 128
 """A process ended by signal N exits with this plus N, as in a shell."""
-
-
-@dataclass(frozen=True, slots=True)
-class Served:
-    """Recordings that are being served: the page to open, and the server."""
-
-    address: str
-    process: subprocess.Popen[bytes]
 
 
 def view(
@@ -45,7 +38,7 @@ def view(
     Parameters
     ----------
     paths
-        Recordings, ``.rrd``.
+        Recordings, ``.rrd``; the first one is shown first.
     web
         Serve them to a browser on this machine instead of opening a window.
     announce
@@ -60,64 +53,37 @@ def view(
 
     Notes
     -----
-    The viewer listens on the loopback address alone, which Rerun's Python server cannot, and sends
-    no usage statistics. It ends with this process, unless that is killed outright.
+    The viewer shows the recording that it receives last, so it receives all as one stream in
+    reverse order; given several files or addresses, it reads them at once, and any may be the last.
 
-    Served recordings have no password. Pages of other sites may not read them: Rerun answers only
-    pages of this machine (CORS). But Rerun 0.41 does not check the ``Host`` header and has no
-    option for it, so a site that knows the port, which is another one each time, and lets its own
-    name point to this machine (DNS rebinding) could read them while they are served.
+    Nothing here sends usage statistics, and all listens on the loopback address alone. A page is
+    served as `pipeline.viewer.page` says, without a password. A window opens a port, too, another
+    one each time, at which Rerun 0.41 takes commands without checking the ``Host`` header; no
+    option switches it off. The viewer ends with this process, unless that is killed outright.
     """
+    _require_files(paths)
     before = signal.signal(signal.SIGTERM, _exit)
     try:
         if web:
-            with web_viewer(paths) as served, suppress(KeyboardInterrupt):
-                announce(f"serving {_count(paths)} at {served.address} (stop with Ctrl-C)")
-                served.process.wait()
+            with page_server(viewer_files(), lambda: _contents(paths)) as address:
+                announce(f"serving {_count(paths)} at {address} (stop with Ctrl-C)")
+                with suppress(KeyboardInterrupt):
+                    while True:
+                        time.sleep(1)
         else:
-            _require_files(paths)
-            with running_viewer(["--port", "auto", *map(str, paths)]) as process:
+            with running_viewer(["--port", "auto", "-"]) as process:
+                assert process.stdin is not None
+                with suppress(BrokenPipeError), process.stdin as pipe:
+                    for piece in _contents(paths):
+                        pipe.write(piece)
                 process.wait()
     finally:
         signal.signal(signal.SIGTERM, before)
 
 
-@contextmanager
-def web_viewer(paths: Sequence[Path]) -> Iterator[Served]:
-    """Serve recordings and the viewer itself to browsers on this machine.
-
-    Parameters
-    ----------
-    paths
-        Recordings, ``.rrd``.
-
-    Yields
-    ------
-    Served
-        Once both ports answer; the server is stopped on leaving.
-
-    Raises
-    ------
-    ValueError
-        If there is nothing to show.
-    OSError
-        If a recording is missing, or the server does not start or fails.
-    """
-    _require_files(paths)
-    data, page = free_ports(2)
-    ports = ["--port", str(data), "--web-viewer-port", str(page)]
-    with running_viewer(["--serve-web", *ports, *map(str, paths)], (data, page)) as process:
-        yield Served(page_address(data, page), process)
-
-
 def data_address(port: int) -> str:
     """Give the address at which a viewer, or its server, on this machine takes and gives data."""
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
-
-
-def page_address(data: int, page: int) -> str:
-    """Give the page that shows in a browser what a port serves."""
-    return f"http://{LOOPBACK}:{page}/?url={quote(data_address(data), safe='')}"
 
 
 @contextmanager
@@ -151,6 +117,7 @@ def running_viewer(
         process = subprocess.Popen(
             [viewer_binary(), "--bind", LOOPBACK, *arguments],
             env=quiet,
+            stdin=subprocess.PIPE,
             stdout=output,
             stderr=output,
         )
@@ -200,12 +167,42 @@ def viewer_binary() -> str:
     )
 
 
+def viewer_files() -> dict[str, bytes]:
+    """Get the files of the viewer's page from its server, since its binary alone holds them.
+
+    Started with the address of a recording, the server opens no port for others.
+
+    Raises
+    ------
+    OSError
+        If the server does not start, or does not give them.
+    """
+    (port,) = free_ports(1)
+    address = f"http://{LOOPBACK}:{port}"
+    arguments = ["--serve-web", "--web-viewer-port", str(port), f"{address}/none.rrd"]
+    opener = build_opener(ProxyHandler({}))
+    files = {}
+    with running_viewer(arguments, (port,)):
+        for path in VIEWER_FILES:
+            with opener.open(f"{address}{path}", timeout=MAX_START_S) as answer:
+                files[path] = answer.read()
+    return files
+
+
 def _require_files(paths: Sequence[Path]) -> None:
     if not paths:
         raise ValueError("no recordings to show; name some .rrd files")
     for path in paths:
         if not path.is_file():
             raise FileNotFoundError(f"no recording {path}; 'hbm view --save' writes one")
+
+
+def _contents(paths: Sequence[Path]) -> Iterator[bytes]:
+    """Give the recordings as one, in pieces; the first one comes last."""
+    for path in reversed(paths):
+        with path.open("rb") as file:
+            while piece := file.read(PIECE_BYTES):
+                yield piece
 
 
 def _count(paths: Sequence[Path]) -> str:
