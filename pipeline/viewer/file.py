@@ -45,8 +45,8 @@ def recording_file(
     application
         Kind of recording; recordings of one kind share a layout in the viewer.
     title
-        What a person reads; it stays in the file. The identifier, which the viewer's usage
-        statistics would see hashed, is a pseudonym of it and the place of the file.
+        What a person reads; it stays in the file. The identifier, which usage statistics of other
+        viewers may see hashed, is a pseudonym of it and the place of the file.
     blueprint
         Layout to save with it.
 

@@ -57,9 +57,9 @@ def view(
     reverse order; given several files or addresses, it reads them at once, and any may be the last.
 
     Nothing here sends usage statistics, and all listens on the loopback address alone. A page is
-    served as `pipeline.viewer.page` says, without a password. A window opens a port, too, another
-    one each time, at which Rerun 0.41 takes commands without checking the ``Host`` header; no
-    option switches it off. The viewer ends with this process, unless that is killed outright.
+    served as `pipeline.viewer.page` says, without a password. A window asks api.github.com for a
+    newer version, and has a port at which Rerun 0.41 answers whatever the ``Host`` header names; no
+    option switches these off. It ends with this process, unless that is killed outright.
     """
     _require_files(paths)
     before = signal.signal(signal.SIGTERM, _exit)
