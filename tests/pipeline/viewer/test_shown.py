@@ -1,7 +1,6 @@
 """Recordings as they are shown: served to this machine alone, and without a fault in the viewer."""
 
 import io
-import os
 import re
 import signal
 import subprocess
@@ -25,7 +24,7 @@ from rerun.experimental import ViewerClient
 from pipeline.figures.style import COLOURS
 from pipeline.viewer.file import printable, recording_file
 from pipeline.viewer.page import GrowingRecording
-from pipeline.viewer.serve import view, viewer_binary
+from pipeline.viewer.serve import free_ports, view, viewer_binary
 from pipeline.viewer.trial import write_cycles, write_recording
 from tests.pipeline.browser import needs_chromium, open_browser
 from tests.pipeline.viewer_pictures import (
@@ -217,13 +216,18 @@ def test_what_cannot_be_shown_is_reported_in_one_line(recordings, tmp_path, monk
         assert "\n" not in str(error.value)
 
 
-@contextmanager
-def headless(*paths):
-    """Open recordings in a viewer without a screen, which draws with Mesa's software Vulkan."""
+def free_port():
+    """A port for a viewer without a screen, which needs Vulkan."""
     drivers = [*Path("/usr/share/vulkan/icd.d").glob("*.json")]
     if not (find_library("vulkan") and drivers):
         pytest.skip("no Vulkan driver (apt-get install mesa-vulkan-drivers libvulkan1)")
-    port = 20000 + os.getpid() % 20000
+    return free_ports(1)[0]
+
+
+@contextmanager
+def headless(*paths):
+    """Open recordings in a viewer without a screen, which draws with Mesa's software Vulkan."""
+    port = free_port()
     viewer = ViewerClient.spawn(
         headless=True, port=port, hide_welcome_screen=True, executable_path=viewer_binary()
     )
@@ -233,6 +237,40 @@ def headless(*paths):
         yield viewer
     finally:
         viewer.quit()
+
+
+def test_the_window_opens_with_the_trial_and_not_with_its_mean_cycle(recordings):
+    port = free_port()
+    program = (
+        "import sys; from pathlib import Path; from pipeline.viewer import serve; "
+        "run = serve.running_viewer; serve.running_viewer = lambda words: run("
+        "['--headless', *(sys.argv[1] if word == 'auto' else word for word in words)]); "
+        "serve.view([*map(Path, sys.argv[2:])])"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(port), *map(str, recordings)],
+        cwd=Path(__file__).resolve().parents[3],
+    ) as window:
+        try:
+            viewer = connected(port)
+            settled(viewer, 9)
+            time.sleep(2)
+            state = viewer.get_state()
+            assert len(state.recordings) == 2
+            assert state.active_recording.startswith("Recording:hbm_residuals_trial:")
+            assert_no_fault(viewer)
+        finally:
+            window.terminate()
+
+
+def connected(port):
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+        except Exception:
+            assert time.monotonic() < deadline, "the viewer does not answer"
+            time.sleep(0.2)
 
 
 def test_trial_opens_paused_at_its_start_and_every_view_is_without_fault(recordings):
