@@ -3,6 +3,7 @@
 import os
 import signal
 import socket
+import struct
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -21,7 +22,12 @@ MAX_START_S: Final = 30.0
 MAX_STOP_S: Final = 5.0
 """After this, the viewer is killed."""
 POLL_S: Final = 0.05
-PIECE_BYTES: Final = 1 << 20
+FILE_HEADER_BYTES: Final = 12
+"""Of a Rerun recording: its format, version and options."""
+MESSAGE_HEADER: Final = struct.Struct("<QQ")
+"""Of each message in it: its kind, and the bytes that follow."""
+ENDS_FILE, OPENS_RECORDING = 0, 1
+"""Kinds of message; the others hold data."""
 MAX_REASON: Final = 200
 """Characters of the viewer's own message about its failure."""
 WITHOUT_SCREEN: Final = "serve to a browser (--web) or save a file (--save)"
@@ -53,8 +59,9 @@ def view(
 
     Notes
     -----
-    The viewer shows the recording that it receives last, so it receives all as one stream in
-    reverse order; given several files or addresses, it reads them at once, and any may be the last.
+    The viewer shows the recording that was opened last. Given several files or addresses, it reads
+    them at once, and any may be the last; so it receives all as one stream, which opens the first
+    recording last, before any data.
 
     Nothing here sends usage statistics, and all listens on the loopback address alone. A page is
     served as `pipeline.viewer.page` says, without a password. A window asks api.github.com for a
@@ -65,11 +72,11 @@ def view(
     before = signal.signal(signal.SIGTERM, _exit)
     try:
         if web:
-            with page_server(viewer_files(), lambda: _contents(paths)) as address:
+            page = page_server(viewer_files(), lambda: _contents(paths))
+            with page as address, suppress(KeyboardInterrupt):
                 announce(f"serving {_count(paths)} at {address} (stop with Ctrl-C)")
-                with suppress(KeyboardInterrupt):
-                    while True:
-                        time.sleep(1)
+                while True:
+                    time.sleep(1)
         else:
             with running_viewer(["--port", "auto", "-"]) as process:
                 assert process.stdin is not None
@@ -198,11 +205,24 @@ def _require_files(paths: Sequence[Path]) -> None:
 
 
 def _contents(paths: Sequence[Path]) -> Iterator[bytes]:
-    """Give the recordings as one, in pieces; the first one comes last."""
+    """Give recordings as one: what opens them in reverse order, then their data in order."""
+    with paths[0].open("rb") as file:
+        yield file.read(FILE_HEADER_BYTES)
     for path in reversed(paths):
-        with path.open("rb") as file:
-            while piece := file.read(PIECE_BYTES):
-                yield piece
+        yield from (message for kind, message in _messages(path) if kind == OPENS_RECORDING)
+    for path in paths:
+        yield from (message for kind, message in _messages(path) if kind != OPENS_RECORDING)
+
+
+def _messages(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Give the messages of a recording with their kinds."""
+    with path.open("rb") as file:
+        file.seek(FILE_HEADER_BYTES)
+        while header := file.read(MESSAGE_HEADER.size):
+            kind, size = MESSAGE_HEADER.unpack(header)
+            if kind == ENDS_FILE:
+                return
+            yield kind, header + file.read(size)
 
 
 def _count(paths: Sequence[Path]) -> str:
