@@ -376,7 +376,7 @@ def _body_mass(
     recording: Recording,
     marker_set: MarkerSet | None,
 ) -> BodyMass:
-    """Give the body mass; where it is missing, say also whether the labels are known."""
+    """Give the body mass; where it is missing and the labels are unknown, name these first."""
     try:
         return body_mass(subject, pose, recording)
     except ValueError as error:
@@ -384,7 +384,9 @@ def _body_mass(
             try:
                 recognise_marker_set(pose.markers.names)
             except ValueError as unknown:
-                raise ValueError(f"{pose.source.name}: {unknown}; {error}") from error
+                raise ValueError(
+                    f"{pose.source.name}: {unknown}; the mass is missing too (--mass-kg)"
+                ) from error
         raise
 
 
