@@ -102,6 +102,9 @@ class Monitor:
 
     def samples(self, received: Samples) -> None:
         """Take samples as they were received; those without a time are nobody's."""
+        if received.clock_set_s:
+            note = Note.of("live_clock_set", stream=received.stream, set_s=received.clock_set_s)
+            self._note(received.time[-1], [note])
         timed = np.isfinite(received.time)
         if not timed.all():
             received = replace(received, time=received.time[timed], values=received.values[timed])
