@@ -261,7 +261,7 @@ def process_recording(
             selected,
             part=part,
             events=events,
-            rejected=cycle_notes,
+            rejected=(events_note, *cycle_notes),
             time=motion.time,
             validity=validity,
         ),
