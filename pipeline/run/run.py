@@ -141,13 +141,16 @@ def plan(
         ]
 
 
-def require_nothing_replaced(planned: Iterable[Job], out: Path) -> None:
+def require_nothing_replaced(planned: Sequence[Job], out: Path) -> None:
     """Refuse to replace results that were made with other settings or files: ValueError."""
     reasons = Counter(filter(None, map(replacement, planned)))
     if reasons:
-        why = "; ".join(f"{trials} of them: {reason}" for reason, trials in reasons.most_common())
+        why = "; ".join(
+            f"{trials} of {len(planned)} trials: {reason}"
+            for reason, trials in reasons.most_common()
+        )
         raise ValueError(
-            f"{out}: {reasons.total()} results there were made otherwise ({why}); --overwrite "
+            f"{out}: results there that were made otherwise would be replaced ({why}); --overwrite "
             "replaces them, --out FOLDER keeps both"
         )
 
