@@ -15,7 +15,7 @@ from pipeline.config.plate_study import AccuracyLimits, read_plates_study
 from pipeline.plate_accuracy.accuracy import examine_plates
 from pipeline.plate_accuracy.judgement import TOTAL
 from pipeline.plate_accuracy.stance import QUANTITIES, stance_loads
-from pipeline.plate_accuracy.verdict import Verdict, judge
+from pipeline.plate_accuracy.verdict import Answer, judge
 from pipeline.virtual_lab.machine.instruments.force_plate import PLATE_CENTERS_M
 from pipeline.virtual_lab.machine.instruments.sampling import ANALOG_HZ
 from pipeline.virtual_lab.protocol.known_weights import (
@@ -213,8 +213,8 @@ class PlateOutcome:
     invented: tuple[str, ...]
     sized: tuple[int, int]
     totals: tuple[int, int, int]
-    verdict: Verdict
-    truth: Verdict
+    verdict: Answer
+    truth: Answer
 
 
 def cases(seeds: Sequence[int]) -> Iterator[Case]:
@@ -261,7 +261,7 @@ def carry_out(case: Case) -> list[PlateOutcome]:
                 invented=tuple(sorted(significant - set(wanted) - _same(fault))),
                 sized=(sum(within), len(within)),
                 totals=(above, below, len(totals)),
-                verdict=verdict.verdict,
+                verdict=verdict.verdict.answer,
                 truth=true_verdict(fault, size, verdict.belt),
             )
         )
@@ -273,7 +273,7 @@ def _same(fault: Fault | None) -> set[str]:
     return {"delay"} if fault is not None and fault.name == "delay" else set()
 
 
-def true_verdict(fault: Fault | None, size: float, belt: str) -> Verdict:
+def true_verdict(fault: Fault | None, size: float, belt: str) -> Answer:
     """Give the verdict that the known fault deserves."""
     if fault is None or not (size > fault.limit or _beyond(fault.make(size), belt)):
         return "fit"

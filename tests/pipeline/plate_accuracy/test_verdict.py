@@ -66,7 +66,7 @@ def test_a_bad_plate_is_never_fit_as_it_is_and_its_fault_is_named(
 ):
     """A force along the belt that is wrong is that moment about a point 1 m above it."""
     (verdict,) = judge(examined(tmp_path, PlateErrors(cross_talk=cross_talk)))
-    assert verdict.verdict == "fit after correction"
+    assert verdict.verdict.answer == "fit after correction"
     assert verdict.sentence.startswith("left plate: not fit for inverse dynamics as it is")
     first = verdict.reasons[0]
     assert first.size == pytest.approx(size, rel=0.01)
@@ -81,7 +81,7 @@ def test_a_bad_plate_is_never_fit_as_it_is_and_its_fault_is_named(
 
 def test_what_no_calibration_takes_away_makes_a_plate_not_fit(tmp_path):
     (verdict,) = judge(examined(tmp_path, PlateErrors(curvature=0.05)))
-    assert verdict.verdict == "not fit"
+    assert verdict.verdict.answer == "not fit"
     assert verdict.reasons[0].name == "curvature"
     assert "total error of Fz after correction" in {one.name for one in verdict.reasons}
     assert verdict.sentence.startswith("left plate: not fit for inverse dynamics: curvature 25.")
@@ -93,7 +93,7 @@ def test_a_calibration_that_would_make_a_total_error_too_large_is_not_written(tm
     (verdict,) = judge(examined(tmp_path, errors))
     sizes = {one.name: one.size for one in (*verdict.judged, *verdict.corrected)}
     assert sizes["total error of Fz"] < 7.5 < sizes["total error of Fz after correction"]
-    assert verdict.verdict == "not fit"
+    assert verdict.verdict.answer == "not fit"
     assert verdict.calibration is None
     assert "gain of Fz 1.4" in verdict.sentence
 
@@ -101,7 +101,7 @@ def test_a_calibration_that_would_make_a_total_error_too_large_is_not_written(tm
 def test_no_correction_is_advised_for_a_plate_that_it_does_not_make_fit(tmp_path):
     errors = PlateErrors(cross_talk={(2, 2): 0.1}, drift_n_per_s=0.3)
     (verdict,) = judge(examined(tmp_path, errors))
-    assert verdict.verdict == "not fit"
+    assert verdict.verdict.answer == "not fit"
     assert verdict.calibration is not None
     assert verdict.corrections == ()
     assert use_of_calibration([verdict], tmp_path) is None
@@ -129,7 +129,7 @@ def perfect(tmp_path_factory):
 def test_a_plate_of_which_a_channel_is_dead_is_not_fit_and_has_no_calibration(perfect, component):
     (verdict,) = judge(dead(perfect, component))
     name = WRENCH_COMPONENTS[component]
-    assert verdict.verdict == "not fit"
+    assert verdict.verdict.answer == "not fit"
     assert verdict.calibration is None
     assert f"{name} in the plate's own axes never changed" in verdict.sentence
     beyond = {one.name: one.size for one in verdict.judged if one.status == "beyond"}
@@ -148,7 +148,7 @@ def test_a_channel_that_shows_the_same_in_every_sample_is_found_when_it_is_read(
     assert not any(trial.constant.any() for trial in examined(tmp_path / "whole", **ONE).trials)
     monkeypatch.setattr(known_weights._SetUp, "measure", without_fy)
     (verdict,) = judge(examined(tmp_path / "dead", **ONE))
-    assert verdict.verdict == "not fit"
+    assert verdict.verdict.answer == "not fit"
     assert "in the plate's own axes never changed" in verdict.sentence
 
 
@@ -185,7 +185,7 @@ def test_a_wide_interval_that_ends_at_zero_asks_for_as_many_recordings_as_its_up
     (verdict,) = judge(perfect)
     wide = Judged("Mz in My", 0.2, 0.0, 1.7, 1.0, "1", "calibration")
     unclear = replace(verdict, judged=(wide,))
-    assert unclear.verdict == "cannot be told"
+    assert unclear.verdict.answer == "cannot be told"
     assert "record about 61 more weights on this plate" in unclear.sentence
 
 
@@ -209,7 +209,7 @@ def test_an_interval_that_holds_the_limit_tells_nothing_and_says_what_to_record(
     near = 100 * (gain.value - 0.3 * gain.uncertainty)
     file = found.study.file.model_copy(update={"limits": AccuracyLimits(gain_percent=near)})
     (verdict,) = judge(replace(found, study=replace(found.study, file=file)))
-    assert verdict.verdict == "cannot be told"
+    assert verdict.verdict.answer == "cannot be told"
     assert "gain of Fz" in {one.name for one in verdict.reasons}
     assert "so close to its limit that more recordings would hardly tell" in verdict.sentence
     near = 100 * (gain.value + 0.7 * gain.uncertainty)
@@ -223,7 +223,7 @@ def test_a_plate_that_is_wrong_in_too_few_recordings_is_not_fit_and_may_not_be_c
 ):
     few = {"weights": (22.56, 45.08), "positions": (0.25,)}
     (verdict,) = judge(examined(tmp_path, PlateErrors(cross_talk={(0, 2): 0.05}), **few))
-    assert verdict.verdict == "not fit"
+    assert verdict.verdict.answer == "not fit"
     assert "Fz in Fx" in verdict.sentence
     assert "Whether a correction is enough cannot be told: record 3 different weights" in (
         verdict.sentence
@@ -240,15 +240,15 @@ def unstated(found):
 
 def test_without_the_height_of_the_weights_no_plate_is_fit_but_a_bad_one_is_not_fit(tmp_path):
     (verdict,) = judge(unstated(examined(tmp_path / "perfect")))
-    assert verdict.verdict == "cannot be told"
+    assert verdict.verdict.answer == "cannot be told"
     assert "cannot be told: state center_height_m" in verdict.sentence
     (verdict,) = judge(unstated(examined(tmp_path / "bad", PlateErrors(curvature=0.05))))
-    assert verdict.verdict == "not fit"
+    assert verdict.verdict.answer == "not fit"
 
 
 def test_stated_limits_are_those_of_the_verdict(tmp_path):
     (verdict,) = judge(examined(tmp_path, lines="[limits]\nnoise_n = 0.01\nmoment_nm = 3.0"))
-    assert verdict.verdict == "not fit"
+    assert verdict.verdict.answer == "not fit"
     assert [one.name for one in verdict.reasons] == ["noise of forces"]
     limits = {one.name: one.limit for one in verdict.judged}
     assert limits["total error of My"] == 3.0
@@ -299,7 +299,7 @@ def test_a_perfect_plate_needs_no_calibration(tmp_path):
 def test_perfect_plates_with_the_design_of_the_thesis_are_fit(tmp_path):
     simulate_plates(tmp_path, seed=8, supports=(True,))
     found = examine_plates(read_plates_study(tmp_path))
-    assert [one.verdict for one in judge(found)] == ["fit", "fit"]
+    assert [one.verdict.answer for one in judge(found)] == ["fit", "fit"]
 
 
 def test_delays_that_contradict_each_other_are_a_warning():
