@@ -238,11 +238,12 @@ class PlateVerdict:
     def _advice(self) -> list[str]:
         """Say what to do about the masses, or how many recordings would decide what is unclear."""
         if self.shared:
+            size = f"{100 * abs(self.shared):.2g} %"
             heavier, high = ("heavier", "high") if self.shared > 0 else ("lighter", "low")
             return [
                 "weigh the masses with a second balance, and correct mass_kg or state "
                 "mass_uncertainty_percent: all gains of every plate are "
-                f"{100 * abs(self.shared):.2g} % too {high}, or all masses as much {heavier} than stated"
+                f"{size} too {high}, or all masses as much {heavier} than stated"
             ]
         everything = (*self.judged, *self.corrected)
         unclear = [one for one in everything if one.status == "unclear"]
