@@ -353,11 +353,10 @@ def plates(
     simulate: Simulate = False,
     seed: Seed = 0,
     out: Out = Path("plates"),
-) -> int:
+) -> None:
     """Check force plates against known weights: fit for inverse dynamics or not, and why.
 
-    Where a plate can be corrected, its calibration is written too. Exit code 0 if all plates are
-    fit, as they are or after correction; 3 if they are for what was examined; 1 otherwise.
+    Where a plate can be corrected, its calibration is written too.
     """
     from pipeline.cli.terminal import announcer, note_line, plain_console
     from pipeline.config.plate_study import read_plates_study
@@ -389,5 +388,3 @@ def plates(
     if advice is not None:
         console.print(advice, soft_wrap=True)
     console.print(f"written to {out}: verdict.md, table_1, figures", soft_wrap=True)
-    codes = {verdict.verdict.exit_code for verdict in verdicts}
-    return 1 if 1 in codes else max(codes)

@@ -76,13 +76,6 @@ class Verdict:
         }[self.answer]
         return f"{words}; not examined: {_in_words(self.unexamined)}" if self.unexamined else words
 
-    @property
-    def exit_code(self) -> int:
-        """0 fit, also after correction; 3 the same of what was examined only; 1 any other."""
-        if self.answer in ("not fit", "cannot be told"):
-            return 1
-        return 3 if self.unexamined else 0
-
 
 def _in_words(quantities: tuple[str, ...]) -> str:
     parts = []
