@@ -97,6 +97,7 @@ class FrameTracker:
         problem = Problem(body, markers, {}, {}, {}, tolerance=TOLERANCE, jobs=1)
         self.position = nowhere.copy()
         problem.attachment = replace(problem.attachment, position=self.position)
+        problem.hold(np.ones(len(problem.names), bool))
         self.problem, self.tracker = problem, Tracker(problem)
         self.descent = OneFrame(problem.attachment, problem.prior, problem.reference, TOLERANCE)
         self.markers, self.columns = problem.names, problem.attachment.column
@@ -119,6 +120,9 @@ class FrameTracker:
             Measured markers in the lab, (M, 3) [m]; NaN where missing.
         """
         self.position[0] = position
+        seen = self.seen | np.isfinite(position[self.columns, 0])
+        if (seen != self.problem.seen).any():
+            self.problem.hold(seen)
         found, looked = self._first() if self.q is None else self._next(self.q)
         observed, unsolved = self._observed(found), np.zeros(N_Q, bool)
         if not found.converged[0]:
@@ -198,16 +202,16 @@ class FrameTracker:
 
         What is usual is what it was when no marker was missing last.
         """
-        from_markers = found.pivots[0] - self.problem.prior_weight
-        observed = (from_markers > self.least) & self.free
+        from_markers = found.pivots[0] - self.problem.prior
+        observed = (from_markers > self.least) | self.problem.undetermined
         if np.isnan(found.error[0, self.seen]).any():
             observed &= from_markers > MIN_PIVOT_SHARE * self.usual_pivots
-        return np.asarray(observed)
+        return np.asarray(observed & ~self.problem.locked)
 
     def _hold(self, found: Solved, observed: Mask, unsolved: Mask) -> None:
         """Hold coordinates that markers do not show, and solve the others again if need be."""
         lost = ~observed & self.free
-        related = (found.pivots[0] - self.problem.prior_weight > MAX_UNRELATED_PIVOT) & ~unsolved
+        related = (found.pivots[0] - self.problem.prior > MAX_UNRELATED_PIVOT) & ~unsolved
         related |= not found.converged[0]
         found.q[0, lost] = self.shown[lost]
         if (lost & related).any():

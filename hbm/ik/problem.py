@@ -7,9 +7,16 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import COORDINATES, INDEX, MOVING, N_Q, TREE
+from hbm.coordinates import INDEX, MOVING, N_Q, TREE
 from hbm.ik.attachment import MarkerAttachment
 from hbm.ik.descent import Solved, solve_frames
+from hbm.ik.posture import (
+    MARKER_SD_M,
+    POSTURE_PRECISION,
+    covariance,
+    marker_slopes,
+    shown,
+)
 from hbm.ik.start import starting_pose
 from hbm.markers import Markers
 from hbm.model import Body
@@ -74,24 +81,32 @@ class Problem:
         self.prior_weight, self.prior_value = np.zeros(N_Q), np.zeros(N_Q)
         for name, (weight, value) in priors.items():
             self.prior_weight[INDEX[name]], self.prior_value[INDEX[name]] = weight, value
-        self.locked = np.array([name in body.locked for name in COORDINATES])
-        self.locked |= ~_with_markers_beyond(set(self.segment))
         self.rotates = np.array([not c.translates for c in TREE])
-        self.hold_locked()
+        self.slope = marker_slopes(body, np.zeros(N_Q))[:, known]
+        self.prior, self.reference = np.empty((2, N_Q))
+        self.hold(np.isfinite(markers.position[:, self.attachment.column, 0]).any(axis=0))
 
-    def hold_locked(self) -> None:
-        """Hold the locked coordinates at zero by priors of their own."""
-        self.prior = np.where(self.locked, LOCK, self.prior_weight)
-        self.reference = np.where(self.locked, 0.0, self.prior_value)
+    def hold(self, seen: Mask) -> None:
+        """Hold near neutral, by priors, what these markers, (K,), do not determine.
+
+        Where no marker shows a coordinate at all, the prior locks it in neutral.
+        """
+        self.seen, weight = seen, self.attachment.weight * seen
+        posture = (self.attachment.weight.max() or 1.0) * MARKER_SD_M**2 * POSTURE_PRECISION
+        spread = np.diag(covariance(self.slope, weight, self.prior_weight)) / MARKER_SD_M**2
+        self.locked = ~shown(self.slope, weight)
+        self.undetermined = (spread * posture > 1) & (self.prior_weight == 0)
+        self.prior[:] = np.where(self.undetermined, posture, self.prior_weight)
+        self.reference[:] = np.where(self.undetermined, 0.0, self.prior_value)
 
     def without(self, segments: Collection[str]) -> "Problem":
-        """Give the problem with some segments held at neutral and their markers without weight."""
+        """Give the problem with the markers of some segments without weight."""
         other = copy(self)
         own = np.array([s in segments for s in self.segment])
         weight = np.where(own, 0.0, self.attachment.weight)
         other.attachment = replace(self.attachment, weight=weight)
-        other.locked = self.locked | np.array([c.segment in segments for c in TREE])
-        other.hold_locked()
+        other.prior, other.reference = np.empty((2, N_Q))
+        other.hold(self.seen)
         return other
 
     def rigid_fit(self, rows: Indices) -> Array:
@@ -112,7 +127,7 @@ class Problem:
 
     def cost(self, solved: Solved) -> Array:
         """Give twice the sum that is minimised, (F,); infinite where it did not converge."""
-        prior = self.prior_weight * (solved.q - self.prior_value) ** 2
+        prior = self.prior * (solved.q - self.reference) ** 2
         markers = np.nansum(self.attachment.weight * solved.error**2, axis=1)
         return np.where(solved.converged, markers + prior.sum(axis=1), np.inf)
 
@@ -171,15 +186,3 @@ class Problem:
             tolerance=self.tolerance,
             jobs=self.jobs,
         )
-
-
-def _with_markers_beyond(segments: set[str]) -> Mask:
-    """Which coordinates have one of these segments beyond them, (46,)."""
-    carries = np.zeros(N_Q, bool)
-    for i in reversed(range(N_Q)):
-        last = i + 1 == N_Q or TREE[i + 1].segment != TREE[i].segment
-        if last and TREE[i].segment in segments:
-            carries[i] = True
-        if carries[i] and TREE[i].parent >= 0:
-            carries[TREE[i].parent] = True
-    return carries

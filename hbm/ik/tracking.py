@@ -146,7 +146,7 @@ class Tracker:
             (F,).
         """
         problem = self.problem
-        pivots = found.pivots[:, problem.rotates & ~problem.locked]
+        pivots = found.pivots[:, problem.rotates & ~problem.undetermined]
         weight = problem.attachment.weight.max()
         weak = (pivots > MIN_PIVOT * weight) & (pivots < MIN_CLEAR_PIVOT * weight)
         doubtful: Mask = ~found.converged | weak.any(axis=1)
@@ -205,12 +205,13 @@ class Tracker:
 
         A coordinate is determined where the curvature that remains to it once all coordinates
         beyond it are free (its pivot) is not nearly zero and, in frames with missing markers, not
-        small compared with what is usual in the trial.
+        small compared with what is usual in the trial. One with a prior always counts as determined
+        where no marker is missing: no pose makes a difference.
         """
         problem = self.problem
         least = np.full(N_Q, MIN_PIVOT * problem.attachment.weight.max())
-        from_markers = found.pivots - problem.prior_weight
-        observed = from_markers > least
+        from_markers = found.pivots - problem.prior
+        observed = (from_markers > least) | problem.undetermined
         if usual_pivots is not None:
             missing = np.isnan(found.error)
             gaps = (missing & ~missing.all(axis=0)).any(axis=1)
@@ -247,7 +248,7 @@ class Tracker:
         present = ~np.isnan(found.q[:, 0])
         lost = ~(observed | problem.locked) & present[:, None]
         related = ~found.converged[:, None] | (
-            found.pivots - problem.prior_weight > MAX_UNRELATED_PIVOT
+            found.pivots - problem.prior > MAX_UNRELATED_PIVOT
         )
         related &= ~unsolved
         if unrelated:
