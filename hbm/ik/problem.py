@@ -89,13 +89,14 @@ class Problem:
     def hold(self, seen: Mask) -> None:
         """Hold near neutral, by priors, what these markers, (K,), do not determine.
 
-        Where no marker shows a coordinate at all, the prior locks it in neutral.
+        Coordinates that none of them shows at all count as locked: there the prior is alone.
         """
         self.seen, weight = seen, self.attachment.weight * seen
-        posture = (self.attachment.weight.max() or 1.0) * MARKER_SD_M**2 * POSTURE_PRECISION
-        spread = np.diag(covariance(self.slope, weight, self.prior_weight)) / MARKER_SD_M**2
-        self.locked = ~shown(self.slope, weight)
-        self.undetermined = (spread * posture > 1) & (self.prior_weight == 0)
+        usual = np.median(weight[weight > 0]) if weight.any() else 1.0
+        variance = np.diag(covariance(self.slope, weight / usual, self.prior_weight / usual))
+        self.undetermined = (variance * POSTURE_PRECISION > 1) & (self.prior_weight == 0)
+        self.locked = self.undetermined & ~shown(self.slope, weight)
+        posture = usual * MARKER_SD_M**2 * POSTURE_PRECISION
         self.prior[:] = np.where(self.undetermined, posture, self.prior_weight)
         self.reference[:] = np.where(self.undetermined, 0.0, self.prior_value)
 
