@@ -32,8 +32,8 @@ from hbm.kinematics import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body, joints_of, pin_model
 from hbm.notes import Note
-from hbm.plausibility.uncertainty import mass_not_shown
 from hbm.overrides import SegmentOverride, apply_overrides
+from hbm.plausibility.uncertainty import mass_not_shown
 from hbm.poses import segment_frames
 from hbm.segments import Inertia, Proportions, Sex, proportions, segment_inertia
 from hbm.spatial import Array, Indices, distance

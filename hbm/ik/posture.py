@@ -85,7 +85,8 @@ def covariance(slope: Array, weight: Array, prior: Array | float = 0.0) -> Array
     own = np.flatnonzero(weight)
     weighted = (slope[:, own] * np.sqrt(weight[own])[:, None]).reshape(len(slope), -1)
     information = weighted @ weighted.T + np.diag(np.broadcast_to(prior, len(slope)))
-    return np.linalg.inv(information / MARKER_SD_M**2 + np.eye(len(slope)) / FLAT_SD**2)
+    total = information / MARKER_SD_M**2 + np.eye(len(slope)) / FLAT_SD**2
+    return np.asarray(np.linalg.inv(total))
 
 
 def shown(slope: Array, weight: Array) -> Mask:

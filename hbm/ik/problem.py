@@ -84,19 +84,23 @@ class Problem:
         self.rotates = np.array([not c.translates for c in TREE])
         self.slope = marker_slopes(body, np.zeros(N_Q))[:, known]
         self.prior, self.reference = np.empty((2, N_Q))
-        self.hold(np.isfinite(markers.position[:, self.attachment.column, 0]).any(axis=0))
+        position = markers.position[:, self.attachment.column, 0]
+        self.hold(np.asarray(np.isfinite(position).any(axis=0)))
 
     def hold(self, seen: Mask) -> None:
         """Hold near neutral, by priors, what these markers, (K,), do not determine.
 
-        Coordinates that none of them shows at all count as locked: there the prior is alone.
+        The prior sets in where markers leave a coordinate as uncertain as posture does, and has all
+        its weight where they leave it twice the variance: small changes of a body have small
+        effects. Coordinates that no marker shows at all count as locked: there the prior is alone.
         """
         self.seen, weight = seen, self.attachment.weight * seen
         usual = np.median(weight[weight > 0]) if weight.any() else 1.0
         variance = np.diag(covariance(self.slope, weight / usual, self.prior_weight / usual))
-        self.undetermined = (variance * POSTURE_PRECISION > 1) & (self.prior_weight == 0)
+        doubt = np.where(self.prior_weight > 0, 0.0, variance * POSTURE_PRECISION - 1)
+        self.undetermined = doubt > 0
         self.locked = self.undetermined & ~shown(self.slope, weight)
-        posture = usual * MARKER_SD_M**2 * POSTURE_PRECISION
+        posture = usual * MARKER_SD_M**2 * POSTURE_PRECISION * np.minimum(doubt, 1)
         self.prior[:] = np.where(self.undetermined, posture, self.prior_weight)
         self.reference[:] = np.where(self.undetermined, 0.0, self.prior_value)
 

@@ -247,9 +247,7 @@ class Tracker:
         problem = self.problem
         present = ~np.isnan(found.q[:, 0])
         lost = ~(observed | problem.locked) & present[:, None]
-        related = ~found.converged[:, None] | (
-            found.pivots - problem.prior > MAX_UNRELATED_PIVOT
-        )
+        related = ~found.converged[:, None] | (found.pivots - problem.prior > MAX_UNRELATED_PIVOT)
         related &= ~unsolved
         if unrelated:
             lost &= ~related

@@ -47,8 +47,8 @@ def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
     """
     if not motion.converged.any():
         return ()
-    seen = np.isfinite(motion.marker_error).any(axis=0)
-    markers = [name for name, own in zip(motion.markers, seen, strict=True) if own]
+    seen = np.flatnonzero(np.isfinite(motion.marker_error).any(axis=0))
+    markers = [motion.markers[k] for k in seen]
     held, segments = undetermined(body, markers)
     observed = motion.observed.any(axis=0)
     locked = tuple(np.array(COORDINATES)[held & ~observed].tolist())

@@ -88,8 +88,8 @@ def _unseen(body: Body, motion: Motion) -> Mask:
 
 
 def _free(body: Body, motion: Motion) -> Mask:
-    """Find coordinates that are not held throughout by a prior, (46,); those of legs must not be."""
-    of_legs = np.array([c.segment in LIMBS["left leg"] + LIMBS["right leg"] for c in TREE])
+    """Find coordinates that markers should show, (46,): of a leg, or shown in any frame."""
+    of_legs = np.array([c.segment in {s for leg in LEGS for s in LIMBS[leg]} for c in TREE])
     locked = np.array([name in body.locked for name in motion.names])
     return np.asarray(motion.observed.any(axis=0) | of_legs & ~locked)
 
@@ -104,7 +104,7 @@ def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, 
     for limb, parts in {"trunk": ("thorax",), **LIMBS}.items():
         own = np.array([c.segment in parts for c in TREE])
         heavy = own & free & [c.segment in body.segments for c in TREE]
-        lost = unseen[:, heavy].all(axis=1) & heavy.any()
+        lost: Mask = np.asarray(unseen[:, heavy].all(axis=1) & heavy.any())
         if lost.any():
             mass = sum(body.segments[s].mass for s in parts if s in body.segments)
             yield limb, mass / body.mass, lost, own
@@ -134,8 +134,9 @@ def check_motion(body: Body, motion: Motion, markers: Markers) -> tuple[Note, ..
     Returns
     -------
     tuple of Note
-        ``coordinates_locked``, ``coordinates_uncertain``, ``mass_not_shown``, ``limb_interpolated`` or
-        ``limb_unknown``, ``coordinates_interpolated``, ``marker_samples_missing``,
+        ``coordinates_locked``, ``coordinates_uncertain``, ``mass_not_shown``,
+        ``limb_interpolated`` or ``limb_unknown``, ``coordinates_interpolated``,
+        ``marker_samples_missing``,
         ``pelvis_unseen``, ``frames_unsolved``, ``segment_error_large``, ``marker_error_large`` and
         ``joint_angles_impossible``, where there are any. Samples are missing where a marker has a
         gap in a frame that was solved.
