@@ -5,6 +5,7 @@ than human posture does. There the optimum is the most probable pose; elsewhere 
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -44,6 +45,8 @@ MIN_SLOPE_M: Final = 1e-3
 MAX_PLACE_SD_M: Final = 0.05
 """Of a segment's centre of mass, from which on markers do not show where it is."""
 
+CACHED_BODIES: Final = 8
+
 STEP: Final = 1e-6
 """Of each coordinate, for slopes [rad or m]."""
 
@@ -63,6 +66,12 @@ def marker_slopes(body: Body, q: Array) -> Array:
     """Give by how much each coordinate of a pose, (46,), moves each marker, (46, K, 3)."""
     moved = marker_positions(body, _steps(q))
     return np.asarray((moved[:N_Q] - moved[N_Q:]) / (2 * STEP))
+
+
+@lru_cache(maxsize=CACHED_BODIES)
+def neutral_slopes(body: Body) -> Array:
+    """Give the same in the neutral pose."""
+    return marker_slopes(body, np.zeros(N_Q))
 
 
 def covariance(slope: Array, weight: Array, prior: Array | float = 0.0) -> Array:
@@ -112,10 +121,9 @@ def undetermined(body: Body, markers: Sequence[str]) -> tuple[Mask, tuple[str, .
     segments
         Those whose centre of mass the markers alone leave uncertain by more than 5 cm.
     """
-    neutral = np.zeros(N_Q)
     weight = np.array([float(name in markers) for name in body.markers])
-    spread = covariance(marker_slopes(body, neutral), weight)
-    rotation, origin = segment_frames(body, _steps(neutral))
+    spread = covariance(neutral_slopes(body), weight)
+    rotation, origin = segment_frames(body, _steps(np.zeros(N_Q)))
     unplaced = []
     for s in SEGMENTS:
         own = MOVING.index(FIXED_TO.get(s, s))

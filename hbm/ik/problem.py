@@ -10,13 +10,7 @@ import numpy as np
 from hbm.coordinates import INDEX, MOVING, N_Q, TREE
 from hbm.ik.attachment import MarkerAttachment
 from hbm.ik.descent import Solved, solve_frames
-from hbm.ik.posture import (
-    MARKER_SD_M,
-    POSTURE_PRECISION,
-    covariance,
-    marker_slopes,
-    shown,
-)
+from hbm.ik.posture import MARKER_SD_M, POSTURE_PRECISION, covariance, neutral_slopes, shown
 from hbm.ik.start import starting_pose
 from hbm.markers import Markers
 from hbm.model import Body
@@ -82,7 +76,7 @@ class Problem:
         for name, (weight, value) in priors.items():
             self.prior_weight[INDEX[name]], self.prior_value[INDEX[name]] = weight, value
         self.rotates = np.array([not c.translates for c in TREE])
-        self.slope = marker_slopes(body, np.zeros(N_Q))[:, known]
+        self.slope = neutral_slopes(body)[:, known]
         self.prior, self.reference = np.empty((2, N_Q))
         position = markers.position[:, self.attachment.column, 0]
         self.hold(np.asarray(np.isfinite(position).any(axis=0)))
@@ -97,12 +91,13 @@ class Problem:
         self.seen, weight = seen, self.attachment.weight * seen
         usual = np.median(weight[weight > 0]) if weight.any() else 1.0
         variance = np.diag(covariance(self.slope, weight / usual, self.prior_weight / usual))
-        doubt = np.where(self.prior_weight > 0, 0.0, variance * POSTURE_PRECISION - 1)
-        self.undetermined = doubt > 0
-        self.locked = self.undetermined & ~shown(self.slope, weight)
+        doubt = variance * POSTURE_PRECISION - 1
+        self.locked = (POSTURE_PRECISION > 0) & ~shown(self.slope, weight)
+        self.undetermined = (doubt > 0) | self.locked
+        held = self.undetermined & (self.prior_weight == 0)
         posture = usual * MARKER_SD_M**2 * POSTURE_PRECISION * np.minimum(doubt, 1)
-        self.prior[:] = np.where(self.undetermined, posture, self.prior_weight)
-        self.reference[:] = np.where(self.undetermined, 0.0, self.prior_value)
+        self.prior[:] = np.where(held, posture, self.prior_weight)
+        self.reference[:] = np.where(held, 0.0, self.prior_value)
 
     def without(self, segments: Collection[str]) -> "Problem":
         """Give the problem with the markers of some segments without weight."""

@@ -205,18 +205,25 @@ class Tracker:
 
         A coordinate is determined where the curvature that remains to it once all coordinates
         beyond it are free (its pivot) is not nearly zero and, in frames with missing markers, not
-        small compared with what is usual in the trial. One with a prior always counts as determined
-        where no marker is missing: no pose makes a difference.
+        small compared with what is usual in the trial.
         """
-        problem = self.problem
-        least = np.full(N_Q, MIN_PIVOT * problem.attachment.weight.max())
-        from_markers = found.pivots - problem.prior
-        observed = (from_markers > least) | problem.undetermined
+        from_markers = found.pivots - self.problem.prior
+        observed: Mask = np.asarray(from_markers > self.least_pivots())
         if usual_pivots is not None:
             missing = np.isnan(found.error)
             gaps = (missing & ~missing.all(axis=0)).any(axis=1)
             observed[gaps] &= from_markers[gaps] > MIN_PIVOT_SHARE * usual_pivots
-        return np.asarray(observed & ~problem.locked)
+        return observed
+
+    def least_pivots(self) -> Array:
+        """Give from which curvature on, of its markers, each coordinate is determined, (46,).
+
+        One with a prior is from any on, so that it does not depend on the pose; a locked one never.
+        """
+        least = np.full(N_Q, MIN_PIVOT * self.problem.attachment.weight.max())
+        least[self.problem.undetermined] = -np.inf
+        least[self.problem.locked] = np.inf
+        return least
 
     def key_frames(self) -> Indices:
         """Choose the frame with the most markers in each interval, and both ends."""
