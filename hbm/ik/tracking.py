@@ -146,7 +146,7 @@ class Tracker:
             (F,).
         """
         problem = self.problem
-        pivots = found.pivots[:, problem.rotates & ~problem.undetermined]
+        pivots = (found.pivots - problem.prior)[:, problem.rotates & ~problem.locked]
         weight = problem.attachment.weight.max()
         weak = (pivots > MIN_PIVOT * weight) & (pivots < MIN_CLEAR_PIVOT * weight)
         doubtful: Mask = ~found.converged | weak.any(axis=1)

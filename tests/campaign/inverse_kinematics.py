@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 
 from hbm.body import Body, build_body
 from hbm.coordinates import INDEX, N_Q, SIDES
+from hbm.ik.continuity import BALL_JOINTS
 from hbm.ik.problem import Problem
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
@@ -75,7 +76,7 @@ def outcome(case: Case) -> Outcome:
         return "SciPy lost"
     if not found.converged[0]:
         return "lost"
-    ours = float(np.nansum(found.marker_error**2) + _prior(case) @ found.q[0] ** 2)
+    ours = float(np.nansum(found.marker_error**2) + _prior_cost(case, found.q[0]))
     if ours > theirs * (1 + MAX_RELATIVE_EXCESS) + ROUNDING_M2:
         return "higher than SciPy"
     return (
@@ -105,6 +106,25 @@ def _markers(case: Case) -> Markers:
 def _prior(case: Case) -> Array:
     """Give the weights of the priors about neutral, (46,)."""
     return Problem(case.body, _markers(case), {}, {}, {}, tolerance=1e-6, jobs=1).prior
+
+
+def _prior_cost(case: Case, q: Array) -> float:
+    """Give what the priors cost in those coordinates of a pose, of all equivalent, that cost least.
+
+    Angles that are continuous in time are not always those.
+    """
+    prior, angle = _prior(case), np.where(TRANSLATIONS, q, _within_half_turn(q))
+    cost = prior * angle**2
+    for i in BALL_JOINTS:
+        joint = slice(i, i + 3)
+        other = prior[joint] * _within_half_turn(angle[joint] * [1, -1, 1] + np.pi) ** 2
+        if other.sum() < cost[joint].sum():
+            cost[joint] = other
+    return float(cost.sum())
+
+
+def _within_half_turn(angle: Array) -> Array:
+    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 def _distances(case: Case):
