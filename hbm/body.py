@@ -27,11 +27,13 @@ from hbm.coordinates import (
     SIDES,
     support,
 )
+from hbm.ik.posture import undetermined
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers, MarkerSet, marker_sets, recognise_marker_set
 from hbm.model import Body, joints_of, pin_model
 from hbm.notes import Note
 from hbm.overrides import SegmentOverride, apply_overrides
+from hbm.plausibility.uncertainty import mass_not_shown
 from hbm.poses import segment_frames
 from hbm.segments import Inertia, Proportions, Sex, proportions, segment_inertia
 from hbm.spatial import Array, Indices, distance
@@ -50,9 +52,6 @@ TOES_GYRATION_M: Final = 0.01
 
 LEGS_PER_STATURE: Final = 0.245 + 0.246
 """Thigh and shank, as shares of stature (Drillis and Contini 1966, as in Winter 2009, Fig. 4.1)."""
-
-MIN_SHARE_NOTED: Final = 0.02
-"""Share of the body's mass: both hands are 1.2 %, whose own motion hardly matters."""
 
 LEGS: Final = tuple(f"{side}_{s}" for side in SIDES for s in ("thigh", "shank", "foot", "toes"))
 
@@ -205,7 +204,7 @@ def build_body(
         locked=_never_shown(set(segments)),
         notes=tuple(notes),
     )
-    body = replace(body, notes=(*notes, *_mass_not_shown(body)))
+    body = replace(body, notes=(*notes, *mass_not_shown(body, undetermined(body, markers)[1])))
     if not selection.still:
         body = _with_fitted_tracking_markers(body, calibration, set(landmark.values()))
     with suppress(ImportError):  # on Windows, for which Pinocchio has no wheel
@@ -269,15 +268,6 @@ def _never_shown(segments: set[str]) -> tuple[str, ...]:
     """Coordinates that move none of the segments with markers."""
     shown = {i for s in segments for i in support(LAST_Q[s])}
     return tuple(name for i, name in enumerate(COORDINATES) if i not in shown)
-
-
-def _mass_not_shown(body: Body) -> list[Note]:
-    """Say what share of the body's mass no marker shows, if it matters; feet include the toes."""
-    hidden = [s for s in SEGMENTS if COORDINATES[LAST_Q[s]] in body.locked and "toes" not in s]
-    share = sum(body.segments[s].mass for s in hidden) / body.mass
-    if share < MIN_SHARE_NOTED:
-        return []
-    return [Note.of("mass_not_shown", segments=tuple(hidden), share=share)]
 
 
 def _inertias(

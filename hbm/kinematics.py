@@ -53,8 +53,9 @@ def solve_ik(
     -------
     Motion
         ``q``, marker errors and which coordinates were observed; ``v`` and ``a`` are NaN until
-        `filter_motion`. Coordinates that no marker of the trial shows stay at zero; those that lose
-        their markers for a while, and limbs whose markers fit no pose, are interpolated in time.
+        `filter_motion`. What the markers of the trial do not determine is held near zero by a prior
+        (`hbm.ik.posture`), what none of them shows at zero; coordinates that lose their markers for
+        a while, and limbs whose markers fit no pose, are interpolated in time.
         Only a pelvis or a trunk that markers do not show leaves a frame unsolved.
 
     Raises

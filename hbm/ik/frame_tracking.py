@@ -23,7 +23,6 @@ from hbm.ik.problem import Problem
 from hbm.ik.tracking import (
     MAX_DISTANCE_FROM_START,
     MAX_UNRELATED_PIVOT,
-    MIN_PIVOT,
     MIN_PIVOT_SHARE,
     Tracker,
 )
@@ -97,16 +96,18 @@ class FrameTracker:
         problem = Problem(body, markers, {}, {}, {}, tolerance=TOLERANCE, jobs=1)
         self.position = nowhere.copy()
         problem.attachment = replace(problem.attachment, position=self.position)
+        problem.hold(np.ones(len(problem.names), bool))
         self.problem, self.tracker = problem, Tracker(problem)
         self.descent = OneFrame(problem.attachment, problem.prior, problem.reference, TOLERANCE)
         self.markers, self.columns = problem.names, problem.attachment.column
         self.carriers, self.free = self.tracker.carriers, ~problem.locked
-        self.least = np.full(N_Q, MIN_PIVOT * problem.attachment.weight.max())
+        self.least = self.tracker.least_pivots()
         self.q: Array | None = None
         self.tracked = np.zeros(N_Q, bool)
         self.shown = np.zeros(N_Q)
         self.usual_pivots = np.zeros(N_Q)
         self.seen = np.zeros(len(self.markers), bool)
+        self.complete = False
         self.tries_left = 0
         self.begun = False
 
@@ -119,6 +120,8 @@ class FrameTracker:
             Measured markers in the lab, (M, 3) [m]; NaN where missing.
         """
         self.position[0] = position
+        if not self.complete:
+            self._hold_what_was_never_seen()
         found, looked = self._first() if self.q is None else self._next(self.q)
         observed, unsolved = self._observed(found), np.zeros(N_Q, bool)
         if not found.converged[0]:
@@ -198,16 +201,24 @@ class FrameTracker:
 
         What is usual is what it was when no marker was missing last.
         """
-        from_markers = found.pivots[0] - self.problem.prior_weight
-        observed = (from_markers > self.least) & self.free
+        from_markers = found.pivots[0] - self.problem.prior
+        observed: Mask = np.asarray(from_markers > self.least)
         if np.isnan(found.error[0, self.seen]).any():
             observed &= from_markers > MIN_PIVOT_SHARE * self.usual_pivots
-        return np.asarray(observed)
+        return observed
+
+    def _hold_what_was_never_seen(self) -> None:
+        """Hold near neutral what the markers that were seen until now do not determine."""
+        seen = self.seen | np.isfinite(self.position[0, self.columns, 0])
+        if (seen != self.problem.seen).any():
+            self.problem.hold(seen)
+            self.least = self.tracker.least_pivots()
+        self.complete = bool(self.seen.all())
 
     def _hold(self, found: Solved, observed: Mask, unsolved: Mask) -> None:
         """Hold coordinates that markers do not show, and solve the others again if need be."""
         lost = ~observed & self.free
-        related = (found.pivots[0] - self.problem.prior_weight > MAX_UNRELATED_PIVOT) & ~unsolved
+        related = (found.pivots[0] - self.problem.prior > MAX_UNRELATED_PIVOT) & ~unsolved
         related |= not found.converged[0]
         found.q[0, lost] = self.shown[lost]
         if (lost & related).any():

@@ -100,14 +100,16 @@ def lowest_of_tries(
 
 
 def _best_limbs(problem: Problem, solved: Solved, frames: int) -> Array:
-    """Give the first solutions with each limb as in the one that fits its markers best, (F, 46)."""
+    """Give the first solutions with each limb as in the one where it costs least, (F, 46)."""
     square = np.nan_to_num(problem.attachment.weight * solved.error**2)
     square[~solved.converged] = np.inf
+    prior = problem.prior * (solved.q - problem.reference) ** 2
     q = solved.q[:frames].copy()
     for segments in LIMBS.values():
         own = [k for k, s in enumerate(problem.segment) if s in segments]
         limb = slice(FIRST_Q[segments[0]], LAST_Q[segments[-1]] + 1)
-        best = _lowest_nearest_to_neutral(square[:, own].sum(axis=1), solved.q[:, limb], frames)
+        cost = square[:, own].sum(axis=1) + prior[:, limb].sum(axis=1)
+        best = _lowest_nearest_to_neutral(cost, solved.q[:, limb], frames)
         q[:, limb] = solved.q[best, limb]
     return q
 

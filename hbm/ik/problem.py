@@ -7,9 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from hbm.coordinates import COORDINATES, INDEX, MOVING, N_Q, TREE
+from hbm.coordinates import INDEX, MOVING, N_Q, TREE
 from hbm.ik.attachment import MarkerAttachment
 from hbm.ik.descent import Solved, solve_frames
+from hbm.ik.posture import MARKER_SD_M, POSTURE_PRECISION, covariance, neutral_slopes, shown
 from hbm.ik.start import starting_pose
 from hbm.markers import Markers
 from hbm.model import Body
@@ -74,24 +75,38 @@ class Problem:
         self.prior_weight, self.prior_value = np.zeros(N_Q), np.zeros(N_Q)
         for name, (weight, value) in priors.items():
             self.prior_weight[INDEX[name]], self.prior_value[INDEX[name]] = weight, value
-        self.locked = np.array([name in body.locked for name in COORDINATES])
-        self.locked |= ~_with_markers_beyond(set(self.segment))
         self.rotates = np.array([not c.translates for c in TREE])
-        self.hold_locked()
+        self.slope = neutral_slopes(body)[:, known]
+        self.prior, self.reference = np.empty((2, N_Q))
+        position = markers.position[:, self.attachment.column, 0]
+        self.hold(np.asarray(np.isfinite(position).any(axis=0)))
 
-    def hold_locked(self) -> None:
-        """Hold the locked coordinates at zero by priors of their own."""
-        self.prior = np.where(self.locked, LOCK, self.prior_weight)
-        self.reference = np.where(self.locked, 0.0, self.prior_value)
+    def hold(self, seen: Mask) -> None:
+        """Hold near neutral, by priors, what these markers, (K,), do not determine.
+
+        The prior sets in where markers leave a coordinate as uncertain as posture does, and has all
+        its weight where they leave it twice the variance: small changes of a body have small
+        effects. Coordinates that no marker shows at all count as locked: there the prior is alone.
+        """
+        self.seen, weight = seen, self.attachment.weight * seen
+        usual = np.median(weight[weight > 0]) if weight.any() else 1.0
+        variance = np.diag(covariance(self.slope, weight / usual, self.prior_weight / usual))
+        doubt = variance * POSTURE_PRECISION - 1
+        self.locked = (POSTURE_PRECISION > 0) & ~shown(self.slope, weight)
+        self.undetermined = (doubt > 0) | self.locked
+        held = self.undetermined & (self.prior_weight == 0)
+        posture = usual * MARKER_SD_M**2 * POSTURE_PRECISION * np.minimum(doubt, 1)
+        self.prior[:] = np.where(held, posture, self.prior_weight)
+        self.reference[:] = np.where(held, 0.0, self.prior_value)
 
     def without(self, segments: Collection[str]) -> "Problem":
-        """Give the problem with some segments held at neutral and their markers without weight."""
+        """Give the problem with the markers of some segments without weight."""
         other = copy(self)
         own = np.array([s in segments for s in self.segment])
         weight = np.where(own, 0.0, self.attachment.weight)
         other.attachment = replace(self.attachment, weight=weight)
-        other.locked = self.locked | np.array([c.segment in segments for c in TREE])
-        other.hold_locked()
+        other.prior, other.reference = np.empty((2, N_Q))
+        other.hold(self.seen)
         return other
 
     def rigid_fit(self, rows: Indices) -> Array:
@@ -112,7 +127,7 @@ class Problem:
 
     def cost(self, solved: Solved) -> Array:
         """Give twice the sum that is minimised, (F,); infinite where it did not converge."""
-        prior = self.prior_weight * (solved.q - self.prior_value) ** 2
+        prior = self.prior * (solved.q - self.reference) ** 2
         markers = np.nansum(self.attachment.weight * solved.error**2, axis=1)
         return np.where(solved.converged, markers + prior.sum(axis=1), np.inf)
 
@@ -171,15 +186,3 @@ class Problem:
             tolerance=self.tolerance,
             jobs=self.jobs,
         )
-
-
-def _with_markers_beyond(segments: set[str]) -> Mask:
-    """Which coordinates have one of these segments beyond them, (46,)."""
-    carries = np.zeros(N_Q, bool)
-    for i in reversed(range(N_Q)):
-        last = i + 1 == N_Q or TREE[i + 1].segment != TREE[i].segment
-        if last and TREE[i].segment in segments:
-            carries[i] = True
-        if carries[i] and TREE[i].parent >= 0:
-            carries[TREE[i].parent] = True
-    return carries

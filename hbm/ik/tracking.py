@@ -146,7 +146,7 @@ class Tracker:
             (F,).
         """
         problem = self.problem
-        pivots = found.pivots[:, problem.rotates & ~problem.locked]
+        pivots = (found.pivots - problem.prior)[:, problem.rotates & ~problem.locked]
         weight = problem.attachment.weight.max()
         weak = (pivots > MIN_PIVOT * weight) & (pivots < MIN_CLEAR_PIVOT * weight)
         doubtful: Mask = ~found.converged | weak.any(axis=1)
@@ -207,15 +207,23 @@ class Tracker:
         beyond it are free (its pivot) is not nearly zero and, in frames with missing markers, not
         small compared with what is usual in the trial.
         """
-        problem = self.problem
-        least = np.full(N_Q, MIN_PIVOT * problem.attachment.weight.max())
-        from_markers = found.pivots - problem.prior_weight
-        observed = from_markers > least
+        from_markers = found.pivots - self.problem.prior
+        observed: Mask = np.asarray(from_markers > self.least_pivots())
         if usual_pivots is not None:
             missing = np.isnan(found.error)
             gaps = (missing & ~missing.all(axis=0)).any(axis=1)
             observed[gaps] &= from_markers[gaps] > MIN_PIVOT_SHARE * usual_pivots
-        return np.asarray(observed & ~problem.locked)
+        return observed
+
+    def least_pivots(self) -> Array:
+        """Give from which curvature on, of its markers, each coordinate is determined, (46,).
+
+        One with a prior is from any on, so that it does not depend on the pose; a locked one never.
+        """
+        least = np.full(N_Q, MIN_PIVOT * self.problem.attachment.weight.max())
+        least[self.problem.undetermined] = -np.inf
+        least[self.problem.locked] = np.inf
+        return least
 
     def key_frames(self) -> Indices:
         """Choose the frame with the most markers in each interval, and both ends."""
@@ -246,9 +254,7 @@ class Tracker:
         problem = self.problem
         present = ~np.isnan(found.q[:, 0])
         lost = ~(observed | problem.locked) & present[:, None]
-        related = ~found.converged[:, None] | (
-            found.pivots - problem.prior_weight > MAX_UNRELATED_PIVOT
-        )
+        related = ~found.converged[:, None] | (found.pivots - problem.prior > MAX_UNRELATED_PIVOT)
         related &= ~unsolved
         if unrelated:
             lost &= ~related

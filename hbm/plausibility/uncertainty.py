@@ -1,29 +1,27 @@
-"""Coordinates that markers hardly show: by how much marker errors turn them."""
+"""What markers do not determine, and by how much marker errors turn what they do."""
 
 from typing import Final
 
 import numpy as np
 
 from hbm.coordinates import COORDINATES, N_Q, TREE
+from hbm.ik.posture import POSTURE_PRECISION, covariance, marker_slopes, undetermined
 from hbm.model import Body
 from hbm.motion import Motion
 from hbm.notes import Note
-from hbm.poses import marker_positions
-from hbm.spatial import Array, Indices, Mask
+from hbm.spatial import Array, Indices
 
-MARKER_ERROR_M: Final = 0.01
-"""Error of a marker on its segment, from skin and from the calibration pose."""
 MAX_UNCERTAINTY_RAD: Final = np.radians(20.0)
-"""An angle that such errors of the markers turn by more is hardly observed."""
+"""An angle that marker errors of 10 mm turn by more is hardly observed."""
 JUDGED_FRAMES: Final = 20
 """Frames in which that uncertainty is computed; it varies little over a trial."""
-STEP: Final = 1e-6
-"""Of each coordinate, for the slopes of the markers' positions [rad or m]."""
+MIN_SHARE_NOTED: Final = 0.02
+"""Share of the body's mass: both hands are 1.2 %, whose own motion hardly matters."""
 ROTATES: Final = np.array([not c.translates for c in TREE])
 
 
-def uncertain_coordinates(body: Body, motion: Motion) -> tuple[Note, ...]:
-    """Name the angles that markers hardly show.
+def undetermined_notes(body: Body, motion: Motion) -> tuple[Note, ...]:
+    """Name what a prior holds near neutral because the markers of a trial do not determine it.
 
     Parameters
     ----------
@@ -35,33 +33,40 @@ def uncertain_coordinates(body: Body, motion: Motion) -> tuple[Note, ...]:
     Returns
     -------
     tuple of Note
-        One ``coordinates_uncertain``: the angles that marker errors of 10 mm turn by more than 20°
-        (standard deviation, median over up to 20 frames in which they are observed).
-
-    Notes
-    -----
-    Such angles are not held: the solution is the least-squares optimum, and of poses that fit the
-    markers equally well the one nearest to neutral. What they describe hardly moves any mass, or
-    markers would show it.
+        ``coordinates_locked``: those that no marker shows. ``coordinates_uncertain``: those that
+        markers show, but more weakly than posture does. ``mass_not_shown``: the segments that
+        therefore may be elsewhere, unless the body says so already.
 
     Examples
     --------
     With ``body`` from `build_body`:
 
     >>> import hbm
-    >>> uncertain_coordinates(body, hbm.solve_ik(body, static))
-    ()
+    >>> [note.code for note in undetermined_notes(body, hbm.solve_ik(body, static))]
+    ['coordinates_locked']
     """
-    uncertain: dict[str, float] = {}
-    some = spread_over(np.flatnonzero(motion.converged))
-    if not len(some):
+    if not motion.converged.any():
         return ()
-    deviation = np.where(motion.observed[some], angle_uncertainty(body, motion, some), np.nan)
-    for i in np.flatnonzero(ROTATES & motion.observed[some].any(axis=0)):
-        typical = float(np.nanmedian(deviation[:, i]))
-        if typical > MAX_UNCERTAINTY_RAD:
-            uncertain[COORDINATES[i]] = np.degrees(typical)
-    return (Note.of("coordinates_uncertain", deviation_deg=uncertain),) if uncertain else ()
+    seen = np.flatnonzero(np.isfinite(motion.marker_error).any(axis=0))
+    markers = [motion.markers[k] for k in seen]
+    held, segments = undetermined(body, markers)
+    observed = motion.observed.any(axis=0)
+    locked = tuple(np.array(COORDINATES)[held & ~observed].tolist())
+    weak = {
+        COORDINATES[i]: np.degrees(POSTURE_PRECISION[i] ** -0.5)
+        for i in np.flatnonzero(held & observed & ROTATES)
+    }
+    notes = [Note.of("coordinates_locked", coordinates=locked)] if locked else []
+    if weak:
+        notes.append(Note.of("coordinates_uncertain", deviation_deg=weak))
+    return (*notes, *(n for n in mass_not_shown(body, segments) if n not in body.notes))
+
+
+def mass_not_shown(body: Body, segments: tuple[str, ...]) -> tuple[Note, ...]:
+    """Say what share of the body's mass these segments are, if it matters."""
+    share = sum(body.segments[s].mass for s in segments) / body.mass
+    noted = share >= MIN_SHARE_NOTED
+    return (Note.of("mass_not_shown", segments=segments, share=share),) if noted else ()
 
 
 def spread_over(frames: Indices) -> Indices:
@@ -90,16 +95,10 @@ def angle_uncertainty(body: Body, motion: Motion, frames: Indices) -> Array:
         coordinates that are not observed.
     """
     own = [body.markers.index(name) for name in motion.markers]
-    step = STEP * np.eye(N_Q)
     result = np.full((len(frames), N_Q), np.inf)
     for row, frame in enumerate(frames):
-        visible: Mask = np.isfinite(motion.marker_error[frame])
+        visible = np.isfinite(motion.marker_error[frame]).astype(float)
         free = np.flatnonzero(motion.observed[frame])
-        moved = marker_positions(
-            body, np.concatenate([motion.q[frame] + step, motion.q[frame] - step])
-        )
-        slope = (moved[:N_Q] - moved[N_Q:])[:, own][free][:, visible] / (2 * STEP)
-        slope = slope.reshape(len(free), -1) / MARKER_ERROR_M
-        information = slope @ slope.T + np.eye(len(free)) / np.pi**2
-        result[row, free] = np.sqrt(np.diag(np.linalg.inv(information)))
+        slope = marker_slopes(body, motion.q[frame])[free][:, own]
+        result[row, free] = np.sqrt(np.diag(covariance(slope, visible)))
     return result

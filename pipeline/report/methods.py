@@ -3,7 +3,7 @@
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
-from typing import Final
+from typing import Final, cast
 
 import pandas as pd
 
@@ -155,6 +155,14 @@ def _kinematics(trials: Sequence[TrialSummary]) -> str:
     own = f", except for stated values ({'; '.join(sorted(overridden))})" if overridden else ""
     locked = sorted({name for trial in trials for name in trial.locked})
     held = f" Coordinates without markers were held at neutral ({join_names(locked)})."
+    deviations = [
+        cast(Mapping[str, float], note.values["deviation_deg"])
+        for trial in trials
+        for note in trial.notes
+        if note.code == "coordinates_uncertain"
+    ]
+    weak = sorted({f"{name} {sd:.0f}°" for each in deviations for name, sd in each.items()})
+    prior = f" and of priors about neutral (SD: {join_names(weak)})" if weak else ""
     return (
         "Kinematics were described by an open-source implementation of the Human Body Model (van "
         "den Bogert et al. 2013) with 46 degrees of freedom. Each subject's model was built from a "
@@ -162,8 +170,8 @@ def _kinematics(trials: Sequence[TrialSummary]) -> str:
         f"{hips}; marker centres were {offsets} mm from the skin; segment inertial parameters were "
         f"those of de Leva (1996) {sex}{own}. {_trunk(trials)}{held if locked else ''} Inverse "
         "kinematics minimised the sum of squared distances between measured and modelled markers "
-        "in each frame (Lu and O'Connor 1999). Coordinates and ground reaction wrenches were "
-        "filtered alike with "
+        f"in each frame (Lu and O'Connor 1999){prior}. Coordinates and ground reaction wrenches "
+        "were filtered alike with "
         f"{filters} before velocities, accelerations and inverse dynamics were computed. "
         + " ".join(_mechanics(engine) for engine in engines_of([t.engine for t in trials]))
     )

@@ -12,7 +12,7 @@ from hbm.motion import Motion
 from hbm.notes import Note
 from hbm.plausibility.joint_ranges import impossible_angles
 from hbm.plausibility.marker_errors import large_marker_errors
-from hbm.plausibility.uncertainty import uncertain_coordinates
+from hbm.plausibility.uncertainty import undetermined_notes
 from hbm.signals.samples import stretches
 from hbm.spatial import Mask
 
@@ -84,8 +84,14 @@ def _no_pelvis_marker(body: Body, motion: Motion) -> Mask:
 
 def _unseen(body: Body, motion: Motion) -> Mask:
     """Find coordinates that markers do not show in frames that were solved, (T, 46)."""
-    free = np.array([name not in body.locked for name in motion.names])
-    return np.asarray(~motion.observed & motion.converged[:, None] & free)
+    return np.asarray(~motion.observed & motion.converged[:, None] & _free(body, motion))
+
+
+def _free(body: Body, motion: Motion) -> Mask:
+    """Find coordinates that markers should show, (46,): of a leg, or shown in any frame."""
+    of_legs = np.array([c.segment in {s for leg in LEGS for s in LIMBS[leg]} for c in TREE])
+    locked = np.array([name in body.locked for name in motion.names])
+    return np.asarray(motion.observed.any(axis=0) | of_legs & ~locked)
 
 
 def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, Mask]]:
@@ -94,12 +100,11 @@ def _lost_limbs(body: Body, motion: Motion) -> Iterator[tuple[str, float, Mask, 
     Name, share of the body mass, frames (T,) among those that were solved, and which coordinates
     are the limb's, (46,).
     """
-    free = np.array([name not in body.locked for name in motion.names])
-    unseen = _unseen(body, motion)
+    free, unseen = _free(body, motion), _unseen(body, motion)
     for limb, parts in {"trunk": ("thorax",), **LIMBS}.items():
         own = np.array([c.segment in parts for c in TREE])
         heavy = own & free & [c.segment in body.segments for c in TREE]
-        lost = unseen[:, heavy].all(axis=1) & heavy.any()
+        lost: Mask = np.asarray(unseen[:, heavy].all(axis=1) & heavy.any())
         if lost.any():
             mass = sum(body.segments[s].mass for s in parts if s in body.segments)
             yield limb, mass / body.mass, lost, own
@@ -129,16 +134,14 @@ def check_motion(body: Body, motion: Motion, markers: Markers) -> tuple[Note, ..
     Returns
     -------
     tuple of Note
-        ``coordinates_locked``, ``coordinates_uncertain``, ``limb_interpolated`` or
-        ``limb_unknown``, ``coordinates_interpolated``, ``marker_samples_missing``,
+        ``coordinates_locked``, ``coordinates_uncertain``, ``mass_not_shown``,
+        ``limb_interpolated`` or ``limb_unknown``, ``coordinates_interpolated``,
+        ``marker_samples_missing``,
         ``pelvis_unseen``, ``frames_unsolved``, ``segment_error_large``, ``marker_error_large`` and
         ``joint_angles_impossible``, where there are any. Samples are missing where a marker has a
         gap in a frame that was solved.
     """
-    notes = []
-    if body.locked:
-        notes.append(Note.of("coordinates_locked", coordinates=body.locked))
-    notes += [*uncertain_coordinates(body, motion), *_interpolated(body, motion)]
+    notes = [*undetermined_notes(body, motion), *_interpolated(body, motion)]
     used = [markers.names.index(name) for name in motion.markers]
     missing = np.count_nonzero(np.isnan(markers.position[:, used, 0])[motion.converged])
     if missing:

@@ -6,7 +6,8 @@ import pytest
 from hbm.coordinates import INDEX
 from hbm.kinematics import solve_ik
 from hbm.markers import Markers
-from hbm.plausibility.uncertainty import ROTATES, angle_uncertainty, uncertain_coordinates
+from hbm.notes import Note
+from hbm.plausibility.uncertainty import ROTATES, angle_uncertainty, undetermined_notes
 from tests.hbm.motions import without
 from tests.synthetic import synthetic_body, synthetic_t_pose
 
@@ -33,32 +34,32 @@ def test_the_uncertainty_is_the_scatter_of_solutions_with_errors_of_10_mm(pose):
     np.testing.assert_allclose(solved.q.std(axis=0)[shown], expected[shown], rtol=0.2)
 
 
-def test_where_markers_show_everything_nothing_is_named(pose):
-    assert uncertain_coordinates(BODY, solve_ik(BODY, pose)) == ()
+def test_of_markers_that_show_everything_else_only_the_toes_are_named(pose):
+    (note,) = undetermined_notes(BODY, solve_ik(BODY, pose))
+    assert note == Note.of("coordinates_locked", coordinates=("RToeFlexion", "LToeFlexion"))
 
 
-def test_an_angle_whose_markers_lie_near_its_axis_is_named_with_its_scatter(pose):
+def test_an_angle_whose_markers_lie_near_its_axis_is_named_with_the_deviation_of_its_prior(pose):
     hidden = [name for name in OF_FOREARM[:-1] if name in BODY.markers]
-    motion = solve_ik(BODY, without(pose, hidden))
-    (note,) = uncertain_coordinates(BODY, motion)
+    _, note = undetermined_notes(BODY, solve_ik(BODY, without(pose, hidden)))
     assert note.code == "coordinates_uncertain"
-    assert "LForeArmPronation" in note.values["deviation_deg"]
+    assert note.values["deviation_deg"]["LForeArmPronation"] == pytest.approx(40)
     assert all(name.startswith("L") for name in note.values["deviation_deg"])
-    expected = np.degrees(angle_uncertainty(BODY, motion, np.array([0]))[0])
-    for name, degrees in note.values["deviation_deg"].items():
-        assert degrees == pytest.approx(expected[INDEX[name]])
-        assert f"{name} {degrees:.0f}°" in note.text
 
 
-def test_what_no_marker_shows_at_all_is_not_uncertain_but_locked(pose):
+def test_an_arm_that_no_marker_shows_is_locked_and_its_mass_is_named(pose):
     own = zip(BODY.markers, BODY.marker_segment, strict=True)
     arm = [name for name, segment in own if segment in ARM]
     motion = solve_ik(BODY, without(pose, arm))
     assert not motion.observed[:, INDEX["LElbowFlexion"]].any()
-    assert uncertain_coordinates(BODY, motion) == ()
+    locked, mass = undetermined_notes(BODY, motion)
+    assert "LElbowFlexion" in locked.values["coordinates"]
+    assert mass.code == "mass_not_shown"
+    assert mass.values["segments"] == ARM
+    assert mass.values["share"] == pytest.approx(0.0494, abs=1e-3)
 
 
 def test_unsolved_motion_names_nothing(pose):
     motion = solve_ik(BODY, without(pose, pose.names))
     assert not motion.converged.any()
-    assert uncertain_coordinates(BODY, motion) == ()
+    assert undetermined_notes(BODY, motion) == ()

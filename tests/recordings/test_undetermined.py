@@ -1,0 +1,132 @@
+"""Real recordings without some trunk markers: what these determined follows no noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.body import build_body
+from hbm.coordinates import COORDINATES
+from hbm.ik.problem import Problem
+from hbm.kinematics import solve_ik
+from pipeline.config.schema import Settings, Subject
+from pipeline.io.c3d.read import read_c3d
+from pipeline.trial.process import process_recording
+from pipeline.trial.residuals import residual_table
+from tests.hbm.motions import with_noise, without
+
+ARMS_AND_HEAD = {
+    *("LFHD", "RFHD", "LBHD", "RBHD"),
+    *(side + name for side in "LR" for name in ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN")),
+}
+TRUNK = {"C7", "T2", "T6", "T10", "T12", "RBAK", "CLAV", "STRN", "LSHO", "RSHO"}
+THREE = {"CLAV", "LSHO", "RSHO"}
+TRIALS = {
+    "child": ("overground_walks/HC030A01", "overground_walks/HC030A05", Subject(mass_kg=45.8)),
+    "stairs": ("plug_in_gait/Static_trial", "plug_in_gait/Movement_trial", Subject(mass_kg=85.0)),
+}
+
+
+@pytest.fixture(scope="module", params=TRIALS)
+def files(request, shared_data):
+    static, trial, subject = TRIALS[request.param]
+    return *(read_c3d(shared_data / f"{name}.c3d") for name in (static, trial)), subject
+
+
+@pytest.fixture(scope="module")
+def complete(files):
+    return result_of(files, ())
+
+
+def result_of(files, gone, seed=None, method="zero_phase"):
+    """Process a trial of which some markers are missing, static included, with 1 mm of noise."""
+    static, trial, subject = files
+    static, trial = (cut(recording, gone) for recording in (static, trial))
+    if seed is not None:
+        noisy = with_noise(trial.markers, np.random.default_rng(seed), 0.001)
+        trial = replace(trial, markers=noisy)
+    return process_recording(trial, subject, Settings(filter=method), static=static)
+
+
+def cut(recording, gone):
+    names = set(gone) & set(recording.markers.names)
+    return replace(recording, markers=without(recording.markers, names))
+
+
+def rms(result, axis="Fy"):
+    return residual_table(result, "walk").drop_duplicates("axis").set_index("axis").loc[axis, "rms"]
+
+
+def twist_deg(result):
+    return np.degrees(result.motion.coordinate("TrunkLeftTwist"))
+
+
+def codes(result):
+    return {note.code for note in result.notes if note.level == "warning"}
+
+
+SEEN_BY_THREE = (ARMS_AND_HEAD | TRUNK) - THREE
+UNSEEN = ARMS_AND_HEAD | TRUNK
+
+
+@pytest.mark.parametrize("method", ["zero_phase", "realtime"])
+def test_a_trunk_of_three_markers_moves_as_with_all_and_leaves_half_the_residual_of_none(
+    files, complete, method
+):
+    found, none = (result_of(files, gone, method=method) for gone in (SEEN_BY_THREE, UNSEEN))
+    assert found.motion.converged.all()
+    assert twist_deg(found).std() < 1.5 * twist_deg(complete).std()
+    assert rms(found) < 0.5 * rms(none)
+
+
+def change_by_noise(files, gone, of):
+    """RMS of how far two trials with other noise differ where both count."""
+    one, other = (result_of(files, gone, seed) for seed in (1, 2))
+    counts = one.validity.counts & other.validity.counts
+    return np.sqrt(np.mean((of(one) - of(other))[counts] ** 2))
+
+
+def test_noise_of_a_millimetre_moves_a_trunk_of_three_markers_hardly_more_than_a_complete_one(
+    files,
+):
+    assert change_by_noise(files, SEEN_BY_THREE, twist_deg) < 0.3
+    found, least = (
+        change_by_noise(files, gone, lambda result: result.measured.residual[:, 1])
+        for gone in (SEEN_BY_THREE, ())
+    )
+    assert found < 2 * least
+
+
+def test_a_warning_names_what_three_markers_of_the_trunk_do_not_determine(files, complete):
+    found = {note.code: note for note in result_of(files, SEEN_BY_THREE).notes}
+    assert found["coordinates_uncertain"].values["deviation_deg"] == pytest.approx(
+        {"TrunkRightBend": 20.0, "TrunkLeftTwist": 20.0}
+    )
+    assert found["mass_not_shown"].level == "warning"
+    assert 0.3 < found["mass_not_shown"].values["share"] < 0.5
+    assert "mass_not_shown" not in codes(complete)
+
+
+def test_a_trunk_that_a_trial_does_not_show_is_as_one_that_its_static_does_not_show(files):
+    static, trial, subject = files
+    result = result_of((static, cut(trial, UNSEEN), subject), ())
+    assert np.isfinite(rms(result))
+    assert "mass_not_shown" in codes(result)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "plug_in_gait/Movement_trial",
+        "treadmill_hbm2/treadmill_events",
+        "full_body_standing/1min_CGM_HBM_static",
+    ],
+)
+def test_no_prior_pulls_where_markers_determine_all_that_they_show(shared_data, name):
+    recording = read_c3d(shared_data / f"{name}.c3d")
+    body = build_body(recording.markers, mass=70.0, limbs=recording.metadata.limbs)
+    problem = Problem(body, recording.markers, {}, {}, {}, tolerance=1e-6, jobs=1)
+    pulled = np.array(COORDINATES)[problem.prior > 0]
+    assert set(pulled) == set(body.locked)
+    motion = solve_ik(body, recording.markers)
+    assert (motion.q[:, problem.prior > 0] == 0).all()
