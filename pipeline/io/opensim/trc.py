@@ -149,6 +149,8 @@ def _parse(lines: list[str], stated: Stated, notes: tuple[Note, ...]) -> Traject
         raise ValueError(f"its header says NumMarkers {count}, but it holds {len(names)}")
     if _stated(header, "NumFrames") != len(rows):
         count = short(header["NumFrames"])
+        if notes and rows and rows[-1][1].count("\t") + 1 < len(columns):  # it ends within a line
+            raise ValueError(f"its header says NumFrames {count}, but it is cut off in {len(rows)}")
         notes = (*notes, Note.of("frame_count_differs", header=count, found=len(rows)))
     if not rows or not names:
         raise ValueError("it holds no frames")
